@@ -1,0 +1,11 @@
+"""glbench: a reproducible benchmark for greenhouse climate control on the GreenLight model."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+
+from glbench.registration import register_tasks_with_gymnasium
+
+__version__ = version("glbench")
+
+register_tasks_with_gymnasium()

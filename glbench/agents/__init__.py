@@ -1,0 +1,35 @@
+"""Agents: what they are, how submissions are loaded, and the rule-based baselines.
+
+``docs/submit.md`` shows how to write an agent; ``docs/adr/0007-privileged-baseline-and-fair-twin.md`` tells why there are two
+rule-based ones.
+"""
+
+from __future__ import annotations
+
+from glbench.agents.actions import action_problems
+from glbench.agents.baselines import Baseline, baseline_names, read_baseline
+from glbench.agents.loading import LoadedAgent, load_agent
+from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, SingleRunAgent
+from glbench.agents.rule_based import RuleBasedController
+from glbench.agents.rule_based_fair import FairRuleBasedAgent
+from glbench.agents.rule_settings import RuleSettings, read_rule_settings
+from glbench.agents.rules import RuleInputs, rule_controls
+
+__all__ = [
+    "Agent",
+    "Baseline",
+    "FairRuleBasedAgent",
+    "LoadedAgent",
+    "PerRunAgent",
+    "PrivilegedController",
+    "RuleBasedController",
+    "RuleInputs",
+    "RuleSettings",
+    "SingleRunAgent",
+    "action_problems",
+    "baseline_names",
+    "load_agent",
+    "read_baseline",
+    "read_rule_settings",
+    "rule_controls",
+]

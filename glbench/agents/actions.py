@@ -1,0 +1,52 @@
+"""What is wrong with an answer of ``act``, in words and by run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskCard
+
+ROUNDING = 1e-6
+"""How far an action may lie outside its bounds: what float32 arithmetic loses."""
+
+
+def action_problems(returned: object, task: TaskCard, n_runs: int) -> dict[int, str]:
+    """Reasons, by run, why what ``act`` returned cannot be used; empty when all is well.
+
+    Expected is an array of shape (n_runs, actions of the task) of numbers, finite and within the bounds of the task card. A
+    wrong shape or type is everyone's problem and stands under every run; a bad value is its own run's.
+    """
+    whole = _problem_of_the_whole(returned, task, n_runs)
+    if whole is not None:
+        return dict.fromkeys(range(n_runs), whole)
+    actions = np.asarray(returned, dtype=np.float64)
+    low = np.array([action.low for action in task.actions]) - ROUNDING
+    high = np.array([action.high for action in task.actions]) + ROUNDING
+    good = (actions >= low) & (actions <= high)  # False for nan too
+    return {int(run): _problem_of_row(actions[run], good[run], task) for run in np.flatnonzero(~good.all(axis=1))}
+
+
+def _problem_of_the_whole(returned: object, task: TaskCard, n_runs: int) -> str | None:
+    expected = f"expected ({n_runs}, {len(task.actions)}): one row a run, in it {', '.join(task.action_names)}"
+    try:
+        array = np.asarray(returned)
+    except (TypeError, ValueError):
+        return f"act returned a {type(returned).__name__} of rows that differ in length; {expected}"
+    if array.dtype.kind not in "fiu":
+        what = f"an array of {array.dtype}" if isinstance(returned, np.ndarray) else f"a {type(returned).__name__}"
+        return f"act returned {what}, which are no plain numbers; {expected}"
+    if array.shape != (n_runs, len(task.actions)):
+        return f"act returned an array of shape {array.shape}; {expected}"
+    return None
+
+
+def _problem_of_row(action: NDArray[np.float64], good: NDArray[np.bool_], task: TaskCard) -> str:
+    column = int(np.flatnonzero(~good)[0])
+    value, allowed = float(action[column]), task.actions[column]
+    if not np.isfinite(value):
+        return f"the action for {allowed.name} is {value}, which is not a finite number"
+    return f"the action for {allowed.name} is {value:.9g}, outside its bounds {allowed.low:g} to {allowed.high:g}"

@@ -1,0 +1,145 @@
+"""The built-in controllers, and the folders of ``baselines/`` that say which one a name means and with which settings.
+
+``card.toml`` in such a folder names controller and settings file and says in words how the baseline was made. The folder holds
+data only; the code is here, next to what tests and types can check.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from glbench.agents.protocol import Agent, PrivilegedController
+from glbench.agents.rule_settings import RuleSettings, read_rule_settings
+from glbench.errors import SubmissionError, did_you_mean
+from glbench.resources import data_folder, sha256_of_files
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskCard
+
+_HERE = Path(__file__).resolve().parent
+
+
+@dataclass(frozen=True)
+class _Controller:
+    """A built-in controller: what it sees, how it is made, and the modules of this room that decide what it does."""
+
+    privileged: bool
+    information: str
+    make: Callable[[RuleSettings], Agent | PrivilegedController]
+    modules: tuple[str, ...]
+
+
+def _published(settings: RuleSettings) -> PrivilegedController:
+    from glbench.agents.rule_based import RuleBasedController
+
+    return RuleBasedController(settings)
+
+
+def _fair(settings: RuleSettings) -> Agent:
+    from glbench.agents.rule_based_fair import FairRuleBasedAgent
+
+    return FairRuleBasedAgent(settings)
+
+
+_CONTROLLERS = {
+    "rule_based": _Controller(
+        privileged=True,
+        information=(
+            "privileged: true state, weather of the coming step, radiation sum of the whole day, dawn and dusk in advance; "
+            "sets controls directly, without rate limit"
+        ),
+        make=_published,
+        modules=("rules.py", "rule_settings.py", "rule_based.py"),
+    ),
+    "rule_based_fair": _Controller(
+        privileged=False,
+        information="observations and the public task card",
+        make=_fair,
+        modules=("rules.py", "rule_settings.py", "rule_based_fair.py", "daylight.py"),
+    ),
+}
+
+
+class Card(BaseModel):
+    """``card.toml``: what a baseline is. Controller and settings decide what it does; the rest is for people."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    title: str
+    controller: Literal["rule_based", "rule_based_fair"]
+    settings: str
+    description: str
+    made: str
+    sources: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A baseline read from its folder."""
+
+    card: Card
+    settings: RuleSettings
+    digest: str
+    """SHA-256 (hex) over the controller's name, its settings file and its modules. The card's words may change."""
+
+    @property
+    def privileged(self) -> bool:
+        """Whether it sees more than observations."""
+        return _CONTROLLERS[self.card.controller].privileged
+
+    @property
+    def information(self) -> str:
+        """What it sees, in words."""
+        return _CONTROLLERS[self.card.controller].information
+
+    def make(self, task: TaskCard) -> Agent | PrivilegedController:
+        """A new controller; which task it is for it learns on reset."""
+        return _CONTROLLERS[self.card.controller].make(self.settings)
+
+
+def baseline_names() -> tuple[str, ...]:
+    """Names of the shipped baselines."""
+    return tuple(sorted(card.parent.name for card in data_folder("baselines").glob("*/card.toml")))
+
+
+def read_baseline(ref: str | Path) -> Baseline:
+    """Baseline of a shipped name (str), or from a folder (Path) with ``card.toml`` and settings of one's own.
+
+    Raises
+    ------
+    SubmissionError
+        When there is none of that name, or card or settings cannot be used.
+    """
+    folder = data_folder("baselines") / ref if isinstance(ref, str) else ref
+    if not (folder / "card.toml").is_file():
+        msg = f"There is no baseline '{ref}'.{did_you_mean(str(ref), baseline_names())}"
+        raise SubmissionError(msg)
+    card = _read_card(folder / "card.toml")
+    settings_file = (folder / card.settings).resolve()
+    settings = read_rule_settings(settings_file)
+    return Baseline(card, settings, _digest(card.controller, settings_file))
+
+
+def _digest(controller: str, settings_file: Path) -> str:
+    code = sha256_of_files(_HERE, [_HERE / module for module in _CONTROLLERS[controller].modules])
+    data = hashlib.sha256(settings_file.read_bytes()).hexdigest()
+    return hashlib.sha256(f"{controller} {code} {data}".encode()).hexdigest()
+
+
+def _read_card(file: Path) -> Card:
+    try:
+        return Card.model_validate(tomllib.loads(file.read_text(encoding="utf-8")))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        msg = f"Cannot read the card {file}: {error}."
+        raise SubmissionError(msg) from error
+    except ValidationError as error:
+        problems = "; ".join(f"'{p['loc'][0] if p['loc'] else 'file'}': {p['msg']}" for p in error.errors())
+        msg = f"The card {file} cannot be used: {problems}."
+        raise SubmissionError(msg) from error

@@ -1,0 +1,127 @@
+"""What an agent is: three small protocols, and the adapter between an agent for one run and an evaluation of many.
+
+An agent sees observations and the public task card, nothing else: no states, no coming weather, no seeds. Only controllers that
+are part of glbench may be privileged; every result says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.errors import ActionError
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskCard
+
+Observations = NDArray[np.float32]
+"""What agents see: shape (n, observations of the task), in the units of the task card."""
+Actions = NDArray[np.float64]
+"""What agents want: shape (n, actions of the task), within the bounds of the task card."""
+
+
+@runtime_checkable
+class Agent(Protocol):
+    """An agent that decides for all runs of an evaluation at once: one row a run.
+
+    Row i of the observations is the same run throughout; runs do not know of each other. A run that ended early keeps its row,
+    and what is decided for it is ignored.
+    """
+
+    def reset(self, task: TaskCard, n_runs: int, /) -> None:
+        """Forget everything; ``n_runs`` runs of ``task`` begin."""
+
+    def act(self, observations: Observations, /) -> Actions:
+        """Actions (n_runs, actions) for ``observations`` (n_runs, observations), called once a control step."""
+
+
+@runtime_checkable
+class SingleRunAgent(Protocol):
+    """An agent that knows one run only; ``make_agent(task)`` is called once a run, so each run has an instance of its own.
+
+    The class says ``single_run = True``. Such an agent is easier to write and slower to run than ``Agent``.
+    """
+
+    single_run: bool
+
+    def reset(self, task: TaskCard, /) -> None:
+        """Forget everything; a run of ``task`` begins."""
+
+    def act(self, observation: NDArray[np.float32], /) -> NDArray[np.float64]:
+        """Action (actions,) for the ``observation`` (observations,) of this run."""
+
+
+@runtime_checkable
+class PrivilegedController(Protocol):
+    """A controller of glbench itself that sees the model's state and disturbances and sets controls directly.
+
+    ``controls`` is asked at the start of every control step and its answer bypasses the task's actuation: no rate limit.
+    """
+
+    privileged: bool
+
+    def reset(self, task: TaskCard, n_runs: int, /) -> None:
+        """``n_runs`` runs of ``task`` begin."""
+
+    def controls(self, x: Actions, d: Actions, hour_of_day: float, day_of_year: float, /) -> Actions:
+        """Controls (n, 6), fractions of capacity, for the coming step.
+
+        ``x`` (n, 28) is the state now, ``d`` (n, 10) or (10,) the disturbance acting in the coming step, ``hour_of_day`` [h] and
+        ``day_of_year`` [day] the clock now.
+        """
+
+
+class PerRunAgent:
+    """Makes an ``Agent`` of single-run agents: one instance a run, each sees its own row.
+
+    Parameters
+    ----------
+    make : callable
+        Gives a new single-run agent for a task card.
+    first : SingleRunAgent, optional
+        One that was made already and becomes the first run's, so that ``make`` is called exactly once a run.
+    """
+
+    def __init__(self, make: Callable[[TaskCard], SingleRunAgent], first: SingleRunAgent | None = None) -> None:
+        self._make = make
+        self._first = first
+        self.agents: tuple[SingleRunAgent, ...] = ()
+        """The agents of the runs, in the order of the rows; empty before the first reset."""
+
+    def reset(self, task: TaskCard, n_runs: int, /) -> None:
+        """Make and reset one agent a run."""
+        waiting, self._first = ([self._first] if self._first is not None else []), None
+        self.agents = (*waiting[:n_runs], *(self._make(task) for _ in range(n_runs - len(waiting))))
+        for agent in self.agents:
+            agent.reset(task)
+
+    def act(self, observations: Observations, /) -> Actions:
+        """Ask every agent for its row.
+
+        Raises
+        ------
+        ActionError
+            When an agent returns something other than one row of numbers, as long as the other agents' rows.
+        """
+        # Own copies: an agent that changes its observation in place must not change what others see or what is recorded.
+        rows = [self._row(run, agent.act(observations[run].copy())) for run, agent in enumerate(self.agents)]
+        lengths = {row.shape[0] for row in rows}
+        if len(lengths) > 1:
+            msg = f"The agents of different runs returned actions of different lengths: {sorted(lengths)}."
+            raise ActionError(msg)
+        return np.stack(rows)
+
+    @staticmethod
+    def _row(run: int, returned: object) -> Actions:
+        try:
+            row = np.asarray(returned, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            msg = f"act returned {type(returned).__name__} in run {run}, expected a row of numbers, one for each action: {error}"
+            raise ActionError(msg) from error
+        if row.ndim != 1:
+            msg = f"act returned an array of shape {row.shape} in run {run}, expected one row of numbers, one for each action."
+            raise ActionError(msg)
+        return row

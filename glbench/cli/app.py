@@ -1,0 +1,60 @@
+"""The command ``glbench``: puts the groups of commands together and turns errors into words."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Annotated, NoReturn
+
+import typer
+
+from glbench import __version__
+from glbench.cli import tasks, weather
+from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error
+from glbench.cli.evaluate import evaluate
+from glbench.cli.leaderboard import leaderboard
+from glbench.errors import GlbenchError
+
+app = typer.Typer(
+    name="glbench",
+    help="A reproducible benchmark for greenhouse climate control on the GreenLight model.",
+    epilog="Start with: glbench evaluate submissions/my_agent.py",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("evaluate")(evaluate)
+app.command("leaderboard")(leaderboard)
+app.add_typer(tasks.app, name="tasks")
+app.add_typer(weather.app, name="weather")
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"glbench {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and leave.", callback=_print_version, is_eager=True)
+    ] = False,
+    debug: Annotated[bool, typer.Option("--debug", help=f"Show tracebacks of errors (or set {DEBUG_VARIABLE}=1).")] = False,
+) -> None:
+    if debug:
+        os.environ[DEBUG_VARIABLE] = "1"
+
+
+def main(arguments: list[str] | None = None) -> NoReturn:
+    """Run the command line and leave with 0 (done), 1 (an error, in words), 2 (wrong usage) or 130 (Ctrl-C)."""
+    try:
+        app(arguments)
+    except GlbenchError as error:
+        if debugging():
+            raise
+        print_error(str(error))
+        sys.exit(1)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    sys.exit(0)

@@ -1,0 +1,47 @@
+"""The terminal: one console for what was asked for, one for everything said beside it."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+DEBUG_VARIABLE = "GLBENCH_DEBUG"
+
+
+@cache
+def output() -> Console:
+    """Console of standard output: results and tables."""
+    from rich.console import Console
+
+    return Console(highlight=False)
+
+
+@cache
+def messages() -> Console:
+    """Console of standard error: progress, warnings and errors, out of the way of output that is piped on."""
+    from rich.console import Console
+
+    return Console(stderr=True, highlight=False)
+
+
+def print_error(text: str) -> None:
+    """``Error: ...`` in red on standard error. Long lines are left to the terminal, so that paths can be copied."""
+    from rich.text import Text
+
+    messages().print(Text.assemble(("Error: ", "bold red"), text), soft_wrap=True)
+
+
+def print_warning(text: str) -> None:
+    """``Note: ...`` in yellow on standard error."""
+    from rich.text import Text
+
+    messages().print(Text.assemble(("Note: ", "bold yellow"), text), soft_wrap=True)
+
+
+def debugging() -> bool:
+    """Whether tracebacks are wanted (``--debug`` or the environment variable ``GLBENCH_DEBUG=1``)."""
+    return os.environ.get(DEBUG_VARIABLE, "") not in {"", "0"}

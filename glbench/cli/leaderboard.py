@@ -1,0 +1,107 @@
+"""``glbench leaderboard``: rank all stored results, show them, and write the tables."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from glbench.cli.console import messages, output
+from glbench.errors import ResultError, did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from rich.table import Table
+
+    from glbench.leaderboard import StoredResult, TaskTable
+
+
+def leaderboard(
+    task: Annotated[
+        list[str] | None,
+        typer.Option("--task", "-t", help="Show this task (repeatable). Default: the one evaluated last."),
+    ] = None,
+    show_all: Annotated[bool, typer.Option("--all", help="Show every task that has results.")] = False,
+    out: Annotated[
+        Path,
+        typer.Option("--out", help="Folder with results/ in it; leaderboard.md, .csv and .parquet are written there."),
+    ] = Path("reports"),
+    as_json: Annotated[bool, typer.Option("--json", help="Print the rows as JSON and nothing else.")] = False,
+) -> None:
+    """Rank all results, with 95 % intervals, and write leaderboard.md, .csv and .parquet.
+
+    Results are read from OUT/results and from the released results of the rule-based controllers that come with glbench.
+    """
+    from glbench.leaderboard import collect_results, rank, to_frame, write_leaderboard
+    from glbench.leaderboard.published import published_expectations
+    from glbench.resources import data_folder
+    from glbench.tasks import list_suites
+
+    stored = collect_results([out / "results", data_folder("reports/results")])
+    if not stored:
+        msg = (
+            f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."
+        )
+        raise ResultError(msg)
+    tables = rank(stored, published_expectations())
+    shown = _chosen(tables, stored, task or [], show_all)
+    paths = write_leaderboard(tables, list_suites(), out)
+    if as_json:
+        rows = to_frame(shown).to_json(orient="records", double_precision=15)
+        output().out(json.dumps(json.loads(rows), indent=2), highlight=False)
+        return
+    _print(shown, len(tables), paths)
+
+
+def _chosen(
+    tables: Sequence[TaskTable], stored: Sequence[StoredResult], wanted: Sequence[str], show_all: bool
+) -> list[TaskTable]:
+    """The tables asked for; without a wish that of the result made last."""
+    if show_all:
+        return list(tables)
+    if not wanted:
+        latest = max(stored, key=lambda item: (item.result.created, item.result.task.id)).result.task.id
+        return [table for table in tables if table.task_id == latest]
+    by_name: Mapping[str, TaskTable] = {
+        name: table for table in tables for name in (table.task_id, table.task_id.rpartition("/")[2])
+    }
+    for name in wanted:
+        if name not in by_name:
+            msg = f"There are no results of a task '{name}'.{did_you_mean(name, [table.task_id for table in tables])}"
+            raise ResultError(msg)
+    return list({by_name[name].task_id: by_name[name] for name in wanted}.values())
+
+
+def _print(shown: Sequence[TaskTable], total: int, paths: Sequence[Path]) -> None:
+    from glbench.leaderboard.tables import FOOTNOTES
+
+    for table in shown:
+        output().print(_rich_table(table))
+    for note in FOOTNOTES:
+        output().print(note, style="dim")
+    hidden = total - len(shown)
+    if hidden > 0:
+        messages().print(
+            f"{hidden} more {'task has' if hidden == 1 else 'tasks have'} results: glbench leaderboard --all"
+        )
+    messages().print("Written: " + ", ".join(str(path) for path in paths), soft_wrap=True)
+
+
+def _rich_table(table: TaskTable) -> Table:
+    from rich.table import Table
+
+    from glbench.leaderboard.tables import COLUMNS, cells
+
+    view = Table(title=f"{table.title}\n[dim]{table.task_id}[/dim]", title_justify="left", title_style="bold")
+    view.add_column("#", justify="right")
+    view.add_column("Agent", overflow="fold")
+    for column in COLUMNS:
+        view.add_column(column.heading, justify="right")
+    view.add_column("Reward, IQM", justify="right")
+    view.add_column("Runs", justify="right")
+    for row in table.rows:
+        view.add_row(*cells(row), style="dim" if row.rank is None else None)
+    return view

@@ -1,0 +1,162 @@
+"""From actions to controls: small named parts, one of which a task chooses.
+
+A part is made once for a task. In every step it turns the controls in force and the actions, both fractions per row, into
+the controls of the step. Controls that the task does not grant stay at 0. To add one, register a function that makes it:
+
+    register_actuation("direct", "the action is the control", lambda task: Direct(task))
+
+The bounds of the actions are those of the task's card.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.env.parts import Parts
+from glbench.errors import ActionError
+from glbench.model import CONTROL_NAMES
+from glbench.tasks.card import task_card
+from glbench.tasks.vocabulary import ACTUATION_KINDS
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+Floats = NDArray[np.float64]
+
+Actuation = Callable[[Floats, Floats], Floats]
+"""New controls ``(n, 6)`` from the controls in force ``(n, 6)`` and the actions ``(n, m)``; changes neither of them."""
+
+MakeActuation = Callable[["TaskSpec"], Actuation]
+
+ACTUATIONS: Parts[MakeActuation] = Parts("kind of actuation", ACTUATION_KINDS)
+
+ROUNDING = 1e-6
+"""How far an action may lie outside its bounds: what float32 arithmetic and scaling lose. Taken as the bound itself."""
+
+
+def register_actuation(name: str, meaning: str, make: MakeActuation) -> None:
+    """Make a kind of actuation known under ``name``, here and in task files.
+
+    Raises
+    ------
+    TaskError
+        When the name is taken.
+    """
+    ACTUATIONS.register(name, meaning, make)
+
+
+def make_actuation(task: TaskSpec) -> Actuation:
+    """The task's kind of actuation.
+
+    Raises
+    ------
+    UnknownNameError
+        For a kind without a part, with the nearest known one.
+    """
+    move = ACTUATIONS[task.actuation.kind](task)
+    granted = [CONTROL_NAMES.index(name) for name in task.actuation.controls]
+    if granted == list(range(len(CONTROL_NAMES))):
+        return move
+
+    def move_granted(controls: Floats, actions: Floats) -> Floats:
+        moved = np.zeros_like(controls)
+        moved[:, granted] = move(controls[:, granted], actions)
+        return moved
+
+    return move_granted
+
+
+def _rate(task: TaskSpec) -> Actuation:
+    """u <- u + max_change a, kept within 0 and 1 (a valve that is fully open stays open)."""
+    max_change = task.actuation.max_change
+
+    def move(controls: Floats, actions: Floats) -> Floats:
+        moved = actions * max_change
+        moved += controls
+        np.maximum(moved, 0.0, out=moved)
+        np.minimum(moved, 1.0, out=moved)
+        return moved
+
+    return move
+
+
+def _set_point(task: TaskSpec) -> Actuation:
+    """Towards the control asked for, by at most max_change; exactly there when it is within reach.
+
+    The lower bound of the action asks for 0, the upper one for 1.
+    """
+    max_change = task.actuation.max_change
+    low, high = action_bounds(task)
+
+    def move(controls: Floats, actions: Floats) -> Floats:
+        wanted = (actions - low) / (high - low)
+        moved = np.maximum(wanted, controls - max_change)
+        np.minimum(moved, controls + max_change, out=moved)
+        return moved
+
+    return move
+
+
+ACTUATIONS.provide("rate", "an action from -1 to 1 moves its control by up to max_change a step", _rate)
+ACTUATIONS.provide("set_point", "an action from 0 to 1 asks for a control, reached by at most max_change a step", _set_point)
+
+
+def action_bounds(task: TaskSpec) -> tuple[Floats, Floats]:
+    """Lowest and highest action of the task's card, each ``(m,)``."""
+    actions = task_card(task).actions
+    return np.array([action.low for action in actions]), np.array([action.high for action in actions])
+
+
+class ActionReader:
+    """Checks actions, or controls, of ``n`` rows against names and bounds, and hands on a float64 copy within the bounds."""
+
+    def __init__(self, what: str, names: tuple[str, ...], low: Floats, high: Floats) -> None:
+        self.what, self.names, self.low, self.high = what, names, low, high
+        self._lowest, self._highest = low - ROUNDING, high + ROUNDING
+
+    @classmethod
+    def of_task(cls, task: TaskSpec) -> ActionReader:
+        """Reader of a task's actions."""
+        return cls("action", task.actuation.controls, *action_bounds(task))
+
+    def __call__(self, given: object, n: int, ended: NDArray[np.bool_] | None = None) -> Floats:
+        """Own copy of ``given`` as ``(n, m)`` float64. Rows that are ``ended`` are not looked at and read as the bound ``low``.
+
+        Raises
+        ------
+        ActionError
+            For a wrong shape or type, a value that is not finite, or one outside its bounds by more than ``ROUNDING``;
+            the message names row, action and value.
+        """
+        try:
+            actions = np.array(given, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            msg = f"The {self.what}s cannot be read as numbers: {error}. {self._expected(n)}"
+            raise ActionError(msg) from error
+        if actions.shape != (n, len(self.names)):
+            msg = f"The {self.what}s have shape {actions.shape}. {self._expected(n)}"
+            raise ActionError(msg)
+        if ended is not None:
+            actions[ended] = self.low
+        inside = (actions >= self._lowest) & (actions <= self._highest)  # False for NaN as well
+        if not inside.all():
+            raise ActionError(self._complaint(actions, inside))
+        np.maximum(actions, self.low, out=actions)
+        np.minimum(actions, self.high, out=actions)
+        return actions
+
+    def _expected(self, n: int) -> str:
+        return f"Expected shape ({n}, {len(self.names)}): one row a run, in each {', '.join(self.names)}."
+
+    def _complaint(self, actions: Floats, inside: NDArray[np.bool_]) -> str:
+        row, column = (int(index) for index in np.argwhere(~inside)[0])
+        value = float(actions[row, column])
+        where = f"{self.what} {column} ('{self.names[column]}') of row {row} is {value!r}"
+        if not np.isfinite(value):
+            return f"The {where}, which is not a finite number. Check what computes it; nothing was simulated."
+        bounds = f"{self.low[column]:g} to {self.high[column]:g}"
+        return f"The {where}, outside its bounds {bounds}. Limit it before the step; nothing was simulated."

@@ -1,0 +1,54 @@
+"""Which parameters follow from uncertain ones, and their values for many draws at once."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.model import PARAMETER_NAMES
+from glbench.model.derived import with_derived
+from glbench.model.parameters import Parameters
+
+Floats = NDArray[np.float64]
+
+
+class DerivedParameters:
+    """Carries draws of uncertain parameters through to the derived ones, by the model's own formulas.
+
+    With the crop parameters that is the leaf mass at which leaves are pruned: cLeafMax = laiMax/sla. A derived parameter
+    that depends on none of the uncertain ones keeps its nominal value.
+
+    Attributes
+    ----------
+    uncertain
+        Places of the uncertain parameters in the vector.
+    columns
+        These, followed by the places of the derived parameters that are not among them.
+    """
+
+    def __init__(self, nominal: Floats, names: tuple[str, ...]) -> None:
+        self._nominal: list[float | Floats] = list(nominal.tolist())
+        self.uncertain = [PARAMETER_NAMES.index(name) for name in names]
+        followers = self._followers(nominal[self.uncertain][:, None])
+        self.columns = self.uncertain + [place for place in followers if place not in self.uncertain]
+
+    def complete(self, drawn: Floats) -> Floats:
+        """Values of ``columns`` from values of ``uncertain``: ``(..., columns)`` from ``(..., uncertain)``."""
+        values = np.moveaxis(drawn, -1, 0)
+        completed = np.empty((len(self.columns), *values.shape[1:]))
+        completed[: len(values)] = values
+        for place, value in self._followers(values).items():
+            completed[self.columns.index(place)] = value
+        return np.moveaxis(completed, 0, -1)
+
+    def _followers(self, values: Floats) -> dict[int, Floats]:
+        """Derived parameters that change with ``values`` ``(uncertain, ...)``, by place."""
+        given = self._nominal.copy()
+        for place, value in zip(self.uncertain, values, strict=True):
+            given[place] = value
+        # What follows from an array is a new array; numbers, and arrays that were handed in, depend on nothing uncertain.
+        return {
+            place: value
+            for place, value in enumerate(with_derived(Parameters(*given)))
+            if isinstance(value, np.ndarray) and value is not given[place]
+        }

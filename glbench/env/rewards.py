@@ -1,0 +1,126 @@
+"""Rewards: small named parts that a task adds up.
+
+A part is made once for a task and then called in every step with a ``StepOutcome``. The reward of a step is the sum of the
+task's parts, in the task's order. To add one, write a function that makes it and register it under a name:
+
+    def fruit_only(task: TaskSpec, accounts: Accounts) -> RewardPart:
+        return lambda outcome: outcome["fruit_fresh"]
+
+    register_reward("fruit_only", "fresh fruit grown [kg m-2]", fruit_only)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.env.parts import Parts
+from glbench.env.quantities import PENALTY, QUANTITY_NAMES, VIOLATIONS
+from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.tasks.vocabulary import REWARD_MODULES
+
+if TYPE_CHECKING:
+    from glbench.env.accounts import Accounts
+    from glbench.tasks import TaskSpec
+
+
+@dataclass(frozen=True)
+class StepOutcome:
+    """What a reward may look at: the step's quantities, and the true states and controls behind them.
+
+    ``table`` holds the quantities ``(quantities, n)``; ``outcome["epi"]`` is one of them, ``(n,)``. ``before`` and ``after``
+    are the states ``(n, 28)``, ``controls`` the fractions ``(n, 6)``, ``air`` the air temperature [degC], CO2 [ppm] and
+    relative humidity [%] at the end of the step ``(3, n)``.
+    """
+
+    table: NDArray[np.float64]
+    before: NDArray[np.float64]
+    after: NDArray[np.float64]
+    controls: NDArray[np.float64]
+    air: NDArray[np.float64]
+
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
+        """One quantity of the step, ``(n,)``."""
+        try:
+            row = QUANTITY_NAMES.index(name)
+        except ValueError:
+            msg = f"A step has no quantity called '{name}'.{did_you_mean(name, QUANTITY_NAMES)}"
+            raise UnknownNameError(msg) from None
+        values: NDArray[np.float64] = self.table[row]
+        return values
+
+
+RewardPart = Callable[[StepOutcome], NDArray[np.float64]]
+"""Contribution to the reward, ``(n,)``. Row i may depend on row i of the outcome only."""
+
+MakeReward = Callable[["TaskSpec", "Accounts"], RewardPart]
+"""Makes a part for a task; the accounts hold its prices, limits and the bounds of its EPI."""
+
+REWARDS: Parts[MakeReward] = Parts("reward module", REWARD_MODULES)
+
+
+def register_reward(name: str, meaning: str, make: MakeReward) -> None:
+    """Make a reward part known under ``name``, here and in task files.
+
+    Raises
+    ------
+    TaskError
+        When the name is taken.
+    """
+    REWARDS.register(name, meaning, make)
+
+
+def make_reward(task: TaskSpec, accounts: Accounts) -> RewardPart:
+    """The sum of the task's parts.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name without a part, with the nearest known one.
+    """
+    first, *others = [REWARDS[name](task, accounts) for name in task.reward.modules]
+
+    def total(outcome: StepOutcome) -> NDArray[np.float64]:
+        reward = first(outcome)
+        for part in others:
+            reward = reward + part(outcome)
+        return reward
+
+    return total
+
+
+def _epi(task: TaskSpec, accounts: Accounts) -> RewardPart:
+    return lambda outcome: outcome["epi"]
+
+
+def _scaled_epi(task: TaskSpec, accounts: Accounts) -> RewardPart:
+    lowest = accounts.lowest_epi
+    span = accounts.highest_epi - lowest
+    if span == 0.0:
+        msg = f"{task.id} scales the EPI, but all its prices are 0. Give it prices, or take another reward module."
+        raise TaskError(msg)
+    return lambda outcome: (outcome["epi"] - lowest) / span
+
+
+def _penalties(task: TaskSpec, accounts: Accounts) -> RewardPart:
+    def minus_violations(outcome: StepOutcome) -> NDArray[np.float64]:
+        total = np.zeros(outcome.table.shape[1])
+        for violation in outcome.table[VIOLATIONS]:  # one by one: the order of the sum must not depend on the batch
+            total -= violation
+        return total
+
+    return minus_violations
+
+
+def _scaled_penalty(task: TaskSpec, accounts: Accounts) -> RewardPart:
+    return lambda outcome: -outcome.table[PENALTY]
+
+
+REWARDS.provide("epi", "economic performance of the step [EUR m-2]", _epi)
+REWARDS.provide("scaled_epi", "economic performance, 0 at full use without growth and 1 at full growth without use", _scaled_epi)
+REWARDS.provide("penalties", "minus the sum of the violations, each in its own unit (degC, ppm, %)", _penalties)
+REWARDS.provide("scaled_penalty", "minus the sum of the violations, each divided by its penalty scale", _scaled_penalty)

@@ -1,0 +1,68 @@
+"""The few error types of glbench, and the helper that finds the nearest known name.
+
+Every message says what happened, with which value, and what to do next. The command line prints the message and leaves;
+programs catch ``GlbenchError``.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class GlbenchError(Exception):
+    """Base of every error that glbench raises on purpose."""
+
+
+class UnknownNameError(GlbenchError):
+    """A task, parameter, control, weather record, ... of that name does not exist."""
+
+
+class ParameterError(GlbenchError):
+    """A model parameter has an impossible value or unit."""
+
+
+class ShapeError(GlbenchError):
+    """An array has the wrong shape, type, or values that are not finite."""
+
+
+class WeatherError(GlbenchError):
+    """A weather file or record cannot be used: gaps, impossible values, a period that it does not cover."""
+
+
+class TaskError(GlbenchError):
+    """A task definition is invalid, or a published one was changed."""
+
+
+class ActionError(GlbenchError):
+    """An action is not finite, has the wrong shape, or lies outside its bounds."""
+
+
+class StepError(GlbenchError):
+    """A control step could not be integrated to its tolerance."""
+
+
+class SubmissionError(GlbenchError):
+    """A submission cannot be loaded or does not follow the agent protocol."""
+
+
+class ResultError(GlbenchError):
+    """A stored result is unreadable, inconsistent, or cannot be compared with another."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Sentence that points to the known names nearest to ``name``; lists all of them when they are few.
+
+    Returns
+    -------
+    str
+        ``" Did you mean 'tAir'?"`` style text with a leading space, or the list of known names, or an empty string.
+    """
+    names = [str(k) for k in known]
+    by_lower = {k.lower(): k for k in names}
+    near = [by_lower[m] for m in difflib.get_close_matches(name.lower(), list(by_lower), n=3, cutoff=0.6)]
+    if near:
+        return " Did you mean " + " or ".join(f"'{k}'" for k in near) + "?"
+    if 0 < len(names) <= 12:
+        return " Known: " + ", ".join(names) + "."
+    return ""

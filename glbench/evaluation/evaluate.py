@@ -1,0 +1,208 @@
+"""From an agent and a task to a result: what is to be done, whether it is done already, doing it."""
+
+from __future__ import annotations
+
+import datetime as dt
+import hashlib
+import logging
+from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import filelock
+import rfc8785
+
+from glbench.agents import LoadedAgent, load_agent
+from glbench.env import Simulation
+from glbench.errors import GlbenchError, ResultError
+from glbench.evaluation import provenance
+from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, read_checkpoint
+from glbench.evaluation.drivers import make_driver
+from glbench.evaluation.files import ensure_writable, load_result, result_path, save_result, short_task_id
+from glbench.evaluation.limits import TimeLimits
+from glbench.evaluation.lockstep import Lockstep, ProgressCallback
+from glbench.evaluation.metrics import UNITS
+from glbench.evaluation.records import (
+    AgentRecord,
+    EvaluationRecord,
+    Result,
+    RunResult,
+    TaskRecord,
+    results_digest,
+    summarise,
+)
+from glbench.evaluation.tally import Tally
+from glbench.kernel import Kernel, KernelPool, make_kernel
+from glbench.tasks import TaskSpec, get_task, task_card
+
+logger = logging.getLogger(__name__)
+
+_CHECKPOINT_FORMAT = 1
+_LARGEST_SEED = 2**53 - 1
+"""Largest whole number that every reader of JSON keeps exactly."""
+CHECKPOINT_SECONDS = 2.0
+"""Shortest time between two checkpoints: what a kill costs at most, besides one step."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """One agent on one task with everything decided, ready to be run. Made by ``prepare``."""
+
+    task: TaskSpec
+    agent: LoadedAgent
+    seeds: tuple[int, ...]
+    workers: int
+    kernel: dict[str, str | float]
+    out: Path | None
+    limits: TimeLimits
+    checkpoint_seconds: float
+    stored: Result | None
+    """The finished result, when this very evaluation has been done before."""
+
+    @property
+    def path(self) -> Path | None:
+        """Where the result is or will be saved; ``None`` without a folder."""
+        return None if self.out is None else result_path(self.out, self.task.id, self.agent.name)
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether there is a checkpoint to go on from."""
+        return self._folder is not None and self._folder.is_dir()
+
+    def run(self, progress: ProgressCallback | None = None) -> Result:
+        """Run it, from its checkpoint if there is one, and save the result.
+
+        Raises
+        ------
+        SubmissionError
+            When the agent cannot be made.
+        GlbenchError
+            When the result cannot be written, or another process works on the same result.
+        """
+        with self._alone(), _open_kernel(self.task, self.workers) as kernel:
+            simulation = Simulation(self.task, len(self.seeds), kernel=kernel)
+            result = self._resumed(simulation, progress) or self._from_the_start(simulation, progress)
+            if self.out is not None:
+                save_result(result, self.out)
+                discard(self._agent_folder(self.out))
+        return result
+
+    def _from_the_start(self, simulation: Simulation, progress: ProgressCallback | None) -> Result:
+        if self._folder is not None:
+            discard(self._folder)
+        lockstep, tally = self._lockstep(simulation, progress)
+        lockstep.start()
+        lockstep.run(simulation.reset(self.seeds), 0)
+        return self._result(tally, lockstep.wall_seconds, None)
+
+    def _resumed(self, simulation: Simulation, progress: ProgressCallback | None) -> Result | None:
+        """The result by way of the checkpoint; ``None`` when there is none or it leads nowhere."""
+        saved = read_checkpoint(self._folder) if self._folder is not None else None
+        if saved is None:
+            return None
+        lockstep, tally = self._lockstep(simulation, progress)
+        lockstep.start()
+        if not tally.alive.all() or not self._replayed(lockstep, saved):
+            return None
+        lockstep.run(simulation.observe(), saved.step)
+        return self._result(tally, lockstep.wall_seconds, saved.step)
+
+    def _replayed(self, lockstep: Lockstep, saved: Saved) -> bool:
+        try:
+            if lockstep.replay(saved):
+                return True
+        except ResultError as error:
+            logger.warning("The checkpoint cannot be used (%s); starting from the beginning.", error)
+            return False
+        logger.warning(
+            "The interrupted evaluation of '%s' cannot be continued: shown the same observations again, the agent decided differently. "
+            "It is not deterministic, or it depends on the clock. Starting from the beginning.",
+            self.agent.name,
+        )
+        return False
+
+    def _lockstep(self, simulation: Simulation, progress: ProgressCallback | None) -> tuple[Lockstep, Tally]:
+        """A fresh agent and empty books."""
+        driver = make_driver(self.agent, self.task, task_card(self.task), len(self.seeds), self.limits)
+        tally = Tally(self.seeds)
+        checkpoint = Checkpoint(self._folder, self.checkpoint_seconds)
+        return Lockstep(simulation, driver, tally, checkpoint, self.limits, progress), tally
+
+    def _result(self, tally: Tally, wall_seconds: float, resumed_at: int | None) -> Result:
+        task, failed_step = self.task, self.task.evaluation.failed_step
+        runs = tally.results(
+            task.steps, {"reward": failed_step.reward, "epi": failed_step.epi, "penalty": failed_step.penalty}
+        )
+        agent = agent_record(self.agent)
+        return Result(
+            task=TaskRecord(
+                id=task.id, digest=task.digest, title=task.title, steps=task.steps, step_seconds=task.step_seconds
+            ),
+            agent=agent,
+            evaluation=self._evaluation_record(tally, wall_seconds, resumed_at),
+            versions=provenance.versions(),
+            machine=provenance.machine(),
+            git=provenance.git_state(),
+            created=dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
+            units=UNITS,
+            runs=runs,
+            summary=summarise(runs),
+            results_digest=results_digest(task.digest, agent, runs),
+        )
+
+    def _evaluation_record(self, tally: Tally, wall_seconds: float, resumed_at: int | None) -> EvaluationRecord:
+        steps = int(tally.steps.sum())
+        decision_seconds = float(tally.seconds.sum())
+        return EvaluationRecord(
+            runs=len(self.seeds),
+            seeds=self.seeds,
+            workers=self.workers,
+            wall_seconds=wall_seconds,
+            steps_per_second=steps / wall_seconds,
+            decision_seconds=decision_seconds,
+            decision_milliseconds=1e3 * decision_seconds / max(steps, 1),
+            resumed_at_step=resumed_at,
+            limits=self.limits.as_dict(),
+            kernel=self.kernel,
+        )
+
+    @property
+    def _folder(self) -> Path | None:
+        """Folder of this evaluation's checkpoint: its name changes with everything that the numbers depend on."""
+        if self.out is None:
+            return None
+        key = {
+            "format": _CHECKPOINT_FORMAT,
+            "task": self.task.digest,
+            "agent": self.agent.digest,
+            "seeds": list(self.seeds),
+            "kernel": self.kernel,
+        }
+        return self._agent_folder(self.out) / hashlib.sha256(rfc8785.dumps(key)).hexdigest()[:16]
+
+    def _agent_folder(self, out: Path) -> Path:
+        return out / ".partial" / short_task_id(self.task.id) / self.agent.name
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Hold the lock of this result: two processes would write each other's checkpoints."""
+        if self.out is None:
+            yield
+            return
+        folder = self._agent_folder(self.out)
+        ensure_writable(result_path(self.out, self.task.id, self.agent.name).parent)
+        ensure_writable(folder.parent)
+        lock = filelock.FileLock(folder.with_name(f"{folder.name}.lock"), blocking=False)
+        try:
+            lock.acquire()
+        except filelock.Timeout as error:
+            msg = (
+                f"Another glbench process is evaluating '{self.agent.name}' on {self.task.id} into {self.out}. "
+                "Wait for it, or choose another folder with --out."
+            )
+            raise GlbenchError(msg) from error
+        try:
+            yield
+        finally:
+            lock.release()

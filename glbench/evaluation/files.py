@@ -1,0 +1,119 @@
+"""Result files: where they lie, writing them whole or not at all, reading them with suspicion."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from glbench.errors import GlbenchError, ResultError
+from glbench.evaluation.records import SCHEMA_NAME, SCHEMA_VERSION, Result
+from glbench.resources import write_atomically
+
+_SHOWN_PROBLEMS = 3
+
+
+def short_task_id(task_id: str) -> str:
+    """Name of a task's folder: its id without the namespace, ``Schiphol2010-Delta10-v1``."""
+    return task_id.rpartition("/")[2]
+
+
+def result_path(out: Path, task_id: str, agent_name: str) -> Path:
+    """``<out>/results/<task>/<agent>.json``."""
+    return out / "results" / short_task_id(task_id) / f"{agent_name}.json"
+
+
+def save_result(result: Result, out: Path) -> Path:
+    """Write ``result`` atomically to its place below ``out`` and return the path.
+
+    Raises
+    ------
+    GlbenchError
+        When the folder cannot be written.
+    """
+    path = result_path(out, result.task.id, result.agent.name)
+    write_atomically(path, result.to_json())
+    return path
+
+
+def load_result(path: Path | str) -> Result:
+    """Read a result file and check that it is whole and consistent.
+
+    Raises
+    ------
+    ResultError
+        When the file is missing, is no JSON, has another schema, lacks runs, or does not match its own digest.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        msg = f"There is no result file {path}. Make one with `glbench evaluate`."
+        raise ResultError(msg) from error
+    except (OSError, UnicodeDecodeError) as error:
+        msg = f"Cannot read the result file {path}: {error}."
+        raise ResultError(msg) from error
+    _check_schema(path, text)
+    try:
+        return Result.model_validate_json(text)
+    except ValidationError as error:
+        msg = f"{path} is no valid result: {_problems(error)}. Evaluate again with `glbench evaluate ... --fresh`."
+        raise ResultError(msg) from error
+
+
+def ensure_writable(folder: Path) -> None:
+    """Make ``folder`` and write a file of no length there: found out before the long run, not after it.
+
+    Raises
+    ------
+    GlbenchError
+        When the folder cannot be made or written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=".can-write-", suffix=".partial", dir=folder)
+        os.close(handle)
+        Path(name).unlink()
+    except OSError as error:
+        msg = (
+            f"Cannot write into {folder}: {error.strerror or error}. "
+            "Nothing was evaluated. Choose a folder that you may write to with --out."
+        )
+        raise GlbenchError(msg) from error
+
+
+def _check_schema(path: Path, text: str) -> None:
+    """Say plainly that a file is of another kind or age, before its hundred missing fields are listed."""
+    try:
+        document = json.loads(text)
+    except json.JSONDecodeError as error:
+        msg = (
+            f"{path} is no valid JSON (line {error.lineno}, column {error.colno}: {error.msg}). "
+            "It was cut or edited; evaluate again with `glbench evaluate ... --fresh`."
+        )
+        raise ResultError(msg) from error
+    name = document.get("schema") if isinstance(document, dict) else None
+    if name != SCHEMA_NAME:
+        msg = f"{path} is no result of glbench: its 'schema' is {name!r} and should be '{SCHEMA_NAME}'."
+        raise ResultError(msg)
+    number = document.get("schema_version")
+    if number != SCHEMA_VERSION:
+        msg = (
+            f"{path} has result schema version {number!r}; this glbench reads version {SCHEMA_VERSION}. "
+            "Use the glbench that wrote it, or evaluate again."
+        )
+        raise ResultError(msg)
+
+
+def _problems(error: ValidationError) -> str:
+    """The first problems in words: where in the file, and what."""
+    shown = []
+    for problem in error.errors()[:_SHOWN_PROBLEMS]:
+        where = ".".join(str(part) for part in problem["loc"])
+        what = problem["msg"].removeprefix("Value error, ")
+        shown.append(f"{where}: {what}" if where else what)
+    more = error.error_count() - len(shown)
+    return "; ".join(shown) + (f"; and {more} more" if more > 0 else "")

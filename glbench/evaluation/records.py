@@ -1,0 +1,226 @@
+"""The result of one agent on one task, as frozen records that check themselves.
+
+A record is consistent or it does not exist: seeds match runs, a finished run has all its steps, the summary follows from the runs and
+the digest from the deterministic part. ``docs/results.md`` explains the file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from typing import TYPE_CHECKING, Annotated, Literal, Self
+
+import rfc8785
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from glbench.evaluation.metrics import METRIC_NAMES, UNITS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SCHEMA_NAME = "glbench/result"
+SCHEMA_VERSION = 1
+
+Status = Literal["ok", "crashed", "timed_out", "invalid_action", "simulation_failed"]
+Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+Count = Annotated[int, Field(ge=0)]
+Seconds = Annotated[float, Field(ge=0)]
+
+
+class Record(BaseModel):
+    """Base of the records: frozen, no unknown fields, no NaN."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True)
+
+
+class RunResult(Record):
+    """One seeded run.
+
+    ``steps`` is the number of steps that were simulated. A run that is not ``ok`` carries the ``reason`` in words, and its missing
+    steps stand in ``metrics`` at the task's price of a failed step.
+    """
+
+    seed: Count
+    status: Status
+    reason: str | None
+    steps: Count
+    metrics: dict[str, float]
+
+    @model_validator(mode="after")
+    def _has_every_metric(self) -> Self:
+        missing = [name for name in METRIC_NAMES if name not in self.metrics]
+        unknown = [name for name in self.metrics if name not in METRIC_NAMES]
+        if missing or unknown:
+            msg = f"run with seed {self.seed}: metrics missing {missing}, unknown {unknown}"
+            raise ValueError(msg)
+        if (self.status == "ok") != (self.reason is None):
+            msg = f"run with seed {self.seed} is '{self.status}' with the reason {self.reason!r}"
+            raise ValueError(msg)
+        return self
+
+
+class TaskRecord(Record):
+    """The task that was run; its digest covers definition, parameters, weather and model."""
+
+    id: str
+    digest: Digest
+    title: str
+    steps: Count
+    step_seconds: Seconds
+
+
+class AgentRecord(Record):
+    """The agent that acted; its digest covers its files. ``information`` says in words what it could see."""
+
+    name: str
+    kind: str
+    digest: Digest
+    privileged: bool
+    information: str
+
+
+class EvaluationRecord(Record):
+    """How it was run. Times are of this machine and no part of the score.
+
+    ``decision_seconds`` is the time spent in the agent, for all runs together; ``decision_milliseconds`` the same for one step of one run.
+    """
+
+    runs: Annotated[int, Field(ge=1)]
+    seeds: tuple[Count, ...]
+    workers: Annotated[int, Field(ge=1)]
+    wall_seconds: Seconds
+    steps_per_second: Seconds
+    decision_seconds: Seconds
+    decision_milliseconds: Seconds
+    resumed_at_step: Count | None
+    limits: dict[str, float]
+    kernel: dict[str, str | float]
+
+
+class Versions(Record):
+    """Versions of everything that computes a number."""
+
+    glbench: str
+    model: str
+    python: str
+    numpy: str
+    casadi: str
+    gymnasium: str
+
+
+class Machine(Record):
+    """Where it was computed."""
+
+    processor: str
+    architecture: str
+    cores: int
+    system: str
+
+
+class GitState(Record):
+    """The checkout it was computed from; ``dirty`` when code, tasks, weather or baselines differ from the commit."""
+
+    commit: str
+    dirty: bool
+
+
+class Summary(Record):
+    """Means over all runs, failed ones included, and how many runs ended how."""
+
+    runs: int
+    ok: int
+    failed: int
+    statuses: dict[str, int]
+    mean: dict[str, float]
+
+
+class Result(Record):
+    """One agent on one task: everything that ``reports/results/<task>/<agent>.json`` holds."""
+
+    schema_name: Literal["glbench/result"] = Field(default=SCHEMA_NAME, alias="schema")
+    schema_version: Literal[1] = SCHEMA_VERSION
+    task: TaskRecord
+    agent: AgentRecord
+    evaluation: EvaluationRecord
+    versions: Versions
+    machine: Machine
+    git: GitState | None
+    created: str
+    units: dict[str, str]
+    runs: tuple[RunResult, ...]
+    summary: Summary
+    results_digest: Digest
+
+    @model_validator(mode="after")
+    def _is_consistent(self) -> Self:
+        seeds = tuple(run.seed for run in self.runs)
+        if seeds != self.evaluation.seeds or len(seeds) != self.evaluation.runs:
+            msg = (
+                f"the result announces {self.evaluation.runs} runs with the seeds {_short(self.evaluation.seeds)} "
+                f"and holds {len(seeds)} with the seeds {_short(seeds)}"
+            )
+            raise ValueError(msg)
+        if len(set(seeds)) != len(seeds):
+            msg = "a seed occurs twice"
+            raise ValueError(msg)
+        for run in self.runs:
+            if run.steps > self.task.steps or (run.status == "ok") != (run.steps == self.task.steps):
+                msg = f"run with seed {run.seed} is '{run.status}' after {run.steps} of {self.task.steps} steps"
+                raise ValueError(msg)
+        if self.units != UNITS:
+            msg = "the units are not those of this schema version"
+            raise ValueError(msg)
+        if self.summary != summarise(self.runs):
+            msg = "the summary does not follow from the runs"
+            raise ValueError(msg)
+        if self.results_digest != results_digest(self.task.digest, self.agent, self.runs):
+            msg = "results_digest does not match task, agent and runs: the file was changed after it was written"
+            raise ValueError(msg)
+        return self
+
+    @property
+    def failed(self) -> tuple[RunResult, ...]:
+        """The runs that did not end well, with their reasons."""
+        return tuple(run for run in self.runs if run.status != "ok")
+
+    def values(self, metric: str) -> tuple[float, ...]:
+        """One metric of all runs, in the order of the seeds, in the unit of ``units[metric]``."""
+        return tuple(run.metrics[metric] for run in self.runs)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a run, indexed by seed: ``status``, ``reason``, ``steps`` and every metric; units in ``frame.attrs["units"]``."""
+        import pandas as pd
+
+        rows = [{"status": run.status, "reason": run.reason, "steps": run.steps, **run.metrics} for run in self.runs]
+        frame = pd.DataFrame(rows, index=pd.Index([run.seed for run in self.runs], name="seed"))
+        frame.attrs.update(task=self.task.id, agent=self.agent.name, units=dict(self.units))
+        return frame
+
+    def to_json(self) -> str:
+        """The text of the result file: JSON, two spaces, floats in the shortest form that reads back to the same bits."""
+        return self.model_dump_json(by_alias=True, indent=2) + "\n"
+
+
+def summarise(runs: tuple[RunResult, ...]) -> Summary:
+    """Means (correctly rounded sums, hence independent of the order of the runs) and counts of statuses."""
+    statuses: dict[str, int] = {}
+    for run in runs:
+        statuses[run.status] = statuses.get(run.status, 0) + 1
+    ok = statuses.get("ok", 0)
+    mean = {name: math.fsum(run.metrics[name] for run in runs) / len(runs) for name in METRIC_NAMES} if runs else {}
+    return Summary(runs=len(runs), ok=ok, failed=len(runs) - ok, statuses=statuses, mean=mean)
+
+
+def results_digest(task_digest: str, agent: AgentRecord, runs: tuple[RunResult, ...]) -> str:
+    """SHA-256 over the canonical JSON (RFC 8785) of what must repeat bit for bit: task, agent, and every run."""
+    deterministic = {
+        "task": task_digest,
+        "agent": {"name": agent.name, "digest": agent.digest},
+        "runs": [run.model_dump(mode="json") for run in runs],
+    }
+    return hashlib.sha256(rfc8785.dumps(deterministic)).hexdigest()
+
+
+def _short(seeds: tuple[int, ...]) -> str:
+    listed = ", ".join(str(seed) for seed in seeds[:3])
+    return f"[{listed}, ... {seeds[-1]}]" if len(seeds) > 4 else f"[{', '.join(map(str, seeds))}]"

@@ -1,0 +1,128 @@
+"""Sparse forward differentiation of the graph with respect to the state.
+
+Every intermediate of the model depends on few states (a flux on two or three), so carrying one derivative for each of
+them costs little more than the structural nonzeros of the Jacobian.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from glbench.kernel.compiled.graph import CONDITIONS, Graph, Level
+
+Gradient = dict[int, int]  # state -> node of the derivative
+
+
+def jacobian(graph: Graph, outputs: Sequence[int], source: str = "x") -> list[Gradient]:
+    """Adds the derivatives of ``outputs`` to ``graph``: one {state: node} for each output, structural nonzeros only."""
+    worker = _Forward(graph, source)
+    for number in graph.needed(outputs):
+        worker.visit(number)
+    return [worker.of(number) for number in outputs]
+
+
+class _Forward:
+    def __init__(self, graph: Graph, source: str) -> None:
+        self.graph = graph
+        self.source = source
+        self._gradients: dict[int, Gradient] = {}
+
+    def of(self, number: int) -> Gradient:
+        return self._gradients.get(number, {})
+
+    def visit(self, number: int) -> None:
+        """Records the gradient of a node whose arguments have been visited."""
+        node = self.graph.nodes[number]
+        if node.op == "input":
+            if node.source == self.source:
+                self._gradients[number] = {node.index: self.graph.constant(1.0)}
+            return
+        if not any(self.of(a) for a in node.args) or node.op in CONDITIONS or node.op == "sign":
+            return
+        rule: Callable[[int], Gradient] = getattr(self, f"_{node.op}")
+        gradient = {state: part for state, part in rule(number).items() if not self.graph.is_constant(part, 0.0)}
+        self._gradients[number] = gradient
+
+    # -- helpers ---------------------------------------------------------------------------------------------------
+    def _scaled(self, gradient: Gradient, factor: int) -> Gradient:
+        return {state: self.graph.make("mul", factor, part) for state, part in gradient.items()}
+
+    def _plus(self, a: Gradient, b: Gradient, op: str = "add") -> Gradient:
+        zero = self.graph.constant(0.0)
+        return {s: self.graph.make(op, a.get(s, zero), b.get(s, zero)) for s in sorted({*a, *b})}
+
+    def _args(self, number: int) -> tuple[int, ...]:
+        return self.graph.nodes[number].args
+
+    # -- rules -----------------------------------------------------------------------------------------------------
+    def _add(self, number: int) -> Gradient:
+        a, b = self._args(number)
+        return self._plus(self.of(a), self.of(b))
+
+    def _sub(self, number: int) -> Gradient:
+        a, b = self._args(number)
+        return self._plus(self.of(a), self.of(b), "sub")
+
+    def _neg(self, number: int) -> Gradient:
+        return {s: self.graph.make("neg", part) for s, part in self.of(self._args(number)[0]).items()}
+
+    def _mul(self, number: int) -> Gradient:
+        a, b = self._args(number)
+        if a == b:
+            return self._scaled(self.of(a), self.graph.make("mul", self.graph.constant(2.0), a))
+        return self._plus(self._scaled(self.of(b), a), self._scaled(self.of(a), b))
+
+    def _inv(self, number: int) -> Gradient:
+        return self._scaled(self.of(self._args(number)[0]), self.graph.make("neg", self.graph.make("mul", number, number)))
+
+    def _exp(self, number: int) -> Gradient:
+        return self._scaled(self.of(self._args(number)[0]), number)
+
+    def _log(self, number: int) -> Gradient:
+        (a,) = self._args(number)
+        return self._scaled(self.of(a), self.graph.make("inv", a))
+
+    def _sqrt(self, number: int) -> Gradient:
+        # sqrt(a)' = sqrt(a)/(2 a) and not 1/(2 sqrt(a)): the reciprocal of `a` is often needed anyway.
+        (a,) = self._args(number)
+        half = self.graph.make("mul", self.graph.constant(0.5), number)
+        return self._scaled(self.of(a), self.graph.make("mul", half, self.graph.make("inv", a)))
+
+    def _pow(self, number: int) -> Gradient:
+        base, exponent = self._args(number)
+        if self.graph.levels[exponent] == Level.STATE:
+            msg = "The code generator differentiates powers with a fixed exponent or a fixed base only."
+            raise ValueError(msg)
+        factor = self.graph.make("mul", self.graph.make("mul", exponent, number), self.graph.make("inv", base))
+        return self._scaled(self.of(base), factor)
+
+    def _logistic(self, number: int) -> Gradient:
+        slope = self.graph.make("mul", number, self.graph.make("sub", self.graph.constant(1.0), number))
+        return self._scaled(self.of(self._args(number)[0]), slope)
+
+    def _tanh(self, number: int) -> Gradient:
+        square = self.graph.make("mul", number, number)
+        return self._scaled(self.of(self._args(number)[0]), self.graph.make("sub", self.graph.constant(1.0), square))
+
+    def _abs(self, number: int) -> Gradient:
+        (a,) = self._args(number)
+        return self._scaled(self.of(a), self.graph.make("sign", a))
+
+    def _min(self, number: int) -> Gradient:
+        a, b = self._args(number)
+        return self._either(self.graph.make("le", a, b), a, b)
+
+    def _max(self, number: int) -> Gradient:
+        a, b = self._args(number)
+        return self._either(self.graph.make("le", b, a), a, b)
+
+    def _select(self, number: int) -> Gradient:
+        condition, yes, no = self._args(number)
+        return self._either(condition, yes, no)
+
+    def _either(self, condition: int, yes: int, no: int) -> Gradient:
+        zero = self.graph.constant(0.0)
+        states = sorted({*self.of(yes), *self.of(no)})
+        return {
+            s: self.graph.make("select", condition, self.of(yes).get(s, zero), self.of(no).get(s, zero)) for s in states
+        }

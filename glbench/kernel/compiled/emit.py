@@ -1,0 +1,192 @@
+"""Writes C++ functions from the graph.
+
+Every function is straight-line code over a value type ``V`` (see native/lanes.hpp). Products that nobody else reads are
+fused with the addition or subtraction that uses them; which ones is decided here, never by the compiler. Slow
+operations that do not depend on one another are written as one call (``many_exp(a, b, c)``): with one lane they share the
+vector unit, with many lanes they are just a sequence, and the results are the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from glbench.kernel.compiled.graph import CONDITIONS, Graph, Level
+
+# Slow operations, packed in groups; "pow_positive" is pow with a base that cannot be zero or negative.
+_SLOW = frozenset({"exp", "log", "pow", "pow_positive", "inv", "sqrt", "tanh"})
+_LARGEST_GROUP = 8
+
+
+class Emitter:
+    """Code of one function that computes ``outputs`` of ``graph``.
+
+    Parameters
+    ----------
+    graph, outputs
+        What to compute.
+    name_of_input
+        C++ expression of a node that need not be computed (an input, a stored value), or None.
+    """
+
+    def __init__(self, graph: Graph, outputs: Sequence[int], name_of_input: Callable[[int], str | None]) -> None:
+        self.graph = graph
+        self.lines: list[str] = []
+        self._names: dict[int, str] = {}
+        self._name_of_input = name_of_input
+        self._uses = self._count_uses(outputs)
+        self._emit_slow_groups(outputs)
+
+    # -- what is needed --------------------------------------------------------------------------------------------
+    def _count_uses(self, outputs: Sequence[int]) -> dict[int, int]:
+        uses: dict[int, int] = {}
+        seen: set[int] = set()
+        stack = list(outputs)
+        for number in outputs:
+            uses[number] = uses.get(number, 0) + 1
+        while stack:
+            number = stack.pop()
+            if number in seen or self._given(number) is not None:
+                continue
+            seen.add(number)
+            for argument in self.graph.nodes[number].args:
+                uses[argument] = uses.get(argument, 0) + 1
+                stack.append(argument)
+        return uses
+
+    def _given(self, number: int) -> str | None:
+        node = self.graph.nodes[number]
+        if node.op == "const":
+            return f"K({node.value.hex()})" if node.value == node.value else "K(__builtin_nan(\"\"))"
+        return self._name_of_input(number)
+
+    def _kind(self, number: int) -> str:
+        node = self.graph.nodes[number]
+        if node.op == "pow" and self._is_positive(node.args[0]):
+            return "pow_positive"
+        return node.op
+
+    def _is_positive(self, number: int) -> bool:
+        """Whether a value is positive by its form: a square, or a sum or product of such, with a positive constant."""
+        node = self.graph.nodes[number]
+        if node.op == "add":
+            first, second = node.args
+            return (self._is_positive(first) and self._is_square(second)) or (
+                self._is_positive(second) and self._is_square(first)
+            )
+        return node.op == "const" and node.value > 0.0
+
+    def _is_square(self, number: int) -> bool:
+        node = self.graph.nodes[number]
+        return self._is_positive(number) or (node.op == "mul" and node.args[0] == node.args[1])
+
+    # -- order -----------------------------------------------------------------------------------------------------
+    def _emit_slow_groups(self, outputs: Sequence[int]) -> None:
+        """Emits the slow operations by rounds: those of one round do not depend on one another."""
+        rounds: dict[int, int] = {}
+        by_round: dict[tuple[int, str], list[int]] = {}
+        for number in self.graph.needed(outputs):
+            if number not in self._uses or self._given(number) is not None:
+                continue
+            node = self.graph.nodes[number]
+            before = max((rounds.get(a, 0) for a in node.args), default=0)
+            kind = self._kind(number)
+            if kind in _SLOW:
+                by_round.setdefault((before, kind), []).append(number)
+                before += 1
+            rounds[number] = before
+        for (_, kind), numbers in sorted(by_round.items()):
+            for start in range(0, len(numbers), _LARGEST_GROUP):
+                self._emit_group(kind, numbers[start : start + _LARGEST_GROUP])
+
+    def _emit_group(self, kind: str, numbers: list[int]) -> None:
+        if kind in ("pow", "pow_positive"):
+            arguments = [self.value(self.graph.nodes[n].args[0]) for n in numbers]
+            arguments += [self.value(self.graph.nodes[n].args[1]) for n in numbers]
+        else:
+            arguments = [self.value(self.graph.nodes[n].args[0]) for n in numbers]
+        group = f"g{numbers[0]}"
+        self.lines.append(f"const auto {group} = many_{kind}<V>({', '.join(arguments)});")
+        for k, number in enumerate(numbers):
+            self._names[number] = f"{group}.v[{k}]"
+
+    # -- values ----------------------------------------------------------------------------------------------------
+    def value(self, number: int) -> str:
+        """C++ expression of a node's value, after emitting whatever it needs."""
+        known = self._names.get(number)
+        if known is None:
+            known = self._given(number)
+            if known is None:
+                node = self.graph.nodes[number]
+                if node.op in CONDITIONS:
+                    known = f"select<V>({self._condition(number)}, K(1.0), K(0.0))"
+                else:
+                    known = f"v{number}"
+                    text = self._expression(number)
+                    self.lines.append(f"const V {known} = {text};")
+            self._names[number] = known
+        return known
+
+    def _alone(self, number: int) -> bool:
+        """A product that only its one reader needs, so that it can be fused."""
+        return self.graph.nodes[number].op == "mul" and self._uses[number] == 1 and self._given(number) is None
+
+    def _fused(self, function: str, product: int, other: int) -> str:
+        a, b = self.graph.nodes[product].args
+        return f"{function}<V>({self.value(a)}, {self.value(b)}, {self.value(other)})"
+
+    def _expression(self, number: int) -> str:
+        node = self.graph.nodes[number]
+        if node.op == "select":
+            condition, yes, no = node.args
+            return f"select<V>({self._condition(condition)}, {self.value(yes)}, {self.value(no)})"
+        a = node.args[0]
+        b = node.args[-1]
+        if node.op == "add":
+            if self._alone(b):
+                return self._fused("fma", b, a)
+            return self._fused("fma", a, b) if self._alone(a) else f"{self.value(a)} + {self.value(b)}"
+        if node.op == "sub":
+            if self._alone(b):
+                return self._fused("fnma", b, a)
+            return self._fused("fms", a, b) if self._alone(a) else f"{self.value(a)} - {self.value(b)}"
+        if node.op == "mul":
+            return f"{self.value(a)} * {self.value(b)}"
+        if node.op == "neg":
+            return f"-{self.value(a)}"
+        if node.op in ("min", "max"):
+            return f"{node.op}_of<V>({self.value(a)}, {self.value(b)})"
+        return f"{node.op}_of<V>({self.value(a)})"
+
+    def _condition(self, number: int) -> str:
+        node = self.graph.nodes[number]
+        if self._given(number) is not None or node.op not in CONDITIONS:
+            return f"({self.value(number)} != K(0.0))"
+        if node.op == "not":
+            return f"not_of<V>({self._condition(node.args[0])})"
+        if node.op in ("and", "or"):
+            sign = "&" if node.op == "and" else "|"
+            return f"({self._condition(node.args[0])} {sign} {self._condition(node.args[1])})"
+        sign = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}[node.op]
+        return f"({self.value(node.args[0])} {sign} {self.value(node.args[1])})"
+
+
+def function_text(signature: str, emitter: Emitter, stores: Mapping[str, int], *, template: bool = True) -> str:
+    """A whole C++ function: computes and stores ``stores`` (C++ left-hand side -> node)."""
+    body = []
+    for target, number in stores.items():
+        value = emitter.value(number)
+        body.append(f"{target} = {value};")
+    head = "template <class V> " if template else ""
+    inner = "\n    ".join(emitter.lines + body)
+    return f"{head}{signature} {{\n    {inner}\n}}\n"
+
+
+def stored_inputs(graph: Graph, outputs: Sequence[int]) -> list[int]:
+    """Nodes below the state's level that state-level code reads: to be computed once a step and stored."""
+    found: set[int] = set()
+    for number in graph.needed(outputs):
+        node = graph.nodes[number]
+        if graph.levels[number] == Level.STATE:
+            found.update(a for a in node.args if graph.levels[a] == Level.INPUT)
+    found.update(number for number in outputs if graph.levels[number] == Level.INPUT)
+    return sorted(found)

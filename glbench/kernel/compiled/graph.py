@@ -1,0 +1,182 @@
+"""Expression graph of the code generator: hash-consed nodes, each with the level of inputs that it depends on.
+
+A node is a number. ``Graph`` stores what it computes (operation, arguments, constant) and never stores the same thing
+twice, so common subexpressions are shared by construction. Constructors fold constants and drop neutral elements; they do
+nothing that would change a result by more than the rounding of the folded constants.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+
+class Level(IntEnum):
+    """What a value depends on; everything below STATE is computed once a control step."""
+
+    CONSTANT = 0
+    INPUT = 1  # parameters, controls and disturbances: held within the step
+    STATE = 2
+
+
+ONE_ARGUMENT = ("neg", "inv", "exp", "log", "sqrt", "abs", "sign", "tanh", "logistic", "cos", "not")
+TWO_ARGUMENTS = ("add", "sub", "mul", "pow", "min", "max", "lt", "le", "eq", "ne", "and", "or")
+COMMUTATIVE = frozenset({"add", "mul", "min", "max", "eq", "ne", "and", "or"})
+CONDITIONS = frozenset({"lt", "le", "eq", "ne", "and", "or", "not"})
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """One operation. ``source`` and ``index`` name an input ("x", 3); ``value`` is that of a constant."""
+
+    op: str
+    args: tuple[int, ...] = ()
+    value: float = 0.0
+    source: str = ""
+    index: int = -1
+
+
+@dataclass
+class Graph:
+    """Nodes in an order in which every argument stands before its user."""
+
+    nodes: list[Node] = field(default_factory=list)
+    levels: list[Level] = field(default_factory=list)
+    _known: dict[tuple[object, ...], int] = field(default_factory=dict)
+
+    def _intern(self, node: Node, level: Level) -> int:
+        # The sign of zero and the bits of a constant matter, so constants are keyed by their hexadecimal form.
+        key = (node.op, node.args, node.value.hex(), node.source, node.index)
+        number = self._known.get(key)
+        if number is None:
+            number = len(self.nodes)
+            self.nodes.append(node)
+            self.levels.append(level)
+            self._known[key] = number
+        return number
+
+    def constant(self, value: float) -> int:
+        """Node of a constant."""
+        return self._intern(Node("const", value=float(value)), Level.CONSTANT)
+
+    def source(self, name: str, index: int) -> int:
+        """Node of element ``index`` of input ``name`` ("x", "u", "d" or "p")."""
+        return self._intern(Node("input", source=name, index=index), Level.STATE if name == "x" else Level.INPUT)
+
+    def is_constant(self, number: int, value: float | None = None) -> bool:
+        """Whether the node is a constant (of that value, when given)."""
+        node = self.nodes[number]
+        return node.op == "const" and (value is None or node.value == value)
+
+    def value(self, number: int) -> float:
+        """Value of a constant node."""
+        return self.nodes[number].value
+
+    def make(self, op: str, *args: int) -> int:
+        """Node of ``op`` applied to ``args``, simplified where that is free.
+
+        Raises
+        ------
+        ValueError
+            When the operation is not one of the generator's.
+        """
+        if op in ("add", "sub", "mul", "neg", "inv"):
+            simple = getattr(self, f"_{op}")(*args)
+            if simple is not None:
+                return int(simple)
+        elif op == "select":
+            condition, yes, no = args
+            if yes == no:
+                return yes
+            if self.is_constant(condition):
+                return yes if self.value(condition) != 0.0 else no
+        elif op not in ONE_ARGUMENT and op not in TWO_ARGUMENTS:
+            msg = f"The code generator has no operation '{op}'."
+            raise ValueError(msg)
+        if op in COMMUTATIVE:
+            args = tuple(sorted(args))
+        return self._intern(Node(op, args), Level(max(self.levels[a] for a in args)))
+
+    def _add(self, a: int, b: int) -> int | None:
+        if self.is_constant(a) and self.is_constant(b):
+            return self.constant(self.value(a) + self.value(b))
+        if self.is_constant(a, 0.0):
+            return b
+        if self.is_constant(b, 0.0):
+            return a
+        if self.nodes[b].op == "neg":
+            return self.make("sub", a, self.nodes[b].args[0])
+        if self.nodes[a].op == "neg":
+            return self.make("sub", b, self.nodes[a].args[0])
+        return None
+
+    def _sub(self, a: int, b: int) -> int | None:
+        if self.is_constant(a) and self.is_constant(b):
+            return self.constant(self.value(a) - self.value(b))
+        if self.is_constant(b, 0.0):
+            return a
+        if self.is_constant(a, 0.0):
+            return self.make("neg", b)
+        if a == b:
+            return self.constant(0.0)
+        if self.nodes[b].op == "neg":
+            return self.make("add", a, self.nodes[b].args[0])
+        return None
+
+    def _mul(self, a: int, b: int) -> int | None:
+        if self.is_constant(a) and self.is_constant(b):
+            return self.constant(self.value(a) * self.value(b))
+        for one, other in ((a, b), (b, a)):
+            if self.is_constant(one, 0.0):
+                return self.constant(0.0)
+            if self.is_constant(one, 1.0):
+                return other
+            if self.is_constant(one, -1.0):
+                return self.make("neg", other)
+            if self.nodes[one].op == "neg":
+                return self.make("neg", self.make("mul", self.nodes[one].args[0], other))
+        return None
+
+    def _neg(self, a: int) -> int | None:
+        node = self.nodes[a]
+        if node.op == "const":
+            return self.constant(-node.value)
+        if node.op == "neg":
+            return node.args[0]
+        if node.op == "sub":
+            return self.make("sub", node.args[1], node.args[0])
+        return None
+
+    def _inv(self, a: int) -> int | None:
+        node = self.nodes[a]
+        if node.op == "const" and node.value != 0.0 and math.isfinite(node.value):
+            return self.constant(1.0 / node.value)
+        if node.op == "inv":
+            return node.args[0]
+        if node.op == "neg":
+            return self.make("neg", self.make("inv", node.args[0]))
+        return None
+
+    def needed(self, outputs: Iterable[int]) -> list[int]:
+        """Nodes that the outputs need, arguments before users."""
+        marked: set[int] = set()
+        stack = list(outputs)
+        while stack:
+            number = stack.pop()
+            if number not in marked:
+                marked.add(number)
+                stack.extend(self.nodes[number].args)
+        return sorted(marked)
+
+    def uses(self, outputs: Iterable[int]) -> dict[int, int]:
+        """How often each needed node is read: by other needed nodes and as an output."""
+        outputs = list(outputs)
+        count: dict[int, int] = {}
+        for number in self.needed(outputs):
+            for argument in self.nodes[number].args:
+                count[argument] = count.get(argument, 0) + 1
+        for number in outputs:
+            count[number] = count.get(number, 0) + 1
+        return count

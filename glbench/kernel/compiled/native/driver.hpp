@@ -1,0 +1,262 @@
+// Control steps for rows of environments: step-size control in each lane, refill of finished lanes, threads.
+//
+// The first substep of every control step has the same length, and a row's substeps depend on that row alone, so a step
+// is a function of its inputs: its bits depend neither on the batch, nor on the lane, nor on the number of threads.
+#pragma once
+#include <atomic>
+#include <thread>
+#include <vector>
+
+#include "rosenbrock.hpp"
+
+namespace glb {
+
+struct Settings {
+    double step;                     // length of the control step [s]
+    double tolerance;                // relative tolerance
+    double first;                    // first substep [s]
+    double smallest;                 // a substep below this fails the step [s]
+    double most;                     // more substeps than this fail the step
+    double absolute[model::STATES];  // added to |x| in the tolerance of each state [unit of the state]
+    int32_t threads;
+};
+
+// Rows of the caller, all C-contiguous; stride 0 shares one parameter vector among the rows.
+struct Rows {
+    int64_t n;
+    const double *x, *u, *d, *p;
+    int64_t p_stride;
+    double* out;        // may be x itself
+    int32_t* status;    // 0, or failure*64 + state
+    int32_t* substeps;  // taken, rejected ones included
+    double* reached;    // time within the step that was reached [s]
+};
+
+enum Failure : int32_t { INPUT_NOT_FINITE = 1, TOO_MANY_SUBSTEPS = 2, SUBSTEP_TOO_SMALL = 3 };
+constexpr int NO_STATE = 63;
+
+// Near error^(-1/8), from the bits of the number: within 3 %, and a step-size rule asks for no more.
+template <class V> GLB_INLINE V inverse_eighth_root(V error) {
+    return from_bits<V>(INT64_C(0x47ed24dd00000000) - (bits_of(error) >> 3));
+}
+
+// The end is met exactly, and two equal substeps are taken rather than a long one and a splinter.
+template <class V> GLB_INLINE V next_length(V proposed, V remaining) {
+    const V shared = min_of(proposed, broadcast<V>(0.5) * remaining);
+    return select<V>(remaining <= proposed, remaining, shared);
+}
+
+template <class V> GLB_INLINE double element(V a, int lane) {
+    if constexpr (width_of<V> == 1) return a;
+    else return a[lane];
+}
+template <class V> GLB_INLINE void set_element(V& a, int lane, double value) { reinterpret_cast<double*>(&a)[lane] = value; }
+GLB_INLINE bool finite(double a) { return a - a == 0.0; }
+
+template <class V> class Stepper {
+  public:
+    Stepper(const Settings& settings, const Rows& rows, std::atomic<int64_t>& next)
+        : settings_(settings), rows_(rows), next_(next) {
+        std::memset(static_cast<void*>(&work_), 0, sizeof work_);
+    }
+
+    void run() {
+        int active = 0;
+        for (int lane = 0; lane < W; ++lane) active += refill(lane);
+        if (active == 0) return;
+        for (int lane = 0; lane < W; ++lane)
+            if (row_[lane] < 0) copy_lane(0, lane);  // compute something usual there
+        while (active > 0) {
+            if constexpr (W > 1) {
+                if (active == 1 && exhausted_) return finish_alone();
+            }
+            active -= round();
+        }
+    }
+
+    // Takes over a row in progress from a lane of another stepper.
+    template <class Other> void adopt(const Stepper<Other>& other, int lane) {
+        for (int i = 0; i < N; ++i) {
+            set_element(work_.x[i], 0, element(other.work_.x[i], lane));
+            set_element(work_.weight[i], 0, element(other.work_.weight[i], lane));
+        }
+        for (int i = 0; i < model::STORED; ++i) set_element(work_.stored[i], 0, element(other.work_.stored[i], lane));
+        set_element(h_, 0, element(other.h_, lane));
+        set_element(remaining_, 0, element(other.remaining_, lane));
+        set_element(taken_, 0, element(other.taken_, lane));
+        set_element(busy_, 0, 1.0);
+        row_[0] = other.row_[lane];
+    }
+
+    // One substep in every lane; returns how many lanes have run out of rows.
+    int round() {
+        const V h = h_, one = broadcast<V>(1.0);
+        const V error = substep(work_, h);
+        const MaskOf<V> busy = busy_ > broadcast<V>(0.0);
+        const MaskOf<V> accepted = (error <= one) & busy;
+        for (int i = 0; i < N; ++i) work_.x[i] = select<V>(accepted, work_.y[i], work_.x[i]);
+        const MaskOf<V> finished = accepted & (h >= remaining_);
+        remaining_ = select<V>(accepted, remaining_ - h, remaining_);
+        taken_ = taken_ + one;
+        // Not a number gives the strongest reduction.
+        V factor = max_of(broadcast<V>(0.9) * inverse_eighth_root(error), broadcast<V>(0.15));
+        factor = min_of(factor, select<V>(accepted, broadcast<V>(6.0), broadcast<V>(0.8)));
+        const V proposed = h * factor;
+        h_ = next_length(proposed, remaining_);
+        const MaskOf<V> failed = busy & not_of<V>(finished) &
+                                 ((proposed < broadcast<V>(settings_.smallest)) | (taken_ >= broadcast<V>(settings_.most)));
+        int ended = 0;
+        if (any(finished | failed)) {
+            for (int lane = 0; lane < W; ++lane) {
+                if (lane_of<V>(finished, lane)) finish(lane);
+                else if (lane_of<V>(failed, lane)) fail(lane, element(proposed, lane));
+                else continue;
+                ended += !refill(lane);
+            }
+        }
+        return ended;
+    }
+
+  private:
+    template <class Other> friend class Stepper;
+    static constexpr int W = width_of<V>;
+
+    const Settings& settings_;
+    const Rows& rows_;
+    std::atomic<int64_t>& next_;
+    Lanes<V> work_;
+    V h_{}, remaining_{}, taken_{}, busy_{};  // next substep [s], time to go [s], substeps so far, 1 where a row is at work
+    int64_t row_[W];
+    bool exhausted_ = false;
+
+    static GLB_INLINE bool any(MaskOf<V> mask) {
+        if constexpr (W == 1) return mask;
+        else {
+            int64_t sum = 0;
+            for (int lane = 0; lane < W; ++lane) sum |= mask[lane];
+            return sum != 0;
+        }
+    }
+
+    // Loads the next row into a lane; rows that cannot be stepped are reported on the way. False when none is left.
+    bool refill(int lane) {
+        for (;;) {
+            const int64_t row = next_.fetch_add(1, std::memory_order_relaxed);
+            if (row >= rows_.n) {
+                exhausted_ = true;
+                row_[lane] = -1;
+                set_element(busy_, lane, 0.0);
+                return false;
+            }
+            row_[lane] = row;
+            const double* x = rows_.x + row * N;
+            alignas(64) double stored[(model::STORED + 7) / 8 * 8];
+            model::prepare(rows_.p + row * rows_.p_stride, rows_.u + row * model::CONTROLS,
+                           rows_.d + row * model::DISTURBANCES, stored);
+            const int unusable = first_unusable(x, stored);
+            if (unusable >= 0) {
+                report(row, INPUT_NOT_FINITE * 64 + unusable, 0, 0.0);
+                continue;
+            }
+            for (int i = 0; i < model::STORED; ++i) set_element(work_.stored[i], lane, stored[i]);
+            for (int i = 0; i < N; ++i) {
+                set_element(work_.x[i], lane, x[i]);
+                set_element(work_.weight[i], lane, 1.0 / (settings_.tolerance * (settings_.absolute[i] + __builtin_fabs(x[i]))));
+            }
+            set_element(h_, lane, settings_.first < settings_.step ? settings_.first : settings_.step);
+            set_element(remaining_, lane, settings_.step);
+            set_element(taken_, lane, 0.0);
+            set_element(busy_, lane, 1.0);
+            return true;
+        }
+    }
+
+    // The first state that is not finite, NO_STATE when another input is not, -1 when all are finite.
+    static int first_unusable(const double* x, const double* stored) {
+        double sum = 0.0;
+        for (int i = 0; i < N; ++i) sum += x[i] - x[i];
+        if (sum != 0.0)
+            for (int i = 0; i < N; ++i)
+                if (!finite(x[i])) return i;
+        double rest[4] = {0.0, 0.0, 0.0, 0.0};
+        for (int i = 0; i < model::STORED; ++i) rest[i % 4] += stored[i] - stored[i];
+        return (rest[0] + rest[1]) + (rest[2] + rest[3]) == 0.0 ? -1 : NO_STATE;
+    }
+
+    void copy_lane(int from, int to) {
+        for (int i = 0; i < model::STORED; ++i) set_element(work_.stored[i], to, element(work_.stored[i], from));
+        for (int i = 0; i < N; ++i) {
+            set_element(work_.x[i], to, element(work_.x[i], from));
+            set_element(work_.weight[i], to, element(work_.weight[i], from));
+        }
+        set_element(h_, to, element(h_, from));
+        set_element(remaining_, to, element(remaining_, from));
+    }
+
+    void report(int64_t row, int32_t status, int32_t substeps, double reached) {
+        rows_.status[row] = status;
+        rows_.substeps[row] = substeps;
+        rows_.reached[row] = reached;
+        if (status != 0 && rows_.out != rows_.x) std::memcpy(rows_.out + row * N, rows_.x + row * N, N * sizeof(double));
+    }
+
+    void finish(int lane) {
+        double* out = rows_.out + row_[lane] * N;
+        for (int i = 0; i < N; ++i) out[i] = element(work_.x[i], lane);
+        report(row_[lane], 0, static_cast<int32_t>(element(taken_, lane)), settings_.step);
+    }
+
+    void fail(int lane, double proposed) {
+        int worst = 0;
+        double largest = -1.0;
+        for (int i = 0; i < N; ++i) {
+            const double scaled = __builtin_fabs(element(work_.k[5][i], lane) * element(work_.weight[i], lane));
+            if (!finite(scaled)) {
+                worst = i;
+                break;
+            }
+            if (scaled > largest) largest = scaled, worst = i;
+        }
+        const int32_t failure = proposed < settings_.smallest ? SUBSTEP_TOO_SMALL : TOO_MANY_SUBSTEPS;
+        report(row_[lane], failure * 64 + worst, static_cast<int32_t>(element(taken_, lane)),
+               settings_.step - element(remaining_, lane));
+    }
+
+    // One row left in many lanes: the one-lane code is twice as fast for it, and gives the same bits.
+    void finish_alone() {
+        Stepper<double> alone(settings_, rows_, next_);
+        for (int lane = 0; lane < W; ++lane)
+            if (element(busy_, lane) > 0.0) alone.adopt(*this, lane);
+        while (alone.round() == 0) {
+        }
+    }
+};
+
+template <class V> void run_rows(const Settings& settings, const Rows& rows, std::atomic<int64_t>& next) {
+    Stepper<V> stepper(settings, rows, next);
+    stepper.run();
+}
+
+}  // namespace glb
+
+using BatchLanes = typename glb::VectorOf<GLB_WIDTH>::type;
+
+extern "C" void glb_step_rows(const glb::Settings* settings, const glb::Rows* rows) {
+    std::atomic<int64_t> next{0};
+    if (rows->n == 1) return glb::run_rows<double>(*settings, *rows, next);
+    // A thread is worth starting when it has a few vectors of rows to itself.
+    const int64_t useful = rows->n / (4 * GLB_WIDTH);
+    const int64_t threads = settings->threads < useful ? settings->threads : useful;
+    std::vector<std::thread> others;
+    for (int64_t k = 1; k < threads; ++k) others.emplace_back([&] { glb::run_rows<BatchLanes>(*settings, *rows, next); });
+    glb::run_rows<BatchLanes>(*settings, *rows, next);
+    for (auto& thread : others) thread.join();
+}
+
+// Sizes of this library, compared with the caller's before the first call.
+extern "C" void glb_layout(int64_t* sizes) {
+    sizes[0] = sizeof(glb::Settings);
+    sizes[1] = sizeof(glb::Rows);
+    sizes[2] = glb::N;
+    sizes[3] = GLB_WIDTH;
+}

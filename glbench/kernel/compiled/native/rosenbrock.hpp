@@ -1,0 +1,103 @@
+// One substep of Rodas4P2 for all lanes at once.
+//
+// Rodas4P2 (G. Steinebach 2020, "Improvement of Rosenbrock-Wanner method RODASP", Progress in Differential-Algebraic
+// Equations II, 165-184): six stages, order 4, stiffly accurate and L-stable, embedded order 3. Written for
+// W = I/(gamma h) - J as in Hairer & Wanner, Solving ODEs II, section IV.7 (eq. 7.25), for an autonomous system: the
+// inputs are held within a control step.
+//
+// The model (`rhs`, `rhs_and_jacobian`, `factorise`, `solve`, sizes in namespace glb::model) is generated in front of this file.
+#pragma once
+#include "many.hpp"
+
+namespace glb {
+
+constexpr double GAMMA = 0.25;
+constexpr double STAGE[5][4] = {
+    {3.0, 0.0, 0.0, 0.0},
+    {0.906377755268814, -0.189707390391685, 0.0, 0.0},
+    {3.758617027739064, 1.161741776019525, -0.849258085312803, 0.0},
+    {7.089566927282776, 4.573591406461604, -8.423496976860259, -0.959280113459775},
+};
+constexpr double COUPLING[5][5] = {
+    {-12.0, 0.0, 0.0, 0.0, 0.0},
+    {-6.354581592719008, 0.338972550544623, 0.0, 0.0, 0.0},
+    {-8.575016317114033, -7.606483992117508, 12.22499765012482, 0.0, 0.0},
+    {-5.888975457523102, -8.157396617841821, 24.805546872612922, 12.790401512796979, 0.0},
+    {-4.408651676063871, -6.692003137674639, 24.625568527593117, 16.627521966636085, -5.714285714285718},
+};
+
+constexpr int N = model::STATES;
+constexpr int PADDED = (N + 7) / 8 * 8;  // one lane works through its states in vectors
+
+// What one substep reads and writes; all arrays hold one value in each lane.
+template <class V> struct alignas(64) Lanes {
+    V x[PADDED];                 // state at the start of the substep
+    V weight[PADDED];            // 1/(tolerance of the state)
+    V stored[model::STORED];     // everything that depends on the inputs only
+    V slope[PADDED], y[PADDED], right[PADDED];
+    V k[6][PADDED];
+    V jacobian[model::NONZEROS], factors[model::FACTORS];
+};
+
+// Element-wise work on arrays of states: lanes are used as they are, one lane is read in vectors across the states.
+template <class V> using Chunk = std::conditional_t<width_of<V> == 1, typename VectorOf<NATIVE_WIDTH>::type, V>;
+template <class V> constexpr int CHUNKS = width_of<V> == 1 ? PADDED / NATIVE_WIDTH : N;
+template <class V> GLB_INLINE Chunk<V> load(const V* a, int i) {
+    Chunk<V> r;
+    std::memcpy(&r, a + i * (width_of<V> == 1 ? NATIVE_WIDTH : 1), sizeof r);
+    return r;
+}
+template <class V> GLB_INLINE void store(V* a, int i, Chunk<V> value) {
+    std::memcpy(a + i * (width_of<V> == 1 ? NATIVE_WIDTH : 1), &value, sizeof value);
+}
+
+template <class V, int... J>
+GLB_INLINE Chunk<V> combine(Chunk<V> sum, const Lanes<V>& w, const Chunk<V>* factor, int i, std::integer_sequence<int, J...>) {
+    ((sum = fma<Chunk<V>>(factor[J], load(w.k[J], i), sum)), ...);
+    return sum;
+}
+
+// Stages 2 to 6: the point, the slope there, and the new increment k[S].
+template <class V, int S> GLB_INLINE void stage(Lanes<V>& w, V inverse_h) {
+    using C = Chunk<V>;
+    constexpr auto before = std::make_integer_sequence<int, S>{};
+    if constexpr (S <= 4) {
+        C factor[4];
+        for (int j = 0; j < 4; ++j) factor[j] = broadcast<C>(STAGE[S - 1][j]);
+        for (int i = 0; i < CHUNKS<V>; ++i) store(w.y, i, combine<V>(load(w.x, i), w, factor, i, before));
+    } else {  // stiffly accurate: the last stage continues from the one before
+        for (int i = 0; i < CHUNKS<V>; ++i) store(w.y, i, load(w.y, i) + load(w.k[4], i));
+    }
+    model::rhs<V>(w.y, w.stored, w.slope);
+    C factor[5];
+    for (int j = 0; j < S; ++j) {
+        const V scaled = broadcast<V>(COUPLING[S - 1][j]) * inverse_h;
+        if constexpr (width_of<V> == 1) factor[j] = broadcast<C>(scaled);
+        else factor[j] = scaled;
+    }
+    for (int i = 0; i < CHUNKS<V>; ++i) store(w.right, i, combine<V>(load(w.slope, i), w, factor, i, before));
+    model::solve<V>(w.factors, w.right, w.k[S]);
+}
+
+// Advances by h from w.x: the result is in w.y, k[5] is the error estimate. Returns the sum over the states of
+// (estimate/tolerance)^2, which is not a number when anything went wrong on the way.
+template <class V> V substep(Lanes<V>& w, V h) {
+    const V inverse_h = inv_of(h);
+    model::rhs_and_jacobian<V>(w.x, w.stored, w.slope, w.jacobian);
+    model::factorise<V>(w.jacobian, broadcast<V>(1.0 / GAMMA) * inverse_h, broadcast<V>(GAMMA) * h, w.factors);
+    model::solve<V>(w.factors, w.slope, w.k[0]);
+    stage<V, 1>(w, inverse_h);
+    stage<V, 2>(w, inverse_h);
+    stage<V, 3>(w, inverse_h);
+    stage<V, 4>(w, inverse_h);
+    stage<V, 5>(w, inverse_h);
+    V error = broadcast<V>(0.0);
+    for (int i = 0; i < N; ++i) {
+        const V scaled = w.k[5][i] * w.weight[i];
+        error = fma<V>(scaled, scaled, error);
+        w.y[i] = w.y[i] + w.k[5][i];
+    }
+    return error;
+}
+
+}  // namespace glb

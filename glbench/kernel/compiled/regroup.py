@@ -1,0 +1,196 @@
+"""Regroups sums and products so that everything that does not depend on the state is computed once a step.
+
+``a*x*b*y`` becomes ``(a*b)*(x*y)`` with ``a*b`` outside of the substeps; ``x + a + y + b`` becomes ``(a + b) + x + y``. The
+regrouping changes results by rounding only, and it happens when code is generated: the generated code always does
+the same operations in the same order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from glbench.kernel.compiled.graph import Graph, Level, Node
+
+_SUM = frozenset({"add", "sub"})
+_PRODUCT = frozenset({"mul", "inv"})
+
+
+def regroup(graph: Graph, outputs: Sequence[int], *, lower_logistic: bool) -> tuple[Graph, list[int]]:
+    """A new graph with the same outputs, regrouped.
+
+    Parameters
+    ----------
+    graph, outputs
+        What to regroup.
+    lower_logistic
+        Spell ``logistic(z)`` out as ``1/(1 + exp(-z))``, whose reciprocals can then be shared; done after differentiation.
+    """
+    worker = _Regroup(graph, outputs, lower_logistic=lower_logistic)
+    return worker.new, [worker.node(number) for number in outputs]
+
+
+class _Regroup:
+    def __init__(self, graph: Graph, outputs: Sequence[int], *, lower_logistic: bool) -> None:
+        self.old = graph
+        self.new = Graph()
+        self.uses = graph.uses(outputs)
+        self.lower_logistic = lower_logistic
+        self._done: dict[int, int] = {}
+        for number in graph.needed(outputs):  # arguments first: the recursion below stays shallow
+            self.node(number)
+
+    def node(self, number: int) -> int:
+        """The node of the new graph that stands for ``number`` of the old one."""
+        found = self._done.get(number)
+        if found is None:
+            found = self._done[number] = self._translate(number)
+        return found
+
+    def _translate(self, number: int) -> int:
+        node = self.old.nodes[number]
+        if node.op == "const":
+            return self.new.constant(node.value)
+        if node.op == "input":
+            return self.new.source(node.source, node.index)
+        if node.op in _SUM:
+            return self._sum(number)
+        if node.op in _PRODUCT:
+            return self._product(number)
+        if node.op == "neg":
+            return self.new.make("neg", self.node(node.args[0]))
+        args = [self.node(a) for a in node.args]
+        if node.op == "logistic" and self.lower_logistic:
+            exponential = self.new.make("exp", self.new.make("neg", args[0]))
+            return self.new.make("inv", self.new.make("add", self.new.constant(1.0), exponential))
+        if node.op == "pow":
+            return self._power(args[0], args[1])
+        return self.new.make(node.op, *args)
+
+    def _power(self, base: int, exponent: int) -> int:
+        """Powers that have a cheaper form: square roots, and a fixed base with a varying exponent."""
+        make, is_constant = self.new.make, self.new.is_constant
+        if is_constant(exponent, 1.0):
+            return base
+        if is_constant(exponent, 2.0):
+            return make("mul", base, base)
+        if is_constant(exponent, 0.5):
+            return make("sqrt", base)
+        if is_constant(exponent, 0.25):
+            return make("sqrt", make("sqrt", base))
+        if is_constant(exponent, 1.5):
+            return make("mul", base, make("sqrt", base))
+        if self.new.levels[base] < Level.STATE and self.new.levels[exponent] == Level.STATE:
+            return make("exp", self._times([make("log", base), exponent]))
+        return make("pow", base, exponent)
+
+    # -- sums ------------------------------------------------------------------------------------------------------
+    def _terms(self, number: int, sign: int, found: list[tuple[int, int]]) -> None:
+        """Appends the terms (sign, old node) of a sum, looking into those parts that nobody else reads."""
+        node = self.old.nodes[number]
+        if node.op == "neg" and self.uses[number] == 1:
+            self._terms(node.args[0], -sign, found)
+        elif node.op in _SUM and self.uses[number] == 1:
+            self._terms(node.args[0], sign, found)
+            self._terms(node.args[1], sign if node.op == "add" else -sign, found)
+        else:
+            found.append((sign, number))
+
+    def _sum(self, number: int) -> int:
+        node = self.old.nodes[number]
+        old_terms: list[tuple[int, int]] = []
+        self._terms(node.args[0], 1, old_terms)
+        self._terms(node.args[1], 1 if node.op == "add" else -1, old_terms)
+        terms = [(sign, self.node(term)) for sign, term in old_terms]
+        logistic = self._one_plus_tanh(terms)
+        if logistic is not None:
+            return logistic
+        # Constants, inputs, states; products last within a level, so that each can be fused with the addition.
+        ordered = sorted(terms, key=lambda term: (self.new.levels[term[1]], self._is_product(term[1]), term[0] < 0))
+        sign, total = ordered[0]
+        if sign < 0:
+            total = self.new.make("neg", total)
+        for sign, term in ordered[1:]:
+            total = self.new.make("add" if sign > 0 else "sub", total, term)
+        return total
+
+    def _is_product(self, number: int) -> bool:
+        node = self.new.nodes[number]
+        return node.op == "mul" or (node.op == "neg" and self.new.nodes[node.args[0]].op == "mul")
+
+    def _one_plus_tanh(self, terms: list[tuple[int, int]]) -> int | None:
+        """``1 + tanh(y)`` is ``2*logistic(2 y)``: cheaper, and accurate in the tail where the sum cancels."""
+        if len(terms) != 2:
+            return None
+        for (sign_one, one), (sign, other) in (terms, terms[::-1]):
+            node = self.new.nodes[other]
+            flipped = -1
+            if node.op == "neg":
+                node, flipped = self.new.nodes[node.args[0]], 1
+            if sign_one > 0 and self.new.is_constant(one, 1.0) and node.op == "tanh":
+                twice = self._times([self.new.constant(2.0), node.args[0]])
+                argument = twice if sign != flipped else self.new.make("neg", twice)
+                return self.new.make("mul", self.new.constant(2.0), self.new.make("logistic", argument))
+        return None
+
+    # -- products --------------------------------------------------------------------------------------------------
+    def _factors(self, number: int, power: int, found: list[tuple[int, int]]) -> int:
+        """Appends the factors (power +1 or -1, old node) of a product; returns its sign."""
+        node = self.old.nodes[number]
+        alone = self.uses[number] == 1
+        if node.op == "neg":
+            return -self._factors(node.args[0], power, found)
+        if node.op == "inv":
+            return self._factors(node.args[0], -power, found)
+        # Reciprocals of the factors of a denominator can be shared, whoever else reads the product.
+        if node.op == "mul" and (alone or power < 0):
+            return self._factors(node.args[0], power, found) * self._factors(node.args[1], power, found)
+        found.append((power, number))
+        return 1
+
+    def _product(self, number: int) -> int:
+        node = self.old.nodes[number]
+        old_factors: list[tuple[int, int]] = []
+        if node.op == "inv":
+            sign = self._factors(node.args[0], -1, old_factors)
+        else:
+            sign = self._factors(node.args[0], 1, old_factors) * self._factors(node.args[1], 1, old_factors)
+        factors = []
+        for power, factor in old_factors:
+            new = self.node(factor)
+            factors.append(new if power > 0 else self._reciprocal(new))
+        product = self._times(factors)
+        return product if sign > 0 else self.new.make("neg", product)
+
+    def _reciprocal(self, number: int) -> int:
+        """Reciprocal, taken factor by factor where the node turned out to be a product."""
+        node: Node = self.new.nodes[number]
+        if node.op == "mul":
+            return self._times([self._reciprocal(a) for a in node.args])
+        return self.new.make("inv", number)
+
+    def _flatten(self, number: int) -> list[int]:
+        """Factors of a product of the new graph as far as they separate the levels."""
+        node = self.new.nodes[number]
+        if node.op == "mul" and self.new.levels[node.args[0]] != self.new.levels[node.args[1]]:
+            return self._flatten(node.args[0]) + self._flatten(node.args[1])
+        return [number]
+
+    def _times(self, factors: list[int]) -> int:
+        """Product with the factors gathered by level."""
+        parts = [part for factor in factors for part in self._flatten(factor)]
+        sign = 1
+        for k, part in enumerate(parts):
+            if self.new.nodes[part].op == "neg":
+                parts[k] = self.new.nodes[part].args[0]
+                sign = -sign
+        parts.sort(key=lambda part: (self.new.levels[part], part))
+        product: int | None = None
+        for level in Level:
+            of_level = [part for part in parts if self.new.levels[part] == level]
+            grouped: int | None = None
+            for part in of_level:
+                grouped = part if grouped is None else self.new.make("mul", grouped, part)
+            if grouped is not None:
+                product = grouped if product is None else self.new.make("mul", product, grouped)
+        assert product is not None
+        return product if sign > 0 else self.new.make("neg", product)

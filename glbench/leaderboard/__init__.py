@@ -1,0 +1,27 @@
+"""Statistics over runs, ranking of agents, and leaderboard tables. Nothing in here simulates."""
+
+from __future__ import annotations
+
+from glbench.leaderboard.collect import Expectation, StoredResult, collect_results
+from glbench.leaderboard.files import write_leaderboard
+from glbench.leaderboard.ranking import Estimate, Row, TaskTable, estimate, estimates_of, rank
+from glbench.leaderboard.statistics import bootstrap_interval, interquartile_mean, mean
+from glbench.leaderboard.tables import to_frame, to_markdown
+
+__all__ = [
+    "Estimate",
+    "Expectation",
+    "Row",
+    "StoredResult",
+    "TaskTable",
+    "bootstrap_interval",
+    "collect_results",
+    "estimate",
+    "estimates_of",
+    "interquartile_mean",
+    "mean",
+    "rank",
+    "to_frame",
+    "to_markdown",
+    "write_leaderboard",
+]

@@ -1,0 +1,103 @@
+"""Finding result files, and refusing sets of results that cannot be compared."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from glbench.errors import ResultError
+from glbench.evaluation import Result, load_result
+
+
+@dataclass(frozen=True)
+class StoredResult:
+    """A result and the file that holds it."""
+
+    path: Path
+    result: Result
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What a published task asks of a result that wants a rank: the task's digest and the evaluation seeds."""
+
+    digest: str
+    seeds: tuple[int, ...]
+
+
+def collect_results(folders: Iterable[Path]) -> tuple[StoredResult, ...]:
+    """Read every ``*.json`` below ``folders``; of two results of one agent and task the earlier folder's counts.
+
+    Returns
+    -------
+    tuple of StoredResult
+        Sorted by task id, then agent name.
+
+    Raises
+    ------
+    ResultError
+        When a file is no valid result, or when one folder holds two results of one agent and task.
+    """
+    chosen: dict[tuple[str, str], StoredResult] = {}
+    for folder in _distinct(folders):
+        here: dict[tuple[str, str], StoredResult] = {}
+        for path in sorted(folder.rglob("*.json")):
+            stored = StoredResult(path, load_result(path))
+            key = (stored.result.task.id, stored.result.agent.name)
+            if key in here:
+                msg = (
+                    f"Two results of agent '{key[1]}' on task '{key[0]}': {here[key].path} and {path}. "
+                    "Remove one, or give one of the agents another name."
+                )
+                raise ResultError(msg)
+            here[key] = stored
+        chosen = {**here, **chosen}
+    return tuple(chosen[key] for key in sorted(chosen))
+
+
+def refuse_mixed_digests(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> None:
+    """Results under one task id must be results of one and the same task.
+
+    Raises
+    ------
+    ResultError
+        When the digests of a task's results differ from each other, or from the published digest in ``expected``.
+    """
+    by_task: dict[str, dict[str, list[StoredResult]]] = {}
+    for item in stored:
+        by_task.setdefault(item.result.task.id, {}).setdefault(item.result.task.digest, []).append(item)
+    for task_id, by_digest in by_task.items():
+        published = expected.get(task_id)
+        if published is not None:
+            strangers = [item for digest, items in by_digest.items() if digest != published.digest for item in items]
+            if strangers:
+                raise ResultError(_stranger_message(task_id, published.digest, strangers))
+        elif len(by_digest) > 1:
+            raise ResultError(_mixture_message(task_id, by_digest))
+
+
+def _distinct(folders: Iterable[Path]) -> list[Path]:
+    """The folders that exist, each once, in the order given."""
+    return list({folder.resolve(): folder for folder in folders if folder.is_dir()}.values())
+
+
+def _stranger_message(task_id: str, digest: str, strangers: list[StoredResult]) -> str:
+    files = "\n".join(f"  {item.path} ({item.result.task.digest[:12]}...)" for item in strangers)
+    return (
+        f"These results are not of '{task_id}' as it is published (digest {digest[:12]}...):\n{files}\n"
+        "They were made with another definition, other weather or another version of the model, and cannot be ranked with it. "
+        "Evaluate these agents again with `glbench evaluate`, or move the files away."
+    )
+
+
+def _mixture_message(task_id: str, by_digest: Mapping[str, list[StoredResult]]) -> str:
+    lines = [
+        f"  {digest[:12]}...: {', '.join(str(item.path) for item in items)}" for digest, items in by_digest.items()
+    ]
+    return (
+        f"The results under the task id '{task_id}' are of {len(by_digest)} different tasks:\n"
+        + "\n".join(lines)
+        + "\n"
+        "Evaluate the agents again on one definition of the task, or give the changed task another id."
+    )

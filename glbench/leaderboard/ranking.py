@@ -1,0 +1,127 @@
+"""From stored results to ranked rows: estimates with intervals, complete results first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from glbench.evaluation import Result
+from glbench.evaluation.metrics import METRIC_NAMES
+from glbench.leaderboard.collect import Expectation, StoredResult, refuse_mixed_digests
+from glbench.leaderboard.statistics import bootstrap_interval, interquartile_mean, mean
+
+RANKING_METRIC = "reward"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A metric over runs: mean, interquartile mean, and the 95 % bootstrap interval of the mean, all in the metric's unit."""
+
+    mean: float
+    iqm: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """One agent on one task.
+
+    ``rank`` is ``None`` when the result lacks runs of the task's evaluation; ``remark`` then says so.
+    """
+
+    task_id: str
+    agent: str
+    rank: int | None
+    privileged: bool
+    runs: int
+    failed: int
+    estimates: Mapping[str, Estimate]
+    task_digest: str
+    results_digest: str
+    remark: str
+
+
+@dataclass(frozen=True)
+class TaskTable:
+    """All rows of one task, best first, unranked rows last."""
+
+    task_id: str
+    title: str
+    digest: str
+    rows: tuple[Row, ...]
+
+
+def estimate(values: Iterable[float]) -> Estimate:
+    """Mean, interquartile mean and 95 % interval of one metric over runs."""
+    sample = np.fromiter(values, dtype=np.float64)
+    low, high = bootstrap_interval(sample)
+    return Estimate(float(mean(sample)), float(interquartile_mean(sample)), low, high)
+
+
+def estimates_of(result: Result) -> dict[str, Estimate]:
+    """Estimates of every metric of ``result``."""
+    return {name: estimate(result.values(name)) for name in METRIC_NAMES}
+
+
+def rank(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> tuple[TaskTable, ...]:
+    """Rank the agents of every task by the mean of ``reward``, highest first.
+
+    Parameters
+    ----------
+    stored
+        Results, at most one an agent and task.
+    expected
+        Digest and seeds of the published tasks by id. A task that is not in it (a user's own) is ranked over the largest
+        set of seeds among its results.
+
+    Raises
+    ------
+    ResultError
+        When results of different tasks stand under one id.
+    """
+    items = tuple(stored)
+    refuse_mixed_digests(items, expected)
+    tables = []
+    for task_id in sorted({item.result.task.id for item in items}):
+        results = [item.result for item in items if item.result.task.id == task_id]
+        tables.append(_table(task_id, results, _expected_seeds(task_id, results, expected)))
+    return tuple(tables)
+
+
+def _expected_seeds(task_id: str, results: list[Result], expected: Mapping[str, Expectation]) -> tuple[int, ...]:
+    if task_id in expected:
+        return expected[task_id].seeds
+    return max((result.evaluation.seeds for result in results), key=lambda seeds: (len(seeds), seeds))
+
+
+def _table(task_id: str, results: list[Result], seeds: tuple[int, ...]) -> TaskTable:
+    complete = [(result, estimates_of(result)) for result in results if result.evaluation.seeds == seeds]
+    complete.sort(key=lambda pair: (-pair[1][RANKING_METRIC].mean, pair[0].agent.name))
+    rows: list[Row] = []
+    for position, (result, estimates) in enumerate(complete, start=1):
+        tied = bool(rows) and rows[-1].estimates[RANKING_METRIC].mean == estimates[RANKING_METRIC].mean
+        rows.append(_row(result, estimates, rows[-1].rank if tied else position, ""))
+    for result in sorted((r for r in results if r.evaluation.seeds != seeds), key=lambda r: r.agent.name):
+        remark = f"not ranked: {result.evaluation.runs} runs with other seeds than the task's {len(seeds)}"
+        if result.evaluation.seeds == seeds[: result.evaluation.runs]:
+            remark = f"not ranked: {result.evaluation.runs} of {len(seeds)} runs"
+        rows.append(_row(result, estimates_of(result), None, remark))
+    return TaskTable(task_id, results[0].task.title, results[0].task.digest, tuple(rows))
+
+
+def _row(result: Result, estimates: Mapping[str, Estimate], rank_: int | None, remark: str) -> Row:
+    return Row(
+        task_id=result.task.id,
+        agent=result.agent.name,
+        rank=rank_,
+        privileged=result.agent.privileged,
+        runs=result.evaluation.runs,
+        failed=result.summary.failed,
+        estimates=estimates,
+        task_digest=result.task.digest,
+        results_digest=result.results_digest,
+        remark=remark,
+    )

@@ -1,0 +1,134 @@
+"""Leaderboards as Markdown, and as one data frame for CSV and Parquet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from glbench.evaluation.metrics import METRICS, UNITS
+from glbench.leaderboard.ranking import Estimate, Row, TaskTable
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PRIVILEGED_MARK = "†"
+FOOTNOTES = (
+    "Mean over the task's seeded runs, with the 95 % bootstrap interval of the mean; IQM is the mean of the middle half of the runs. "
+    "Reward and penalty have no unit. EPI is revenue minus the costs of heat, electricity and CO2. "
+    "Failed runs count at the task's stated penalty.",
+    f"{PRIVILEGED_MARK} privileged: sees more than the observations, or acts without the rate limit.",
+)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A metric column of the Markdown tables: heading with unit, number of decimals, with or without interval."""
+
+    metric: str
+    heading: str
+    decimals: int
+    interval: bool
+
+
+COLUMNS = (
+    Column("reward", "Reward", 1, interval=True),
+    Column("epi", "EPI [EUR/m²]", 3, interval=True),
+    Column("penalty", "Penalty", 1, interval=True),
+    Column("yield", "Yield, fresh [kg/m²]", 2, interval=False),
+    Column("heat", "Heat [kWh/m²]", 1, interval=False),
+    Column("electricity", "Electricity [kWh/m²]", 1, interval=False),
+    Column("co2", "CO2 [kg/m²]", 2, interval=False),
+    Column("hours_outside_limits", "Outside limits [h]", 0, interval=False),
+)
+
+
+def format_estimate(estimate: Estimate, column: Column) -> str:
+    """Text of one cell, ``-4.716 [-4.720, -4.712]`` or ``12.3``, in the column's unit."""
+    text = f"{estimate.mean:.{column.decimals}f}"
+    if column.interval:
+        text += f" [{estimate.low:.{column.decimals}f}, {estimate.high:.{column.decimals}f}]"
+    return text
+
+
+def to_markdown(tables: Sequence[TaskTable], suites: Mapping[str, Sequence[str]]) -> str:
+    """The whole leaderboard: an overview of every suite that has results, then one table a task."""
+    parts = ["# Leaderboard", ""]
+    for name, task_ids in suites.items():
+        parts += _overview(name, [table for task_id in task_ids for table in tables if table.task_id == task_id])
+    for table in tables:
+        parts += [
+            f"## {table.title}",
+            "",
+            f"`{table.task_id}`, digest `{table.digest[:12]}`",
+            "",
+            *_task_rows(table),
+            "",
+        ]
+    parts += [line for note in FOOTNOTES for line in (note, "")]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
+    """One row an agent and task: rank, provenance, and ``<metric>_mean``, ``_iqm``, ``_low``, ``_high`` with the unit in brackets."""
+    import pandas as pd
+
+    records = []
+    for table in tables:
+        for row in table.rows:
+            record: dict[str, object] = {
+                "task": row.task_id,
+                "rank": row.rank,
+                "agent": row.agent,
+                "privileged": row.privileged,
+                "runs": row.runs,
+                "failed_runs": row.failed,
+                "remark": row.remark,
+            }
+            for metric in METRICS:
+                estimate = row.estimates[metric.name]
+                for part in ("mean", "iqm", "low", "high"):
+                    record[f"{metric.name}_{part} [{UNITS[metric.name]}]"] = getattr(estimate, part)
+            records.append({**record, "task_digest": row.task_digest, "results_digest": row.results_digest})
+    return pd.DataFrame(records).astype({"rank": "Int64"}) if records else pd.DataFrame()
+
+
+def _overview(suite: str, tables: Sequence[TaskTable]) -> list[str]:
+    """Mean reward, EPI and penalty of every agent over the tasks of a suite, side by side."""
+    if len(tables) < 2:
+        return []
+    agents = sorted({row.agent for table in tables for row in table.rows if row.rank is not None})
+    lines = [f"## Suite `{suite}` at a glance", ""]
+    for column in COLUMNS[:3]:
+        heads = [table.task_id.rpartition("/")[2] for table in tables]
+        lines += [f"| {column.heading}, mean | " + " | ".join(heads) + " |", "|---|" + "---:|" * len(heads)]
+        lines += [
+            "| " + " | ".join([agent, *(_mean_of(agent, table, column) for table in tables)]) + " |" for agent in agents
+        ]
+        lines.append("")
+    return lines
+
+
+def _mean_of(agent: str, table: TaskTable, column: Column) -> str:
+    for row in table.rows:
+        if row.agent == agent and row.rank is not None:
+            return f"{row.estimates[column.metric].mean:.{column.decimals}f}"
+    return "–"
+
+
+def _task_rows(table: TaskTable) -> list[str]:
+    heads = ["#", "Agent", *(column.heading for column in COLUMNS), "Reward, IQM", "Runs"]
+    lines = ["| " + " | ".join(heads) + " |", "|---:|---|" + "---:|" * (len(heads) - 2)]
+    return lines + ["| " + " | ".join(cells(row)) + " |" for row in table.rows]
+
+
+def cells(row: Row) -> list[str]:
+    """Texts of a row in the order of the Markdown table: rank, agent, metrics, IQM of the reward, runs."""
+    runs = f"{row.runs}" if row.failed == 0 else f"{row.runs} ({row.failed} failed)"
+    return [
+        "–" if row.rank is None else str(row.rank),
+        row.agent + (f" {PRIVILEGED_MARK}" if row.privileged else ""),
+        *(format_estimate(row.estimates[column.metric], column) for column in COLUMNS),
+        f"{row.estimates['reward'].iqm:.1f}",
+        f"{runs}; {row.remark}" if row.remark else runs,
+    ]

@@ -1,0 +1,32 @@
+"""Units as written in the tables, compared by meaning: ``W/m2`` is ``W m-2``, ``m²`` is ``m2``."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+
+_SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+_SPELLINGS = {"degC": "°C", "℃": "°C", "deg": "°", "µmol": "umol", "μmol": "umol", "days": "day", "d": "day"}
+_FACTOR = re.compile(r"(?P<power>/?)\s*(?P<symbol>[^\s\d/*·^()+-]+)\^?(?P<exponent>[+-]?\d+(?:\.\d+)?)?")
+_NO_UNIT = frozenset({"", "-", "1", "–"})
+
+
+def parse_unit(text: str) -> dict[str, float]:
+    """Exponent of every symbol in a unit, for example ``{"W": 1, "m": -2}``; empty for a number without unit.
+
+    Every ``/`` applies to the one symbol after it.
+    """
+    plain = text.translate(_SUPERSCRIPTS).strip()
+    if plain in _NO_UNIT:
+        return {}
+    exponents: Counter[str] = Counter()
+    for factor in _FACTOR.finditer(plain):
+        symbol = _SPELLINGS.get(factor["symbol"], factor["symbol"])
+        exponent = float(factor["exponent"] or 1)
+        exponents[symbol] += -exponent if factor["power"] else exponent  # type: ignore[assignment]
+    return {symbol: exponent for symbol, exponent in exponents.items() if exponent}
+
+
+def same_unit(one: str, other: str) -> bool:
+    """Whether two texts mean the same unit. Nothing is converted: ``kW`` is not ``W``."""
+    return parse_unit(one) == parse_unit(other)

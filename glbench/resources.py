@@ -1,0 +1,93 @@
+"""Where the data folders are, in a checkout and in an installed wheel; and how files are written.
+
+The folders ``tasks``, ``baselines``, ``weather``, ``submissions`` and ``reports`` stand beside the package in a checkout and
+inside it (``glbench/_data``) in a wheel. Nothing in them is ever imported as a module of the package.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+from typing import Literal
+
+from glbench.errors import GlbenchError
+
+DataFolder = Literal["tasks", "baselines", "weather", "submissions", "reports/results"]
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def data_folder(name: DataFolder) -> Path:
+    """Folder of the shipped data ``name``: the checkout's own, else the copy inside the installed package."""
+    packaged = _PACKAGE / "_data" / name
+    if packaged.is_dir():
+        return packaged
+    checkout = _PACKAGE.parent / name
+    if checkout.is_dir() and (_PACKAGE.parent / "pyproject.toml").is_file():
+        return checkout
+    msg = (
+        f"glbench's data folder '{name}' is neither at {packaged} nor at {checkout}. "
+        "The installation is incomplete: install glbench again, or run from a complete checkout."
+    )
+    raise GlbenchError(msg)
+
+
+def user_data_folder() -> Path:
+    """Folder for data the user adds (imported weather); ``GLBENCH_DATA`` overrides the platform's default."""
+    override = os.environ.get("GLBENCH_DATA")
+    if override:
+        return Path(override).expanduser()
+    base = os.environ.get("XDG_DATA_HOME") or str(Path.home() / ".local" / "share")
+    return Path(base) / "glbench"
+
+
+def cache_folder() -> Path:
+    """Folder for things that can be made again; ``GLBENCH_CACHE`` overrides the platform's default."""
+    override = os.environ.get("GLBENCH_CACHE")
+    if override:
+        return Path(override).expanduser()
+    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "glbench"
+
+
+def write_atomically(path: Path, data: bytes | str) -> None:
+    """Write ``data`` to ``path`` so that a reader sees the old file or the new one, never a part.
+
+    Raises
+    ------
+    GlbenchError
+        When the folder cannot be made or written to (missing permission, full disk, a file in the way).
+    """
+    payload = data.encode("utf-8") if isinstance(data, str) else data
+    temporary: Path | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".partial", dir=path.parent)
+        temporary = Path(name)
+        with os.fdopen(handle, "wb") as file:
+            file.write(payload)
+            file.flush()
+            os.fsync(file.fileno())
+        # mkstemp makes files private; results are meant to be shared like any other file.
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o666 & ~umask)
+        temporary.replace(path)
+    except OSError as error:
+        msg = f"Cannot write {path}: {error.strerror or error}. Choose a folder that you may write to, or free some space."
+        raise GlbenchError(msg) from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def sha256_of_files(root: Path, files: list[Path]) -> str:
+    """SHA-256 over names (relative to ``root``) and contents of ``files``, independent of the order given."""
+    digest = hashlib.sha256()
+    for file in sorted(files, key=lambda f: f.relative_to(root).as_posix()):
+        name = file.relative_to(root).as_posix().encode("utf-8")
+        content = file.read_bytes()
+        digest.update(len(name).to_bytes(8, "big") + name + len(content).to_bytes(8, "big") + content)
+    return digest.hexdigest()

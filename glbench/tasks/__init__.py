@@ -1,0 +1,69 @@
+"""Tasks: what is to be controlled, where, for how long and how it is scored, as data with a digest.
+
+A task is a TOML file without code. Published ones are in the folder ``tasks`` with a lock; they never change. docs/tasks.md
+explains the format.
+"""
+
+from __future__ import annotations
+
+from glbench.registration import register_tasks
+from glbench.tasks.card import Action, Constraint, Place, Prices, TaskCard, task_card
+from glbench.tasks.digest import Fingerprint
+from glbench.tasks.library import (
+    DEFAULT_TASK,
+    get_suite,
+    get_task,
+    list_suites,
+    list_tasks,
+    lock_new_tasks,
+)
+from glbench.tasks.lock import LockEntry, read_lock
+from glbench.tasks.quantities import Capacity, ObservationContext, Quantity
+from glbench.tasks.spec import TaskSpec
+from glbench.tasks.vocabulary import (
+    ACTUATION_KINDS,
+    DISTRIBUTIONS,
+    INITIAL_STATES,
+    METRICS,
+    MODEL_VARIANTS,
+    OBSERVATION_MODULES,
+    PREPROCESSINGS,
+    REWARD_MODULES,
+    ObservationModule,
+    Registry,
+    Word,
+)
+
+__all__ = [
+    "ACTUATION_KINDS",
+    "DEFAULT_TASK",
+    "DISTRIBUTIONS",
+    "INITIAL_STATES",
+    "METRICS",
+    "MODEL_VARIANTS",
+    "OBSERVATION_MODULES",
+    "PREPROCESSINGS",
+    "REWARD_MODULES",
+    "Action",
+    "Capacity",
+    "Constraint",
+    "Fingerprint",
+    "LockEntry",
+    "ObservationContext",
+    "ObservationModule",
+    "Place",
+    "Prices",
+    "Quantity",
+    "Registry",
+    "TaskCard",
+    "TaskSpec",
+    "Word",
+    "get_suite",
+    "get_task",
+    "list_suites",
+    "list_tasks",
+    "lock_new_tasks",
+    "read_lock",
+    "register_tasks",
+    "task_card",
+]

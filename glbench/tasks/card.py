@@ -1,0 +1,127 @@
+"""The task card: what an agent may know of its task. It holds no weather values and no seeds."""
+
+from __future__ import annotations
+
+import datetime as dt
+from dataclasses import dataclass
+
+from glbench.tasks.quantities import LIMITED, Capacity, Quantity
+from glbench.tasks.spec import TaskSpec
+from glbench.tasks.tables import Limits
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the greenhouse stands: degrees north and east, metres above sea level, time zone (IANA name)."""
+
+    station: str
+    latitude: float
+    longitude: float
+    altitude: float
+    timezone: str
+
+
+@dataclass(frozen=True)
+class Action:
+    """One entry of an action: the control it drives, and its bounds (dimensionless)."""
+
+    name: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """A quantity that should stay between ``low`` and ``high``; ``scale`` is the violation that costs 1 a step."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    scale: float
+
+
+@dataclass(frozen=True)
+class Prices:
+    """Prices [EUR per kg fresh fruit, kg CO2, kWh heat, kWh electricity] and dry matter content [kg dry per kg fresh]."""
+
+    fruit: float
+    dry_matter_content: float
+    co2: float
+    heat: float
+    electricity: float
+
+
+@dataclass(frozen=True)
+class TaskCard:
+    """Public information about a task.
+
+    ``observations`` and ``actions`` are in the order of the arrays; ``controls`` are all six controls of the greenhouse with
+    what each delivers at 1. An action of kind ``rate`` in [-1, 1] moves its control by ``max_change`` times the action; one
+    of kind ``set_point`` in [0, 1] is the control asked for, reached by at most ``max_change`` a step. ``delta`` and
+    ``half_width`` say how widely the uncertain parameters are drawn.
+    """
+
+    id: str
+    title: str
+    steps: int
+    step_seconds: float
+    start: dt.date
+    clock: str
+    place: Place
+    observations: tuple[Quantity, ...]
+    timing: str
+    forecast_steps: int
+    actions: tuple[Action, ...]
+    actuation: str
+    max_change: float
+    controls: tuple[Capacity, ...]
+    constraints: tuple[Constraint, ...]
+    prices: Prices
+    reward_modules: tuple[str, ...]
+    delta: float
+    half_width: float
+    redraw: str
+
+    @property
+    def observation_names(self) -> tuple[str, ...]:
+        """Names of the observed columns."""
+        return tuple(quantity.name for quantity in self.observations)
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Names of the controls that the entries of an action drive."""
+        return tuple(action.name for action in self.actions)
+
+
+def task_card(task: TaskSpec) -> TaskCard:
+    """Card of ``task``."""
+    record = task.record()
+    lowest = -1.0 if task.actuation.kind == "rate" else 0.0
+    return TaskCard(
+        id=task.id,
+        title=task.title,
+        steps=task.steps,
+        step_seconds=task.step_seconds,
+        start=task.weather.start,
+        clock="UTC" if task.weather.preprocessing == "paper" else record.timezone,
+        place=Place(record.station, record.latitude, record.longitude, record.altitude, record.timezone),
+        observations=task.observed(),
+        timing=task.observation.timing,
+        forecast_steps=task.observation.forecast_steps,
+        actions=tuple(Action(name, lowest, 1.0) for name in task.actuation.controls),
+        actuation=task.actuation.kind,
+        max_change=task.actuation.max_change,
+        controls=task.capacities(),
+        constraints=tuple(_constraint(task, name, limits) for name, limits in task.constraints.items()),
+        prices=Prices(**task.prices.model_dump()),
+        reward_modules=task.reward.modules,
+        delta=task.uncertainty.delta,
+        half_width=task.uncertainty.half_width,
+        redraw=task.uncertainty.redraw,
+    )
+
+
+def _constraint(task: TaskSpec, name: str, limits: Limits) -> Constraint:
+    scale = dict(task.reward.penalty_scale.items())[name]
+    return Constraint(name, LIMITED[name], limits.low, limits.high, scale)

@@ -1,0 +1,173 @@
+"""Finding tasks: by id among the shipped ones, or by path among the user's own; and the suites they form."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.registration import task_files, task_ids
+from glbench.tasks.digest import definition_digest
+from glbench.tasks.lock import (
+    LockEntry,
+    check_against_lock,
+    check_definition_against_lock,
+    lock_path,
+    read_lock,
+    write_lock,
+)
+from glbench.tasks.reading import read_task
+from glbench.tasks.spec import TaskSpec
+
+DEFAULT_TASK = "glbench/Schiphol2010-Delta10-v1"
+"""The task that is meant when none is named."""
+
+
+def get_task(id_or_path: str | Path) -> TaskSpec:
+    """Task with an id such as ``glbench/Schiphol2010-Delta10-v1`` (or its short form), or of a ``.toml`` file.
+
+    A published task is compared with the lock, weather and model included, once a process. A file of your own is loaded as
+    it is; its ``locked`` is false.
+
+    Raises
+    ------
+    UnknownNameError
+        When there is no task of that id; names the nearest.
+    TaskError
+        When the definition is invalid, when a published task was changed, or when a file uses a published id for another
+        task.
+    """
+    path = Path(id_or_path)
+    if isinstance(id_or_path, Path) or path.suffix == ".toml":
+        return _load(path)
+    ids = task_ids()
+    by_short_form = {task_id.partition("/")[2]: task_id for task_id in ids}
+    full_id = id_or_path if id_or_path in ids else by_short_form.get(id_or_path)
+    if full_id is None:
+        near = did_you_mean(id_or_path, ids if "/" in id_or_path else by_short_form)
+        msg = (
+            f"There is no task '{id_or_path}'.{near} `glbench tasks list` shows all; a file of your own ends in .toml."
+        )
+        raise UnknownNameError(msg)
+    return _load(ids[full_id])
+
+
+def list_tasks() -> list[TaskSpec]:
+    """All shipped tasks, in the order of their files.
+
+    Their files are compared with the lock; weather and model are only when a task is taken with ``get_task``.
+
+    Raises
+    ------
+    TaskError
+        When a file is invalid or a published one was changed.
+    """
+    return [_read_listed(path) for path in task_files()]
+
+
+def list_suites() -> dict[str, tuple[str, ...]]:
+    """Names of the suites and the ids of their tasks."""
+    suites: dict[str, list[str]] = {}
+    for task in list_tasks():
+        for suite in task.suites:
+            suites.setdefault(suite, []).append(task.id)
+    return {suite: tuple(ids) for suite, ids in suites.items()}
+
+
+def get_suite(name: str) -> tuple[TaskSpec, ...]:
+    """Tasks of a suite, each compared with the lock.
+
+    Raises
+    ------
+    UnknownNameError
+        When there is no such suite; names the nearest.
+    TaskError
+        As for ``get_task``.
+    """
+    suites = list_suites()
+    if name not in suites:
+        msg = f"There is no suite '{name}'.{did_you_mean(name, suites)}"
+        raise UnknownNameError(msg)
+    return tuple(get_task(task_id) for task_id in suites[name])
+
+
+def lock_new_tasks() -> tuple[LockEntry, ...]:
+    """Add the shipped tasks that are not locked yet to the lock and return the new entries.
+
+    Raises
+    ------
+    TaskError
+        When a locked task was changed: nothing is written then, because a lock entry never changes.
+    """
+    entries = dict(read_lock())
+    new = []
+    for path in task_files():
+        task = read_task(path)
+        check_file_name(task, path)
+        if task.id in entries:
+            check_against_lock(task, entries[task.id])
+        else:
+            entries[task.id] = LockEntry(task.id, path.name, task.fingerprint())
+            new.append(entries[task.id])
+    if new:
+        write_lock(entries, lock_path())
+    return tuple(new)
+
+
+def check_file_name(task: TaskSpec, path: Path) -> None:
+    """Refuse a shipped task whose file is not called after its id.
+
+    Raises
+    ------
+    TaskError
+        With the name the file should have.
+    """
+    expected = f"{task.short_id.lower()}.toml"
+    if path.name != expected:
+        msg = f"{task.source} defines '{task.id}', so its file must be called {expected}. Rename the file or correct the id."
+        raise TaskError(msg)
+
+
+def _load(path: Path) -> TaskSpec:
+    """The task of a file, compared with the lock if its id is published."""
+    lock = lock_path()
+    return _load_state(path.resolve(), _state(path), lock, _state(lock))
+
+
+@lru_cache(maxsize=256)
+def _load_state(path: Path, _file: tuple[int, int], _lock: Path, _lock_state: tuple[int, int]) -> TaskSpec:
+    """``_load`` for one state of file and lock, so that a task is checked once a process and again when a file changes."""
+    task = read_task(path)
+    entry = read_lock().get(task.id)
+    if entry is None:
+        task.fingerprint()  # whatever cannot be resolved is told now and not in the middle of a run
+    elif _is_shipped(path):
+        check_against_lock(task, entry)
+    elif task.digest != entry.digest:
+        msg = (
+            f"{task.source} uses the id '{task.id}' of a published task, but defines another one (published "
+            f"{entry.digest[:8]}..., found {task.digest[:8]}...). Give your task an id of your own, such as 'mylab/{task.short_id}'."
+        )
+        raise TaskError(msg)
+    return task
+
+
+def _state(path: Path) -> tuple[int, int]:
+    try:
+        status = path.stat()
+    except OSError:
+        return (0, 0)
+    return (status.st_mtime_ns, status.st_size)
+
+
+def _is_shipped(path: Path) -> bool:
+    return path.parent == lock_path().parent.resolve()
+
+
+def _read_listed(path: Path) -> TaskSpec:
+    """A shipped task whose file, but not weather and model, is compared with the lock."""
+    task = read_task(path)
+    entry = read_lock().get(task.id)
+    if entry is not None:
+        check_definition_against_lock(task, entry, definition_digest(task))
+    return task

@@ -1,0 +1,146 @@
+"""Reading a task file: from TOML to a ``TaskSpec``, with every mistake told in words.
+
+A message names the file, the table, the key, the value found and what is allowed. All mistakes of a file are listed at once.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from glbench.errors import TaskError, did_you_mean
+from glbench.resources import data_folder
+from glbench.tasks.spec import TaskSpec
+from glbench.tasks.tables import Table
+
+_LONGEST_VALUE = 80
+
+
+def read_task(path: Path) -> TaskSpec:
+    """Task of the file ``path``. Checks everything that can be checked without the model and the weather.
+
+    Raises
+    ------
+    TaskError
+        When the file cannot be read, is no TOML, or does not define a task.
+    """
+    shown = shown_path(path)
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        msg = f"There is no task file {shown}. `glbench tasks list` shows the tasks that are there."
+        raise TaskError(msg) from None
+    except (OSError, UnicodeDecodeError) as error:
+        msg = f"Cannot read the task file {shown}: {error}."
+        raise TaskError(msg) from error
+    except tomllib.TOMLDecodeError as error:
+        msg = f"{shown} is no valid TOML: {error}. Correct that line; tasks/ has files to compare with."
+        raise TaskError(msg) from error
+    try:
+        task = TaskSpec.model_validate(content)
+    except ValidationError as error:
+        problems = [_explain(detail) for detail in error.errors(include_url=False)]
+        raise TaskError(_listed(shown, problems)) from None
+    task._source = shown
+    return task
+
+
+def shown_path(path: Path) -> str:
+    """``path`` as messages name it: ``tasks/x.toml`` for shipped files, relative to the working folder where possible."""
+    resolved = path.resolve()
+    for folder, prefix in ((data_folder("tasks").resolve(), "tasks/"), (Path.cwd(), "")):
+        if resolved.is_relative_to(folder):
+            return prefix + resolved.relative_to(folder).as_posix()
+    return str(path)
+
+
+def _listed(shown: str, problems: list[str]) -> str:
+    if len(problems) == 1:
+        return f"{shown}: {problems[0]}"
+    return f"{shown} has {len(problems)} mistakes:\n" + "\n".join(f"  - {problem}" for problem in problems)
+
+
+def _explain(detail: ErrorDetails) -> str:
+    """One mistake in words."""
+    *tables, key = [str(part) for part in detail["loc"]] or ["the file"]
+    place = f"[{'.'.join(tables)}] " if tables else ""
+    owner, kind = _table_at(tables), detail["type"]
+    allowed = _description(owner, key)
+    if kind == "missing":
+        if _is_table(owner, key):
+            return f"the table [{'.'.join([*tables, key])}] is missing."
+        return f"{place}lacks the key '{key}': {allowed or 'it is required'}."
+    if kind == "extra_forbidden":
+        known = _keys(owner)
+        what = "table" if isinstance(detail["input"], Mapping) and not tables else "key"
+        return f"{place}'{key}' is no {what} that a task has.{did_you_mean(key, known) or ' Known: ' + ', '.join(known) + '.'}"
+    if kind == "model_type":
+        return f"[{'.'.join([*tables, key])}] must be a table, not {_shown(detail['input'])}."
+    if kind == "value_error":
+        reason = str(detail["ctx"]["error"])
+        if _is_table(owner, key):
+            return f"[{'.'.join([*tables, key])}] {reason}"
+        return f"{place}{key} = {_shown(detail['input'])}: {reason}"
+    return f"{place}{key} = {_shown(detail['input'])} is not allowed. It must be {allowed}."
+
+
+def _table_at(tables: list[str]) -> type[BaseModel]:
+    """The record that describes the table with these names."""
+    found: type[BaseModel] = TaskSpec
+    for name in tables:
+        inner = _record_of(found, name)
+        if inner is None:
+            break
+        found = inner
+    return found
+
+
+def _field(owner: type[BaseModel], key: str) -> Any:
+    for name, field in owner.model_fields.items():
+        if key in (name, field.alias) and key in _keys(owner):
+            return field
+    return None
+
+
+def _record_of(owner: type[BaseModel], key: str) -> type[BaseModel] | None:
+    field = _field(owner, key)
+    if field is None:
+        return None
+    for candidate in (field.annotation, *get_args(field.annotation)):
+        if isinstance(candidate, type) and issubclass(candidate, Table):
+            return candidate
+    return None
+
+
+def _is_table(owner: type[BaseModel], key: str) -> bool:
+    return _record_of(owner, key) is not None
+
+
+def _keys(owner: type[BaseModel]) -> list[str]:
+    """Keys of a table as a file writes them."""
+    return [field.alias or name for name, field in owner.model_fields.items()]
+
+
+def _description(owner: type[BaseModel], key: str) -> str:
+    field = _field(owner, key)
+    return (field.description or "") if field is not None else ""
+
+
+def _shown(value: object) -> str:
+    """A value as TOML would write it, shortened."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        text = f'"{value}"'
+    elif isinstance(value, Mapping):
+        text = "{ " + ", ".join(f"{key} = {_shown(inner)}" for key, inner in value.items()) + " }"
+    elif isinstance(value, list):
+        text = "[" + ", ".join(_shown(inner) for inner in value) + "]"
+    else:
+        text = str(value)
+    return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."

@@ -1,0 +1,182 @@
+"""The words a task file may use: observation and reward modules, kinds of actuation, distributions, start states.
+
+This is data, not behaviour: the environment computes the quantities that are named here. Every registry can be extended
+at run time with ``add`` (the environment's ``register_...`` functions do so), and a name that is in none of them is
+refused with the nearest known one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.tasks import quantities as tables
+from glbench.tasks.quantities import Quantity, QuantityTable
+
+
+class Named(Protocol):
+    """Anything a registry can hold: it has a name and a sentence that explains it."""
+
+    @property
+    def name(self) -> str:
+        """The word used in task files."""
+
+    @property
+    def meaning(self) -> str:
+        """What it is, in one sentence."""
+
+
+Entry = TypeVar("Entry", bound=Named)
+
+
+class Registry(Generic[Entry]):
+    """The known words of one kind, in the order they were added."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind = kind
+        self._entries: dict[str, Entry] = {}
+
+    def add(self, entry: Entry) -> Entry:
+        """Make ``entry`` known and return it.
+
+        Raises
+        ------
+        TaskError
+            When the name is taken: a word of the vocabulary never changes its meaning within a process.
+        """
+        if entry.name in self._entries:
+            msg = f"There is a {self.kind} called '{entry.name}' already. Give the new one another name."
+            raise TaskError(msg)
+        self._entries[entry.name] = entry
+        return entry
+
+    def __getitem__(self, name: str) -> Entry:
+        try:
+            return self._entries[name]
+        except KeyError:
+            msg = f"There is no {self.kind} called '{name}'.{did_you_mean(name, self._entries)}"
+            raise UnknownNameError(msg) from None
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._entries
+
+    def __iter__(self) -> Iterator[Entry]:
+        return iter(self._entries.values())
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All known words."""
+        return tuple(self._entries)
+
+
+@dataclass(frozen=True)
+class ObservationModule:
+    """A group of observed quantities that a task grants together, in a fixed order."""
+
+    name: str
+    meaning: str
+    quantities: QuantityTable
+    """Names, units and bounds of the columns, given what they may depend on (horizon, installed capacities)."""
+
+    is_forecast: bool = False
+    """Whether it shows coming weather: such a module needs ``[observation.forecast]`` in the task file."""
+
+
+@dataclass(frozen=True)
+class Word:
+    """A word without further data: reward modules, kinds of actuation, distributions, start states, metrics."""
+
+    name: str
+    meaning: str
+
+
+OBSERVATION_MODULES: Registry[ObservationModule] = Registry("observation module")
+REWARD_MODULES: Registry[Word] = Registry("reward module")
+ACTUATION_KINDS: Registry[Word] = Registry("kind of actuation")
+DISTRIBUTIONS: Registry[Word] = Registry("distribution")
+INITIAL_STATES: Registry[Word] = Registry("initial state")
+METRICS: Registry[Word] = Registry("metric")
+PREPROCESSINGS: Registry[Word] = Registry("preprocessing")
+MODEL_VARIANTS: Registry[Word] = Registry("model variant")
+
+for _module in (
+    ObservationModule("indoor_climate", "air temperature, CO2, humidity; pipe temperature", tables.indoor_climate),
+    ObservationModule("crop", "fruit mass, 24-hour mean temperature, temperature sum", tables.crop),
+    ObservationModule("time", "hour of day and day of year, each as sine and cosine", tables.time),
+    ObservationModule("controls", "the controls in force, in physical units", tables.controls),
+    ObservationModule("weather", "the five measured weather quantities", tables.weather),
+    ObservationModule("full_state", "all states of the model, in its own units", tables.full_state),
+    ObservationModule("step_counter", "number of steps taken", tables.step_counter),
+    ObservationModule("forecast", "the weather of the next steps, without error", tables.forecast, is_forecast=True),
+    # The groups and units of the published code, so that a task can show its 263 columns (docs/tasks.md).
+    ObservationModule("published_indoor_climate", "as indoor_climate, CO2 first", tables.published_indoor_climate),
+    ObservationModule("published_crop", "as crop, temperature first, fruit in mg m-2", tables.published_crop),
+    ObservationModule("control_fractions", "the controls in force, as fractions of capacity", tables.control_fractions),
+    ObservationModule("published_time", "as time, day of year first", tables.published_time),
+    ObservationModule(
+        "published_forecast",
+        "as forecast, with vapour pressure in Pa and CO2 in mg m-3",
+        tables.published_forecast,
+        is_forecast=True,
+    ),
+):
+    OBSERVATION_MODULES.add(_module)
+
+for _words, _entries in (
+    (
+        REWARD_MODULES,
+        {
+            "scaled_epi": "economic performance of the step: 0 at full use and no growth, 1 at full growth and no use",
+            "scaled_penalty": "minus the sum of the constraints' violations, each divided by its penalty scale",
+        },
+    ),
+    (
+        ACTUATION_KINDS,
+        {
+            "rate": "an action from -1 to 1 moves its control by up to max_change a step, within 0 and 1",
+            "set_point": "an action from 0 to 1 asks for a control, which moves there by at most max_change a step",
+        },
+    ),
+    (DISTRIBUTIONS, {"uniform": "parameters times 1 + e, e uniform between minus and plus the half width"}),
+    (INITIAL_STATES, {"mature_crop": "a bearing crop of leaf area index 2.5; all layers at the given air temperature"}),
+    (
+        PREPROCESSINGS,
+        {
+            "paper": "as the benchmark paper prepared its weather, its half-hour shifts included; the clock is UTC",
+            "conserving": "hourly sums and moments kept exactly; the clock is the greenhouse's own, with summer time",
+        },
+    ),
+    (
+        MODEL_VARIANTS,
+        {
+            "author": "the equations as the author of GreenLight defines them",
+            "gl_gym2": "the equations as the published benchmark code has them",
+        },
+    ),
+    (METRICS, {"reward": "sum of the reward over the horizon, averaged over the evaluation runs"}),
+):
+    for _name, _meaning in _entries.items():
+        _words.add(Word(_name, _meaning))
+
+__all__ = [
+    "ACTUATION_KINDS",
+    "DISTRIBUTIONS",
+    "INITIAL_STATES",
+    "METRICS",
+    "MODEL_VARIANTS",
+    "OBSERVATION_MODULES",
+    "PREPROCESSINGS",
+    "REWARD_MODULES",
+    "Entry",
+    "Named",
+    "ObservationModule",
+    "Quantity",
+    "QuantityTable",
+    "Registry",
+    "Word",
+]

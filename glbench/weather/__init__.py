@@ -1,0 +1,43 @@
+"""Weather: hourly records of real places, and the disturbances that the greenhouse feels.
+
+Example
+-------
+>>> import datetime as dt
+>>> from glbench.weather import disturbances, load_weather
+>>> spring = disturbances(load_weather("schiphol"), start=dt.date(2010, 3, 1), steps=96)
+>>> spring.values.shape
+(96, 10)
+"""
+
+from __future__ import annotations
+
+from glbench.weather.disturbances import PREPROCESSINGS, Disturbances, disturbances
+from glbench.weather.fetch import fetch_knmi
+from glbench.weather.knmi import read_knmi
+from glbench.weather.preprocessing import COLUMNS
+from glbench.weather.readers import FORMATS, read_weather
+from glbench.weather.record import QUANTITIES, Place, WeatherInfo, WeatherRecord
+from glbench.weather.store import list_weather, load_weather, save_weather
+from glbench.weather.table import read_csv
+from glbench.weather.typical import read_epw, read_tmy
+
+__all__ = [
+    "COLUMNS",
+    "FORMATS",
+    "PREPROCESSINGS",
+    "QUANTITIES",
+    "Disturbances",
+    "Place",
+    "WeatherInfo",
+    "WeatherRecord",
+    "disturbances",
+    "fetch_knmi",
+    "list_weather",
+    "load_weather",
+    "read_csv",
+    "read_epw",
+    "read_knmi",
+    "read_tmy",
+    "read_weather",
+    "save_weather",
+]

@@ -1,0 +1,217 @@
+"""The preprocessing ``conserving``: every value at its right time, and every hour's mean kept.
+
+- An **instant** at the end of a slot (temperature, vapour pressure, cloud) runs linearly to the end of the next slot.
+- A **mean** over a slot (wind) is held through the slot.
+- **Radiation** follows the sun within the hour: G(t) = kappa(t) max(sin beta, 0) with beta the geometric solar elevation and
+  kappa the clearness, linear between the slots' middles, scaled so that each hour keeps exactly its energy.
+- Row k is the **mean over step k**, so that the means over the steps of an hour are the hour's mean.
+- Clock and calendar are local (IANA zone, with summer time); the day's radiation sum belongs to the local calendar day.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from glbench.errors import WeatherError
+from glbench.weather.clock import time_zone, utc_offsets
+from glbench.weather.means import Means
+from glbench.weather.preprocessing import RAW_SECONDS, Prepared, Window, sigmoid
+from glbench.weather.psychrometrics import (
+    co2_density,
+    seconds_into_year,
+    sky_temperature_from_cloud,
+    sky_temperature_from_infrared,
+    soil_temperature,
+    vapour_pressure,
+)
+from glbench.weather.record import SLOT_SECONDS, FloatArray, IntArray, WeatherRecord, utc_text
+from glbench.weather.sun import sine_of_elevation
+
+VERSION = 1
+PARTS = SLOT_SECONDS // RAW_SECONDS
+DAY_SECONDS = 86400
+BRIGHTEST_BEAM = 1361.0  # W m-2, solar constant: kappa above it cannot be sunshine on a sun this low
+TWILIGHT_SINE = float(np.sin(np.radians(6.0)))  # civil twilight lasts until the sun is 6 deg below the horizon
+
+
+@dataclass(frozen=True)
+class Days:
+    """The local calendar days of a window: begin and end of each (seconds since 1970-01-01 UTC), and each step's day."""
+
+    begins: IntArray
+    ends: IntArray
+    of_step: IntArray
+
+
+def prepare(record: WeatherRecord, window: Window) -> Prepared:
+    """Disturbances of ``window``, each row the mean over its step.
+
+    At the record's two ends, where an instant has no neighbour, its value is held (for less than an hour).
+
+    Raises
+    ------
+    WeatherError
+        When a local calendar day of the window has daylight hours that the record does not cover.
+    """
+    days = _local_days(window, record.timezone)
+    first = (max(min(window.start, int(days.begins[0])), record.begin) - record.begin) // SLOT_SECONDS
+    last = -(-(min(max(window.end, int(days.ends[-1])), record.end) - record.begin) // SLOT_SECONDS)
+    slots = _Slots(record, first, last)
+    steps = Means(window.times, window.times + window.step, slots.begin, SLOT_SECONDS)
+    samples = Means(window.times, window.times + window.step, slots.begin, RAW_SECONDS)
+    temperature = slots.step_means("air_temperature", steps)
+    is_day = slots.is_day
+    is_day_smooth = np.where((is_day > 0.0) & (is_day < 1.0), sigmoid(is_day), is_day)
+    values = np.column_stack(
+        [
+            steps.of_amounts(slots.energy, slots.shares),
+            temperature,
+            slots.step_means("vapour_pressure", steps),
+            co2_density(temperature, window.co2_ppm),
+            slots.step_means("wind_speed", steps),
+            _sky_temperature(slots, steps, temperature),
+            soil_temperature(seconds_into_year(np.asarray(window.times + window.step / 2.0, dtype=np.float64))),
+            _radiation_sums(slots, days)[days.of_step],
+            samples.of_constants(is_day),
+            samples.of_constants(is_day_smooth),
+        ]
+    )
+    return Prepared(values, first, last)
+
+
+@dataclass(frozen=True)
+class _Slots:
+    """Slots ``first`` to ``last`` (exclusive) of a record, with the sun over them."""
+
+    record: WeatherRecord
+    first: int
+    last: int
+
+    @property
+    def begin(self) -> int:
+        """Start of the first slot, seconds since 1970-01-01 UTC."""
+        return self.record.begin + SLOT_SECONDS * self.first
+
+    @cached_property
+    def sine(self) -> FloatArray:
+        """Sine of the solar elevation in the middle of every 5 minutes, (slots + 2, 12): one slot more on either side."""
+        parts = (self.last - self.first + 2) * PARTS
+        middles = np.asarray(self.begin - SLOT_SECONDS + RAW_SECONDS * (np.arange(parts) + 0.5), dtype=np.float64)
+        return sine_of_elevation(middles, self.record.place).reshape(-1, PARTS)
+
+    @property
+    def energy(self) -> IntArray:
+        """Radiation received in each slot [J m-2]."""
+        return self.record.counts["global_radiation"][self.first : self.last]
+
+    @cached_property
+    def shares(self) -> FloatArray:
+        """Share of each slot's energy received by the start of each of its 5-minute parts, and by its end: (slots, 13)."""
+        sunshine = np.maximum(self.sine[1:-1], 0.0)
+        twilight = np.maximum(self.sine[1:-1] + TWILIGHT_SINE, 0.0)
+        hourly = self.record.values("global_radiation", self.first, self.last)
+        # What no sun this low can give is twilight (or a bright cloud): it follows the twilight, or is spread evenly.
+        from_sun = np.minimum(hourly, BRIGHTEST_BEAM * sunshine.mean(axis=1))
+        parts = from_sun[:, None] * _normalised(self._clearness() * sunshine)
+        parts += (hourly - from_sun)[:, None] * _normalised(twilight)
+        running = np.zeros((parts.shape[0], PARTS + 1))
+        np.cumsum(_normalised(parts), axis=1, out=running[:, 1:])
+        shares = np.minimum(running / PARTS, 1.0)
+        shares[:, -1] = 1.0
+        return shares
+
+    def _clearness(self) -> FloatArray:
+        """Kappa [W m-2] in the middle of every part, (slots, 12): linear between the middles of the sunlit slots."""
+        around = np.arange(self.first - 1, self.last + 1)
+        known = (around >= 0) & (around < self.record.hours)
+        hourly = self.record.values("global_radiation")[around[known]]
+        sunshine = np.maximum(self.sine, 0.0).mean(axis=1)[known]
+        sunlit = sunshine > 0.0
+        if not sunlit.any():
+            return np.ones((self.last - self.first, PARTS))
+        kappa = np.minimum(hourly[sunlit] / sunshine[sunlit], BRIGHTEST_BEAM)
+        middles = np.arange((self.last - self.first) * PARTS) / PARTS + 0.5 / PARTS + self.first
+        return np.interp(middles, around[known][sunlit] + 0.5, kappa).reshape(-1, PARTS)
+
+    @cached_property
+    def is_day(self) -> FloatArray:
+        """Day flag on the 5-minute parts: sun above the horizon, with ramps of one hour centred on sunrise and sunset."""
+        light = (self.sine > 0.0).astype(np.float64).ravel()
+        hour_around = np.concatenate(([0.5], np.ones(PARTS - 1), [0.5]))
+        margin = PARTS // 2
+        return np.asarray(np.convolve(light, hour_around, mode="valid")[margin:-margin] / PARTS, dtype=np.float64)
+
+    def step_means(self, name: str, steps: Means) -> FloatArray:
+        """Means over the steps of the quantity ``name``, or of ``"vapour_pressure"`` [Pa], read as its timing says."""
+        before = max(self.first - 1, 0)
+        timing = self.record.timing["air_temperature" if name == "vapour_pressure" else name]
+        values = self._hourly(name, before)
+        if timing == "mean":
+            return steps.of_constants(values[self.first - before :])
+        nodes = values if self.first > 0 else np.concatenate((values[:1], values))
+        return steps.of_lines(nodes)
+
+    def _hourly(self, name: str, first: int) -> FloatArray:
+        if name == "vapour_pressure":
+            temperature = self.record.values("air_temperature", first, self.last)
+            return vapour_pressure(temperature, self.record.values("relative_humidity", first, self.last))
+        values = self.record.values(name, first, self.last)
+        # KNMI's 9 means that the sky cannot be seen: as good as overcast.
+        return np.minimum(values, 8.0) if name == "cloud_cover" else values
+
+
+def _normalised(weights: FloatArray) -> FloatArray:
+    """``weights`` (slots, parts) with mean 1 in every row; a row of zeros becomes ones (spread evenly)."""
+    mean = weights.mean(axis=1, keepdims=True)
+    return np.where(mean > 0.0, weights, 1.0) / np.where(mean > 0.0, mean, 1.0)
+
+
+def _sky_temperature(slots: _Slots, steps: Means, temperature: FloatArray) -> FloatArray:
+    """Sky temperature [degC] of each step: measured where the record has it, else from cloud in octants of 8."""
+    if "sky_temperature" in slots.record.counts:
+        return slots.step_means("sky_temperature", steps)
+    if "sky_infrared" in slots.record.counts:
+        return sky_temperature_from_infrared(slots.step_means("sky_infrared", steps))
+    return sky_temperature_from_cloud(temperature, slots.step_means("cloud_cover", steps) / 8.0)
+
+
+def _local_days(window: Window, timezone: str) -> Days:
+    local_day = (window.times + utc_offsets(window.times, timezone)) // DAY_SECONDS
+    numbers, of_step = np.unique(local_day, return_inverse=True)
+    zone = time_zone(timezone)
+
+    def midnight(number: int) -> int:
+        date = dt.date(1970, 1, 1) + dt.timedelta(days=number)
+        return int(dt.datetime.combine(date, dt.time(), tzinfo=zone).timestamp())
+
+    begins = np.array([midnight(int(number)) for number in numbers], dtype=np.int64)
+    ends = np.array([midnight(int(number) + 1) for number in numbers], dtype=np.int64)
+    return Days(begins, ends, of_step)
+
+
+def _radiation_sums(slots: _Slots, days: Days) -> FloatArray:
+    """Radiation sum [MJ m-2] of each local calendar day (23 or 25 h long where the clock changes)."""
+    record = slots.record
+    for begin, end in ((int(days.begins[0]), record.begin), (record.end, int(days.ends[-1]))):
+        _check_dark(record, begin, end)
+    begins, ends = np.maximum(days.begins, record.begin), np.minimum(days.ends, record.end)
+    rates = Means(begins, ends, slots.begin, SLOT_SECONDS).of_amounts(slots.energy, slots.shares)
+    return np.asarray(rates * (ends - begins) * 1e-6)
+
+
+def _check_dark(record: WeatherRecord, begin: int, end: int) -> None:
+    """Raise when the sun (or its twilight) shines between ``begin`` and ``end``, hours of a needed day without a record."""
+    if begin >= end:
+        return
+    sine = sine_of_elevation(np.arange(begin, end, RAW_SECONDS, dtype=np.float64), record.place)
+    if bool(np.any(sine > -TWILIGHT_SINE)):
+        msg = (
+            f"Weather '{record.name}' covers {record.period}: daylight hours from {utc_text(begin)} to {utc_text(end)} UTC are "
+            f"missing, so the radiation sum of that day (clock of {record.timezone}) is unknown. Start a day later, or end a "
+            "day earlier."
+        )
+        raise WeatherError(msg)

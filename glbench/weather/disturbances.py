@@ -1,0 +1,157 @@
+"""The ten disturbances of the greenhouse model, for any start, length and control step, from an hourly weather record.
+
+Row k is the weather that acts during step k. The digest of a result covers the canonical whole numbers that were read, the
+preprocessing's name and version, and the window asked for. It does not cover the computed floats: ``exp`` and ``sin`` may
+differ in the last bit between processors, and a digest must not.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from glbench.errors import UnknownNameError, WeatherError, did_you_mean
+from glbench.weather import conserving, paper
+from glbench.weather.clock import clock_time, to_utc_seconds
+from glbench.weather.preprocessing import Prepared, Window
+from glbench.weather.record import SCHEMA, FloatArray, WeatherRecord, canonical_digest, utc_text
+
+PREPROCESSINGS = ("paper", "conserving")
+"""``paper`` repeats the published pipeline; ``conserving`` puts every value at its right time and keeps hourly sums."""
+
+
+@dataclass(frozen=True, eq=False)
+class Disturbances:
+    """Weather acting on each control step; all arrays are read-only.
+
+    Attributes
+    ----------
+    values : ndarray (steps, 10) of float64
+        iGlob [W m-2], tOut [degC], vpOut [Pa], co2Out [mg m-3], wind [m s-1], tSky [degC], tSoOut [degC],
+        dayRadSum [MJ m-2 d-1], isDay [-], isDaySmooth [-].
+    times : ndarray (steps,) of datetime64[s]
+        Start of every step, UTC.
+    hour_of_day : ndarray (steps,) of float64
+        0..24 h on the clock of the preprocessing: UTC for ``paper``, the local clock with summer time for ``conserving``.
+    day_of_year : ndarray (steps,) of float64
+        Days since 1 January 00:00 of the starting year on that clock; grows evenly and does not wrap at a year's end.
+    digest : str
+        SHA-256 [hex] over the canonical hourly figures used and the window; the same on every machine.
+    preprocessing : str
+        ``"paper"`` or ``"conserving"``.
+    """
+
+    values: FloatArray
+    times: npt.NDArray[np.datetime64]
+    hour_of_day: FloatArray
+    day_of_year: FloatArray
+    digest: str
+    preprocessing: str
+
+
+def disturbances(
+    record: WeatherRecord,
+    *,
+    start: dt.datetime | dt.date,
+    steps: int,
+    step_seconds: float = 900.0,
+    preprocessing: str = "paper",
+    co2_ppm: float = 400.0,
+) -> Disturbances:
+    """Disturbances for ``steps`` control steps of ``step_seconds`` from ``start``.
+
+    Parameters
+    ----------
+    record : WeatherRecord
+        From ``load_weather`` or one of the readers.
+    start : datetime.datetime or datetime.date
+        Start of the first step. A date, or a datetime without time zone, is read on the clock of the preprocessing (UTC for
+        ``paper``, local for ``conserving``), so that ``hour_of_day[0]`` is the hour asked for.
+    steps : int
+        Number of rows, at least 1.
+    step_seconds : float
+        Control step, a whole number of seconds from 1 to 86400.
+    preprocessing : str
+        One of ``PREPROCESSINGS``.
+    co2_ppm : float
+        CO2 outside [ppm].
+
+    Raises
+    ------
+    UnknownNameError
+        When there is no such preprocessing.
+    WeatherError
+        When the window is not inside the record's period, or an argument is impossible.
+    """
+    if preprocessing not in PREPROCESSINGS:
+        msg = f"There is no weather preprocessing '{preprocessing}'.{did_you_mean(preprocessing, PREPROCESSINGS)}"
+        raise UnknownNameError(msg)
+    clock = "UTC" if preprocessing == "paper" else record.timezone
+    window = _window(start, steps, step_seconds, co2_ppm, clock)
+    _check_period(record, window)
+    prepared = (paper if preprocessing == "paper" else conserving).prepare(record, window)
+    hour_of_day, day_of_year = clock_time(window, clock)
+    times = window.times.astype("datetime64[s]")
+    for array in (prepared.values, times, hour_of_day, day_of_year):
+        array.setflags(write=False)
+    return Disturbances(
+        values=prepared.values,
+        times=times,
+        hour_of_day=hour_of_day,
+        day_of_year=day_of_year,
+        digest=_digest(record, window, prepared, preprocessing),
+        preprocessing=preprocessing,
+    )
+
+
+def _window(start: dt.datetime | dt.date, steps: int, step_seconds: float, co2_ppm: float, clock: str) -> Window:
+    if not 1 <= step_seconds <= 86400 or step_seconds != int(step_seconds):
+        msg = f"The control step must be a whole number of seconds from 1 to 86400, not {step_seconds!r} s."
+        raise WeatherError(msg)
+    if steps < 1 or steps != int(steps):
+        msg = f"Weather was asked for {steps!r} steps; ask for a whole number, at least 1."
+        raise WeatherError(msg)
+    if not (math.isfinite(co2_ppm) and 0.0 <= co2_ppm <= 5000.0):
+        msg = f"CO2 outside must lie between 0 and 5000 ppm, not {co2_ppm!r} ppm."
+        raise WeatherError(msg)
+    return Window(to_utc_seconds(start, clock), int(steps), int(step_seconds), float(co2_ppm))
+
+
+def _check_period(record: WeatherRecord, window: Window) -> None:
+    before, after = record.begin - window.start, window.end - record.end
+    if before <= 0 and after <= 0:
+        return
+    missing = [
+        f"{seconds / 86400:.2f} days {where} are missing"
+        for seconds, where in ((before, "before its beginning"), (after, "after its end"))
+        if seconds > 0
+    ]
+    msg = (
+        f"Weather '{record.name}' covers {record.period}, but {utc_text(window.start)} to {utc_text(window.end)} UTC was "
+        f"asked for ({window.steps} steps of {window.step} s): {' and '.join(missing)}. Choose a start inside the period or "
+        "fewer steps, or get more weather with `glbench weather fetch` or `glbench weather import`."
+    )
+    raise WeatherError(msg)
+
+
+def _digest(record: WeatherRecord, window: Window, prepared: Prepared, preprocessing: str) -> str:
+    first, last = prepared.first_slot, prepared.last_slot
+    header: dict[str, object] = {
+        "schema": SCHEMA,
+        "preprocessing": preprocessing,
+        "version": (paper if preprocessing == "paper" else conserving).VERSION,
+        "start": window.start,
+        "steps": window.steps,
+        "step_seconds": window.step,
+        "co2_ppm": window.co2_ppm,
+        "first_slot_start": record.begin + 3600 * first,
+    }
+    if preprocessing == "conserving":
+        # Only this one looks at the sun, the local clock and the moment of each value.
+        header["place"] = [record.latitude, record.longitude, record.altitude, record.timezone]
+        header["timing"] = dict(record.timing)
+    return canonical_digest(header, {name: counts[first:last] for name, counts in sorted(record.counts.items())})

@@ -1,0 +1,153 @@
+"""The preprocessing ``paper``: what the published benchmark did with KNMI's hourly figures.
+
+Every value of slot HH, sums and means included, is placed at the **start** of the slot and runs linearly to the next; the
+sky temperature is found at those hourly nodes with cloud = N/9 and runs linearly too. Humidity, CO2, soil temperature, the
+day flags and the day's radiation sum are found on the resulting 5-minute grid, and all ten columns are taken to the control
+step by monotone cubic interpolation (PCHIP). Clock and calendar are UTC.
+
+Three things follow the recommended reading instead of the published code: the control grid is exact (not stretched by 0.02 %),
+the day's radiation sum belongs to its whole calendar day, and overlapping day-flag ramps look at the unedited flag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from glbench.errors import WeatherError
+from glbench.weather.preprocessing import RAW_SECONDS, Prepared, Window, sigmoid
+from glbench.weather.psychrometrics import (
+    co2_density,
+    seconds_into_year,
+    sky_temperature_from_cloud,
+    sky_temperature_from_infrared,
+    soil_temperature,
+    vapour_pressure,
+)
+from glbench.weather.record import SLOT_SECONDS, FloatArray, IntArray, WeatherRecord, utc_text
+
+_Column = Callable[[str], FloatArray]
+
+VERSION = 1
+NODES_PER_SLOT = SLOT_SECONDS // RAW_SECONDS
+DAY_SECONDS = 86400
+RADIATION_FLOOR = 1e-10  # W m-2; smaller values after resampling are rounding and become 0
+
+
+def prepare(record: WeatherRecord, window: Window) -> Prepared:
+    """Disturbances of ``window`` as the published pipeline makes them; row k is the value at the start of step k.
+
+    Raises
+    ------
+    WeatherError
+        When a calendar day (UTC) of the window is only partly in the record: its radiation sum would be wrong.
+    """
+    first_slot, last_slot = _slots(record, window)
+    grid = _five_minute_grid(record, first_slot, last_slot, window.co2_ppm)
+    values = _at_times(grid, record.begin + first_slot * SLOT_SECONDS, window.times)
+    radiation = values[:, 0]
+    radiation[radiation < RADIATION_FLOOR] = 0.0
+    return Prepared(values, first_slot, last_slot)
+
+
+def _slots(record: WeatherRecord, window: Window) -> tuple[int, int]:
+    """Slots to read: the whole days of the window and one day on either side, as far as the record goes."""
+    first_day = window.start // DAY_SECONDS * DAY_SECONDS
+    after = -(-window.end // DAY_SECONDS) * DAY_SECONDS
+    if first_day < record.begin or after > record.end:
+        day = first_day if first_day < record.begin else after - DAY_SECONDS
+        msg = (
+            f"Weather '{record.name}' covers {record.period}: it holds only a part of the day {utc_text(day)[:10]}, "
+            "so that day's radiation sum is unknown. Start a day later, or end a day earlier."
+        )
+        raise WeatherError(msg)
+    first_slot = max(0, (first_day - DAY_SECONDS - record.begin) // SLOT_SECONDS)
+    last_slot = min(record.hours, -(-(after + DAY_SECONDS - record.begin) // SLOT_SECONDS))
+    return int(first_slot), int(last_slot)
+
+
+def _five_minute_grid(record: WeatherRecord, first_slot: int, last_slot: int, co2_ppm: float) -> FloatArray:
+    """The ten columns every 5 minutes from the start of ``first_slot`` to the end of ``last_slot`` inclusive."""
+
+    def line(hourly: FloatArray) -> FloatArray:
+        # The node after the last slot belongs to the next slot; at the record's very end the last value is held.
+        left, right = hourly[:-1, None], hourly[1:, None]
+        nodes = left + (right - left) * (np.arange(NODES_PER_SLOT) / NODES_PER_SLOT)
+        return np.append(nodes.ravel(), hourly[-1])
+
+    def column(name: str) -> FloatArray:
+        hourly = record.values(name, first_slot, last_slot + 1)
+        return hourly if last_slot < record.hours else np.append(hourly, hourly[-1])
+
+    temperature_hourly = column("air_temperature")
+    radiation = line(column("global_radiation"))
+    temperature = line(temperature_hourly)
+    times = record.begin + first_slot * SLOT_SECONDS + RAW_SECONDS * np.arange(radiation.size, dtype=np.int64)
+    edges_before_record = first_slot * NODES_PER_SLOT
+    is_day, is_day_smooth = day_flags(
+        radiation > 0.0, edges_before_record, record.hours * NODES_PER_SLOT - edges_before_record
+    )
+    return np.column_stack(
+        [
+            radiation,
+            temperature,
+            vapour_pressure(temperature, line(column("relative_humidity"))),
+            co2_density(temperature, co2_ppm),
+            line(column("wind_speed")),
+            line(_sky_temperature(record, temperature_hourly, column)),
+            soil_temperature(seconds_into_year(times.astype(np.float64))),
+            _radiation_sum_of_the_day(times, radiation),
+            is_day,
+            is_day_smooth,
+        ]
+    )
+
+
+def _sky_temperature(record: WeatherRecord, temperature: FloatArray, column: _Column) -> FloatArray:
+    """Hourly sky temperature [degC]: measured where the record has it, else from cloud cover divided by 9."""
+    if "sky_temperature" in record.counts:
+        return column("sky_temperature")
+    if "sky_infrared" in record.counts:
+        return sky_temperature_from_infrared(column("sky_infrared"))
+    return sky_temperature_from_cloud(temperature, column("cloud_cover") / 9.0)
+
+
+def _radiation_sum_of_the_day(times: IntArray, radiation: FloatArray) -> FloatArray:
+    """Radiation sum [MJ m-2] of each node's calendar day (UTC), constant within the day."""
+    days = times // DAY_SECONDS
+    days -= days[0]
+    return np.asarray((np.bincount(days, weights=radiation) * RAW_SECONDS * 1e-6)[days])
+
+
+def day_flags(light: np.ndarray, offset: int = 0, raw_samples: int | None = None) -> tuple[FloatArray, FloatArray]:
+    """Day flag with linear and with sigmoid dusk and dawn, from ``light`` (n,) on the 5-minute grid.
+
+    At every edge of ``light`` (unedited), one hour of samples around it is replaced by a ramp; a later edge overrides an
+    earlier one. Edges in the first and last hour of the raw data are left alone. ``offset`` is the index of ``light[0]`` in
+    the raw data, and ``raw_samples`` the number of raw samples from ``light[0]`` on (default: ``light`` is all of it).
+    """
+    flag = light.astype(np.float64)
+    n = NODES_PER_SLOT
+    ramp = np.linspace(0.0, 1.0, n)
+    edges = np.flatnonzero(light[1:] != light[:-1])
+    last = (light.size if raw_samples is None else raw_samples) - n
+    edges = edges[(edges + offset >= n) & (edges < last) & (edges >= n // 2) & (edges + n // 2 <= light.size)]
+    rising = light[edges + 1]
+    where = (edges[:, None] + np.arange(-(n // 2), n // 2)).ravel()
+    linear, smooth = flag.copy(), flag.copy()
+    linear[where] = np.where(rising[:, None], ramp, 1.0 - ramp).ravel()
+    smooth[where] = np.where(rising[:, None], sigmoid(ramp), 1.0 - sigmoid(ramp)).ravel()
+    return linear, smooth
+
+
+def _at_times(grid: FloatArray, grid_begin: int, times: IntArray) -> FloatArray:
+    """Rows of ``grid`` at ``times``: the nodes themselves where a time is a node, else PCHIP between them."""
+    index, rest = np.divmod(times - grid_begin, RAW_SECONDS)
+    if not rest.any():
+        return grid[index]
+    from scipy.interpolate import PchipInterpolator
+
+    # In units of the grid step, so that a node is met exactly; PCHIP passes through its nodes.
+    between = PchipInterpolator(np.arange(grid.shape[0], dtype=np.float64), grid, axis=0)
+    return np.asarray(between((times - grid_begin) / RAW_SECONDS), dtype=np.float64)

@@ -1,0 +1,257 @@
+"""Weather records by name: those shipped with the package, and those in the user's own data folder.
+
+Shipped records are Parquet tables in their source's own whole numbers; ``weather/manifest.toml`` says where they come from and
+locks the SHA-256 of their canonical values. A user's record is one Parquet file that carries its own description and digest.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import io
+import json
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from functools import lru_cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from glbench.errors import UnknownNameError, WeatherError, did_you_mean
+from glbench.resources import data_folder, user_data_folder, write_atomically
+from glbench.weather.assemble import Origin, assemble
+from glbench.weather.knmi import native_rows
+from glbench.weather.record import QUANTITIES, SCHEMA, SLOT_SECONDS, IntArray, Place, WeatherInfo, WeatherRecord
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+MANIFEST = "manifest.toml"
+METADATA_KEY = b"glbench.weather"
+NAME = re.compile(r"[a-z0-9][a-z0-9_.-]{0,63}")
+
+
+def load_weather(name: str) -> WeatherRecord:
+    """Weather record ``name``: ``"schiphol"`` (shipped), or one imported or fetched by the user.
+
+    Raises
+    ------
+    UnknownNameError
+        When there is no such record; names the nearest.
+    WeatherError
+        When the record's file is damaged or was changed.
+    """
+    shipped = _manifest(data_folder("weather"))
+    if name in shipped:
+        return _load_shipped(name, data_folder("weather"))
+    path = user_folder() / f"{name}.parquet"
+    if NAME.fullmatch(name) and path.is_file():
+        return _read_stored(path)
+    near = did_you_mean(name, [*shipped, *_user_names()])
+    msg = (
+        f"There is no weather record '{name}'.{near} Add one with `glbench weather import` or `glbench weather fetch`."
+    )
+    raise UnknownNameError(msg)
+
+
+def list_weather() -> list[WeatherInfo]:
+    """What every record is, shipped ones first, then the user's own in order of name. Reads no values of the user's."""
+    folder = data_folder("weather")
+    infos = [
+        _info(load_weather(name), "shipped", folder / entry["file"])
+        for name, entry in sorted(_manifest(folder).items())
+    ]
+    for name in _user_names():
+        path = user_folder() / f"{name}.parquet"
+        described = _metadata(_parquet_schema(path), path)
+        first = dt.datetime.fromtimestamp(described["begin"], tz=dt.UTC)
+        infos.append(
+            WeatherInfo(
+                name=name,
+                place=Place(**described["place"]),
+                first=first,
+                last=first + dt.timedelta(hours=described["hours"]),
+                hours=described["hours"],
+                source=described["source"],
+                licence=described["licence"],
+                digest=described["digest"],
+                origin="yours",
+                path=path,
+                typical_year=described["typical_year"],
+                notes=tuple(described["notes"]),
+            )
+        )
+    return infos
+
+
+def user_folder() -> Path:
+    """Folder of the user's own records."""
+    return user_data_folder() / "weather"
+
+
+def save_weather(record: WeatherRecord, name: str, *, overwrite: bool = False) -> Path:
+    """Store ``record`` under ``name`` in the user's data folder, whole or not at all; returns the file's path.
+
+    Raises
+    ------
+    WeatherError
+        When the name is not usable, is a shipped record's, or is taken and ``overwrite`` is false.
+    """
+    if not NAME.fullmatch(name):
+        msg = f"'{name}' cannot name a weather record: use up to 64 lower-case letters, digits, and . _ - (first a letter or digit)."
+        raise WeatherError(msg)
+    if name in _manifest(data_folder("weather")):
+        msg = f"'{name}' is the name of a shipped weather record, which never changes. Choose another name."
+        raise WeatherError(msg)
+    path = user_folder() / f"{name}.parquet"
+    if path.exists() and not overwrite:
+        msg = f"There is a weather record '{name}' already ({path}). Choose another name, or replace it with --replace."
+        raise WeatherError(msg)
+    write_atomically(path, _parquet_bytes(replace(record, name=name)))
+    return path
+
+
+def _info(record: WeatherRecord, origin: Any, path: Path) -> WeatherInfo:
+    return WeatherInfo(
+        name=record.name,
+        place=record.place,
+        first=record.first,
+        last=record.last,
+        hours=record.hours,
+        source=record.source,
+        licence=record.licence,
+        digest=record.digest,
+        origin=origin,
+        path=path,
+        typical_year=record.typical_year,
+        notes=record.notes,
+    )
+
+
+def _user_names() -> list[str]:
+    return sorted(path.stem for path in user_folder().glob("*.parquet") if NAME.fullmatch(path.stem))
+
+
+def _manifest(folder: Path) -> Mapping[str, dict[str, Any]]:
+    path = folder / MANIFEST
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        msg = f"Cannot read {path}: {error}. Install glbench again, or restore the file."
+        raise WeatherError(msg) from error
+    return MappingProxyType({str(name): entry for name, entry in content["record"].items()})
+
+
+@lru_cache(maxsize=8)
+def _load_shipped(name: str, folder: Path) -> WeatherRecord:
+    entry = _manifest(folder)[name]
+    path = folder / entry["file"]
+    table = _parquet_table(path)
+    try:
+        columns = {field: table.column(field).to_numpy().astype(np.int64) for field in table.column_names}
+    except (ValueError, TypeError, NotImplementedError) as error:
+        raise _changed(path, folder, f"unreadable values: {error}") from error
+    place = Place(entry["station"], entry["latitude"], entry["longitude"], entry["altitude"], entry["timezone"])
+    origin = Origin(name, place, entry["source"], entry["licence"])
+    record = assemble(native_rows(str(path), columns), origin)
+    if record.digest != entry["digest"]:
+        raise _changed(path, folder, f"locked {entry['digest'][:12]}..., found {record.digest[:12]}...")
+    return record
+
+
+def _changed(path: Path, folder: Path, evidence: str) -> WeatherError:
+    msg = (
+        f"{path} no longer holds the values that {folder / MANIFEST} locks ({evidence}). Shipped weather never changes: "
+        "restore the file or install glbench again, and bring your own weather in with `glbench weather import`."
+    )
+    return WeatherError(msg)
+
+
+def _parquet_bytes(record: WeatherRecord) -> bytes:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    described = {
+        "schema": SCHEMA,
+        "name": record.name,
+        "place": asdict(record.place),
+        "begin": record.begin,
+        "hours": record.hours,
+        "timing": dict(record.timing),
+        "source": record.source,
+        "licence": record.licence,
+        "typical_year": record.typical_year,
+        "notes": list(record.notes),
+        "digest": record.digest,
+    }
+    ends = record.begin + SLOT_SECONDS * np.arange(1, record.hours + 1, dtype=np.int64)
+    columns: dict[str, Any] = {"slot_end": pa.array(ends, type=pa.timestamp("s", tz="UTC"))}
+    columns |= {name: pa.array(counts, type=pa.int64()) for name, counts in record.counts.items()}
+    table = pa.table(columns).replace_schema_metadata({METADATA_KEY: json.dumps(described).encode()})
+    sink = io.BytesIO()
+    pq.write_table(table, sink, compression="zstd")
+    return sink.getvalue()
+
+
+def _read_stored(path: Path) -> WeatherRecord:
+    table = _parquet_table(path)
+    described = _metadata(table.schema, path)
+    counts: dict[str, IntArray] = {}
+    for name in described["timing"]:
+        if name not in QUANTITIES or name not in table.column_names:
+            raise _damaged(path, f"column {name} is missing or unknown")
+        column = np.array(table.column(name).to_numpy(), dtype=np.int64)
+        column.setflags(write=False)
+        counts[name] = column
+    record = WeatherRecord(
+        name=path.stem,
+        place=Place(**described["place"]),
+        begin=described["begin"],
+        counts=MappingProxyType(counts),
+        timing=MappingProxyType(described["timing"]),
+        source=described["source"],
+        licence=described["licence"],
+        typical_year=described["typical_year"],
+        notes=tuple(described["notes"]),
+    )
+    if record.digest != described["digest"]:
+        raise _damaged(path, f"its digest should be {described['digest'][:12]}..., found {record.digest[:12]}...")
+    return record
+
+
+def _metadata(schema: pa.Schema, path: Path) -> dict[str, Any]:
+    try:
+        described = json.loads((schema.metadata or {})[METADATA_KEY])
+    except (KeyError, ValueError) as error:
+        raise _damaged(path, "it carries no description") from error
+    if described.get("schema") != SCHEMA:
+        raise _damaged(path, f"its schema is {described.get('schema')}, this glbench reads {SCHEMA}")
+    return dict(described)
+
+
+def _parquet_schema(path: Path) -> pa.Schema:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return pq.read_schema(path)
+    except (OSError, pa.ArrowException) as error:
+        raise _damaged(path, str(error)) from error
+
+
+def _parquet_table(path: Path) -> pa.Table:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return pq.ParquetFile(path).read()
+    except (OSError, pa.ArrowException) as error:
+        raise _damaged(path, str(error)) from error
+
+
+def _damaged(path: Path, evidence: str) -> WeatherError:
+    msg = f"{path} is not a usable weather record: {evidence}. Delete it and import or fetch it again."
+    return WeatherError(msg)

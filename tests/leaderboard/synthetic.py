@@ -1,0 +1,74 @@
+"""Results made up for tests of the leaderboard: consistent records, no simulation."""
+
+from __future__ import annotations
+
+import hashlib
+
+from glbench.evaluation.metrics import METRIC_NAMES, UNITS
+from glbench.evaluation.records import (
+    AgentRecord,
+    EvaluationRecord,
+    Machine,
+    Result,
+    RunResult,
+    TaskRecord,
+    Versions,
+    results_digest,
+    summarise,
+)
+
+TASK = "glbench/Meadow-v1"
+
+
+def digest_of(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def make_result(
+    agent: str,
+    rewards: list[float],
+    *,
+    task_id: str = TASK,
+    task_digest: str = digest_of("meadow"),
+    first_seed: int = 666,
+    privileged: bool = False,
+    crashed: int = 0,
+) -> Result:
+    """Result with one run a value of ``rewards``; every other metric is the reward divided by 1000. The last ``crashed`` runs failed."""
+    runs = tuple(
+        RunResult(
+            seed=first_seed + i,
+            status="ok" if i < len(rewards) - crashed else "crashed",
+            reason=None if i < len(rewards) - crashed else "ValueError: no",
+            steps=100 if i < len(rewards) - crashed else 7,
+            metrics={name: reward if name == "reward" else reward / 1000 for name in METRIC_NAMES},
+        )
+        for i, reward in enumerate(rewards)
+    )
+    record = AgentRecord(
+        name=agent, kind="submission", digest=digest_of(agent), privileged=privileged, information="observations"
+    )
+    return Result(
+        task=TaskRecord(id=task_id, digest=task_digest, title="A meadow", steps=100, step_seconds=900.0),
+        agent=record,
+        evaluation=EvaluationRecord(
+            runs=len(rewards),
+            seeds=tuple(run.seed for run in runs),
+            workers=1,
+            wall_seconds=1.0,
+            steps_per_second=100.0,
+            decision_seconds=0.1,
+            decision_milliseconds=0.1,
+            resumed_at_step=None,
+            limits={},
+            kernel={"backend": "none"},
+        ),
+        versions=Versions(glbench="0", model="0", python="0", numpy="0", casadi="0", gymnasium="0"),
+        machine=Machine(processor="p", architecture="a", cores=1, system="s"),
+        git=None,
+        created="2026-01-01T00:00:00Z",
+        units=UNITS,
+        runs=runs,
+        summary=summarise(runs),
+        results_digest=results_digest(task_digest, record, runs),
+    )
