@@ -17,9 +17,10 @@ from glbench.errors import ActionError
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
+Floats = NDArray[np.float64]
 Observations = NDArray[np.float32]
 """What agents see: shape (n, observations of the task), in the units of the task card."""
-Actions = NDArray[np.float64]
+Actions = Floats
 """What agents want: shape (n, actions of the task), within the bounds of the task card."""
 
 
@@ -45,7 +46,9 @@ class SingleRunAgent(Protocol):
     The class says ``single_run = True``. Such an agent is easier to write and slower to run than ``Agent``.
     """
 
-    single_run: bool
+    @property
+    def single_run(self) -> bool:
+        """True: one instance a run."""
 
     def reset(self, task: TaskCard, /) -> None:
         """Forget everything; a run of ``task`` begins."""
@@ -61,16 +64,18 @@ class PrivilegedController(Protocol):
     ``controls`` is asked at the start of every control step and its answer bypasses the task's actuation: no rate limit.
     """
 
-    privileged: bool
+    @property
+    def privileged(self) -> bool:
+        """True: it sees more than observations."""
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """``n_runs`` runs of ``task`` begin."""
 
-    def controls(self, x: Actions, d: Actions, hour_of_day: float, day_of_year: float, /) -> Actions:
+    def controls(self, x: Floats, d: Floats, hour_of_day: float | Floats, day_of_year: float | Floats, /) -> Floats:
         """Controls (n, 6), fractions of capacity, for the coming step.
 
         ``x`` (n, 28) is the state now, ``d`` (n, 10) or (10,) the disturbance acting in the coming step, ``hour_of_day`` [h] and
-        ``day_of_year`` [day] the clock now.
+        ``day_of_year`` [day] the clock now, one number or one a run (n,).
         """
 
 

@@ -33,7 +33,7 @@ class RuleBasedController:
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """Nothing to forget: the rules look at the present step only."""
 
-    def controls(self, x: Array, d: Array, hour_of_day: float, day_of_year: float, /) -> Array:
+    def controls(self, x: Array, d: Array, hour_of_day: float | Array, day_of_year: float | Array, /) -> Array:
         """Controls (n, 6) for the step that begins now, fractions of capacity.
 
         Parameters
@@ -42,8 +42,8 @@ class RuleBasedController:
             State at the start of the step.
         d : ndarray (n, 10) or (10,)
             Disturbance acting in the step.
-        hour_of_day, day_of_year : float
-            Clock at the start of the step [h], [day].
+        hour_of_day, day_of_year : float or ndarray (n,)
+            Clock at the start of the step [h], [day], one number or one a run.
 
         Raises
         ------
@@ -56,7 +56,11 @@ class RuleBasedController:
 def privileged_inputs(x: Array, d: Array, hour_of_day: float | Array, day_of_year: float | Array) -> RuleInputs:
     """What the rules look at, taken from state (n, 28) and disturbance (n, 10) or (10,); clock as one number or one a run."""
     n = x.shape[0] if x.ndim == 2 else -1
-    if x.ndim != 2 or x.shape[1] != len(STATE_NAMES) or d.shape not in ((n, len(DISTURBANCE_NAMES)), (len(DISTURBANCE_NAMES),)):
+    if (
+        x.ndim != 2
+        or x.shape[1] != len(STATE_NAMES)
+        or d.shape not in ((n, len(DISTURBANCE_NAMES)), (len(DISTURBANCE_NAMES),))
+    ):
         msg = f"Expected states of shape (n, 28) and disturbances (n, 10) or (10,), got {x.shape} and {d.shape}."
         raise ShapeError(msg)
     d = np.broadcast_to(d, (n, len(DISTURBANCE_NAMES)))

@@ -103,7 +103,9 @@ def read_rule_settings(path: Path) -> RuleSettings:
     try:
         return RuleSettings.model_validate(content)
     except ValidationError as error:
-        problems = "; ".join(_in_words(str(p["loc"][0]) if p["loc"] else "file", p["type"], p["msg"]) for p in error.errors())
+        problems = "; ".join(
+            _in_words(str(p["loc"][0]) if p["loc"] else "file", p["type"], p["msg"]) for p in error.errors()
+        )
         msg = f"The rule settings {path} cannot be used: {problems}."
         raise SubmissionError(msg) from error
 

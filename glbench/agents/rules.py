@@ -141,7 +141,9 @@ def _lamp_ramp(hour: Array, settings: RuleSettings) -> Array:
 def _vents(inputs: RuleInputs, settings: RuleSettings, climate: _Climate) -> Array:
     """Vents open for heat or humidity, unless it is too cold."""
     for_heat = proportional(inputs.air_temperature, climate.too_warm, settings.vent_heat_band, 0.0, 1.0)
-    for_humidity = proportional(inputs.relative_humidity, settings.humidity_limit, settings.vent_humidity_band, 0.0, 1.0)
+    for_humidity = proportional(
+        inputs.relative_humidity, settings.humidity_limit, settings.vent_humidity_band, 0.0, 1.0
+    )
     return np.minimum(climate.not_cold, np.maximum(for_heat, for_humidity))
 
 

@@ -10,7 +10,7 @@ import typer
 
 from glbench import __version__
 from glbench.cli import tasks, weather
-from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error
+from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_warnings
 from glbench.cli.evaluate import evaluate
 from glbench.cli.leaderboard import leaderboard
 from glbench.errors import GlbenchError
@@ -20,6 +20,7 @@ app = typer.Typer(
     help="A reproducible benchmark for greenhouse climate control on the GreenLight model.",
     epilog="Start with: glbench evaluate submissions/my_agent.py",
     no_args_is_help=True,
+    rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -40,10 +41,13 @@ def _options(
     version: Annotated[
         bool, typer.Option("--version", help="Print the version and leave.", callback=_print_version, is_eager=True)
     ] = False,
-    debug: Annotated[bool, typer.Option("--debug", help=f"Show tracebacks of errors (or set {DEBUG_VARIABLE}=1).")] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help=f"Show tracebacks of errors (or set {DEBUG_VARIABLE}=1).")
+    ] = False,
 ) -> None:
     if debug:
         os.environ[DEBUG_VARIABLE] = "1"
+    show_warnings()
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:

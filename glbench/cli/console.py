@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from functools import cache
 from typing import TYPE_CHECKING
@@ -45,3 +46,15 @@ def print_warning(text: str) -> None:
 def debugging() -> bool:
     """Whether tracebacks are wanted (``--debug`` or the environment variable ``GLBENCH_DEBUG=1``)."""
     return os.environ.get(DEBUG_VARIABLE, "") not in {"", "0"}
+
+
+class _ShowWarnings(logging.Handler):
+    def emit(self, record: logging.LogRecord) -> None:
+        print_warning(record.getMessage())
+
+
+def show_warnings() -> None:
+    """Show what the library logs as notes on standard error."""
+    logger = logging.getLogger("glbench")
+    if not any(isinstance(handler, _ShowWarnings) for handler in logger.handlers):
+        logger.addHandler(_ShowWarnings(logging.WARNING))

@@ -1,0 +1,43 @@
+"""The environment: observations, actuation, uncertainty and reward around the kernel, for one greenhouse or many.
+
+``GreenhouseEnv`` and ``GreenhouseVectorEnv`` are for Gymnasium, ``Simulation`` is what both of them and the evaluation step.
+See docs/environment.md.
+"""
+
+from __future__ import annotations
+
+from glbench.env.accounts import Accounts, make_accounts
+from glbench.env.actuation import ACTUATIONS, register_actuation
+from glbench.env.greenhouse import GreenhouseEnv
+from glbench.env.info import info_quantities
+from glbench.env.observations import Situation, register_observation
+from glbench.env.quantities import QUANTITIES, StepQuantity
+from glbench.env.rewards import REWARDS, StepOutcome, register_reward
+from glbench.env.simulation import Simulation, StepResult
+from glbench.env.snapshot import Snapshot
+from glbench.env.uncertainty import DISTRIBUTIONS, register_distribution
+from glbench.env.vector import GreenhouseVectorEnv
+from glbench.env.weather_tables import WeatherTables
+
+__all__ = [
+    "ACTUATIONS",
+    "DISTRIBUTIONS",
+    "QUANTITIES",
+    "REWARDS",
+    "Accounts",
+    "GreenhouseEnv",
+    "GreenhouseVectorEnv",
+    "Simulation",
+    "Situation",
+    "Snapshot",
+    "StepOutcome",
+    "StepQuantity",
+    "StepResult",
+    "WeatherTables",
+    "info_quantities",
+    "make_accounts",
+    "register_actuation",
+    "register_distribution",
+    "register_observation",
+    "register_reward",
+]

@@ -114,13 +114,15 @@ class Accounts:
 
     def _judge(self, table: NDArray[np.float64], air: NDArray[np.float64]) -> None:
         """Violations, the hours they lasted and the penalty, written into ``table``."""
-        violations = table[VIOLATIONS]
-        np.maximum(self.low - air, 0.0, out=violations[0::2])
-        np.maximum(air - self.high, 0.0, out=violations[1::2])
-        np.multiply(violations > 0.0, self.step_seconds / 3600.0, out=table[HOURS])
-        scaled = (violations[0::2] + violations[1::2]) / self.scale
-        np.add(scaled[0], scaled[1], out=table[PENALTY])
-        table[PENALTY] += scaled[2]
+        violations, hours = table[VIOLATIONS], table[HOURS]
+        below, above = violations[: len(LIMITED)], violations[len(LIMITED) :]
+        np.subtract(self.low, air, out=below)
+        np.subtract(air, self.high, out=above)
+        np.maximum(violations, 0.0, out=violations)
+        np.sign(violations, out=hours)
+        hours *= self.step_seconds / 3600.0
+        temperature, co2, humidity = (below + above) / self.scale
+        table[PENALTY] = temperature + co2 + humidity
 
 
 def make_accounts(task: TaskSpec) -> Accounts:

@@ -71,7 +71,7 @@ def make_actuation(task: TaskSpec) -> Actuation:
 
 
 def _rate(task: TaskSpec) -> Actuation:
-    """u <- u + max_change a, kept within 0 and 1 (a valve that is fully open stays open)."""
+    """Control plus max_change times action, kept within 0 and 1 (a valve that is fully open stays open)."""
     max_change = task.actuation.max_change
 
     def move(controls: Floats, actions: Floats) -> Floats:
@@ -102,7 +102,9 @@ def _set_point(task: TaskSpec) -> Actuation:
 
 
 ACTUATIONS.provide("rate", "an action from -1 to 1 moves its control by up to max_change a step", _rate)
-ACTUATIONS.provide("set_point", "an action from 0 to 1 asks for a control, reached by at most max_change a step", _set_point)
+ACTUATIONS.provide(
+    "set_point", "an action from 0 to 1 asks for a control, reached by at most max_change a step", _set_point
+)
 
 
 def action_bounds(task: TaskSpec) -> tuple[Floats, Floats]:

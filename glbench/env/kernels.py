@@ -26,7 +26,7 @@ _shared = threading.local()
 
 
 def shared_kernel(step_seconds: float, variant: str) -> Kernel:
-    """This thread's kernel for a step length [s] and a variant of the model; made at the first call."""
+    """Kernel of this thread for a step length [s] and a variant of the model; made at the first call."""
     from glbench.kernel import Kernel
 
     kernels: dict[tuple[float, str], Kernel] = _shared.__dict__.setdefault("kernels", {})

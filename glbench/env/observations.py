@@ -119,8 +119,10 @@ def _indoor_climate(order: tuple[int, int, int]) -> MakeObservation:
 
 
 def _crop(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
+    shown = np.array([_FRUIT, _MEAN_CANOPY, _CANOPY_SUM])
+
     def part(situation: Situation) -> NDArray[np.float64]:
-        columns = situation.states[:, [_FRUIT, _MEAN_CANOPY, _CANOPY_SUM]]
+        columns = situation.states.take(shown, axis=1)
         columns[:, 0] *= KG_PER_MG
         return columns
 
@@ -138,11 +140,11 @@ def _controls(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
 
 
 def _weather(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
-    return lambda situation: tables.measured[situation.weather_rows]
+    return lambda situation: tables.measured.take(situation.weather_rows, axis=0)
 
 
 def _time(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
-    return lambda situation: tables.clock[situation.steps]
+    return lambda situation: tables.clock.take(situation.steps, axis=0)
 
 
 def _published_time(task: TaskSpec, tables: WeatherTables) -> ObservationPart:

@@ -25,17 +25,25 @@ class StepQuantity:
 
 def _violations() -> tuple[StepQuantity, ...]:
     return tuple(
-        StepQuantity(f"violation_{name}_{side}", unit, f"distance of the {_MEANING[name]} {word} its limit at the end of the step")
-        for name, unit in LIMITED.items()
+        StepQuantity(
+            f"violation_{name}_{side}",
+            unit,
+            f"distance of the {_MEANING[name]} {word} its limit at the end of the step",
+        )
         for side, word in _SIDES
+        for name, unit in LIMITED.items()
     )
 
 
 def _hours() -> tuple[StepQuantity, ...]:
     return tuple(
-        StepQuantity(f"hours_outside_{name}_{side}", "h", f"length of the step if the {_MEANING[name]} is {word} its limit at its end")
-        for name in LIMITED
+        StepQuantity(
+            f"hours_outside_{name}_{side}",
+            "h",
+            f"length of the step if the {_MEANING[name]} is {word} its limit at its end",
+        )
         for side, word in _SIDES
+        for name in LIMITED
     )
 
 

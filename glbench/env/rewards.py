@@ -121,6 +121,8 @@ def _scaled_penalty(task: TaskSpec, accounts: Accounts) -> RewardPart:
 
 
 REWARDS.provide("epi", "economic performance of the step [EUR m-2]", _epi)
-REWARDS.provide("scaled_epi", "economic performance, 0 at full use without growth and 1 at full growth without use", _scaled_epi)
+REWARDS.provide(
+    "scaled_epi", "economic performance, 0 at full use without growth and 1 at full growth without use", _scaled_epi
+)
 REWARDS.provide("penalties", "minus the sum of the violations, each in its own unit (degC, ppm, %)", _penalties)
 REWARDS.provide("scaled_penalty", "minus the sum of the violations, each divided by its penalty scale", _scaled_penalty)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from operator import index
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +16,8 @@ from glbench.env.kernels import Stepper, shared_kernel
 from glbench.env.observations import Observer
 from glbench.env.quantities import EPI, PENALTY, QUANTITY_NAMES, REWARD
 from glbench.env.rewards import StepOutcome, make_reward
-from glbench.env.snapshot import Snapshot, no_generators
+from glbench.env.seeds import checked_seed, no_generators
+from glbench.env.snapshot import Snapshot
 from glbench.env.uncertainty import ParameterDraws
 from glbench.errors import GlbenchError, ShapeError, TaskError
 from glbench.model import CONTROL_NAMES, STATE_NAMES
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-LARGEST_SEED = 2**64 - 1
 _AIR = tuple(STATE_NAMES.index(name) for name in ("tAir", "co2Air", "vpAir"))
 
 
@@ -80,8 +79,10 @@ class Simulation:
     x, u, k
         States ``(n, 28)``, controls in force ``(n, 6)`` and steps taken ``(n,)``, read-only; replaced in every step, never
         written to.
+    air
+        Air temperature [degC], CO2 [ppm] and relative humidity [%] inside, ``(3, n)``, read-only.
     ended, seeds
-        Whether a run has ended ``(n,)``, and the seeds of the runs.
+        Whether a run has ended, and its seed, ``(n,)``, read-only.
     p_nominal
         Nominal parameters ``(208,)``.
     """
@@ -105,10 +106,13 @@ class Simulation:
         self._draws = ParameterDraws(task, n)
         self._read_air = AirReader(n)
         self._begun = False
-        self.seeds: list[int] = [0] * n
+        self._horizon = task.steps
+        self._furthest = 0  # no run has taken more steps than this: spares a look at every run in every step
+        self.seeds = _read_only(np.zeros(n, dtype=np.uint64))
         self.x = _read_only(np.tile(self._start, (n, 1)))
         self.u = _read_only(np.zeros((n, len(CONTROL_NAMES))))
         self.k = _read_only(np.zeros(n, dtype=np.int64))
+        self.air = self._air_of(self.x)
         self.ended = _read_only(np.zeros(n, dtype=np.bool_))
         self._any_ended = False
 
@@ -122,28 +126,26 @@ class Simulation:
     @property
     def d(self) -> Floats:
         """Disturbances that act in each run's next step, ``(n, 10)``: what a privileged controller may know."""
-        return self._weather.values[self.k]
+        rows: Floats = self._weather.values[self.k]
+        return rows
 
     @property
     def hour_of_day(self) -> Floats:
         """Hour of day at the start of each run's next step, ``(n,)``, 0 to 24."""
-        return self._weather.hour_of_day[self.k]
+        rows: Floats = self._weather.hour_of_day[self.k]
+        return rows
 
     @property
     def day_of_year(self) -> Floats:
         """Day of year at the start of each run's next step, ``(n,)``, 0 at the start of 1 January."""
-        return self._weather.day_of_year[self.k]
+        rows: Floats = self._weather.day_of_year[self.k]
+        return rows
 
     @property
     def time(self) -> NDArray[np.datetime64]:
         """Date and time (UTC) at the start of each run's next step, ``(n,)``."""
-        return self._weather.times[self.k]
-
-    @property
-    def air(self) -> Floats:
-        """Air temperature [degC], CO2 [ppm] and relative humidity [%] inside, ``(3, n)``."""
-        temperature, density, pressure = _AIR
-        return self._read_air(self.x[:, temperature], self.x[:, density], self.x[:, pressure])
+        rows: NDArray[np.datetime64] = self._weather.times[self.k]
+        return rows
 
     def reset(self, seeds: Sequence[int] | NDArray[np.integer], rows: ArrayLike | None = None) -> NDArray[np.float32]:
         """Start runs anew with ``seeds`` (one each), in all rows or in ``rows`` (numbers or a mask).
@@ -159,8 +161,8 @@ class Simulation:
             When there are not as many seeds as rows, a seed is not a whole number from 0 to 2**64 - 1, or some rows only
             are reset before all were.
         """
-        chosen = np.arange(self.n) if rows is None else np.arange(self.n)[np.asarray(rows)].reshape(-1)
-        numbers = [_checked_seed(seed) for seed in seeds]
+        chosen = self._rows(rows)
+        numbers = [checked_seed(seed) for seed in seeds]
         if len(numbers) != len(chosen):
             msg = f"reset got {len(numbers)} seeds for {len(chosen)} runs. Give one seed a run."
             raise ShapeError(msg)
@@ -169,8 +171,9 @@ class Simulation:
             raise GlbenchError(msg)
         x, u, k, ended = self.x.copy(), self.u.copy(), self.k.copy(), self.ended.copy()
         x[chosen], u[chosen], k[chosen], ended[chosen] = self._start, 0.0, 0, False
-        for row, seed in zip(chosen.tolist(), numbers, strict=True):
-            self.seeds[row] = seed
+        all_seeds = self.seeds.copy()
+        all_seeds[chosen] = np.array(numbers, dtype=np.uint64)
+        self.seeds = _read_only(all_seeds)
         self._draws.start(chosen, numbers)
         self._place(x, u, k, ended)
         return self.observe()
@@ -204,16 +207,14 @@ class Simulation:
     def end(self, rows: ArrayLike) -> None:
         """End the runs in ``rows`` (numbers or a mask) where they stand, for a reason outside the simulation."""
         ended = self.ended.copy()
-        ended[np.asarray(rows)] = True
+        ended[self._rows(rows)] = True
         self._set_ended(ended)
 
     def snapshot(self) -> Snapshot:
         """What ``restore`` needs to continue from here with the same bits."""
         self._check_begun()
-        seeds = np.array(self.seeds, dtype=np.uint64)
-        return Snapshot(
-            self.task.id, self.task.digest, self.x, self.u, self.k, seeds, self.ended, generators=no_generators()
-        )
+        task = self.task
+        return Snapshot(task.id, task.digest, self.x, self.u, self.k, self.seeds, self.ended, no_generators())
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
         """Continue from ``snapshot``; the observations of all rows, ``(n, columns)`` float32.
@@ -234,15 +235,29 @@ class Simulation:
         if snapshot.n != self.n:
             msg = f"The snapshot has {snapshot.n} rows, the simulation {self.n}. Choose rows with snapshot.take([...])."
             raise ShapeError(msg)
-        self.seeds = [int(seed) for seed in snapshot.seeds]
-        self._draws.start(np.arange(self.n), self.seeds)
+        self.seeds = _read_only(snapshot.seeds.copy())
+        self._draws.start(np.arange(self.n), self.seeds.tolist())
         self._place(snapshot.states.copy(), snapshot.controls.copy(), snapshot.steps.copy(), snapshot.ended.copy())
         return self.observe()
 
+    def _rows(self, rows: ArrayLike | None) -> NDArray[np.intp]:
+        """Row numbers from numbers, a mask, or ``None`` for all."""
+        everything = np.arange(self.n)
+        if rows is None:
+            return everything
+        given = np.asarray(rows)
+        return np.atleast_1d(everything[given if given.dtype == np.bool_ else given.astype(np.intp)])
+
     def _place(self, x: Floats, u: Floats, k: NDArray[np.int64], ended: NDArray[np.bool_]) -> None:
         self.x, self.u, self.k = _read_only(x), _read_only(u), _read_only(k)
+        self.air = self._air_of(x)
         self._set_ended(ended)
+        self._furthest = int(k.max())
         self._begun = True
+
+    def _air_of(self, x: Floats) -> Floats:
+        temperature, density, pressure = _AIR
+        return _read_only(self._read_air(x[:, temperature], x[:, density], x[:, pressure]))
 
     def _set_ended(self, ended: NDArray[np.bool_]) -> None:
         self.ended = _read_only(ended)
@@ -268,7 +283,7 @@ class Simulation:
         self.x, self.u = _read_only(after), _read_only(controls)
         self.k = _read_only(self._count(had_ended, failed))
         self._end_runs(failed)
-        air = self.air
+        air = self.air = self._air_of(after)
         table = self.accounts.quantities(before, after, controls, air)
         table[REWARD] = self._reward(StepOutcome(table, before, after, controls, air))
         for failure in failed:
@@ -283,7 +298,7 @@ class Simulation:
 
     def _flow(self, controls: Floats, had_ended: NDArray[np.bool_] | None) -> tuple[Floats, list[StepFailure]]:
         """States after the step, and the rows that failed; rows that had ended are not integrated."""
-        disturbances = self._weather.values[self.k]
+        disturbances = self._weather.values.take(self.k, axis=0)
         parameters = self._draws.parameters(self.k)
         if had_ended is None:
             return self.kernel.try_step(self.x, controls, disturbances, parameters)
@@ -305,23 +320,12 @@ class Simulation:
 
     def _end_runs(self, failed: list[StepFailure]) -> None:
         """Mark the rows that failed or reached the horizon."""
-        at_horizon = self.k >= self.task.steps
-        if not failed and not at_horizon.any():
+        self._furthest += 1
+        if not failed and self._furthest < self._horizon:
             return
-        ended = self.ended | at_horizon
+        ended = self.ended | (self.k >= self._horizon)
         ended[[failure.row for failure in failed]] = True
         self._set_ended(ended)
-
-
-def _checked_seed(seed: object) -> int:
-    try:
-        number = index(seed)  # type: ignore[arg-type]  # anything but a whole number raises, which is the check
-    except TypeError:
-        number = -1
-    if isinstance(seed, bool) or not 0 <= number <= LARGEST_SEED:
-        msg = f"The seed {seed!r} is not a whole number from 0 to 2**64 - 1."
-        raise GlbenchError(msg)
-    return number
 
 
 def _read_only(array: NDArray[np.generic]) -> NDArray:  # type: ignore[type-arg]

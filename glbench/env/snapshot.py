@@ -13,12 +13,6 @@ from numpy.typing import NDArray
 from glbench.errors import ResultError
 
 _FORMAT = 1
-_GENERATOR_WORDS = 6
-
-
-def no_generators() -> NDArray[np.uint64]:
-    """What ``Snapshot.generators`` holds where no environment draws seeds for the next episodes."""
-    return np.empty((0, _GENERATOR_WORDS), dtype=np.uint64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,28 +87,3 @@ class Snapshot:
         for name in ("task_id", "task_digest"):
             values[name] = str(values[name])
         return cls(**values)
-
-
-def pack_generator(generator: np.random.Generator) -> NDArray[np.uint64]:
-    """State of a PCG64 generator (the kind Gymnasium uses) as six words."""
-    state = generator.bit_generator.state
-    inner = state["state"]
-    words = [*_halves(inner["state"]), *_halves(inner["inc"]), int(state["has_uint32"]), int(state["uinteger"])]
-    return np.array(words, dtype=np.uint64)
-
-
-def unpack_generator(words: NDArray[np.uint64]) -> np.random.Generator:
-    """The generator that ``pack_generator`` read."""
-    a, b, c, d, has_uint32, uinteger = (int(word) for word in words)
-    bits = np.random.PCG64()
-    bits.state = {
-        "bit_generator": "PCG64",
-        "state": {"state": a << 64 | b, "inc": c << 64 | d},
-        "has_uint32": has_uint32,
-        "uinteger": uinteger,
-    }
-    return np.random.Generator(bits)
-
-
-def _halves(number: int) -> tuple[int, int]:
-    return number >> 64, number & 0xFFFFFFFFFFFFFFFF

@@ -31,6 +31,9 @@ ROWS_AHEAD = 1024
 """About how many rows of draws are made at once: the generator is far quicker for many than for one."""
 STEPS_AHEAD = 64
 
+_NOT_DRAWN = -(2**40)
+"""First step of the draws at hand when there are none: every step is far behind it."""
+
 
 def register_distribution(name: str, meaning: str, deviation: Deviation) -> None:
     """Make a distribution known under ``name``, here and in task files.
@@ -76,11 +79,11 @@ class ParameterDraws:
         self._half_width = uncertainty.half_width
         self._deviation = DISTRIBUTIONS[uncertainty.distribution]
         self._derived = DerivedParameters(self.nominal, task.uncertain_parameters())
-        self._columns = self._derived.columns
+        self._columns = np.array(self._derived.columns)
         self._keys = np.zeros((n, 2), dtype=np.uint64)
         self._ahead = 1 if self._once else max(1, min(STEPS_AHEAD, ROWS_AHEAD // n))
-        self._first = np.full(n, -1, dtype=np.int64)
-        self._drawn = np.empty((n, self._ahead, len(self._columns)))
+        self._first = np.full(n, _NOT_DRAWN)
+        self._drawn = np.empty((n, self._ahead, self._columns.size))
         self._rows = np.arange(n)
         self._parameters = np.repeat(self.nominal[None, :], n, axis=0)
 
@@ -89,7 +92,7 @@ class ParameterDraws:
         if self.certain:
             return
         self._keys[rows] = [draw_key(self._task_id, seed) for seed in seeds]
-        self._first[rows] = -1
+        self._first[rows] = _NOT_DRAWN
 
     def parameters(self, steps: NDArray[np.int64]) -> Floats:
         """Parameters of every row in its step: ``(208,)`` nominal without uncertainty, else ``(n, 208)``.
@@ -100,9 +103,8 @@ class ParameterDraws:
             return self.nominal
         wanted = np.zeros_like(steps) if self._once else steps
         offset = wanted - self._first
-        stale = (self._first < 0) | (offset < 0) | (offset >= self._ahead)
-        if stale.any():
-            rows = np.flatnonzero(stale)
+        if offset.max() >= self._ahead:
+            rows = np.flatnonzero(offset >= self._ahead)
             self._draw(rows, wanted[rows])
             offset[rows] = 0
         self._parameters[:, self._columns] = self._drawn[self._rows, offset]

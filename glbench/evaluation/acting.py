@@ -63,7 +63,7 @@ def guarded(
         raise
     except ActionError as error:  # of the adapter for single-run agents, which checks the shape of what they return
         failure = Failure(None, "invalid_action", str(error).rstrip("."))
-    except BaseException as error:  # noqa: BLE001 - an agent may raise anything, SystemExit included; it is recorded, not swallowed
+    except BaseException as error:  # an agent may raise anything, SystemExit included; it is recorded, not swallowed
         failure = Failure(None, "crashed", in_words(error))
     took = time.perf_counter() - began
     if failure is None and took > seconds:

@@ -6,9 +6,9 @@ so that the agent can be brought back by showing it the same inputs again.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from glbench.agents import Agent, LoadedAgent, PerRunAgent, PrivilegedController
 from glbench.env import Simulation, StepResult
 from glbench.errors import SubmissionError
-from glbench.evaluation.acting import Failure, guarded
-from glbench.evaluation.actions import ActionBounds, read_actions
+from glbench.evaluation.acting import Answer, Failure, guarded
+from glbench.evaluation.actions import read_actions
 from glbench.evaluation.limits import TimeLimits
 from glbench.model import CONTROL_NAMES
-from glbench.tasks import TaskCard, TaskSpec
+from glbench.tasks import Action, TaskCard, TaskSpec
 
 Inputs = NDArray[np.float32] | NDArray[np.float64]
 Array = NDArray[np.float64]
@@ -65,13 +65,13 @@ def make_driver(agent: LoadedAgent, task: TaskSpec, card: TaskCard, n: int, limi
         When the agent cannot be made.
     """
     first = _made(agent, card, limits)
-    bounds = _bounds(card)
     if isinstance(first, PerRunAgent):
         others = [_made(agent, card, limits) for _ in range(n - 1)]
-        return PerRunDriver([first, *others], card, bounds, limits)  # type: ignore[list-item]
-    if isinstance(first, PrivilegedController):
-        return PrivilegedDriver(first, task, card, n, limits)
-    return BatchDriver(first, card, bounds, n, limits)
+        return PerRunDriver([first, *others], card, limits)  # type: ignore[list-item]
+    # What the loader says counts, not what the object looks like: a submission is never privileged.
+    if agent.privileged:
+        return PrivilegedDriver(cast(PrivilegedController, first), task, card, n, limits)
+    return BatchDriver(cast(Agent, first), card, n, limits)
 
 
 def _made(agent: LoadedAgent, card: TaskCard, limits: TimeLimits) -> Agent | PrivilegedController:
@@ -87,40 +87,47 @@ class _Observing:
     """What agents that see observations and act through the task's actuation have in common."""
 
     def inputs(self, simulation: Simulation, observations: NDArray[np.float32]) -> Inputs:
+        """Show the observations."""
         return observations.copy()
 
     def apply(self, simulation: Simulation, actions: Array) -> StepResult:
+        """Take a step with actions, through the actuation."""
         return simulation.step(actions)
 
 
 class BatchDriver(_Observing):
     """One agent that decides for all runs at once: what breaks its call ends all runs, a bad row ends one."""
 
-    def __init__(self, agent: Agent, card: TaskCard, bounds: ActionBounds, n: int, limits: TimeLimits) -> None:
-        self._agent, self._card, self._bounds, self._n, self._limits = agent, card, bounds, n, limits
+    def __init__(self, agent: Agent, card: TaskCard, n: int, limits: TimeLimits) -> None:
+        self._agent, self._card, self._n, self._limits = agent, card, n, limits
 
     def start(self) -> tuple[Failure, ...]:
+        """Reset the agent."""
         answer = guarded(lambda: self._agent.reset(self._card, self._n), self._limits.start, "reset")
         return (answer.failure,) if answer.failure else ()
 
     def decide(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
+        """Ask for the actions of all runs."""
         n = self._n
         # A copy: an agent that works in its observations must not change what is recorded or what the simulation holds.
         shown = inputs.astype(np.float32)
         deciding = int(np.count_nonzero(alive))
         answer = guarded(
-            lambda: read_actions(self._agent.act(shown), n, self._bounds), self._limits.step * deciding, "act (for all runs)"
+            lambda: read_actions(self._agent.act(shown), self._card, n),
+            self._limits.step * deciding,
+            "act (for all runs)",
         )
-        return _batch_decision(answer.value, answer.failure, answer.seconds / deciding * alive, (n, len(self._bounds.names)))
+        return _batch_decision(answer, alive, (n, len(self._card.actions)))
 
 
 class PerRunDriver(_Observing):
     """One agent a run, each asked by itself: whatever one of them does ends its own run only."""
 
-    def __init__(self, agents: list[PerRunAgent], card: TaskCard, bounds: ActionBounds, limits: TimeLimits) -> None:
-        self._agents, self._card, self._bounds, self._limits = agents, card, bounds, limits
+    def __init__(self, agents: list[PerRunAgent], card: TaskCard, limits: TimeLimits) -> None:
+        self._agents, self._card, self._limits = agents, card, limits
 
     def start(self) -> tuple[Failure, ...]:
+        """Reset the agent."""
         failures = []
         for row, agent in enumerate(self._agents):
             answer = guarded(lambda agent=agent: agent.reset(self._card, 1), self._limits.start, "reset")  # type: ignore[misc]
@@ -128,8 +135,9 @@ class PerRunDriver(_Observing):
         return tuple(failures)
 
     def decide(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
+        """Ask for the actions of all runs."""
         n = len(self._agents)
-        rows: list[Array] = [np.zeros(len(self._bounds.names))] * n
+        rows: list[Array] = [np.zeros(len(self._card.actions))] * n
         seconds = np.zeros(n)
         failures = []
         for row in np.flatnonzero(alive):
@@ -140,60 +148,57 @@ class PerRunDriver(_Observing):
                 rows[row] = answer.value
             if answer.failure:
                 # The adapter counts its own runs, of which it has one here.
-                failures.append(replace(answer.failure, row=int(row), reason=answer.failure.reason.replace(" in run 0", "")))
-        actions, problems = read_actions(rows, n, self._bounds)
+                failures.append(
+                    replace(answer.failure, row=int(row), reason=answer.failure.reason.replace(" in run 0", ""))
+                )
+        actions, problems = read_actions(rows, self._card, n)
         return Decision(actions, (*failures, *_invalid(problems, alive)), seconds)
 
 
 class PrivilegedDriver:
     """A controller of glbench that sees states and disturbances and sets the controls themselves."""
 
-    def __init__(self, controller: PrivilegedController, task: TaskSpec, card: TaskCard, n: int, limits: TimeLimits) -> None:
+    def __init__(
+        self, controller: PrivilegedController, task: TaskSpec, card: TaskCard, n: int, limits: TimeLimits
+    ) -> None:
         self._controller, self._card, self._n, self._limits = controller, card, n, limits
+        self._applied = replace(card, actions=tuple(Action(name, 0.0, 1.0) for name in CONTROL_NAMES))
         self._weather = task.disturbances(extra_rows=task.observation.forecast_steps)
-        count = len(CONTROL_NAMES)
-        self._bounds = ActionBounds(CONTROL_NAMES, np.zeros(count), np.ones(count))
 
     def start(self) -> tuple[Failure, ...]:
+        """Reset the agent."""
         answer = guarded(lambda: self._controller.reset(self._card, self._n), self._limits.start, "reset")
         return (answer.failure,) if answer.failure else ()
 
     def inputs(self, simulation: Simulation, observations: NDArray[np.float32]) -> Inputs:
+        """Show the states."""
         return np.array(simulation.x, dtype=np.float64)
 
     def decide(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
+        """Ask for the actions of all runs."""
         n, weather = self._n, self._weather
         d, hour, day = weather.values[step], float(weather.hour_of_day[step]), float(weather.day_of_year[step])
         deciding = int(np.count_nonzero(alive))
         shown = inputs.astype(np.float64)
         answer = guarded(
-            lambda: read_actions(self._controller.controls(shown, d, hour, day), n, self._bounds),
+            lambda: read_actions(self._controller.controls(shown, d, hour, day), self._applied, n),
             self._limits.step * deciding,
             "controls (for all runs)",
         )
-        return _batch_decision(answer.value, answer.failure, answer.seconds / deciding * alive, (n, len(self._bounds.names)))
+        return _batch_decision(answer, alive, (n, len(self._applied.actions)))
 
     def apply(self, simulation: Simulation, actions: Array) -> StepResult:
+        """Take a step with controls, past the actuation."""
         return simulation.step_controls(actions)
 
 
-def _batch_decision(
-    read: tuple[Array, dict[int, str]] | None, failure: Failure | None, seconds: Array, shape: tuple[int, int]
-) -> Decision:
-    if failure is not None or read is None:
-        return Decision(np.zeros(shape), (failure,) if failure else (), seconds)
-    actions, problems = read
-    return Decision(actions, _invalid(problems, seconds > 0), seconds)
+def _batch_decision(answer: Answer[tuple[Array, dict[int, str]]], alive: Mask, shape: tuple[int, int]) -> Decision:
+    seconds = answer.seconds / np.count_nonzero(alive) * alive
+    if answer.value is None:
+        return Decision(np.zeros(shape), (answer.failure,) if answer.failure else (), seconds)
+    actions, problems = answer.value
+    return Decision(actions, _invalid(problems, alive), seconds)
 
 
-def _invalid(problems: dict[int, str], alive: Iterable[bool]) -> tuple[Failure, ...]:
-    living = list(alive)
-    return tuple(Failure(row, "invalid_action", reason) for row, reason in problems.items() if living[row])
-
-
-def _bounds(card: TaskCard) -> ActionBounds:
-    return ActionBounds(
-        card.action_names,
-        np.array([action.low for action in card.actions], dtype=np.float64),
-        np.array([action.high for action in card.actions], dtype=np.float64),
-    )
+def _invalid(problems: Mapping[int, str], alive: Mask) -> tuple[Failure, ...]:
+    return tuple(Failure(row, "invalid_action", reason) for row, reason in problems.items() if alive[row])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import datetime as dt
 import hashlib
 import logging
-from contextlib import ExitStack, contextmanager
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +15,7 @@ import rfc8785
 
 from glbench.agents import LoadedAgent, load_agent
 from glbench.env import Simulation
+from glbench.env.kernels import shared_kernel
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import provenance
 from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, read_checkpoint
@@ -27,13 +28,12 @@ from glbench.evaluation.records import (
     AgentRecord,
     EvaluationRecord,
     Result,
-    RunResult,
     TaskRecord,
     results_digest,
     summarise,
 )
 from glbench.evaluation.tally import Tally
-from glbench.kernel import Kernel, KernelPool, make_kernel
+from glbench.kernel import KernelPool
 from glbench.tasks import TaskSpec, get_task, task_card
 
 logger = logging.getLogger(__name__)
@@ -70,6 +70,11 @@ class Evaluation:
         """Whether there is a checkpoint to go on from."""
         return self._folder is not None and self._folder.is_dir()
 
+    def forget(self) -> None:
+        """Throw the checkpoint away, so that ``run`` starts from the beginning."""
+        if self._folder is not None:
+            discard(self._folder)
+
     def run(self, progress: ProgressCallback | None = None) -> Result:
         """Run it, from its checkpoint if there is one, and save the result.
 
@@ -89,8 +94,7 @@ class Evaluation:
         return result
 
     def _from_the_start(self, simulation: Simulation, progress: ProgressCallback | None) -> Result:
-        if self._folder is not None:
-            discard(self._folder)
+        self.forget()
         lockstep, tally = self._lockstep(simulation, progress)
         lockstep.start()
         lockstep.run(simulation.reset(self.seeds), 0)
@@ -206,3 +210,164 @@ class Evaluation:
             yield
         finally:
             lock.release()
+
+
+def prepare(
+    task: TaskSpec | str | Path,
+    agent: LoadedAgent | str | Path,
+    *,
+    runs: int | None = None,
+    first_seed: int | None = None,
+    workers: int = 1,
+    out: Path | str | None = None,
+    fresh: bool = False,
+    limits: TimeLimits | None = None,
+    checkpoint_seconds: float = CHECKPOINT_SECONDS,
+) -> Evaluation:
+    """Decide everything about an evaluation and find out what can go wrong before it starts; arguments as for ``evaluate``."""
+    task = task if isinstance(task, TaskSpec) else get_task(task)
+    agent = agent if isinstance(agent, LoadedAgent) else load_agent(agent)
+    seeds = _seeds(task, runs, first_seed)
+    if workers < 1:
+        msg = f"An evaluation needs at least one worker; got {workers}."
+        raise GlbenchError(msg)
+    # Absolute at once: an agent may change the working directory.
+    folder = None if out is None else Path(out).expanduser().resolve()
+    kernel = shared_kernel(task.step_seconds, task.model.variant).describe()
+    stored = None
+    if folder is not None:
+        ensure_writable(result_path(folder, task.id, agent.name).parent)
+        stored = None if fresh else _finished(folder, task, agent, seeds, kernel)
+    evaluation = Evaluation(
+        task, agent, seeds, min(workers, len(seeds)), kernel, folder, limits or TimeLimits(), checkpoint_seconds, stored
+    )
+    if fresh:
+        evaluation.forget()
+    return evaluation
+
+
+def evaluate(
+    task: TaskSpec | str | Path,
+    agent: LoadedAgent | str | Path,
+    *,
+    runs: int | None = None,
+    first_seed: int | None = None,
+    workers: int = 1,
+    out: Path | str | None = None,
+    fresh: bool = False,
+    limits: TimeLimits | None = None,
+    checkpoint_seconds: float = CHECKPOINT_SECONDS,
+    progress: ProgressCallback | None = None,
+) -> Result:
+    """Evaluate an agent on a task over seeded runs.
+
+    Parameters
+    ----------
+    task
+        A task, its id, or the path of a task file.
+    agent
+        A loaded agent, the path of a submission, or the name of a baseline.
+    runs, first_seed
+        Number of runs and seed of the first; by default what the task says. Run i has the seed ``first_seed + i``.
+    workers
+        Processes that share the simulation of the runs. The numbers do not depend on it.
+    out
+        Folder for the result (``<out>/results/<task>/<agent>.json``) and for the checkpoint of an interrupted evaluation.
+        Without it nothing is written.
+    fresh
+        Evaluate again even when the result is there, and from the beginning even when there is a checkpoint.
+    limits
+        Time that the agent may take; see ``TimeLimits``.
+    checkpoint_seconds
+        Shortest time between two checkpoints [s]; 0 makes one after every step.
+    progress
+        Called with a ``Progress`` after every step.
+
+    Returns
+    -------
+    Result
+        Also when runs failed: look at ``result.failed``. For pandas: ``result.to_frame()`` has one row a run and units in
+        ``frame.attrs["units"]``.
+
+    Raises
+    ------
+    GlbenchError
+        For an unknown task, an agent that cannot be loaded, a folder that cannot be written, impossible numbers.
+    """
+    evaluation = prepare(
+        task,
+        agent,
+        runs=runs,
+        first_seed=first_seed,
+        workers=workers,
+        out=out,
+        fresh=fresh,
+        limits=limits,
+        checkpoint_seconds=checkpoint_seconds,
+    )
+    return evaluation.stored or evaluation.run(progress)
+
+
+def agent_record(agent: LoadedAgent) -> AgentRecord:
+    """The agent as results name it."""
+    return AgentRecord(
+        name=agent.name,
+        kind=agent.kind,
+        digest=agent.digest,
+        privileged=agent.privileged,
+        information=agent.information,
+    )
+
+
+@contextmanager
+def _open_kernel(task: TaskSpec, workers: int) -> Iterator[KernelPool | None]:
+    """A pool of processes, or ``None`` for the kernel that all simulations of this process share."""
+    if workers == 1:
+        yield None
+        return
+    with KernelPool(workers, task.step_seconds, variant=task.model.variant) as pool:
+        yield pool
+
+
+def _seeds(task: TaskSpec, runs: int | None, first_seed: int | None) -> tuple[int, ...]:
+    runs = task.evaluation.runs if runs is None else runs
+    first = task.evaluation.first_seed if first_seed is None else first_seed
+    if runs < 1:
+        msg = f"An evaluation needs at least one run; got {runs}."
+        raise GlbenchError(msg)
+    if first < 0 or first + runs - 1 > _LARGEST_SEED:
+        msg = f"Seeds lie between 0 and 2^53 - 1; got {runs} runs from seed {first}."
+        raise GlbenchError(msg)
+    return tuple(range(first, first + runs))
+
+
+def _finished(
+    out: Path, task: TaskSpec, agent: LoadedAgent, seeds: tuple[int, ...], kernel: dict[str, str | float]
+) -> Result | None:
+    """The stored result of this very evaluation.
+
+    Raises
+    ------
+    ResultError
+        When the task's full evaluation of this agent stands there and a trial with other seeds would replace it.
+    """
+    path = result_path(out, task.id, agent.name)
+    if not path.exists():
+        return None
+    try:
+        stored = load_result(path)
+    except ResultError as error:
+        logger.warning("%s The new result will replace it.", error)
+        return None
+    same = (stored.task.digest, stored.agent.digest, stored.evaluation.kernel) == (task.digest, agent.digest, kernel)
+    if not same:
+        return None
+    if stored.evaluation.seeds == seeds:
+        return stored
+    if stored.evaluation.seeds == tuple(task.evaluation.seeds):
+        msg = (
+            f"{path} holds the full evaluation of this agent ({len(stored.runs)} runs); {len(seeds)} runs from seed {seeds[0]} "
+            "would replace it. Choose another folder with --out, or replace it with --fresh."
+        )
+        raise ResultError(msg)
+    return None

@@ -37,8 +37,8 @@ class TimeLimits:
         return {f"{name}_seconds": value for name, value in asdict(self).items()}
 
 
-class TimeUp(BaseException):  # noqa: N818 - no error of the program, and `except Exception` in an agent must not catch it
-    """The alarm rang inside an agent's call."""
+class TimeUp(BaseException):
+    """The alarm rang inside an agent's call. No ``Exception``, so that an agent does not catch it by catching errors."""
 
 
 class Alarm:

@@ -115,7 +115,10 @@ class Lockstep:
         """Runs whose decisions together took too long."""
         limit = self._limits.run
         late = np.flatnonzero(self._tally.seconds > limit)
-        return [Failure(int(row), "timed_out", f"the run's decisions together took longer than their limit of {limit:g} s") for row in late]
+        return [
+            Failure(int(row), "timed_out", f"the run's decisions together took longer than their limit of {limit:g} s")
+            for row in late
+        ]
 
     def _save(self, step: int) -> None:
         snapshot = np.frombuffer(self._simulation.snapshot().to_bytes(), dtype=np.uint8)

@@ -18,7 +18,11 @@ KG = "kg m-2"
 HOURS = "h"
 ONE = "-"
 
-LIMITED = {"air_temperature": "the air temperature", "co2": "the CO2 concentration", "relative_humidity": "the relative humidity"}
+LIMITED = {
+    "air_temperature": "the air temperature",
+    "co2": "the CO2 concentration",
+    "relative_humidity": "the relative humidity",
+}
 SIDES = {"low": "below", "high": "above"}
 
 

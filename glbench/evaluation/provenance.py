@@ -36,7 +36,9 @@ def versions() -> Versions:
 
 def machine() -> Machine:
     """Processor, cores that this process may use, operating system."""
-    return Machine(processor=_processor(), architecture=platform.machine(), cores=usable_cores(), system=platform.platform())
+    return Machine(
+        processor=_processor(), architecture=platform.machine(), cores=usable_cores(), system=platform.platform()
+    )
 
 
 def usable_cores() -> int:

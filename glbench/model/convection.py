@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
+from glbench.model.controls import Controls
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr, if_else, magnitude_power
 from glbench.model.parameters import Parameters
 from glbench.model.quantities import Quantity
 from glbench.model.states import State
-from glbench.model.controls import Controls
 from glbench.model.variants import Variant
 from glbench.model.ventilation import Ventilation
 

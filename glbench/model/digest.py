@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from functools import lru_cache
+from functools import cache
 
 import casadi
 
@@ -13,12 +13,12 @@ MODEL_VERSION = "1.0.0"
 """Version of the equations. It changes when a result may change."""
 
 
-@lru_cache(maxsize=None)
+@cache
 def model_digest(variant: str = "author") -> str:
     """SHA-256 of the equations of a variant: 64 hexadecimal digits.
 
-    It changes with any equation, constant or order of the inputs, and depends on nothing else: not on names, on the order in which expressions
-    are evaluated, or on the memory or path of a program.
+    It changes with any equation, with any bit of a constant and with the order of inputs and outputs. It does not change
+    with names, with the order of evaluation or with the machine.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def _digest(*parts: str) -> str:
     return hashlib.sha256("\n".join(parts).encode("ascii")).hexdigest()
 
 
-@lru_cache(maxsize=None)
+@cache
 def _operation_names() -> dict[int, str]:
     """Names of CasADi's operations; the numbers may differ between its versions."""
     return {getattr(casadi, name): name for name in dir(casadi) if name.startswith("OP_")}

@@ -7,7 +7,7 @@ gives the same bits alone and in any batch.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, Literal, TypeAlias, get_type_hints
 
 import casadi
@@ -42,7 +42,7 @@ AUXILIARIES: tuple[NamedQuantity, ...] = tuple(
 """Name, unit and meaning of every quantity that :func:`auxiliaries` gives."""
 
 
-@lru_cache(maxsize=None)
+@cache
 def _symbolic_model(variant: str, symbolic: str) -> tuple[dict[str, Any], GreenLight]:
     """Symbols of the inputs, and the model evaluated with them."""
     kinds: dict[str, Callable[..., Any]] = {"SX": casadi.SX.sym, "MX": casadi.MX.sym}
@@ -60,7 +60,7 @@ def _function(name: str, vectors: dict[str, Any], output: Any, output_name: str)
     return casadi.Function(name, list(vectors.values()), [shared], list(vectors), [output_name])
 
 
-@lru_cache(maxsize=None)
+@cache
 def build_rhs(variant: str = "author", symbolic: Symbolic = "SX") -> casadi.Function:
     """CasADi function ``rhs`` of x, u, d, p that gives ``dxdt``, the time derivative of the state.
 
@@ -80,14 +80,14 @@ def build_rhs(variant: str = "author", symbolic: Symbolic = "SX") -> casadi.Func
     return _function("rhs", vectors, casadi.vertcat(*model.derivative), "dxdt")
 
 
-@lru_cache(maxsize=None)
+@cache
 def build_auxiliaries(variant: str = "author") -> casadi.Function:
     """CasADi function of x, u, d, p that gives all quantities of ``AUXILIARIES``, in that order, as one vector."""
     vectors, model = _symbolic_model(variant, "SX")
     return _function("auxiliaries", vectors, casadi.vertcat(*(v for record in model.fluxes for v in record)), "aux")
 
 
-@lru_cache(maxsize=None)
+@cache
 def build_jacobian(wrt: str = "x", variant: str = "author") -> casadi.Function:
     """CasADi function of x, u, d, p that gives the derivative of ``dxdt`` to one of the inputs, a dense (28, m) matrix.
 
@@ -173,13 +173,19 @@ def _evaluate(function: casadi.Function, *inputs: ArrayLike) -> Array:
     values = np.empty((n, columns, rows))  # CasADi stores matrices by columns
     if n:
         stacked = [np.ascontiguousarray(np.broadcast_to(array, (n, array.shape[-1]))) for array in arrays]
-        buffer, evaluate = function.map(n).buffer()
+        buffer, evaluate = _over_rows(function, n).buffer()
         for index, array in enumerate(stacked):
-            buffer.set_arg(index, memoryview(array))
-        buffer.set_res(0, memoryview(values))
+            buffer.set_arg(index, array.data)  # type: ignore[call-arg]
+        buffer.set_res(0, values.data)  # type: ignore[call-arg]
         evaluate()
     by_row = values.transpose(0, 2, 1)
     return by_row if any(array.ndim == 2 for array in arrays) else by_row[0]
+
+
+@lru_cache(maxsize=64)
+def _over_rows(function: casadi.Function, n: int) -> casadi.Function:
+    """The function for n rows; kept, because making it takes longer than evaluating it."""
+    return function.map(n)
 
 
 def _checked(inputs: tuple[ArrayLike, ...]) -> list[Array]:

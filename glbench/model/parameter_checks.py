@@ -73,6 +73,8 @@ def check_value(info: ParameterInfo, value: float) -> None:
     }[info.check]
     if not (possible and math.isfinite(value)):
         msg = f"Parameter {info.name} ({info.meaning}) cannot be {value:g} {info.unit}: it must be finite and {words}."
+        if info.is_derived:
+            msg += f" It follows from others: {info.name} = {info.formula}."
         raise ParameterError(msg)
 
 
@@ -95,8 +97,6 @@ def check_together(table: Sequence[ParameterInfo], vector: Sequence[float], chan
         With the values that contradict each other.
     """
     values = {info.name: value for info, value in zip(table, vector, strict=True)}
-    for info in table:
-        check_value(info, values[info.name])
     for shares in SHARES:
         total = sum(values[name] for name in shares.parts)
         if total > 1 + ROUNDING and not set(shares.parts).isdisjoint(changed):
@@ -110,6 +110,8 @@ def check_together(table: Sequence[ParameterInfo], vector: Sequence[float], chan
                 f"{order.reason}."
             )
             raise ParameterError(msg)
+    for info in table:
+        check_value(info, values[info.name])
     if not values["aRoof"] + values["aSide"] > 0:
         msg = "aRoof and aSide are both 0 m2: the model needs vents. Set aRoof to their area; the control may keep them shut."
         raise ParameterError(msg)

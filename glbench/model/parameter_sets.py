@@ -6,6 +6,7 @@ A set is a column of parameters.csv. The benchmark's set stands alone; the autho
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from collections.abc import Mapping
@@ -173,13 +174,15 @@ def _split(info: ParameterInfo, given: Given) -> tuple[float, str | None]:
     elif isinstance(given, str):
         number, _, rest = given.strip().partition(" ")
         unit = rest.strip() or None
-    try:
-        if isinstance(number, bool) or not isinstance(number, (int, float, str, np.number)):
-            raise TypeError
-        return float(number), unit
-    except (TypeError, ValueError):
-        msg = f"Parameter {info.name} cannot be {given!r}; give a number in {info.unit}, or a text such as '1.5 {info.unit}'."
-        raise ParameterError(msg) from None
+    # A truth value is an integer to Python, but no measurement.
+    if isinstance(number, int | float | str | np.number) and not isinstance(number, bool):
+        with contextlib.suppress(TypeError, ValueError):
+            return float(number), unit
+    msg = (
+        f"Parameter {info.name} cannot be {given!r}: "
+        f"give a number in its unit ({info.unit}), or a text such as '{info.values.get(BENCHMARK, 1):g} {info.unit}'."
+    )
+    raise ParameterError(msg)
 
 
 def _check_derived(given: Mapping[str, float], vector: NDArray[np.float64]) -> None:

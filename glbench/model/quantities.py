@@ -48,9 +48,9 @@ def public_name(attribute: str) -> str:
 
 def table_of(record: type[Any]) -> tuple[NamedQuantity, ...]:
     """Table of the annotated fields of ``record``, in the order of its fields."""
-    entries = []
-    for attribute, hint in get_type_hints(record, include_extras=True).items():
-        for note in getattr(hint, "__metadata__", ()):
-            if isinstance(note, Quantity):
-                entries.append(NamedQuantity(public_name(attribute), attribute, note.unit, note.meaning))
-    return tuple(entries)
+    return tuple(
+        NamedQuantity(public_name(attribute), attribute, note.unit, note.meaning)
+        for attribute, hint in get_type_hints(record, include_extras=True).items()
+        for note in getattr(hint, "__metadata__", ())
+        if isinstance(note, Quantity)
+    )

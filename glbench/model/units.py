@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _SPELLINGS = {"degC": "°C", "℃": "°C", "deg": "°", "µmol": "umol", "μmol": "umol", "days": "day", "d": "day"}
-_FACTOR = re.compile(r"(?P<power>/?)\s*(?P<symbol>[^\s\d/*·^()+-]+)\^?(?P<exponent>[+-]?\d+(?:\.\d+)?)?")
+_FACTOR = re.compile(r"(?P<divided>/?)\s*(?P<symbol>[^\s\d/*·^()+-]+)\^?(?P<exponent>[+-]?\d+(?:\.\d+)?)?")
 _NO_UNIT = frozenset({"", "-", "1", "–"})
 
 
@@ -19,11 +18,11 @@ def parse_unit(text: str) -> dict[str, float]:
     plain = text.translate(_SUPERSCRIPTS).strip()
     if plain in _NO_UNIT:
         return {}
-    exponents: Counter[str] = Counter()
+    exponents: dict[str, float] = {}
     for factor in _FACTOR.finditer(plain):
         symbol = _SPELLINGS.get(factor["symbol"], factor["symbol"])
         exponent = float(factor["exponent"] or 1)
-        exponents[symbol] += -exponent if factor["power"] else exponent  # type: ignore[assignment]
+        exponents[symbol] = exponents.get(symbol, 0) + (-exponent if factor["divided"] else exponent)
     return {symbol: exponent for symbol, exponent in exponents.items() if exponent}
 
 

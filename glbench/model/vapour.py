@@ -38,14 +38,19 @@ class Vapour(NamedTuple):
     l_top_cov_in: Annotated[Expr, Quantity("W m-2", "latent heat, top air to inner cover")]
 
 
-def condensation(hec: Expr, vapour_pressure: Expr, surface_temperature: Expr) -> Expr:
-    """Condensation on a surface [kg m-2 s-1] with a heat exchange coefficient [W m-2 K-1]. Vanthoor (2011) eqs 8.43-8.44.
+def condensing_pressure(vapour_pressure: Expr, surface_temperature: Expr) -> Expr:
+    """Smooth positive part of the vapour pressure above saturation at a surface [Pa]. Vanthoor (2011) eq. 8.44.
 
-    A smooth "positive part": linear in the excess pressure when the surface is below the dew point, almost 0 otherwise,
-    with a small negative lobe whose minimum is at an excess of -12.8 Pa.
+    Linear when the surface is below the dew point, almost 0 otherwise, with a small negative lobe: its minimum, -2.8 Pa,
+    is at 12.8 Pa below saturation.
     """
     excess = vapour_pressure - saturation_vapour_pressure(surface_temperature)
-    return LEWIS_FACTOR * hec * excess * sigmoid(CONDENSATION_SLOPE * excess)
+    return excess * sigmoid(CONDENSATION_SLOPE * excess)
+
+
+def condensation(hec: Expr, pressure: Expr) -> Expr:
+    """Condensation [kg m-2 s-1] at a heat exchange coefficient [W m-2 K-1] and pressure [Pa]. Vanthoor (2011) eq. 8.43."""
+    return LEWIS_FACTOR * hec * pressure
 
 
 def carried_vapour(
@@ -63,14 +68,15 @@ def carried_vapour(
 def vapour(x: State, v: Ventilation, h: Convection, d: Disturbances, p: Parameters, variant: Variant) -> Vapour:
     """All vapour fluxes apart from transpiration. Vanthoor (2011) eqs 8.42-8.45, Katzin (2021) eqs 7.39-7.41.
 
-    Nothing evaporates from screens and cover to the top air, apart from the small negative lobe of `condensation`; the
-    author's definition removes that lobe at the blackout screen only (row 3).
+    Nothing evaporates from screens and cover to the top air, apart from the small negative lobe of `condensing_pressure`;
+    the author's definition removes that lobe at the blackout screen only (row 3).
     """
-    mv_air_th_scr = condensation(h.hec_air_th_scr, x.vp_air, x.t_th_scr)
-    mv_air_bl_scr = condensation(h.hec_air_bl_scr, x.vp_air, x.t_bl_scr)
+    at_bl_scr = condensing_pressure(x.vp_air, x.t_bl_scr)
     if not variant.blackout_screen_dries:
-        mv_air_bl_scr = fmax(0, mv_air_bl_scr)
-    mv_top_cov_in = condensation(h.hec_top_cov_in, x.vp_top, x.t_cov_in)
+        at_bl_scr = fmax(0, at_bl_scr)
+    mv_air_th_scr = condensation(h.hec_air_th_scr, condensing_pressure(x.vp_air, x.t_th_scr))
+    mv_air_bl_scr = condensation(h.hec_air_bl_scr, at_bl_scr)
+    mv_top_cov_in = condensation(h.hec_top_cov_in, condensing_pressure(x.vp_top, x.t_cov_in))
     return Vapour(
         mv_air_th_scr=mv_air_th_scr,
         mv_air_bl_scr=mv_air_bl_scr,

@@ -49,6 +49,14 @@ class Ventilation(NamedTuple):
     f_scr: Annotated[Expr, Quantity("m3 m-2 s-1", "air exchange of main air and top air")]
 
 
+class Densities(NamedTuple):
+    """Air density [kg m-3] below and above the screens."""
+
+    air: Expr
+    top: Expr
+    mean: Expr
+
+
 def f_roof_vents(open_area: Expr, x: State, d: Disturbances, p: Parameters) -> Expr:
     """Exchange of the roof vents by buoyancy and wind [m3 m-2 s-1]. Vanthoor (2011) eq. 8.65.
 
@@ -93,14 +101,6 @@ def f_through_screen(
         return cloth + gap / v.mean * sqrt(drive)
     # The same with gap^1.5 taken out of the root, for a finite slope at a closed screen.
     return cloth + gap**1.5 * fourth_root(square(0.5 * p.g / v.mean) * difference)
-
-
-class Densities(NamedTuple):
-    """Air density [kg m-3] below and above the screens."""
-
-    air: Expr
-    top: Expr
-    mean: Expr
 
 
 def ventilation(x: State, u: Controls, d: Disturbances, p: Parameters, variant: Variant) -> Ventilation:

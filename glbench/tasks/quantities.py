@@ -224,8 +224,8 @@ def forecast(context: ObservationContext) -> tuple[Quantity, ...]:
 
 
 def step_counter(context: ObservationContext) -> tuple[Quantity, ...]:
-    """Count of steps taken, 0 after reset."""
-    return (Quantity("step_counter", "-", 0.0, float(context.steps), "steps taken since the start"),)
+    """Count of steps taken, 0 after reset; with the timing ``published``, the number of the step just taken."""
+    return (Quantity("step_counter", "-", 0.0, float(context.steps), "steps since the start"),)
 
 
 def published_indoor_climate(context: ObservationContext) -> tuple[Quantity, ...]:

@@ -131,7 +131,9 @@ for _words, _entries in (
     (
         REWARD_MODULES,
         {
+            "epi": "economic performance of the step [EUR m-2]",
             "scaled_epi": "economic performance of the step: 0 at full use and no growth, 1 at full growth and no use",
+            "penalties": "minus the sum of the constraints' violations, each in its own unit",
             "scaled_penalty": "minus the sum of the constraints' violations, each divided by its penalty scale",
         },
     ),

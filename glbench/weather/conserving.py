@@ -39,7 +39,7 @@ TWILIGHT_SINE = float(np.sin(np.radians(6.0)))  # civil twilight lasts until the
 
 
 @dataclass(frozen=True)
-class Days:
+class _Days:
     """The local calendar days of a window: begin and end of each (seconds since 1970-01-01 UTC), and each step's day."""
 
     begins: IntArray
@@ -80,7 +80,8 @@ def prepare(record: WeatherRecord, window: Window) -> Prepared:
             samples.of_constants(is_day_smooth),
         ]
     )
-    return Prepared(values, first, last)
+    # The slot before and the slot after were read too, for the instants and the clearness.
+    return Prepared(values, max(first - 1, 0), min(last + 1, record.hours))
 
 
 @dataclass(frozen=True)
@@ -118,24 +119,30 @@ class _Slots:
         from_sun = np.minimum(hourly, BRIGHTEST_BEAM * sunshine.mean(axis=1))
         parts = from_sun[:, None] * _normalised(self._clearness() * sunshine)
         parts += (hourly - from_sun)[:, None] * _normalised(twilight)
-        running = np.zeros((parts.shape[0], PARTS + 1))
-        np.cumsum(_normalised(parts), axis=1, out=running[:, 1:])
-        shares = np.minimum(running / PARTS, 1.0)
-        shares[:, -1] = 1.0
+        running = np.cumsum(_normalised(parts), axis=1)
+        # Divided by its own last value: exactly 1 from the last bright part on, so that a dark part receives exactly 0.
+        shares: FloatArray = np.concatenate((np.zeros_like(running[:, :1]), running / running[:, -1:]), axis=1)
         return shares
 
     def _clearness(self) -> FloatArray:
-        """Kappa [W m-2] in the middle of every part, (slots, 12): linear between the middles of the sunlit slots."""
+        """Kappa [W m-2] in the middle of every part, (slots, 12): linear between the middles of the sunlit slots.
+
+        Where a neighbour is dark or outside the record, the slot's own kappa is held: evening and morning do not mix, and
+        the result does not depend on the window asked for.
+        """
         around = np.arange(self.first - 1, self.last + 1)
         known = (around >= 0) & (around < self.record.hours)
-        hourly = self.record.values("global_radiation")[around[known]]
-        sunshine = np.maximum(self.sine, 0.0).mean(axis=1)[known]
-        sunlit = sunshine > 0.0
-        if not sunlit.any():
-            return np.ones((self.last - self.first, PARTS))
-        kappa = np.minimum(hourly[sunlit] / sunshine[sunlit], BRIGHTEST_BEAM)
-        middles = np.arange((self.last - self.first) * PARTS) / PARTS + 0.5 / PARTS + self.first
-        return np.interp(middles, around[known][sunlit] + 0.5, kappa).reshape(-1, PARTS)
+        hourly = self.record.values("global_radiation")[np.where(known, around, 0)]
+        sunshine = np.maximum(self.sine, 0.0).mean(axis=1)
+        sunlit = known & (sunshine > 0.0)
+        kappa = np.ones(around.size)
+        kappa[sunlit] = np.minimum(hourly[sunlit] / sunshine[sunlit], BRIGHTEST_BEAM)
+        own = kappa[1:-1, None]
+        before = np.where(sunlit[:-2], kappa[:-2], kappa[1:-1])[:, None]
+        after = np.where(sunlit[2:], kappa[2:], kappa[1:-1])[:, None]
+        from_middle = (np.arange(PARTS) + 0.5) / PARTS - 0.5
+        to_before, to_after = np.maximum(-from_middle, 0.0), np.maximum(from_middle, 0.0)
+        return np.asarray(own + (before - own) * to_before + (after - own) * to_after)
 
     @cached_property
     def is_day(self) -> FloatArray:
@@ -179,7 +186,7 @@ def _sky_temperature(slots: _Slots, steps: Means, temperature: FloatArray) -> Fl
     return sky_temperature_from_cloud(temperature, slots.step_means("cloud_cover", steps) / 8.0)
 
 
-def _local_days(window: Window, timezone: str) -> Days:
+def _local_days(window: Window, timezone: str) -> _Days:
     local_day = (window.times + utc_offsets(window.times, timezone)) // DAY_SECONDS
     numbers, of_step = np.unique(local_day, return_inverse=True)
     zone = time_zone(timezone)
@@ -190,10 +197,10 @@ def _local_days(window: Window, timezone: str) -> Days:
 
     begins = np.array([midnight(int(number)) for number in numbers], dtype=np.int64)
     ends = np.array([midnight(int(number) + 1) for number in numbers], dtype=np.int64)
-    return Days(begins, ends, of_step)
+    return _Days(begins, ends, of_step)
 
 
-def _radiation_sums(slots: _Slots, days: Days) -> FloatArray:
+def _radiation_sums(slots: _Slots, days: _Days) -> FloatArray:
     """Radiation sum [MJ m-2] of each local calendar day (23 or 25 h long where the clock changes)."""
     record = slots.record
     for begin, end in ((int(days.begins[0]), record.begin), (record.end, int(days.ends[-1]))):

@@ -30,6 +30,8 @@ KNMI_TIMING: Mapping[str, Timing] = {
     "wind_speed": "mean",
     "global_radiation": "mean",
 }
+# For files without a station table: the station whose record is shipped.
+KNOWN_STATIONS: Mapping[int, Place] = {240: Place("KNMI 240, Schiphol", 52.318, 4.790, -3.3, KNMI_TIMEZONE)}
 NATIVE_COLUMNS = ("T", "U", "N", "FH", "Q")
 
 _HEADER = re.compile(r"^STN\s*,\s*YYYYMMDD\s*,\s*HH?\s*(,|$)")
@@ -156,7 +158,7 @@ def parse_knmi(text: str, file: str) -> KnmiTable:
         When there is no header line, a line has too few or too many fields, or a field is no number.
     """
     header: list[str] = []
-    stations: dict[int, Place] = {}
+    stations = dict(KNOWN_STATIONS)
     numbers: list[int] = []
     rows: list[list[str]] = []
     for number, raw in enumerate(text.splitlines(), start=1):
@@ -192,9 +194,8 @@ def parse_knmi(text: str, file: str) -> KnmiTable:
 
 def _place(match: re.Match[str]) -> Place:
     number, longitude, latitude, altitude, title = match.groups()
-    return Place(
-        f"KNMI {number}, {title.strip().title()}", float(latitude), float(longitude), float(altitude), KNMI_TIMEZONE
-    )
+    name = title.strip().title() if title.isupper() else title.strip()
+    return Place(f"KNMI {number}, {name}", float(latitude), float(longitude), float(altitude), KNMI_TIMEZONE)
 
 
 def _numbers(file: str, name: str, fields: list[str], lines: IntArray) -> FloatArray:

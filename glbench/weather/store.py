@@ -31,6 +31,18 @@ if TYPE_CHECKING:
 
 MANIFEST = "manifest.toml"
 METADATA_KEY = b"glbench.weather"
+_DESCRIPTION = (
+    "schema",
+    "place",
+    "begin",
+    "hours",
+    "timing",
+    "source",
+    "licence",
+    "typical_year",
+    "notes",
+    "digest",
+)
 NAME = re.compile(r"[a-z0-9][a-z0-9_.-]{0,63}")
 
 
@@ -100,8 +112,18 @@ def save_weather(record: WeatherRecord, name: str, *, overwrite: bool = False) -
     WeatherError
         When the name is not usable, is a shipped record's, or is taken and ``overwrite`` is false.
     """
+    path = check_new_name(name, overwrite=overwrite)
+    write_atomically(path, _parquet_bytes(replace(record, name=name)))
+    return path
+
+
+def check_new_name(name: str, *, overwrite: bool = False) -> Path:
+    """File for a new record ``name``. Raises ``WeatherError`` as ``save_weather`` does."""
     if not NAME.fullmatch(name):
-        msg = f"'{name}' cannot name a weather record: use up to 64 lower-case letters, digits, and . _ - (first a letter or digit)."
+        msg = (
+            f"'{name}' cannot name a weather record: use up to 64 lower-case letters, digits, and . _ - "
+            "(the first a letter or digit)."
+        )
         raise WeatherError(msg)
     if name in _manifest(data_folder("weather")):
         msg = f"'{name}' is the name of a shipped weather record, which never changes. Choose another name."
@@ -110,7 +132,6 @@ def save_weather(record: WeatherRecord, name: str, *, overwrite: bool = False) -
     if path.exists() and not overwrite:
         msg = f"There is a weather record '{name}' already ({path}). Choose another name, or replace it with --replace."
         raise WeatherError(msg)
-    write_atomically(path, _parquet_bytes(replace(record, name=name)))
     return path
 
 
@@ -139,10 +160,10 @@ def _manifest(folder: Path) -> Mapping[str, dict[str, Any]]:
     path = folder / MANIFEST
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        return MappingProxyType({str(name): entry for name, entry in content["record"].items()})
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError) as error:
         msg = f"Cannot read {path}: {error}. Install glbench again, or restore the file."
         raise WeatherError(msg) from error
-    return MappingProxyType({str(name): entry for name, entry in content["record"].items()})
 
 
 @lru_cache(maxsize=8)
@@ -227,8 +248,11 @@ def _metadata(schema: pa.Schema, path: Path) -> dict[str, Any]:
         described = json.loads((schema.metadata or {})[METADATA_KEY])
     except (KeyError, ValueError) as error:
         raise _damaged(path, "it carries no description") from error
-    if described.get("schema") != SCHEMA:
-        raise _damaged(path, f"its schema is {described.get('schema')}, this glbench reads {SCHEMA}")
+    missing = [key for key in _DESCRIPTION if key not in described]
+    if missing:
+        raise _damaged(path, f"its description lacks {', '.join(missing)}")
+    if described["schema"] != SCHEMA:
+        raise _damaged(path, f"its schema is {described['schema']}, this glbench reads {SCHEMA}")
     return dict(described)
 
 

@@ -118,7 +118,7 @@ def test_files_hold_the_same_numbers_in_csv_and_parquet(store, tmp_path):
     csv = pd.read_csv(tmp_path / "out" / "leaderboard.csv", dtype={"rank": "Int64"})
     parquet = pd.read_parquet(tmp_path / "out" / "leaderboard.parquet")
     assert list(csv["rank"].fillna(0)) == [1, 0]
-    assert list(csv["reward_mean [1]"]) == list(parquet["reward_mean [1]"]) == [2.625, 2.0]
+    assert list(csv["reward_mean [-]"]) == list(parquet["reward_mean [-]"]) == [2.625, 2.0]
     assert "epi_low [EUR m-2]" in csv.columns
     assert to_frame(tables).equals(parquet)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +20,7 @@ class GeneratedModel:
     operations: dict[str, int]
 
 
-def generate(function: Any) -> GeneratedModel:
+def generate(function: Any, zeros: Collection[int] = ()) -> GeneratedModel:
     """C++ functions of ``function`` (CasADi SX, arguments x, u, d, p): the right-hand side, its Jacobian, elimination.
 
     Raises
@@ -27,7 +28,7 @@ def generate(function: Any) -> GeneratedModel:
     ValueError
         When the function has an operation that the generator does not know.
     """
-    graph, slopes = importer.read_function(function, ("x", "u", "d", "p"))
+    graph, slopes = importer.read_function(function, ("x", "u", "d", "p"), zeros)
     graph, slopes = regroup(graph, slopes, lower_logistic=False)
     rows = derivative.jacobian(graph, slopes)
     entries = [(i, j) for i, row in enumerate(rows) for j in row]

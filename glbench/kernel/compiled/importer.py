@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import casadi
@@ -39,7 +39,7 @@ _DIRECT = {
 _NAMES = {getattr(casadi, name): name for name in dir(casadi) if name.startswith("OP_")}
 
 
-def read_function(function: Any, input_names: Sequence[str]) -> tuple[Graph, list[int]]:
+def read_function(function: Any, input_names: Sequence[str], zeros: Collection[int] = ()) -> tuple[Graph, list[int]]:
     """Graph of an SX function and the nodes of its first output, in order.
 
     Parameters
@@ -48,6 +48,8 @@ def read_function(function: Any, input_names: Sequence[str]) -> tuple[Graph, lis
         ``casadi.Function`` of SX expressions with dense arguments.
     input_names
         Name of each argument, in order; ``"x"`` is the state.
+    zeros
+        Elements of ``"p"`` that are known to be zero: what they multiply is left out.
 
     Raises
     ------
@@ -62,7 +64,9 @@ def read_function(function: Any, input_names: Sequence[str]) -> tuple[Graph, lis
         code = function.instruction_id(k)
         taken, given = function.instruction_input(k), function.instruction_output(k)
         if code == casadi.OP_INPUT:
-            work[given[0]] = graph.source(input_names[taken[0]], taken[1])
+            name = input_names[taken[0]]
+            absent = name == "p" and taken[1] in zeros
+            work[given[0]] = graph.constant(0.0) if absent else graph.source(name, taken[1])
         elif code == casadi.OP_CONST:
             work[given[0]] = graph.constant(function.instruction_constant(k))
         elif code == casadi.OP_OUTPUT:

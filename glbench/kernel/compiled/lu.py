@@ -88,11 +88,11 @@ def factorise_text(plan: Elimination, jacobian_index: dict[tuple[int, int], int]
 
 
 def solve_text(plan: Elimination) -> str:
-    """C++ function ``solve(lu, b, k)``: forward and back substitution."""
+    """C++ function ``solve<Two>(lu, a, b, k)``: forward and back substitution for ``a + b`` (or ``a`` alone)."""
     place = _places(plan)
     lines = []
     for i in plan.order:
-        text = f"b[{i}]"
+        text = f"(Two ? a[{i}] + b[{i}] : a[{i}])"
         for j in plan.lower[i]:
             text = f"fma<V>(lu[{place[i, j]}], y{j}, {text})"
         lines.append(f"const V y{i} = {text};")
@@ -102,7 +102,7 @@ def solve_text(plan: Elimination) -> str:
             text = f"fma<V>(lu[{place[i, j]}], k{j}, {text})"
         lines.append(f"const V k{i} = {text} * lu[{place[i, i]}]; k[{i}] = k{i};")
     body = "\n    ".join(lines)
-    return "template <class V> void solve(const V* lu, const V* b, V* k) {\n    " + body + "\n}\n"
+    return "template <bool Two, class V> void solve(const V* lu, const V* a, const V* b, V* k) {\n    " + body + "\n}\n"
 
 
 def _entry(name: str, i: int, j: int, terms: list[tuple[str, str]], jacobian_index: dict[tuple[int, int], int]) -> list[str]:

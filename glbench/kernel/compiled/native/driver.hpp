@@ -13,11 +13,11 @@ namespace glb {
 
 struct Settings {
     double step;                     // length of the control step [s]
-    double tolerance;                // relative tolerance
     double first;                    // first substep [s]
     double smallest;                 // a substep below this fails the step [s]
     double most;                     // more substeps than this fail the step
-    double absolute[model::STATES];  // added to |x| in the tolerance of each state [unit of the state]
+    double absolute[model::STATES];  // tolerance of a state is absolute + relative |x| [unit of the state]
+    double relative[model::STATES];
     int32_t threads;
 };
 
@@ -161,7 +161,7 @@ template <class V> class Stepper {
             for (int i = 0; i < model::STORED; ++i) set_element(work_.stored[i], lane, stored[i]);
             for (int i = 0; i < N; ++i) {
                 set_element(work_.x[i], lane, x[i]);
-                set_element(work_.weight[i], lane, 1.0 / (settings_.tolerance * (settings_.absolute[i] + __builtin_fabs(x[i]))));
+                set_element(work_.weight[i], lane, 1.0 / (settings_.absolute[i] + settings_.relative[i] * __builtin_fabs(x[i])));
             }
             set_element(h_, lane, settings_.first < settings_.step ? settings_.first : settings_.step);
             set_element(remaining_, lane, settings_.step);

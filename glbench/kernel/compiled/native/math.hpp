@@ -1,34 +1,59 @@
 // exp, log, pow, tanh, cos for any number of lanes, from IEEE operations only: no call into libm, so no bit depends on it.
 //
 // Largest errors found against 50-digit arithmetic are asserted by tests/kernel_compiled/test_math.py. All polynomials are
-// minimax fits (Remez exchange in 60 digits) rounded to double; even and odd parts are summed apart to shorten the chain.
+// minimax fits (Remez exchange in 60 digits) rounded to double, unless called Taylor.
 #pragma once
 #include "lanes.hpp"
 
 namespace glb {
 
-constexpr double LOG2_E = 0x1.71547652b82fep+0, LOG2_E_REST = 0x1.777d0ffda0d24p-56;
+constexpr double SIXTEEN_LOG2_E = 0x1.71547652b82fep+4, SIXTEEN_LOG2_E_REST = 0x1.777d0ffda0d24p-52;
 constexpr double LN_2 = 0x1.62e42fefa39efp-1, LN_2_REST = 0x1.abc9e3b39803fp-56;
 constexpr double ROUNDER = 0x1.8p52;  // adding it leaves the nearest integer in the lowest bits
 constexpr double SMALLEST_NORMAL = 0x1p-1022;
 
-// 2^(n + r) for |r| <= 0.5 and `shifted` = n + ROUNDER; the polynomial is (2^r - 1)/r, relative error 3.4e-18.
-template <class V> GLB_INLINE V power_of_two_minus_one(V r) {
-    const V s = r * r;
-    V even = broadcast<V>(0x1.e79d5237d65acp-32), odd = broadcast<V>(0x1.e61b39c22df4cp-28);
-    even = fma(even, s, broadcast<V>(0x1.b5267b9bcb044p-24));
-    odd = fma(odd, s, broadcast<V>(0x1.62bfc7ab417cbp-20));
-    even = fma(even, s, broadcast<V>(0x1.ffcbfbaa3f2e7p-17));
-    odd = fma(odd, s, broadcast<V>(0x1.4309130ed28b2p-13));
-    even = fma(even, s, broadcast<V>(0x1.5d87fe78cd3a6p-10));
-    odd = fma(odd, s, broadcast<V>(0x1.3b2ab6fba013ep-7));
-    even = fma(even, s, broadcast<V>(0x1.c6b08d7049fe9p-5));
-    odd = fma(odd, s, broadcast<V>(0x1.ebfbdff82c5a4p-3));
-    even = fma(even, s, broadcast<V>(0x1.62e42fefa39efp-1));
-    return r * fma(odd, r, even);
+// 2^(j/16) for j = 0..15, as bits, less j << 48: adding the whole number of sixteenths << 48 then gives the power.
+alignas(64) constexpr int64_t SIXTEENTHS[16] = {
+    0x3ff0000000000000, 0x3fefb5586cf9890f, 0x3fef72b83c7d517b, 0x3fef387a6e756238,
+    0x3fef06fe0a31b715, 0x3feedea64c123422, 0x3feebfdad5362a27, 0x3feeab07dd485429,
+    0x3feea09e667f3bcd, 0x3feea11473eb0187, 0x3feeace5422aa0db, 0x3feec49182a3f090,
+    0x3feee89f995ad3ad, 0x3fef199bdd85529c, 0x3fef5818dcfba487, 0x3fefa4afa2a490da};
+// Reciprocals near the middle of [1 + j/16, 1 + (j + 1)/16), of few bits, and minus their binary logarithms.
+alignas(64) constexpr double RECIPROCALS[16] = {
+    0x1.f0p-1, 0x1.d4p-1, 0x1.bap-1, 0x1.a4p-1, 0x1.9p-1, 0x1.7ep-1, 0x1.6cp-1, 0x1.5cp-1,
+    0x1.4ep-1, 0x1.42p-1, 0x1.36p-1, 0x1.2ap-1, 0x1.2p-1, 0x1.16p-1, 0x1.0cp-1, 0x1.04p-1};
+alignas(64) constexpr double LOGARITHMS[16] = {
+    0x1.77394c9d958d5p-5, 0x1.097e38ce60649p-3, 0x1.b2602497d5346p-3, 0x1.249cd2b13cd6cp-2,
+    0x1.6cb0f6865c8eap-2, 0x1.b0b67f4f46810p-2, 0x1.f804ae8d0cd02p-2, 0x1.1d368296b5255p-1,
+    0x1.3b8b1c68fa6edp-1, 0x1.5692101d9b4a6p-1, 0x1.729fd26b707c8p-1, 0x1.8fc924c89ac84p-1,
+    0x1.a8ff971810a5ep-1, 0x1.c31a27dd00b4ap-1, 0x1.de298ec0bac0dp-1, 0x1.f48c34bd1e96fp-1};
+
+// table[index modulo 16] in each lane.
+template <class V, class T> GLB_INLINE V lookup(const T (&table)[16], IntOf<V> index) {
+    const double* values = reinterpret_cast<const double*>(table);
+    if constexpr (width_of<V> == 1) return values[index & 15];
+    else {
+#if defined(__x86_64__) && defined(__AVX512F__)
+        if constexpr (width_of<V> == 8)
+            return _mm512_permutex2var_pd(_mm512_load_pd(values), reinterpret_cast<__m512i>(index), _mm512_load_pd(values + 8));
+#endif
+        V r{};
+        for (int i = 0; i < width_of<V>; ++i) r[i] = values[index[i] & 15];
+        return r;
+    }
 }
-template <class V> GLB_INLINE V scale(V a, V shifted) {
-    return from_bits<V>(bits_of(a) + (bits_of(shifted) << 52));
+
+// 2^((n + r)/16) for |r| <= 0.5 and `shifted` = n + ROUNDER. The polynomial is (2^(r/16) - 1)/r, error 7e-18.
+template <class V> GLB_INLINE V power_of_two(V shifted, V r) {
+    V p = broadcast<V>(0x1.430a992fc77d4p-37);
+    p = fma(p, r, broadcast<V>(0x1.5d89bdfe6a276p-30));
+    p = fma(p, r, broadcast<V>(0x1.3b2ab6fa982cep-23));
+    p = fma(p, r, broadcast<V>(0x1.c6b08d6e8b0f8p-17));
+    p = fma(p, r, broadcast<V>(0x1.ebfbdff82c59dp-11));
+    p = fma(p, r, broadcast<V>(0x1.62e42fefa39fdp-5));
+    const IntOf<V> count = bits_of(shifted);
+    const V power = from_bits<V>(bits_of(lookup<V>(SIXTEENTHS, count)) + (count << 48));
+    return fma<V>(power, r * p, power);
 }
 
 // e^x, error below 1 ulp. The argument is held in [-708, 709]: beyond, the result stays at 3.3e-308 or 8.2e307.
@@ -36,44 +61,37 @@ template <class V> GLB_INLINE V scale(V a, V shifted) {
 template <class V> GLB_INLINE V exp_of(V x) {
     x = max_of(broadcast<V>(-708.0), min_of(broadcast<V>(709.0), x));
     const V rounder = broadcast<V>(ROUNDER);
-    const V shifted = x * broadcast<V>(LOG2_E) + rounder;
+    const V shifted = fma(x, broadcast<V>(SIXTEEN_LOG2_E), rounder);
     const V n = shifted - rounder;
-    const V r = fma(x, broadcast<V>(LOG2_E_REST), fms(x, broadcast<V>(LOG2_E), n));
-    return scale(broadcast<V>(1.0) + power_of_two_minus_one(r), shifted);
+    const V r = fma(x, broadcast<V>(SIXTEEN_LOG2_E_REST), fms(x, broadcast<V>(SIXTEEN_LOG2_E), n));
+    return power_of_two(shifted, r);
 }
 
-// x = m 2^k with m in [sqrt(1/2), sqrt(2)), for positive normal x.
-template <class V> struct Split { V m, k; };
-template <class V> GLB_INLINE Split<V> split(V x) {
-    constexpr int64_t half_root = INT64_C(0x3fe6a09e667f3bcd);  // sqrt(1/2)
-    const IntOf<V> offset = bits_of(x) - half_root;
-    const IntOf<V> exponent = offset >> 52;  // arithmetic shift: floor
-    const V m = from_bits<V>(bits_of(x) - (exponent << 52));
-    // The integer becomes a double through the low bits of ROUNDER: exact, and the same on every machine.
-    const V k = from_bits<V>(exponent + bits_of(broadcast<V>(ROUNDER))) - broadcast<V>(ROUNDER);
-    return {m, k};
-}
-
-// x^y for positive normal x, error below 1 ulp while |y| <= 1 (it grows with |y| beyond, about 0.3 |y| ulp).
-// The integer part of log2(x) times y is kept exactly, so the error does not grow with log(x).
+// x^y for positive normal x, error below 1 ulp while |y| <= 1/2 (it grows with |y| beyond).
+// The integer part of log2(x) times y is kept exactly, so the error does not grow with log(x). Powers beyond 2^+-1021 stay there.
 template <class V> GLB_INLINE V pow_of_positive(V x, V y) {
-    const Split<V> a = split(x);
-    const V one = broadcast<V>(1.0), rounder = broadcast<V>(ROUNDER);
-    const V s = (a.m - one) / (a.m + one), z = s * s, w = z * z;
-    V even = broadcast<V>(0x1.c42838a04c00ep-3), odd = broadcast<V>(0x1.b810a5cb4d7e0p-3);
-    even = fma(even, w, broadcast<V>(0x1.484af2ce6b19ap-2));
-    odd = fma(odd, w, broadcast<V>(0x1.0ca2e7413e3abp-2));
-    even = fma(even, w, broadcast<V>(0x1.2776c50ecf73ap-1));
-    odd = fma(odd, w, broadcast<V>(0x1.a61762f0cee87p-2));
-    even = fma(even, w, broadcast<V>(0x1.71547652b82fep+1));
-    odd = fma(odd, w, broadcast<V>(0x1.ec709dc3a0553p-1));
-    const V log2_m = s * fma(odd, z, even);
-    V whole = y * a.k;
-    V rest = fma(y, log2_m, fms(y, a.k, whole));
-    whole = max_of(broadcast<V>(-1021.0), min_of(broadcast<V>(1022.0), whole));
+    const V rounder = broadcast<V>(ROUNDER);
+    const IntOf<V> bits = bits_of(x);
+    // Exponents become doubles through the low bits of ROUNDER: exact, and the same on every machine.
+    const V k = from_bits<V>((bits >> 52) + bits_of(rounder)) - broadcast<V>(ROUNDER + 1023.0);
+    const V m = from_bits<V>((bits & INT64_C(0x000fffffffffffff)) | INT64_C(0x3ff0000000000000));
+    const IntOf<V> interval = bits >> 48;
+    const V f = fms(m, lookup<V>(RECIPROCALS, interval), broadcast<V>(1.0));
+    V p = broadcast<V>(-0x1.72329949ab8f4p-3);  // log2(1 + f)/f, absolute error of the logarithm 3e-17
+    p = fma(p, f, broadcast<V>(0x1.a6e2ebc875d58p-3));
+    p = fma(p, f, broadcast<V>(-0x1.ec70631faa9bap-3));
+    p = fma(p, f, broadcast<V>(0x1.2776b02313a27p-2));
+    p = fma(p, f, broadcast<V>(-0x1.71547655db065p-2));
+    p = fma(p, f, broadcast<V>(0x1.ec709dc534283p-2));
+    p = fma(p, f, broadcast<V>(-0x1.71547652b821fp-1));
+    p = fma(p, f, broadcast<V>(0x1.71547652b82dep+0));
+    const V log2_m = fma(p, f, lookup<V>(LOGARITHMS, interval));
+    const V y16 = broadcast<V>(16.0) * y;
+    V whole = y16 * k;
+    const V rest = fma(y16, log2_m, fms(y16, k, whole));
+    whole = max_of(broadcast<V>(-16336.0), min_of(broadcast<V>(16336.0), whole));
     const V shifted = (whole + rest) + rounder;
-    const V r = (whole - (shifted - rounder)) + rest;
-    return scale(one + power_of_two_minus_one(r), shifted);
+    return power_of_two(shifted, (whole - (shifted - rounder)) + rest);
 }
 
 // x^y as above; 0 for x below the smallest normal number (and positive y), not a number for negative x.
@@ -81,6 +99,16 @@ template <class V> GLB_INLINE V pow_of(V x, V y) {
     const V zero = broadcast<V>(0.0);
     const V other = select<V>(x < zero, broadcast<V>(__builtin_nan("")), zero);
     return select<V>(x >= broadcast<V>(SMALLEST_NORMAL), pow_of_positive(x, y), x == x ? other : x);
+}
+
+// x = m 2^k with m in [sqrt(1/2), sqrt(2)), for positive normal x.
+template <class V> struct Split { V m, k; };
+template <class V> GLB_INLINE Split<V> split(V x) {
+    constexpr int64_t half_root = INT64_C(0x3fe6a09e667f3bcd);  // sqrt(1/2)
+    const IntOf<V> exponent = (bits_of(x) - half_root) >> 52;   // arithmetic shift: floor
+    const V m = from_bits<V>(bits_of(x) - (exponent << 52));
+    const V k = from_bits<V>(exponent + bits_of(broadcast<V>(ROUNDER))) - broadcast<V>(ROUNDER);
+    return {m, k};
 }
 
 // Natural logarithm, error below 2 ulp; minus infinity below the smallest normal number, not a number for negative x.
@@ -102,19 +130,29 @@ template <class V> GLB_INLINE V log_of(V x) {
     return select<V>(x >= broadcast<V>(SMALLEST_NORMAL), r, select<V>(x == x, other, x));
 }
 
-// Hyperbolic tangent, error below 3 ulp, from e^(2|x|) - 1 without cancellation.
+// Hyperbolic tangent, error below 3 ulp: Taylor polynomial of (e^z - 1)/z near zero, e^z - 1 beyond.
 template <class V> GLB_INLINE V tanh_of(V x) {
-    const V one = broadcast<V>(1.0), rounder = broadcast<V>(ROUNDER);
+    const V one = broadcast<V>(1.0);
     const V a = min_of(broadcast<V>(20.0), abs_of(x));  // not a number stays one; beyond 20 the result is 1
-    const V twice = a + a;
-    const V shifted = twice * broadcast<V>(LOG2_E) + rounder;
-    const V n = shifted - rounder;
-    const V r = fma(twice, broadcast<V>(LOG2_E_REST), fms(twice, broadcast<V>(LOG2_E), n));
-    const V power = scale(one, shifted);
-    const V less_one = fma(power, power_of_two_minus_one(r), power - one);
+    const V z = a + a;
+    const V beyond = exp_of(z) - one;
+    V p = broadcast<V>(0x1.93974a8c07c9dp-37);          // 1/14!
+    p = fma(p, z, broadcast<V>(0x1.6124613a86d09p-33));
+    p = fma(p, z, broadcast<V>(0x1.1eed8eff8d898p-29));
+    p = fma(p, z, broadcast<V>(0x1.ae64567f544e4p-26));
+    p = fma(p, z, broadcast<V>(0x1.27e4fb7789f5cp-22));
+    p = fma(p, z, broadcast<V>(0x1.71de3a556c734p-19));
+    p = fma(p, z, broadcast<V>(0x1.a01a01a01a01ap-16));
+    p = fma(p, z, broadcast<V>(0x1.a01a01a01a01ap-13));
+    p = fma(p, z, broadcast<V>(0x1.6c16c16c16c17p-10));
+    p = fma(p, z, broadcast<V>(0x1.1111111111111p-7));
+    p = fma(p, z, broadcast<V>(0x1.5555555555555p-5));
+    p = fma(p, z, broadcast<V>(0x1.5555555555555p-3));
+    p = fma(p, z, broadcast<V>(0.5));
+    const V near = fma(z * z, p, z);
+    const V less_one = select<V>(z <= broadcast<V>(0.6931471805599453), near, beyond);
     const V t = less_one / (less_one + broadcast<V>(2.0));
-    const IntOf<V> sign = bits_of(x) & INT64_MIN;
-    return from_bits<V>(bits_of(t) | sign);
+    return from_bits<V>(bits_of(t) | (bits_of(x) & INT64_MIN));
 }
 
 // Cosine, absolute error below 2e-16 for |x| <= 1e5: reduced by multiples of pi/2 in three parts, Taylor polynomials.

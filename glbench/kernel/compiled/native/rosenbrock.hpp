@@ -12,11 +12,12 @@
 namespace glb {
 
 constexpr double GAMMA = 0.25;
-constexpr double STAGE[5][4] = {
-    {3.0, 0.0, 0.0, 0.0},
-    {0.906377755268814, -0.189707390391685, 0.0, 0.0},
-    {3.758617027739064, 1.161741776019525, -0.849258085312803, 0.0},
+constexpr double STAGE[5][5] = {
+    {3.0},
+    {0.906377755268814, -0.189707390391685},
+    {3.758617027739064, 1.161741776019525, -0.849258085312803},
     {7.089566927282776, 4.573591406461604, -8.423496976860259, -0.959280113459775},
+    {7.089566927282776, 4.573591406461604, -8.423496976860259, -0.959280113459775, 1.0},
 };
 constexpr double COUPLING[5][5] = {
     {-12.0, 0.0, 0.0, 0.0, 0.0},
@@ -34,7 +35,7 @@ template <class V> struct alignas(64) Lanes {
     V x[PADDED];                 // state at the start of the substep
     V weight[PADDED];            // 1/(tolerance of the state)
     V stored[model::STORED];     // everything that depends on the inputs only
-    V slope[PADDED], y[PADDED], right[PADDED];
+    V slope[PADDED], y[PADDED], coupled[PADDED];
     V k[6][PADDED];
     V jacobian[model::NONZEROS], factors[model::FACTORS];
 };
@@ -47,36 +48,40 @@ template <class V> GLB_INLINE Chunk<V> load(const V* a, int i) {
     std::memcpy(&r, a + i * (width_of<V> == 1 ? NATIVE_WIDTH : 1), sizeof r);
     return r;
 }
+template <class C, class V> GLB_INLINE C broadcast_lanes(V a) {
+    if constexpr (width_of<V> == 1) return broadcast<C>(a);
+    else return a;
+}
 template <class V> GLB_INLINE void store(V* a, int i, Chunk<V> value) {
     std::memcpy(a + i * (width_of<V> == 1 ? NATIVE_WIDTH : 1), &value, sizeof value);
 }
 
-template <class V, int... J>
-GLB_INLINE Chunk<V> combine(Chunk<V> sum, const Lanes<V>& w, const Chunk<V>* factor, int i, std::integer_sequence<int, J...>) {
-    ((sum = fma<Chunk<V>>(factor[J], load(w.k[J], i), sum)), ...);
-    return sum;
+// One pass over the increments serves both sums of a stage: the point, and what the earlier increments add to the slope.
+template <int S, class V, int... J>
+GLB_INLINE void combine(Lanes<V>& w, V inverse_h, std::integer_sequence<int, J...>) {
+    using C = Chunk<V>;
+    const C coupling[S] = {broadcast_lanes<C>(broadcast<V>(COUPLING[S - 1][J]) * inverse_h)...};
+    for (int i = 0; i < CHUNKS<V>; ++i) {
+        const C k[S] = {load(w.k[J], i)...};
+        C point;
+        if constexpr (S <= 4) {
+            point = load(w.x, i);
+            ((point = fma<C>(broadcast<C>(STAGE[S - 1][J]), k[J], point)), ...);
+        } else {
+            point = load(w.y, i) + k[4];  // stiffly accurate: the last stage continues from the one before
+        }
+        store(w.y, i, point);
+        C sum = broadcast<C>(0.0);
+        ((sum = fma<C>(coupling[J], k[J], sum)), ...);
+        store(w.coupled, i, sum);
+    }
 }
 
-// Stages 2 to 6: the point, the slope there, and the new increment k[S].
+// Stages 2 to 6: the new increment k[S].
 template <class V, int S> GLB_INLINE void stage(Lanes<V>& w, V inverse_h) {
-    using C = Chunk<V>;
-    constexpr auto before = std::make_integer_sequence<int, S>{};
-    if constexpr (S <= 4) {
-        C factor[4];
-        for (int j = 0; j < 4; ++j) factor[j] = broadcast<C>(STAGE[S - 1][j]);
-        for (int i = 0; i < CHUNKS<V>; ++i) store(w.y, i, combine<V>(load(w.x, i), w, factor, i, before));
-    } else {  // stiffly accurate: the last stage continues from the one before
-        for (int i = 0; i < CHUNKS<V>; ++i) store(w.y, i, load(w.y, i) + load(w.k[4], i));
-    }
+    combine<S>(w, inverse_h, std::make_integer_sequence<int, S>{});
     model::rhs<V>(w.y, w.stored, w.slope);
-    C factor[5];
-    for (int j = 0; j < S; ++j) {
-        const V scaled = broadcast<V>(COUPLING[S - 1][j]) * inverse_h;
-        if constexpr (width_of<V> == 1) factor[j] = broadcast<C>(scaled);
-        else factor[j] = scaled;
-    }
-    for (int i = 0; i < CHUNKS<V>; ++i) store(w.right, i, combine<V>(load(w.slope, i), w, factor, i, before));
-    model::solve<V>(w.factors, w.right, w.k[S]);
+    model::solve<true, V>(w.factors, w.slope, w.coupled, w.k[S]);
 }
 
 // Advances by h from w.x: the result is in w.y, k[5] is the error estimate. Returns the sum over the states of
@@ -85,19 +90,19 @@ template <class V> V substep(Lanes<V>& w, V h) {
     const V inverse_h = inv_of(h);
     model::rhs_and_jacobian<V>(w.x, w.stored, w.slope, w.jacobian);
     model::factorise<V>(w.jacobian, broadcast<V>(1.0 / GAMMA) * inverse_h, broadcast<V>(GAMMA) * h, w.factors);
-    model::solve<V>(w.factors, w.slope, w.k[0]);
+    model::solve<false, V>(w.factors, w.slope, w.slope, w.k[0]);
     stage<V, 1>(w, inverse_h);
     stage<V, 2>(w, inverse_h);
     stage<V, 3>(w, inverse_h);
     stage<V, 4>(w, inverse_h);
     stage<V, 5>(w, inverse_h);
-    V error = broadcast<V>(0.0);
+    V error[4] = {broadcast<V>(0.0), broadcast<V>(0.0), broadcast<V>(0.0), broadcast<V>(0.0)};
     for (int i = 0; i < N; ++i) {
         const V scaled = w.k[5][i] * w.weight[i];
-        error = fma<V>(scaled, scaled, error);
+        error[i % 4] = fma<V>(scaled, scaled, error[i % 4]);
         w.y[i] = w.y[i] + w.k[5][i];
     }
-    return error;
+    return (error[0] + error[1]) + (error[2] + error[3]);
 }
 
 }  // namespace glb

@@ -1,0 +1,172 @@
+"""``glbench evaluate``: run agents on tasks, show what they earned, save it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from glbench.cli.console import messages, output, print_error
+from glbench.errors import GlbenchError, SubmissionError
+
+if TYPE_CHECKING:
+    from glbench.agents import LoadedAgent
+    from glbench.evaluation import Evaluation, Result
+    from glbench.tasks import TaskSpec
+
+
+def evaluate(
+    agents: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="AGENT", help="Submissions (a .py file, or a folder with agent.py) or names of baselines."
+        ),
+    ],
+    task: Annotated[
+        list[str] | None,
+        typer.Option("--task", "-t", help="Task id or task file (.toml); repeatable. Default: the benchmark's."),
+    ] = None,
+    suite: Annotated[
+        list[str] | None, typer.Option("--suite", help="All tasks of a suite, such as paper; repeatable.")
+    ] = None,
+    runs: Annotated[
+        int | None, typer.Option("--runs", "-n", min=1, help="Number of runs. Default: what the task says.")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, help="Seed of the first run. Default: what the task says.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option("--workers", "-w", min=1, help="Processes to simulate with. Default: one a core.")
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for results/ and for the checkpoint of unfinished work.")
+    ] = Path("reports"),
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print each result as one line of JSON and nothing else.")
+    ] = False,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Evaluate again even if the result is there, and forget unfinished work.")
+    ] = False,
+) -> None:
+    """Evaluate agents on tasks: seeded runs in lockstep, a table with intervals, and a result file each.
+
+    Results do not depend on --workers. What is interrupted (Ctrl-C, a crash, a power cut) goes on with the same command, and
+    what is finished is not done again.
+    """
+    from glbench.evaluation import prepare
+    from glbench.evaluation.provenance import usable_cores
+
+    tasks = _tasks(task or [], suite or [])
+    loaded = _agents(agents)
+    evaluations = [
+        prepare(chosen, agent, runs=runs, first_seed=seed, workers=workers or usable_cores(), out=out, fresh=fresh)
+        for chosen in tasks
+        for agent in loaded
+    ]
+    failed = False
+    for evaluation in evaluations:
+        try:
+            _evaluate(evaluation, as_json=as_json)
+        except SubmissionError as error:
+            print_error(str(error))
+            failed = True
+    if failed:
+        raise typer.Exit(1)
+    if not as_json:
+        option = "" if out == Path("reports") else f" --out {out}"
+        messages().print(f"Next: [bold]glbench leaderboard{option}[/bold]")
+
+
+def _tasks(names: Sequence[str], suites: Sequence[str]) -> list[TaskSpec]:
+    """The tasks asked for, each once; the default task when none is."""
+    from glbench.tasks import DEFAULT_TASK, get_suite, get_task
+
+    chosen = [get_task(name) for name in names] + [task for name in suites for task in get_suite(name)]
+    return list({task.id: task for task in chosen or [get_task(DEFAULT_TASK)]}.values())
+
+
+def _agents(refs: Sequence[str]) -> list[LoadedAgent]:
+    """The agents named, each once.
+
+    Raises
+    ------
+    SubmissionError
+        When two different agents have one name: their results would overwrite each other.
+    """
+    from glbench.agents import load_agent
+
+    by_name: dict[str, LoadedAgent] = {}
+    for ref in refs:
+        agent = load_agent(ref)
+        other = by_name.setdefault(agent.name, agent)
+        if other.digest != agent.digest:
+            msg = f"Two different agents are called '{agent.name}' and would share one result file. Rename one of them."
+            raise SubmissionError(msg)
+    return list(by_name.values())
+
+
+def _evaluate(evaluation: Evaluation, *, as_json: bool) -> None:
+    """Run one evaluation, or take its stored result, and show it."""
+    from glbench.cli.evaluation_tables import announcement, print_failures, summary_table
+
+    if not as_json:
+        messages().print(announcement(evaluation), soft_wrap=True)
+    result = evaluation.stored
+    if result is None:
+        result = _run(evaluation, as_json=as_json)
+    elif not as_json:
+        messages().print(f"Already evaluated on {result.created}: this is the stored result (--fresh evaluates again).")
+    if as_json:
+        output().out(result.model_dump_json(by_alias=True), highlight=False)
+        return
+    output().print(summary_table(result))
+    print_failures(result)
+    if evaluation.path is not None:
+        messages().print(f"Saved: {_shown(evaluation.path)}", soft_wrap=True)
+
+
+def _run(evaluation: Evaluation, *, as_json: bool) -> Result:
+    from glbench.cli.evaluation_progress import ProgressBar
+
+    quiet = _agents_write_to_stderr() if as_json else contextlib.nullcontext()
+    try:
+        with quiet, ProgressBar(evaluation) as bar:
+            return evaluation.run(bar.update)
+    except KeyboardInterrupt:
+        messages().print("\n[bold yellow]Interrupted.[/bold yellow] " + _what_is_kept(evaluation), soft_wrap=True)
+        raise typer.Exit(130) from None
+    except SubmissionError:
+        raise
+    except GlbenchError as error:
+        msg = f"{error}\n{_what_is_kept(evaluation)}"
+        raise type(error)(msg) from error
+
+
+def _what_is_kept(evaluation: Evaluation) -> str:
+    if evaluation.interrupted:
+        return "What was computed is kept: the same command (without --fresh) goes on from there."
+    return "Nothing was computed long enough to be kept: the same command starts again."
+
+
+@contextlib.contextmanager
+def _agents_write_to_stderr() -> Iterator[None]:
+    """Keep standard output for the JSON: whatever agents and solvers print, from Python or from C, goes to standard error."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+
+
+def _shown(path: Path) -> str:
+    """A path as short as it can be copied: relative when it lies below the current folder."""
+    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else str(path)

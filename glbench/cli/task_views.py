@@ -1,0 +1,252 @@
+"""How tasks look on the terminal: the list, and the explanation of one task in words and tables."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime as dt
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from rich.console import RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from glbench.tasks import (
+    ACTUATION_KINDS,
+    INITIAL_STATES,
+    METRICS,
+    MODEL_VARIANTS,
+    PREPROCESSINGS,
+    REWARD_MODULES,
+    Capacity,
+    TaskCard,
+    TaskSpec,
+    task_card,
+)
+
+
+def list_table(tasks: Sequence[TaskSpec], digests: Mapping[str, str | None]) -> Table:
+    """One row a task; ``digests`` are those of the lock."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("Task", no_wrap=True)
+    table.add_column("What it is")
+    for heading in ("Days", "Step", "Uncertain"):
+        table.add_column(heading, justify="right")
+    table.add_column("Weather")
+    table.add_column("Digest", no_wrap=True)
+    previous: tuple[str, ...] | None = None
+    for task in tasks:
+        if previous is not None and task.suites != previous:
+            table.add_section()
+            table.add_row()
+        previous = task.suites
+        digest = digests[task.id]
+        table.add_row(
+            task.id,
+            task.title,
+            f"{task.weather.days} d",
+            minutes(task.step_seconds),
+            percent(task.uncertainty.half_width),
+            f"{task.weather.source} ({task.weather.preprocessing})",
+            digest[:8] if digest else "not locked",
+        )
+    return table
+
+
+def explanation(task: TaskSpec) -> Iterator[RenderableType]:
+    """The task in words, part after part, for a grower and a researcher."""
+    card = task_card(task)
+    state = "published" if task.locked else "not published"
+    yield Text.assemble((task.title, "bold"), "\n", (f"{task.id}  ({state}, digest {task.digest[:8]})", "dim"))
+    if task.description.strip():
+        yield Text("\n" + " ".join(task.description.split()))
+    yield _heading("Period and place")
+    yield _words(_period(task, card))
+    yield _heading("Greenhouse and crop")
+    yield _words(_greenhouse(task))
+    yield _heading(f"What the agent sees: {len(card.observations)} values after every step, float32, in this order")
+    yield _observations(card)
+    yield _heading("What the agent does")
+    yield _words([f"{len(card.actions)} numbers a step, in this order: {ACTUATION_KINDS[card.actuation].meaning}."])
+    yield _actions(card)
+    yield _heading("Limits of the climate, checked after every step")
+    yield _constraints(card)
+    yield _heading("Prices")
+    yield _prices(card)
+    yield _heading("Reward of a step")
+    yield _words(_reward(task))
+    yield _heading("Evaluation")
+    yield _words(_evaluation(task))
+
+
+def explained(task: TaskSpec) -> dict[str, Any]:
+    """The same for machines: card, definition, digests, uncertain parameters."""
+    card = dataclasses.asdict(task_card(task))
+    card["start"] = card["start"].isoformat()
+    return {
+        "id": task.id,
+        "title": task.title,
+        "description": task.description,
+        "suites": list(task.suites),
+        "source": task.source,
+        "locked": task.locked,
+        "digest": task.digest,
+        "fingerprint": dataclasses.asdict(task.fingerprint()),
+        "card": card,
+        "uncertain_parameters": list(task.uncertain_parameters()),
+        "definition": task.definition(),
+    }
+
+
+def first_weather(task: TaskSpec, rows: int = 4) -> RenderableType:
+    """The weather of the first steps, so that a mistake in the period shows."""
+    weather = task.disturbances()
+    table = Table(title="Weather of the first steps", title_justify="left", box=None, header_style="bold")
+    for heading in ("Step", "UTC", "Sun\nW m-2", "Air\ndegC", "Vapour\nPa", "CO2\nmg m-3", "Wind\nm s-1", "Sky\ndegC"):
+        table.add_column(heading, justify="right")
+    for row, (moment, values) in enumerate(zip(weather.times[:rows], weather.values[:rows], strict=True)):
+        cells = (f"{value:.1f}" for value in values[:6])
+        table.add_row(str(row), str(moment).replace("T", " ")[:16], *cells)
+    return Padding(table, (0, 0, 1, 7))
+
+
+def minutes(seconds: float) -> str:
+    """A step in minutes, or in seconds where that is no whole number."""
+    return f"{seconds / 60:g} min" if seconds % 60 == 0 else f"{seconds:g} s"
+
+
+def percent(fraction: float) -> str:
+    """``±10 %``, or ``none``."""
+    return f"±{100 * fraction:g} %" if fraction else "none"
+
+
+def _heading(text: str) -> Text:
+    return Text("\n" + text, style="bold")
+
+
+def _words(lines: Sequence[str]) -> RenderableType:
+    return Padding(Text("\n".join(lines)), (0, 0, 0, 2))
+
+
+def _period(task: TaskSpec, card: TaskCard) -> list[str]:
+    end = card.start + dt.timedelta(days=task.weather.days)
+    place = card.place
+    north, east = ("N" if place.latitude >= 0 else "S"), ("E" if place.longitude >= 0 else "W")
+    return [
+        f"{task.weather.days} days, from {card.start:%d %B %Y} 00:00 to {end:%d %B %Y} 00:00, clock {card.clock}; "
+        f"one decision every {minutes(card.step_seconds)}, {card.steps} in all.",
+        f"Weather '{task.weather.source}': {place.station}, {abs(place.latitude):g} {north}, {abs(place.longitude):g} {east}, "
+        f"{place.altitude:g} m; CO2 outside {task.weather.co2_ppm:g} ppm.",
+        f"Prepared {PREPROCESSINGS[task.weather.preprocessing].meaning}.",
+    ]
+
+
+def _greenhouse(task: TaskSpec) -> list[str]:
+    names, uncertainty = task.uncertain_parameters(), task.uncertainty
+    lines = [
+        f"Parameter set '{task.model.parameters}'; {MODEL_VARIANTS[task.model.variant].meaning}.",
+        *(f"Changed: {name} = {value:g} {unit}." for name, value, unit in task.model.overrides),
+        f"Start: {INITIAL_STATES[task.initial.kind].meaning} ({task.initial.air_temperature:g} degC).",
+    ]
+    if uncertainty.half_width == 0.0:
+        return [*lines, "Nothing is uncertain: the parameters keep their nominal values."]
+    moment = "at every step" if uncertainty.redraw == "step" else "once an episode"
+    low_high = percent(uncertainty.half_width)
+    return [
+        *lines,
+        f"Uncertain: {moment} each of {len(names)} parameters is its nominal value times 1 + e, e {uncertainty.distribution} "
+        f"within {low_high} and different for each.",
+        f"These are {', '.join(names)}.",
+    ]
+
+
+def _observations(card: TaskCard) -> RenderableType:
+    table = _table("Name", "Unit", "Lowest", "Highest", "Meaning", right=("Lowest", "Highest"), numbered=True)
+    shown = card.observations if len(card.observations) <= 64 else card.observations[:40]
+    for index, quantity in enumerate(shown):
+        bounds = (f"{quantity.low:g}", f"{quantity.high:g}" if quantity.high < 1e6 else f"{quantity.high:.2g}")
+        table.add_row(str(index), quantity.name, quantity.unit, *bounds, quantity.meaning)
+    if len(shown) < len(card.observations):
+        table.add_row("...", f"and {len(card.observations) - len(shown)} more; --json lists all")
+    return Padding(table, (0, 0, 0, 2))
+
+
+def _actions(card: TaskCard) -> RenderableType:
+    table = _table("Control", "Drives", "Action", "At 1", "Most a step", right=("At 1", "Most a step"), numbered=True)
+    by_name = {capacity.name: capacity for capacity in card.controls}
+    for index, action in enumerate(card.actions):
+        capacity = by_name[action.name]
+        table.add_row(
+            str(index),
+            action.name,
+            capacity.meaning,
+            f"{action.low:g} to {action.high:g}",
+            _delivers(capacity, 1.0),
+            _delivers(capacity, card.max_change),
+        )
+    for name in sorted(by_name.keys() - {action.name for action in card.actions}):
+        table.add_row("", name, by_name[name].meaning, "stays at 0", "", "")
+    return Padding(table, (0, 0, 0, 2))
+
+
+def _delivers(capacity: Capacity, fraction: float) -> str:
+    return f"{capacity.at_one * fraction:g}" + (f" {capacity.unit}" if capacity.unit != "-" else "")
+
+
+def _constraints(card: TaskCard) -> RenderableType:
+    table = _table("Quantity", "Lowest", "Highest", "Violation that costs 1 a step", right=("Lowest", "Highest"))
+    for limit in card.constraints:
+        low, high, scale = (f"{value:g} {limit.unit}" for value in (limit.low, limit.high, limit.scale))
+        table.add_row(limit.name.replace("_", " "), low, high, scale)
+    return Padding(table, (0, 0, 0, 2))
+
+
+def _prices(card: TaskCard) -> RenderableType:
+    prices = card.prices
+    table = Table(box=None, pad_edge=False, show_header=False)
+    table.add_row("fruit", f"{prices.fruit:g} EUR per kg fresh, {100 * prices.dry_matter_content:g} % of it dry matter")
+    table.add_row("CO2", f"{prices.co2:g} EUR per kg")
+    table.add_row("heat", f"{prices.heat:g} EUR per kWh")
+    table.add_row("electricity", f"{prices.electricity:g} EUR per kWh")
+    return Padding(table, (0, 0, 0, 2))
+
+
+def _reward(task: TaskSpec) -> list[str]:
+    from glbench.env.accounts import make_accounts
+
+    accounts, prices = make_accounts(task), task.prices
+    signs = " + ".join(task.reward.modules)
+    lines = [f"reward = {signs}", *(f"  {name}: {REWARD_MODULES[name].meaning}." for name in task.reward.modules)]
+    lines += [
+        "economic performance (EPI) [EUR m-2] = "
+        f"{prices.fruit:g} x fruit growth [kg dry m-2] / {prices.dry_matter_content:g} - {prices.heat:g} x heat [kWh m-2] "
+        f"- {prices.electricity:g} x electricity [kWh m-2] - {prices.co2:g} x CO2 [kg m-2]",
+    ]
+    if "scaled_epi" in task.reward.modules:
+        lines.append(
+            f"scaled EPI = (EPI - lowest) / (highest - lowest); lowest {accounts.lowest_epi:.6f} EUR m-2 (everything at 1, no "
+            f"growth), highest {accounts.highest_epi:.8f} EUR m-2 (potential growth at 20 degC, nothing used)."
+        )
+    return [*lines, "Nothing is clipped. Fruit is paid as it grows."]
+
+
+def _evaluation(task: TaskSpec) -> list[str]:
+    evaluation, failed = task.evaluation, task.evaluation.failed_step
+    return [
+        f"{evaluation.runs} runs with the seeds {evaluation.seeds[0]} to {evaluation.seeds[-1]}. "
+        f"Ranked by {evaluation.metric}: {METRICS[evaluation.metric].meaning}.",
+        f"Each missing step of a run that fails counts as reward {failed.reward:g}, EPI {failed.epi:g} EUR m-2, "
+        f"penalty {failed.penalty:g}.",
+    ]
+
+
+def _table(*headings: str, right: tuple[str, ...] = (), numbered: bool = False) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    if numbered:
+        table.add_column("", justify="right", style="dim")
+    for heading in headings:
+        table.add_column(
+            heading, justify="right" if heading in right else "left", no_wrap=heading in ("Name", "Control")
+        )
+    return table

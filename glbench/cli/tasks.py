@@ -1,0 +1,187 @@
+"""``glbench tasks``: list, explain, check and lock the tasks."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from glbench.cli.console import messages, output
+from glbench.errors import GlbenchError
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+app = typer.Typer(
+    help="List, explain, check and lock the tasks.",
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
+
+
+@app.command("list")
+def list_command(
+    suite: Annotated[str | None, typer.Option("--suite", "-s", help="Only the tasks of this suite.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the tasks that come with glbench: what each is, how long, how uncertain, under which weather."""
+    from glbench.cli.task_views import list_table
+    from glbench.errors import UnknownNameError, did_you_mean
+    from glbench.tasks import DEFAULT_TASK, list_tasks, read_lock
+
+    tasks = list_tasks()
+    if suite is not None:
+        suites = dict.fromkeys(name for task in tasks for name in task.suites)
+        if suite not in suites:
+            msg = f"There is no suite '{suite}'.{did_you_mean(suite, suites)}"
+            raise UnknownNameError(msg)
+        tasks = [task for task in tasks if suite in task.suites]
+    lock = read_lock()
+    digests = {task.id: lock[task.id].digest if task.id in lock else None for task in tasks}
+    if as_json:
+        _print_json([_summary(task, digests[task.id]) for task in tasks])
+        return
+    output().print(list_table(tasks, digests))
+    messages().print(
+        f"The task meant when none is named is {DEFAULT_TASK}. `glbench tasks show {DEFAULT_TASK.partition('/')[2]}` explains it.",
+        style="dim",
+        soft_wrap=True,
+    )
+
+
+@app.command("show")
+def show_command(
+    task: Annotated[str, typer.Argument(help="Id of a task, its short form, or a .toml file.", metavar="ID|FILE")],
+    as_json: AsJson = False,
+) -> None:
+    """Explain a task in words: goal, period, what is seen and done, limits, prices, reward, evaluation."""
+    from glbench.cli.task_views import explained, explanation
+    from glbench.tasks import get_task
+
+    spec = get_task(task)
+    if as_json:
+        _print_json(explained(spec))
+        return
+    for part in explanation(spec):
+        output().print(part)
+
+
+@app.command("check")
+def check_command(
+    tasks: Annotated[
+        list[str] | None, typer.Argument(help="Ids or .toml files; all shipped tasks without.", metavar="[ID|FILE ...]")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Check tasks: the shipped ones against the lock, your own files for mistakes. Leaves with 1 if one is wrong."""
+    from glbench.cli.task_views import first_weather
+    from glbench.tasks import TaskSpec
+
+    found = _check_all() if not tasks else {name: _check(name) for name in tasks}
+    wrong = {name: outcome for name, outcome in found.items() if isinstance(outcome, str)}
+    if as_json:
+        _print_json([_checked(name, outcome) for name, outcome in found.items()])
+    else:
+        for name, outcome in found.items():
+            if isinstance(outcome, TaskSpec):
+                state = "as published" if outcome.locked else "valid, not published"
+                output().print(f"[green]ok[/green]     {outcome.id}  {outcome.digest[:8]}  {state}", soft_wrap=True)
+                if name.endswith(".toml") and not outcome.locked:
+                    output().print(first_weather(outcome))
+            else:
+                output().print("[red]wrong[/red]  ", end="")
+                output().print(outcome, markup=False, soft_wrap=True)
+        messages().print(_verdict(len(found), len(wrong)))
+    if wrong:
+        raise typer.Exit(1)
+
+
+@app.command("lock")
+def lock_command(as_json: AsJson = False) -> None:
+    """Publish new tasks: add those that are not locked yet to tasks/lock.toml. Never changes an entry."""
+    from glbench.tasks import lock_new_tasks, read_lock
+
+    new = lock_new_tasks()
+    if as_json:
+        _print_json([{"id": entry.id, "file": entry.file, "digest": entry.digest} for entry in new])
+        return
+    for entry in new:
+        output().print(f"locked {entry.id}  {entry.digest[:8]}", soft_wrap=True)
+    if not new:
+        messages().print(f"Nothing to do: all {len(read_lock())} tasks are locked, and none has changed.")
+
+
+def _check_all() -> dict[str, TaskSpec | str]:
+    """Every shipped task, and every entry of the lock whose file is gone; a text says what is wrong."""
+    from glbench.registration import task_files
+    from glbench.tasks import read_lock
+
+    outcomes: dict[str, TaskSpec | str] = {}
+    seen = set()
+    for path in task_files():
+        outcome = _check(str(path), published=True)
+        outcomes[f"tasks/{path.name}"] = outcome
+        seen.add(path.name)
+    for entry in read_lock().values():
+        if entry.file not in seen:
+            outcomes[f"tasks/{entry.file}"] = (
+                f"tasks/lock.toml lists {entry.id}, but its file tasks/{entry.file} is gone. Published tasks stay: restore the file."
+            )
+    return outcomes
+
+
+def _check(name: str, *, published: bool = False) -> TaskSpec | str:
+    """The task, or what is wrong with it. ``published``: it also has to be locked and its file called after it."""
+    from glbench.errors import TaskError
+    from glbench.tasks import get_task
+    from glbench.tasks.library import check_file_name
+
+    try:
+        task = get_task(name)
+        if published:
+            check_file_name(task, Path(name))
+            if not task.locked:
+                msg = f"{task.source} is not locked yet. Publish it with `glbench tasks lock`."
+                raise TaskError(msg)
+        task.initial_state()
+    except GlbenchError as error:
+        return str(error)
+    return task
+
+
+def _verdict(total: int, wrong: int) -> str:
+    counted = f"{total} task{'s' if total != 1 else ''}"
+    return f"{counted} checked, {wrong} wrong." if wrong else f"{counted} checked, nothing wrong."
+
+
+def _summary(task: TaskSpec, digest: str | None) -> dict[str, Any]:
+    return {
+        "id": task.id,
+        "title": task.title,
+        "suites": list(task.suites),
+        "start": task.weather.start.isoformat(),
+        "days": task.weather.days,
+        "step_seconds": task.step_seconds,
+        "steps": task.steps,
+        "delta": task.uncertainty.delta,
+        "half_width": task.uncertainty.half_width,
+        "weather": task.weather.source,
+        "preprocessing": task.weather.preprocessing,
+        "model_variant": task.model.variant,
+        "locked": digest is not None,
+        "digest": digest,
+    }
+
+
+def _checked(name: str, outcome: TaskSpec | str) -> dict[str, Any]:
+    if isinstance(outcome, str):
+        return {"task": name, "ok": False, "problem": outcome}
+    return {"task": name, "ok": True, "id": outcome.id, "digest": outcome.digest, "locked": outcome.locked}
+
+
+def _print_json(value: Any) -> None:
+    output().out(json.dumps(value, indent=2, allow_nan=False), highlight=False)

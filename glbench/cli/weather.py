@@ -1,0 +1,257 @@
+"""``glbench weather``: which weather there is, what it is like, and how to bring in more."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from glbench.cli.console import messages, output
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from glbench.weather import Place, WeatherInfo, WeatherRecord
+
+app = typer.Typer(
+    help="List, show, import and fetch weather records.",
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+Replace = Annotated[bool, typer.Option("--replace", help="Replace your own record of that name.")]
+FillGaps = Annotated[
+    int, typer.Option("--fill-gaps", min=0, max=48, help="Fill up to so many missing hours in a row linearly; noted.")
+]
+
+
+@app.command("list")
+def list_records(as_json: Json = False) -> None:
+    """List the shipped weather records and your own."""
+    from glbench.weather import list_weather
+
+    infos = list_weather()
+    if as_json:
+        typer.echo(json.dumps({"records": [_info_as_json(info) for info in infos]}, indent=2))
+        return
+    table = _table(
+        "Weather records", ["name", "station", "first [UTC]", "last [UTC]", "hours [h]", "origin", "SHA-256"]
+    )
+    for info in infos:
+        table.add_row(
+            info.name,
+            info.place.station,
+            f"{info.first:%Y-%m-%d %H:%M}",
+            f"{info.last:%Y-%m-%d %H:%M}",
+            f"{info.hours:,}",
+            info.origin + (" (typical year)" if info.typical_year else ""),
+            info.digest[:12],
+        )
+    output().print(table)
+
+
+@app.command("show")
+def show(
+    name: Annotated[str, typer.Argument(help="Name of a record, as in `glbench weather list`.")],
+    month: Annotated[
+        str | None, typer.Option("--month", help="Only this month: 2010-03, or 3 for every March.", metavar="MONTH")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Show where a record comes from, and its monthly means and sums."""
+    from glbench.weather import load_weather
+    from glbench.weather.summary import UNITS, monthly
+
+    record = load_weather(name)
+    months = monthly(record, month)
+    if as_json:
+        described = _described_as_json(record)
+        typer.echo(json.dumps({**described, "units": dict(UNITS), "months": [asdict(row) for row in months]}, indent=2))
+        return
+    _print_description(record)
+    table = _table(
+        "Months (UTC)",
+        [
+            "month",
+            "mean T [degC]",
+            "min T [degC]",
+            "max T [degC]",
+            "RH [%]",
+            "wind [m/s]",
+            "radiation [W/m2]",
+            "radiation [MJ/m2]",
+        ]
+        + ["cloud [octants]"] * ("cloud_cover" in record.counts)
+        + ["sky infrared [W/m2]"] * ("sky_infrared" in record.counts),
+    )
+    for row in months:
+        optional = [f"{value:.1f}" for value in (row.cloud_cover_mean, row.sky_infrared_mean) if value is not None]
+        table.add_row(
+            row.month,
+            f"{row.air_temperature_mean:.1f}",
+            f"{row.air_temperature_min:.1f}",
+            f"{row.air_temperature_max:.1f}",
+            f"{row.relative_humidity_mean:.1f}",
+            f"{row.wind_speed_mean:.2f}",
+            f"{row.radiation_mean:.1f}",
+            f"{row.radiation_sum:.2f}",
+            *optional,
+        )
+    output().print(table)
+
+
+@app.command("import")
+def import_file(
+    file: Annotated[Path, typer.Argument(help="KNMI text or zip, EnergyPlus EPW, NREL TMY2/TMY3, or CSV.")],
+    name: Annotated[str, typer.Option("--name", help="Name of the new record: lower-case letters, digits, . _ -")],
+    file_format: Annotated[
+        str, typer.Option("--format", help="auto, knmi, epw, tmy or csv; auto looks at the content.")
+    ] = "auto",
+    timezone: Annotated[
+        str | None, typer.Option(help="EPW, TMY: IANA zone of the local clock, such as Europe/Amsterdam.")
+    ] = None,
+    year: Annotated[int | None, typer.Option(help="EPW, TMY: the common year given to a typical year (2001).")] = None,
+    station: Annotated[int | None, typer.Option(help="KNMI: number of the station, in a file of several.")] = None,
+    fill_gaps: FillGaps = 0,
+    replace: Replace = False,
+) -> None:
+    """Check a weather file and keep it under a name."""
+    from glbench.weather import read_weather, save_weather
+
+    record = read_weather(
+        file, file_format, name=name, timezone=timezone, year=year, station=station, fill_gaps=fill_gaps
+    )
+    _report_saved(record, save_weather(record, name, overwrite=replace))
+
+
+@app.command("fetch")
+def fetch(
+    station: Annotated[int, typer.Option("--station", help="KNMI's number of the station; 240 is Schiphol.")],
+    year: Annotated[int, typer.Option("--year", help="Calendar year (UT).")],
+    name: Annotated[
+        str | None, typer.Option("--name", help="Name of the new record; knmi-STATION-YEAR by default.")
+    ] = None,
+    url: Annotated[
+        str | None, typer.Option("--url", help="Address of the service.", envvar="GLBENCH_KNMI_URL", show_envvar=True)
+    ] = None,
+    timeout: Annotated[float, typer.Option("--timeout", min=0.1, help="Longest silence of the service [s].")] = 60.0,
+    refresh: Annotated[
+        bool, typer.Option("--refresh", help="Ask the service even if the answer is in the cache.")
+    ] = False,
+    fill_gaps: FillGaps = 0,
+    replace: Replace = False,
+) -> None:
+    """Download a station and year from KNMI, check it, and keep it under a name."""
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from glbench.weather import fetch_knmi, save_weather
+    from glbench.weather.store import check_new_name
+
+    chosen = name or f"knmi-{station}-{year}"
+    check_new_name(chosen, overwrite=replace)
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=messages(), transient=True) as bar:
+        task = bar.add_task(f"KNMI station {station}, {year}", total=None)
+        record = fetch_knmi(
+            station,
+            year,
+            name=chosen,
+            url=url,
+            timeout_seconds=timeout,
+            refresh=refresh,
+            fill_gaps=fill_gaps,
+            progress=lambda received, total: bar.update(task, completed=received, total=total),
+        )
+    _report_saved(record, save_weather(record, chosen, overwrite=replace))
+
+
+def _table(title: str, columns: list[str]) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=title, title_justify="left")
+    words = {"name", "station", "first [UTC]", "last [UTC]", "origin", "SHA-256", "month"}
+    for column in columns:
+        # As text, not markup: square brackets would be taken for styles.
+        table.add_column(Text(column), justify="left" if column in words else "right", overflow="fold")
+    return table
+
+
+def _print_description(record: WeatherRecord) -> None:
+    from rich.text import Text
+
+    place = record.place
+    lines = [
+        ("name", record.name),
+        (
+            "station",
+            f"{place.station} ({_degrees(place.latitude, 'N', 'S')}, {_degrees(place.longitude, 'E', 'W')}, {place.altitude:g} m)",
+        ),
+        ("time zone", place.timezone),
+        ("period", f"{record.period}, {record.hours:,} h"),
+        ("source", record.source),
+        ("licence", record.licence),
+        ("SHA-256", record.digest),
+        *(("note", note) for note in record.notes),
+    ]
+    for label, text in lines:
+        output().print(Text(f"{label:<10} {text}"), soft_wrap=True)
+
+
+def _degrees(value: float, positive: str, negative: str) -> str:
+    return f"{abs(value):.3f} deg {positive if value >= 0 else negative}"
+
+
+def _report_saved(record: WeatherRecord, path: Path) -> None:
+    from rich.text import Text
+
+    saved = f"Weather '{path.stem}': {record.period}, {record.hours:,} h, SHA-256 {record.digest[:12]}, in {path}"
+    output().print(Text(saved), soft_wrap=True)
+    for note in record.notes:
+        output().print(Text(f"Note: {note}"), soft_wrap=True)
+
+
+def _place_as_json(place: Place) -> dict[str, Any]:
+    return {
+        "station": place.station,
+        "latitude_deg": place.latitude,
+        "longitude_deg": place.longitude,
+        "altitude_m": place.altitude,
+        "timezone": place.timezone,
+    }
+
+
+def _info_as_json(info: WeatherInfo) -> dict[str, Any]:
+    return {
+        "name": info.name,
+        **_place_as_json(info.place),
+        "first": info.first.isoformat(),
+        "last": info.last.isoformat(),
+        "hours": info.hours,
+        "source": info.source,
+        "licence": info.licence,
+        "digest": info.digest,
+        "origin": info.origin,
+        "typical_year": info.typical_year,
+        "notes": list(info.notes),
+        "path": str(info.path),
+    }
+
+
+def _described_as_json(record: WeatherRecord) -> dict[str, Any]:
+    return {
+        "name": record.name,
+        **_place_as_json(record.place),
+        "first": record.first.isoformat(),
+        "last": record.last.isoformat(),
+        "source": record.source,
+        "licence": record.licence,
+        "digest": record.digest,
+        "timing": dict(record.timing),
+        "typical_year": record.typical_year,
+        "notes": list(record.notes),
+    }

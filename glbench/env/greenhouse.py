@@ -1,0 +1,160 @@
+"""The Gymnasium environment: one greenhouse, one task, one episode at a time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.env.info import InfoWriter
+from glbench.env.options import STATE, check_names, state_option
+from glbench.env.panel import panel
+from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
+from glbench.env.simulation import Simulation
+from glbench.env.spaces import RENDER_MODES, action_space, checked_render_mode, observation_space, the_task
+
+if TYPE_CHECKING:
+    from glbench.env.kernels import Stepper
+    from glbench.env.simulation import StepResult
+    from glbench.env.snapshot import Snapshot
+    from glbench.tasks import TaskSpec
+
+
+class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """A tomato greenhouse under control, as a task defines it.
+
+    ``gymnasium.make("glbench:glbench/Schiphol2010-Delta10-v1")`` makes one.
+
+    ## Description
+
+    The GreenLight model simulates climate and crop of a Dutch greenhouse. In each step (15 minutes in the shipped tasks)
+    the agent moves boiler, CO2 supply, screens, vents and lamps. It earns the value of the fruit grown and pays for heat,
+    electricity and CO2, and for every limit of the climate that was broken. All numbers are per m2 of floor.
+
+    ## Action space
+
+    ``Box(-1, 1, (m,), float32)`` for the actuation kind ``rate``: the share of the largest change allowed in a step, for each
+    control of the task. ``Box(0, 1, (m,), float32)`` for ``set_point``: the controls asked for. An action that is not finite,
+    or outside its bounds by more than 1e-6, raises ``ActionError``: nothing is clipped on the way in.
+
+    ## Observation space
+
+    ``Box`` of float32 with finite bounds; ``env.unwrapped.task.observed()`` names the columns with their units.
+
+    ## Reward
+
+    The sum of the task's reward modules, without unit. Violations are judged by the true state after the step.
+
+    ## Episodes
+
+    An episode ends (``terminated``) after exactly ``task.steps`` steps: the season is over, nothing follows, so there is no
+    value to bootstrap from. ``truncated`` is always false. A step that cannot be integrated ends the episode at once
+    with the reward of a failed step, and ``info["failure"]`` says why.
+
+    ``reset(seed=s)`` starts the episode of seed s, the same on every day and in every batch. ``reset()`` draws the next
+    episode's seed from ``np_random``, which the last given seed determines; ``info["seed"]`` tells it.
+
+    ## Info
+
+    Flat, plain numbers; ``glbench.env.info_quantities(task)`` lists names, units and meanings.
+
+    Parameters
+    ----------
+    task
+        Id, path of a task file, or the task itself.
+    kernel
+        What integrates a step; by default one kernel that all environments of this thread share, made at the first step.
+    render_mode
+        ``None`` or ``"ansi"``: ``render`` then returns a few lines of text.
+
+    ## Version History
+
+    * v1: first version (glbench 0.1.0). The version at the end of an id is the task's: a published task never changes.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 4}  # noqa: RUF012  # as Gymnasium declares it
+
+    def __init__(self, task: TaskSpec | str, kernel: Stepper | None = None, render_mode: str | None = None) -> None:
+        self.task = the_task(task)
+        self.render_mode = checked_render_mode(render_mode)
+        self.observation_space = observation_space(self.task)
+        self.action_space = action_space(self.task)
+        self.simulation = Simulation(self.task, 1, kernel)
+        self._info = InfoWriter(self.task)
+        self._result: StepResult | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start an episode.
+
+        Parameters
+        ----------
+        seed
+            Seed of the episode, 0 to 2**64 - 1; it also seeds ``np_random``. Without one the next seed is drawn.
+        options
+            ``{"state": snapshot}`` continues from a snapshot instead; no seed goes with it.
+
+        Returns
+        -------
+        observation, info
+            ``(columns,)`` float32 and the numbers of ``info_quantities`` but those of a step.
+
+        Raises
+        ------
+        GlbenchError
+            For an impossible seed or option, or a snapshot of another task.
+        """
+        snapshot = state_option(check_names(options, (STATE,)), seed)
+        if snapshot is not None:
+            return self.restore(snapshot)
+        given = None if seed is None else checked_seed(seed)
+        super().reset(seed=given)
+        self._result = None
+        observation = self.simulation.reset([draw_seed(self.np_random) if given is None else given])[0]
+        return observation, self._info.row(self.simulation, None)
+
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Take one step.
+
+        Returns
+        -------
+        observation, reward, terminated, truncated, info
+            ``(columns,)`` float32, float, bool, always ``False``, and the numbers of ``info_quantities``.
+
+        Raises
+        ------
+        ActionError
+            For an action of the wrong shape, not finite, or out of bounds.
+        GlbenchError
+            When the episode has ended or none was started.
+        """
+        result = self.simulation.step(np.asarray(action)[None])
+        self._result = result
+        info = self._info.row(self.simulation, result)
+        return result.observations[0], float(result.rewards[0]), bool(result.terminated[0]), False, info
+
+    def render(self) -> str | None:
+        """A few lines about climate, controls, crop and money, or ``None`` without a render mode."""
+        return panel(self.simulation, 0, self._result) if self.render_mode == "ansi" else None
+
+    def snapshot(self) -> Snapshot:
+        """Everything needed to continue this episode, and draw the same seeds for the next, with the same bits."""
+        return replace(self.simulation.snapshot(), generators=pack_generator(self.np_random)[None])
+
+    def restore(self, snapshot: Snapshot) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Continue from ``snapshot`` (of one row); observation and info as after a reset.
+
+        Raises
+        ------
+        GlbenchError
+            When it belongs to another task or has more than one row.
+        """
+        observation = self.simulation.restore(snapshot)[0]
+        if len(snapshot.generators):
+            self.np_random = unpack_generator(snapshot.generators[0])
+        self._result = None
+        return observation, self._info.row(self.simulation, None)

@@ -1,0 +1,252 @@
+"""The vector environment: many greenhouses of one task, stepped as one batch in one process."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from glbench.env.greenhouse import GreenhouseEnv
+from glbench.env.info import InfoWriter
+from glbench.env.options import RESET_MASK, STATE, check_names, mask_option, state_option
+from glbench.env.panel import panel
+from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
+from glbench.env.simulation import Simulation
+from glbench.env.spaces import action_space, checked_render_mode, observation_space, the_task
+from glbench.env.vector_info import add_failures, add_objects, with_masks
+from glbench.errors import GlbenchError, ShapeError
+from glbench.kernel import KernelPool, make_kernel
+
+if TYPE_CHECKING:
+    from glbench.env.kernels import Stepper
+    from glbench.env.simulation import StepResult
+    from glbench.env.snapshot import Snapshot
+    from glbench.tasks import TaskSpec
+
+Observations = NDArray[np.float32]
+Step = tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
+
+
+class GreenhouseVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
+    """``num_envs`` greenhouses of one task; row i behaves, to the bit, like a ``GreenhouseEnv`` with the seed of row i.
+
+    ``gymnasium.make_vec("glbench:glbench/Schiphol2010-Delta10-v1", num_envs=8)`` makes one.
+
+    Spaces, reward, episodes and the numbers in ``info`` are those of ``GreenhouseEnv``; each entry of ``info`` is an array
+    with one value a row and comes with a mask ``_name`` of the rows it holds for.
+
+    ``reset(seed=s)`` gives row i the seed s + i; a list gives each row its own (``None``: drawn). The option ``reset_mask``
+    resets some rows only.
+
+    Parameters
+    ----------
+    task
+        Id, path of a task file, or the task itself.
+    num_envs
+        Number of rows.
+    kernel
+        What integrates a step; by default the kernel that all environments of this thread share.
+    workers
+        With more than 1, a pool of so many processes integrates the rows, to the same bits; ``close`` ends it.
+    autoreset_mode
+        What happens to a row whose episode ended. ``NEXT_STEP`` (the default, as in Gymnasium): the next step ignores its
+        action, starts a new episode and returns its first observation with reward 0. ``SAME_STEP``: a new episode starts
+        at once; the last observation and info of the old one are in ``info["final_obs"]`` and ``info["final_info"]``.
+        ``DISABLED``: the row must be reset with the option ``reset_mask`` before the next step.
+    render_mode
+        ``None`` or ``"ansi"``: ``render`` then returns a text for each row.
+    """
+
+    def __init__(
+        self,
+        task: TaskSpec | str,
+        num_envs: int = 1,
+        *,
+        kernel: Stepper | None = None,
+        workers: int = 1,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+    ) -> None:
+        if kernel is not None and workers != 1:
+            msg = "Give the vector environment a kernel or a number of workers, not both."
+            raise GlbenchError(msg)
+        self.task = the_task(task)
+        self.num_envs = num_envs
+        self.render_mode = checked_render_mode(render_mode)
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**GreenhouseEnv.metadata, "autoreset_mode": self.autoreset_mode}
+        self.single_observation_space = observation_space(self.task)
+        self.single_action_space = action_space(self.task)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._pool: KernelPool | None = None
+        if workers != 1:
+            made = make_kernel(self.task.step_seconds, workers=workers, variant=self.task.model.variant)
+            self._pool = made if isinstance(made, KernelPool) else None
+            kernel = made
+        self.simulation = Simulation(self.task, num_envs, kernel)
+        self._info = InfoWriter(self.task)
+        self._generators: list[np.random.Generator] = []
+        self._generator_seeds: list[int] = []
+        self._result: StepResult | None = None
+
+    @property  # type: ignore[misc]  # read-only, one for each row, as in SyncVectorEnv
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The generators that draw the seeds of the next episodes, one for each row."""
+        self._make_generators()
+        return tuple(self._generators)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """What these were seeded with."""
+        self._make_generators()
+        return tuple(self._generator_seeds)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, dict[str, Any]]:
+        """Start an episode in every row, or in those of the option ``reset_mask``, or continue from the option ``state``.
+
+        Raises
+        ------
+        GlbenchError
+            For impossible seeds or options.
+        """
+        given = check_names(options, (STATE, RESET_MASK))
+        snapshot = state_option(given, seed)
+        if snapshot is not None:
+            return self.restore(snapshot)
+        mask = mask_option(given, self.num_envs)
+        self._start(np.flatnonzero(mask), self._row_seeds(seed))
+        self._result = None
+        return self.simulation.observe(), with_masks(self._info.columns(self.simulation, None), mask, mask)
+
+    def step(self, actions: NDArray[np.float32]) -> Step:
+        """Take one step in every row.
+
+        Returns
+        -------
+        observations, rewards, terminations, truncations, infos
+            One entry a row.
+
+        Raises
+        ------
+        ActionError
+            For actions of the wrong shape, not finite, or out of bounds (in rows that are not being reset).
+        GlbenchError
+            When no episode was started, or in mode ``DISABLED`` a row has ended and was not reset.
+        """
+        over = self.simulation.ended
+        if over.any():
+            if self.autoreset_mode is not AutoresetMode.NEXT_STEP:
+                rows = np.flatnonzero(over).tolist()
+                msg = f"The episodes of rows {rows} have ended. Reset them with the option 'reset_mask'."
+                raise GlbenchError(msg)
+            if over.all():
+                return self._only_reset()
+        result = self._result = self.simulation.step(actions)
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and result.terminated.any():
+            observations, info = self._reset_at_once(result)
+            terminated = result.terminated.copy()
+        else:
+            terminated = result.terminated & ~over
+            observations = self._start(np.flatnonzero(over)) if over.any() else result.observations
+            info = self._step_info(result, ~over)
+        return observations, result.rewards.copy(), terminated, np.zeros(self.num_envs, dtype=np.bool_), info
+
+    def render(self) -> tuple[str, ...] | None:
+        """A few lines of text for each row, or ``None`` without a render mode."""
+        if self.render_mode is None:
+            return None
+        return tuple(panel(self.simulation, row, self._result) for row in range(self.num_envs))
+
+    def snapshot(self) -> Snapshot:
+        """Everything needed to continue all rows, and draw the same seeds for their next episodes, with the same bits."""
+        generators = np.stack([pack_generator(generator) for generator in self.np_random])
+        return replace(self.simulation.snapshot(), generators=generators)
+
+    def restore(self, snapshot: Snapshot) -> tuple[Observations, dict[str, Any]]:
+        """Continue from ``snapshot``; observations and infos as after a reset.
+
+        Raises
+        ------
+        GlbenchError
+            When it belongs to another task or has another number of rows.
+        """
+        observations = self.simulation.restore(snapshot)
+        if len(snapshot.generators):
+            self._generators = [unpack_generator(words) for words in snapshot.generators]
+            self._generator_seeds = [-1] * self.num_envs
+        self._result = None
+        everywhere = np.ones(self.num_envs, dtype=np.bool_)
+        return observations, with_masks(self._info.columns(self.simulation, None), everywhere, everywhere)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the pool of processes that this environment made."""
+        if self._pool is not None:
+            self._pool.close()
+
+    def _row_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, Sequence | np.ndarray):
+            if len(seed) != self.num_envs:
+                msg = f"reset got {len(seed)} seeds for {self.num_envs} environments. Give one seed an environment."
+                raise ShapeError(msg)
+            return [None if one is None else checked_seed(one) for one in seed]
+        first = checked_seed(seed)
+        return [checked_seed(first + row) for row in range(self.num_envs)]
+
+    def _make_generators(self) -> None:
+        if not self._generators:
+            made = [seeding.np_random() for _ in range(self.num_envs)]
+            self._generators = [generator for generator, _ in made]
+            self._generator_seeds = [seed for _, seed in made]
+
+    def _start(self, rows: NDArray[np.intp], seeds: Sequence[int | None] | None = None) -> Observations:
+        """Start episodes in ``rows`` with their entries of ``seeds``, or seeds drawn from their generators."""
+        self._make_generators()
+        chosen = []
+        for row in rows.tolist():
+            seed = None if seeds is None else seeds[row]
+            if seed is None:
+                seed = draw_seed(self._generators[row])
+            else:
+                self._generators[row], self._generator_seeds[row] = seeding.np_random(seed)
+            chosen.append(seed)
+        return self.simulation.reset(chosen, None if len(rows) == self.num_envs else rows)
+
+    def _only_reset(self) -> Step:
+        """The step of mode ``NEXT_STEP`` in which every row starts a new episode."""
+        n = self.num_envs
+        observations = self._start(np.arange(n))
+        self._result = None
+        everywhere, nowhere = np.ones(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
+        info = with_masks(self._info.columns(self.simulation, None), everywhere, nowhere)
+        return observations, np.zeros(n), nowhere, nowhere.copy(), info
+
+    def _step_info(self, result: StepResult, stepped: NDArray[np.bool_]) -> dict[str, Any]:
+        """Info of all rows, of which those in ``stepped`` took a step and the others began an episode."""
+        everywhere = np.ones(self.num_envs, dtype=np.bool_)
+        info = with_masks(self._info.columns(self.simulation, result), everywhere, stepped)
+        add_failures(info, result)
+        return info
+
+    def _reset_at_once(self, result: StepResult) -> tuple[Observations, dict[str, Any]]:
+        """Mode ``SAME_STEP``: new episodes in the rows that ended, the end of the old ones in the info."""
+        ended = result.terminated
+        final = with_masks(self._info.columns(self.simulation, result), ended, ended)
+        add_failures(final, result)
+        last = {row: result.observations[row] for row in np.flatnonzero(ended).tolist()}
+        observations = self._start(np.flatnonzero(ended))
+        everywhere = np.ones(self.num_envs, dtype=np.bool_)
+        info = with_masks(self._info.columns(self.simulation, result), everywhere, ~ended)
+        add_objects(info, "final_obs", last, self.num_envs)
+        info["final_info"], info["_final_info"] = final, ended.copy()
+        return observations, info

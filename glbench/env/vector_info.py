@@ -1,0 +1,42 @@
+"""Infos of a vector environment in Gymnasium's form: an array for each name, and a mask of the rows it holds for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.env.info import FAILURE
+from glbench.env.quantities import QUANTITY_NAMES
+from glbench.env.simulation import StepResult
+
+Mask = NDArray[np.bool_]
+
+
+def with_masks(columns: dict[str, NDArray[np.generic]], rows: Mask, stepped: Mask) -> dict[str, Any]:
+    """``columns`` with their masks: quantities of a step hold for the rows in ``stepped``, the others for ``rows``.
+
+    Where a column does not hold it is 0.
+    """
+    info: dict[str, Any] = {}
+    for name, values in columns.items():
+        mask = stepped if name in QUANTITY_NAMES else rows
+        info[name] = values if mask.all() else np.where(mask, values, np.zeros_like(values))
+        info[f"_{name}"] = mask
+    return info
+
+
+def add_objects(info: dict[str, Any], name: str, objects: dict[int, Any], n: int) -> None:
+    """Add what only some rows have, by row, as an array of objects with its mask."""
+    array, mask = np.full(n, None, dtype=object), np.zeros(n, dtype=np.bool_)
+    for row, value in objects.items():
+        array[row], mask[row] = value, True
+    info[name], info[f"_{name}"] = array, mask
+
+
+def add_failures(info: dict[str, Any], result: StepResult) -> None:
+    """Add the reasons of the rows that could not be integrated, if any."""
+    if result.failed:
+        reasons = {failure.row: failure.reason for failure in result.failed}
+        add_objects(info, FAILURE, reasons, len(result.rewards))

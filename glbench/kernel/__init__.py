@@ -1,0 +1,25 @@
+"""The kernel: one control step of the greenhouse model, for one greenhouse or many, with held inputs.
+
+``make_kernel(900.0)`` gives the fastest kernel that works on this machine; ``make_kernel(900.0, workers=4)`` the same in
+four processes, with the same bits. Method, accuracy and speed: docs/kernel.md.
+"""
+
+from __future__ import annotations
+
+from glbench.kernel.backends import BACKENDS, Backend, available
+from glbench.kernel.kernel import Kernel
+from glbench.kernel.pool import KernelPool, make_kernel
+from glbench.kernel.records import Rows, StepFailure
+from glbench.kernel.reduced import STATE_SCALE
+
+__all__ = [
+    "BACKENDS",
+    "STATE_SCALE",
+    "Backend",
+    "Kernel",
+    "KernelPool",
+    "Rows",
+    "StepFailure",
+    "available",
+    "make_kernel",
+]

@@ -1,0 +1,67 @@
+"""One control step of the model, for one greenhouse or a batch of them, in this process."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from glbench.kernel.backends import make_backend
+from glbench.kernel.records import Description, FloatArray, Rows, StepFailure
+from glbench.kernel.stepping import Stepper, positive_seconds
+from glbench.model import MODEL_VERSION, model_digest
+
+
+class Kernel(Stepper):
+    """Steps rows one after the other in this process.
+
+    Parameters
+    ----------
+    step_seconds : float
+        Length h of the control step [s], positive.
+    variant : str
+        Model variant, see ``glbench.model.VARIANTS``.
+    backend : str
+        ``"auto"``, ``"compiled"``, ``"casadi"`` or ``"cvodes"``, see ``glbench.kernel.backends``.
+    preset : str
+        ``"reference"`` (what scores are made with) or ``"tight"`` (to check the former against).
+
+    Raises
+    ------
+    UnknownNameError
+        When variant, backend or preset do not exist.
+    ShapeError
+        When ``step_seconds`` is not a positive, finite number.
+    """
+
+    def __init__(
+        self,
+        step_seconds: float = 900.0,
+        *,
+        variant: str = "author",
+        backend: str = "auto",
+        preset: str = "reference",
+    ) -> None:
+        self.step_seconds = positive_seconds(step_seconds)
+        self.variant = variant
+        self.preset = preset
+        self._backend = make_backend(backend, step_seconds=self.step_seconds, variant=variant, preset=preset)
+        self.backend = self._backend.name
+
+    def advance(self, rows: Rows) -> tuple[FloatArray, list[StepFailure]]:
+        """Step checked rows; see ``Stepper.advance``."""
+        out = np.empty_like(rows.x)
+        return out, self._backend.advance(rows, out)
+
+    def describe(self) -> Description:
+        """What made the numbers; see ``Stepper.describe``."""
+        return {
+            "backend": self.backend,
+            "preset": self.preset,
+            "step_seconds": self.step_seconds,
+            "variant": self.variant,
+            "model_version": MODEL_VERSION,
+            "model_digest": model_digest(self.variant),
+            **self._backend.describe(),
+        }
+
+    def close(self) -> None:
+        """Nothing to release; there so that a kernel and a pool can be used alike."""

@@ -1,0 +1,97 @@
+"""The examples that newcomers copy: they load, act within bounds, read columns by name, and do what they say."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from glbench.agents import Agent, action_problems, load_agent
+from glbench.env import Simulation
+from glbench.resources import data_folder
+from glbench.tasks import TaskCard, get_task, task_card
+
+EXAMPLES = sorted(data_folder("submissions").glob("*.py"))
+
+
+def made(path: Path, card: TaskCard, n: int) -> Agent:
+    agent = load_agent(path).make(card)
+    assert isinstance(agent, Agent)
+    agent.reset(card, n)
+    return agent
+
+
+@pytest.fixture
+def synthetic(card: TaskCard) -> NDArray[np.float32]:
+    """Observations anywhere within plausible climates, 200 runs."""
+    plausible = {
+        "air_temperature": (5, 40),
+        "co2": (200, 5000),
+        "global_radiation": (0, 1000),
+        "outdoor_temperature": (-20, 40),
+    }
+    bounds = [plausible.get(q.name, (q.low, q.high)) for q in card.observations]
+    low, high = np.array(bounds, dtype=np.float64).T
+    return np.random.default_rng(7).uniform(low, high, (200, len(bounds))).astype(np.float32)
+
+
+def test_the_template_and_two_examples_are_there() -> None:
+    assert [path.name for path in EXAMPLES] == ["constant_setpoints.py", "my_agent.py", "pi_controller.py"]
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_acts_validly_on_anything_it_may_see(
+    path: Path, card: TaskCard, synthetic: NDArray[np.float32]
+) -> None:
+    agent = made(path, card, len(synthetic))
+    for _ in range(20):
+        assert action_problems(agent.act(synthetic), card, len(synthetic)) == {}
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_needs_numpy_and_the_standard_library_only(path: Path) -> None:
+    imported = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            imported |= {name.name.partition(".")[0] for name in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            imported.add((node.module or "").partition(".")[0])
+    assert imported - {"numpy"} <= set(sys.stdlib_module_names)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_decides_for_a_run_alone_as_in_a_batch(
+    path: Path, card: TaskCard, synthetic: NDArray[np.float32]
+) -> None:
+    together, alone = made(path, card, 3), [made(path, card, 1) for _ in range(3)]
+    for step in range(10):
+        rows = synthetic[3 * step : 3 * step + 3]
+        each = np.concatenate([agent.act(rows[i : i + 1]) for i, agent in enumerate(alone)])
+        assert np.array_equal(together.act(rows), each)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_keeps_a_spring_day_in_order(path: Path) -> None:
+    # From the second day on; at the start all controls are 0 and the air is humid.
+    task = get_task("Schiphol2010-Delta10-v1")
+    simulation, agent = Simulation(task, 2), made(path, task_card(task), 2)
+    observations = simulation.reset([666, 667])
+    rewards = []
+    for _ in range(192):
+        result = simulation.step(agent.act(observations))
+        observations = result.observations
+        rewards.append(result.rewards)
+    # Doing nothing at all without breaking a limit gives 0.641 a step.
+    assert np.mean(rewards[96:]) > 0.5
+
+
+def test_the_pi_controllers_integrator_does_not_wind_up(card: TaskCard, observe) -> None:  # type: ignore[no-untyped-def]
+    agent = made(data_folder("submissions") / "pi_controller.py", card, 1)
+    for _ in range(200):
+        agent.act(observe(1, air_temperature=5.0))
+    # After two days of hopeless cold, a little too warm is enough to switch the boiler off at once.
+    assert agent.act(observe(1, air_temperature=21.0, boiler=130.0))[0, 0] == -1.0

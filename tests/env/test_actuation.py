@@ -1,0 +1,130 @@
+"""From actions to controls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from glbench.env.actuation import ACTUATIONS, ActionReader, make_actuation, register_actuation
+from glbench.errors import ActionError, TaskError, UnknownNameError
+from glbench.tasks import TaskSpec, get_task
+
+MakeTask = Callable[..., TaskSpec]
+SET_POINT = ('kind = "rate"', 'kind = "set_point"')
+TWO_CONTROLS = (
+    'controls = ["uBoil", "uCo2", "uThScr", "uVent", "uLamp", "uBlScr"]',
+    'controls = ["uVent", "uBoil"]',
+)
+
+
+RATE = make_actuation(get_task("Schiphol2010-Delta00-v1"))
+
+
+def rows(*values: list[float]) -> np.ndarray:
+    return np.array(values, dtype=np.float64)
+
+
+def test_an_action_of_one_moves_a_control_by_a_tenth() -> None:
+    moved = RATE(rows([0.0, 0.5, 0.95, 0.05, 1.0, 0.3]), rows([1.0, 1.0, 1.0, -1.0, -0.5, 0.0]))
+    assert moved[0] == pytest.approx([0.1, 0.6, 1.0, 0.0, 0.95, 0.3], abs=1e-15)
+
+
+@given(
+    st.lists(st.floats(0, 1), min_size=6, max_size=6),
+    st.lists(st.floats(-1, 1), min_size=6, max_size=6),
+)
+def test_a_control_stays_between_0_and_1_and_moves_by_at_most_max_change(u: list[float], a: list[float]) -> None:
+    moved = RATE(rows(u), rows(a))
+    assert moved.min() >= 0.0
+    assert moved.max() <= 1.0
+    assert np.abs(moved - rows(u)).max() <= 0.1 + 1e-15
+
+
+def test_a_set_point_is_approached_by_max_change_and_then_met_exactly(make_task: MakeTask) -> None:
+    move = make_actuation(make_task(SET_POINT))
+    wanted = rows([1.0, 0.0, 0.33, 0.55, 0.5, 0.0])
+    moved = move(rows([0.0, 1.0, 0.3, 0.7, 0.5, 0.05]), wanted)
+    assert moved[0] == pytest.approx([0.1, 0.9, 0.33, 0.6, 0.5, 0.0], abs=1e-15)
+    assert moved[0, 2] == 0.33  # within reach: the very number asked for
+
+
+def test_controls_that_are_not_granted_stay_at_0(make_task: MakeTask) -> None:
+    move = make_actuation(make_task(TWO_CONTROLS))
+    # Order of the task: vents, then boiler.
+    assert move(np.zeros((1, 6)), rows([1.0, 0.5]))[0].tolist() == [0.05, 0.0, 0.0, 0.1, 0.0, 0.0]
+
+
+def test_neither_controls_nor_actions_are_changed() -> None:
+    u, a = np.full((2, 6), 0.95), np.ones((2, 6))
+    RATE(u, a)
+    assert (u == 0.95).all()
+    assert (a == 1.0).all()
+
+
+@pytest.fixture(scope="module")
+def read() -> ActionReader:
+    return ActionReader.of_task(get_task("Schiphol2010-Delta00-v1"))
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (np.nan, r"action 2 \('uThScr'\) of row 1 is nan, which is not a finite number"),
+        (np.inf, r"action 2 \('uThScr'\) of row 1 is inf, which is not a finite number"),
+        (1.5, r"action 2 \('uThScr'\) of row 1 is 1.5, outside its bounds -1 to 1"),
+        (-1.00001, r"action 2 \('uThScr'\) of row 1 is -1.00001, outside its bounds -1 to 1"),
+    ],
+)
+def test_an_impossible_action_is_named_with_row_place_and_value(read: ActionReader, value: float, words: str) -> None:
+    actions = np.zeros((3, 6))
+    actions[1, 2] = value
+    with pytest.raises(ActionError, match=words):
+        read(actions, 3)
+
+
+@pytest.mark.parametrize("given_actions", [np.zeros(6), np.zeros((3, 5)), np.zeros((2, 6)), 0.5, [[0.0] * 6] * 4])
+def test_a_wrong_shape_is_named_together_with_the_right_one(read: ActionReader, given_actions: object) -> None:
+    with pytest.raises(ActionError, match=r"have shape .*Expected shape \(3, 6\): one row a run, in each uBoil, uCo2"):
+        read(given_actions, 3)
+
+
+def test_words_are_no_actions(read: ActionReader) -> None:
+    with pytest.raises(ActionError, match="cannot be read as numbers"):
+        read([["open"] * 6], 1)
+
+
+def test_what_float32_rounding_puts_outside_is_the_bound_itself(read: ActionReader) -> None:
+    assert read(np.full((1, 6), np.nextafter(np.float32(1.0), np.float32(2.0))), 1).max() == 1.0
+    assert read(np.full((1, 6), -1.0 - 9e-7), 1).min() == -1.0
+
+
+def test_rows_that_have_ended_are_not_looked_at(read: ActionReader) -> None:
+    actions = np.zeros((2, 6))
+    actions[1] = np.nan
+    assert np.isfinite(read(actions, 2, np.array([False, True]))).all()
+    with pytest.raises(ActionError, match="row 1"):
+        read(actions, 2, np.array([True, False]))
+
+
+def test_the_caller_keeps_its_own_array(read: ActionReader) -> None:
+    actions = np.zeros((1, 6))
+    read(actions, 1)[:] = 7.0
+    assert (actions == 0.0).all()
+
+
+@pytest.mark.usefixtures("own_words")
+def test_a_kind_of_ones_own_works_from_a_task_file(make_task: MakeTask) -> None:
+    register_actuation("test_direct", "the action is the control", lambda task: lambda controls, actions: actions.copy())
+    move = make_actuation(make_task(('kind = "rate"', 'kind = "test_direct"')))
+    assert move(np.zeros((1, 6)), np.full((1, 6), 0.7))[0].tolist() == [0.7] * 6
+    with pytest.raises(TaskError, match="test_direct"):
+        register_actuation("test_direct", "again", lambda task: lambda controls, actions: actions)
+
+
+def test_an_unknown_kind_is_refused_with_the_nearest() -> None:
+    with pytest.raises(UnknownNameError, match="Did you mean 'set_point'"):
+        ACTUATIONS["setpoint"]

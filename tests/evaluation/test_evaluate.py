@@ -1,0 +1,191 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import filelock
+import numpy as np
+import pytest
+
+from glbench.agents import load_agent
+from glbench.env import Simulation
+from glbench.errors import GlbenchError, ResultError
+from glbench.evaluation import Progress, Result, evaluate, load_result, prepare
+from glbench.tasks import TaskSpec, task_card
+
+
+def test_metrics_are_the_plain_sums_of_a_simulation(day_task: TaskSpec, write_agent) -> None:
+    path = write_agent()
+    result = evaluate(day_task, path)
+
+    simulation = Simulation(day_task, 3)
+    agent = load_agent(path).make(task_card(day_task))
+    agent.reset(task_card(day_task), 3)
+    observations = simulation.reset([666, 667, 668])
+    reward, heat = np.zeros(3), np.zeros(3)
+    for _ in range(day_task.steps):
+        step = simulation.step(agent.act(observations))
+        observations = step.observations
+        reward += step.rewards
+        heat += step.quantities["heat"]
+
+    assert result.values("reward") == tuple(reward)
+    assert result.values("heat") == tuple(heat)
+    assert [run.seed for run in result.runs] == [666, 667, 668]
+    assert all(run.status == "ok" and run.steps == 24 for run in result.runs)
+
+
+def test_epi_is_revenue_minus_costs(good_result: Result) -> None:
+    for run in good_result.runs:
+        m = run.metrics
+        assert m["epi"] == pytest.approx(
+            m["revenue"] - m["cost_heat"] - m["cost_electricity"] - m["cost_co2"], abs=1e-12
+        )
+        assert 0.0 <= m["hours_outside_limits"] <= 24.0
+
+
+def test_one_worker_and_two_give_the_same_bits(day_task: TaskSpec, good_result: Result, write_agent) -> None:
+    one = good_result
+    two = evaluate(day_task, write_agent(), workers=2)
+
+    assert two.evaluation.workers == 2
+    assert two.runs == one.runs
+    assert two.results_digest == one.results_digest
+    assert two.evaluation.kernel == one.evaluation.kernel
+
+
+def test_a_run_has_the_same_bits_alone_and_among_others(day_task: TaskSpec, good_result: Result, write_agent) -> None:
+    alone = evaluate(day_task, write_agent(), runs=1, first_seed=667)
+
+    assert alone.runs == good_result.runs[1:2]
+
+
+def test_different_seeds_give_different_runs(good_result: Result) -> None:
+    assert len(set(good_result.values("reward"))) == 3
+
+
+@pytest.mark.parametrize(("name", "privileged"), [("rule_based", True), ("rule_based_fair", False)])
+def test_baselines_run_and_say_what_they_know(day_task: TaskSpec, name: str, privileged: bool) -> None:
+    result = evaluate(day_task, name)
+
+    assert result.summary.statuses == {"ok": 3}
+    assert result.agent.privileged is privileged
+    assert result.agent.information.startswith("privileged") is privileged
+
+
+def test_a_single_run_agent_gets_what_a_batched_one_gets(day_task: TaskSpec, good_result: Result, write_agent) -> None:
+    single = write_agent(
+        """
+        def act(self, observation):
+            wanted = np.tanh((observation[:6].astype(float) - 20.0) / 50.0)
+            self.memory = 0.5 * self.memory + 0.5 * wanted
+            return self.memory
+        """,
+        name="single",
+        single=True,
+    )
+
+    assert evaluate(day_task, single).runs == good_result.runs
+
+
+def test_progress_is_told_of_every_step(day_task: TaskSpec, write_agent) -> None:
+    seen: list[Progress] = []
+    evaluate(day_task, write_agent(), progress=seen.append)
+
+    assert [p.step for p in seen] == list(range(25))
+    assert seen[-1] == Progress(step=24, steps=24, alive=3, runs=3, replaying=False)
+
+
+def test_a_finished_evaluation_is_not_done_again(day_task: TaskSpec, write_agent, tmp_path: Path) -> None:
+    path, out = write_agent(), tmp_path / "reports"
+    first = evaluate(day_task, path, out=out)
+    steps: list[Progress] = []
+    again = evaluate(day_task, path, out=out, progress=steps.append)
+
+    assert again == first == load_result(out / "results" / "Day-v1" / "agent_under_test.json")
+    assert not steps
+    evaluate(day_task, path, out=out, fresh=True, progress=steps.append)
+    assert steps
+
+
+def test_a_changed_agent_is_evaluated_again(day_task: TaskSpec, write_agent, tmp_path: Path) -> None:
+    out = tmp_path / "reports"
+    first = evaluate(day_task, write_agent(), out=out)
+    changed = write_agent("def act(self, observations):\n    return np.zeros((self.n, 6))")
+    second = evaluate(day_task, changed, out=out)
+
+    assert second.agent.digest != first.agent.digest
+    assert second.results_digest != first.results_digest
+    assert load_result(out / "results" / "Day-v1" / "agent_under_test.json") == second
+
+
+def test_a_trial_does_not_replace_the_full_evaluation(day_task: TaskSpec, write_agent, tmp_path: Path) -> None:
+    path, out = write_agent(), tmp_path / "reports"
+    evaluate(day_task, path, runs=1, out=out)
+    evaluate(day_task, path, out=out)
+
+    with pytest.raises(ResultError, match=r"full evaluation of this agent \(3 runs\).*--fresh"):
+        evaluate(day_task, path, runs=1, out=out)
+    assert len(evaluate(day_task, path, runs=1, out=out, fresh=True).runs) == 1
+
+
+def test_a_broken_result_in_the_way_is_replaced_and_said(
+    day_task: TaskSpec, write_agent, tmp_path: Path, caplog
+) -> None:
+    file = tmp_path / "reports" / "results" / "Day-v1" / "agent_under_test.json"
+    file.parent.mkdir(parents=True)
+    file.write_text('{"schema": "glbench/result", "sch', encoding="utf-8")
+    result = evaluate(day_task, write_agent(), out=tmp_path / "reports")
+
+    assert "no valid JSON" in caplog.text
+    assert load_result(file) == result
+
+
+def test_a_folder_that_cannot_be_written_is_found_out_before_the_run(
+    day_task: TaskSpec, write_agent, tmp_path: Path
+) -> None:
+    in_the_way = tmp_path / "reports"
+    in_the_way.write_text("a file, not a folder", encoding="utf-8")
+    steps: list[Progress] = []
+
+    with pytest.raises(GlbenchError, match=r"Cannot write into .*reports.*--out"):
+        evaluate(day_task, write_agent(), out=in_the_way, progress=steps.append)
+    assert not steps
+
+
+def test_two_evaluations_of_one_result_do_not_run_at_once(day_task: TaskSpec, write_agent, tmp_path: Path) -> None:
+    evaluation = prepare(day_task, write_agent(), out=tmp_path)
+    lock = tmp_path / ".partial" / "Day-v1" / "agent_under_test.lock"
+    lock.parent.mkdir(parents=True)
+    with (
+        filelock.FileLock(lock),
+        pytest.raises(GlbenchError, match="Another glbench process is evaluating 'agent_under_test'"),
+    ):
+        evaluation.run()
+    assert evaluation.run().summary.ok == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"runs": 0}, "at least one run; got 0"),
+        ({"workers": 0}, "at least one worker; got 0"),
+        ({"first_seed": -1}, "from seed -1"),
+        ({"first_seed": 2**53}, "2\\^53 - 1"),
+    ],
+)
+def test_impossible_numbers_are_refused(day_task: TaskSpec, write_agent, arguments: dict[str, int], words: str) -> None:
+    with pytest.raises(GlbenchError, match=words):
+        evaluate(day_task, write_agent(), **arguments)
+
+
+def test_a_result_tells_what_made_it(day_task: TaskSpec, write_agent, tmp_path: Path) -> None:
+    result = evaluate(day_task, write_agent(), runs=1)
+
+    assert result.task.digest == day_task.digest
+    assert result.agent.kind == "submission"
+    assert result.versions.casadi
+    assert result.machine.cores >= 1
+    assert result.evaluation.kernel["variant"] == "author"
+    assert result.evaluation.limits == {"start_seconds": 300.0, "step_seconds": 10.0, "run_seconds": 7200.0}
+    assert result.evaluation.steps_per_second == pytest.approx(24 / result.evaluation.wall_seconds)
+    assert str(tmp_path) not in result.to_json()
