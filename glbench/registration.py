@@ -10,13 +10,13 @@ from __future__ import annotations
 import sys
 import tomllib
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
-from glbench.errors import TaskError
 from glbench.resources import data_folder
 
 LOCK_NAME = "lock.toml"
@@ -33,19 +33,15 @@ def task_files() -> list[Path]:
 def task_ids() -> dict[str, Path]:
     """Ids of the shipped tasks and their files, read without checking anything else.
 
-    Raises
-    ------
-    TaskError
-        When a file is no TOML or has no id.
+    Files that are no TOML or have no id are left out: one that is being edited must not keep the package from loading.
+    ``get_task`` and ``glbench tasks check`` say what is wrong with them.
     """
     ids: dict[str, Path] = {}
     for path in task_files():
-        try:
-            task_id = tomllib.loads(path.read_text(encoding="utf-8"))["id"]
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError) as error:
-            msg = f"tasks/{path.name} cannot be read as a task ({error!r}). Restore the file, or install glbench again."
-            raise TaskError(msg) from error
-        ids[task_id] = path
+        with suppress(OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+            task_id = tomllib.loads(path.read_text(encoding="utf-8")).get("id")
+            if isinstance(task_id, str):
+                ids[task_id] = path
     return ids
 
 

@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from glbench.agents.protocol import Agent, PrivilegedController
+from glbench.agents.rule_based import RuleBasedController
+from glbench.agents.rule_based_fair import FairRuleBasedAgent
 from glbench.agents.rule_settings import RuleSettings, read_rule_settings
 from glbench.errors import SubmissionError, did_you_mean
 from glbench.resources import data_folder, sha256_of_files
@@ -36,18 +38,6 @@ class _Controller:
     modules: tuple[str, ...]
 
 
-def _published(settings: RuleSettings) -> PrivilegedController:
-    from glbench.agents.rule_based import RuleBasedController
-
-    return RuleBasedController(settings)
-
-
-def _fair(settings: RuleSettings) -> Agent:
-    from glbench.agents.rule_based_fair import FairRuleBasedAgent
-
-    return FairRuleBasedAgent(settings)
-
-
 _CONTROLLERS = {
     "rule_based": _Controller(
         privileged=True,
@@ -55,13 +45,13 @@ _CONTROLLERS = {
             "privileged: true state, weather of the coming step, radiation sum of the whole day, dawn and dusk in advance; "
             "sets controls directly, without rate limit"
         ),
-        make=_published,
+        make=RuleBasedController,
         modules=("rules.py", "rule_settings.py", "rule_based.py"),
     ),
     "rule_based_fair": _Controller(
         privileged=False,
         information="observations and the public task card",
-        make=_fair,
+        make=FairRuleBasedAgent,
         modules=("rules.py", "rule_settings.py", "rule_based_fair.py", "daylight.py"),
     ),
 }

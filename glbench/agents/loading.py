@@ -78,17 +78,20 @@ def _baseline(baseline: Baseline, name: str, kind: Literal["submission", "baseli
 
 
 def _submission(file: Path, folder: Path | None) -> LoadedAgent:
-    place = folder or file
-    name = _name_of(place)
     if not file.is_file():
-        msg = f"The folder {place} is no submission: it has no {AGENT_FILE}. Put make_agent(task) into a file of that name."
+        msg = f"The folder {file.parent} is no submission: it has no {AGENT_FILE}. Put make_agent(task) into a file of that name."
         raise SubmissionError(msg)
     if file.suffix != ".py":
         msg = f"{file} is no Python file. A submission is a .py file with make_agent(task), or a folder with {AGENT_FILE}."
         raise SubmissionError(msg)
+    name = _name_of(folder or file)
     # Resolved, so that an agent that reads its weights beside __file__ still finds them after a change of directory.
     file, folder = file.resolve(), folder.resolve() if folder is not None else None
-    digest = _digest(file, folder)
+    try:
+        digest = _digest(file, folder)
+    except OSError as error:
+        msg = f"The submission {name} cannot be read: {error}. Check that its files exist and may be read."
+        raise SubmissionError(msg) from error
     module = import_file(file, f"_glbench_submission_{digest[:16]}", folder)
     make_agent = _make_agent_of(module, file)
     return LoadedAgent(name, "submission", digest, False, _OBSERVATIONS_ONLY, _maker(make_agent, file, folder))
@@ -104,7 +107,7 @@ def _name_of(place: Path) -> str:
         )
         raise SubmissionError(msg)
     if name in baseline_names():
-        msg = f"'{name}' is the name of a baseline, whose results would be overwritten. Rename {place}."
+        msg = f"'{name}' is the name of a baseline, whose results would be overwritten. Rename {place}, or run the baseline by its name."
         raise SubmissionError(msg)
     return name
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.errors import ActionError
+from glbench.errors import ActionError, ShapeError
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
@@ -110,7 +110,12 @@ class PerRunAgent:
         ------
         ActionError
             When an agent returns something other than one row of numbers, as long as the other agents' rows.
+        ShapeError
+            When there are not as many rows as runs were announced to ``reset``.
         """
+        if len(observations) != len(self.agents):
+            msg = f"act got observations of {len(observations)} runs, reset was told of {len(self.agents)}. Call reset first."
+            raise ShapeError(msg)
         # Own copies: an agent that changes its observation in place must not change what others see or what is recorded.
         rows = [self._row(run, agent.act(observations[run].copy())) for run, agent in enumerate(self.agents)]
         lengths = {row.shape[0] for row in rows}

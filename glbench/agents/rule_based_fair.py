@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from glbench.agents.daylight import Daylight, DaylightEstimator
 from glbench.agents.rule_settings import RuleSettings
 from glbench.agents.rules import RuleInputs, rule_controls
-from glbench.errors import SubmissionError, did_you_mean
+from glbench.errors import ShapeError, SubmissionError, did_you_mean
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
@@ -52,6 +52,7 @@ class FairRuleBasedAgent:
 
     def __init__(self, settings: RuleSettings) -> None:
         self.settings = settings
+        self._runs = 0
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """Forget the weather; ``n_runs`` runs of ``task`` begin.
@@ -65,9 +66,19 @@ class FairRuleBasedAgent:
         # With the published timing the weather shown is that of the step before.
         age_seconds = task.step_seconds if task.timing == "published" else 0.0
         self._daylight = DaylightEstimator(n_runs, task.step_seconds, age_seconds)
+        self._runs = n_runs
 
     def act(self, observations: NDArray[np.float32], /) -> Array:
-        """Actions (n_runs, actions) towards the controls that the rules ask for."""
+        """Actions (n_runs, actions) towards the controls that the rules ask for.
+
+        Raises
+        ------
+        ShapeError
+            When there are not as many rows as runs were announced to ``reset``.
+        """
+        if len(observations) != self._runs:
+            msg = f"act got observations of {len(observations)} runs, reset was told of {self._runs}. Call reset first."
+            raise ShapeError(msg)
         plan = self._plan
         seen = {name: observations[:, column].astype(np.float64) for name, column in plan.columns.items()}
         hour, day = clock_from(seen)

@@ -68,9 +68,9 @@ class RuleSettings(BaseModel):
     blackout_extra_humidity: float
     blackout_humidity_band: float
     thermal_screen_rule: Literal["code", "author"]
-    """"code": the thermal screen opens when heat and humidity both ask for it; "author": when either does."""
+    """When the thermal screen opens: "code", when heat and humidity both ask for it; "author", when either does."""
     lamp_rule: Literal["code", "author"]
-    """"code": humidity may switch lamps off at any hour; "author": only when the blackout screen is closed."""
+    """When humidity may switch lamps off: "code", at any hour; "author", only while the blackout screen is closed."""
 
     @field_validator(*_BANDS)
     @classmethod

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import messages, output, print_error
-from glbench.errors import GlbenchError, SubmissionError
+from glbench.errors import GlbenchError, SubmissionError, TaskError
 
 if TYPE_CHECKING:
     from glbench.agents import LoadedAgent
@@ -83,11 +83,23 @@ def evaluate(
 
 
 def _tasks(names: Sequence[str], suites: Sequence[str]) -> list[TaskSpec]:
-    """The tasks asked for, each once; the default task when none is."""
+    """The tasks asked for, each once; the default task when none is.
+
+    Raises
+    ------
+    TaskError
+        When two tasks differ in their namespace only: their results would overwrite each other.
+    """
     from glbench.tasks import DEFAULT_TASK, get_suite, get_task
 
     chosen = [get_task(name) for name in names] + [task for name in suites for task in get_suite(name)]
-    return list({task.id: task for task in chosen or [get_task(DEFAULT_TASK)]}.values())
+    by_folder: dict[str, TaskSpec] = {}
+    for task in chosen or [get_task(DEFAULT_TASK)]:
+        other = by_folder.setdefault(task.short_id, task)
+        if other.digest != task.digest:
+            msg = f"{other.id} ({other.source}) and {task.id} ({task.source}) would share one result folder. Evaluate them one by one."
+            raise TaskError(msg)
+    return list(by_folder.values())
 
 
 def _agents(refs: Sequence[str]) -> list[LoadedAgent]:

@@ -79,7 +79,11 @@ def _print(shown: Sequence[TaskTable], total: int, paths: Sequence[Path]) -> Non
     from glbench.leaderboard.tables import FOOTNOTES
 
     for table in shown:
-        output().print(_rich_table(table))
+        output().print(_score_table(table))
+        output().print(_resource_table(table))
+        for row in table.rows:
+            if row.remark:
+                output().print(f"{row.agent} is {row.remark}.")
     for note in FOOTNOTES:
         output().print(note, style="dim")
     hidden = total - len(shown)
@@ -90,18 +94,47 @@ def _print(shown: Sequence[TaskTable], total: int, paths: Sequence[Path]) -> Non
     messages().print("Written: " + ", ".join(str(path) for path in paths), soft_wrap=True)
 
 
-def _rich_table(table: TaskTable) -> Table:
+def _score_table(table: TaskTable) -> Table:
+    """Ranks and what they rest on, within 80 columns."""
+    from rich import box
     from rich.table import Table
 
-    from glbench.leaderboard.tables import COLUMNS, cells
+    from glbench.leaderboard.tables import agent_label, runs_label
 
-    view = Table(title=f"{table.title}\n[dim]{table.task_id}[/dim]", title_justify="left", title_style="bold")
+    title = f"{table.title}\n[dim]{table.task_id}[/dim]"
+    view = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, collapse_padding=True)
     view.add_column("#", justify="right")
-    view.add_column("Agent", overflow="fold")
-    for column in COLUMNS:
-        view.add_column(column.heading, justify="right")
-    view.add_column("Reward, IQM", justify="right")
-    view.add_column("Runs", justify="right")
+    view.add_column("Agent", overflow="fold", min_width=16)
+    for heading in ("Reward", "95 % interval", "IQM", "EPI\n[EUR/m²]", "Penalty", "Runs"):
+        view.add_column(heading.replace("[", r"\["), justify="right", no_wrap=True)
     for row in table.rows:
-        view.add_row(*cells(row), style="dim" if row.rank is None else None)
+        reward = row.estimates["reward"]
+        view.add_row(
+            "–" if row.rank is None else str(row.rank),
+            agent_label(row),
+            f"{reward.mean:.1f}",
+            f"{reward.low:.1f} to {reward.high:.1f}",
+            f"{reward.iqm:.1f}",
+            f"{row.estimates['epi'].mean:.3f}",
+            f"{row.estimates['penalty'].mean:.1f}",
+            runs_label(row),
+            style="dim" if row.rank is None else None,
+        )
+    return view
+
+
+def _resource_table(table: TaskTable) -> Table:
+    """What each agent grew and used, within 80 columns."""
+    from rich import box
+    from rich.table import Table
+
+    from glbench.leaderboard.tables import COLUMNS, agent_label, format_estimate
+
+    view = Table(title="Harvest, resources, climate", title_justify="left", box=box.SIMPLE_HEAD, collapse_padding=True)
+    view.add_column("Agent", overflow="fold", min_width=16)
+    columns = [column for column in COLUMNS if not column.interval]
+    for column in columns:
+        view.add_column(column.heading.replace(" ", "\n").replace("[", r"\["), justify="right")
+    for row in table.rows:
+        view.add_row(agent_label(row), *(format_estimate(row.estimates[column.metric], column) for column in columns))
     return view

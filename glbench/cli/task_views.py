@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import datetime as dt
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
 from typing import Any
 
 from rich.console import RenderableType
@@ -25,33 +26,29 @@ from glbench.tasks import (
     task_card,
 )
 
+_LIMIT_WORDS = {"air_temperature": "air temperature", "co2": "CO2", "relative_humidity": "relative humidity"}
 
-def list_table(tasks: Sequence[TaskSpec], digests: Mapping[str, str | None]) -> Table:
-    """One row a task; ``digests`` are those of the lock."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("Task", no_wrap=True)
-    table.add_column("What it is")
-    for heading in ("Days", "Step", "Uncertain"):
-        table.add_column(heading, justify="right")
-    table.add_column("Weather")
-    table.add_column("Digest", no_wrap=True)
-    previous: tuple[str, ...] | None = None
-    for task in tasks:
-        if previous is not None and task.suites != previous:
-            table.add_section()
-            table.add_row()
-        previous = task.suites
-        digest = digests[task.id]
-        table.add_row(
-            task.id,
-            task.title,
-            f"{task.weather.days} d",
-            minutes(task.step_seconds),
-            percent(task.uncertainty.half_width),
-            f"{task.weather.source} ({task.weather.preprocessing})",
-            digest[:8] if digest else "not locked",
-        )
-    return table
+
+def listing(tasks: Sequence[TaskSpec], digests: Mapping[str, str | None]) -> Iterator[RenderableType]:
+    """Tasks in groups of the same suite, period and weather, a heading and a table each; ``digests`` are the lock's."""
+    for heading, group in groupby(tasks, key=_common):
+        yield Text.assemble((f"{heading[0]}\n", "bold"), (heading[1], "dim"))
+        table = _table("Task", "What it is", "Delta", "Digest", right=("Delta",))
+        for task in group:
+            digest = digests[task.id]
+            delta = f"{100 * task.uncertainty.delta:g} %"
+            table.add_row(task.short_id, task.title, delta, digest[:8] if digest else "not locked")
+        yield Padding(table, (0, 0, 1, 2), expand=False)
+
+
+def _common(task: TaskSpec) -> tuple[str, str]:
+    """What the tasks of a group share: the suite, and period, step and weather in words."""
+    weather = task.weather
+    suite = f"Suite {', '.join(task.suites)}" if task.suites else "In no suite"
+    return suite, (
+        f"{weather.days} days from {_day(weather.start)}, step {minutes(task.step_seconds)}, "
+        f"weather '{weather.source}', prepared '{weather.preprocessing}'"
+    )
 
 
 def explanation(task: TaskSpec) -> Iterator[RenderableType]:
@@ -108,7 +105,7 @@ def first_weather(task: TaskSpec, rows: int = 4) -> RenderableType:
     for row, (moment, values) in enumerate(zip(weather.times[:rows], weather.values[:rows], strict=True)):
         cells = (f"{value:.1f}" for value in values[:6])
         table.add_row(str(row), str(moment).replace("T", " ")[:16], *cells)
-    return Padding(table, (0, 0, 1, 7))
+    return Padding(table, (0, 0, 1, 7), expand=False)
 
 
 def minutes(seconds: float) -> str:
@@ -117,8 +114,12 @@ def minutes(seconds: float) -> str:
 
 
 def percent(fraction: float) -> str:
-    """``±10 %``, or ``none``."""
-    return f"±{100 * fraction:g} %" if fraction else "none"
+    """A deviation to both sides, such as ``±10 %``."""
+    return f"±{100 * fraction:g} %"
+
+
+def _day(date: dt.date) -> str:
+    return f"{date.day} {date:%B %Y}"
 
 
 def _heading(text: str) -> Text:
@@ -126,7 +127,7 @@ def _heading(text: str) -> Text:
 
 
 def _words(lines: Sequence[str]) -> RenderableType:
-    return Padding(Text("\n".join(lines)), (0, 0, 0, 2))
+    return Padding(Text("\n".join(lines)), (0, 0, 0, 2), expand=False)
 
 
 def _period(task: TaskSpec, card: TaskCard) -> list[str]:
@@ -134,7 +135,7 @@ def _period(task: TaskSpec, card: TaskCard) -> list[str]:
     place = card.place
     north, east = ("N" if place.latitude >= 0 else "S"), ("E" if place.longitude >= 0 else "W")
     return [
-        f"{task.weather.days} days, from {card.start:%d %B %Y} 00:00 to {end:%d %B %Y} 00:00, clock {card.clock}; "
+        f"{task.weather.days} days, from {_day(card.start)} 00:00 to {_day(end)} 00:00, clock {card.clock}; "
         f"one decision every {minutes(card.step_seconds)}, {card.steps} in all.",
         f"Weather '{task.weather.source}': {place.station}, {abs(place.latitude):g} {north}, {abs(place.longitude):g} {east}, "
         f"{place.altitude:g} m; CO2 outside {task.weather.co2_ppm:g} ppm.",
@@ -147,7 +148,7 @@ def _greenhouse(task: TaskSpec) -> list[str]:
     lines = [
         f"Parameter set '{task.model.parameters}'; {MODEL_VARIANTS[task.model.variant].meaning}.",
         *(f"Changed: {name} = {value:g} {unit}." for name, value, unit in task.model.overrides),
-        f"Start: {INITIAL_STATES[task.initial.kind].meaning} ({task.initial.air_temperature:g} degC).",
+        f"Start: {INITIAL_STATES[task.initial.kind].meaning} ({task.initial.air_temperature:g} degC), all controls at 0.",
     ]
     if uncertainty.half_width == 0.0:
         return [*lines, "Nothing is uncertain: the parameters keep their nominal values."]
@@ -169,7 +170,7 @@ def _observations(card: TaskCard) -> RenderableType:
         table.add_row(str(index), quantity.name, quantity.unit, *bounds, quantity.meaning)
     if len(shown) < len(card.observations):
         table.add_row("...", f"and {len(card.observations) - len(shown)} more; --json lists all")
-    return Padding(table, (0, 0, 0, 2))
+    return Padding(table, (0, 0, 0, 2), expand=False)
 
 
 def _actions(card: TaskCard) -> RenderableType:
@@ -187,7 +188,7 @@ def _actions(card: TaskCard) -> RenderableType:
         )
     for name in sorted(by_name.keys() - {action.name for action in card.actions}):
         table.add_row("", name, by_name[name].meaning, "stays at 0", "", "")
-    return Padding(table, (0, 0, 0, 2))
+    return Padding(table, (0, 0, 0, 2), expand=False)
 
 
 def _delivers(capacity: Capacity, fraction: float) -> str:
@@ -198,8 +199,8 @@ def _constraints(card: TaskCard) -> RenderableType:
     table = _table("Quantity", "Lowest", "Highest", "Violation that costs 1 a step", right=("Lowest", "Highest"))
     for limit in card.constraints:
         low, high, scale = (f"{value:g} {limit.unit}" for value in (limit.low, limit.high, limit.scale))
-        table.add_row(limit.name.replace("_", " "), low, high, scale)
-    return Padding(table, (0, 0, 0, 2))
+        table.add_row(_LIMIT_WORDS.get(limit.name, limit.name), low, high, scale)
+    return Padding(table, (0, 0, 0, 2), expand=False)
 
 
 def _prices(card: TaskCard) -> RenderableType:
@@ -209,26 +210,28 @@ def _prices(card: TaskCard) -> RenderableType:
     table.add_row("CO2", f"{prices.co2:g} EUR per kg")
     table.add_row("heat", f"{prices.heat:g} EUR per kWh")
     table.add_row("electricity", f"{prices.electricity:g} EUR per kWh")
-    return Padding(table, (0, 0, 0, 2))
+    return Padding(table, (0, 0, 0, 2), expand=False)
 
 
 def _reward(task: TaskSpec) -> list[str]:
     from glbench.env.accounts import make_accounts
 
-    accounts, prices = make_accounts(task), task.prices
-    signs = " + ".join(task.reward.modules)
-    lines = [f"reward = {signs}", *(f"  {name}: {REWARD_MODULES[name].meaning}." for name in task.reward.modules)]
-    lines += [
-        "economic performance (EPI) [EUR m-2] = "
-        f"{prices.fruit:g} x fruit growth [kg dry m-2] / {prices.dry_matter_content:g} - {prices.heat:g} x heat [kWh m-2] "
-        f"- {prices.electricity:g} x electricity [kWh m-2] - {prices.co2:g} x CO2 [kg m-2]",
-    ]
-    if "scaled_epi" in task.reward.modules:
-        lines.append(
-            f"scaled EPI = (EPI - lowest) / (highest - lowest); lowest {accounts.lowest_epi:.6f} EUR m-2 (everything at 1, no "
-            f"growth), highest {accounts.highest_epi:.8f} EUR m-2 (potential growth at 20 degC, nothing used)."
-        )
-    return [*lines, "Nothing is clipped. Fruit is paid as it grows."]
+    modules, prices = task.reward.modules, task.prices
+    lines = [f"reward = {' + '.join(modules)}", *(f"  {name}: {REWARD_MODULES[name].meaning}." for name in modules)]
+    if {"epi", "scaled_epi"} & set(modules):
+        lines += [
+            "Economic performance EPI [EUR m-2] =",
+            f"  {prices.fruit:g} x fruit growth [kg dry m-2] / {prices.dry_matter_content:g} - {prices.heat:g} x heat [kWh m-2]",
+            f"  - {prices.electricity:g} x electricity [kWh m-2] - {prices.co2:g} x CO2 [kg m-2]; fruit is paid as it grows.",
+        ]
+    if "scaled_epi" in modules:
+        accounts = make_accounts(task)
+        lines += [
+            "Scaled EPI = (EPI - lowest) / (highest - lowest), not clipped;",
+            f"  lowest {accounts.lowest_epi:.6f} EUR m-2: boiler, lamps and CO2 supply at 1, no growth;",
+            f"  highest {accounts.highest_epi:.8f} EUR m-2: growth at the potential rate at 20 degC, nothing used.",
+        ]
+    return lines
 
 
 def _evaluation(task: TaskSpec) -> list[str]:

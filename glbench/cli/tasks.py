@@ -29,7 +29,7 @@ def list_command(
     as_json: AsJson = False,
 ) -> None:
     """List the tasks that come with glbench: what each is, how long, how uncertain, under which weather."""
-    from glbench.cli.task_views import list_table
+    from glbench.cli.task_views import listing
     from glbench.errors import UnknownNameError, did_you_mean
     from glbench.tasks import DEFAULT_TASK, list_tasks, read_lock
 
@@ -45,12 +45,9 @@ def list_command(
     if as_json:
         _print_json([_summary(task, digests[task.id]) for task in tasks])
         return
-    output().print(list_table(tasks, digests))
-    messages().print(
-        f"The task meant when none is named is {DEFAULT_TASK}. `glbench tasks show {DEFAULT_TASK.partition('/')[2]}` explains it.",
-        style="dim",
-        soft_wrap=True,
-    )
+    for part in listing(tasks, digests):
+        output().print(part)
+    messages().print(f"Without a name, {DEFAULT_TASK} is meant. `glbench tasks show` explains a task.", style="dim")
 
 
 @app.command("show")

@@ -12,6 +12,8 @@ import typer
 from glbench.cli.console import messages, output
 
 if TYPE_CHECKING:
+    import datetime as dt
+
     from rich.table import Table
 
     from glbench.weather import Place, WeatherInfo, WeatherRecord
@@ -38,18 +40,15 @@ def list_records(as_json: Json = False) -> None:
     if as_json:
         typer.echo(json.dumps({"records": [_info_as_json(info) for info in infos]}, indent=2))
         return
-    table = _table(
-        "Weather records", ["name", "station", "first [UTC]", "last [UTC]", "hours [h]", "origin", "SHA-256"]
-    )
+    table = _table("Weather records", ["name", "station", "period [UTC]", "hours [h]", "origin", "SHA-256"])
     for info in infos:
         table.add_row(
             info.name,
             info.place.station,
-            f"{info.first:%Y-%m-%d %H:%M}",
-            f"{info.last:%Y-%m-%d %H:%M}",
+            f"{_moment(info.first)} to {_moment(info.last)}",
             f"{info.hours:,}",
-            info.origin + (" (typical year)" if info.typical_year else ""),
-            info.digest[:12],
+            info.origin + (", typical year" if info.typical_year else ""),
+            info.digest[:8],
         )
     output().print(table)
 
@@ -73,6 +72,9 @@ def show(
         typer.echo(json.dumps({**described, "units": dict(UNITS), "months": [asdict(row) for row in months]}, indent=2))
         return
     _print_description(record)
+    # Where both are known the sky's infrared is what the preprocessings use; the JSON has both.
+    infrared = "sky_infrared" in record.counts
+    sky = "infrared [W/m2]" if infrared else "cloud [octants]"
     table = _table(
         "Months (UTC)",
         [
@@ -82,14 +84,13 @@ def show(
             "max T [degC]",
             "RH [%]",
             "wind [m/s]",
-            "radiation [W/m2]",
-            "radiation [MJ/m2]",
-        ]
-        + ["cloud [octants]"] * ("cloud_cover" in record.counts)
-        + ["sky infrared [W/m2]"] * ("sky_infrared" in record.counts),
+            "global [W/m2]",
+            "global [MJ/m2]",
+            sky,
+        ],
     )
     for row in months:
-        optional = [f"{value:.1f}" for value in (row.cloud_cover_mean, row.sky_infrared_mean) if value is not None]
+        sky_mean = row.sky_infrared_mean if infrared else row.cloud_cover_mean
         table.add_row(
             row.month,
             f"{row.air_temperature_mean:.1f}",
@@ -99,7 +100,7 @@ def show(
             f"{row.wind_speed_mean:.2f}",
             f"{row.radiation_mean:.1f}",
             f"{row.radiation_sum:.2f}",
-            *optional,
+            "-" if sky_mean is None else f"{sky_mean:.1f}",
         )
     output().print(table)
 
@@ -170,14 +171,17 @@ def fetch(
 
 
 def _table(title: str, columns: list[str]) -> Table:
+    from rich import box
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=title, title_justify="left")
-    words = {"name", "station", "first [UTC]", "last [UTC]", "origin", "SHA-256", "month"}
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    words = {"name", "station", "period [UTC]", "origin", "SHA-256", "month"}
     for column in columns:
-        # As text, not markup: square brackets would be taken for styles.
-        table.add_column(Text(column), justify="left" if column in words else "right", overflow="fold")
+        # The unit stands below the name; as text, not markup: square brackets would be taken for styles.
+        heading = Text(column.replace(" [", "\n["))
+        folds = column in {"station", "period [UTC]", "origin"}
+        table.add_column(heading, justify="left" if column in words else "right", no_wrap=not folds)
     return table
 
 
@@ -200,6 +204,11 @@ def _print_description(record: WeatherRecord) -> None:
     ]
     for label, text in lines:
         output().print(Text(f"{label:<10} {text}"), soft_wrap=True)
+
+
+def _moment(moment: dt.datetime) -> str:
+    """A date, with the hour where it is not midnight."""
+    return f"{moment:%Y-%m-%d}" if moment.hour == moment.minute == 0 else f"{moment:%Y-%m-%d %H:%M}"
 
 
 def _degrees(value: float, positive: str, negative: str) -> str:

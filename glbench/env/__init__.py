@@ -13,8 +13,9 @@ from glbench.env.info import info_quantities
 from glbench.env.observations import Situation, register_observation
 from glbench.env.quantities import QUANTITIES, StepQuantity
 from glbench.env.rewards import REWARDS, StepOutcome, register_reward
-from glbench.env.simulation import Simulation, StepResult
+from glbench.env.simulation import Simulation
 from glbench.env.snapshot import Snapshot
+from glbench.env.step_result import StepResult
 from glbench.env.uncertainty import DISTRIBUTIONS, register_distribution
 from glbench.env.vector import GreenhouseVectorEnv
 from glbench.env.weather_tables import WeatherTables

@@ -18,8 +18,8 @@ from glbench.env.spaces import RENDER_MODES, action_space, checked_render_mode, 
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
-    from glbench.env.simulation import StepResult
     from glbench.env.snapshot import Snapshot
+    from glbench.env.step_result import StepResult
     from glbench.tasks import TaskSpec
 
 

@@ -11,7 +11,8 @@ from glbench.env.quantities import QUANTITIES, StepQuantity
 from glbench.tasks.quantities import LIMITED
 
 if TYPE_CHECKING:
-    from glbench.env.simulation import Simulation, StepResult
+    from glbench.env.simulation import Simulation
+    from glbench.env.step_result import StepResult
     from glbench.tasks import TaskSpec
 
 FAILURE = "failure"

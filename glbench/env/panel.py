@@ -10,7 +10,8 @@ from glbench.model import DISTURBANCE_NAMES, STATE_NAMES
 from glbench.tasks.quantities import LIMITED
 
 if TYPE_CHECKING:
-    from glbench.env.simulation import Simulation, StepResult
+    from glbench.env.simulation import Simulation
+    from glbench.env.step_result import StepResult
     from glbench.tasks.quantities import Capacity
 
 _RADIATION, _OUTSIDE, _WIND = (DISTURBANCE_NAMES.index(name) for name in ("iGlob", "tOut", "wind"))

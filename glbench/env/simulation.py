@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +18,7 @@ from glbench.env.quantities import EPI, PENALTY, QUANTITY_NAMES, REWARD
 from glbench.env.rewards import StepOutcome, make_reward
 from glbench.env.seeds import checked_seed, no_generators
 from glbench.env.snapshot import Snapshot
+from glbench.env.step_result import StepResult
 from glbench.env.uncertainty import ParameterDraws
 from glbench.errors import GlbenchError, ShapeError, TaskError
 from glbench.model import CONTROL_NAMES, STATE_NAMES
@@ -29,33 +30,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _AIR = tuple(STATE_NAMES.index(name) for name in ("tAir", "co2Air", "vpAir"))
-
-
-@dataclass(frozen=True)
-class StepResult:
-    """What one step of ``n`` runs gave.
-
-    Attributes
-    ----------
-    observations
-        ``(n, columns)`` float32.
-    rewards
-        ``(n,)``.
-    terminated
-        ``(n,)``; whether the run has ended, in this step or before.
-    failed
-        Runs that could not be integrated in this step, with the reason in words. Such a run keeps its state and ends. Its
-        reward, EPI and penalty are what the task counts for one failed step; the other quantities are those of a step
-        in which nothing grew.
-    quantities
-        Each ``(n,)``; names and units in ``glbench.env.QUANTITIES``. 0 for a run that had ended before.
-    """
-
-    observations: NDArray[np.float32]
-    rewards: Floats
-    terminated: NDArray[np.bool_]
-    failed: list[StepFailure]
-    quantities: dict[str, Floats]
 
 
 class Simulation:

@@ -20,20 +20,21 @@ from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_ge
 from glbench.env.simulation import Simulation
 from glbench.env.spaces import action_space, checked_render_mode, observation_space, the_task
 from glbench.env.vector_info import add_failures, add_objects, with_masks
-from glbench.errors import GlbenchError, ShapeError
+from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean
 from glbench.kernel import KernelPool, make_kernel
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
-    from glbench.env.simulation import StepResult
     from glbench.env.snapshot import Snapshot
+    from glbench.env.step_result import StepResult
     from glbench.tasks import TaskSpec
 
 Observations = NDArray[np.float32]
+Actions = NDArray[np.floating[Any]]
 Step = tuple[Observations, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
 
-class GreenhouseVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
+class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
     """``num_envs`` greenhouses of one task; row i behaves, to the bit, like a ``GreenhouseEnv`` with the seed of row i.
 
     ``gymnasium.make_vec("glbench:glbench/Schiphol2010-Delta10-v1", num_envs=8)`` makes one.
@@ -63,6 +64,8 @@ class GreenhouseVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[A
         ``None`` or ``"ansi"``: ``render`` then returns a text for each row.
     """
 
+    _pool: KernelPool | None = None
+
     def __init__(
         self,
         task: TaskSpec | str,
@@ -79,13 +82,12 @@ class GreenhouseVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[A
         self.task = the_task(task)
         self.num_envs = num_envs
         self.render_mode = checked_render_mode(render_mode)
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**GreenhouseEnv.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = observation_space(self.task)
         self.single_action_space = action_space(self.task)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._pool: KernelPool | None = None
         if workers != 1:
             made = make_kernel(self.task.step_seconds, workers=workers, variant=self.task.model.variant)
             self._pool = made if isinstance(made, KernelPool) else None
@@ -127,7 +129,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[A
         self._result = None
         return self.simulation.observe(), with_masks(self._info.columns(self.simulation, None), mask, mask)
 
-    def step(self, actions: NDArray[np.float32]) -> Step:
+    def step(self, actions: Actions) -> Step:
         """Take one step in every row.
 
         Returns
@@ -228,7 +230,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[A
         observations = self._start(np.arange(n))
         self._result = None
         everywhere, nowhere = np.ones(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
-        info = with_masks(self._info.columns(self.simulation, None), everywhere, nowhere)
+        info = with_masks(self._info.columns(self.simulation, None), everywhere, everywhere)
         return observations, np.zeros(n), nowhere, nowhere.copy(), info
 
     def _step_info(self, result: StepResult, stepped: NDArray[np.bool_]) -> dict[str, Any]:
@@ -250,3 +252,14 @@ class GreenhouseVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[A
         add_objects(info, "final_obs", last, self.num_envs)
         info["final_info"], info["_final_info"] = final, ended.copy()
         return observations, info
+
+
+def _mode(given: AutoresetMode | str) -> AutoresetMode:
+    """The autoreset mode from itself or its name."""
+    known = {mode.value: mode for mode in AutoresetMode}
+    if isinstance(given, AutoresetMode):
+        return given
+    if given not in known:
+        msg = f"There is no autoreset mode {given!r}.{did_you_mean(str(given), known)}"
+        raise UnknownNameError(msg)
+    return known[given]

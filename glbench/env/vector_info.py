@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from glbench.env.info import FAILURE
 from glbench.env.quantities import QUANTITY_NAMES
-from glbench.env.simulation import StepResult
+from glbench.env.step_result import StepResult
 
 Mask = NDArray[np.bool_]
+
+_OF_STEP = frozenset(QUANTITY_NAMES)
 
 
 def with_masks(columns: dict[str, NDArray[np.generic]], rows: Mask, stepped: Mask) -> dict[str, Any]:
@@ -20,9 +22,10 @@ def with_masks(columns: dict[str, NDArray[np.generic]], rows: Mask, stepped: Mas
     Where a column does not hold it is 0.
     """
     info: dict[str, Any] = {}
+    of_step, of_row = (stepped, bool(stepped.all())), (rows, bool(rows.all()))
     for name, values in columns.items():
-        mask = stepped if name in QUANTITY_NAMES else rows
-        info[name] = values if mask.all() else np.where(mask, values, np.zeros_like(values))
+        mask, everywhere = of_step if name in _OF_STEP else of_row
+        info[name] = values if everywhere else np.where(mask, values, np.zeros_like(values))
         info[f"_{name}"] = mask
     return info
 

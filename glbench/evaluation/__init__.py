@@ -5,11 +5,12 @@
 
 from __future__ import annotations
 
-from glbench.evaluation.evaluate import Evaluation, evaluate, prepare
 from glbench.evaluation.files import load_result, result_path, save_result
+from glbench.evaluation.job import Evaluation
 from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.lockstep import Progress
 from glbench.evaluation.metrics import METRIC_NAMES, METRICS, UNITS, Metric
+from glbench.evaluation.preparing import evaluate, prepare
 from glbench.evaluation.records import Result, RunResult, Summary
 
 __all__ = [

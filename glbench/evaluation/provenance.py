@@ -13,6 +13,7 @@ import subprocess
 from importlib.metadata import version
 from pathlib import Path
 
+from glbench import __version__
 from glbench.evaluation.records import GitState, Machine, Versions
 from glbench.model import MODEL_VERSION
 
@@ -25,7 +26,7 @@ _GIT_SECONDS = 10
 def versions() -> Versions:
     """Versions of everything that computes a number."""
     return Versions(
-        glbench=version("glbench"),
+        glbench=__version__,
         model=MODEL_VERSION,
         python=platform.python_version(),
         numpy=version("numpy"),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 import rfc8785
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -18,8 +18,8 @@ from glbench.evaluation.metrics import METRIC_NAMES, UNITS
 if TYPE_CHECKING:
     import pandas as pd
 
-SCHEMA_NAME = "glbench/result"
-SCHEMA_VERSION = 1
+SCHEMA_NAME: Final = "glbench/result"
+SCHEMA_VERSION: Final = 1
 
 Status = Literal["ok", "crashed", "timed_out", "invalid_action", "simulation_failed"]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -213,7 +213,7 @@ def summarise(runs: tuple[RunResult, ...]) -> Summary:
 
 def results_digest(task_digest: str, agent: AgentRecord, runs: tuple[RunResult, ...]) -> str:
     """SHA-256 over the canonical JSON (RFC 8785) of what must repeat bit for bit: task, agent, and every run."""
-    deterministic = {
+    deterministic: dict[str, Any] = {
         "task": task_digest,
         "agent": {"name": agent.name, "digest": agent.digest},
         "runs": [run.model_dump(mode="json") for run in runs],

@@ -59,7 +59,8 @@ class Tally:
         return tuple(self._result(row, all_steps, failed_step) for row in range(len(self.seeds)))
 
     def _result(self, row: int, all_steps: int, failed_step: Mapping[str, float]) -> RunResult:
-        status, reason = self._ends.get(row, ("ok", None))
+        end: tuple[Status, str | None] = self._ends.get(row, ("ok", None))
+        status, reason = end
         steps = int(self.steps[row])
         totals = dict(zip(METRIC_NAMES, self.totals[:, row].tolist(), strict=True))
         return RunResult(

@@ -11,6 +11,7 @@ from glbench.kernel.kernel import Kernel
 from glbench.kernel.pool import KernelPool, make_kernel
 from glbench.kernel.records import Rows, StepFailure
 from glbench.kernel.reduced import STATE_SCALE
+from glbench.kernel.stepping import Stepper
 
 __all__ = [
     "BACKENDS",
@@ -20,6 +21,7 @@ __all__ = [
     "KernelPool",
     "Rows",
     "StepFailure",
+    "Stepper",
     "available",
     "make_kernel",
 ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -35,8 +35,7 @@ class StepFailure:
     reason: str
 
 
-@dataclass(frozen=True)
-class Rows:
+class Rows(NamedTuple):
     """Inputs of one control step for ``n`` greenhouses: finite, C-contiguous float64, controls within 0..1.
 
     Attributes
@@ -77,7 +76,7 @@ def as_rows(x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLi
         # A sum of squares is not finite as soon as one value is not: one pass, no temporary array.
         if not math.isfinite(np.vdot(values, values)):
             _refuse_non_finite(key, values)
-    if count and not (rows.u.min() >= 0.0 and rows.u.max() <= 1.0):
+    if count and not (np.minimum.reduce(rows.u, axis=None) >= 0.0 and np.maximum.reduce(rows.u, axis=None) <= 1.0):
         row, column = np.argwhere((rows.u < 0.0) | (rows.u > 1.0))[0]
         msg = (
             f"Control {CONTROL_NAMES[column]} of row {row} is {rows.u[row, column]!r}; controls are fractions of the "

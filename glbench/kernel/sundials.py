@@ -18,6 +18,7 @@ import numpy as np
 from glbench.errors import UnknownNameError, did_you_mean
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure, inputs_in_words
 from glbench.kernel.reduced import STATE_SCALE, reduce_model
+from glbench.kernel.signals import signals_wait
 from glbench.model import CONTROL_NAMES, DISTURBANCE_NAMES, PARAMETER_NAMES, STATE_NAMES, build_rhs
 
 SUBSTEP_LIMIT = 20_000
@@ -102,24 +103,20 @@ class CvodesBackend:
 
     def advance(self, rows: Rows, out: FloatArray) -> list[StepFailure]:
         """Write x(t + h) of every row to ``out``; a row that fails keeps its old state and is reported."""
-        moving, clocks = self._model.moving, self._model.clocks
         shared = rows.p.shape[0] == 1
         if shared:
             self._p[:] = rows.p[0]
         failures = []
-        out[:] = rows.x
-        for row in range(rows.x.shape[0]):
-            self._u[:] = rows.u[row]
-            self._d[:] = rows.d[row]
-            if not shared:
-                self._p[:] = rows.p[row]
-            np.divide(rows.x[row, moving], self._scale, out=self._start)
-            reason = self._run()
-            if reason:
-                failures.append(StepFailure(row, self._in_words(reason, rows, row)))
-            else:
-                out[row, moving] = self._end * self._scale
-                out[row, clocks] += self._step_seconds * self._clock_rate
+        row, count = 0, rows.x.shape[0]
+        while row < count:
+            with signals_wait() as arrived:
+                while row < count and not arrived:
+                    if not shared:
+                        self._p[:] = rows.p[row]
+                    reason = self._step_row(rows.x[row], rows.u[row], rows.d[row], out[row])
+                    if reason:
+                        failures.append(StepFailure(row, self._in_words(reason, rows, row)))
+                    row += 1
         return failures
 
     def describe(self) -> Description:
@@ -134,14 +131,23 @@ class CvodesBackend:
             "casadi": str(ca.CasadiMeta.version()),
         }
 
-    def _run(self) -> str:
-        """Integrate the row in the buffers; give the integrator's own word when it fails, else an empty string."""
+    def _step_row(self, x: FloatArray, u: FloatArray, d: FloatArray, out: FloatArray) -> str:
+        """Step one row with the parameters in the buffer; when it fails, give the integrator's own word and keep ``x``."""
+        moving, clocks = self._model.moving, self._model.clocks
+        self._u[:] = u
+        self._d[:] = d
+        np.divide(x[moving], self._scale, out=self._start)
+        out[:] = x
         self._prepare()
         try:
             self._integrate()
         except RuntimeError as error:
             return str(error)
-        return "" if math.isfinite(np.vdot(self._end, self._end)) else "the result is not finite"
+        if not math.isfinite(np.vdot(self._end, self._end)):
+            return "the result is not finite"
+        out[moving] = self._end * self._scale
+        out[clocks] += self._step_seconds * self._clock_rate
+        return ""
 
     def _in_words(self, reason: str, rows: Rows, row: int) -> str:
         p = rows.p[row if rows.p.shape[0] > 1 else 0]

@@ -119,16 +119,25 @@ def _mean_of(agent: str, table: TaskTable, column: Column) -> str:
 def _task_rows(table: TaskTable) -> list[str]:
     heads = ["#", "Agent", *(column.heading for column in COLUMNS), "Reward, IQM", "Runs"]
     lines = ["| " + " | ".join(heads) + " |", "|---:|---|" + "---:|" * (len(heads) - 2)]
-    return lines + ["| " + " | ".join(cells(row)) + " |" for row in table.rows]
+    return lines + ["| " + " | ".join(_cells(row)) + " |" for row in table.rows]
 
 
-def cells(row: Row) -> list[str]:
-    """Texts of a row in the order of the Markdown table: rank, agent, metrics, IQM of the reward, runs."""
-    runs = f"{row.runs}" if row.failed == 0 else f"{row.runs} ({row.failed} failed)"
+def agent_label(row: Row) -> str:
+    """Name of the agent, with the mark of the privileged."""
+    return row.agent + (f" {PRIVILEGED_MARK}" if row.privileged else "")
+
+
+def runs_label(row: Row) -> str:
+    """Number of runs, and how many of them failed."""
+    return f"{row.runs}" if row.failed == 0 else f"{row.runs} ({row.failed} failed)"
+
+
+def _cells(row: Row) -> list[str]:
+    """Texts of a row in the order of the headings."""
     return [
         "–" if row.rank is None else str(row.rank),
-        row.agent + (f" {PRIVILEGED_MARK}" if row.privileged else ""),
+        agent_label(row),
         *(format_estimate(row.estimates[column.metric], column) for column in COLUMNS),
         f"{row.estimates['reward'].iqm:.1f}",
-        f"{runs}; {row.remark}" if row.remark else runs,
+        f"{runs_label(row)}; {row.remark}" if row.remark else runs_label(row),
     ]

@@ -33,7 +33,7 @@ COEFFICIENT_PIPE = 1.99
 EXPONENT_PIPE = 0.32
 """Exponent of the temperature difference at a pipe [-]. Vanthoor (2011) table 8.4."""
 
-WIND_FLOOR = 1e-12
+WIND_FLOOR = 1e-15
 """Added to the wind speed [m s-1] under a power: finite slope in the exponent at calm."""
 
 

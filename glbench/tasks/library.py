@@ -40,16 +40,23 @@ def get_task(id_or_path: str | Path) -> TaskSpec:
     path = Path(id_or_path)
     if isinstance(id_or_path, Path) or path.suffix == ".toml":
         return _load(path)
+    return _load(_shipped_file(str(id_or_path)))
+
+
+def _shipped_file(wanted: str) -> Path:
+    """File of the shipped task with this id or short form."""
     ids = task_ids()
     by_short_form = {task_id.partition("/")[2]: task_id for task_id in ids}
-    full_id = id_or_path if id_or_path in ids else by_short_form.get(id_or_path)
-    if full_id is None:
-        near = did_you_mean(id_or_path, ids if "/" in id_or_path else by_short_form)
-        msg = (
-            f"There is no task '{id_or_path}'.{near} `glbench tasks list` shows all; a file of your own ends in .toml."
-        )
-        raise UnknownNameError(msg)
-    return _load(ids[full_id])
+    full_id = wanted if wanted in ids else by_short_form.get(wanted)
+    if full_id is not None:
+        return ids[full_id]
+    expected = f"{wanted.rpartition('/')[2].lower()}.toml"
+    unreadable = [path for path in task_files() if path.name == expected and path not in ids.values()]
+    if unreadable:
+        return unreadable[0]
+    near = did_you_mean(wanted, ids if "/" in wanted else by_short_form)
+    msg = f"There is no task '{wanted}'.{near} `glbench tasks list` shows all; a file of your own ends in .toml."
+    raise UnknownNameError(msg)
 
 
 def list_tasks() -> list[TaskSpec]:

@@ -4,8 +4,9 @@ The bounds hold for whatever controls an agent chooses and whatever weather a re
 purpose and no statement about good growing conditions. How they were found:
 
 * Outdoors: a little beyond what was ever measured on earth (-89 and 57 degC; 1900 W m-2 under broken cloud).
-* Indoor temperatures: sky and leaks cannot cool below ``COLDEST``. The warmest house is closed and calm, with all sun,
-  boiler and lamps; it stays below ``HOTTEST``. Pipes and lamps carry their own power and stand up to 100 K above it.
+* Indoor temperatures: sky and leaks cannot cool below ``COLDEST``. The warmest house is closed, calm and humid, with the
+  sun standing still at 1500 W m-2 over air of 60 degC, boiler and lamps at 1: 170 degC. At ``HOTTEST`` the cover alone would
+  give off 2600 W m-2, which is more than all of these supply. Pipes and lamps stand up to 100 K above the air.
 * Indoor CO2: the largest dose without photosynthesis, through the main compartment's own leaks at the lowest wind, or
   gathered over the whole horizon where that is less. The model does not know that CO2 displaces air, so the number
   exceeds what physics allows; in ordinary wind a dose that never stops leads to about 20 000 ppm.
@@ -27,13 +28,13 @@ LIMITED = {"air_temperature": "degC", "co2": "ppm", "relative_humidity": "%"}
 
 COLDEST = -100.0
 """Lower bound of every temperature [degC]."""
-HOTTEST = 150.0
+HOTTEST = 200.0
 """Upper bound of temperatures of air, crop, cover, screens and soil [degC]."""
-HOTTEST_METAL = 250.0
+HOTTEST_METAL = 300.0
 """Upper bound of pipe and lamp temperatures [degC]."""
 
 _METAL = ("tPipe", "tGroPipe", "tLamp", "tIntLamp")
-_LARGEST_VAPOUR_PRESSURE = 5.0e5  # Pa; saturation at 150 degC is 4.8e5 Pa
+_LARGEST_VAPOUR_PRESSURE = 2.0e6  # Pa; saturation at 200 degC is 1.6e6 Pa
 _OLD_CROP_SUM = 4000.0  # degC day; above every temperature sum an episode can start with
 _RESPIRED_CO2 = 2.0e5  # mg m-3; all carbohydrate of a mature crop breathed into the house
 _FASTEST_FRUIT_GROWTH = 0.25  # kg m-2 a day; 0.328 mg m-2 s-1 is 0.028 kg m-2 a day, times 2^3 for the best parameters

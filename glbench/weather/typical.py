@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from glbench.errors import WeatherError
-from glbench.weather.assemble import Origin, Rows, assemble, check_order
+from glbench.weather.assemble import Origin, Rows, assemble, check_order, require_columns
 from glbench.weather.record import SLOT_SECONDS, FloatArray, IntArray, Place, Timing, WeatherRecord
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ OCTANTS_PER_TENTH = 0.8
 EPW_HEADER_LINES = 8
 TMY3_HEADER_LINES = 2
 TMY2_HEADER_LINES = 1
+TMY3_COLUMNS = ("temp_air", "relative_humidity", "wind_speed", "ghi", "TotCld (tenths)")
 
 
 @dataclass(frozen=True)
@@ -143,6 +144,7 @@ def _read_tmy3(path: Path) -> _Local:
     from pvlib.iotools import read_tmy3
 
     data, meta = _through_pvlib(path, "a TMY3 file", lambda: read_tmy3(str(path), coerce_year=NOMINAL_YEAR))
+    require_columns(str(path), [str(title) for title in data.columns], TMY3_COLUMNS)
     index = cast("pd.DatetimeIndex", data.index)
     if bool(np.any(index.minute != 0)):
         msg = f"{path}: its stamps are not whole hours, so it is unclear which hour a value belongs to. Use hour-ending TMY3."

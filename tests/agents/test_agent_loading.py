@@ -231,6 +231,15 @@ def test_links_that_a_digest_would_not_cover_are_refused(write: Write, tmp_path:
     assert "is a link to a folder" in refusal(folder)
 
 
+def test_files_that_cannot_be_read_are_explained(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(self: Path) -> bytes:
+        raise PermissionError(13, "Permission denied", str(self))
+
+    path = write("still.py", STILL)
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    assert "still cannot be read: [Errno 13] Permission denied" in refusal(path)
+
+
 def test_single_run_agents_are_made_once_a_run(write: Write, card: TaskCard) -> None:
     code = (
         "import numpy as np\nmade = []\nclass One:\n  single_run = True\n  def reset(self, task): self.number = len(made)\n"

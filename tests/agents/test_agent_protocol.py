@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from glbench.agents import Agent, PerRunAgent, SingleRunAgent, action_problems
-from glbench.errors import ActionError
+from glbench.agents import Agent, FairRuleBasedAgent, PerRunAgent, RuleSettings, SingleRunAgent, action_problems
+from glbench.errors import ActionError, ShapeError
 from glbench.tasks import TaskCard
 
 
@@ -92,6 +92,16 @@ def test_answers_of_different_lengths_are_refused(card: TaskCard) -> None:
     agent.reset(card, 2)
     with pytest.raises(ActionError, match=r"different lengths: \[5, 6\]"):
         agent.act(np.array([[0.0] * 22, [1.0] * 22], dtype=np.float32))
+
+
+def test_observations_of_another_number_of_runs_are_refused(card: TaskCard, published: RuleSettings) -> None:
+    agents: list[Agent] = [PerRunAgent(lambda task: Counting()), FairRuleBasedAgent(published)]
+    for agent in agents:
+        with pytest.raises(ShapeError, match=r"of 3 runs, reset was told of 0\. Call reset first"):
+            agent.act(np.zeros((3, 22), dtype=np.float32))
+        agent.reset(card, 2)
+        with pytest.raises(ShapeError, match="of 3 runs, reset was told of 2"):
+            agent.act(np.zeros((3, 22), dtype=np.float32))
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64, np.int64, list])

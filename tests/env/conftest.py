@@ -1,23 +1,19 @@
-"""Short tasks of one's own, made from a shipped file, and kernels that need no physics."""
+"""Short tasks of one's own, made from a shipped file, and words that are forgotten after a test."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from glbench.env import ACTUATIONS, DISTRIBUTIONS, REWARDS, observations
-from glbench.kernel import StepFailure
 from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, get_task
 from glbench.tasks.vocabulary import ACTUATION_KINDS, OBSERVATION_MODULES, REWARD_MODULES
 from glbench.tasks.vocabulary import DISTRIBUTIONS as DISTRIBUTION_WORDS
+from tests.env.stepping import StillKernel
 
 MakeTask = Callable[..., TaskSpec]
-Floats = NDArray[np.float64]
 
 
 @pytest.fixture(scope="session")
@@ -59,22 +55,6 @@ def own_words(monkeypatch: pytest.MonkeyPatch) -> None:
     for parts in (REWARDS, ACTUATIONS, DISTRIBUTIONS):
         monkeypatch.setattr(parts, "_makers", dict(parts._makers))
     monkeypatch.setattr(observations, "_MAKERS", dict(observations._MAKERS))
-
-
-class StillKernel:
-    """Nothing moves, but fruit grows by 100 mg m-2 a step; rows listed in ``failing`` fail, by their fruit at the start."""
-
-    def __init__(self, failing: Callable[[Floats], NDArray[np.bool_]] | None = None) -> None:
-        self.failing = failing
-        self.calls: list[tuple[Floats, Floats, Floats, Floats]] = []
-
-    def try_step(self, x: Floats, u: Floats, d: Floats, p: Floats) -> tuple[Floats, list[StepFailure]]:
-        self.calls.append((x.copy(), u.copy(), d.copy(), p.copy()))
-        after = x.copy()
-        after[:, 25] += 100.0
-        failed = [] if self.failing is None else np.flatnonzero(self.failing(x)).tolist()
-        after[failed] = x[failed]
-        return after, [StepFailure(row, "the test wanted it") for row in failed]
 
 
 @pytest.fixture

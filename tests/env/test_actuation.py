@@ -118,7 +118,9 @@ def test_the_caller_keeps_its_own_array(read: ActionReader) -> None:
 
 @pytest.mark.usefixtures("own_words")
 def test_a_kind_of_ones_own_works_from_a_task_file(make_task: MakeTask) -> None:
-    register_actuation("test_direct", "the action is the control", lambda task: lambda controls, actions: actions.copy())
+    register_actuation(
+        "test_direct", "the action is the control", lambda task: lambda controls, actions: actions.copy()
+    )
     move = make_actuation(make_task(('kind = "rate"', 'kind = "test_direct"')))
     assert move(np.zeros((1, 6)), np.full((1, 6), 0.7))[0].tolist() == [0.7] * 6
     with pytest.raises(TaskError, match="test_direct"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 
 import gymnasium
@@ -14,8 +15,7 @@ import glbench  # noqa: F401  # registers the ids
 from glbench.env import GreenhouseEnv, info_quantities
 from glbench.errors import ActionError, GlbenchError, UnknownNameError
 from glbench.tasks import TaskSpec, get_task, list_tasks
-from tests.env.conftest import StillKernel
-from tests.env.stepping import walk
+from tests.env.stepping import GOLDEN, StillKernel, walk
 
 MakeTask = Callable[..., TaskSpec]
 TASKS = [task.id for task in list_tasks()]
@@ -139,7 +139,7 @@ def test_a_bad_action_is_refused_in_words(day: TaskSpec, still: StillKernel) -> 
         environment.step(np.array([0, 0, 0, 0, np.nan, 0], dtype=np.float32))
     with pytest.raises(ActionError, match=r"shape \(1, 5\). Expected shape \(1, 6\)"):
         environment.step(np.zeros(5, dtype=np.float32))
-    with pytest.raises(ActionError, match="is 2.0, outside its bounds -1 to 1"):
+    with pytest.raises(ActionError, match=r"is 2\.0, outside its bounds -1 to 1"):
         environment.step(np.full(6, 2.0, dtype=np.float32))
 
 
@@ -170,7 +170,7 @@ def test_without_a_render_mode_nothing_is_drawn_and_an_unknown_one_is_refused(da
     environment = GreenhouseEnv(day)
     environment.reset(seed=1)
     assert environment.render() is None
-    with pytest.raises(UnknownNameError, match="no render mode 'human'. Use 'ansi' or None"):
+    with pytest.raises(UnknownNameError, match=r"no render mode 'human'\. Use 'ansi' or None"):
         GreenhouseEnv(day, render_mode="human")
 
 
@@ -179,3 +179,15 @@ def test_a_task_is_given_as_id_file_or_itself(day: TaskSpec) -> None:
     assert GreenhouseEnv("Schiphol2010-Delta30-v1").task == get_task("glbench/Schiphol2010-Delta30-v1")
     with pytest.raises(UnknownNameError, match="Delta30"):
         GreenhouseEnv("Schiphol2010-Delta3-v1")
+
+
+def test_an_episode_agrees_with_a_second_implementation() -> None:
+    """Draws, actuation, physics, observation and reward together; tests/golden/env_episode.py shares no code with them."""
+    golden = json.loads((GOLDEN / "env_episode.json").read_text(encoding="utf-8"))
+    environment = GreenhouseEnv(golden["task"])
+    environment.reset(seed=golden["seed"])
+    for step in golden["record"]:
+        observation, reward, _, _, info = environment.step(np.array(step["action"], dtype=np.float32))
+        assert observation.tolist() == pytest.approx(step["observation"], rel=1e-5, abs=1e-6)
+        assert reward == pytest.approx(step["reward"], abs=2e-5)
+        assert info["epi"] == pytest.approx(step["epi"], abs=1e-8)

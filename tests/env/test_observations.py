@@ -14,8 +14,7 @@ from glbench.model import STATE_NAMES, co2_ppm, relative_humidity
 from glbench.tasks import TaskSpec, get_suite, get_task
 from glbench.tasks.quantities import Quantity
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
-from tests.env.conftest import StillKernel
-from tests.env.stepping import walk
+from tests.env.stepping import StillKernel, walk
 
 MakeTask = Callable[..., TaskSpec]
 PAPER = 'modules = ["indoor_climate", "crop", "time", "controls", "weather"]'
@@ -77,7 +76,14 @@ def by_definition(simulation: Simulation, shown: int, row: int = 0) -> dict[str,
 EVERYTHING = (
     ("indoor_climate", "crop", "time", "controls", "weather", "forecast", "step_counter"),
     ("full_state", "control_fractions", "step_counter", "time"),
-    ("published_indoor_climate", "published_crop", "control_fractions", "weather", "published_time", "published_forecast"),
+    (
+        "published_indoor_climate",
+        "published_crop",
+        "control_fractions",
+        "weather",
+        "published_time",
+        "published_forecast",
+    ),
 )
 
 
@@ -122,7 +128,9 @@ def test_the_published_codes_263_columns_can_be_asked_for(make_task: MakeTask) -
     assert simulation.reset([1]).shape == (1, 263)
 
 
-def test_an_observation_never_shows_weather_that_the_task_does_not_grant(make_task: MakeTask, still: StillKernel) -> None:
+def test_an_observation_never_shows_weather_that_the_task_does_not_grant(
+    make_task: MakeTask, still: StillKernel
+) -> None:
     task = make_task()
     simulation = Simulation(task, 1, still)
     simulation.reset([1])

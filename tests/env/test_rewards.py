@@ -133,9 +133,7 @@ def test_an_unknown_quantity_or_part_is_refused_with_the_nearest(accounts: Accou
 @pytest.mark.usefixtures("own_words")
 def test_a_part_of_ones_own_works_from_a_task_file(make_task: MakeTask) -> None:
     register_reward("test_fresh_fruit", "fresh fruit grown", lambda task, accounts: lambda step: step["fruit_fresh"])
-    task = make_task(
-        ('modules = ["scaled_epi", "scaled_penalty"]', 'modules = ["test_fresh_fruit", "scaled_penalty"]')
-    )
+    task = make_task(('modules = ["scaled_epi", "scaled_penalty"]', 'modules = ["test_fresh_fruit", "scaled_penalty"]'))
     accounts = make_accounts(task)
     step = outcome(accounts, 65.0, [0.0] * 6, (14.0, 800.0, 70.0))
     assert make_reward(task, accounts)(step)[0] == pytest.approx(0.001 - 1 / 15, rel=1e-9)

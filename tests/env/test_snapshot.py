@@ -15,8 +15,7 @@ from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation, Snapshot
 from glbench.env.seeds import pack_generator, unpack_generator
 from glbench.errors import GlbenchError, ResultError, ShapeError, TaskError
 from glbench.tasks import TaskSpec
-from tests.env.conftest import StillKernel
-from tests.env.stepping import run, walk
+from tests.env.stepping import StillKernel, run, walk
 
 MakeTask = Callable[..., TaskSpec]
 
@@ -64,7 +63,7 @@ def test_another_process_continues_with_the_same_bits(
 from pathlib import Path
 from glbench.env import Simulation, Snapshot
 from glbench.tasks import get_task
-from tests.env.stepping import run, walk
+from tests.env.stepping import StillKernel, run, walk
 from tests.env.test_snapshot import digest
 simulation = Simulation(get_task({day.source!r}), 3)
 simulation.restore(Snapshot.from_bytes(Path({str(tmp_path / "snapshot")!r}).read_bytes()))
@@ -129,7 +128,10 @@ def test_a_generator_survives_packing() -> None:
     generator = np.random.default_rng(3)
     generator.integers(10, dtype=np.uint32)  # leaves half a word behind
     twin = unpack_generator(pack_generator(generator))
-    assert generator.integers(2**31, size=9, dtype=np.int32).tolist() == twin.integers(2**31, size=9, dtype=np.int32).tolist()
+    assert (
+        generator.integers(2**31, size=9, dtype=np.int32).tolist()
+        == twin.integers(2**31, size=9, dtype=np.int32).tolist()
+    )
     assert generator.random() == twin.random()
 
 

@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from tests.env.stepping import GOLDEN
 
 from glbench.env.uncertainty import DISTRIBUTIONS, ParameterDraws, draw_key, register_distribution
 from glbench.errors import TaskError
 from glbench.model import PARAMETER_NAMES, crop_parameter_set, recompute_derived
 from glbench.tasks import TaskSpec, get_task
+from tests.env.stepping import GOLDEN
 
 MakeTask = Callable[..., TaskSpec]
 SLA, LAI_MAX, C_LEAF_MAX = (PARAMETER_NAMES.index(name) for name in ("sla", "laiMax", "cLeafMax"))

@@ -8,10 +8,9 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv
-from glbench.errors import ActionError, GlbenchError, ShapeError
+from glbench.errors import ActionError, GlbenchError, ShapeError, UnknownNameError
 from glbench.tasks import TaskSpec
-from tests.env.conftest import StillKernel
-from tests.env.stepping import walk
+from tests.env.stepping import StillKernel, walk
 
 
 def some_fail() -> StillKernel:
@@ -33,7 +32,7 @@ def assert_same_info(ours: dict[str, object], theirs: dict[str, object]) -> None
         if isinstance(value, dict):
             assert_same_info(ours[name], value)  # type: ignore[arg-type]
         elif name == "final_obs":
-            for a, b in zip(ours[name], value, strict=True):  # type: ignore[arg-type, call-overload]
+            for a, b in zip(ours[name], value, strict=True):  # type: ignore[call-overload]
                 assert (a is None and b is None) or (a == b).all()
         else:
             assert np.asarray(ours[name]).tolist() == np.asarray(value).tolist(), name
@@ -77,7 +76,8 @@ def test_make_vec_makes_the_native_one() -> None:
     assert made.observation_space.contains(observations)
     observations, rewards, terminated, truncated, info = made.step(made.action_space.sample())
     assert made.observation_space.contains(observations)
-    assert (rewards.shape, terminated.dtype, truncated.dtype) == ((8,), np.bool_, np.bool_)
+    assert rewards.shape == (8,)
+    assert terminated.dtype == truncated.dtype == np.bool_
     assert info["epi"].shape == (8,)
     assert info["_epi"].all()
     made.close()
@@ -125,8 +125,8 @@ def test_in_mode_next_step_the_step_after_the_end_only_resets(day: TaskSpec, sti
     assert len(still.calls) == calls
     assert (observations == start).all()
     assert (rewards.tolist(), terminated.tolist(), info["step"].tolist()) == ([0.0, 0.0], [False, False], [0, 0])
-    assert not info["_epi"].any()
     assert info["_seed"].all()
+    assert "epi" not in info
 
 
 def test_in_mode_disabled_the_user_resets_by_a_mask(day: TaskSpec, still: StillKernel) -> None:
@@ -199,3 +199,8 @@ def test_it_renders_a_panel_a_row(day: TaskSpec, still: StillKernel) -> None:
 def test_a_kernel_and_workers_exclude_each_other(day: TaskSpec, still: StillKernel) -> None:
     with pytest.raises(GlbenchError, match="not both"):
         GreenhouseVectorEnv(day, 2, kernel=still, workers=2)
+
+
+def test_an_unknown_autoreset_mode_is_refused_with_the_nearest(day: TaskSpec) -> None:
+    with pytest.raises(UnknownNameError, match="Did you mean 'NextStep'"):
+        GreenhouseVectorEnv(day, 2, autoreset_mode="next_step")

@@ -1,24 +1,27 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import filelock
 import numpy as np
 import pytest
 
-from glbench.agents import load_agent
+from glbench.agents import Agent, load_agent
 from glbench.env import Simulation
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import Progress, Result, evaluate, load_result, prepare
 from glbench.tasks import TaskSpec, task_card
+from tests.evaluation.agent_files import AgentWriter
 
 
-def test_metrics_are_the_plain_sums_of_a_simulation(day_task: TaskSpec, write_agent) -> None:
+def test_metrics_are_the_plain_sums_of_a_simulation(day_task: TaskSpec, write_agent: AgentWriter) -> None:
     path = write_agent()
     result = evaluate(day_task, path)
 
     simulation = Simulation(day_task, 3)
     agent = load_agent(path).make(task_card(day_task))
+    assert isinstance(agent, Agent)
     agent.reset(task_card(day_task), 3)
     observations = simulation.reset([666, 667, 668])
     reward, heat = np.zeros(3), np.zeros(3)
@@ -43,7 +46,9 @@ def test_epi_is_revenue_minus_costs(good_result: Result) -> None:
         assert 0.0 <= m["hours_outside_limits"] <= 24.0
 
 
-def test_one_worker_and_two_give_the_same_bits(day_task: TaskSpec, good_result: Result, write_agent) -> None:
+def test_one_worker_and_two_give_the_same_bits(
+    day_task: TaskSpec, good_result: Result, write_agent: AgentWriter
+) -> None:
     one = good_result
     two = evaluate(day_task, write_agent(), workers=2)
 
@@ -53,7 +58,9 @@ def test_one_worker_and_two_give_the_same_bits(day_task: TaskSpec, good_result: 
     assert two.evaluation.kernel == one.evaluation.kernel
 
 
-def test_a_run_has_the_same_bits_alone_and_among_others(day_task: TaskSpec, good_result: Result, write_agent) -> None:
+def test_a_run_has_the_same_bits_alone_and_among_others(
+    day_task: TaskSpec, good_result: Result, write_agent: AgentWriter
+) -> None:
     alone = evaluate(day_task, write_agent(), runs=1, first_seed=667)
 
     assert alone.runs == good_result.runs[1:2]
@@ -72,7 +79,9 @@ def test_baselines_run_and_say_what_they_know(day_task: TaskSpec, name: str, pri
     assert result.agent.information.startswith("privileged") is privileged
 
 
-def test_a_single_run_agent_gets_what_a_batched_one_gets(day_task: TaskSpec, good_result: Result, write_agent) -> None:
+def test_a_single_run_agent_gets_what_a_batched_one_gets(
+    day_task: TaskSpec, good_result: Result, write_agent: AgentWriter
+) -> None:
     single = write_agent(
         """
         def act(self, observation):
@@ -87,7 +96,7 @@ def test_a_single_run_agent_gets_what_a_batched_one_gets(day_task: TaskSpec, goo
     assert evaluate(day_task, single).runs == good_result.runs
 
 
-def test_progress_is_told_of_every_step(day_task: TaskSpec, write_agent) -> None:
+def test_progress_is_told_of_every_step(day_task: TaskSpec, write_agent: AgentWriter) -> None:
     seen: list[Progress] = []
     evaluate(day_task, write_agent(), progress=seen.append)
 
@@ -95,7 +104,7 @@ def test_progress_is_told_of_every_step(day_task: TaskSpec, write_agent) -> None
     assert seen[-1] == Progress(step=24, steps=24, alive=3, runs=3, replaying=False)
 
 
-def test_a_finished_evaluation_is_not_done_again(day_task: TaskSpec, write_agent, tmp_path: Path) -> None:
+def test_a_finished_evaluation_is_not_done_again(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     path, out = write_agent(), tmp_path / "reports"
     first = evaluate(day_task, path, out=out)
     steps: list[Progress] = []
@@ -107,7 +116,7 @@ def test_a_finished_evaluation_is_not_done_again(day_task: TaskSpec, write_agent
     assert steps
 
 
-def test_a_changed_agent_is_evaluated_again(day_task: TaskSpec, write_agent, tmp_path: Path) -> None:
+def test_a_changed_agent_is_evaluated_again(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     out = tmp_path / "reports"
     first = evaluate(day_task, write_agent(), out=out)
     changed = write_agent("def act(self, observations):\n    return np.zeros((self.n, 6))")
@@ -118,7 +127,9 @@ def test_a_changed_agent_is_evaluated_again(day_task: TaskSpec, write_agent, tmp
     assert load_result(out / "results" / "Day-v1" / "agent_under_test.json") == second
 
 
-def test_a_trial_does_not_replace_the_full_evaluation(day_task: TaskSpec, write_agent, tmp_path: Path) -> None:
+def test_a_trial_does_not_replace_the_full_evaluation(
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
+) -> None:
     path, out = write_agent(), tmp_path / "reports"
     evaluate(day_task, path, runs=1, out=out)
     evaluate(day_task, path, out=out)
@@ -128,8 +139,31 @@ def test_a_trial_does_not_replace_the_full_evaluation(day_task: TaskSpec, write_
     assert len(evaluate(day_task, path, runs=1, out=out, fresh=True).runs) == 1
 
 
+def test_a_task_of_another_namespace_does_not_replace_a_result(
+    day_task: TaskSpec, day_task_file: Path, write_agent: AgentWriter, tmp_path: Path
+) -> None:
+    evaluate(day_task, write_agent(), runs=1, out=tmp_path)
+    other = tmp_path / "other.toml"
+    other.write_text(
+        day_task_file.read_text(encoding="utf-8").replace('"test/Day-v1"', '"mylab/Day-v1"'), encoding="utf-8"
+    )
+
+    with pytest.raises(ResultError, match=r"holds a result of the task test/Day-v1, and mylab/Day-v1 would replace it"):
+        evaluate(other, write_agent(), runs=1, out=tmp_path)
+
+
+def test_a_result_of_another_version_is_made_again(
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    evaluate(day_task, write_agent(), runs=1, out=tmp_path)
+
+    assert prepare(day_task, write_agent(), runs=1, out=tmp_path).stored is not None
+    monkeypatch.setattr("glbench.evaluation.preparing.__version__", "99.0")
+    assert prepare(day_task, write_agent(), runs=1, out=tmp_path).stored is None
+
+
 def test_a_broken_result_in_the_way_is_replaced_and_said(
-    day_task: TaskSpec, write_agent, tmp_path: Path, caplog
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     file = tmp_path / "reports" / "results" / "Day-v1" / "agent_under_test.json"
     file.parent.mkdir(parents=True)
@@ -141,7 +175,7 @@ def test_a_broken_result_in_the_way_is_replaced_and_said(
 
 
 def test_a_folder_that_cannot_be_written_is_found_out_before_the_run(
-    day_task: TaskSpec, write_agent, tmp_path: Path
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
 ) -> None:
     in_the_way = tmp_path / "reports"
     in_the_way.write_text("a file, not a folder", encoding="utf-8")
@@ -152,7 +186,9 @@ def test_a_folder_that_cannot_be_written_is_found_out_before_the_run(
     assert not steps
 
 
-def test_two_evaluations_of_one_result_do_not_run_at_once(day_task: TaskSpec, write_agent, tmp_path: Path) -> None:
+def test_two_evaluations_of_one_result_do_not_run_at_once(
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
+) -> None:
     evaluation = prepare(day_task, write_agent(), out=tmp_path)
     lock = tmp_path / ".partial" / "Day-v1" / "agent_under_test.lock"
     lock.parent.mkdir(parents=True)
@@ -173,12 +209,14 @@ def test_two_evaluations_of_one_result_do_not_run_at_once(day_task: TaskSpec, wr
         ({"first_seed": 2**53}, "2\\^53 - 1"),
     ],
 )
-def test_impossible_numbers_are_refused(day_task: TaskSpec, write_agent, arguments: dict[str, int], words: str) -> None:
+def test_impossible_numbers_are_refused(
+    day_task: TaskSpec, write_agent: AgentWriter, arguments: dict[str, Any], words: str
+) -> None:
     with pytest.raises(GlbenchError, match=words):
         evaluate(day_task, write_agent(), **arguments)
 
 
-def test_a_result_tells_what_made_it(day_task: TaskSpec, write_agent, tmp_path: Path) -> None:
+def test_a_result_tells_what_made_it(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     result = evaluate(day_task, write_agent(), runs=1)
 
     assert result.task.digest == day_task.digest

@@ -7,12 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from glbench.env.kernels import shared_kernel
 from glbench.errors import SubmissionError
 from glbench.evaluation import Result, TimeLimits, evaluate
 from glbench.kernel import StepFailure
 from glbench.tasks import TaskSpec
+from tests.evaluation.agent_files import AgentWriter
+
+Floats = NDArray[np.float64]
 
 GOOD = """
 def act(self, observations):
@@ -23,11 +27,19 @@ def act(self, observations):
 ZEROS = "actions = np.zeros((self.n, 6))"
 
 
+def reason(result: Result, row: int) -> str:
+    words = result.runs[row].reason
+    assert words is not None
+    return words
+
+
 def ends(result: Result) -> list[tuple[str, int]]:
     return [(run.status, run.steps) for run in result.runs]
 
 
-def test_an_exception_in_a_batched_agent_ends_all_runs_and_names_the_line(day_task: TaskSpec, write_agent) -> None:
+def test_an_exception_in_a_batched_agent_ends_all_runs_and_names_the_line(
+    day_task: TaskSpec, write_agent: AgentWriter
+) -> None:
     path = write_agent(
         f"""
         def act(self, observations):
@@ -44,10 +56,12 @@ def test_an_exception_in_a_batched_agent_ends_all_runs_and_names_the_line(day_ta
     result = evaluate(day_task, path)
 
     assert ends(result) == [("crashed", 5)] * 3
-    assert result.runs[0].reason == f"ValueError: no idea at <object at 0x...> (agent_under_test.py:{line} in act)"
+    assert reason(result, 0) == f"ValueError: no idea at <object at 0x...> (agent_under_test.py:{line} in act)"
 
 
-def test_missing_steps_are_priced_and_resources_are_only_what_was_used(day_task: TaskSpec, write_agent) -> None:
+def test_missing_steps_are_priced_and_resources_are_only_what_was_used(
+    day_task: TaskSpec, write_agent: AgentWriter
+) -> None:
     healthy = f"""
         def act(self, observations):
             self.calls += 1
@@ -73,14 +87,14 @@ def test_missing_steps_are_priced_and_resources_are_only_what_was_used(day_task:
     assert broken.summary.statuses == {"ok": 2, "invalid_action": 1}
 
 
-def test_a_run_that_never_starts_costs_all_of_its_steps(day_task: TaskSpec, write_agent) -> None:
+def test_a_run_that_never_starts_costs_all_of_its_steps(day_task: TaskSpec, write_agent: AgentWriter) -> None:
     result = evaluate(
         day_task, write_agent("def reset(self, task, n_runs):\n    1 / 0\ndef act(self, observations):\n    pass")
     )
     price = day_task.evaluation.failed_step
 
     assert ends(result) == [("crashed", 0)] * 3
-    assert result.runs[0].reason.startswith("ZeroDivisionError: division by zero (agent_under_test.py:")
+    assert reason(result, 0).startswith("ZeroDivisionError: division by zero (agent_under_test.py:")
     assert result.runs[0].metrics["reward"] == 24 * price.reward
     assert result.runs[0].metrics["epi"] == 24 * price.epi
     assert result.runs[0].metrics["penalty"] == 24 * price.penalty
@@ -99,7 +113,7 @@ def test_a_run_that_never_starts_costs_all_of_its_steps(day_task: TaskSpec, writ
     ],
 )
 def test_a_bad_row_ends_its_own_run_and_the_others_go_on_unchanged(
-    day_task: TaskSpec, write_agent, spoil: str, words: str
+    day_task: TaskSpec, write_agent: AgentWriter, spoil: str, words: str
 ) -> None:
     act = """
         def act(self, observations):
@@ -114,7 +128,7 @@ def test_a_bad_row_ends_its_own_run_and_the_others_go_on_unchanged(
     result = evaluate(day_task, write_agent(act.format(zeros=ZEROS, spoil=spoil)))
 
     assert ends(result) == [("ok", 24), ("invalid_action", 3), ("ok", 24)]
-    assert words in result.runs[1].reason
+    assert words in reason(result, 1)
     assert (result.runs[0], result.runs[2]) == (clean.runs[0], clean.runs[2])
 
 
@@ -130,18 +144,20 @@ def test_a_bad_row_ends_its_own_run_and_the_others_go_on_unchanged(
         "np.zeros((self.n, 6), complex)",
     ],
 )
-def test_a_wrong_shape_or_type_as_a_whole_ends_all_runs(day_task: TaskSpec, write_agent, returned: str) -> None:
+def test_a_wrong_shape_or_type_as_a_whole_ends_all_runs(
+    day_task: TaskSpec, write_agent: AgentWriter, returned: str
+) -> None:
     result = evaluate(day_task, write_agent(f"def act(self, observations):\n    return {returned}"))
 
     assert ends(result) == [("invalid_action", 0)] * 3
-    assert "expected (3, 6)" in result.runs[0].reason
+    assert "expected (3, 6)" in reason(result, 0)
 
 
-def test_leaving_python_is_a_crash_like_any_other(day_task: TaskSpec, write_agent) -> None:
+def test_leaving_python_is_a_crash_like_any_other(day_task: TaskSpec, write_agent: AgentWriter) -> None:
     result = evaluate(day_task, write_agent("def act(self, observations):\n    sys.exit(0)"))
 
     assert ends(result) == [("crashed", 0)] * 3
-    assert result.runs[0].reason.startswith("SystemExit: 0 (agent_under_test.py:")
+    assert reason(result, 0).startswith("SystemExit: 0 (agent_under_test.py:")
 
 
 @pytest.mark.parametrize(
@@ -152,7 +168,7 @@ def test_leaving_python_is_a_crash_like_any_other(day_task: TaskSpec, write_agen
         "while True:\n            try: time.sleep(1)\n            except Exception: pass",
     ],
 )
-def test_an_endless_act_is_stopped(day_task: TaskSpec, write_agent, hasty: TimeLimits, hang: str) -> None:
+def test_an_endless_act_is_stopped(day_task: TaskSpec, write_agent: AgentWriter, hasty: TimeLimits, hang: str) -> None:
     path = write_agent(
         f"def act(self, observations):\n    self.calls += 1\n    if self.calls == 3:\n        {hang}\n    return np.zeros((self.n, 6))"
     )
@@ -161,10 +177,10 @@ def test_an_endless_act_is_stopped(day_task: TaskSpec, write_agent, hasty: TimeL
 
     assert time.monotonic() - began < 10.0
     assert ends(result) == [("timed_out", 2)] * 3
-    assert result.runs[0].reason == "act (for all runs) took longer than its limit of 0.3 s"
+    assert reason(result, 0) == "act (for all runs) took longer than its limit of 0.3 s"
 
 
-def test_an_endless_single_run_ends_alone(day_task: TaskSpec, write_agent, hasty: TimeLimits) -> None:
+def test_an_endless_single_run_ends_alone(day_task: TaskSpec, write_agent: AgentWriter, hasty: TimeLimits) -> None:
     path = write_agent(
         """
         def reset(self, task):
@@ -180,10 +196,10 @@ def test_an_endless_single_run_ends_alone(day_task: TaskSpec, write_agent, hasty
     result = evaluate(day_task, path, limits=hasty)
 
     assert ends(result) == [("ok", 24), ("timed_out", 2), ("ok", 24)]
-    assert result.runs[1].reason == "act took longer than its limit of 0.1 s"
+    assert reason(result, 1) == "act took longer than its limit of 0.1 s"
 
 
-def test_what_one_single_run_agent_does_ends_its_own_run_only(day_task: TaskSpec, write_agent) -> None:
+def test_what_one_single_run_agent_does_ends_its_own_run_only(day_task: TaskSpec, write_agent: AgentWriter) -> None:
     path = write_agent(
         """
         def reset(self, task):
@@ -201,22 +217,22 @@ def test_what_one_single_run_agent_does_ends_its_own_run_only(day_task: TaskSpec
     result = evaluate(day_task, path, runs=4)
 
     assert ends(result) == [("crashed", 1), ("invalid_action", 2), ("invalid_action", 3), ("ok", 24)]
-    assert result.runs[0].reason.startswith("RuntimeError: first (agent_under_test.py:")
-    assert "act returned str" in result.runs[1].reason
-    assert "run 0" not in result.runs[1].reason
+    assert reason(result, 0).startswith("RuntimeError: first (agent_under_test.py:")
+    assert "act returned str" in reason(result, 1)
+    assert "run 0" not in reason(result, 1)
 
 
-def test_decisions_that_are_slow_in_total_end_the_run(day_task: TaskSpec, write_agent) -> None:
+def test_decisions_that_are_slow_in_total_end_the_run(day_task: TaskSpec, write_agent: AgentWriter) -> None:
     path = write_agent("def act(self, observations):\n    time.sleep(0.03)\n    return np.zeros((self.n, 6))")
     result = evaluate(day_task, path, runs=1, limits=TimeLimits(run=0.2))
 
     assert result.runs[0].status == "timed_out"
     assert 1 <= result.runs[0].steps <= 6
-    assert result.runs[0].reason == "the run's decisions together took longer than their limit of 0.2 s"
+    assert reason(result, 0) == "the run's decisions together took longer than their limit of 0.2 s"
 
 
 def test_an_agent_that_cannot_be_made_is_an_error_and_no_result(
-    day_task: TaskSpec, write_agent, tmp_path: Path
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
 ) -> None:
     path = write_agent()
     path.write_text(
@@ -229,7 +245,7 @@ def test_an_agent_that_cannot_be_made_is_an_error_and_no_result(
     assert not list((tmp_path / "reports").rglob("*.json"))
 
 
-def test_making_an_agent_has_a_time_limit(day_task: TaskSpec, write_agent, hasty: TimeLimits) -> None:
+def test_making_an_agent_has_a_time_limit(day_task: TaskSpec, write_agent: AgentWriter, hasty: TimeLimits) -> None:
     path = write_agent()
     path.write_text(
         path.read_text(encoding="utf-8").replace("    return Agent()", "    time.sleep(1000)"), encoding="utf-8"
@@ -240,12 +256,13 @@ def test_making_an_agent_has_a_time_limit(day_task: TaskSpec, write_agent, hasty
 
 
 def test_a_step_that_cannot_be_integrated_ends_its_run(
-    day_task: TaskSpec, write_agent, monkeypatch: pytest.MonkeyPatch
+    day_task: TaskSpec, write_agent: AgentWriter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kernel = shared_kernel(day_task.step_seconds, day_task.model.variant)
-    whole, calls = kernel.try_step, []
+    whole = kernel.try_step
+    calls: list[int] = []
 
-    def fails_once(x, u, d, p):
+    def fails_once(x: Floats, u: Floats, d: Floats, p: Floats) -> tuple[Floats, list[StepFailure]]:
         calls.append(len(x))
         if len(calls) != 8:
             return whole(x, u, d, p)
@@ -257,7 +274,7 @@ def test_a_step_that_cannot_be_integrated_ends_its_run(
     result = evaluate(day_task, write_agent(GOOD))
 
     assert ends(result) == [("ok", 24), ("ok", 24), ("simulation_failed", 7)]
-    assert result.runs[2].reason == "substeps exhausted at model time 0.3 days"
+    assert reason(result, 2) == "substeps exhausted at model time 0.3 days"
     assert calls == [3] * 8 + [2] * 16, "a run that ended is not simulated any further"
 
     # It is priced like a run that ended after the same seven steps for another reason.
@@ -289,7 +306,7 @@ def test_a_step_that_cannot_be_integrated_ends_its_run(
         "returns one array again and again",
     ],
 )
-def test_odd_habits_change_nothing(day_task: TaskSpec, write_agent, act: str) -> None:
+def test_odd_habits_change_nothing(day_task: TaskSpec, write_agent: AgentWriter, act: str) -> None:
     answer = """
         def answer(self, observations, out=None):
             return np.tanh(observations[:, :6].astype(float) / 100.0 - 0.3, out=out)
@@ -301,7 +318,7 @@ def test_odd_habits_change_nothing(day_task: TaskSpec, write_agent, act: str) ->
     assert evaluate(day_task, write_agent(answer.format(act))).runs == plain.runs
 
 
-def test_single_precision_actions_are_taken(day_task: TaskSpec, write_agent) -> None:
+def test_single_precision_actions_are_taken(day_task: TaskSpec, write_agent: AgentWriter) -> None:
     path = write_agent(
         "def act(self, observations):\n    return np.full((self.n, 6), 1.0, dtype=np.float32) / np.float32(3)"
     )
@@ -312,7 +329,7 @@ def test_single_precision_actions_are_taken(day_task: TaskSpec, write_agent) -> 
 
 
 def test_an_agent_that_changes_the_working_directory_does_not_move_the_result(
-    day_task: TaskSpec, write_agent, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     path = write_agent("def act(self, observations):\n    os.chdir('/')\n    return np.zeros((self.n, 6))")

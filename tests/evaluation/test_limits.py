@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import signal
 import time
+from collections.abc import Iterator
 
 import pytest
 
@@ -10,9 +11,9 @@ from glbench.evaluation.limits import TimeUp
 
 
 @pytest.fixture
-def own_alarm():
+def own_alarm() -> Iterator[list[bool]]:
     """Somebody else's alarm, far away; what pytest's time-out had set is put back afterwards."""
-    rang = []
+    rang: list[bool] = []
     handler = signal.signal(signal.SIGALRM, lambda *_: rang.append(True))
     before = signal.setitimer(signal.ITIMER_REAL, 50.0)
     yield rang

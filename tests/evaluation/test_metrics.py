@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from glbench.env import QUANTITIES
-from glbench.evaluation.metrics import HOURS_OUTSIDE, METRIC_NAMES, METRICS, step_values, with_missing_steps
+from glbench.evaluation.metrics import HOURS_OUTSIDE, METRIC_NAMES, METRICS, Metric, step_values, with_missing_steps
 
 UNITS_OF_QUANTITIES = {quantity.name: quantity.unit for quantity in QUANTITIES}
 
 
 @pytest.mark.parametrize("metric", [m for m in METRICS if m.quantity is not None], ids=lambda m: m.name)
-def test_a_metric_has_the_unit_of_the_quantity_it_sums(metric) -> None:
-    assert metric.quantity in UNITS_OF_QUANTITIES
+def test_a_metric_has_the_unit_of_the_quantity_it_sums(metric: Metric) -> None:
+    assert metric.quantity is not None
     assert metric.unit == UNITS_OF_QUANTITIES[metric.quantity]
 
 

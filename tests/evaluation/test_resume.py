@@ -14,6 +14,7 @@ import pytest
 from glbench.errors import GlbenchError
 from glbench.evaluation import Progress, Result, checkpoint, evaluate, prepare
 from glbench.tasks import TaskSpec
+from tests.evaluation.agent_files import AgentWriter
 
 
 class StopError(Exception):
@@ -40,7 +41,7 @@ def finish(task: TaskSpec, agent: Path, out: Path) -> tuple[Result, list[Progres
 
 @pytest.mark.parametrize("step", [*sorted(random.Random(20100301).sample(range(1, 24), 3)), 24])
 def test_same_bits_with_and_without_interruption(
-    day_task: TaskSpec, good_result: Result, write_agent, tmp_path: Path, step: int
+    day_task: TaskSpec, good_result: Result, write_agent: AgentWriter, tmp_path: Path, step: int
 ) -> None:
     agent = write_agent()
     interrupted_at(step, day_task, agent, tmp_path)
@@ -54,7 +55,9 @@ def test_same_bits_with_and_without_interruption(
     assert list(tmp_path.rglob("*.npz")) == [], "the checkpoint is removed when the result is there"
 
 
-def test_several_interruptions_in_a_row(day_task: TaskSpec, good_result: Result, write_agent, tmp_path: Path) -> None:
+def test_several_interruptions_in_a_row(
+    day_task: TaskSpec, good_result: Result, write_agent: AgentWriter, tmp_path: Path
+) -> None:
     agent = write_agent()
     for step in (3, 4, 11, 20):
         interrupted_at(step, day_task, agent, tmp_path)
@@ -74,7 +77,7 @@ def test_baselines_resume(day_task: TaskSpec, agent: str, tmp_path: Path) -> Non
     assert resumed.runs == evaluate(day_task, agent).runs
 
 
-def test_failed_runs_stay_failed(day_task: TaskSpec, write_agent, tmp_path: Path) -> None:
+def test_failed_runs_stay_failed(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     act = """
         def act(self, observations):
             self.calls += 1
@@ -96,7 +99,9 @@ def test_failed_runs_stay_failed(day_task: TaskSpec, write_agent, tmp_path: Path
     assert resumed.runs == evaluate(day_task, agent).runs
 
 
-def test_single_run_agents_resume_with_failed_runs_left_alone(day_task: TaskSpec, write_agent, tmp_path: Path) -> None:
+def test_single_run_agents_resume_with_failed_runs_left_alone(
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
+) -> None:
     agent = write_agent(
         """
         def reset(self, task):
@@ -118,7 +123,7 @@ def test_single_run_agents_resume_with_failed_runs_left_alone(day_task: TaskSpec
 
 
 def test_kill_9_loses_nothing_but_time(
-    day_task_file: Path, day_task: TaskSpec, good_result: Result, write_agent, tmp_path: Path
+    day_task_file: Path, day_task: TaskSpec, good_result: Result, write_agent: AgentWriter, tmp_path: Path
 ) -> None:
     agent = write_agent()
     code = (
@@ -137,7 +142,7 @@ def test_kill_9_loses_nothing_but_time(
     assert resumed.runs == good_result.runs
 
 
-def test_fresh_forgets_the_interrupted_work(day_task: TaskSpec, write_agent, tmp_path: Path) -> None:
+def test_fresh_forgets_the_interrupted_work(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     agent = write_agent()
     interrupted_at(6, day_task, agent, tmp_path)
 
@@ -146,7 +151,9 @@ def test_fresh_forgets_the_interrupted_work(day_task: TaskSpec, write_agent, tmp
     assert evaluate(day_task, agent, out=tmp_path).evaluation.resumed_at_step is None
 
 
-def test_work_of_another_agent_or_other_seeds_is_not_taken_up(day_task: TaskSpec, write_agent, tmp_path: Path) -> None:
+def test_work_of_another_agent_or_other_seeds_is_not_taken_up(
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
+) -> None:
     interrupted_at(6, day_task, write_agent(), tmp_path)
 
     assert evaluate(day_task, write_agent(), runs=2, out=tmp_path).evaluation.resumed_at_step is None
@@ -156,7 +163,7 @@ def test_work_of_another_agent_or_other_seeds_is_not_taken_up(day_task: TaskSpec
 
 
 def test_an_agent_that_does_not_repeat_itself_starts_again(
-    day_task: TaskSpec, write_agent, tmp_path: Path, caplog
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     agent = write_agent(
         """
@@ -177,7 +184,12 @@ def test_an_agent_that_does_not_repeat_itself_starts_again(
 
 @pytest.mark.parametrize("damage", ["cut", "text", "no dialogue"])
 def test_a_damaged_checkpoint_means_starting_again(
-    day_task: TaskSpec, good_result: Result, write_agent, tmp_path: Path, caplog, damage: str
+    day_task: TaskSpec,
+    good_result: Result,
+    write_agent: AgentWriter,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    damage: str,
 ) -> None:
     agent = write_agent()
     interrupted_at(6, day_task, agent, tmp_path)
@@ -196,7 +208,11 @@ def test_a_damaged_checkpoint_means_starting_again(
 
 
 def test_a_full_disk_stops_the_checkpoints_and_not_the_evaluation(
-    day_task: TaskSpec, write_agent, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog
+    day_task: TaskSpec,
+    write_agent: AgentWriter,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     def full(path: Path, data: bytes) -> None:
         msg = f"Cannot write {path}: No space left on device."
@@ -210,7 +226,7 @@ def test_a_full_disk_stops_the_checkpoints_and_not_the_evaluation(
 
 
 def test_without_a_folder_nothing_is_written(
-    day_task: TaskSpec, write_agent, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     agent = write_agent()
     monkeypatch.chdir(tmp_path)
@@ -221,7 +237,7 @@ def test_without_a_folder_nothing_is_written(
 
 
 def test_wall_time_counts_what_was_spent_before_the_interruption(
-    day_task: TaskSpec, write_agent, tmp_path: Path
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
 ) -> None:
     agent = write_agent("def act(self, observations):\n    time.sleep(0.02)\n    return np.zeros((self.n, 6))")
     interrupted_at(20, day_task, agent, tmp_path)

@@ -33,6 +33,7 @@ def make_result(
     first_seed: int = 666,
     privileged: bool = False,
     crashed: int = 0,
+    created: str = "2026-01-01T00:00:00Z",
 ) -> Result:
     """Result with one run a value of ``rewards``; every other metric is the reward divided by 1000. The last ``crashed`` runs failed."""
     runs = tuple(
@@ -66,7 +67,7 @@ def make_result(
         versions=Versions(glbench="0", model="0", python="0", numpy="0", casadi="0", gymnasium="0"),
         machine=Machine(processor="p", architecture="a", cores=1, system="s"),
         git=None,
-        created="2026-01-01T00:00:00Z",
+        created=created,
         units=UNITS,
         runs=runs,
         summary=summarise(runs),

@@ -92,7 +92,8 @@ def test_inputs_without_a_batch_axis_apply_to_every_row() -> None:
 
     shared = rhs(x, u[0], d[0], p[0])
 
-    np.testing.assert_array_equal(shared, rhs(x, *(np.repeat(rows[:1], len(x), axis=0) for rows in (u, d, p))))
+    first = Inputs(*(np.repeat(rows[:1], len(x), axis=0) for rows in (x, u, d, p)))
+    np.testing.assert_array_equal(shared, rhs(x, first.u, first.d, first.p))
     assert rhs(x[:0], u[0], d[0], p[0]).shape == (0, 28)
     assert rhs(x[:1], u[0], d[0], p[0]).shape == (1, 28)
     assert rhs(x[0], u[0], d[0], p[0]).shape == (28,)

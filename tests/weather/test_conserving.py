@@ -10,6 +10,7 @@ import pytest
 
 from glbench.errors import WeatherError
 from glbench.weather import Disturbances, Place, WeatherRecord, disturbances, load_weather
+from glbench.weather.record import Timing
 from glbench.weather.sun import sine_of_elevation
 
 IGLOB, TOUT, VP, CO2, WIND, TSKY, SOIL, RADSUM, DAY, DAYSMOOTH = range(10)
@@ -234,7 +235,7 @@ def test_a_local_day_with_missing_daylight_is_refused(schiphol: WeatherRecord) -
 
 
 def test_values_that_are_means_are_held_through_their_slot(schiphol: WeatherRecord) -> None:
-    timing = dict.fromkeys(schiphol.timing, "mean")
+    timing: dict[str, Timing] = dict.fromkeys(schiphol.timing, "mean")
     means = replace(schiphol, timing=timing)
     made = disturbances(means, start=YEAR_BEGIN, steps=8, preprocessing="conserving")
     first = slot(schiphol, YEAR_BEGIN)

@@ -61,7 +61,7 @@ def test_a_row_calculated_by_hand(schiphol: WeatherRecord, spring: Disturbances)
     def sky(moment: dt.datetime) -> float:
         t, c = hourly(schiphol, "air_temperature", moment), hourly(schiphol, "cloud_cover", moment) / 9
         clear = (213 + 5.5 * t) / (5.67e-8 * (t + 273.15) ** 4)
-        return ((1 - 0.84 * c) * clear + 0.84 * c) ** 0.25 * (t + 273.15) - 273.15
+        return float(((1 - 0.84 * c) * clear + 0.84 * c) ** 0.25 * (t + 273.15) - 273.15)
 
     t = half_way("air_temperature")
     row = spring.values[34]

@@ -83,7 +83,7 @@ def test_record_says_which_values_are_instants_and_which_are_means(schiphol: Wea
 
 
 def test_unknown_record_points_to_the_nearest() -> None:
-    with pytest.raises(UnknownNameError, match="no weather record 'schipol'. Did you mean 'schiphol'"):
+    with pytest.raises(UnknownNameError, match=r"no weather record 'schipol'\. Did you mean 'schiphol'"):
         load_weather("schipol")
 
 
@@ -109,7 +109,7 @@ def test_a_changed_value_in_the_shipped_file_is_refused(tmp_path: Path) -> None:
     frame = pd.read_parquet(path)
     frame["T"] = frame["T"].where(frame.index != 20000, 0)
     frame.to_parquet(path)
-    with pytest.raises(WeatherError, match="no longer holds the values that .*manifest.toml locks .*c15b1f7b95c2"):
+    with pytest.raises(WeatherError, match=r"no longer holds the values that .*manifest\.toml locks .*c15b1f7b95c2"):
         store._load_shipped("schiphol", tmp_path / "weather")
 
 
@@ -137,7 +137,7 @@ def test_a_missing_column_in_the_shipped_file_is_refused(tmp_path: Path) -> None
 
 def test_an_unreadable_manifest_is_refused(tmp_path: Path) -> None:
     (tmp_path / "manifest.toml").write_text("[record")
-    with pytest.raises(WeatherError, match="Cannot read .*manifest.toml"):
+    with pytest.raises(WeatherError, match=r"Cannot read .*manifest\.toml"):
         store._manifest(tmp_path)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from glbench.kernel.compiled.graph import CONDITIONS, Graph, Level
+from glbench.kernel.compiled.graph import CONDITIONS, Graph
 
 Gradient = dict[int, int]  # state -> node of the derivative
 
@@ -37,7 +37,8 @@ class _Forward:
             if node.source == self.source:
                 self._gradients[number] = {node.index: self.graph.constant(1.0)}
             return
-        if not any(self.of(a) for a in node.args) or node.op in CONDITIONS or node.op == "sign":
+        reads = node.args[1:] if node.op == "select" else node.args  # a condition is flat
+        if not any(self.of(a) for a in reads) or node.op in CONDITIONS or node.op == "sign":
             return
         rule: Callable[[int], Gradient] = getattr(self, f"_{node.op}")
         gradient = {state: part for state, part in rule(number).items() if not self.graph.is_constant(part, 0.0)}
@@ -90,7 +91,7 @@ class _Forward:
 
     def _pow(self, number: int) -> Gradient:
         base, exponent = self._args(number)
-        if self.graph.levels[exponent] == Level.STATE:
+        if self.of(exponent):
             msg = "The code generator differentiates powers with a fixed exponent or a fixed base only."
             raise ValueError(msg)
         factor = self.graph.make("mul", self.graph.make("mul", exponent, number), self.graph.make("inv", base))

@@ -170,15 +170,14 @@ class Emitter:
         return f"({self.value(node.args[0])} {sign} {self.value(node.args[1])})"
 
 
-def function_text(signature: str, emitter: Emitter, stores: Mapping[str, int], *, template: bool = True) -> str:
-    """A whole C++ function: computes and stores ``stores`` (C++ left-hand side -> node)."""
+def function_text(head: str, emitter: Emitter, stores: Mapping[str, int]) -> str:
+    """A whole C++ function template: computes and stores ``stores`` (C++ left-hand side -> node)."""
     body = []
     for target, number in stores.items():
         value = emitter.value(number)
         body.append(f"{target} = {value};")
-    head = "template <class V> " if template else ""
     inner = "\n    ".join(emitter.lines + body)
-    return f"{head}{signature} {{\n    {inner}\n}}\n"
+    return f"template <class V> {head} {{\n    {inner}\n}}\n"
 
 
 def stored_inputs(graph: Graph, outputs: Sequence[int]) -> list[int]:

@@ -1,27 +1,53 @@
-"""The model as C++ text: from ``glbench.model`` through graph, regrouping and differentiation."""
+"""The model as C++ text: from ``glbench.model`` through graph, regrouping, differentiation and elimination.
+
+Two states need no integration: a clock, and whatever equipment that is not there would have done. A state with a constant
+rate that no other rate reads is a *clock* here; its exact solution ``x + h rate`` is taken at the end of the step. The
+others are called *moving* and are numbered anew in the generated code.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
 from glbench.kernel.compiled import derivative, importer, lu
+from glbench.kernel.compiled.derivative import Gradient
 from glbench.kernel.compiled.emit import Emitter, function_text, stored_inputs
 from glbench.kernel.compiled.graph import Graph, Level
-from glbench.kernel.compiled.regroup import regroup
+from glbench.kernel.compiled.regroup import regroup, spell_out_logistic
 
 
 @dataclass(frozen=True)
 class GeneratedModel:
-    """C++ header of one model, and what it is made of (for reports)."""
+    """C++ header of one model.
+
+    Attributes
+    ----------
+    text
+        The header.
+    moving
+        The states that are integrated, in the order of the generated code.
+    operations
+        How often each operation occurs in one evaluation of the right-hand side, after hoisting.
+    """
 
     text: str
+    moving: tuple[int, ...]
     operations: dict[str, int]
 
 
-def generate(function: Any, zeros: Collection[int] = ()) -> GeneratedModel:
+def generate(function: Any, zeros: Collection[int] = (), fast: Collection[int] = ()) -> GeneratedModel:
     """C++ functions of ``function`` (CasADi SX, arguments x, u, d, p): the right-hand side, its Jacobian, elimination.
+
+    Parameters
+    ----------
+    function
+        ``glbench.model.build_rhs(...)``.
+    zeros
+        Parameters that are zero in every row that this code will see (equipment that is not there).
+    fast
+        States that forget errors quickly; they come first in the generated code.
 
     Raises
     ------
@@ -29,63 +55,88 @@ def generate(function: Any, zeros: Collection[int] = ()) -> GeneratedModel:
         When the function has an operation that the generator does not know.
     """
     graph, slopes = importer.read_function(function, ("x", "u", "d", "p"), zeros)
-    graph, slopes = regroup(graph, slopes, lower_logistic=False)
+    graph, slopes = regroup(graph, slopes)
     rows = derivative.jacobian(graph, slopes)
-    entries = [(i, j) for i, row in enumerate(rows) for j in row]
-    derivatives = [rows[i][j] for i, j in entries]
-    count = len(slopes)
+    moving = sorted(_moving(graph, slopes, rows), key=lambda state: (state not in fast, state))
+    entries = [(i, j) for i in moving for j in rows[i]]
+    clocks = [i for i in range(len(slopes)) if i not in moving]
     # One graph for all functions: what the right-hand side and its Jacobian share is stored once.
-    both, outputs = regroup(graph, slopes + derivatives, lower_logistic=True)
-    plan = lu.eliminate([sorted(row) for row in rows])
-    index = {entry: k for k, entry in enumerate(entries)}
-    stored = stored_inputs(both, outputs)
-    place = {number: k for k, number in enumerate(stored)}
-
-    def state_level(number: int) -> str | None:
-        node = both.nodes[number]
-        if node.op == "input" and node.source == "x":
-            return f"x[{node.index}]"
-        return f"c[{place[number]}]" if number in place else None
-
-    def input_level(number: int) -> str | None:
-        node = both.nodes[number]
-        return f"{node.source}[{node.index}]" if node.op == "input" else None
-
-    slope_stores = {f"f[{i}]": number for i, number in enumerate(outputs[:count])}
-    jacobian_stores = {f"jac[{k}]": number for k, number in enumerate(outputs[count:])}
+    wanted = [slopes[i] for i in moving] + [rows[i][j] for i, j in entries] + [slopes[i] for i in clocks]
+    graph, outputs = spell_out_logistic(graph, wanted)
+    at_state = outputs[: len(moving) + len(entries)]
+    text = _Text(graph, moving, stored_inputs(graph, at_state))
+    own = {state: k for k, state in enumerate(moving)}
+    plan = lu.eliminate([sorted(own[j] for j in rows[i]) for i in moving])
     sizes = {
-        "STATES": count,
+        "STATES": len(slopes),
         "CONTROLS": int(function.numel_in(1)),
         "DISTURBANCES": int(function.numel_in(2)),
-        "STORED": len(stored),
+        "MOVING": len(moving),
+        "FAST": sum(state in fast for state in moving),
+        "CLOCKS": len(clocks),
+        "STORED": len(text.place),
         "NONZEROS": len(entries),
         "FACTORS": plan.stored,
+        "ABSENT": len(zeros),
     }
+    lists = {"MOVING_STATE": moving, "CLOCK_STATE": clocks, "ABSENT_PARAMETER": sorted(zeros)}
     parts = [
-        "#pragma once\n#include \"many.hpp\"\n#define K(a) broadcast<V>(a)\nnamespace glb {\nnamespace model {\n",
-        "".join(f"constexpr int {name} = {value};\n" for name, value in sizes.items()),
-        "// Everything that depends on parameters, controls and disturbances only.\n",
-        "inline void prepare(const double* p, const double* u, const double* d, double* c) {\n    using V = double;\n",
-        _body(both, stored, input_level, {f"c[{k}]": number for k, number in enumerate(stored)}),
-        "// Time derivatives of the states.\n",
-        function_text("void rhs(const V* x, const V* c, V* f)", Emitter(both, outputs[:count], state_level), slope_stores),
-        "// The same with the structural nonzeros of the Jacobian.\n",
-        function_text(
-            "void rhs_and_jacobian(const V* x, const V* c, V* f, V* jac)",
-            Emitter(both, outputs, state_level),
-            slope_stores | jacobian_stores,
-        ),
-        lu.factorise_text(plan, index),
+        '#pragma once\n#include "many.hpp"\n#define K(a) broadcast<V>(a)\nnamespace glb {\nnamespace model {\n',
+        *(f"constexpr int {name} = {value};\n" for name, value in sizes.items()),
+        *(f"constexpr int {name}[] = {{{', '.join(map(str, [*entries_, -1]))}}};\n" for name, entries_ in lists.items()),
+        text.prepare(outputs[len(at_state) :]),
+        text.slopes(at_state[: len(moving)]),
+        text.slopes_and_jacobian(at_state),
+        lu.factorise_text(plan, {(own[i], own[j]): k for k, (i, j) in enumerate(entries)}),
         lu.solve_text(plan),
         "}  // namespace model\n}  // namespace glb\n#undef K\n",
     ]
-    return GeneratedModel("".join(parts), sizes | _operations(both, outputs[:count]))
+    return GeneratedModel("".join(parts), tuple(moving), sizes | _operations(graph, at_state[: len(moving)]))
 
 
-def _body(graph: Graph, outputs: list[int], names: Any, stores: dict[str, int]) -> str:
-    emitter = Emitter(graph, outputs, names)
-    lines = [f"{target} = {emitter.value(number)};" for target, number in stores.items()]
-    return "    " + "\n    ".join(emitter.lines + lines) + "\n}\n"
+def _moving(graph: Graph, slopes: list[int], rows: list[Gradient]) -> list[int]:
+    read = {j for row in rows for j in row}
+    return [i for i, slope in enumerate(slopes) if graph.levels[slope] == Level.STATE or i in read]
+
+
+class _Text:
+    """The functions that come from the graph; ``place`` says where each stored value stands."""
+
+    def __init__(self, graph: Graph, moving: list[int], stored: list[int]) -> None:
+        self.graph = graph
+        self.own = {state: k for k, state in enumerate(moving)}
+        self.place = {number: k for k, number in enumerate(stored)}
+
+    def _of_state(self, number: int) -> str | None:
+        node = self.graph.nodes[number]
+        if node.op == "input" and node.source == "x":
+            return f"x[{self.own[node.index]}]"
+        return f"c[{self.place[number]}]" if number in self.place else None
+
+    def _of_inputs(self, number: int) -> str | None:
+        node = self.graph.nodes[number]
+        return f"{node.source}[{node.index}]" if node.op == "input" else None
+
+    def _function(self, head: str, names: Callable[[int], str | None], stores: dict[str, int]) -> str:
+        return function_text(head, Emitter(self.graph, list(stores.values()), names), stores)
+
+    def prepare(self, clock_rates: list[int]) -> str:
+        """Everything that depends on parameters, controls and disturbances only, and the rates of the clocks."""
+        stores = {f"c[{k}]": number for number, k in self.place.items()}
+        stores |= {f"rate[{k}]": number for k, number in enumerate(clock_rates)}
+        head = "void prepare(const double* p, const double* u, const double* d, double* c, double* rate)"
+        return self._function(head, self._of_inputs, stores)
+
+    def slopes(self, outputs: list[int]) -> str:
+        """Time derivatives of the moving states."""
+        stores = {f"f[{k}]": number for k, number in enumerate(outputs)}
+        return self._function("void rhs(const V* x, const V* c, V* f)", self._of_state, stores)
+
+    def slopes_and_jacobian(self, outputs: list[int]) -> str:
+        """The same with the structural nonzeros of the Jacobian."""
+        count = len(self.own)
+        stores = {(f"f[{k}]" if k < count else f"jac[{k - count}]"): number for k, number in enumerate(outputs)}
+        return self._function("void rhs_and_jacobian(const V* x, const V* c, V* f, V* jac)", self._of_state, stores)
 
 
 def _operations(graph: Graph, slopes: list[int]) -> dict[str, int]:

@@ -97,6 +97,10 @@ class Graph:
             raise ValueError(msg)
         if op in COMMUTATIVE:
             args = tuple(sorted(args))
+        if op == "mul" and args[0] == args[1] and self.nodes[args[0]].op == "sub":
+            # (a - b)^2 and (b - a)^2 are one.
+            difference = self.make("sub", *sorted(self.nodes[args[0]].args))
+            args = (difference, difference)
         return self._intern(Node(op, args), Level(max(self.levels[a] for a in args)))
 
     def _add(self, a: int, b: int) -> int | None:
@@ -137,7 +141,27 @@ class Graph:
                 return self.make("neg", other)
             if self.nodes[one].op == "neg":
                 return self.make("neg", self.make("mul", self.nodes[one].args[0], other))
-        return None
+        # Constants come together: (2 a)(2 b) is 4 (a b).
+        (c, rest_a), (d, rest_b) = self._without_constant(a), self._without_constant(b)
+        if c is None or d is None:
+            return None
+        both = self.constant(self.value(c) * self.value(d))
+        if rest_a is None or rest_b is None:
+            rest = rest_a if rest_b is None else rest_b
+            assert rest is not None  # two constants were folded above
+            return self.make("mul", both, rest)
+        return self.make("mul", both, self.make("mul", rest_a, rest_b))
+
+    def _without_constant(self, number: int) -> tuple[int | None, int | None]:
+        """(constant, rest) of a constant or of a product with one; the constant is None where there is none."""
+        node = self.nodes[number]
+        if node.op == "const":
+            return number, None
+        if node.op == "mul":
+            for constant, rest in (node.args, node.args[::-1]):
+                if self.nodes[constant].op == "const":
+                    return constant, rest
+        return None, number
 
     def _neg(self, a: int) -> int | None:
         node = self.nodes[a]

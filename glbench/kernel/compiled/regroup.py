@@ -15,26 +15,40 @@ _SUM = frozenset({"add", "sub"})
 _PRODUCT = frozenset({"mul", "inv"})
 
 
-def regroup(graph: Graph, outputs: Sequence[int], *, lower_logistic: bool) -> tuple[Graph, list[int]]:
-    """A new graph with the same outputs, regrouped.
-
-    Parameters
-    ----------
-    graph, outputs
-        What to regroup.
-    lower_logistic
-        Spell ``logistic(z)`` out as ``1/(1 + exp(-z))``, whose reciprocals can then be shared; done after differentiation.
-    """
-    worker = _Regroup(graph, outputs, lower_logistic=lower_logistic)
+def regroup(graph: Graph, outputs: Sequence[int]) -> tuple[Graph, list[int]]:
+    """A new graph with the same outputs, regrouped."""
+    worker = _Regroup(graph, outputs)
     return worker.new, [worker.node(number) for number in outputs]
 
 
+def spell_out_logistic(graph: Graph, outputs: Sequence[int]) -> tuple[Graph, list[int]]:
+    """A new graph with ``logistic(z)`` as ``1/(1 + exp(-z))``; done after differentiation, which has a better form of its slope.
+
+    Nothing is regrouped here: the derivatives would each pull their own products of inputs out of the substeps, and
+    reading all of those back costs more than the multiplications saved.
+    """
+    new = Graph()
+    done: dict[int, int] = {}
+    for number in graph.needed(outputs):
+        node = graph.nodes[number]
+        args = [done[a] for a in node.args]
+        if node.op == "const":
+            done[number] = new.constant(node.value)
+        elif node.op == "input":
+            done[number] = new.source(node.source, node.index)
+        elif node.op == "logistic":
+            exponential = new.make("exp", new.make("neg", args[0]))
+            done[number] = new.make("inv", new.make("add", new.constant(1.0), exponential))
+        else:
+            done[number] = new.make(node.op, *args)
+    return new, [done[number] for number in outputs]
+
+
 class _Regroup:
-    def __init__(self, graph: Graph, outputs: Sequence[int], *, lower_logistic: bool) -> None:
+    def __init__(self, graph: Graph, outputs: Sequence[int]) -> None:
         self.old = graph
         self.new = Graph()
         self.uses = graph.uses(outputs)
-        self.lower_logistic = lower_logistic
         self._done: dict[int, int] = {}
         for number in graph.needed(outputs):  # arguments first: the recursion below stays shallow
             self.node(number)
@@ -59,12 +73,32 @@ class _Regroup:
         if node.op == "neg":
             return self.new.make("neg", self.node(node.args[0]))
         args = [self.node(a) for a in node.args]
-        if node.op == "logistic" and self.lower_logistic:
-            exponential = self.new.make("exp", self.new.make("neg", args[0]))
-            return self.new.make("inv", self.new.make("add", self.new.constant(1.0), exponential))
         if node.op == "pow":
             return self._power(args[0], args[1])
+        if node.op == "select":
+            return self._select(*args)
         return self.new.make(node.op, *args)
+
+    def _select(self, condition: int, yes: int, no: int) -> int:
+        """``c ? a z^m : b z^n`` is ``(c ? a : b) z^(c ? m : n)``: one power instead of two."""
+        first, second = self._scaled_power(yes), self._scaled_power(no)
+        if first is None or second is None or first[1] != second[1]:
+            return self.new.make("select", condition, yes, no)
+        factor = self.new.make("select", condition, first[0], second[0])
+        exponent = self.new.make("select", condition, first[2], second[2])
+        return self._times([factor, self.new.make("pow", first[1], exponent)])
+
+    def _scaled_power(self, number: int) -> tuple[int, int, int] | None:
+        """(factor, base, exponent) of ``factor base^exponent`` with both fixed, else None."""
+        node = self.new.nodes[number]
+        factor, power = node.args if node.op == "mul" else (self.new.constant(1.0), number)
+        if self.new.nodes[factor].op == "pow":
+            factor, power = power, factor
+        fixed = self.new.levels[factor] < Level.STATE
+        if self.new.nodes[power].op != "pow" or not fixed:
+            return None
+        base, exponent = self.new.nodes[power].args
+        return (factor, base, exponent) if self.new.levels[exponent] < Level.STATE else None
 
     def _power(self, base: int, exponent: int) -> int:
         """Powers that have a cheaper form: square roots, and a fixed base with a varying exponent."""

@@ -14,6 +14,9 @@ namespace glb {
 struct Settings {
     double step;                     // length of the control step [s]
     double first;                    // first substep [s]
+    double forgotten;                // factor on the squared errors of fast states while they will be forgotten
+    double crossing;                 // factor on the squared errors of a substep in which tAir crosses tTop
+    double memory;                   // time that fast states take to forget an error [s]
     double smallest;                 // a substep below this fails the step [s]
     double most;                     // more substeps than this fail the step
     double absolute[model::STATES];  // tolerance of a state is absolute + relative |x| [unit of the state]
@@ -32,7 +35,7 @@ struct Rows {
     double* reached;    // time within the step that was reached [s]
 };
 
-enum Failure : int32_t { INPUT_NOT_FINITE = 1, TOO_MANY_SUBSTEPS = 2, SUBSTEP_TOO_SMALL = 3 };
+enum Failure : int32_t { INPUT_NOT_FINITE = 1, TOO_MANY_SUBSTEPS = 2, SUBSTEP_TOO_SMALL = 3, EQUIPMENT_PRESENT = 4 };
 constexpr int NO_STATE = 63;
 
 // Near error^(-1/8), from the bits of the number: within 3 %, and a step-size rule asks for no more.
@@ -85,13 +88,17 @@ template <class V> class Stepper {
         set_element(remaining_, 0, element(other.remaining_, lane));
         set_element(taken_, 0, element(other.taken_, lane));
         set_element(busy_, 0, 1.0);
+        for (int i = 0; i < model::CLOCKS; ++i) clock_[0][i] = other.clock_[lane][i];
         row_[0] = other.row_[lane];
     }
 
     // One substep in every lane; returns how many lanes have run out of rows.
     int round() {
         const V h = h_, one = broadcast<V>(1.0);
-        const V error = substep(work_, h);
+        const Error<V> part = substep(work_, h);
+        const V sum = fma<V>(part.fast, relaxation(remaining_ - h), part.slow);
+        const V before = work_.x[AA] - work_.x[BB], after = work_.y[AA] - work_.y[BB];
+        const V error = sum * select<V>(before * after < broadcast<V>(0.0), broadcast<V>(settings_.crossing), one);
         const MaskOf<V> busy = busy_ > broadcast<V>(0.0);
         const MaskOf<V> accepted = (error <= one) & busy;
         for (int i = 0; i < N; ++i) work_.x[i] = select<V>(accepted, work_.y[i], work_.x[i]);
@@ -127,7 +134,14 @@ template <class V> class Stepper {
     Lanes<V> work_;
     V h_{}, remaining_{}, taken_{}, busy_{};  // next substep [s], time to go [s], substeps so far, 1 where a row is at work
     int64_t row_[W];
+    double clock_[W][model::CLOCKS + 1];  // clocks at the end of the step
     bool exhausted_ = false;
+
+    // Lamps, covers, screens and the top air settle within a minute or so: what is wrong with them long before the end of
+    // the step is forgotten at the end, so their errors count less until then.
+    GLB_INLINE V relaxation(V left) const {
+        return select<V>(left > broadcast<V>(settings_.memory), broadcast<V>(settings_.forgotten), broadcast<V>(1.0));
+    }
 
     static GLB_INLINE bool any(MaskOf<V> mask) {
         if constexpr (W == 1) return mask;
@@ -149,20 +163,24 @@ template <class V> class Stepper {
                 return false;
             }
             row_[lane] = row;
-            const double* x = rows_.x + row * N;
+            const double *x = rows_.x + row * model::STATES, *p = rows_.p + row * rows_.p_stride;
             alignas(64) double stored[(model::STORED + 7) / 8 * 8];
-            model::prepare(rows_.p + row * rows_.p_stride, rows_.u + row * model::CONTROLS,
-                           rows_.d + row * model::DISTURBANCES, stored);
-            const int unusable = first_unusable(x, stored);
-            if (unusable >= 0) {
-                report(row, INPUT_NOT_FINITE * 64 + unusable, 0, 0.0);
+            double rate[model::CLOCKS + 1];
+            model::prepare<double>(p, rows_.u + row * model::CONTROLS, rows_.d + row * model::DISTURBANCES, stored, rate);
+            const int32_t unusable = first_problem(x, p, stored);
+            if (unusable != 0) {
+                report(row, unusable, 0, 0.0);
                 continue;
             }
             for (int i = 0; i < model::STORED; ++i) set_element(work_.stored[i], lane, stored[i]);
             for (int i = 0; i < N; ++i) {
-                set_element(work_.x[i], lane, x[i]);
-                set_element(work_.weight[i], lane, 1.0 / (settings_.absolute[i] + settings_.relative[i] * __builtin_fabs(x[i])));
+                const int state = model::MOVING_STATE[i];
+                set_element(work_.x[i], lane, x[state]);
+                set_element(work_.weight[i], lane,
+                            1.0 / (settings_.absolute[state] + settings_.relative[state] * __builtin_fabs(x[state])));
             }
+            for (int i = 0; i < model::CLOCKS; ++i)
+                clock_[lane][i] = __builtin_fma(settings_.step, rate[i], x[model::CLOCK_STATE[i]]);
             set_element(h_, lane, settings_.first < settings_.step ? settings_.first : settings_.step);
             set_element(remaining_, lane, settings_.step);
             set_element(taken_, lane, 0.0);
@@ -171,16 +189,19 @@ template <class V> class Stepper {
         }
     }
 
-    // The first state that is not finite, NO_STATE when another input is not, -1 when all are finite.
-    static int first_unusable(const double* x, const double* stored) {
+    // 0 when a row can be stepped, else the status to report.
+    static int32_t first_problem(const double* x, const double* p, const double* stored) {
         double sum = 0.0;
-        for (int i = 0; i < N; ++i) sum += x[i] - x[i];
+        for (int i = 0; i < model::STATES; ++i) sum += x[i] - x[i];
         if (sum != 0.0)
-            for (int i = 0; i < N; ++i)
-                if (!finite(x[i])) return i;
+            for (int i = 0; i < model::STATES; ++i)
+                if (!finite(x[i])) return INPUT_NOT_FINITE * 64 + i;
         double rest[4] = {0.0, 0.0, 0.0, 0.0};
         for (int i = 0; i < model::STORED; ++i) rest[i % 4] += stored[i] - stored[i];
-        return (rest[0] + rest[1]) + (rest[2] + rest[3]) == 0.0 ? -1 : NO_STATE;
+        if ((rest[0] + rest[1]) + (rest[2] + rest[3]) != 0.0) return INPUT_NOT_FINITE * 64 + NO_STATE;
+        for (int i = 0; i < model::ABSENT; ++i)
+            if (p[model::ABSENT_PARAMETER[i]] != 0.0) return EQUIPMENT_PRESENT * 64 + NO_STATE;
+        return 0;
     }
 
     void copy_lane(int from, int to) {
@@ -197,12 +218,16 @@ template <class V> class Stepper {
         rows_.status[row] = status;
         rows_.substeps[row] = substeps;
         rows_.reached[row] = reached;
-        if (status != 0 && rows_.out != rows_.x) std::memcpy(rows_.out + row * N, rows_.x + row * N, N * sizeof(double));
+        if (status != 0 && rows_.out != rows_.x) {
+            const int64_t first = row * model::STATES;
+            std::memcpy(rows_.out + first, rows_.x + first, model::STATES * sizeof(double));
+        }
     }
 
     void finish(int lane) {
-        double* out = rows_.out + row_[lane] * N;
-        for (int i = 0; i < N; ++i) out[i] = element(work_.x[i], lane);
+        double* out = rows_.out + row_[lane] * model::STATES;
+        for (int i = 0; i < N; ++i) out[model::MOVING_STATE[i]] = element(work_.x[i], lane);
+        for (int i = 0; i < model::CLOCKS; ++i) out[model::CLOCK_STATE[i]] = clock_[lane][i];
         report(row_[lane], 0, static_cast<int32_t>(element(taken_, lane)), settings_.step);
     }
 
@@ -218,7 +243,7 @@ template <class V> class Stepper {
             if (scaled > largest) largest = scaled, worst = i;
         }
         const int32_t failure = proposed < settings_.smallest ? SUBSTEP_TOO_SMALL : TOO_MANY_SUBSTEPS;
-        report(row_[lane], failure * 64 + worst, static_cast<int32_t>(element(taken_, lane)),
+        report(row_[lane], failure * 64 + model::MOVING_STATE[worst], static_cast<int32_t>(element(taken_, lane)),
                settings_.step - element(remaining_, lane));
     }
 
@@ -257,6 +282,6 @@ extern "C" void glb_step_rows(const glb::Settings* settings, const glb::Rows* ro
 extern "C" void glb_layout(int64_t* sizes) {
     sizes[0] = sizeof(glb::Settings);
     sizes[1] = sizeof(glb::Rows);
-    sizes[2] = glb::N;
+    sizes[2] = glb::model::STATES;
     sizes[3] = GLB_WIDTH;
 }

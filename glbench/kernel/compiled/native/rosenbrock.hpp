@@ -27,7 +27,7 @@ constexpr double COUPLING[5][5] = {
     {-4.408651676063871, -6.692003137674639, 24.625568527593117, 16.627521966636085, -5.714285714285718},
 };
 
-constexpr int N = model::STATES;
+constexpr int N = model::MOVING;
 constexpr int PADDED = (N + 7) / 8 * 8;  // one lane works through its states in vectors
 
 // What one substep reads and writes; all arrays hold one value in each lane.
@@ -84,9 +84,12 @@ template <class V, int S> GLB_INLINE void stage(Lanes<V>& w, V inverse_h) {
     model::solve<true, V>(w.factors, w.slope, w.coupled, w.k[S]);
 }
 
-// Advances by h from w.x: the result is in w.y, k[5] is the error estimate. Returns the sum over the states of
-// (estimate/tolerance)^2, which is not a number when anything went wrong on the way.
-template <class V> V substep(Lanes<V>& w, V h) {
+// Sums over the states of (error estimate/tolerance)^2, not a number when anything went wrong on the way. The first
+// model::FAST states are summed apart, see `relaxation` in driver.hpp.
+template <class V> struct Error { V fast, slow; };
+
+// Advances by h from w.x: the result is in w.y, k[5] is the error estimate.
+template <class V> Error<V> substep(Lanes<V>& w, V h) {
     const V inverse_h = inv_of(h);
     model::rhs_and_jacobian<V>(w.x, w.stored, w.slope, w.jacobian);
     model::factorise<V>(w.jacobian, broadcast<V>(1.0 / GAMMA) * inverse_h, broadcast<V>(GAMMA) * h, w.factors);
@@ -96,13 +99,14 @@ template <class V> V substep(Lanes<V>& w, V h) {
     stage<V, 3>(w, inverse_h);
     stage<V, 4>(w, inverse_h);
     stage<V, 5>(w, inverse_h);
-    V error[4] = {broadcast<V>(0.0), broadcast<V>(0.0), broadcast<V>(0.0), broadcast<V>(0.0)};
+    Error<V> error = {broadcast<V>(0.0), broadcast<V>(0.0)};
     for (int i = 0; i < N; ++i) {
         const V scaled = w.k[5][i] * w.weight[i];
-        error[i % 4] = fma<V>(scaled, scaled, error[i % 4]);
+        V& sum = i < model::FAST ? error.fast : error.slow;
+        sum = fma<V>(scaled, scaled, sum);
         w.y[i] = w.y[i] + w.k[5][i];
     }
-    return (error[0] + error[1]) + (error[2] + error[3]);
+    return error;
 }
 
 }  // namespace glb

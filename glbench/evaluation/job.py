@@ -1,4 +1,4 @@
-"""From an agent and a task to a result: what is to be done, whether it is done already, doing it."""
+"""One agent on one task, with everything decided: running it, going on where it was interrupted, saving what comes out."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import filelock
 import rfc8785
 
-from glbench.agents import LoadedAgent, load_agent
+from glbench import __version__
+from glbench.agents import LoadedAgent
 from glbench.env import Simulation
-from glbench.env.kernels import shared_kernel
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import provenance
 from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, read_checkpoint
 from glbench.evaluation.drivers import make_driver
-from glbench.evaluation.files import ensure_writable, load_result, result_path, save_result, short_task_id
+from glbench.evaluation.files import ensure_writable, result_path, save_result, short_task_id
 from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.lockstep import Lockstep, ProgressCallback
 from glbench.evaluation.metrics import UNITS
@@ -34,15 +35,11 @@ from glbench.evaluation.records import (
 )
 from glbench.evaluation.tally import Tally
 from glbench.kernel import KernelPool
-from glbench.tasks import TaskSpec, get_task, task_card
+from glbench.tasks import TaskSpec, task_card
 
 logger = logging.getLogger(__name__)
 
 _CHECKPOINT_FORMAT = 1
-_LARGEST_SEED = 2**53 - 1
-"""Largest whole number that every reader of JSON keeps exactly."""
-CHECKPOINT_SECONDS = 2.0
-"""Shortest time between two checkpoints: what a kill costs at most, besides one step."""
 
 
 @dataclass(frozen=True)
@@ -176,8 +173,9 @@ class Evaluation:
         """Folder of this evaluation's checkpoint: its name changes with everything that the numbers depend on."""
         if self.out is None:
             return None
-        key = {
+        key: dict[str, Any] = {
             "format": _CHECKPOINT_FORMAT,
+            "glbench": __version__,
             "task": self.task.digest,
             "agent": self.agent.digest,
             "seeds": list(self.seeds),
@@ -212,102 +210,6 @@ class Evaluation:
             lock.release()
 
 
-def prepare(
-    task: TaskSpec | str | Path,
-    agent: LoadedAgent | str | Path,
-    *,
-    runs: int | None = None,
-    first_seed: int | None = None,
-    workers: int = 1,
-    out: Path | str | None = None,
-    fresh: bool = False,
-    limits: TimeLimits | None = None,
-    checkpoint_seconds: float = CHECKPOINT_SECONDS,
-) -> Evaluation:
-    """Decide everything about an evaluation and find out what can go wrong before it starts; arguments as for ``evaluate``."""
-    task = task if isinstance(task, TaskSpec) else get_task(task)
-    agent = agent if isinstance(agent, LoadedAgent) else load_agent(agent)
-    seeds = _seeds(task, runs, first_seed)
-    if workers < 1:
-        msg = f"An evaluation needs at least one worker; got {workers}."
-        raise GlbenchError(msg)
-    # Absolute at once: an agent may change the working directory.
-    folder = None if out is None else Path(out).expanduser().resolve()
-    kernel = shared_kernel(task.step_seconds, task.model.variant).describe()
-    stored = None
-    if folder is not None:
-        ensure_writable(result_path(folder, task.id, agent.name).parent)
-        stored = None if fresh else _finished(folder, task, agent, seeds, kernel)
-    evaluation = Evaluation(
-        task, agent, seeds, min(workers, len(seeds)), kernel, folder, limits or TimeLimits(), checkpoint_seconds, stored
-    )
-    if fresh:
-        evaluation.forget()
-    return evaluation
-
-
-def evaluate(
-    task: TaskSpec | str | Path,
-    agent: LoadedAgent | str | Path,
-    *,
-    runs: int | None = None,
-    first_seed: int | None = None,
-    workers: int = 1,
-    out: Path | str | None = None,
-    fresh: bool = False,
-    limits: TimeLimits | None = None,
-    checkpoint_seconds: float = CHECKPOINT_SECONDS,
-    progress: ProgressCallback | None = None,
-) -> Result:
-    """Evaluate an agent on a task over seeded runs.
-
-    Parameters
-    ----------
-    task
-        A task, its id, or the path of a task file.
-    agent
-        A loaded agent, the path of a submission, or the name of a baseline.
-    runs, first_seed
-        Number of runs and seed of the first; by default what the task says. Run i has the seed ``first_seed + i``.
-    workers
-        Processes that share the simulation of the runs. The numbers do not depend on it.
-    out
-        Folder for the result (``<out>/results/<task>/<agent>.json``) and for the checkpoint of an interrupted evaluation.
-        Without it nothing is written.
-    fresh
-        Evaluate again even when the result is there, and from the beginning even when there is a checkpoint.
-    limits
-        Time that the agent may take; see ``TimeLimits``.
-    checkpoint_seconds
-        Shortest time between two checkpoints [s]; 0 makes one after every step.
-    progress
-        Called with a ``Progress`` after every step.
-
-    Returns
-    -------
-    Result
-        Also when runs failed: look at ``result.failed``. For pandas: ``result.to_frame()`` has one row a run and units in
-        ``frame.attrs["units"]``.
-
-    Raises
-    ------
-    GlbenchError
-        For an unknown task, an agent that cannot be loaded, a folder that cannot be written, impossible numbers.
-    """
-    evaluation = prepare(
-        task,
-        agent,
-        runs=runs,
-        first_seed=first_seed,
-        workers=workers,
-        out=out,
-        fresh=fresh,
-        limits=limits,
-        checkpoint_seconds=checkpoint_seconds,
-    )
-    return evaluation.stored or evaluation.run(progress)
-
-
 def agent_record(agent: LoadedAgent) -> AgentRecord:
     """The agent as results name it."""
     return AgentRecord(
@@ -327,47 +229,3 @@ def _open_kernel(task: TaskSpec, workers: int) -> Iterator[KernelPool | None]:
         return
     with KernelPool(workers, task.step_seconds, variant=task.model.variant) as pool:
         yield pool
-
-
-def _seeds(task: TaskSpec, runs: int | None, first_seed: int | None) -> tuple[int, ...]:
-    runs = task.evaluation.runs if runs is None else runs
-    first = task.evaluation.first_seed if first_seed is None else first_seed
-    if runs < 1:
-        msg = f"An evaluation needs at least one run; got {runs}."
-        raise GlbenchError(msg)
-    if first < 0 or first + runs - 1 > _LARGEST_SEED:
-        msg = f"Seeds lie between 0 and 2^53 - 1; got {runs} runs from seed {first}."
-        raise GlbenchError(msg)
-    return tuple(range(first, first + runs))
-
-
-def _finished(
-    out: Path, task: TaskSpec, agent: LoadedAgent, seeds: tuple[int, ...], kernel: dict[str, str | float]
-) -> Result | None:
-    """The stored result of this very evaluation.
-
-    Raises
-    ------
-    ResultError
-        When the task's full evaluation of this agent stands there and a trial with other seeds would replace it.
-    """
-    path = result_path(out, task.id, agent.name)
-    if not path.exists():
-        return None
-    try:
-        stored = load_result(path)
-    except ResultError as error:
-        logger.warning("%s The new result will replace it.", error)
-        return None
-    same = (stored.task.digest, stored.agent.digest, stored.evaluation.kernel) == (task.digest, agent.digest, kernel)
-    if not same:
-        return None
-    if stored.evaluation.seeds == seeds:
-        return stored
-    if stored.evaluation.seeds == tuple(task.evaluation.seeds):
-        msg = (
-            f"{path} holds the full evaluation of this agent ({len(stored.runs)} runs); {len(seeds)} runs from seed {seeds[0]} "
-            "would replace it. Choose another folder with --out, or replace it with --fresh."
-        )
-        raise ResultError(msg)
-    return None

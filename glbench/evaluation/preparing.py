@@ -1,0 +1,168 @@
+"""From an agent and a task to a result: deciding everything, finding out whether it is done already, doing it."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from glbench import __version__
+from glbench.agents import LoadedAgent, load_agent
+from glbench.env.kernels import shared_kernel
+from glbench.errors import GlbenchError, ResultError
+from glbench.evaluation.files import ensure_writable, load_result, result_path
+from glbench.evaluation.job import Evaluation
+from glbench.evaluation.limits import TimeLimits
+from glbench.evaluation.lockstep import ProgressCallback
+from glbench.evaluation.records import Result
+from glbench.tasks import TaskSpec, get_task
+
+logger = logging.getLogger(__name__)
+
+_LARGEST_SEED = 2**53 - 1
+"""Largest whole number that every reader of JSON keeps exactly."""
+CHECKPOINT_SECONDS = 2.0
+"""Shortest time between two checkpoints: what a kill costs at most, besides one step."""
+
+
+def prepare(
+    task: TaskSpec | str | Path,
+    agent: LoadedAgent | str | Path,
+    *,
+    runs: int | None = None,
+    first_seed: int | None = None,
+    workers: int = 1,
+    out: Path | str | None = None,
+    fresh: bool = False,
+    limits: TimeLimits | None = None,
+    checkpoint_seconds: float = CHECKPOINT_SECONDS,
+) -> Evaluation:
+    """Decide everything about an evaluation and find out what can go wrong before it starts; arguments as for ``evaluate``."""
+    task = task if isinstance(task, TaskSpec) else get_task(task)
+    agent = agent if isinstance(agent, LoadedAgent) else load_agent(agent)
+    seeds = _seeds(task, runs, first_seed)
+    if workers < 1:
+        msg = f"An evaluation needs at least one worker; got {workers}."
+        raise GlbenchError(msg)
+    # Absolute at once: an agent may change the working directory.
+    folder = None if out is None else Path(out).expanduser().resolve()
+    kernel = shared_kernel(task.step_seconds, task.model.variant).describe()
+    stored = None
+    if folder is not None:
+        ensure_writable(result_path(folder, task.id, agent.name).parent)
+        stored = None if fresh else _finished(folder, task, agent, seeds, kernel)
+    evaluation = Evaluation(
+        task, agent, seeds, min(workers, len(seeds)), kernel, folder, limits or TimeLimits(), checkpoint_seconds, stored
+    )
+    if fresh:
+        evaluation.forget()
+    return evaluation
+
+
+def evaluate(
+    task: TaskSpec | str | Path,
+    agent: LoadedAgent | str | Path,
+    *,
+    runs: int | None = None,
+    first_seed: int | None = None,
+    workers: int = 1,
+    out: Path | str | None = None,
+    fresh: bool = False,
+    limits: TimeLimits | None = None,
+    checkpoint_seconds: float = CHECKPOINT_SECONDS,
+    progress: ProgressCallback | None = None,
+) -> Result:
+    """Evaluate an agent on a task over seeded runs.
+
+    Parameters
+    ----------
+    task
+        A task, its id, or the path of a task file.
+    agent
+        A loaded agent, the path of a submission, or the name of a baseline.
+    runs, first_seed
+        Number of runs and seed of the first; by default what the task says. Run i has the seed ``first_seed + i``.
+    workers
+        Processes that share the simulation of the runs. The numbers do not depend on it.
+    out
+        Folder for the result (``<out>/results/<task>/<agent>.json``) and for the checkpoint of an interrupted evaluation.
+        Without it nothing is written.
+    fresh
+        Evaluate again even when the result is there, and from the beginning even when there is a checkpoint.
+    limits
+        Time that the agent may take; see ``TimeLimits``.
+    checkpoint_seconds
+        Shortest time between two checkpoints [s]; 0 makes one after every step.
+    progress
+        Called with a ``Progress`` after every step.
+
+    Returns
+    -------
+    Result
+        Also when runs failed: look at ``result.failed``. For pandas: ``result.to_frame()`` has one row a run and units in
+        ``frame.attrs["units"]``.
+
+    Raises
+    ------
+    GlbenchError
+        For an unknown task, an agent that cannot be loaded, a folder that cannot be written, impossible numbers.
+    """
+    evaluation = prepare(
+        task,
+        agent,
+        runs=runs,
+        first_seed=first_seed,
+        workers=workers,
+        out=out,
+        fresh=fresh,
+        limits=limits,
+        checkpoint_seconds=checkpoint_seconds,
+    )
+    return evaluation.stored or evaluation.run(progress)
+
+
+def _seeds(task: TaskSpec, runs: int | None, first_seed: int | None) -> tuple[int, ...]:
+    runs = task.evaluation.runs if runs is None else runs
+    first = task.evaluation.first_seed if first_seed is None else first_seed
+    if runs < 1:
+        msg = f"An evaluation needs at least one run; got {runs}."
+        raise GlbenchError(msg)
+    if first < 0 or first + runs - 1 > _LARGEST_SEED:
+        msg = f"Seeds lie between 0 and 2^53 - 1; got {runs} runs from seed {first}."
+        raise GlbenchError(msg)
+    return tuple(range(first, first + runs))
+
+
+def _finished(
+    out: Path, task: TaskSpec, agent: LoadedAgent, seeds: tuple[int, ...], kernel: dict[str, str | float]
+) -> Result | None:
+    """The stored result of this very evaluation.
+
+    Raises
+    ------
+    ResultError
+        When something stands there that this evaluation should not replace: a task of another namespace, or the task's full
+        evaluation of this agent by a trial with other seeds.
+    """
+    path = result_path(out, task.id, agent.name)
+    if not path.exists():
+        return None
+    try:
+        stored = load_result(path)
+    except ResultError as error:
+        logger.warning("%s The new result will replace it.", error)
+        return None
+    if stored.task.id != task.id:
+        msg = f"{path} holds a result of the task {stored.task.id}, and {task.id} would replace it. Choose another folder with --out."
+        raise ResultError(msg)
+    made_by = (stored.task.digest, stored.agent.digest, stored.evaluation.kernel, stored.versions.glbench)
+    if made_by != (task.digest, agent.digest, kernel, __version__):
+        return None
+    if stored.evaluation.seeds == seeds:
+        return stored
+    if stored.evaluation.seeds == tuple(task.evaluation.seeds):
+        msg = (
+            f"{path} holds the full evaluation of this agent ({len(stored.runs)} runs); {len(seeds)} runs from seed {seeds[0]} "
+            "would replace it. Choose another folder with --out, or replace it with --fresh."
+        )
+        raise ResultError(msg)
+    return None

@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from glbench import __version__
+from glbench.errors import GlbenchError
+from tests.cli.command_line import Command
+
+HEAVY = ("casadi", "pandas", "pyarrow", "pvlib", "scipy", "torch", "gymnasium", "numpy", "pydantic")
+
+
+def test_help_names_every_command_and_where_to_start(glbench: Command) -> None:
+    answer = glbench("--help")
+
+    assert answer.code == 0
+    for command in ("evaluate", "leaderboard", "tasks", "weather"):
+        assert command in answer.out
+    assert "glbench evaluate submissions/my_agent.py" in answer.out
+
+
+def test_help_of_evaluate_tells_the_defaults(glbench: Command) -> None:
+    answer = glbench("evaluate", "--help")
+
+    for option in ("--task", "--suite", "--runs", "--seed", "--workers", "--out", "--json", "--fresh"):
+        assert option in answer.out
+
+
+def test_the_version_is_printed(glbench: Command) -> None:
+    assert glbench("--version").out == f"glbench {__version__}\n"
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = f"import sys, glbench.cli.app; print([name for name in {HEAVY!r} if name in sys.modules])"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+    assert loaded.stdout.strip() == "[]"
+
+
+def test_wrong_usage_leaves_with_2(glbench: Command) -> None:
+    assert glbench("evaluate").code == 2
+    assert glbench("evaluat").code == 2
+
+
+def test_debug_shows_the_traceback(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from glbench.cli.app import main
+
+    monkeypatch.setenv("GLBENCH_DEBUG", "0")
+    with pytest.raises(GlbenchError, match=r"nowhere\.py"):
+        main(["--debug", "evaluate", str(tmp_path / "nowhere.py")])

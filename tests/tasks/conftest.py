@@ -1,0 +1,82 @@
+"""A task file to vary, and a tasks folder of one's own with a lock."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from glbench import registration
+from glbench.registration import task_files
+from glbench.tasks import library, lock, lock_new_tasks, reading
+from glbench.tasks.digest import fingerprint
+
+SHORT_ID = "Schiphol2010-Delta10-v1"
+FILE = "schiphol2010-delta10-v1.toml"
+
+
+@pytest.fixture(scope="session")
+def shipped_text() -> str:
+    """Text of the default task's file."""
+    return next(path for path in task_files() if path.name == FILE).read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def own_text(shipped_text: str) -> str:
+    """The same task under an id of one's own."""
+    return shipped_text.replace('id = "glbench/', 'id = "mylab/')
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Callable[[str], Path]:
+    """Writes a task file and returns its path."""
+
+    def write_text(text: str) -> Path:
+        path = tmp_path / "mine.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write_text
+
+
+@pytest.fixture
+def vary(own_text: str, write: Callable[[str], Path]) -> Callable[..., Path]:
+    """Writes the task with pieces of its text replaced, given as pairs of old and new."""
+
+    def varied(*pieces: str) -> Path:
+        text = own_text
+        for old, new in zip(pieces[::2], pieces[1::2], strict=True):
+            assert old in text
+            text = text.replace(old, new)
+        return write(text)
+
+    return varied
+
+
+@pytest.fixture
+def forget() -> Iterator[Callable[[], None]]:
+    """Forgets what is remembered of tasks in this process, as a new process would; also afterwards."""
+
+    def forget_all() -> None:
+        fingerprint.cache_clear()
+        library._load_state.cache_clear()
+
+    yield forget_all
+    forget_all()
+
+
+@pytest.fixture
+def published(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, forget: Callable[[], None]) -> Path:
+    """A tasks folder with two published tasks and their lock, in the place of the shipped one."""
+    folder = tmp_path / "tasks"
+    folder.mkdir()
+    for path in task_files():
+        if path.name in {FILE, "schiphol2010code-delta30-v1.toml"}:
+            shutil.copy(path, folder)
+    for module in (registration, lock, reading):
+        monkeypatch.setattr(module, "data_folder", lambda _name: folder)
+    lock_new_tasks()
+    forget()
+    return folder

@@ -1,0 +1,139 @@
+"""``glbench tasks list | show | check | lock``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from glbench.cli.tasks import app
+from glbench.errors import TaskError, UnknownNameError
+from glbench.tasks import get_task
+from tests.tasks.conftest import FILE, SHORT_ID
+
+Vary = Callable[..., Path]
+
+
+@pytest.fixture(autouse=True)
+def wide(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(app, list(arguments))
+
+
+def machine(*arguments: str) -> Any:
+    result = run(*arguments, "--json")
+    return json.loads(result.stdout)
+
+
+def test_list_shows_every_task_in_words_under_its_suite(published: Path) -> None:
+    result = run("list")
+    assert result.exit_code == 0
+    assert "Suite paper\n60 days from 1 March 2010, step 15 min, weather 'schiphol', prepared 'paper'" in result.stdout
+    row = next(line for line in result.stdout.splitlines() if SHORT_ID in line)
+    digest = get_task(SHORT_ID).digest
+    assert row.split() == [SHORT_ID, *"Schiphol, spring 2010, crop uncertain by 10 %".split(), "10", "%", digest[:8]]
+
+
+def test_list_for_machines_has_ids_periods_and_digests(published: Path) -> None:
+    listed = machine("list")
+    assert [entry["id"] for entry in listed] == [f"glbench/{SHORT_ID}", "glbench/Schiphol2010Code-Delta30-v1"]
+    assert listed[0] == listed[0] | {
+        "days": 60, "step_seconds": 900.0, "steps": 5760, "delta": 0.1, "half_width": 0.1, "weather": "schiphol",
+        "start": "2010-03-01", "locked": True, "digest": get_task(SHORT_ID).digest,
+    }  # fmt: skip
+    assert listed[1]["half_width"] == 0.15
+
+
+def test_list_can_be_narrowed_to_a_suite(published: Path) -> None:
+    assert [entry["id"] for entry in machine("list", "--suite", "paper")] == [f"glbench/{SHORT_ID}"]
+    with pytest.raises(UnknownNameError, match=r"There is no suite 'papers'. Did you mean 'paper'"):
+        CliRunner().invoke(app, ["list", "--suite", "papers"], catch_exceptions=False)
+
+
+def test_show_explains_period_limits_prices_and_reward_with_units() -> None:
+    result = run("show", SHORT_ID)
+    assert result.exit_code == 0
+    for words in (
+        "60 days, from 1 March 2010 00:00 to 30 April 2010 00:00, clock UTC; one decision every 15 min, 5760 in all.",
+        "KNMI 240, Amsterdam Schiphol, 52.318 N, 4.79 E",
+        "at every step each of 28 parameters is its nominal value times 1 + e, e uniform within ±10 %",
+        "What the agent sees: 22 values",
+        "130 W m-2",
+        "0.5 mg m-2 s-1",
+        "1600 ppm",
+        "0.09 EUR per kWh",
+        "reward = scaled_epi + scaled_penalty",
+        "lowest -0.012975 EUR m-2",
+        "highest 0.00726646 EUR m-2",
+        "30 runs with the seeds 666 to 695",
+    ):
+        assert words in result.stdout
+
+
+def test_show_for_machines_holds_card_definition_and_digests() -> None:
+    shown = machine("show", SHORT_ID)
+    task = get_task(SHORT_ID)
+    assert shown["digest"] == shown["fingerprint"]["digest"] == task.digest
+    assert shown["definition"] == task.definition()
+    assert len(shown["card"]["observations"]) == 22
+    assert shown["uncertain_parameters"] == list(task.uncertain_parameters())
+
+
+def test_check_accepts_published_tasks(published: Path) -> None:
+    result = run("check")
+    assert result.exit_code == 0
+    assert result.stdout.count("as published") == 2
+    assert [entry["ok"] for entry in machine("check")] == [True, True]
+
+
+def test_check_finds_changed_new_and_lost_tasks_and_leaves_with_1(published: Path) -> None:
+    text = (published / FILE).read_text(encoding="utf-8")
+    (published / FILE).write_text(text.replace("delta = 0.10", "delta = 0.12"), encoding="utf-8")
+    (published / "winter-v1.toml").write_text(text.replace(SHORT_ID, "Winter-v1"), encoding="utf-8")
+    (published / "schiphol2010code-delta30-v1.toml").unlink()
+    result = run("check")
+    assert result.exit_code == 1
+    assert f"tasks/{FILE} no longer matches tasks/lock.toml" in result.stdout
+    assert "tasks/winter-v1.toml is not locked yet. Publish it with `glbench tasks lock`." in result.stdout
+    assert "its file tasks/schiphol2010code-delta30-v1.toml is gone" in result.stdout
+    assert run("check", "--json").exit_code == 1
+    assert [entry["ok"] for entry in machine("check")] == [False, False, False]
+
+
+def test_check_shows_the_first_weather_of_ones_own_file(vary: Vary) -> None:
+    path = vary("2010-03-01", "2011-06-01", "days = 60", "days = 5")
+    result = run("check", str(path))
+    assert result.exit_code == 0
+    assert "valid, not published" in result.stdout
+    assert "2011-06-01 00:15" in result.stdout
+
+
+def test_check_tells_the_mistakes_of_ones_own_file(vary: Vary) -> None:
+    path = vary("days = 60", "days = 0")
+    result = run("check", str(path), SHORT_ID)
+    assert result.exit_code == 1
+    assert "[weather] days = 0 is not allowed" in result.stdout
+    entry = machine("check", str(path))[0]
+    assert (entry["ok"], entry["task"]) == (False, str(path))
+
+
+def test_lock_adds_what_is_new_and_says_so(published: Path) -> None:
+    text = (published / FILE).read_text(encoding="utf-8")
+    (published / "winter-v1.toml").write_text(text.replace(SHORT_ID, "Winter-v1"), encoding="utf-8")
+    assert "locked glbench/Winter-v1" in run("lock").stdout
+    assert machine("lock") == []
+    assert "Nothing to do: all 3 tasks are locked" in run("lock").stderr
+
+
+def test_lock_refuses_to_change_an_entry(published: Path) -> None:
+    text = (published / FILE).read_text(encoding="utf-8")
+    (published / FILE).write_text(text.replace("delta = 0.10", "delta = 0.12"), encoding="utf-8")
+    with pytest.raises(TaskError, match="Published tasks never change"):
+        CliRunner().invoke(app, ["lock"], catch_exceptions=False)

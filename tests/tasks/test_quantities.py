@@ -1,0 +1,151 @@
+"""What a task shows: names, order, units, bounds; and the card that tells an agent about them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from glbench.errors import TaskError, UnknownNameError
+from glbench.model import CONTROL_NAMES, STATE_NAMES, VARIANTS
+from glbench.tasks import (
+    DEFAULT_TASK,
+    MODEL_VARIANTS,
+    OBSERVATION_MODULES,
+    PREPROCESSINGS,
+    Registry,
+    Word,
+    get_task,
+    task_card,
+)
+from glbench.tasks import quantities as q
+from glbench.weather.disturbances import PREPROCESSINGS as WEATHER_PREPROCESSINGS
+
+Vary = Callable[..., Path]
+
+PAPER_COLUMNS = [
+    ("air_temperature", "degC"), ("co2", "ppm"), ("relative_humidity", "%"), ("pipe_temperature", "degC"),
+    ("fruit_dry_mass", "kg m-2"), ("canopy_temperature_24h", "degC"), ("temperature_sum", "degC day"),
+    ("sin_hour_of_day", "-"), ("cos_hour_of_day", "-"), ("sin_day_of_year", "-"), ("cos_day_of_year", "-"),
+    ("boiler", "W m-2"), ("co2_supply", "mg m-2 s-1"), ("thermal_screen", "-"),
+    ("vents", "-"), ("lamps", "W m-2"), ("blackout_screen", "-"),
+    ("global_radiation", "W m-2"), ("outdoor_temperature", "degC"), ("outdoor_relative_humidity", "%"),
+    ("outdoor_co2", "ppm"), ("wind_speed", "m s-1"),
+]  # fmt: skip
+
+
+def context(days: int = 60, forecast_steps: int = 0) -> q.ObservationContext:
+    parameters = get_task(DEFAULT_TASK).parameters_by_name()
+    return q.ObservationContext(days * 96, 900.0, forecast_steps, parameters)
+
+
+def test_the_papers_22_values_come_in_its_order_and_units() -> None:
+    assert [(column.name, column.unit) for column in get_task(DEFAULT_TASK).observed()] == PAPER_COLUMNS
+
+
+def test_the_controls_reach_the_papers_capacities() -> None:
+    at_one = {c.name: (c.at_one, c.unit) for c in task_card(get_task(DEFAULT_TASK)).controls}
+    assert at_one == {
+        "uBoil": (130.0, "W m-2"), "uCo2": (5.0, "mg m-2 s-1"), "uThScr": (1.0, "-"),
+        "uVent": (1.0, "-"), "uLamp": (116.0, "W m-2"), "uBlScr": (1.0, "-"),
+    }  # fmt: skip
+
+
+def test_every_module_has_finite_bounds_units_and_different_names() -> None:
+    for module in OBSERVATION_MODULES:
+        columns = module.quantities(context(forecast_steps=3))
+        assert columns
+        assert len({column.name for column in columns}) == len(columns)
+        for column in columns:
+            assert math.isfinite(column.low)
+            assert math.isfinite(column.high)
+            assert column.low < column.high
+            assert column.unit
+            assert column.meaning
+
+
+def test_the_published_codes_263_columns_can_be_asked_for(vary: Vary) -> None:
+    modules = (
+        '"published_indoor_climate", "published_crop", "control_fractions", "weather", "step_counter", '
+        '"published_time", "published_forecast"'
+    )
+    path = vary(
+        '"indoor_climate", "crop", "time", "controls", "weather"', modules,
+        "[actuation]", "[observation.forecast]\nsteps = 48\n[actuation]",
+        'timing = "current"', 'timing = "published"',
+    )  # fmt: skip
+    names = [column.name for column in get_task(path).observed()]
+    assert len(names) == 263
+    assert names[:4] == ["co2", "air_temperature", "relative_humidity", "pipe_temperature"]
+    assert names[18:23] == ["step_counter", "sin_day_of_year", "cos_day_of_year", "sin_hour_of_day", "cos_hour_of_day"]
+    assert names[25] == "outdoor_vapour_pressure_ahead_1"
+    assert names[-1] == "wind_speed_ahead_48"
+
+
+def test_the_full_state_has_the_names_of_the_model_in_its_order() -> None:
+    columns = OBSERVATION_MODULES["full_state"].quantities(context())
+    assert tuple(column.name for column in columns) == STATE_NAMES
+    assert {column.unit for column in columns} == {"mg m-3", "degC", "Pa", "mg m-2", "degC day", "day"}
+
+
+def test_at_the_hottest_bound_the_cover_gives_off_more_than_anything_can_supply() -> None:
+    """1500 W m-2 of sun at 60 degC, all of it absorbed, with boiler and lamps; no wind, sky as warm as the air."""
+    p = get_task(DEFAULT_TASK).parameters_by_name()
+    supplied = 1500.0 + p["pBoil"] / p["aFlr"] + p["thetaLampMax"]
+    emissivity = 1.0 - p["tauRfFir"] - p["rhoRfFir"]
+    radiated = emissivity * 5.67e-8 * ((q.HOTTEST + 273.15) ** 4 - (60.0 + 273.15) ** 4)
+    convected = p["aCov"] / p["aFlr"] * p["cHecOut1"] * (q.HOTTEST - 60.0)
+    assert radiated + convected > 1.3 * supplied
+
+
+def test_the_highest_co2_is_a_dose_that_never_stops_in_a_house_that_hardly_leaks() -> None:
+    # 60 days: 5 mg m-2 s-1 x 5 184 000 s / 5.7 m = 4.547e6 mg m-3, less than the leaks' balance 5/(0.1 x 3e-5 x 0.25)
+    assert q.highest_co2_density(context(60)) == 4.8e6
+    # ten years: 5/7.5e-7 = 6.667e6 mg m-3 is the balance with the leaks, whatever the time
+    assert q.highest_co2_density(context(3660)) == 6.9e6
+
+
+def test_the_card_tells_what_an_agent_may_know_and_neither_weather_nor_seeds() -> None:
+    card = task_card(get_task(DEFAULT_TASK))
+    assert (card.steps, card.step_seconds, card.clock, card.place.timezone) == (5760, 900.0, "UTC", "Europe/Amsterdam")
+    assert card.action_names == CONTROL_NAMES
+    assert {(action.low, action.high) for action in card.actions} == {(-1.0, 1.0)}
+    assert (card.actuation, card.max_change, card.delta, card.half_width) == ("rate", 0.1, 0.1, 0.1)
+    assert [(c.name, c.unit, c.low, c.high, c.scale) for c in card.constraints] == [
+        ("air_temperature", "degC", 15.0, 34.0, 15.0),
+        ("co2", "ppm", 300.0, 1600.0, 2500.0),
+        ("relative_humidity", "%", 50.0, 85.0, 15.0),
+    ]
+    assert card.prices.electricity == 0.3
+    told = json.dumps(dataclasses.asdict(card), default=str)
+    assert "seed" not in told
+    assert len(told) < 8000  # no series hides in it
+
+
+def test_set_points_are_asked_for_between_0_and_1(vary: Vary) -> None:
+    task = get_task(vary('kind = "rate"', 'kind = "set_point"', '"uBoil", "uCo2", ', '"uCo2", '))
+    card = task_card(task)
+    assert {(action.low, action.high) for action in card.actions} == {(0.0, 1.0)}
+    assert len(card.actions) == 5
+    assert len(card.controls) == 6
+
+
+def test_the_vocabulary_has_the_words_of_model_and_weather() -> None:
+    assert set(MODEL_VARIANTS.names) == set(VARIANTS)
+    assert set(PREPROCESSINGS.names) == set(WEATHER_PREPROCESSINGS)
+    assert q.CONTROLS == CONTROL_NAMES
+
+
+def test_a_registry_takes_a_new_word_once_and_names_the_nearest() -> None:
+    words: Registry[Word] = Registry("colour")
+    words.add(Word("green", "as leaves"))
+    assert "green" in words
+    assert words["green"].meaning == "as leaves"
+    with pytest.raises(TaskError, match="There is a colour called 'green' already"):
+        words.add(Word("green", "as money"))
+    with pytest.raises(UnknownNameError, match=r"There is no colour called 'gren'. Did you mean 'green'\?"):
+        words["gren"]

@@ -1,0 +1,75 @@
+"""``import glbench`` is quick and makes the tasks known to Gymnasium, whichever of the two is imported first."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import pytest
+
+from glbench import registration
+from glbench.tasks import DEFAULT_TASK, list_tasks, register_tasks
+
+HEAVY = ("casadi", "numpy", "pandas", "pydantic", "gymnasium", "pvlib", "pyarrow", "torch", "rich")
+
+
+def run(program: str) -> str:
+    """What ``program`` prints in a fresh process."""
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", program], check=False, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_importing_glbench_loads_nothing_heavy_and_takes_less_than_a_third_of_a_second() -> None:
+    program = (
+        "import sys, time; begin = time.perf_counter(); import glbench; taken = time.perf_counter() - begin; "
+        f"print([name for name in {HEAVY} if name in sys.modules], taken < 0.3)"
+    )
+    assert run(program) == "[] True"
+
+
+@pytest.mark.parametrize("imports", ["import glbench, gymnasium", "import gymnasium, glbench"])
+def test_both_orders_of_import_register_every_task_without_the_model(imports: str) -> None:
+    program = (
+        f"import sys; {imports}; "
+        "print(sum(name.startswith('glbench/') for name in gymnasium.registry), 'casadi' in sys.modules)"
+    )
+    assert run(program) == f"{len(list_tasks())} False"
+
+
+def test_gymnasium_is_loaded_by_its_own_loader() -> None:
+    program = (
+        "import glbench, gymnasium, sys; "
+        "print(type(gymnasium.__loader__).__name__, type(gymnasium.__spec__.loader).__name__, "
+        "sum(type(finder).__module__.startswith('glbench') for finder in sys.meta_path))"
+    )
+    assert run(program) == "SourceFileLoader SourceFileLoader 0"
+
+
+def test_a_spec_leads_to_the_environments_and_leaves_the_horizon_to_them() -> None:
+    spec = gymnasium.spec(DEFAULT_TASK)
+    assert spec.entry_point == "glbench.env:GreenhouseEnv"
+    assert spec.vector_entry_point == "glbench.env:GreenhouseVectorEnv"
+    assert spec.kwargs == {"task": DEFAULT_TASK}
+    assert spec.max_episode_steps is None
+    assert (spec.order_enforce, spec.disable_env_checker) == (True, False)
+
+
+def test_registering_again_changes_nothing() -> None:
+    before = dict(gymnasium.registry)
+    register_tasks()
+    assert dict(gymnasium.registry) == before
+
+
+def test_a_file_that_is_being_edited_does_not_keep_the_package_from_loading(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "half.toml").write_text("id = ", encoding="utf-8")
+    (tmp_path / "none.toml").write_text("days = 1", encoding="utf-8")
+    (tmp_path / "good.toml").write_text('id = "glbench/Good-v1"', encoding="utf-8")
+    monkeypatch.setattr(registration, "data_folder", lambda _name: tmp_path)
+    assert registration.task_ids() == {"glbench/Good-v1": tmp_path / "good.toml"}

@@ -1,0 +1,230 @@
+"""``glbench weather``: what a person sees, and what a script reads."""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from glbench.cli.console import messages, output
+from glbench.cli.weather import app
+from glbench.errors import GlbenchError, UnknownNameError, WeatherError
+from glbench.weather import load_weather
+from tests.weather.files import csv_rows, csv_text, knmi_days, knmi_line, knmi_text, write_epw
+
+
+@pytest.fixture(autouse=True)
+def _own_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setenv("GLBENCH_DATA", str(tmp_path / "data"))
+    monkeypatch.setenv("GLBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("COLUMNS", "160")
+    monkeypatch.setenv("no_proxy", "127.0.0.1")
+    monkeypatch.delenv("GLBENCH_KNMI_URL", raising=False)
+    # The consoles are made once a process; each test brings its own standard output.
+    for console in (output, messages):
+        console.cache_clear()
+    yield
+    for console in (output, messages):
+        console.cache_clear()
+
+
+def run(*arguments: str | Path) -> str:
+    """Standard output of a command that succeeds."""
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def refused(*arguments: str | Path) -> str:
+    """Message of a command that fails with one of our errors."""
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert isinstance(result.exception, GlbenchError), result.output
+    return str(result.exception)
+
+
+def test_list_shows_the_shipped_record_with_its_period() -> None:
+    shown = run("list")
+    for words in (
+        "schiphol",
+        "Amsterdam Schiphol",
+        "2008-01-01 to 2013-01-01",
+        "43,848",
+        "shipped",
+        "[UTC]",
+        "[h]",
+    ):
+        assert words in shown
+
+
+def test_list_as_json_is_whole() -> None:
+    (record,) = json.loads(run("list", "--json"))["records"]
+    assert record["name"] == "schiphol"
+    assert record["digest"] == load_weather("schiphol").digest
+    assert (record["latitude_deg"], record["longitude_deg"], record["altitude_m"]) == (52.318, 4.79, -3.3)
+    assert (record["first"], record["last"], record["hours"]) == (
+        "2008-01-01T00:00:00+00:00",
+        "2013-01-01T00:00:00+00:00",
+        43848,
+    )
+    assert "acknowledged" in record["licence"]
+
+
+def test_show_gives_period_licence_digest_and_monthly_figures_with_units() -> None:
+    shown = run("show", "schiphol", "--month", "2010-03")
+    for words in (
+        "2008-01-01 00:00 to 2013-01-01 00:00 UTC",
+        "Royal Netherlands Meteorological Institute",
+        load_weather("schiphol").digest,
+        "52.318 deg N, 4.790 deg E, -3.3 m",
+        "Europe/Amsterdam",
+    ):
+        assert words in shown
+    for unit in ("[degC]", "[%]", "[m/s]", "[W/m2]", "[MJ/m2]", "[octants]"):
+        assert unit in shown
+    # KNMI's own sums for March 2010: 27,722 J cm-2 and 5.16 m/s.
+    assert "277.22" in shown
+    assert "5.16" in shown
+
+
+def test_show_lists_every_month() -> None:
+    shown = run("show", "schiphol")
+    assert all(f"{year}-{month:02d}" in shown for year in range(2008, 2013) for month in range(1, 13))
+
+
+def test_show_as_json_has_a_unit_for_every_number() -> None:
+    described = json.loads(run("show", "schiphol", "--month", "3", "--json"))
+    assert [month["month"] for month in described["months"]] == [f"{year}-03" for year in range(2008, 2013)]
+    march = described["months"][2]
+    assert march["radiation_sum"] == pytest.approx(277.22, abs=1e-9)
+    assert march["wind_speed_mean"] == pytest.approx(5.16, abs=0.005)
+    assert march["hours"] == 744
+    numbers = {key for key, value in march.items() if isinstance(value, int | float)}
+    assert numbers <= set(described["units"])
+
+
+def test_show_of_an_unknown_record_points_to_the_nearest() -> None:
+    assert "Did you mean 'schiphol'" in refused("show", "schipol")
+
+
+@pytest.mark.parametrize("month", ["13", "0", "2013-01", "March"])
+def test_show_of_a_month_that_is_not_there_is_refused(month: str) -> None:
+    assert f"no month '{month}'" in refused("show", "schiphol", "--month", month)
+
+
+def test_a_csv_is_imported_under_a_name(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(csv_text(csv_rows(48)))
+    shown = run("import", path, "--name", "veld")
+    assert "Weather 'veld': 2020-06-01 00:00 to 2020-06-03 00:00 UTC, 48 h" in shown
+    assert load_weather("veld").station == "Testveld"
+    assert "veld" in run("list")
+    assert "CC0" in run("show", "veld")
+
+
+def test_an_epw_is_imported_with_its_zone_and_year(tmp_path: Path) -> None:
+    path = write_epw(tmp_path / "typical.epw", {month: 1990 + month for month in range(1, 13)})
+    shown = run("import", path, "--name", "epw", "--timezone", "Europe/Amsterdam", "--year", "2014")
+    assert "Note: typical year" in shown
+    assert load_weather("epw").timezone == "Europe/Amsterdam"
+    assert load_weather("epw").first == dt.datetime(2014, 1, 1, tzinfo=dt.UTC)
+    assert "yours, typical year" in run("list")
+    assert "infrared" in run("show", "epw")
+
+
+def test_a_gap_is_filled_only_when_asked(tmp_path: Path) -> None:
+    rows = knmi_days(dt.date(2019, 6, 1), 2)
+    rows[30] = knmi_line(dt.date(2019, 6, 2), 7, {"T": ""})
+    path = tmp_path / "knmi.txt"
+    path.write_text(knmi_text(rows))
+    assert "--fill-gaps" in refused("import", path, "--name", "june")
+    assert "air_temperature: 1 h filled linearly" in run("import", path, "--name", "june", "--fill-gaps", "1")
+    assert "air_temperature: 1 h filled linearly" in run("show", "june")
+
+
+def test_an_import_that_fails_keeps_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(csv_text([*csv_rows(5), "2020-06-01T06:00Z,99,70,3,0,6"]))
+    assert "air temperature of 99 degC" in refused("import", path, "--name", "veld")
+    assert list((tmp_path / "data").rglob("*")) == []
+
+
+def test_a_record_is_replaced_only_when_asked(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(csv_text(csv_rows(24)))
+    run("import", path, "--name", "veld")
+    path.write_text(csv_text(csv_rows(48)))
+    assert "already" in refused("import", path, "--name", "veld")
+    assert load_weather("veld").hours == 24
+    run("import", path, "--name", "veld", "--replace")
+    assert load_weather("veld").hours == 48
+
+
+def test_an_unknown_format_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(csv_text(csv_rows(24)))
+    assert "Did you mean 'csv'" in refused("import", path, "--name", "veld", "--format", "csw")
+
+
+@pytest.fixture
+def service() -> Iterator[str]:
+    """Address of a loopback service that has station 240 in 2013 and is out of order for any other."""
+    year = knmi_text(knmi_days(dt.date(2013, 1, 1), 365)).encode()
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            form = self.rfile.read(int(self.headers["Content-Length"]))
+            body = year if b"stns=240" in form else b"<html>Storing</html>"
+            self.send_response(200)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: object) -> None:
+            return
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+    thread.start()
+    yield f"http://127.0.0.1:{server.server_port}/uurgegevens"
+    server.shutdown()
+    server.server_close()
+    thread.join()
+
+
+def test_a_year_is_fetched_and_listed(service: str) -> None:
+    shown = run("fetch", "--station", "240", "--year", "2013", "--url", service)
+    assert "Weather 'knmi-240-2013': 2013-01-01 00:00 to 2014-01-01 00:00 UTC, 8,760 h" in shown
+    assert load_weather("knmi-240-2013").hours == 8760
+    names = [record["name"] for record in json.loads(run("list", "--json"))["records"]]
+    assert names == ["schiphol", "knmi-240-2013"]
+
+
+def test_the_service_can_be_named_in_the_environment(service: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GLBENCH_KNMI_URL", service)
+    run("fetch", "--station", "240", "--year", "2013", "--name", "next")
+    assert load_weather("next").hours == 8760
+
+
+def test_a_fetch_that_fails_keeps_nothing(service: str, tmp_path: Path) -> None:
+    assert "out of order" in refused("fetch", "--station", "260", "--year", "2013", "--url", service)
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def test_a_taken_name_is_refused_before_anything_is_fetched() -> None:
+    with pytest.raises(WeatherError, match="shipped weather record"):
+        CliRunner().invoke(
+            app,
+            ["fetch", "--station", "240", "--year", "2013", "--name", "schiphol", "--url", "http://127.0.0.1:9/"],
+            catch_exceptions=False,
+        )
+
+
+def test_errors_are_ours_so_that_the_command_line_can_say_them() -> None:
+    result = CliRunner().invoke(app, ["show", "nowhere"])
+    assert isinstance(result.exception, UnknownNameError)

@@ -1,0 +1,185 @@
+"""EPW and TMY files: real and typical years, clocks, missing values."""
+
+from __future__ import annotations
+
+import datetime as dt
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from glbench.errors import WeatherError
+from glbench.weather import disturbances, read_epw, read_tmy
+from tests.weather.files import (
+    epw_line,
+    write_epw,
+    write_tmy3,
+)
+
+
+def test_epw_of_one_real_year_keeps_its_year_and_its_clock(tmp_path: Path) -> None:
+    record = read_epw(write_epw(tmp_path / "real.epw", 2010))
+    # Local hour 1 (00:00 to 01:00 at UTC+1) is the last hour of 2009 in UTC.
+    assert record.period == "2009-12-31 23:00 to 2010-12-31 23:00 UTC"
+    assert not record.typical_year
+    assert record.timezone == "Etc/GMT-1"
+    assert (record.latitude, record.longitude, record.altitude) == (52.3, 4.8, -3.0)
+    frame = record.frame
+    first = frame.iloc[0]
+    assert first["air_temperature"] == 0.1
+    assert first["cloud_cover"] == 4.0  # 5 tenths
+    assert first["sky_infrared"] == 300.0
+    # Local hour 9 (08:00 to 09:00) is the first with sun: 08:00 UTC is its end.
+    local_hour_9 = 8  # rows from 0
+    assert frame.index[local_hour_9] == pd.Timestamp("2010-01-01 08:00", tz="UTC")
+    assert frame["global_radiation"].tolist()[local_hour_9 - 1 : local_hour_9 + 1] == [0.0, 100.0]
+
+
+def test_epw_says_which_values_are_instants(tmp_path: Path) -> None:
+    record = read_epw(write_epw(tmp_path / "real.epw", 2010))
+    assert record.timing["wind_speed"] == record.timing["air_temperature"] == "instant"
+    assert record.timing["global_radiation"] == record.timing["sky_infrared"] == "mean"
+
+
+def test_epw_of_a_typical_year_gets_one_year_and_is_turned_to_utc(tmp_path: Path) -> None:
+    years = {month: 1990 + month for month in range(1, 13)}
+    record = read_epw(write_epw(tmp_path / "typical.epw", years), timezone="Europe/Amsterdam")
+    assert record.period == "2001-01-01 00:00 to 2002-01-01 00:00 UTC"
+    assert record.typical_year
+    assert "typical year" in record.notes[0]
+    assert record.timezone == "Europe/Amsterdam"
+    # The first UTC hour is the second local one; the first local one has come round to the end.
+    np.testing.assert_array_equal(record.values("air_temperature")[[0, -1]], [0.2, 0.1])
+    other = read_epw(tmp_path / "typical.epw", year=2013)
+    assert other.period == "2013-01-01 00:00 to 2014-01-01 00:00 UTC"
+    assert other.digest != record.digest
+
+
+def test_a_typical_year_cannot_be_a_leap_year(tmp_path: Path) -> None:
+    path = write_epw(tmp_path / "typical.epw", {month: 1990 + month for month in range(1, 13)})
+    with pytest.raises(WeatherError, match="2012 is a leap year and a typical year has no 29 February"):
+        read_epw(path, year=2012)
+
+
+def test_a_real_year_takes_no_nominal_year(tmp_path: Path) -> None:
+    with pytest.raises(WeatherError, match=r"one real year \(2010\): --year is only for typical years"):
+        read_epw(write_epw(tmp_path / "real.epw", 2010), year=2001)
+
+
+def test_epw_codes_for_missing_are_gaps(tmp_path: Path) -> None:
+    start = dt.datetime(2010, 1, 1, 4)
+    path = write_epw(tmp_path / "gap.epw", 2010, edits={4: epw_line(start, 2010, temperature=99.9)})
+    with pytest.raises(WeatherError, match=r"gap\.epw, row 13: no value for air temperature"):
+        read_epw(path)
+    assert read_epw(path, fill_gaps=1).values("air_temperature")[4] == 0.5
+
+
+def test_incomplete_sky_infrared_is_left_out_with_a_note(tmp_path: Path) -> None:
+    path = write_epw(tmp_path / "sky.epw", 2010, edits={4: epw_line(dt.datetime(2010, 1, 1, 4), 2010, infrared=9999)})
+    record = read_epw(path)
+    assert "sky_infrared" not in record.counts
+    assert "cloud_cover" in record.counts
+    assert record.notes == ("sky_infrared left out: 1 h without a value",)
+
+
+def test_measured_infrared_gives_the_sky_temperature_in_both_preprocessings(tmp_path: Path) -> None:
+    record = read_epw(write_epw(tmp_path / "real.epw", 2010))
+    expected = (300.0 / 5.6697e-8) ** 0.25 - 273.15
+    for preprocessing in ("paper", "conserving"):
+        made = disturbances(record, start=dt.datetime(2010, 5, 1), steps=4, preprocessing=preprocessing)
+        np.testing.assert_allclose(made.values[:, 5], expected, rtol=1e-13)
+
+
+def test_wind_that_is_an_instant_runs_linearly(tmp_path: Path) -> None:
+    calm = {4: epw_line(dt.datetime(2010, 1, 1, 4), 2010, wind=0.0)}
+    record = read_epw(write_epw(tmp_path / "wind.epw", 2010, edits=calm))
+    start = dt.datetime(2010, 1, 1, 3, tzinfo=dt.UTC)  # the slot that ends calm, in UTC
+    made = disturbances(record, start=start, steps=8, preprocessing="conserving")
+    expected = 4.5 * np.array([0.875, 0.625, 0.375, 0.125, 0.125, 0.375, 0.625, 0.875])
+    np.testing.assert_allclose(made.values[:, 4], expected, rtol=1e-13)
+
+
+def test_half_hour_clocks_need_a_zone_by_name(tmp_path: Path) -> None:
+    path = write_epw(tmp_path / "delhi.epw", 2010, offset=5.5)
+    with pytest.raises(
+        WeatherError, match=r"\+5\.5 h from UTC, which has no fixed IANA zone. Give one with --timezone"
+    ):
+        read_epw(path)
+    record = read_epw(path, timezone="Asia/Kolkata")
+    assert record.period == "2009-12-31 18:30 to 2010-12-31 18:30 UTC"
+    made = disturbances(record, start=dt.date(2010, 5, 1), steps=96, preprocessing="conserving")
+    assert made.hour_of_day[0] == 0.0
+    np.testing.assert_allclose(made.values[:, 7], 0.8 * 3.6, rtol=1e-13)  # 8 h of 100 W m-2 = 2.88 MJ m-2
+    paper = disturbances(record, start=dt.date(2010, 5, 1), steps=96)
+    assert np.isfinite(paper.values).all()
+
+
+def test_a_cut_off_epw_is_refused(tmp_path: Path) -> None:
+    path = write_epw(tmp_path / "cut.epw", {month: 1990 + month for month in range(1, 13)})
+    path.write_text("\n".join(path.read_text().splitlines()[:5000]) + "\n")
+    with pytest.raises(WeatherError, match="holds 4992 hours instead of the 8760 of a typical year"):
+        read_epw(path)
+
+
+def test_something_else_is_no_epw(tmp_path: Path) -> None:
+    path = tmp_path / "other.epw"
+    path.write_text("hello\n")
+    with pytest.raises(WeatherError, match="cannot be read as an EnergyPlus weather file"):
+        read_epw(path)
+
+
+def test_an_epw_hour_that_does_not_exist_is_refused(tmp_path: Path) -> None:
+    line = epw_line(dt.datetime(2010, 1, 1, 4), 2010).replace("2010,1,1,5,", "2010,2,30,5,", 1)
+    path = write_epw(tmp_path / "bad.epw", 2010, edits={4: line})
+    with pytest.raises(
+        WeatherError, match=r"cannot be read as an EnergyPlus weather file|2010-02-30, hour 5 does not exist"
+    ):
+        read_epw(path)
+
+
+def test_tmy3_is_a_typical_year_turned_to_utc(tmp_path: Path) -> None:
+    record = read_tmy(write_tmy3(tmp_path / "tmy3.csv"), timezone="America/Los_Angeles")
+    assert record.period == "2001-01-01 00:00 to 2002-01-01 00:00 UTC"
+    assert record.typical_year
+    assert (record.station, record.latitude, record.longitude) == ("TESTFIELD", 37.617, -122.4)
+    # UTC-8: the first UTC hour is local hour 17 of 31 December, come round; local hour 1 of 1 January is the 9th.
+    temperature = record.values("air_temperature")
+    np.testing.assert_allclose(temperature[[0, 7, 8]], [1.7, 2.4, 0.1])
+    assert set(record.values("cloud_cover")) == {8.0}
+    # Sun from 08:00 to 16:00 local is 16:00 to 24:00 UTC.
+    assert record.values("global_radiation")[:24].tolist() == [0.0] * 16 + [200.0] * 8
+
+
+def test_tmy3_hours_around_the_end_of_a_leap_years_february_stay_in_place(tmp_path: Path) -> None:
+    record = read_tmy(write_tmy3(tmp_path / "tmy3.csv"))
+    # Local 28 February 24:00 is 1 March 08:00 UTC; local hours keep their order 0.1 ... 2.4.
+    february_end = (31 + 28) * 24 + 8
+    np.testing.assert_allclose(record.values("air_temperature")[february_end - 1 : february_end + 1], [2.4, 0.1])
+
+
+def test_a_cut_off_tmy3_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(WeatherError, match="holds 8660 hours instead of the 8760"):
+        read_tmy(write_tmy3(tmp_path / "tmy3.csv", drop=100))
+
+
+def test_something_else_is_no_tmy(tmp_path: Path) -> None:
+    for name, words in (("other.csv", "a TMY3 file"), ("other.tm2", "a TMY2 file")):
+        path = tmp_path / name
+        path.write_text("hello\nworld\n")
+        with pytest.raises(WeatherError, match=f"cannot be read as {words}"):
+            read_tmy(path)
+
+
+def test_tmy3_with_half_hour_stamps_is_refused(tmp_path: Path) -> None:
+    path = write_tmy3(tmp_path / "tmy3.csv")
+    path.write_text(path.read_text().replace(":00,", ":30,"))
+    with pytest.raises(WeatherError, match="its stamps are not whole hours"):
+        read_tmy(path)
+
+
+def test_a_tmy3_without_cloud_is_refused(tmp_path: Path) -> None:
+    path = write_tmy3(tmp_path / "tmy3.csv")
+    path.write_text(path.read_text().replace("TotCld (tenths)", "Cloud"))
+    with pytest.raises(WeatherError, match=r"lacks the column TotCld \(tenths\)"):
+        read_tmy(path)
