@@ -62,7 +62,8 @@ def evaluate(
     from glbench.evaluation.provenance import usable_cores
 
     tasks = _tasks(task or [], suite or [])
-    loaded = _agents(agents)
+    with _quiet_agents(as_json):
+        loaded = _agents(agents)
     evaluations = [
         prepare(chosen, agent, runs=runs, first_seed=seed, workers=workers or usable_cores(), out=out, fresh=fresh)
         for chosen in tasks
@@ -79,7 +80,7 @@ def evaluate(
         raise typer.Exit(1)
     if not as_json:
         option = "" if out == Path("reports") else f" --out {out}"
-        messages().print(f"Next: [bold]glbench leaderboard{option}[/bold]")
+        messages().print(f"Next: glbench leaderboard{option}", markup=False, soft_wrap=True)
 
 
 def _tasks(names: Sequence[str], suites: Sequence[str]) -> list[TaskSpec]:
@@ -139,15 +140,14 @@ def _evaluate(evaluation: Evaluation, *, as_json: bool) -> None:
     output().print(summary_table(result))
     print_failures(result)
     if evaluation.path is not None:
-        messages().print(f"Saved: {_shown(evaluation.path)}", soft_wrap=True)
+        messages().print(f"Saved: {_shown(evaluation.path)}", markup=False, soft_wrap=True)
 
 
 def _run(evaluation: Evaluation, *, as_json: bool) -> Result:
     from glbench.cli.evaluation_progress import ProgressBar
 
-    quiet = _agents_write_to_stderr() if as_json else contextlib.nullcontext()
     try:
-        with quiet, ProgressBar(evaluation) as bar:
+        with _quiet_agents(as_json), ProgressBar(evaluation) as bar:
             return evaluation.run(bar.update)
     except KeyboardInterrupt:
         messages().print("\n[bold yellow]Interrupted.[/bold yellow] " + _what_is_kept(evaluation), soft_wrap=True)
@@ -155,6 +155,8 @@ def _run(evaluation: Evaluation, *, as_json: bool) -> Result:
     except SubmissionError:
         raise
     except GlbenchError as error:
+        if not evaluation.interrupted:
+            raise
         msg = f"{error}\n{_what_is_kept(evaluation)}"
         raise type(error)(msg) from error
 
@@ -166,8 +168,11 @@ def _what_is_kept(evaluation: Evaluation) -> str:
 
 
 @contextlib.contextmanager
-def _agents_write_to_stderr() -> Iterator[None]:
+def _quiet_agents(wanted: bool) -> Iterator[None]:
     """Keep standard output for the JSON: whatever agents and solvers print, from Python or from C, goes to standard error."""
+    if not wanted:
+        yield
+        return
     sys.stdout.flush()
     kept = os.dup(1)
     os.dup2(2, 1)

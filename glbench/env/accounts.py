@@ -37,7 +37,7 @@ _PAID = tuple(CONTROL_NAMES.index(name) for name in ("uBoil", "uLamp", "uCo2"))
 _FRUIT_STATE = STATE_NAMES.index("cFruit")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Accounts:
     """Everything that turns states and controls of a step into its quantities.
 

@@ -147,6 +147,7 @@ class ActionReader:
         inside = (actions >= self._lowest) & (actions <= self._highest)  # False for NaN as well
         if not inside.all():
             raise ActionError(self._complaint(actions, inside))
+        actions += 0.0  # -0.0 becomes 0.0: which of two zeros is the larger depends on the place in the batch
         np.maximum(actions, self.low, out=actions)
         np.minimum(actions, self.high, out=actions)
         return actions

@@ -30,7 +30,7 @@ KG_PER_MG = 1e-6
 _PIPE, _FRUIT, _MEAN_CANOPY, _CANOPY_SUM = (STATE_NAMES.index(n) for n in ("tPipe", "cFruit", "tCan24", "tCanSum"))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Situation:
     """What an observation may look at, for ``n`` rows.
 

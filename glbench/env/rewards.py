@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StepOutcome:
     """What a reward may look at: the step's quantities, and the true states and controls behind them.
 

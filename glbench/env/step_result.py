@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from glbench.kernel import StepFailure
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StepResult:
     """What one step of ``n`` runs gave.
 

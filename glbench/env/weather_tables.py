@@ -24,7 +24,7 @@ _RADIATION, _TEMPERATURE, _PRESSURE, _CO2, _WIND = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class WeatherTables:
     """Weather and clock by row, read-only float32 as observed. Row k acts on step k.
 

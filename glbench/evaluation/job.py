@@ -104,7 +104,7 @@ class Evaluation:
             return None
         lockstep, tally = self._lockstep(simulation, progress)
         lockstep.start()
-        if not tally.alive.all() or not self._replayed(lockstep, saved):
+        if not self._replayed(lockstep, saved):
             return None
         lockstep.run(simulation.observe(), saved.step)
         return self._result(tally, lockstep.wall_seconds, saved.step)

@@ -66,10 +66,11 @@ class Lockstep:
 
     def replay(self, saved: Saved) -> bool:
         """Bring a fresh agent to where ``saved`` left it, and everything else too; false when it decides differently this time."""
-        steps = saved.arrays["steps"]
+        asked = saved.arrays["asked"]
+        if (self._tally.alive != (asked > 0)).any():
+            return False
         for step in range(saved.step):
-            # A run that failed in this very step had still been asked.
-            decision = self._driver.decide(step, saved.inputs[step], steps >= step)
+            decision = self._driver.decide(step, saved.inputs[step], asked > step)
             if decision.actions.tobytes() != saved.actions[step].tobytes():
                 return False
             self._report(step + 1, replaying=True)
@@ -98,6 +99,7 @@ class Lockstep:
         tally, simulation = self._tally, self._simulation
         inputs = self._driver.inputs(simulation, observations)
         decision = self._driver.decide(step, inputs, tally.alive)
+        tally.asked += tally.alive
         tally.seconds += decision.seconds
         ended = tally.end((*decision.failures, *self._overdue()))
         self._checkpoint.record(inputs, decision.actions)

@@ -17,14 +17,15 @@ from glbench.evaluation.records import RunResult, Status
 class Tally:
     """Books of ``n`` runs, kept step by step.
 
-    ``totals`` has shape ``(metrics, n)``; ``steps`` ``(n,)`` counts the simulated steps, ``seconds`` ``(n,)`` the time of the decisions;
-    ``alive`` ``(n,)`` is true for runs that have not failed.
+    ``totals`` has shape ``(metrics, n)``; ``asked`` ``(n,)`` counts the decisions asked for, ``steps`` ``(n,)`` the simulated steps;
+    ``seconds`` ``(n,)`` is the time of the decisions; ``alive`` ``(n,)`` is true for runs that have not failed.
     """
 
     def __init__(self, seeds: tuple[int, ...]) -> None:
         n = len(seeds)
         self.seeds = seeds
         self.totals = np.zeros((len(METRICS), n))
+        self.asked = np.zeros(n, dtype=np.int64)
         self.steps = np.zeros(n, dtype=np.int64)
         self.seconds = np.zeros(n)
         self.alive = np.ones(n, dtype=np.bool_)
@@ -73,7 +74,7 @@ class Tally:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The numbers, for a checkpoint."""
-        return {"totals": self.totals, "steps": self.steps, "seconds": self.seconds, "alive": self.alive}
+        return {name: getattr(self, name) for name in ("totals", "asked", "steps", "seconds", "alive")}
 
     def ends(self) -> dict[str, list[str]]:
         """Status and reason by row, for a checkpoint."""
@@ -81,7 +82,8 @@ class Tally:
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], ends: Mapping[str, tuple[Status, str]]) -> None:
         """Go back to what ``arrays`` and ``ends`` gave."""
-        self.totals, self.steps = arrays["totals"].copy(), arrays["steps"].copy()
+        self.totals = arrays["totals"].copy()
+        self.asked, self.steps = arrays["asked"].copy(), arrays["steps"].copy()
         self.seconds, self.alive = arrays["seconds"].copy(), arrays["alive"].copy()
         self._ends = {int(row): (status, reason) for row, (status, reason) in ends.items()}
 

@@ -8,9 +8,9 @@ and leave when the socket closes, so nothing outlives the parent, however it end
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 import os
 import signal
+import socket
 import subprocess
 import sys
 import weakref
@@ -21,6 +21,7 @@ import numpy as np
 
 from glbench.errors import GlbenchError, ShapeError, StepError
 from glbench.kernel.kernel import Kernel
+from glbench.kernel.link import Link
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure
 from glbench.kernel.stepping import Stepper, positive_seconds
 
@@ -121,7 +122,8 @@ class _Worker:
 
     def __init__(self, number: int, settings: dict[str, Any]) -> None:
         self.number = number
-        self.socket, theirs = multiprocessing.Pipe(duplex=True)
+        ours, theirs = socket.socketpair()
+        self.link = Link(ours)
         code = (
             f"import sys; sys.path[:] = {sys.path!r}; from glbench.kernel.worker import serve; serve({theirs.fileno()})"
         )
@@ -134,7 +136,7 @@ class _Worker:
                 env={"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", **os.environ},
             )
         except OSError as error:
-            self.socket.close()
+            self.link.close()
             msg = f"Kernel worker {number} could not be started with {sys.executable}: {error}. Use workers=1."
             raise GlbenchError(msg) from error
         finally:
@@ -143,14 +145,14 @@ class _Worker:
 
     def send(self, message: object) -> None:
         try:
-            self.socket.send(message)
+            self.link.send(message)
         except OSError as error:
             raise self._death() from error
 
     def receive(self) -> Any:
         """Wait for the answer; raise what the worker raised, or say how it died."""
         try:
-            answer = self.socket.recv()
+            answer = self.link.receive()
         except (EOFError, OSError) as error:
             raise self._death() from error
         if isinstance(answer, BaseException):
@@ -173,7 +175,7 @@ class _Worker:
 def _dismiss(workers: list[_Worker]) -> None:
     """Hang up on all workers, then wait for each."""
     for worker in workers:
-        worker.socket.close()
+        worker.link.close()
     for worker in workers:
         try:
             worker.process.wait(_GRACE_SECONDS)

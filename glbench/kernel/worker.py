@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import signal
+import socket
 import traceback
-from multiprocessing.connection import Connection
-from typing import Any
 
 from glbench.errors import GlbenchError, StepError
 from glbench.kernel.kernel import Kernel
+from glbench.kernel.link import Link
 
 
 def serve(descriptor: int) -> None:
@@ -18,12 +18,12 @@ def serve(descriptor: int) -> None:
     """
     # Ctrl-C reaches the whole process group; only the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    socket: Connection[Any, Any] = Connection(descriptor)
+    link = Link(socket.socket(fileno=descriptor))
     kernel: Kernel | None = None
     # The parent hanging up, in the middle of an answer or between two, is the ordinary end.
     try:
         while True:
-            message = socket.recv()
+            message = link.receive()
             try:
                 if kernel is None:
                     kernel = Kernel(**message)
@@ -34,6 +34,6 @@ def serve(descriptor: int) -> None:
                 answer = error
             except Exception:
                 answer = StepError(f"A kernel worker failed unexpectedly:\n{traceback.format_exc()}")
-            socket.send(answer)
+            link.send(answer)
     except (EOFError, OSError):
         return

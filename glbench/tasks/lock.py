@@ -119,7 +119,7 @@ def check_against_lock(task: TaskSpec, entry: LockEntry) -> None:
         )
     if found.weather != locked.weather:
         reasons.append(
-            f"the weather '{task.weather.source}' has other values or another preprocessing "
+            f"the weather '{task.weather.source}' has other values, or is prepared in another way "
             f"({_change(locked.weather, found.weather)})"
         )
     if found.start != locked.start:

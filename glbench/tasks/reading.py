@@ -77,8 +77,8 @@ def _explain(detail: ErrorDetails) -> str:
         return f"{place}lacks the key '{key}': {allowed or 'it is required'}."
     if kind == "extra_forbidden":
         known = _keys(owner)
-        what = "table" if isinstance(detail["input"], Mapping) and not tables else "key"
-        return f"{place}'{key}' is no {what} that a task has.{did_you_mean(key, known) or ' Known: ' + ', '.join(known) + '.'}"
+        near = did_you_mean(key, known) or f" Known: {', '.join(known)}."
+        return f"'{key}' is not a key {f'of {place}'.rstrip() if tables else 'or table of a task'}.{near}"
     if kind == "model_type":
         return f"[{'.'.join([*tables, key])}] must be a table, not {_shown(detail['input'])}."
     if kind == "value_error":

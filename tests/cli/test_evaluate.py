@@ -45,6 +45,7 @@ def test_json_is_one_line_a_result_whatever_the_agent_prints(glbench: Command, h
         .read_text(encoding="utf-8")
         .replace("return np.full", "print('hm'); import os; os.write(1, b'ho'); return np.full")
     )
+    talking = talking.replace("def make_agent(task):", "print('loaded')\ndef make_agent(task):\n    print('made')")
     (here / "talking.py").write_text(talking, encoding="utf-8")
     answer = glbench("evaluate", "talking.py", "steady.py", *ARGUMENTS, "--json")
 
@@ -52,6 +53,8 @@ def test_json_is_one_line_a_result_whatever_the_agent_prints(glbench: Command, h
     assert [document["agent"]["name"] for document in documents] == ["talking", "steady"]
     assert documents[0] == json.loads((PLACE / "talking.json").read_text(encoding="utf-8"))
     assert answer.err.count("hm") == 24
+    assert "loaded" in answer.err
+    assert "made" in answer.err
 
 
 def test_what_is_finished_is_shown_and_not_done_again(glbench: Command, here: Path) -> None:

@@ -30,7 +30,8 @@ def run(*arguments: str | Path):
     return RUNNER.invoke(app, ["leaderboard", *map(str, arguments)])
 
 
-def test_the_table_fits_80_columns_and_names_units_and_remarks(reports):
+def test_the_table_fits_80_columns_and_names_units_and_remarks(reports, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
     result = run("--out", reports, "--task", "Meadow-v1")
     assert result.exit_code == 0, result.output
     assert max(len(line) for line in result.stdout.splitlines()) <= 80

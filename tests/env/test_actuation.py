@@ -102,6 +102,12 @@ def test_what_float32_rounding_puts_outside_is_the_bound_itself(read: ActionRead
     assert read(np.full((1, 6), -1.0 - 9e-7), 1).min() == -1.0
 
 
+@pytest.mark.parametrize("n", [1, 7, 64])
+def test_a_negative_zero_is_a_zero(make_task: MakeTask, n: int) -> None:
+    read = ActionReader.of_task(make_task(SET_POINT))
+    assert not np.signbit(read(np.full((n, 6), -0.0), n)).any()
+
+
 def test_rows_that_have_ended_are_not_looked_at(read: ActionReader) -> None:
     actions = np.zeros((2, 6))
     actions[1] = np.nan

@@ -35,7 +35,7 @@ def kernel() -> Kernel:
 def together(day: TaskSpec, kernel: Kernel) -> list[StepResult]:
     simulation = Simulation(day, 64, kernel)
     simulation.reset(SEEDS)
-    return run(simulation, walk(11, 12, 64))
+    return run(simulation, walk(11, 6, 64))
 
 
 @pytest.mark.parametrize("n", [1, 7, 30])
@@ -44,7 +44,7 @@ def test_a_run_has_the_same_bits_in_every_batch(
 ) -> None:
     simulation = Simulation(day, n, kernel)
     simulation.reset(SEEDS[:n])
-    for few, many in zip(run(simulation, walk(11, 12, n)), together, strict=True):
+    for few, many in zip(run(simulation, walk(11, 6, n)), together, strict=True):
         assert all(same_bits(few, row, many, row) for row in range(n))
 
 
@@ -54,7 +54,7 @@ def test_a_run_has_the_same_bits_at_every_place_and_with_strided_actions(
     order = [40, 3, 63, 0, 17]
     simulation = Simulation(day, 5, kernel)
     simulation.reset([SEEDS[place] for place in order])
-    actions = np.asfortranarray(walk(11, 12, 64).astype(np.float64))[:, order]
+    actions = np.asfortranarray(walk(11, 6, 64).astype(np.float64))[:, order]
     assert not actions[0].flags.c_contiguous
     for few, many in zip(run(simulation, actions), together, strict=True):
         assert all(same_bits(few, row, many, place) for row, place in enumerate(order))
@@ -65,9 +65,9 @@ def test_runs_started_later_have_the_same_bits(day: TaskSpec, kernel: Kernel, to
     simulation.reset([1, 2])
     run(simulation, walk(2, 5, 2))
     simulation.reset([SEEDS[0]], rows=[1])
-    actions = walk(11, 12, 1)
-    late = run(simulation, np.concatenate([walk(2, 12, 1), actions], axis=1))
-    assert simulation.k.tolist() == [17, 12]
+    actions = walk(11, 6, 1)
+    late = run(simulation, np.concatenate([walk(2, 6, 1), actions], axis=1))
+    assert simulation.k.tolist() == [11, 6]
     assert all(same_bits(few, 1, many, 0) for few, many in zip(late, together, strict=True))
 
 

@@ -107,6 +107,7 @@ def test_single_run_agents_resume_with_failed_runs_left_alone(
         def reset(self, task):
             Agent.made = getattr(Agent, "made", 0) + 1
             self.number, self.calls, self.total = Agent.made, 0, 0.0
+            if self.number == 3: raise RuntimeError("had enough before it began")
         def act(self, observation):
             self.calls += 1
             self.total += float(observation[0])
@@ -118,7 +119,8 @@ def test_single_run_agents_resume_with_failed_runs_left_alone(
     interrupted_at(12, day_task, agent, tmp_path)
     resumed, _ = finish(day_task, agent, tmp_path)
 
-    assert [(run.status, run.steps) for run in resumed.runs] == [("ok", 24), ("crashed", 6), ("ok", 24)]
+    assert [(run.status, run.steps) for run in resumed.runs] == [("ok", 24), ("crashed", 6), ("crashed", 0)]
+    assert resumed.evaluation.resumed_at_step == 12
     assert resumed.runs == evaluate(day_task, agent).runs
 
 

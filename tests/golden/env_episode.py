@@ -82,6 +82,14 @@ def reward(before: np.ndarray, after: np.ndarray, u: np.ndarray) -> tuple[float,
     return (epi - lowest) / (highest - lowest) - penalty, epi
 
 
+def flow(x: np.ndarray, u: np.ndarray, d: np.ndarray, p: np.ndarray) -> np.ndarray:
+    def slope(_: float, y: np.ndarray) -> np.ndarray:
+        return rhs(y, u, d, p)
+
+    end: np.ndarray = solve_ivp(slope, (0.0, 900.0), x, method="Radau", rtol=1e-10, atol=1e-10).y[:, -1]
+    return end
+
+
 def main() -> None:
     task = get_task(TASK)
     nominal, weather = task.parameters(), task.disturbances().values
@@ -90,10 +98,7 @@ def main() -> None:
     for k in range(STEPS):
         u = np.clip(u + 0.1 * np.array(action(k)), 0, 1)
         p, d = draw(nominal, k), weather[k]
-        solution = solve_ivp(
-            lambda t, y, u=u, d=d, p=p: rhs(y, u, d, p), (0.0, 900.0), x, method="Radau", rtol=1e-10, atol=1e-10
-        )
-        before, x = x, solution.y[:, -1]
+        before, x = x, flow(x, u, d, p)
         gained, epi = reward(before, x, u)
         shown = [float(value) for value in observe(x, u, weather[k + 1], k + 1)]
         record.append({"action": action(k), "observation": shown, "reward": gained, "epi": epi})

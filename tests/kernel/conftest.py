@@ -41,6 +41,6 @@ def pool() -> Iterator[KernelPool]:
 @pytest.fixture
 def leafless(steps_900: KnownSteps) -> Array:
     """A state that no integrator can leave: without leaves, the CO2 compensation point is infinite."""
-    x = steps_900.x[0].copy()
+    x: Array = steps_900.x[0].copy()
     x[23] = 0.0
     return x

@@ -67,7 +67,7 @@ def test_a_wrong_shape_is_named(kernel: Kernel, inputs: dict[str, Array], key: s
         ("x", (1, 2), "state tAir"),
         ("u", (2, 3), "control uVent"),
         ("d", (0, 4), "disturbance wind"),
-        ("p", 4, "parameter sigma"),
+        ("p", 0, "parameter alfaLeafAir"),
     ],
 )
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])

@@ -12,9 +12,7 @@ from glbench import registration
 from glbench.registration import task_files
 from glbench.tasks import library, lock, lock_new_tasks, reading
 from glbench.tasks.digest import fingerprint
-
-SHORT_ID = "Schiphol2010-Delta10-v1"
-FILE = "schiphol2010-delta10-v1.toml"
+from tests.tasks.names import FILE
 
 
 @pytest.fixture(scope="session")

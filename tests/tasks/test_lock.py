@@ -13,7 +13,7 @@ import glbench.tasks.digest
 from glbench.errors import TaskError
 from glbench.tasks import Quantity, get_task, list_tasks, lock_new_tasks, read_lock
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
-from tests.tasks.conftest import FILE, SHORT_ID
+from tests.tasks.names import FILE, SHORT_ID
 
 ADVICE = (
     "Published tasks never change: restore the file, or add your change as a new version and run `glbench tasks lock`."
@@ -65,19 +65,20 @@ def test_another_model_is_named_as_the_reason(
     assert ADVICE not in message
 
 
-def test_other_weather_parameters_or_start_are_named_as_the_reason(
-    published: Path, forget: Callable[[], None], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    text = (published / "lock.toml").read_text(encoding="utf-8")
-    for part, words in (
-        ("weather", "the weather 'schiphol' has other values"),
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [
+        ("weather", "the weather 'schiphol' has other values, or is prepared in another way"),
         ("parameters", "the parameter set 'benchmark' has other values"),
         ("start", "the start 'mature_crop' is another one"),
-    ):
-        changed = re.sub(rf'^(digest|{part}) = "....', r'\1 = "0000', text, flags=re.MULTILINE)
-        (published / "lock.toml").write_text(changed, encoding="utf-8")
-        with pytest.raises(TaskError, match=f"is as it was published, but {words} .locked 0000"):
-            get_task(SHORT_ID)
+    ],
+)
+def test_other_weather_parameters_or_start_are_named_as_the_reason(published: Path, part: str, words: str) -> None:
+    text = (published / "lock.toml").read_text(encoding="utf-8")
+    changed = re.sub(rf'^(digest|{part}) = "....', r'\1 = "0000', text, flags=re.MULTILINE)
+    (published / "lock.toml").write_text(changed, encoding="utf-8")
+    with pytest.raises(TaskError, match=rf"is as it was published, but {words} \(locked 0000"):
+        get_task(SHORT_ID)
 
 
 def test_other_columns_are_named_as_the_reason(

@@ -23,7 +23,7 @@ from glbench.tasks import (
     task_card,
 )
 from glbench.tasks import quantities as q
-from glbench.weather.disturbances import PREPROCESSINGS as WEATHER_PREPROCESSINGS
+from glbench.weather import PREPROCESSINGS as WEATHER_PREPROCESSINGS
 
 Vary = Callable[..., Path]
 

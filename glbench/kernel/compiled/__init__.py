@@ -1,0 +1,22 @@
+"""The compiled backend of the kernel: the model as generated C++, stepped by Rodas4P2 in SIMD lanes.
+
+``CompiledStepper(900.0).step_rows(x, u, d, p, out)`` steps a batch in place; ``availability()`` says in words why it cannot
+be used here, if so. How it works, how accurate and how fast it is: docs/kernel-compiled.md.
+"""
+
+from __future__ import annotations
+
+from glbench.kernel.compiled.stepper import CompiledStepper, Failure, absent_equipment, availability
+from glbench.kernel.compiled.tolerances import FAST_STATES, PRESETS, Preset
+from glbench.kernel.compiled.unavailable import CompiledUnavailable
+
+__all__ = [
+    "FAST_STATES",
+    "PRESETS",
+    "CompiledStepper",
+    "CompiledUnavailable",
+    "Failure",
+    "Preset",
+    "absent_equipment",
+    "availability",
+]

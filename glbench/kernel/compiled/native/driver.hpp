@@ -15,7 +15,6 @@ struct Settings {
     double step;                     // length of the control step [s]
     double first;                    // first substep [s]
     double forgotten;                // factor on the squared errors of fast states while they will be forgotten
-    double crossing;                 // factor on the squared errors of a substep in which tAir crosses tTop
     double memory;                   // time that fast states take to forget an error [s]
     double smallest;                 // a substep below this fails the step [s]
     double most;                     // more substeps than this fail the step
@@ -96,9 +95,7 @@ template <class V> class Stepper {
     int round() {
         const V h = h_, one = broadcast<V>(1.0);
         const Error<V> part = substep(work_, h);
-        const V sum = fma<V>(part.fast, relaxation(remaining_ - h), part.slow);
-        const V before = work_.x[AA] - work_.x[BB], after = work_.y[AA] - work_.y[BB];
-        const V error = sum * select<V>(before * after < broadcast<V>(0.0), broadcast<V>(settings_.crossing), one);
+        const V error = fma<V>(part.fast, relaxation(remaining_ - h), part.slow);
         const MaskOf<V> busy = busy_ > broadcast<V>(0.0);
         const MaskOf<V> accepted = (error <= one) & busy;
         for (int i = 0; i < N; ++i) work_.x[i] = select<V>(accepted, work_.y[i], work_.x[i]);
@@ -264,13 +261,18 @@ template <class V> void run_rows(const Settings& settings, const Rows& rows, std
 
 }  // namespace glb
 
-using BatchLanes = typename glb::VectorOf<GLB_WIDTH>::type;
+#if defined(GLB_WIDTH)
+constexpr int BATCH_WIDTH = GLB_WIDTH;
+#else
+constexpr int BATCH_WIDTH = glb::NATIVE_WIDTH;
+#endif
+using BatchLanes = typename glb::VectorOf<BATCH_WIDTH>::type;
 
 extern "C" void glb_step_rows(const glb::Settings* settings, const glb::Rows* rows) {
     std::atomic<int64_t> next{0};
     if (rows->n == 1) return glb::run_rows<double>(*settings, *rows, next);
     // A thread is worth starting when it has a few vectors of rows to itself.
-    const int64_t useful = rows->n / (4 * GLB_WIDTH);
+    const int64_t useful = rows->n / (4 * BATCH_WIDTH);
     const int64_t threads = settings->threads < useful ? settings->threads : useful;
     std::vector<std::thread> others;
     for (int64_t k = 1; k < threads; ++k) others.emplace_back([&] { glb::run_rows<BatchLanes>(*settings, *rows, next); });
@@ -283,5 +285,5 @@ extern "C" void glb_layout(int64_t* sizes) {
     sizes[0] = sizeof(glb::Settings);
     sizes[1] = sizeof(glb::Rows);
     sizes[2] = glb::model::STATES;
-    sizes[3] = GLB_WIDTH;
+    sizes[3] = BATCH_WIDTH;
 }

@@ -1,0 +1,8 @@
+"""``python -m glbench``: the same as the command ``glbench``."""
+
+from __future__ import annotations
+
+from glbench.cli.app import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""How accurate the compiled stepper is, beside CVODES as the paper runs it.
+
+``python -m glbench.kernel.compiled.accuracy`` makes the published table: runs of 60 days of 900 s steps with real weather,
+each starting in another month, under controls that move at random (at most 0.1 a step) and under controls that jump between
+0 and 1 at every step. Errors are against the same run at tolerance 1e-10. CVODES has relative and absolute tolerance 1e-6 on
+the states as they are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime as dt
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.kernel.compiled.stepper import CompiledStepper
+from glbench.kernel.compiled.tolerances import Preset
+from glbench.model import CONTROL_NAMES, STATE_NAMES, build_rhs, default_parameters, initial_state
+from glbench.weather import disturbances, load_weather
+
+Array = NDArray[np.float64]
+
+STEP_SECONDS = 900.0
+STEPS_A_DAY = 96
+KINDS = ("walk", "jump")
+EXACT = Preset(relative=1e-10, first_substep=0.1, forgotten=1.0)
+"""Settings of the run that the others are compared with; the table below is the same with 1e-11."""
+
+_ROUNDING = 1e-12  # errors of this size relative to the state are rounding, not integration
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Controls (steps, runs, 6), weather (steps, runs, 10) and initial states (runs, 28) of some runs."""
+
+    controls: Array
+    weather: Array
+    initial: Array
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of a solution: largest and root mean square of each state (28,) [unit of the state]."""
+
+    largest: Array
+    mean_square: Array
+
+    def ratio(self, other: Errors) -> tuple[Array, Array]:
+        """Both divided by those of ``other``; 0 where neither has an error."""
+        pairs = ((self.largest, other.largest), (self.mean_square, other.mean_square))
+        largest, mean_square = (np.divide(a, b, out=np.where(a > 0.0, np.inf, 0.0), where=b > 0.0) for a, b in pairs)
+        return largest, mean_square
+
+
+def make_inputs(kind: str, seeds: Sequence[int], days: int) -> Inputs:
+    """Runs of ``days`` days, one a seed: run ``s`` starts in month ``s mod 12`` of 2010 or 2011 (never beyond 2012)."""
+    record = load_weather("schiphol")
+    steps = days * STEPS_A_DAY
+    weather = np.empty((steps, len(seeds), 10))
+    controls = np.empty((steps, len(seeds), len(CONTROL_NAMES)))
+    for run, seed in enumerate(seeds):
+        start = dt.date(2010 + seed // 12 % 2, 1 + seed % 12, 1)
+        weather[:, run] = disturbances(record, start=start, steps=steps, step_seconds=STEP_SECONDS).values
+        controls[:, run] = make_controls(kind, seed, steps)
+    parameters = default_parameters()
+    initial = np.stack([initial_state(weather[0, run], 16.5, parameters) for run in range(len(seeds))])
+    return Inputs(controls, weather, initial)
+
+
+def make_controls(kind: str, seed: int, steps: int) -> Array:
+    """Controls (steps, 6) that walk (at most 0.1 a step, held in [0, 1]) or jump (0 or 1, redrawn at every step)."""
+    generator = np.random.default_rng([seed, KINDS.index(kind)])
+    if kind == "jump":
+        return generator.integers(0, 2, (steps, len(CONTROL_NAMES))).astype(np.float64)
+    controls = np.empty((steps, len(CONTROL_NAMES)))
+    now = generator.uniform(0.0, 1.0, len(CONTROL_NAMES))
+    for step in range(steps):
+        now = np.clip(now + generator.uniform(-0.1, 0.1, now.shape), 0.0, 1.0)
+        controls[step] = now
+    return controls
+
+
+def run_compiled(inputs: Inputs, preset: str | Preset, variant: str = "author") -> tuple[Array, float]:
+    """States after every step (steps, runs, 28), and the mean number of substeps a step.
+
+    Raises
+    ------
+    StepError
+        When a row could not be stepped.
+    """
+    stepper = CompiledStepper(STEP_SECONDS, variant=variant, preset=preset)
+    parameters = default_parameters()
+    steps, runs, _ = inputs.controls.shape
+    states = np.empty((steps, runs, len(STATE_NAMES)))
+    substeps = 0
+    x = inputs.initial
+    for step in range(steps):
+        status = stepper.step_rows(x, inputs.controls[step], inputs.weather[step], parameters, states[step])
+        if status.any():
+            raise stepper.error(int(status.nonzero()[0][0]))
+        substeps += int(stepper.substeps.sum())
+        x = states[step]
+    return states, substeps / (steps * runs)
+
+
+def make_cvodes(tolerance: float, step_seconds: float = STEP_SECONDS, variant: str = "author", *, jit: bool = False) -> Any:
+    """CasADi's CVODES as the paper runs it: equal absolute and relative tolerance on unscaled states."""
+    x, q = casadi.SX.sym("x", len(STATE_NAMES)), casadi.SX.sym("q", 16)
+    rate = build_rhs(variant)(x, q[:6], q[6:], default_parameters())
+    options: dict[str, Any] = {"abstol": tolerance, "reltol": tolerance, "max_num_steps": 100_000}
+    if jit:
+        options |= {"jit": True, "compiler": "shell", "jit_options": {"flags": ["-O3", "-march=native"], "verbose": False}}
+    return casadi.integrator("cvodes_step", "cvodes", {"x": x, "p": q, "ode": rate}, 0.0, step_seconds, options)
+
+
+def run_cvodes(inputs: Inputs, tolerance: float = 1e-6, variant: str = "author") -> Array:
+    """States after every step (steps, runs, 28) by CVODES."""
+    integrator = make_cvodes(tolerance, variant=variant)
+    steps, runs, _ = inputs.controls.shape
+    states = np.empty((steps, runs, len(STATE_NAMES)))
+    held = np.concatenate([inputs.controls, inputs.weather], axis=2)
+    for run in range(runs):
+        x = inputs.initial[run]
+        for step in range(steps):
+            x = integrator(x0=x, p=held[step, run])["xf"].full().ravel()
+            states[step, run] = x
+    return states
+
+
+def errors(states: Array, exact: Array) -> Errors:
+    """Errors of ``states`` against ``exact``; differences of the size of rounding count as none."""
+    difference = np.abs(states - exact)
+    difference[difference <= _ROUNDING * np.abs(exact)] = 0.0
+    return Errors(difference.max(axis=(0, 1)), np.sqrt((difference**2).mean(axis=(0, 1))))
+
+
+def compare(kind: str, seeds: Sequence[int], days: int, presets: Sequence[str]) -> tuple[Errors, dict[str, tuple[Errors, float]]]:
+    """Errors of CVODES, and for each preset its errors and substeps a step."""
+    inputs = make_inputs(kind, seeds, days)
+    exact, _ = run_compiled(inputs, EXACT)
+    found = {}
+    for preset in presets:
+        states, substeps = run_compiled(inputs, preset)
+        found[preset] = errors(states, exact), substeps
+    return errors(run_cvodes(inputs), exact), found
+
+
+def table(cvodes: Errors, found: dict[str, tuple[Errors, float]]) -> str:
+    """The comparison as text: errors of CVODES, and the errors of each preset as multiples of them."""
+    lines = [f"{'state':<10}{'CVODES max':>12}{'CVODES rms':>12}" + "".join(f"{p + ' max':>16}{p + ' rms':>16}" for p in found)]
+    ratios = {preset: own.ratio(cvodes) for preset, (own, _) in found.items()}
+    for i, name in enumerate(STATE_NAMES):
+        row = f"{name:<10}{cvodes.largest[i]:12.2e}{cvodes.mean_square[i]:12.2e}"
+        lines.append(row + "".join(f"{largest[i]:15.2f}x{square[i]:15.2f}x" for largest, square in ratios.values()))
+    lines += [f"{preset}: {substeps:.1f} substeps a step" for preset, (_, substeps) in found.items()]
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table; exit status 1 when the first preset is less accurate than CVODES in any state."""
+    parser = argparse.ArgumentParser(prog="python -m glbench.kernel.compiled.accuracy", description=__doc__)
+    parser.add_argument("--seeds", type=int, default=20, help="runs of each kind")
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--days", type=int, default=60)
+    parser.add_argument("--presets", nargs="+", default=["reference"])
+    chosen = parser.parse_args(arguments)
+    worse = False
+    for kind in KINDS:
+        seeds = range(chosen.first_seed, chosen.first_seed + chosen.seeds)
+        cvodes, found = compare(kind, seeds, chosen.days, chosen.presets)
+        title = f"{chosen.seeds} runs of {chosen.days} days, steps of {STEP_SECONDS:g} s, controls that {kind}"
+        sys.stdout.write(f"{title}\n{table(cvodes, found)}\n")
+        sys.stdout.flush()
+        worse |= any(bool((ratio > 1.0).any()) for ratio in found[chosen.presets[0]][0].ratio(cvodes))
+    return int(worse)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,122 @@
+"""The C++ compiler of this machine, and the flags that keep every bit where IEEE 754 puts it."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from glbench.kernel.compiled.unavailable import CompiledUnavailable
+
+# No fused multiply-add but the written ones; no -ffast-math in any form. The two "no-" flags give up errno and
+# floating-point exceptions, neither of which has a value.
+_EXACT = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
+_TIMEOUT_SECONDS = 300.0
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """Command that compiles C++, and its version in words."""
+
+    command: tuple[str, ...]
+    version: str
+
+    def flags(self, width: int | None = None) -> tuple[str, ...]:
+        """Flags for a library of this machine; ``width`` forces the number of lanes (1, 2, 4 or 8)."""
+        tune = "-march=native" if platform.machine() in {"x86_64", "AMD64"} else "-mcpu=native"
+        lanes = () if width is None else (f"-DGLB_WIDTH={width}",)
+        return ("-std=c++17", "-O2", tune, *_EXACT, "-Wno-psabi", "-fPIC", "-shared", "-pthread", *lanes)
+
+    def compile(self, source: Path, library: Path, include: tuple[Path, ...], flags: tuple[str, ...]) -> None:
+        """Compile one source file into a shared library.
+
+        Raises
+        ------
+        CompiledUnavailable
+            When the compiler fails or takes too long; the message has the end of what it said.
+        """
+        folders = [word for folder in include for word in ("-I", str(folder))]
+        command = [*self.command, *flags, *folders, str(source), "-o", str(library)]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT_SECONDS, check=False)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            msg = f"The compiler '{' '.join(self.command)}' could not build the kernel: {error}."
+            raise CompiledUnavailable(msg) from error
+        if done.returncode != 0:
+            lines = (done.stderr or done.stdout).strip().splitlines()
+            said = " | ".join(([line for line in lines if "error" in line.lower()] or lines)[:4])
+            msg = (
+                f"The compiler '{' '.join(self.command)}' ({self.version}) failed on the kernel with exit status "
+                f"{done.returncode}: {said or 'it gave no reason'}. Set CXX to another C++17 compiler (gcc or clang)."
+            )
+            raise CompiledUnavailable(msg)
+
+
+def find_compiler() -> Compiler:
+    """The compiler named by CXX, else the C++ companion of CC, else the first of c++, g++, clang++ that runs.
+
+    Raises
+    ------
+    CompiledUnavailable
+        When there is none, or the one that CXX or CC names does not run.
+    """
+    return _find(os.environ.get("CXX", ""), os.environ.get("CC", ""), os.environ.get("PATH", ""))
+
+
+@cache
+def _find(cxx: str, cc: str, path: str) -> Compiler:  # noqa: ARG001  the path is part of the question
+    if cxx.strip():
+        candidates, wish = [tuple(shlex.split(cxx))], f"CXX={cxx}"
+    elif cc.strip():
+        candidates, wish = [_companion(tuple(shlex.split(cc)))], f"CC={cc}"
+    else:
+        candidates, wish = [("c++",), ("g++",), ("clang++",)], ""
+    for command in candidates:
+        version = _version(command)
+        if version is not None:
+            return Compiler(command, version)
+    if wish:
+        msg = f"The compiler that {wish} asks for does not run. Correct the variable, or unset it to use c++, g++ or clang++."
+    else:
+        msg = "There is no C++ compiler here (looked for c++, g++, clang++). Install gcc or clang, or set CXX."
+    raise CompiledUnavailable(msg)
+
+
+def _companion(command: tuple[str, ...]) -> tuple[str, ...]:
+    """The C++ driver beside a C one: gcc-12 -> g++-12, clang -> clang++, cc -> c++."""
+    path = Path(command[0])
+    name = path.name
+    for c_name, cxx_name in (("clang", "clang++"), ("gcc", "g++"), ("cc", "c++")):
+        if name.startswith(c_name):
+            name = cxx_name + name[len(c_name) :]
+            break
+    return (str(path.with_name(name)) if path.parent != Path() else name, *command[1:])
+
+
+def _version(command: tuple[str, ...]) -> str | None:
+    if shutil.which(command[0]) is None:
+        return None
+    try:
+        done = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=30.0, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.splitlines()[0].strip() if done.returncode == 0 and done.stdout else None
+
+
+@cache
+def machine_digest() -> str:
+    """Digest of what ``-march=native`` depends on: a cache may be shared by machines with different processors."""
+    facts = [sys.platform, platform.machine(), platform.processor()]
+    processor = Path("/proc/cpuinfo")
+    if processor.is_file():
+        wanted = ("flags", "model name", "features", "cpu part")
+        lines = processor.read_text(encoding="utf-8", errors="replace").splitlines()
+        facts += sorted({line for line in lines if line.lower().startswith(wanted)})
+    return hashlib.sha256("\n".join(facts).encode()).hexdigest()

@@ -1,0 +1,81 @@
+"""How accurate a step is: tolerances of each state, presets, and the states that forget.
+
+The error of a substep is measured in units of ``relative*|x| + absolute``, summed over the states as squares; a sum above
+one is rejected. ``absolute`` is relative to the size below which a state's value means little for the others: 0.1 K,
+1 mg m-3 of CO2, 10 Pa, 100 mg m-2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.errors import UnknownNameError, did_you_mean
+from glbench.model import STATE_NAMES
+
+FAST_STATES = ("co2Top", "tTop", "tCovIn", "tCovE", "tThScr", "vpTop", "tLamp", "tBlScr")
+"""States that settle within a minute or so: an error made long before the end of the step is forgotten at its end."""
+
+_SMALL = {"co2Air": 1.0, "co2Top": 1.0, "vpAir": 10.0, "vpTop": 10.0} | {
+    name: 100.0 for name in ("cBuf", "cLeaf", "cStem", "cFruit")
+}
+_SMALL_TEMPERATURE = 0.1
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Settings of the step-size control.
+
+    Attributes
+    ----------
+    relative : float
+        Relative tolerance of a substep.
+    first_substep : float
+        Length of the first substep of every control step [s]; fixed, so that a step depends on its inputs only.
+    forgotten : float
+        Factor on the squared errors of the fast states until ``memory`` seconds before the end of the step.
+    memory : float
+        [s]
+    """
+
+    relative: float
+    first_substep: float
+    forgotten: float
+    memory: float = 120.0
+
+
+PRESETS = {
+    "reference": Preset(relative=2e-6, first_substep=4.0, forgotten=0.01),
+    "fast": Preset(relative=1e-4, first_substep=8.0, forgotten=0.01),
+    "tight": Preset(relative=1e-8, first_substep=0.5, forgotten=1.0),
+}
+"""``reference``: what scores are made with. ``fast``: for training. ``tight``: to check the others against."""
+
+LARGEST_SUBSTEPS = 20_000
+"""More substeps than this in one control step are a failure of that row."""
+
+SMALLEST_SUBSTEP = 1e-7
+"""[s] A substep that would have to be shorter is a failure of that row."""
+
+
+def get_preset(name: str | Preset) -> Preset:
+    """Preset of that name; a preset of the caller's own is given back.
+
+    Raises
+    ------
+    UnknownNameError
+        When there is none.
+    """
+    if isinstance(name, Preset):
+        return name
+    if name not in PRESETS:
+        msg = f"The compiled kernel has no preset '{name}'.{did_you_mean(name, PRESETS)}"
+        raise UnknownNameError(msg)
+    return PRESETS[name]
+
+
+def small_values() -> NDArray[np.float64]:
+    """Size of each state (28,) below which errors are absolute [unit of the state]."""
+    return np.array([_SMALL.get(name, _SMALL_TEMPERATURE) for name in STATE_NAMES])

@@ -1,0 +1,44 @@
+"""Habits of the package that no single room can promise."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import glbench
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    code = "import sys, glbench; print(*sorted({m.split('.')[0] for m in sys.modules}))"
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    ).stdout.split()
+    assert not {"casadi", "pandas", "pyarrow", "torch", "pvlib", "scipy", "typer", "rich"} & set(loaded)
+
+
+def test_the_version_is_that_of_the_project_file_and_the_citation():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert glbench.__version__ == project
+    assert re.search(rf"^version: {re.escape(project)}$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
+    assert f"## {project}" in (ROOT / "CHANGELOG.md").read_text()
+
+
+@pytest.mark.parametrize(
+    "document", sorted(p.relative_to(ROOT).as_posix() for p in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+)
+def test_links_between_documents_lead_somewhere(document):
+    text = (ROOT / document).read_text()
+    for target in re.findall(r"\]\((?!https?:|mailto:|#)([^)#\s]+)", text):
+        assert ((ROOT / document).parent / target).exists(), f"{document} points to {target}"
+
+
+def test_no_file_of_the_package_is_too_long_to_read_in_one_sitting():
+    long = {p.name: n for p in ROOT.glob("glbench/**/*.py") if (n := len(p.read_text().splitlines())) > 400}
+    assert not long
