@@ -41,7 +41,8 @@ def evaluate(
         int | None, typer.Option("--seed", min=0, help="Seed of the first run. Default: what the task says.")
     ] = None,
     workers: Annotated[
-        int | None, typer.Option("--workers", "-w", min=1, help="Processes to simulate with. Default: one a core.")
+        int | None,
+        typer.Option("--workers", "-w", min=1, help="Processes to simulate with. Default: what is fastest here."),
     ] = None,
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for results/ and for the checkpoint of unfinished work.")
@@ -59,16 +60,15 @@ def evaluate(
     what is finished is not done again.
     """
     from glbench.evaluation import prepare
-    from glbench.evaluation.provenance import usable_cores
 
-    tasks = _tasks(task or [], suite or [])
-    with _quiet_agents(as_json):
+    with _quiet_agents(as_json), messages().status("preparing (the first time on a machine the kernel is built, too)"):
+        tasks = _tasks(task or [], suite or [])
         loaded = _agents(agents)
-    evaluations = [
-        prepare(chosen, agent, runs=runs, first_seed=seed, workers=workers or usable_cores(), out=out, fresh=fresh)
-        for chosen in tasks
-        for agent in loaded
-    ]
+        evaluations = [
+            prepare(chosen, agent, runs=runs, first_seed=seed, workers=workers, out=out, fresh=fresh)
+            for chosen in tasks
+            for agent in loaded
+        ]
     failed = False
     for evaluation in evaluations:
         try:

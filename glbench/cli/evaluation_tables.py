@@ -18,7 +18,7 @@ _UNITS = {"EUR m-2": "EUR/m²", "kWh m-2": "kWh/m²", "kg m-2": "kg/m²", "h": "
 _DECIMALS = {"EUR m-2": 3, "kWh m-2": 2, "kg m-2": 3, "h": 1, "-": 2}
 _LABELS = {
     "reward": "Reward",
-    "epi": "EPI (economic performance)",
+    "epi": "EPI = revenue - costs",
     "revenue": "  revenue",
     "cost_heat": "  cost of heat",
     "cost_electricity": "  cost of electricity",
@@ -61,7 +61,7 @@ def summary_table(result: Result) -> Table:
         title=f"{escape(result.agent.name)} on {escape(result.task.id)}: {_count(runs, 'run')}",
         title_justify="left",
         title_style="bold",
-        caption="IQM: mean of the middle half of the runs. 95 % interval: bootstrap interval of the mean.",
+        caption="IQM: mean of the middle half of the runs. 95 % interval: bootstrap, of the mean.",
         caption_justify="left",
     )
     table.add_column("Sum over the period")
@@ -76,8 +76,8 @@ def summary_table(result: Result) -> Table:
         table.add_row(_LABELS[name], _UNITS[unit], *_cells(estimates[name], _DECIMALS[unit], runs))
     table.add_section()
     evaluation = result.evaluation
-    table.add_row("Decision, one step of one run", "ms", f"{evaluation.decision_milliseconds:.3f}", "", "")
-    table.add_row("Time of the evaluation", "s", f"{evaluation.wall_seconds:.1f}", "", "")
+    table.add_row("Decision, each step", "ms", f"{evaluation.decision_milliseconds:.3f}", "", "")
+    table.add_row("Whole evaluation", "s", f"{evaluation.wall_seconds:.1f}", "", "")
     return table
 
 

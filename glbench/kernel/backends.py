@@ -1,26 +1,18 @@
 """The ways of stepping the model, and the choice between them.
 
-``compiled`` is generated C or C++ and the fastest; ``casadi`` works everywhere; ``cvodes`` is the slow, independent check.
-``auto`` takes ``compiled`` where it is available, else ``casadi``.
-
-A compiled backend plugs in as the module ``glbench.kernel.compiled.backend`` with
-
-* ``available() -> bool``: cheap, never raises, says whether a library can be loaded or built here;
-* ``make_backend(*, step_seconds, variant, preset) -> Backend``.
+``compiled`` is generated C++ and by far the fastest; ``casadi`` works everywhere; ``cvodes`` is the slow, independent check.
+``auto`` takes ``compiled`` where a library can be loaded or built, else ``casadi``.
 """
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
-from typing import Any, Protocol
+from typing import Protocol
 
-from glbench.errors import GlbenchError, UnknownNameError, did_you_mean
+from glbench.errors import UnknownNameError, did_you_mean
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure
 from glbench.kernel.sundials import CvodesBackend
 
 BACKENDS = ("compiled", "casadi", "cvodes")
-_COMPILED = "glbench.kernel.compiled.backend"
 
 
 class Backend(Protocol):
@@ -41,8 +33,8 @@ class Backend(Protocol):
 
 
 def available() -> tuple[str, ...]:
-    """Names of the backends that work on this machine, fastest first."""
-    return tuple(name for name in BACKENDS if name != "compiled" or _compiled_works())
+    """Names of the backends that work on this machine, fastest first. The first call may compile for some seconds."""
+    return BACKENDS if _compiled_works() else tuple(name for name in BACKENDS if name != "compiled")
 
 
 def choose(name: str) -> str:
@@ -52,35 +44,34 @@ def choose(name: str) -> str:
     ------
     UnknownNameError
         When there is no backend of that name.
-    GlbenchError
-        When it exists but does not work here.
     """
     if name == "auto":
         return available()[0]
     if name not in BACKENDS:
         msg = f"The kernel has no backend '{name}'.{did_you_mean(name, ('auto', *BACKENDS))}"
         raise UnknownNameError(msg)
-    if name not in available():
-        msg = f"The backend '{name}' does not work on this machine. Use 'auto', or one of {', '.join(available())}."
-        raise GlbenchError(msg)
     return name
 
 
 def make_backend(name: str, *, step_seconds: float, variant: str, preset: str) -> Backend:
-    """Build the backend meant by ``name``; errors as in ``choose``, and UnknownNameError for variant or preset."""
+    """Build the backend meant by ``name``.
+
+    Raises
+    ------
+    UnknownNameError
+        When backend, variant or preset do not exist.
+    GlbenchError
+        When the backend does not work on this machine, with the reason.
+    """
     chosen = choose(name)
     if chosen == "compiled":
-        backend: Backend = _compiled().make_backend(step_seconds=step_seconds, variant=variant, preset=preset)
-        return backend
+        from glbench.kernel.compiled import backend as compiled
+
+        return compiled.make_backend(step_seconds=step_seconds, variant=variant, preset=preset)
     return CvodesBackend(chosen, step_seconds=step_seconds, variant=variant, preset=preset)
 
 
 def _compiled_works() -> bool:
-    # The folder ``compiled`` may be absent; the module inside it need not exist either.
-    if importlib.util.find_spec("glbench.kernel.compiled") is None or importlib.util.find_spec(_COMPILED) is None:
-        return False
-    return bool(_compiled().available())
+    from glbench.kernel.compiled import backend as compiled
 
-
-def _compiled() -> Any:
-    return importlib.import_module(_COMPILED)
+    return compiled.available()

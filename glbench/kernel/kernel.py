@@ -22,7 +22,7 @@ class Kernel(Stepper):
     backend : str
         ``"auto"``, ``"compiled"``, ``"casadi"`` or ``"cvodes"``, see ``glbench.kernel.backends``.
     preset : str
-        ``"reference"`` (what scores are made with) or ``"tight"`` (to check the former against).
+        ``"reference"`` (what scores are made with), ``"fast"`` (for training), or ``"tight"`` (to check the others against).
 
     Raises
     ------

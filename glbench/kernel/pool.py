@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from glbench.errors import GlbenchError, ShapeError, StepError
+from glbench.kernel.backends import choose
 from glbench.kernel.kernel import Kernel
 from glbench.kernel.link import Link
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure
@@ -60,7 +61,9 @@ class KernelPool(Stepper):
             msg = f"A kernel pool needs a whole number of workers, at least 1, not {workers!r}."
             raise ShapeError(msg)
         self.step_seconds = positive_seconds(step_seconds)
-        settings = {"step_seconds": self.step_seconds, "variant": variant, "backend": backend, "preset": preset}
+        # Chosen (and built, if need be) once, so that all workers step alike.
+        self.backend = choose(backend)
+        settings = {"step_seconds": self.step_seconds, "variant": variant, "backend": self.backend, "preset": preset}
         self._workers: list[_Worker] = []
         # Also runs when the pool is forgotten, and at the end of the interpreter.
         self.close_workers = weakref.finalize(self, _dismiss, self._workers)
@@ -69,7 +72,6 @@ class KernelPool(Stepper):
                 self._workers.append(_Worker(number, settings))
             descriptions: list[Description] = [worker.receive() for worker in self._workers]
         self._description = descriptions[0]
-        self.backend = str(self._description["backend"])
 
     @property
     def workers(self) -> int:

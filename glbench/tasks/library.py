@@ -7,11 +7,10 @@ from pathlib import Path
 
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.registration import task_files, task_ids
-from glbench.tasks.digest import definition_digest
 from glbench.tasks.lock import (
     LockEntry,
     check_against_lock,
-    check_definition_against_lock,
+    check_file_against_lock,
     lock_path,
     read_lock,
     write_lock,
@@ -176,5 +175,5 @@ def _read_listed(path: Path) -> TaskSpec:
     task = read_task(path)
     entry = read_lock().get(task.id)
     if entry is not None:
-        check_definition_against_lock(task, entry, definition_digest(task))
+        check_file_against_lock(task, entry)
     return task

@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 from glbench.errors import TaskError
 from glbench.resources import data_folder, write_atomically
-from glbench.tasks.digest import Fingerprint
+from glbench.tasks.digest import Fingerprint, definition_digest
 from glbench.tasks.spec import TaskSpec
 
 LOCK_NAME = "lock.toml"
@@ -102,11 +102,10 @@ def check_against_lock(task: TaskSpec, entry: LockEntry) -> None:
     TaskError
         With what differs (the file, the model, parameters, weather, start, observed columns) and what to do.
     """
+    check_file_against_lock(task, entry)
     found, locked = task.fingerprint(), entry.fingerprint
     if found.digest == locked.digest:
         return
-    if found.definition != locked.definition:
-        raise TaskError(_file_differs(task, _change(locked.digest, found.digest)))
     reasons = []
     if found.model != locked.model:
         reasons.append(
@@ -136,17 +135,16 @@ def check_against_lock(task: TaskSpec, entry: LockEntry) -> None:
     raise TaskError(msg)
 
 
-def check_definition_against_lock(task: TaskSpec, entry: LockEntry, definition: str) -> None:
-    """As ``check_against_lock``, for the file alone: ``definition`` is its digest. Needs neither model nor weather."""
-    if definition != entry.fingerprint.definition:
-        raise TaskError(_file_differs(task, _change(entry.fingerprint.definition, definition)))
-
-
-def _file_differs(task: TaskSpec, change: str) -> str:
-    return (
-        f"{task.source} no longer matches {LOCK_WORDS} ({change}).\n"
-        "Published tasks never change: restore the file, or add your change as a new version and run `glbench tasks lock`."
-    )
+def check_file_against_lock(task: TaskSpec, entry: LockEntry) -> None:
+    """As ``check_against_lock``, for the definition alone; needs neither model nor weather."""
+    found, locked = definition_digest(task), entry.fingerprint.definition
+    if found != locked:
+        msg = (
+            f"{task.source} no longer matches {LOCK_WORDS} ({_change(locked, found)}).\n"
+            "Published tasks never change: restore the file, or add your change as a new version and run "
+            "`glbench tasks lock`."
+        )
+        raise TaskError(msg)
 
 
 def _change(locked: str, found: str) -> str:

@@ -21,8 +21,10 @@ def scaled_error(got: Array, expected: Array) -> Array:
     ("backend", "preset", "limit"),
     [
         ("casadi", "reference", 5e-7),
+        ("casadi", "fast", 1e-3),
         ("casadi", "tight", 2e-8),
         ("cvodes", "reference", 3e-7),
+        ("cvodes", "fast", 1e-3),
         ("cvodes", "tight", 1e-8),
     ],
 )

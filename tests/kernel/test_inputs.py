@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from glbench.errors import ActionError, GlbenchError, ShapeError, UnknownNameError
+from glbench.errors import ActionError, ShapeError, UnknownNameError
 from glbench.kernel import Kernel, KernelPool, backends, make_kernel
 from tests.kernel.known_steps import Array, KnownSteps
 
@@ -107,6 +107,7 @@ def test_a_step_has_a_positive_length(seconds: float) -> None:
     ("settings", "message"),
     [
         ({"backend": "casady"}, "no backend 'casady'. Did you mean 'casadi'"),
+        ({"backend": "casadi", "preset": "fats"}, "no preset 'fats'. Did you mean 'fast'"),
         ({"backend": "cvodes", "preset": "referense"}, "no preset 'referense'. Did you mean 'reference'"),
         ({"backend": "casadi", "variant": "auther"}, "'auther'.*Did you mean 'author'"),
     ],
@@ -122,10 +123,14 @@ def test_auto_takes_the_compiled_backend_where_it_works(monkeypatch: pytest.Monk
     monkeypatch.setattr(backends, "_compiled_works", lambda: False)
     assert backends.choose("auto") == "casadi"
     assert Kernel(900.0).backend == "casadi"
-    with pytest.raises(
-        GlbenchError, match=r"'compiled' does not work on this machine\. Use 'auto', or one of casadi, cvodes"
-    ):
-        Kernel(900.0, backend="compiled")
+
+
+def test_the_choice_of_a_name_never_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    def compile_now() -> bool:
+        raise AssertionError
+
+    monkeypatch.setattr(backends, "_compiled_works", compile_now)
+    assert [backends.choose(name) for name in backends.BACKENDS] == list(backends.BACKENDS)
 
 
 def test_a_description_says_what_made_the_numbers(kernel: Kernel, pool: KernelPool) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -19,6 +22,18 @@ from tests.tasks.names import FILE
 def shipped_text() -> str:
     """Text of the default task's file."""
     return next(path for path in task_files() if path.name == FILE).read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="session")
+def shipped_words() -> dict[str, list[str]]:
+    """Words of the vocabulary by kind, without what other tests of this process may have registered."""
+    program = (
+        "import json; from glbench.tasks import vocabulary as v; "
+        "print(json.dumps({r.kind: r.names for r in vars(v).values() if isinstance(r, v.Registry)}))"
+    )
+    printed = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    words: dict[str, list[str]] = json.loads(printed.stdout)
+    return words
 
 
 @pytest.fixture

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from typer.testing import CliRunner, Result
 
+from glbench.cli.console import messages, output
 from glbench.cli.tasks import app
 from glbench.errors import TaskError, UnknownNameError
 from glbench.tasks import get_task
@@ -19,8 +20,14 @@ Vary = Callable[..., Path]
 
 
 @pytest.fixture(autouse=True)
-def wide(monkeypatch: pytest.MonkeyPatch) -> None:
+def wide(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A terminal of 200 columns, for these tests alone: the consoles remember the width they were made for."""
     monkeypatch.setenv("COLUMNS", "200")
+    for console in (output, messages):
+        console.cache_clear()
+    yield
+    for console in (output, messages):
+        console.cache_clear()
 
 
 def run(*arguments: str) -> Result:

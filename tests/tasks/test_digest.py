@@ -9,6 +9,7 @@ import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import rfc8785
@@ -19,10 +20,14 @@ from glbench.tasks import DEFAULT_TASK, get_task
 Vary = Callable[..., Path]
 
 
+def nine(value: float) -> float:
+    """``value`` with nine significant digits."""
+    return float(f"{value:.9g}")
+
+
 def test_the_digest_is_the_sha256_of_canonical_json() -> None:
     task = get_task(DEFAULT_TASK)
-    nine = lambda value: float(f"{value:.9g}")  # noqa: E731
-    parts = {
+    parts: dict[str, Any] = {
         "definition": task.definition(),
         "parameters": {name: nine(value) for name, value in task.parameters_by_name().items()},
         "start": [nine(value) for value in task.initial_state()],

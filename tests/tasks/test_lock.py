@@ -27,7 +27,7 @@ def edit(path: Path, old: str, new: str) -> None:
 
 
 def test_one_changed_character_is_refused(published: Path) -> None:
-    locked = read_lock()[f"glbench/{SHORT_ID}"].digest
+    locked = read_lock()[f"glbench/{SHORT_ID}"].fingerprint.definition
     assert get_task(SHORT_ID).locked
     edit(published / FILE, "delta = 0.10", "delta = 0.11")
     with pytest.raises(TaskError) as caught:
@@ -35,6 +35,12 @@ def test_one_changed_character_is_refused(published: Path) -> None:
     message = str(caught.value)
     assert message.startswith(f"tasks/{FILE} no longer matches tasks/lock.toml (locked {locked[:8]}..., found ")
     assert message.endswith(ADVICE)
+
+
+def test_an_edited_task_is_refused_before_its_impossible_weather_is_looked_for(published: Path) -> None:
+    edit(published / FILE, "2010-03-01", "1910-03-01")
+    with pytest.raises(TaskError, match=r"no longer matches tasks/lock\.toml"):
+        get_task(SHORT_ID)
 
 
 def test_the_list_refuses_a_changed_task_too(published: Path) -> None:

@@ -120,7 +120,7 @@ def test_what_a_task_hands_out_cannot_be_changed() -> None:
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
     with pytest.raises(ValueError, match="frozen"):
-        task.id = "mylab/Other-v1"  # type: ignore[misc]
+        task.id = "mylab/Other-v1"
 
 
 def test_a_list_of_tasks_needs_neither_weather_nor_digest(monkeypatch: pytest.MonkeyPatch) -> None:

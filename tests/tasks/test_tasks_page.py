@@ -1,0 +1,59 @@
+"""What docs/tasks.md shows is true."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from glbench.tasks import TaskSpec, get_task
+
+PAGE = Path(__file__).parents[2] / "docs" / "tasks.md"
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return PAGE.read_text(encoding="utf-8")
+
+
+def blocks(page: str, language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", page, flags=re.DOTALL)
+
+
+def test_the_whole_file_shown_is_a_task(page: str, write: Callable[[str], Path]) -> None:
+    task = get_task(write(blocks(page, "toml")[0]))
+    assert (task.id, task.steps) == ("mylab/December2011-v1", 7 * 288)
+    assert len(task.observed()) == 22 + 12 * 5
+    assert task.uncertain_parameters() == ("rgFruit", "sla")
+
+
+def test_the_published_modules_shown_have_263_columns(page: str, write: Callable[[str], Path]) -> None:
+    whole, published = blocks(page, "toml")
+    kept = re.sub(r"modules = \[\"indoor.*\n|timing = .*\n|forecast = .*\n", "", whole)
+    task = get_task(write(kept.replace("[observation]\n", "[observation]\n" + published)))
+    assert len(task.observed()) == 263
+
+
+def test_the_python_shown_runs(page: str) -> None:
+    exec(compile(blocks(page, "python")[0], str(PAGE), "exec"), {})
+
+
+def test_every_key_is_explained(page: str) -> None:
+    shown = tomllib.loads(blocks(page, "toml")[0])
+    fields = {field.alias or name for name, field in TaskSpec.model_fields.items()}
+    assert fields == set(shown) | {"description", "suites"}
+    for table, content in shown.items():
+        assert f"`{table}`" in page or f"**`[{table}]`**" in page
+        for key in content if isinstance(content, dict) else ():
+            assert f"`{key}`" in page
+
+
+def test_every_word_is_explained(page: str, shipped_words: dict[str, list[str]]) -> None:
+    assert len(shipped_words) == 8
+    for kind, names in shipped_words.items():
+        assert names, kind
+        for name in names:
+            assert f"`{name}`" in page
