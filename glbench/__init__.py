@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from importlib.metadata import version
 
-from glbench.registration import register_tasks_with_gymnasium
+from glbench.registration import register_tasks
 
 __version__ = version("glbench")
 
-register_tasks_with_gymnasium()
+register_tasks()

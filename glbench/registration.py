@@ -1,28 +1,21 @@
-"""Gymnasium ids of the shipped tasks, registered without loading anything heavy.
+"""Gymnasium ids of the shipped tasks, registered by ``import glbench`` from the ids in the task files alone.
 
-``import glbench`` must be quick, and Gymnasium alone takes longer than the rest. So its import is waited for: the ids are
-registered at once if Gymnasium is loaded already, else at the moment it is. Both orders of the two imports work, and so
-does ``gymnasium.make("glbench:glbench/...")``.
+The environment, with the model and all that it needs, is loaded when one is made.
 """
 
 from __future__ import annotations
 
-import sys
 import tomllib
-from collections.abc import Sequence
 from contextlib import suppress
-from importlib.abc import Loader, MetaPathFinder
-from importlib.machinery import ModuleSpec
-from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
+
+import gymnasium
 
 from glbench.resources import data_folder
 
 LOCK_NAME = "lock.toml"
 ENTRY_POINT = "glbench.env:GreenhouseEnv"
 VECTOR_ENTRY_POINT = "glbench.env:GreenhouseVectorEnv"
-_GYMNASIUM = "gymnasium"
 
 
 def task_files() -> list[Path]:
@@ -46,12 +39,7 @@ def task_ids() -> dict[str, Path]:
 
 
 def register_tasks() -> None:
-    """Make every shipped task known to Gymnasium, for ``make`` and ``make_vec``; a second call changes nothing.
-
-    Loads Gymnasium. The environment itself is loaded when one is made.
-    """
-    import gymnasium
-
+    """Make every shipped task known to Gymnasium, for ``make`` and ``make_vec``; a second call changes nothing."""
     for task_id in task_ids():
         if task_id not in gymnasium.registry:
             gymnasium.register(
@@ -61,43 +49,3 @@ def register_tasks() -> None:
                 max_episode_steps=None,
                 kwargs={"task": task_id},
             )
-
-
-def register_tasks_with_gymnasium() -> None:
-    """Call ``register_tasks`` now if Gymnasium is loaded, else as soon as it is."""
-    if _GYMNASIUM in sys.modules:
-        register_tasks()
-    elif not any(isinstance(finder, _GymnasiumFinder) for finder in sys.meta_path):
-        sys.meta_path.insert(0, _GymnasiumFinder())
-
-
-class _GymnasiumFinder(MetaPathFinder):
-    """Lets the other finders find Gymnasium, once, and has the ids registered after it is loaded."""
-
-    def find_spec(
-        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        if fullname != _GYMNASIUM:
-            return None
-        sys.meta_path.remove(self)
-        spec = find_spec(fullname)
-        if spec is not None and spec.loader is not None:
-            spec.loader = _RegisteringLoader(spec.loader)
-        return spec
-
-
-class _RegisteringLoader(Loader):
-    """Loads Gymnasium with its own loader, then registers the ids."""
-
-    def __init__(self, loader: Loader) -> None:
-        self._loader = loader
-
-    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
-        return self._loader.create_module(spec)
-
-    def exec_module(self, module: ModuleType) -> None:
-        if module.__spec__ is not None:
-            module.__spec__.loader = self._loader  # nothing but this import sees the stand-in
-        module.__loader__ = self._loader
-        self._loader.exec_module(module)
-        register_tasks()

@@ -66,7 +66,7 @@ class KernelPool(Stepper):
         settings = {"step_seconds": self.step_seconds, "variant": variant, "backend": self.backend, "preset": preset}
         self._workers: list[_Worker] = []
         # Also runs when the pool is forgotten, and at the end of the interpreter.
-        self.close_workers = weakref.finalize(self, _dismiss, self._workers)
+        self._dismissal = weakref.finalize(self, _dismiss, self._workers)
         with self._closing_on_error():
             for number in range(workers):
                 self._workers.append(_Worker(number, settings))
@@ -100,7 +100,7 @@ class KernelPool(Stepper):
 
     def close(self) -> None:
         """Let the workers leave and wait for them; those that do not within seconds are ended."""
-        self.close_workers()
+        self._dismissal()
 
     def _chunks(self, count: int) -> list[tuple[_Worker, int, int]]:
         """Contiguous, nearly equal parts of ``count`` rows; workers without rows are left out."""

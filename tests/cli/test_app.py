@@ -10,7 +10,7 @@ from glbench import __version__
 from glbench.errors import GlbenchError
 from tests.cli.command_line import Command
 
-HEAVY = ("casadi", "pandas", "pyarrow", "pvlib", "scipy", "torch", "gymnasium", "numpy", "pydantic")
+HEAVY = ("casadi", "pandas", "pyarrow", "pvlib", "scipy", "torch", "pydantic")
 
 
 def test_help_names_every_command_and_where_to_start(glbench: Command) -> None:

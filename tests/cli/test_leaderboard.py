@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from glbench.cli import console
 from glbench.cli.app import app
 from glbench.errors import ResultError
 from glbench.evaluation.files import save_result
@@ -26,12 +27,20 @@ def reports(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.fixture(autouse=True)
+def fresh_console():
+    """A console remembers the width it was made at."""
+    yield
+    console.output.cache_clear()
+
+
 def run(*arguments: str | Path):
     return RUNNER.invoke(app, ["leaderboard", *map(str, arguments)])
 
 
 def test_the_table_fits_80_columns_and_names_units_and_remarks(reports, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
+    console.output.cache_clear()
     result = run("--out", reports, "--task", "Meadow-v1")
     assert result.exit_code == 0, result.output
     assert max(len(line) for line in result.stdout.splitlines()) <= 80

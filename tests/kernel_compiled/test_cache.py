@@ -25,7 +25,9 @@ def quick_compiler(compiled: None, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     """The real compiler without optimisation, which writes a line to a log for each compilation."""
     log, script = tmp_path / "compilations", tmp_path / "quick-c++"
     real = " ".join(find_compiler().command)
-    script.write_text(f'#!/bin/sh\n[ "$1" = --version ] || echo compiled >> {log}\nexec {real} "$@" -O0\n', encoding="utf-8")
+    script.write_text(
+        f'#!/bin/sh\n[ "$1" = --version ] || echo compiled >> {log}\nexec {real} "$@" -O0\n', encoding="utf-8"
+    )
     script.chmod(0o755)
     monkeypatch.setenv("CXX", str(script))
     return log
@@ -66,7 +68,8 @@ def test_a_broken_record_is_built_again(empty_cache: Path, quick_compiler: Path)
 def test_processes_that_start_together_build_once(empty_cache: Path, quick_compiler: Path) -> None:
     program = "from glbench.kernel.compiled import availability; print(availability())"
     started = [
-        subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=dict(os.environ)) for _ in range(4)
+        subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=dict(os.environ))
+        for _ in range(4)
     ]
     assert [process.communicate(timeout=120)[0].strip() for process in started] == ["None"] * 4
     assert compilations(quick_compiler) == 1
@@ -92,7 +95,10 @@ def test_a_compiler_that_does_not_exist_is_named(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.usefixtures("empty_cache")
 def test_a_compiler_that_fails_is_quoted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     script = tmp_path / "failing"
-    script.write_text('#!/bin/sh\n[ "$1" = --version ] && echo failing 1.0 && exit 0\necho "error: no disk" >&2; exit 3\n', encoding="utf-8")
+    script.write_text(
+        '#!/bin/sh\n[ "$1" = --version ] && echo failing 1.0 && exit 0\necho "error: no disk" >&2; exit 3\n',
+        encoding="utf-8",
+    )
     script.chmod(script.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("CXX", str(script))
     with pytest.raises(CompiledUnavailable, match=r"exit status 3: error: no disk"):

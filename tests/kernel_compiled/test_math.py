@@ -47,7 +47,8 @@ def probe(compiled: None, tmp_path_factory: pytest.TempPathFactory) -> Probe:
 def ulps(found: Array, exact: list[Decimal]) -> float:
     """Largest error in units of the last place of the exact value."""
     return max(
-        float(abs(Decimal(value) - truth)) / math.ulp(float(truth)) for value, truth in zip(found.tolist(), exact, strict=True)
+        float(abs(Decimal(value) - truth)) / math.ulp(float(truth))
+        for value, truth in zip(found.tolist(), exact, strict=True)
     )
 
 
@@ -82,7 +83,9 @@ def test_log_of_zero_and_below(probe: Probe) -> None:
     assert found[3] == 0.0
 
 
-@pytest.mark.parametrize(("exponent", "limit"), [(0.165, 1.3), (0.32, 1.3), (0.5, 1.3), (1.0 / 6.0, 1.3), (-0.125, 1.3), (2.0, 2.3)])
+@pytest.mark.parametrize(
+    ("exponent", "limit"), [(0.165, 1.3), (0.32, 1.3), (0.5, 1.3), (1.0 / 6.0, 1.3), (-0.125, 1.3), (2.0, 2.3)]
+)
 def test_powers_with_the_exponents_of_convection(probe: Probe, exponent: float, limit: float) -> None:
     generator = np.random.default_rng(2)
     x = np.concatenate([10.0 ** generator.uniform(-14.0, 6.0, POINTS), generator.uniform(0.5, 2.0, POINTS)])

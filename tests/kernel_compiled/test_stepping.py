@@ -28,7 +28,9 @@ def step(stepper: CompiledStepper, x: Array, u: Array, d: Array, p: Array) -> Ar
 
 @pytest.mark.parametrize("season", ["winter", "summer"])
 @pytest.mark.parametrize(("preset", "limit"), [("tight", 2e-7), ("reference", 5e-6), ("fast", 2e-4)])
-def test_golden_steps_are_met(golden_steps: dict[str, Array], parameters: Array, season: str, preset: str, limit: float) -> None:
+def test_golden_steps_are_met(
+    golden_steps: dict[str, Array], parameters: Array, season: str, preset: str, limit: float
+) -> None:
     x, u, d, after = (golden_steps[f"{season}_{name}"] for name in ("x", "u", "d", "next"))
     found = step(CompiledStepper(300.0, preset=preset), x, u, d, parameters)
     assert np.max(np.abs(found - after) / STATE_SCALE) < limit
@@ -119,7 +121,9 @@ def test_too_many_substeps_are_reported_with_state_and_time(
     assert (backend.stepper.reached > 0.0).all()
 
 
-def test_substeps_that_become_too_small_are_reported(rows: RowArrays, parameters: Array, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_substeps_that_become_too_small_are_reported(
+    rows: RowArrays, parameters: Array, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("glbench.kernel.compiled.stepper.SMALLEST_SUBSTEP", 100.0)
     x, u, d = (a[:4] for a in rows)
     stepper = CompiledStepper(900.0)

@@ -45,7 +45,7 @@ def test_list_shows_every_task_in_words_under_its_suite(published: Path) -> None
     assert "Suite paper\n60 days from 1 March 2010, step 15 min, weather 'schiphol', prepared 'paper'" in result.stdout
     row = next(line for line in result.stdout.splitlines() if SHORT_ID in line)
     digest = get_task(SHORT_ID).digest
-    assert " ".join(row.split()) == f"{SHORT_ID} Schiphol, spring 2010, crop uncertain by 10 % 10 % {digest[:8]}"
+    assert " ".join(row.split()) == f"{SHORT_ID} Schiphol, spring 2010, crop ±10 % 10 % {digest[:8]}"
 
 
 def test_list_for_machines_has_ids_periods_and_digests(published: Path) -> None:

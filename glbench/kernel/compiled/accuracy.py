@@ -109,13 +109,19 @@ def run_compiled(inputs: Inputs, preset: str | Preset, variant: str = "author") 
     return states, substeps / (steps * runs)
 
 
-def make_cvodes(tolerance: float, step_seconds: float = STEP_SECONDS, variant: str = "author", *, jit: bool = False) -> Any:
+def make_cvodes(
+    tolerance: float, step_seconds: float = STEP_SECONDS, variant: str = "author", *, jit: bool = False
+) -> Any:
     """CasADi's CVODES as the paper runs it: equal absolute and relative tolerance on unscaled states."""
     x, q = casadi.SX.sym("x", len(STATE_NAMES)), casadi.SX.sym("q", 16)
     rate = build_rhs(variant)(x, q[:6], q[6:], default_parameters())
     options: dict[str, Any] = {"abstol": tolerance, "reltol": tolerance, "max_num_steps": 100_000}
     if jit:
-        options |= {"jit": True, "compiler": "shell", "jit_options": {"flags": ["-O3", "-march=native"], "verbose": False}}
+        options |= {
+            "jit": True,
+            "compiler": "shell",
+            "jit_options": {"flags": ["-O3", "-march=native"], "verbose": False},
+        }
     return casadi.integrator("cvodes_step", "cvodes", {"x": x, "p": q, "ode": rate}, 0.0, step_seconds, options)
 
 
@@ -140,7 +146,9 @@ def errors(states: Array, exact: Array) -> Errors:
     return Errors(difference.max(axis=(0, 1)), np.sqrt((difference**2).mean(axis=(0, 1))))
 
 
-def compare(kind: str, seeds: Sequence[int], days: int, presets: Sequence[str]) -> tuple[Errors, dict[str, tuple[Errors, float]]]:
+def compare(
+    kind: str, seeds: Sequence[int], days: int, presets: Sequence[str]
+) -> tuple[Errors, dict[str, tuple[Errors, float]]]:
     """Errors of CVODES, and for each preset its errors and substeps a step."""
     inputs = make_inputs(kind, seeds, days)
     exact, _ = run_compiled(inputs, EXACT)
@@ -153,7 +161,10 @@ def compare(kind: str, seeds: Sequence[int], days: int, presets: Sequence[str]) 
 
 def table(cvodes: Errors, found: dict[str, tuple[Errors, float]]) -> str:
     """The comparison as text: errors of CVODES, and the errors of each preset as multiples of them."""
-    lines = [f"{'state':<10}{'CVODES max':>12}{'CVODES rms':>12}" + "".join(f"{p + ' max':>16}{p + ' rms':>16}" for p in found)]
+    lines = [
+        f"{'state':<10}{'CVODES max':>12}{'CVODES rms':>12}"
+        + "".join(f"{p + ' max':>16}{p + ' rms':>16}" for p in found)
+    ]
     ratios = {preset: own.ratio(cvodes) for preset, (own, _) in found.items()}
     for i, name in enumerate(STATE_NAMES):
         row = f"{name:<10}{cvodes.largest[i]:12.2e}{cvodes.mean_square[i]:12.2e}"

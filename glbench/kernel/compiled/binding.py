@@ -42,6 +42,7 @@ class RowPointers(ctypes.Structure):
         ("status", ctypes.c_void_p),
         ("substeps", ctypes.c_void_p),
         ("reached", ctypes.c_void_p),
+        ("failed", ctypes.c_int64),
     )
 
 

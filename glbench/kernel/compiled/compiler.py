@@ -71,7 +71,7 @@ def find_compiler() -> Compiler:
 
 
 @cache
-def _find(cxx: str, cc: str, path: str) -> Compiler:  # noqa: ARG001  the path is part of the question
+def _find(cxx: str, cc: str, path: str) -> Compiler:
     if cxx.strip():
         candidates, wish = [tuple(shlex.split(cxx))], f"CXX={cxx}"
     elif cc.strip():

@@ -74,7 +74,9 @@ class _Forward:
         return self._plus(self._scaled(self.of(b), a), self._scaled(self.of(a), b))
 
     def _inv(self, number: int) -> Gradient:
-        return self._scaled(self.of(self._args(number)[0]), self.graph.make("neg", self.graph.make("mul", number, number)))
+        return self._scaled(
+            self.of(self._args(number)[0]), self.graph.make("neg", self.graph.make("mul", number, number))
+        )
 
     def _exp(self, number: int) -> Gradient:
         return self._scaled(self.of(self._args(number)[0]), number)

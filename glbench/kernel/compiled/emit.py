@@ -12,9 +12,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 from glbench.kernel.compiled.graph import CONDITIONS, Graph, Level
 
-# Slow operations, packed in groups; "pow_positive" is pow with a base that cannot be zero or negative.
-_SLOW = frozenset({"exp", "log", "pow", "pow_positive", "inv", "sqrt", "tanh"})
+# Slow operations, packed in groups; "pow_positive" is pow with a base that cannot be zero or negative, "exp_limited" is exp
+# with an argument that cannot overflow.
+_SLOW = frozenset({"exp", "exp_limited", "log", "pow", "pow_positive", "inv", "sqrt", "tanh"})
 _LARGEST_GROUP = 8
+_LARGEST_EXPONENT = 700.0
 
 
 class Emitter:
@@ -56,14 +58,23 @@ class Emitter:
     def _given(self, number: int) -> str | None:
         node = self.graph.nodes[number]
         if node.op == "const":
-            return f"K({node.value.hex()})" if node.value == node.value else "K(__builtin_nan(\"\"))"
+            return f"K({node.value.hex()})" if node.value == node.value else 'K(__builtin_nan(""))'
         return self._name_of_input(number)
 
     def _kind(self, number: int) -> str:
         node = self.graph.nodes[number]
         if node.op == "pow" and self._is_positive(node.args[0]):
             return "pow_positive"
+        if node.op == "exp" and self._is_limited(node.args[0]):
+            return "exp_limited"
         return node.op
+
+    def _is_limited(self, number: int) -> bool:
+        """Whether a value is the minimum of something and a constant that exp can take."""
+        node = self.graph.nodes[number]
+        return node.op == "min" and any(
+            self.graph.is_constant(a) and self.graph.value(a) <= _LARGEST_EXPONENT for a in node.args
+        )
 
     def _is_positive(self, number: int) -> bool:
         """Whether a value is positive by its form: a square, or a sum or product of such, with a positive constant."""

@@ -37,6 +37,7 @@ def eliminate(pattern: Pattern) -> Elimination:
     order: list[int] = []
     lower: list[list[int]] = [[] for _ in range(size)]
     while remaining:
+
         def cost(i: int) -> tuple[int, int]:
             column = sum(1 for r in remaining if i in rows[r])
             return (len(rows[i] & remaining) - 1) * (column - 1), i
@@ -53,9 +54,7 @@ def eliminate(pattern: Pattern) -> Elimination:
                 rows[row] |= later
     place = {pivot: k for k, pivot in enumerate(order)}
     upper = [tuple(sorted((j for j in rows[i] if place[j] > place[i]), key=place.__getitem__)) for i in range(size)]
-    return Elimination(
-        tuple(order), tuple(map(tuple, lower)), tuple(upper), frozenset(set(range(size)) - touched)
-    )
+    return Elimination(tuple(order), tuple(map(tuple, lower)), tuple(upper), frozenset(set(range(size)) - touched))
 
 
 def factorise_text(plan: Elimination, jacobian_index: dict[tuple[int, int], int]) -> str:
@@ -82,9 +81,7 @@ def factorise_text(plan: Elimination, jacobian_index: dict[tuple[int, int], int]
             lines += _entry(f"d{i}", i, i, [(f"m{i}_{k}", f"u{k}_{i}") for k in terms], jacobian_index)
             lines.append(f"const V r{i} = inv_of<V>(s - d{i}); lu[{place[i, i]}] = r{i};")
     body = "\n    ".join(lines)
-    return (
-        "template <class V> void factorise(const V* jac, const V s, const V gamma_h, V* lu) {\n    " + body + "\n}\n"
-    )
+    return "template <class V> void factorise(const V* jac, const V s, const V gamma_h, V* lu) {\n    " + body + "\n}\n"
 
 
 def solve_text(plan: Elimination) -> str:
@@ -105,7 +102,9 @@ def solve_text(plan: Elimination) -> str:
     return "template <bool Two, class V> void solve(const V* lu, const V* a, const V* b, V* k) {\n    " + body + "\n}\n"
 
 
-def _entry(name: str, i: int, j: int, terms: list[tuple[str, str]], jacobian_index: dict[tuple[int, int], int]) -> list[str]:
+def _entry(
+    name: str, i: int, j: int, terms: list[tuple[str, str]], jacobian_index: dict[tuple[int, int], int]
+) -> list[str]:
     """Lines that compute one entry of J plus the elimination's sum."""
     known = jacobian_index.get((i, j))
     text = f"jac[{known}]" if known is not None else ""

@@ -11,6 +11,9 @@ from collections.abc import Sequence
 
 from glbench.kernel.compiled.graph import Graph, Level, Node
 
+LOGISTIC_LIMIT = 300.0
+"""Largest argument of the exponential in ``1/(1 + exp(-z))``: the function is 5e-131 there, and squares stay finite."""
+
 _SUM = frozenset({"add", "sub"})
 _PRODUCT = frozenset({"mul", "inv"})
 
@@ -37,7 +40,8 @@ def spell_out_logistic(graph: Graph, outputs: Sequence[int]) -> tuple[Graph, lis
         elif node.op == "input":
             done[number] = new.source(node.source, node.index)
         elif node.op == "logistic":
-            exponential = new.make("exp", new.make("neg", args[0]))
+            limited = new.make("min", new.constant(LOGISTIC_LIMIT), new.make("neg", args[0]))
+            exponential = new.make("exp", limited)
             done[number] = new.make("inv", new.make("add", new.constant(1.0), exponential))
         else:
             done[number] = new.make(node.op, *args)
@@ -200,7 +204,25 @@ class _Regroup:
         node: Node = self.new.nodes[number]
         if node.op == "mul":
             return self._times([self._reciprocal(a) for a in node.args])
+        argument = self._argument_of_one_plus_exp(node)
+        if argument is not None:
+            return self.new.make("logistic", self.new.make("neg", argument))
         return self.new.make("inv", number)
+
+    def _argument_of_one_plus_exp(self, node: Node) -> int | None:
+        """``a`` when the node is ``1 + exp(a)``; a limit on ``a`` that keeps exp finite is left to the logistic function."""
+        if node.op != "add":
+            return None
+        for one, other in (node.args, node.args[::-1]):
+            exponential = self.new.nodes[other]
+            if self.new.is_constant(one, 1.0) and exponential.op == "exp":
+                inner = self.new.nodes[exponential.args[0]]
+                if inner.op == "min":
+                    for limit, free in (inner.args, inner.args[::-1]):
+                        if self.new.is_constant(limit) and self.new.value(limit) >= LOGISTIC_LIMIT:
+                            return free
+                return exponential.args[0]
+        return None
 
     def _flatten(self, number: int) -> list[int]:
         """Factors of a product of the new graph as far as they separate the levels."""

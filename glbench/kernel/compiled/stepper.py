@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 Status = NDArray[np.int32]
 
 _SIZES = {"x": len(STATE_NAMES), "u": len(CONTROL_NAMES), "d": len(DISTURBANCE_NAMES), "p": len(PARAMETER_NAMES)}
+_SHARED = (_SIZES["p"],)
 _NO_STATE = 63
 # Up to so many rows it is quicker to copy the inputs beside fixed pointers than to ask arrays for theirs.
 _COPIED_ROWS = 64
@@ -56,6 +57,14 @@ class _Batch:
     reached: Array
     pointers: RowPointers
     call: object  # ctypes.byref(pointers)
+    x_shape: tuple[int, int]
+    u_shape: tuple[int, int]
+    d_shape: tuple[int, int]
+    p_shape: tuple[int, int]
+
+    def any_failed(self) -> bool:
+        """Whether a row was not stepped."""
+        return self.pointers.failed != 0
 
 
 class CompiledStepper:
@@ -152,33 +161,48 @@ class CompiledStepper:
         Raises
         ------
         ShapeError
-            When an array has another shape, type or layout.
+            When an array has another shape; with more than 64 rows also when it has another type or layout.
         """
-        n = len(x)
         batch = self._batch
-        if batch.n != n:
-            batch = self._batch = _new_batch(n)
-        shared = p.ndim == 1 or (len(p) == 1 and n != 1)
-        _check(x, u, d, p, out, n)
-        copied = n <= _COPIED_ROWS
-        pointers = batch.pointers
-        if copied:
-            batch.x[:] = x
-            batch.u[:] = u
-            batch.d[:] = d
-            if shared:
-                batch.p[0] = p if p.ndim == 1 else p[0]
-            else:
-                batch.p[:] = p
+        if batch.n != len(x):
+            batch = self._batch = _new_batch(len(x))
+        if not (x.shape == out.shape == batch.x_shape and u.shape == batch.u_shape and d.shape == batch.d_shape):
+            raise _wrong_arrays(x, u, d, p, out)
+        if batch.n <= _COPIED_ROWS:
+            self._step_copies(batch, x, u, d, p, out)
         else:
-            pointers.x, pointers.u, pointers.d, pointers.p, pointers.out = (a.ctypes.data for a in (x, u, d, p, out))
-        pointers.p_stride = 0 if shared else _SIZES["p"]
-        self._library.step_rows(self._settings_call, batch.call)
-        if copied:
-            out[:] = batch.out
-        if batch.status.any():
+            self._step_in_place(batch, x, u, d, p, out)
+        if batch.any_failed():
             self._step_with_full_model(batch, x, u, d, p, out)
         return batch.status
+
+    def _step_copies(self, batch: _Batch, x: Array, u: Array, d: Array, p: Array, out: Array) -> None:
+        batch.x[...] = x
+        batch.u[...] = u
+        batch.d[...] = d
+        if p.shape == _SHARED:
+            batch.p[0] = p
+            batch.pointers.p_stride = 0
+        elif p.shape == batch.p_shape:
+            batch.p[...] = p
+            batch.pointers.p_stride = _SIZES["p"]
+        elif p.shape == (1, *_SHARED):
+            batch.p[0] = p[0]
+            batch.pointers.p_stride = 0
+        else:
+            raise _wrong_arrays(x, u, d, p, out)
+        self._library.step_rows(self._settings_call, batch.call)
+        out[...] = batch.out
+
+    def _step_in_place(self, batch: _Batch, x: Array, u: Array, d: Array, p: Array, out: Array) -> None:
+        shared = p.size == _SIZES["p"]
+        fits = shared or p.shape == batch.p_shape
+        if not (fits and all(a.dtype == np.float64 and a.flags.c_contiguous for a in (x, u, d, p, out))):
+            raise _wrong_arrays(x, u, d, p, out)
+        pointers = batch.pointers
+        pointers.x, pointers.u, pointers.d, pointers.p, pointers.out = (a.ctypes.data for a in (x, u, d, p, out))
+        pointers.p_stride = 0 if shared else _SIZES["p"]
+        self._library.step_rows(self._settings_call, batch.call)
 
     def _step_with_full_model(self, batch: _Batch, x: Array, u: Array, d: Array, p: Array, out: Array) -> None:
         """Steps the rows whose greenhouse has equipment that the usual library leaves out."""
@@ -201,7 +225,9 @@ class CompiledStepper:
         failure, state = Failure(status // 64), status % 64
         name = STATE_NAMES[state] if state != _NO_STATE else ""
         if failure == Failure.INPUT_NOT_FINITE:
-            return f"the state {name} is not finite" if name else "controls, weather or parameters are not usable numbers"
+            return (
+                f"the state {name} is not finite" if name else "controls, weather or parameters are not usable numbers"
+            )
         reached, substeps = self._batch.reached[row], self._batch.substeps[row]
         cause = (
             f"needed more than {LARGEST_SUBSTEPS} substeps"
@@ -265,18 +291,16 @@ def _new_batch(n: int, *, copies: bool | None = None) -> _Batch:
         )
     }
     pointers = RowPointers(n=n, p_stride=_SIZES["p"], **addresses)
-    return _Batch(n, x, u, d, p, out, status, substeps, reached, pointers, ctypes.byref(pointers))
+    shapes = ((n, _SIZES[name]) for name in "xudp")
+    return _Batch(n, x, u, d, p, out, status, substeps, reached, pointers, ctypes.byref(pointers), *shapes)
 
 
-def _check(x: Array, u: Array, d: Array, p: Array, out: Array, n: int) -> None:
-    if (
-        x.shape == out.shape == (n, _SIZES["x"])
-        and u.shape == (n, _SIZES["u"])
-        and d.shape == (n, _SIZES["d"])
-        and p.shape in ((n, _SIZES["p"]), (_SIZES["p"],), (1, _SIZES["p"]))
-        and all(a.dtype == np.float64 and a.flags.c_contiguous for a in (x, u, d, p, out))
-    ):
-        return
-    found = ", ".join(f"{name} {a.dtype}{a.shape}" for name, a in (("x", x), ("u", u), ("d", d), ("p", p), ("out", out)))
-    msg = f"step_rows wants C-contiguous float64 arrays x (n, 28), u (n, 6), d (n, 10), p (n, 208) or (208,), out (n, 28), not {found}."
-    raise ShapeError(msg)
+def _wrong_arrays(x: Array, u: Array, d: Array, p: Array, out: Array) -> ShapeError:
+    found = ", ".join(
+        f"{name} {a.dtype}{a.shape}" for name, a in (("x", x), ("u", u), ("d", d), ("p", p), ("out", out))
+    )
+    msg = (
+        "step_rows wants C-contiguous float64 arrays x (n, 28), u (n, 6), d (n, 10), p (n, 208) or (208,), out (n, 28), "
+        f"not {found}."
+    )
+    return ShapeError(msg)

@@ -32,6 +32,7 @@ struct Rows {
     int32_t* status;    // 0, or failure*64 + state
     int32_t* substeps;  // taken, rejected ones included
     double* reached;    // time within the step that was reached [s]
+    int64_t failed;     // given back: how many rows have a status other than 0
 };
 
 enum Failure : int32_t { INPUT_NOT_FINITE = 1, TOO_MANY_SUBSTEPS = 2, SUBSTEP_TOO_SMALL = 3, EQUIPMENT_PRESENT = 4 };
@@ -268,7 +269,7 @@ constexpr int BATCH_WIDTH = glb::NATIVE_WIDTH;
 #endif
 using BatchLanes = typename glb::VectorOf<BATCH_WIDTH>::type;
 
-extern "C" void glb_step_rows(const glb::Settings* settings, const glb::Rows* rows) {
+static void step_rows(const glb::Settings* settings, const glb::Rows* rows) {
     std::atomic<int64_t> next{0};
     if (rows->n == 1) return glb::run_rows<double>(*settings, *rows, next);
     // A thread is worth starting when it has a few vectors of rows to itself.
@@ -278,6 +279,12 @@ extern "C" void glb_step_rows(const glb::Settings* settings, const glb::Rows* ro
     for (int64_t k = 1; k < threads; ++k) others.emplace_back([&] { glb::run_rows<BatchLanes>(*settings, *rows, next); });
     glb::run_rows<BatchLanes>(*settings, *rows, next);
     for (auto& thread : others) thread.join();
+}
+
+extern "C" void glb_step_rows(const glb::Settings* settings, glb::Rows* rows) {
+    step_rows(settings, rows);
+    rows->failed = 0;
+    for (int64_t row = 0; row < rows->n; ++row) rows->failed += rows->status[row] != 0;
 }
 
 // Sizes of this library, compared with the caller's before the first call.

@@ -61,6 +61,7 @@ template <int Start, class P, int N> GLB_INLINE void unpack(P value, double (&r)
         }                                                                                                      \
     }
 GLB_MANY_OF_ONE(many_exp, exp_of)
+GLB_MANY_OF_ONE(many_exp_limited, exp_of_limited)
 GLB_MANY_OF_ONE(many_log, log_of)
 GLB_MANY_OF_ONE(many_inv, inv_of)
 GLB_MANY_OF_ONE(many_sqrt, sqrt_of)

@@ -56,16 +56,18 @@ template <class V> GLB_INLINE V power_of_two(V shifted, V r) {
     return fma<V>(power, r * p, power);
 }
 
-// e^x, error below 1.1 ulp. The argument is held in [-708, 709]: beyond, the result stays at 3.3e-308 or 8.2e307.
-// Not a number gives not a number.
-template <class V> GLB_INLINE V exp_of(V x) {
-    x = max_of(broadcast<V>(-708.0), min_of(broadcast<V>(709.0), x));
+// e^x for x <= 709, error below 1.1 ulp; below -708 the result stays at 3.3e-308. Not a number gives not a number.
+template <class V> GLB_INLINE V exp_of_limited(V x) {
+    x = max_of(broadcast<V>(-708.0), x);
     const V rounder = broadcast<V>(ROUNDER);
     const V shifted = fma(x, broadcast<V>(SIXTEEN_LOG2_E), rounder);
     const V n = shifted - rounder;
     const V r = fma(x, broadcast<V>(SIXTEEN_LOG2_E_REST), fms(x, broadcast<V>(SIXTEEN_LOG2_E), n));
     return power_of_two(shifted, r);
 }
+
+// The same for any x: beyond 709 the result stays at 8.2e307.
+template <class V> GLB_INLINE V exp_of(V x) { return exp_of_limited(min_of(broadcast<V>(709.0), x)); }
 
 // x^y for positive normal x, error below 1.3 ulp while |y| <= 1/2, 2.3 ulp at |y| = 2.
 // The integer part of log2(x) times y is kept exactly, so the error does not grow with log(x). Powers beyond 2^+-1021 stay there.
