@@ -1,0 +1,53 @@
+"""The README's Python examples run as they stand, and its commands exist."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from glbench.cli.app import main
+
+README = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+
+
+def test_there_are_examples():
+    assert len(EXAMPLES) >= 2
+
+
+@pytest.mark.parametrize("source", EXAMPLES)
+def test_an_example_runs_as_it_stands(source, capsys):
+    namespace: dict[str, object] = {}
+    exec(compile(source, "README.md", "exec"), namespace)
+    for name in ("env", "envs"):
+        if name in namespace:
+            namespace[name].close()
+    assert capsys.readouterr().out.strip()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "tasks list",
+        "tasks show",
+        "tasks check",
+        "tasks lock",
+        "evaluate",
+        "leaderboard",
+        "weather list",
+        "weather fetch",
+    ],
+)
+def test_a_command_of_the_readme_explains_itself(command, capsys):
+    with pytest.raises(SystemExit) as left:
+        main([*command.split(), "--help"])
+    assert left.value.code == 0
+    assert "Usage" in capsys.readouterr().out
+
+
+def test_the_documents_name_the_same_test_command_that_continuous_integration_runs():
+    ci = (Path(__file__).resolve().parents[2] / ".ci" / "run").read_text(encoding="utf-8")
+    assert "uv run --group dev pytest" in README
+    assert "uv run --group dev pytest" in ci.replace("--locked ", "")
