@@ -34,7 +34,7 @@ from glbench.evaluation.records import (
     summarise,
 )
 from glbench.evaluation.tally import Tally
-from glbench.kernel import KernelPool
+from glbench.kernel import Kernel, KernelPool, make_kernel
 from glbench.tasks import TaskSpec, task_card
 
 logger = logging.getLogger(__name__)
@@ -222,10 +222,10 @@ def agent_record(agent: LoadedAgent) -> AgentRecord:
 
 
 @contextmanager
-def _open_kernel(task: TaskSpec, workers: int) -> Iterator[KernelPool | None]:
-    """A pool of processes, or ``None`` for the kernel that all simulations of this process share."""
+def _open_kernel(task: TaskSpec, workers: int) -> Iterator[Kernel | KernelPool | None]:
+    """A kernel whose rows several cores share, or ``None`` for the one that all simulations of this thread share."""
     if workers == 1:
         yield None
         return
-    with KernelPool(workers, task.step_seconds, variant=task.model.variant) as pool:
-        yield pool
+    with make_kernel(task.step_seconds, workers=workers, variant=task.model.variant) as kernel:
+        yield kernel

@@ -39,7 +39,7 @@ def prepare(
 ) -> Evaluation:
     """Decide everything about an evaluation and find out what can go wrong before it starts.
 
-    Arguments as for ``evaluate``; without a number of ``workers``, it takes what is fastest on this machine.
+    Arguments as for ``evaluate``; without a number of ``workers``, every usable core is one.
     """
     task = task if isinstance(task, TaskSpec) else get_task(task)
     agent = agent if isinstance(agent, LoadedAgent) else load_agent(agent)
@@ -54,7 +54,7 @@ def prepare(
     if folder is not None:
         ensure_writable(result_path(folder, task.id, agent.name).parent)
         stored = None if fresh else _finished(folder, task, agent, seeds, kernel)
-    workers = min(workers or _fastest_workers(kernel), len(seeds))
+    workers = min(workers or usable_cores(), len(seeds))
     evaluation = Evaluation(
         task, agent, seeds, workers, kernel, folder, limits or TimeLimits(), checkpoint_seconds, stored
     )
@@ -123,11 +123,6 @@ def evaluate(
         checkpoint_seconds=checkpoint_seconds,
     )
     return evaluation.stored or evaluation.run(progress)
-
-
-def _fastest_workers(kernel: dict[str, str | float]) -> int:
-    """The compiled kernel steps 30 rows in less time than it takes to send them to another process."""
-    return 1 if kernel["backend"] == "compiled" else usable_cores()
 
 
 def _seeds(task: TaskSpec, runs: int | None, first_seed: int | None) -> tuple[int, ...]:

@@ -1,7 +1,7 @@
 """The kernel: one control step of the greenhouse model, for one greenhouse or many, with held inputs.
 
 ``make_kernel(900.0)`` gives the fastest kernel that works on this machine; ``make_kernel(900.0, workers=4)`` the same in
-four processes, with the same bits. Method, accuracy and speed: docs/kernel.md.
+on four cores, with the same bits. Method, accuracy and speed: docs/kernel.md.
 """
 
 from __future__ import annotations

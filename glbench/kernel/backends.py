@@ -53,8 +53,10 @@ def choose(name: str) -> str:
     return name
 
 
-def make_backend(name: str, *, step_seconds: float, variant: str, preset: str) -> Backend:
+def make_backend(name: str, *, step_seconds: float, variant: str, preset: str, threads: int = 1) -> Backend:
     """Build the backend meant by ``name``.
+
+    CasADi's integrators are not made for ``threads``: only the compiled backend takes more than one.
 
     Raises
     ------
@@ -67,7 +69,7 @@ def make_backend(name: str, *, step_seconds: float, variant: str, preset: str) -
     if chosen == "compiled":
         from glbench.kernel.compiled import backend as compiled
 
-        return compiled.make_backend(step_seconds=step_seconds, variant=variant, preset=preset)
+        return compiled.make_backend(step_seconds=step_seconds, variant=variant, preset=preset, threads=threads)
     return CvodesBackend(chosen, step_seconds=step_seconds, variant=variant, preset=preset)
 
 

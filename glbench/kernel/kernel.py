@@ -11,7 +11,7 @@ from glbench.model import MODEL_VERSION, model_digest
 
 
 class Kernel(Stepper):
-    """Steps rows one after the other in this process.
+    """Steps rows in this process.
 
     Parameters
     ----------
@@ -23,6 +23,8 @@ class Kernel(Stepper):
         ``"auto"``, ``"compiled"``, ``"casadi"`` or ``"cvodes"``, see ``glbench.kernel.backends``.
     preset : str
         ``"reference"`` (what scores are made with), ``"fast"`` (for training), or ``"tight"`` (to check the others against).
+    threads : int
+        Threads that share the rows of a batch. They change no bit, and only the compiled backend uses them.
 
     Raises
     ------
@@ -39,11 +41,14 @@ class Kernel(Stepper):
         variant: str = "author",
         backend: str = "auto",
         preset: str = "reference",
+        threads: int = 1,
     ) -> None:
         self.step_seconds = positive_seconds(step_seconds)
         self.variant = variant
         self.preset = preset
-        self._backend = make_backend(backend, step_seconds=self.step_seconds, variant=variant, preset=preset)
+        self._backend = make_backend(
+            backend, step_seconds=self.step_seconds, variant=variant, preset=preset, threads=threads
+        )
         self.backend = self._backend.name
 
     def advance(self, rows: Rows) -> tuple[FloatArray, list[StepFailure]]:

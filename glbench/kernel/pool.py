@@ -195,7 +195,11 @@ def make_kernel(
     backend: str = "auto",
     preset: str = "reference",
 ) -> Kernel | KernelPool:
-    """Kernel in this process, or with ``workers`` > 1 a pool of processes; same interface, same bits."""
-    if workers == 1:
-        return Kernel(step_seconds, variant=variant, backend=backend, preset=preset)
-    return KernelPool(workers, step_seconds, variant=variant, backend=backend, preset=preset)
+    """Kernel whose rows ``workers`` cores share: threads of the compiled backend, processes of the others.
+
+    Same interface and same bits for every number of workers. Errors as for ``Kernel`` and ``KernelPool``.
+    """
+    chosen = choose(backend)
+    if chosen == "compiled" or workers == 1:
+        return Kernel(step_seconds, variant=variant, backend=chosen, preset=preset, threads=workers)
+    return KernelPool(workers, step_seconds, variant=variant, backend=chosen, preset=preset)

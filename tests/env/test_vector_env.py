@@ -100,7 +100,7 @@ def test_rows_of_the_real_greenhouse_equal_single_environments(day: TaskSpec) ->
     assert (rows[-1][0][0] != rows[-1][0][1]).any()
 
 
-def test_a_pool_of_workers_gives_the_same_bits(day: TaskSpec) -> None:
+def test_several_cores_give_the_same_bits(day: TaskSpec) -> None:
     alone, pooled = GreenhouseVectorEnv(day, 3), GreenhouseVectorEnv(day, 3, workers=2)
     try:
         alone.reset(seed=1)
@@ -111,7 +111,6 @@ def test_a_pool_of_workers_gives_the_same_bits(day: TaskSpec) -> None:
             assert (ours[1] == theirs[1]).all()
     finally:
         pooled.close()
-    assert pooled.simulation.kernel.workers == 0  # type: ignore[attr-defined]
 
 
 def test_in_mode_next_step_the_step_after_the_end_only_resets(day: TaskSpec, still: StillKernel) -> None:

@@ -9,9 +9,9 @@ import pytest
 
 from glbench.agents import Agent, load_agent
 from glbench.env import Simulation
-from glbench.env.kernels import shared_kernel
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import Progress, Result, evaluate, load_result, prepare
+from glbench.evaluation.provenance import usable_cores
 from glbench.tasks import TaskSpec, task_card
 from tests.evaluation.agent_files import AgentWriter
 
@@ -217,16 +217,11 @@ def test_impossible_numbers_are_refused(
         evaluate(day_task, write_agent(), **arguments)
 
 
-@pytest.mark.parametrize(("backend", "workers"), [("compiled", 1), ("casadi", 2)])
-def test_more_processes_are_taken_only_where_they_help(
-    day_task: TaskSpec, write_agent: AgentWriter, monkeypatch: pytest.MonkeyPatch, backend: str, workers: int
+def test_without_a_wish_every_core_is_a_worker_but_no_more_than_there_are_runs(
+    day_task: TaskSpec, write_agent: AgentWriter
 ) -> None:
-    kernel = shared_kernel(day_task.step_seconds, day_task.model.variant)
-    monkeypatch.setattr(kernel, "describe", lambda: {"backend": backend})
-    monkeypatch.setattr("glbench.evaluation.preparing.usable_cores", lambda: 2)
-
-    assert prepare(day_task, write_agent(), workers=None).workers == workers
-    assert prepare(day_task, write_agent(), workers=5).workers == 3, "no more workers than runs"
+    assert prepare(day_task, write_agent(), workers=None).workers == min(usable_cores(), 3)
+    assert prepare(day_task, write_agent(), workers=5).workers == 3
 
 
 def test_a_result_tells_what_made_it(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:

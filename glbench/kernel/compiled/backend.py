@@ -44,7 +44,7 @@ def available() -> bool:
     return reason_unavailable() is None
 
 
-def make_backend(*, step_seconds: float, variant: str, preset: str) -> CompiledBackend:
+def make_backend(*, step_seconds: float, variant: str, preset: str, threads: int = 1) -> CompiledBackend:
     """Build the backend.
 
     Raises
@@ -54,4 +54,4 @@ def make_backend(*, step_seconds: float, variant: str, preset: str) -> CompiledB
     CompiledUnavailable
         When the library can be neither loaded nor built.
     """
-    return CompiledBackend(CompiledStepper(step_seconds, variant=variant, preset=preset))
+    return CompiledBackend(CompiledStepper(step_seconds, variant=variant, preset=preset, threads=threads))
