@@ -42,7 +42,9 @@ def evaluate(
     ] = None,
     workers: Annotated[
         int | None,
-        typer.Option("--workers", "-w", min=1, help="Cores that share the simulation; changes no number. Default: all."),
+        typer.Option(
+            "--workers", "-w", min=1, help="Cores that share the simulation; changes no number. Default: all."
+        ),
     ] = None,
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for results/ and for the checkpoint of unfinished work.")

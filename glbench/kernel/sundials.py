@@ -48,13 +48,15 @@ class CvodesSettings:
 # A relative tolerance of 1e-30 means "none": CVODES wants it to be positive.
 SETTINGS = {
     ("casadi", "reference"): CvodesSettings(absolute=1e-9, relative=1e-30, newton=0.5, hoist=True),
+    ("casadi", "standard"): CvodesSettings(absolute=1e-7, relative=1e-30, newton=0.5, hoist=True),
     ("casadi", "fast"): CvodesSettings(absolute=1e-6, relative=1e-30, newton=0.5, hoist=True),
     ("casadi", "tight"): CvodesSettings(absolute=1e-11, relative=1e-30, newton=0.1, hoist=True),
     ("cvodes", "reference"): CvodesSettings(absolute=1e-10, relative=1e-10, newton=0.1, hoist=False),
+    ("cvodes", "standard"): CvodesSettings(absolute=1e-7, relative=1e-7, newton=0.1, hoist=False),
     ("cvodes", "fast"): CvodesSettings(absolute=1e-6, relative=1e-6, newton=0.1, hoist=False),
     ("cvodes", "tight"): CvodesSettings(absolute=1e-12, relative=1e-12, newton=0.1, hoist=False),
 }
-PRESETS = ("reference", "fast", "tight")
+PRESETS = ("reference", "standard", "fast", "tight")
 
 _FLAG = re.compile(r'returned "(CV_\w+)"')
 

@@ -57,7 +57,14 @@ def test_any_number_of_lanes(rows: Rows, parameters: Array, expected: Array, wid
     assert found.tobytes() == expected[:200].tobytes()
 
 
-@pytest.mark.parametrize("command", ["clang++", "g++ -mno-avx512f", "g++ -O3"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "clang++",
+        pytest.param("g++ -mno-avx512f", marks=pytest.mark.slow),
+        pytest.param("g++ -O3", marks=pytest.mark.slow),
+    ],
+)
 def test_other_compilers_and_instruction_sets(
     rows: Rows, parameters: Array, expected: Array, command: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

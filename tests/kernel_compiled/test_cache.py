@@ -20,14 +20,25 @@ def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cache" / "kernel"
 
 
+@pytest.fixture(scope="session")
+def finished_library(compiled: None) -> str:
+    """A library that was really compiled, in the user's own cache."""
+    return CompiledStepper(900.0).library_path
+
+
 @pytest.fixture
-def quick_compiler(compiled: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The real compiler without optimisation, which writes a line to a log for each compilation."""
+def quick_compiler(finished_library: str, empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A compiler that copies the finished library, after a while; it writes a line to a log for each compilation."""
     log, script = tmp_path / "compilations", tmp_path / "quick-c++"
-    real = " ".join(find_compiler().command)
-    script.write_text(
-        f'#!/bin/sh\n[ "$1" = --version ] || echo compiled >> {log}\nexec {real} "$@" -O0\n', encoding="utf-8"
-    )
+    lines = [
+        "#!/bin/sh",
+        '[ "$1" = --version ] && echo quick 1.0 && exit 0',
+        f"echo compiled >> {log}",
+        "sleep 0.5",
+        "for target; do :; done  # the last argument is the library to write",
+        f'cp {finished_library} "$target"',
+    ]
+    script.write_text("\n".join(lines) + "\n", encoding="utf-8")
     script.chmod(0o755)
     monkeypatch.setenv("CXX", str(script))
     return log

@@ -19,6 +19,7 @@ class Settings(ctypes.Structure):
         ("step", ctypes.c_double),
         ("first", ctypes.c_double),
         ("forgotten", ctypes.c_double),
+        ("guard", ctypes.c_double),
         ("memory", ctypes.c_double),
         ("smallest", ctypes.c_double),
         ("most", ctypes.c_double),

@@ -8,6 +8,7 @@ vector unit, with many lanes they are just a sequence, and the results are the s
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 from glbench.kernel.compiled.graph import CONDITIONS, Graph, Level
@@ -58,7 +59,7 @@ class Emitter:
     def _given(self, number: int) -> str | None:
         node = self.graph.nodes[number]
         if node.op == "const":
-            return f"K({node.value.hex()})" if node.value == node.value else 'K(__builtin_nan(""))'
+            return f"K({_literal(node.value)})"
         return self._name_of_input(number)
 
     def _kind(self, number: int) -> str:
@@ -77,7 +78,7 @@ class Emitter:
         )
 
     def _is_positive(self, number: int) -> bool:
-        """Whether a value is positive by its form: a square, or a sum or product of such, with a positive constant."""
+        """Whether a value is positive by its form: a positive constant, or the sum of one and squares."""
         node = self.graph.nodes[number]
         if node.op == "add":
             first, second = node.args
@@ -179,6 +180,13 @@ class Emitter:
             return f"({self._condition(node.args[0])} {sign} {self._condition(node.args[1])})"
         sign = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}[node.op]
         return f"({self.value(node.args[0])} {sign} {self.value(node.args[1])})"
+
+
+def _literal(value: float) -> str:
+    """C++ literal of a number, exact to the bit."""
+    if math.isfinite(value):
+        return value.hex()
+    return '__builtin_nan("")' if math.isnan(value) else f"{'-' if value < 0.0 else ''}__builtin_inf()"
 
 
 def function_text(head: str, emitter: Emitter, stores: Mapping[str, int]) -> str:

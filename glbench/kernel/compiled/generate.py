@@ -7,7 +7,7 @@ others are called *moving* and are numbered anew in the generated code.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,25 @@ from glbench.kernel.compiled.derivative import Gradient
 from glbench.kernel.compiled.emit import Emitter, function_text, stored_inputs
 from glbench.kernel.compiled.graph import Graph, Level
 from glbench.kernel.compiled.regroup import regroup, spell_out_logistic
+
+
+@dataclass(frozen=True)
+class Traits:
+    """What is known of a model beyond its equations.
+
+    Attributes
+    ----------
+    zeros
+        Parameters that are zero in every row that the code will see (equipment that is not there).
+    fast
+        States that forget errors quickly; they come first in the generated code.
+    singular
+        Two moving states whose difference the rates depend on like a root, if there are such.
+    """
+
+    zeros: tuple[int, ...] = ()
+    fast: tuple[int, ...] = ()
+    singular: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -37,27 +56,26 @@ class GeneratedModel:
     operations: dict[str, int]
 
 
-def generate(function: Any, zeros: Collection[int] = (), fast: Collection[int] = ()) -> GeneratedModel:
+def generate(function: Any, traits: Traits | None = None) -> GeneratedModel:
     """C++ functions of ``function`` (CasADi SX, arguments x, u, d, p): the right-hand side, its Jacobian, elimination.
 
     Parameters
     ----------
     function
         ``glbench.model.build_rhs(...)``.
-    zeros
-        Parameters that are zero in every row that this code will see (equipment that is not there).
-    fast
-        States that forget errors quickly; they come first in the generated code.
+    traits
+        What is known of the model beyond its equations.
 
     Raises
     ------
     ValueError
         When the function has an operation that the generator does not know.
     """
-    graph, slopes = importer.read_function(function, ("x", "u", "d", "p"), zeros)
+    traits = traits or Traits()
+    graph, slopes = importer.read_function(function, ("x", "u", "d", "p"), traits.zeros)
     graph, slopes = regroup(graph, slopes)
     rows = derivative.jacobian(graph, slopes)
-    moving = sorted(_moving(graph, slopes, rows), key=lambda state: (state not in fast, state))
+    moving = sorted(_moving(graph, slopes, rows), key=lambda state: (state not in traits.fast, state))
     entries = [(i, j) for i in moving for j in rows[i]]
     clocks = [i for i in range(len(slopes)) if i not in moving]
     # One graph for all functions: what the right-hand side and its Jacobian share is stored once.
@@ -72,14 +90,15 @@ def generate(function: Any, zeros: Collection[int] = (), fast: Collection[int] =
         "CONTROLS": int(function.numel_in(1)),
         "DISTURBANCES": int(function.numel_in(2)),
         "MOVING": len(moving),
-        "FAST": sum(state in fast for state in moving),
+        "FAST": sum(state in traits.fast for state in moving),
         "CLOCKS": len(clocks),
         "STORED": len(text.place),
         "NONZEROS": len(entries),
         "FACTORS": plan.stored,
-        "ABSENT": len(zeros),
+        "ABSENT": len(traits.zeros),
     }
-    lists = {"MOVING_STATE": moving, "CLOCK_STATE": clocks, "ABSENT_PARAMETER": sorted(zeros)}
+    lists = {"MOVING_STATE": moving, "CLOCK_STATE": clocks, "ABSENT_PARAMETER": sorted(traits.zeros)}
+    lists["SINGULAR"] = [own[state] for state in traits.singular or moving[:1] * 2]
     parts = [
         '#pragma once\n#include "many.hpp"\n#define K(a) broadcast<V>(a)\nnamespace glb {\nnamespace model {\n',
         *(f"constexpr int {name} = {value};\n" for name, value in sizes.items()),

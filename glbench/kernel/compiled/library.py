@@ -11,7 +11,7 @@ import hashlib
 import json
 import tempfile
 import time
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -22,6 +22,7 @@ from filelock import FileLock, Timeout
 import glbench.model
 from glbench.errors import GlbenchError
 from glbench.kernel.compiled.compiler import find_compiler, machine_digest
+from glbench.kernel.compiled.generate import Traits, generate
 from glbench.kernel.compiled.unavailable import CompiledUnavailable
 from glbench.resources import cache_folder, write_atomically
 
@@ -55,17 +56,15 @@ class Build:
     seconds: float
 
 
-def build(variant: str, zeros: Collection[int], fast: Collection[int], width: int | None = None) -> Build:
+def build(variant: str, traits: Traits, width: int | None = None) -> Build:
     """The library for a model variant, from the cache or built now.
 
     Parameters
     ----------
     variant
         Model variant.
-    zeros
-        Parameters that are zero in all rows of this library.
-    fast
-        States whose errors are soon forgotten.
+    traits
+        What is known of the model beyond its equations.
     width
         Number of lanes; None for what suits this processor.
 
@@ -76,7 +75,7 @@ def build(variant: str, zeros: Collection[int], fast: Collection[int], width: in
     """
     compiler = find_compiler()
     flags = compiler.flags(width)
-    facts = (variant, sorted(zeros), sorted(fast), compiler.command, compiler.version, flags, machine_digest())
+    facts = (variant, traits, compiler.command, compiler.version, flags, machine_digest())
     name = f"{variant}-{_digest([repr(facts).encode(), _sources().encode()])[:20]}"
     folder = cache_folder() / "kernel"
     found = _intact(folder, name)
@@ -88,7 +87,7 @@ def build(variant: str, zeros: Collection[int], fast: Collection[int], width: in
             found = _intact(folder, name)  # another process may have built it meanwhile
             if found is not None:
                 return found
-            return _build(folder, name, variant, zeros, fast, flags)
+            return _build(folder, name, variant, traits, flags)
     except Timeout as error:
         msg = f"Another process has been building the kernel for {_LOCK_SECONDS:g} s (lock {error.lock_file}). Try again later."
         raise CompiledUnavailable(msg) from error
@@ -104,17 +103,12 @@ def build(variant: str, zeros: Collection[int], fast: Collection[int], width: in
         raise CompiledUnavailable(str(error)) from error
 
 
-def _build(
-    folder: Path, name: str, variant: str, zeros: Collection[int], fast: Collection[int], flags: tuple[str, ...]
-) -> Build:
-    # Only a real build needs CasADi.
-    from glbench.kernel.compiled.generate import generate
-
+def _build(folder: Path, name: str, variant: str, traits: Traits, flags: tuple[str, ...]) -> Build:
     started = time.perf_counter()
     compiler = find_compiler()
     with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=folder) as temporary:
         work = Path(temporary)
-        (work / "model.hpp").write_text(generate(glbench.model.build_rhs(variant), zeros, fast).text, encoding="utf-8")
+        (work / "model.hpp").write_text(generate(glbench.model.build_rhs(variant), traits).text, encoding="utf-8")
         (work / "kernel.cpp").write_text(_SOURCE, encoding="utf-8")
         library = work / "kernel.so"
         compiler.compile(work / "kernel.cpp", library, (work, _NATIVE), flags)

@@ -3,34 +3,29 @@
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
-from glbench.errors import ShapeError, StepError
-from glbench.kernel.compiled.binding import Library, RowPointers, Settings, load
+from glbench.errors import StepError
+from glbench.kernel.compiled.batch import COPIED_ROWS, SHARED, SIZES, Array, Batch, Status, new_batch, wrong_arrays
+from glbench.kernel.compiled.binding import Library, Settings, load
+from glbench.kernel.compiled.generate import Traits
 from glbench.kernel.compiled.library import Build, build
 from glbench.kernel.compiled.tolerances import (
     FAST_STATES,
     LARGEST_SUBSTEPS,
+    SINGULAR_STATES,
     SMALLEST_SUBSTEP,
     Preset,
     get_preset,
-    small_values,
+    tolerances,
 )
 from glbench.kernel.compiled.unavailable import CompiledUnavailable
-from glbench.model import CONTROL_NAMES, DISTURBANCE_NAMES, PARAMETER_NAMES, STATE_NAMES, default_parameters
+from glbench.model import STATE_NAMES, default_parameters
 
-Array = NDArray[np.float64]
-Status = NDArray[np.int32]
-
-_SIZES = {"x": len(STATE_NAMES), "u": len(CONTROL_NAMES), "d": len(DISTURBANCE_NAMES), "p": len(PARAMETER_NAMES)}
-_SHARED = (_SIZES["p"],)
 _NO_STATE = 63
-# Up to so many rows it is quicker to copy the inputs beside fixed pointers than to ask arrays for theirs.
-_COPIED_ROWS = 64
+_DOUBLE = np.dtype(np.float64)
 
 
 class Failure(IntEnum):
@@ -40,31 +35,6 @@ class Failure(IntEnum):
     TOO_MANY_SUBSTEPS = 2
     SUBSTEP_TOO_SMALL = 3
     EQUIPMENT_PRESENT = 4  # internal: the row goes to the library of the full model
-
-
-@dataclass(frozen=True)
-class _Batch:
-    """Arrays and pointers for ``n`` rows."""
-
-    n: int
-    x: Array
-    u: Array
-    d: Array
-    p: Array
-    out: Array
-    status: Status
-    substeps: Status
-    reached: Array
-    pointers: RowPointers
-    call: object  # ctypes.byref(pointers)
-    x_shape: tuple[int, int]
-    u_shape: tuple[int, int]
-    d_shape: tuple[int, int]
-    p_shape: tuple[int, int]
-
-    def any_failed(self) -> bool:
-        """Whether a row was not stepped."""
-        return self.pointers.failed != 0
 
 
 class CompiledStepper:
@@ -77,7 +47,7 @@ class CompiledStepper:
     variant : str
         Model variant, see ``glbench.model.VARIANTS``.
     preset : str or Preset
-        ``"reference"``, ``"fast"`` or ``"tight"``, or settings of one's own.
+        ``"reference"``, ``"standard"``, ``"fast"`` or ``"tight"``, or settings of one's own.
     threads : int
         Threads for large batches. They change no bit.
     width : int, optional
@@ -115,12 +85,12 @@ class CompiledStepper:
         self._build = self._library_build(absent_equipment())
         self._library = load(self._build.path)
         self._full: Library | None = None
-        absolute = self.preset.relative * small_values()
-        relative = np.full(len(STATE_NAMES), self.preset.relative)
+        absolute, relative = tolerances(self.preset)
         self._settings = Settings(
             step=self.step_seconds,
             first=self.preset.first_substep,
             forgotten=self.preset.forgotten,
+            guard=self.preset.guard,
             memory=self.preset.memory,
             smallest=SMALLEST_SUBSTEP,
             most=float(LARGEST_SUBSTEPS),
@@ -129,7 +99,7 @@ class CompiledStepper:
             threads=threads,
         )
         self._settings_call = ctypes.byref(self._settings)
-        self._batch = _new_batch(1)
+        self._batch = new_batch(1)
 
     @property
     def substeps(self) -> Status:
@@ -140,6 +110,11 @@ class CompiledStepper:
     def reached(self) -> Array:
         """Time that the rows of the last call reached (n,) [s]."""
         return self._batch.reached
+
+    @property
+    def library_path(self) -> str:
+        """The shared library in the cache."""
+        return self._build.path
 
     def step_rows(self, x: Array, u: Array, d: Array, p: Array, out: Array) -> Status:
         """Advance all rows by one control step.
@@ -161,14 +136,15 @@ class CompiledStepper:
         Raises
         ------
         ShapeError
-            When an array has another shape; with more than 64 rows also when it has another type or layout.
+            When an array has another shape or type, or, with more than 64 rows, another layout.
         """
         batch = self._batch
         if batch.n != len(x):
-            batch = self._batch = _new_batch(len(x))
-        if not (x.shape == out.shape == batch.x_shape and u.shape == batch.u_shape and d.shape == batch.d_shape):
-            raise _wrong_arrays(x, u, d, p, out)
-        if batch.n <= _COPIED_ROWS:
+            batch = self._batch = new_batch(len(x))
+        fits = x.shape == out.shape == batch.x_shape and u.shape == batch.u_shape and d.shape == batch.d_shape
+        if not (fits and x.dtype == u.dtype == d.dtype == p.dtype == out.dtype == _DOUBLE):
+            raise wrong_arrays(x, u, d, p, out)
+        if batch.n <= COPIED_ROWS:
             self._step_copies(batch, x, u, d, p, out)
         else:
             self._step_in_place(batch, x, u, d, p, out)
@@ -176,45 +152,45 @@ class CompiledStepper:
             self._step_with_full_model(batch, x, u, d, p, out)
         return batch.status
 
-    def _step_copies(self, batch: _Batch, x: Array, u: Array, d: Array, p: Array, out: Array) -> None:
+    def _step_copies(self, batch: Batch, x: Array, u: Array, d: Array, p: Array, out: Array) -> None:
         batch.x[...] = x
         batch.u[...] = u
         batch.d[...] = d
-        if p.shape == _SHARED:
+        if p.shape == SHARED:
             batch.p[0] = p
             batch.pointers.p_stride = 0
         elif p.shape == batch.p_shape:
             batch.p[...] = p
-            batch.pointers.p_stride = _SIZES["p"]
-        elif p.shape == (1, *_SHARED):
+            batch.pointers.p_stride = SIZES["p"]
+        elif p.shape == (1, *SHARED):
             batch.p[0] = p[0]
             batch.pointers.p_stride = 0
         else:
-            raise _wrong_arrays(x, u, d, p, out)
+            raise wrong_arrays(x, u, d, p, out)
         self._library.step_rows(self._settings_call, batch.call)
         out[...] = batch.out
 
-    def _step_in_place(self, batch: _Batch, x: Array, u: Array, d: Array, p: Array, out: Array) -> None:
-        shared = p.size == _SIZES["p"]
+    def _step_in_place(self, batch: Batch, x: Array, u: Array, d: Array, p: Array, out: Array) -> None:
+        shared = p.size == SIZES["p"]
         fits = shared or p.shape == batch.p_shape
-        if not (fits and all(a.dtype == np.float64 and a.flags.c_contiguous for a in (x, u, d, p, out))):
-            raise _wrong_arrays(x, u, d, p, out)
+        if not (fits and all(a.flags.c_contiguous for a in (x, u, d, p, out))):
+            raise wrong_arrays(x, u, d, p, out)
         pointers = batch.pointers
         pointers.x, pointers.u, pointers.d, pointers.p, pointers.out = (a.ctypes.data for a in (x, u, d, p, out))
-        pointers.p_stride = 0 if shared else _SIZES["p"]
+        pointers.p_stride = 0 if shared else SIZES["p"]
         self._library.step_rows(self._settings_call, batch.call)
 
-    def _step_with_full_model(self, batch: _Batch, x: Array, u: Array, d: Array, p: Array, out: Array) -> None:
+    def _step_with_full_model(self, batch: Batch, x: Array, u: Array, d: Array, p: Array, out: Array) -> None:
         """Steps the rows whose greenhouse has equipment that the usual library leaves out."""
         rows = np.flatnonzero(batch.status // 64 == Failure.EQUIPMENT_PRESENT)
         if rows.size == 0:
             return
         if self._full is None:
             self._full = load(self._library_build(()).path)
-        parameters = np.broadcast_to(p, (batch.n, _SIZES["p"]))[rows]
-        part = _new_batch(rows.size, copies=True)
+        parameters = np.broadcast_to(p, (batch.n, SIZES["p"]))[rows]
+        part = new_batch(rows.size, copies=True)
         part.x[:], part.u[:], part.d[:], part.p[:] = x[rows], u[rows], d[rows], parameters
-        part.pointers.p_stride = _SIZES["p"]
+        part.pointers.p_stride = SIZES["p"]
         self._full.step_rows(self._settings_call, part.call)
         out[rows] = part.out
         batch.status[rows], batch.substeps[rows], batch.reached[rows] = part.status, part.substeps, part.reached
@@ -249,8 +225,8 @@ class CompiledStepper:
             "first_substep_seconds": preset.first_substep,
             "forgotten": preset.forgotten,
             "memory_seconds": preset.memory,
+            "guard": preset.guard,
             "lanes": float(self._library.width),
-            "threads": float(self.threads),
             "compiler": self._build.compiler,
             "compiler_flags": self._build.flags,
             "library_digest": self._build.digest,
@@ -258,7 +234,8 @@ class CompiledStepper:
 
     def _library_build(self, zeros: tuple[int, ...]) -> Build:
         fast = tuple(STATE_NAMES.index(name) for name in FAST_STATES)
-        return build(self.variant, zeros, fast, self._width)
+        first, second = (STATE_NAMES.index(name) for name in SINGULAR_STATES)
+        return build(self.variant, Traits(zeros, fast, (first, second)), self._width)
 
 
 def absent_equipment() -> tuple[int, ...]:
@@ -276,31 +253,3 @@ def availability() -> str | None:
     except CompiledUnavailable as error:
         return str(error)
     return None
-
-
-def _new_batch(n: int, *, copies: bool | None = None) -> _Batch:
-    own = n if (n <= _COPIED_ROWS if copies is None else copies) else 0
-    x, u, d, p, out = (np.zeros((own, _SIZES[name])) for name in ("x", "u", "d", "p", "x"))
-    status, substeps, reached = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n)
-    addresses = {
-        name: array.ctypes.data
-        for name, array in zip(
-            ("x", "u", "d", "p", "out", "status", "substeps", "reached"),
-            (x, u, d, p, out, status, substeps, reached),
-            strict=True,
-        )
-    }
-    pointers = RowPointers(n=n, p_stride=_SIZES["p"], **addresses)
-    shapes = ((n, _SIZES[name]) for name in "xudp")
-    return _Batch(n, x, u, d, p, out, status, substeps, reached, pointers, ctypes.byref(pointers), *shapes)
-
-
-def _wrong_arrays(x: Array, u: Array, d: Array, p: Array, out: Array) -> ShapeError:
-    found = ", ".join(
-        f"{name} {a.dtype}{a.shape}" for name, a in (("x", x), ("u", u), ("d", d), ("p", p), ("out", out))
-    )
-    msg = (
-        "step_rows wants C-contiguous float64 arrays x (n, 28), u (n, 6), d (n, 10), p (n, 208) or (208,), out (n, 28), "
-        f"not {found}."
-    )
-    return ShapeError(msg)

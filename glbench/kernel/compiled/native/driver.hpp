@@ -4,6 +4,7 @@
 // is a function of its inputs: its bits depend neither on the batch, nor on the lane, nor on the number of threads.
 #pragma once
 #include <atomic>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -15,6 +16,7 @@ struct Settings {
     double step;                     // length of the control step [s]
     double first;                    // first substep [s]
     double forgotten;                // factor on the squared errors of fast states while they will be forgotten
+    double guard;                    // factor on the squared errors of a substep near the singular difference
     double memory;                   // time that fast states take to forget an error [s]
     double smallest;                 // a substep below this fails the step [s]
     double most;                     // more substeps than this fail the step
@@ -96,7 +98,7 @@ template <class V> class Stepper {
     int round() {
         const V h = h_, one = broadcast<V>(1.0);
         const Error<V> part = substep(work_, h);
-        const V error = fma<V>(part.fast, relaxation(remaining_ - h), part.slow);
+        const V error = fma<V>(part.fast, relaxation(remaining_ - h), part.slow) * near_singularity();
         const MaskOf<V> busy = busy_ > broadcast<V>(0.0);
         const MaskOf<V> accepted = (error <= one) & busy;
         for (int i = 0; i < N; ++i) work_.x[i] = select<V>(accepted, work_.y[i], work_.x[i]);
@@ -139,6 +141,16 @@ template <class V> class Stepper {
     // the step is forgotten at the end, so their errors count less until then.
     GLB_INLINE V relaxation(V left) const {
         return select<V>(left > broadcast<V>(settings_.memory), broadcast<V>(settings_.forgotten), broadcast<V>(1.0));
+    }
+
+    // Air passes the screens like a root of the temperature difference, whose derivative has no bound. Error estimates know
+    // nothing of that, so a substep that changes the difference by more than half of its size has to be more accurate.
+    GLB_INLINE V near_singularity() const {
+        constexpr int a = model::SINGULAR[0], b = model::SINGULAR[1];
+        const V before = work_.x[a] - work_.x[b], after = work_.y[a] - work_.y[b];
+        const V size = max_of(abs_of(before), abs_of(after));
+        const MaskOf<V> near = abs_of(after - before) > broadcast<V>(0.5) * size;
+        return select<V>(near, broadcast<V>(settings_.guard), broadcast<V>(1.0));
     }
 
     static GLB_INLINE bool any(MaskOf<V> mask) {
@@ -272,11 +284,14 @@ using BatchLanes = typename glb::VectorOf<BATCH_WIDTH>::type;
 static void step_rows(const glb::Settings* settings, const glb::Rows* rows) {
     std::atomic<int64_t> next{0};
     if (rows->n == 1) return glb::run_rows<double>(*settings, *rows, next);
-    // A thread is worth starting when it has a few vectors of rows to itself.
-    const int64_t useful = rows->n / (4 * BATCH_WIDTH);
+    // A thread is worth starting when it has a vector of rows to itself.
+    const int64_t useful = rows->n / BATCH_WIDTH;
     const int64_t threads = settings->threads < useful ? settings->threads : useful;
     std::vector<std::thread> others;
-    for (int64_t k = 1; k < threads; ++k) others.emplace_back([&] { glb::run_rows<BatchLanes>(*settings, *rows, next); });
+    try {
+        for (int64_t k = 1; k < threads; ++k) others.emplace_back([&] { glb::run_rows<BatchLanes>(*settings, *rows, next); });
+    } catch (const std::system_error&) {  // no more threads to be had: those that run take the rows
+    }
     glb::run_rows<BatchLanes>(*settings, *rows, next);
     for (auto& thread : others) thread.join();
 }
