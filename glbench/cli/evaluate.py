@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, output, print_error
+from glbench.cli.console import messages, output, print_error, print_warning
 from glbench.errors import GlbenchError, SubmissionError, TaskError
 
 if TYPE_CHECKING:
@@ -71,6 +71,8 @@ def evaluate(
             for chosen in tasks
             for agent in loaded
         ]
+    if not as_json:
+        _say_if_slow()
     failed = False
     for evaluation in evaluations:
         try:
@@ -83,6 +85,15 @@ def evaluate(
     if not as_json:
         option = "" if out == Path("reports") else f" --out {out}"
         messages().print(f"Next: glbench leaderboard{option}", markup=False, soft_wrap=True)
+
+
+def _say_if_slow() -> None:
+    """A word about the kernel where it is the slow one."""
+    from glbench.kernel import why_not_compiled
+
+    reason = why_not_compiled()
+    if reason is not None:
+        print_warning(f"{reason} Until then CasADi's own integrator steps the model: minutes instead of seconds.")
 
 
 def _tasks(names: Sequence[str], suites: Sequence[str]) -> list[TaskSpec]:

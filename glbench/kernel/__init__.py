@@ -6,7 +6,7 @@ on four cores, with the same bits. Method, accuracy and speed: docs/kernel.md.
 
 from __future__ import annotations
 
-from glbench.kernel.backends import BACKENDS, Backend, available
+from glbench.kernel.backends import BACKENDS, Backend, available, why_not_compiled
 from glbench.kernel.kernel import Kernel
 from glbench.kernel.pool import KernelPool, make_kernel
 from glbench.kernel.records import Rows, StepFailure
@@ -24,4 +24,5 @@ __all__ = [
     "Stepper",
     "available",
     "make_kernel",
+    "why_not_compiled",
 ]

@@ -34,7 +34,7 @@ class Backend(Protocol):
 
 def available() -> tuple[str, ...]:
     """Names of the backends that work on this machine, fastest first. The first call may compile for some seconds."""
-    return BACKENDS if _compiled_works() else tuple(name for name in BACKENDS if name != "compiled")
+    return BACKENDS if why_not_compiled() is None else tuple(name for name in BACKENDS if name != "compiled")
 
 
 def choose(name: str) -> str:
@@ -73,7 +73,8 @@ def make_backend(name: str, *, step_seconds: float, variant: str, preset: str, t
     return CvodesBackend(chosen, step_seconds=step_seconds, variant=variant, preset=preset)
 
 
-def _compiled_works() -> bool:
+def why_not_compiled() -> str | None:
+    """None where the compiled backend works, else the reason in words. The first call may compile for some seconds."""
     from glbench.kernel.compiled import backend as compiled
 
-    return compiled.available()
+    return compiled.reason_unavailable()

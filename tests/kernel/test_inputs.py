@@ -118,9 +118,9 @@ def test_unknown_names_get_a_did_you_mean(settings: dict[str, str], message: str
 
 
 def test_auto_takes_the_compiled_backend_where_it_works(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backends, "_compiled_works", lambda: True)
+    monkeypatch.setattr(backends, "why_not_compiled", lambda: None)
     assert backends.choose("auto") == "compiled"
-    monkeypatch.setattr(backends, "_compiled_works", lambda: False)
+    monkeypatch.setattr(backends, "why_not_compiled", lambda: "There is no compiler.")
     assert backends.choose("auto") == "casadi"
     assert Kernel(900.0).backend == "casadi"
 
@@ -129,7 +129,7 @@ def test_the_choice_of_a_name_never_compiles(monkeypatch: pytest.MonkeyPatch) ->
     def compile_now() -> bool:
         raise AssertionError
 
-    monkeypatch.setattr(backends, "_compiled_works", compile_now)
+    monkeypatch.setattr(backends, "why_not_compiled", compile_now)
     assert [backends.choose(name) for name in backends.BACKENDS] == list(backends.BACKENDS)
 
 
