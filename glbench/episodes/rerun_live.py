@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 import time
+import uuid
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from glbench.env import Simulation, StepResult
+from glbench.env.quantities import QUANTITY_NAMES
 from glbench.episodes.rerun_course import Course, Shown
 from glbench.episodes.rerun_package import load_rerun
 from glbench.episodes.rerun_recording import (
@@ -56,12 +57,17 @@ class LiveView:
         rerun = load_rerun()
         self._task, self._controller, self._seed, self._row = task, controller, seed, row
         self._times = task.disturbances().times[: task.steps + 1].astype("datetime64[ns]")
-        weather = dict(zip(DISTURBANCE_NAMES, task.disturbances().values[: task.steps].T, strict=True))
-        self._columns = {name: weather.get(name, np.zeros(task.steps)) for name in NEEDED_COLUMNS}
+        names = (STATE_NAMES, CONTROL_NAMES, tuple(LIMITED), QUANTITY_NAMES)
+        self._tables = tuple(np.zeros((task.steps, len(group))) for group in names)
+        weather = task.disturbances().values[: task.steps]
+        everything = zip((*names, DISTURBANCE_NAMES), (*self._tables, weather), strict=True)
+        columns = {name: table[:, i] for group, table in everything for i, name in enumerate(group)}
+        self._columns = {name: columns[name] for name in NEEDED_COLUMNS}
         self._begun = False
         self._done = self._sent = 0
         self._sent_at = time.monotonic()
-        self._stream = rerun.RecordingStream(APPLICATION)
+        # A name of its own: evaluations of one process would else be mixed into one recording.
+        self._stream = rerun.RecordingStream(APPLICATION, recording_id=uuid.uuid4())
         self._stream.connect_grpc(address)
         shown = Shown(task, (self._course(0),), (controller,))
         send_frame(self._stream, shown)
@@ -75,9 +81,10 @@ class LiveView:
         if not self._begun:
             self._begun, self._sent = True, step
             send_limits(self._stream, self._task, [step])
-        for name, value in self._values(simulation, outcome).items():
-            if name in self._columns:
-                self._columns[name][step] = value
+        row = self._row
+        states, controls, air, amounts = self._tables
+        states[step], controls[step], air[step] = simulation.x[row], simulation.u[row], simulation.air[:, row]
+        amounts[step] = [values[row] for values in outcome.quantities.values()]
         self._done = step + 1
         if time.monotonic() - self._sent_at >= _SEND_SECONDS or self._done == self._task.steps:
             self._send()
@@ -108,16 +115,6 @@ class LiveView:
         # Sent as far as the curves reach, and no further: the viewer follows the latest time that it knows of.
         send_limits(self._stream, self._task, [self._done])
         self._sent, self._sent_at = self._done, time.monotonic()
-
-    def _values(self, simulation: Simulation, outcome: StepResult) -> dict[str, float]:
-        row = self._row
-        vectors: tuple[tuple[tuple[str, ...], NDArray[np.float64]], ...] = (
-            (STATE_NAMES, simulation.x[row]),
-            (CONTROL_NAMES, simulation.u[row]),
-            (tuple(LIMITED), simulation.air[:, row]),
-        )
-        values = {name: float(value) for names, vector in vectors for name, value in zip(names, vector, strict=True)}
-        return values | {name: float(column[row]) for name, column in outcome.quantities.items()}
 
     def _course(self, steps: int) -> Course:
         """The run so far."""

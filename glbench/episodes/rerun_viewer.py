@@ -58,6 +58,17 @@ def free_port() -> int:
         return port
 
 
+def _unused(port: int) -> int:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((LOOPBACK, port))
+        except OSError as error:
+            msg = f"The port {port} is taken. Choose another with --port, or leave it out."
+            raise GlbenchError(msg) from error
+    return port
+
+
 def has_screen() -> bool:
     """Whether a window can be opened: on Linux, whether a display is announced."""
     if not sys.platform.startswith("linux"):
@@ -110,10 +121,10 @@ def page_for_browser(recording: Path | None, port: int | None = None) -> Iterato
     Raises
     ------
     GlbenchError
-        Without the package, or when the server does not start.
+        Without the package, when a port is taken, or when the server does not start.
     """
     program = viewer_program()
-    page, data = (free_port(), free_port()) if port is None else (port, port + 1)
+    page, data = (free_port(), free_port()) if port is None else (_unused(port), _unused(port + 1))
     files = [] if recording is None else [str(recording)]
     with _running(program, [*files, "--serve-web", *_listening(data), "--web-viewer-port", str(page)]) as server:
         server.await_port(page)

@@ -7,6 +7,7 @@ import socket
 import sys
 import time
 import urllib.request
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -80,6 +81,17 @@ def test_what_is_streamed_is_what_is_recorded(runs: Runs, tmp_path: Path) -> Non
     assert "running" not in card
 
 
+def test_two_evaluations_are_two_recordings(runs: Runs, tmp_path: Path) -> None:
+    from rerun.chunk import RrdReader
+
+    with stream_into(tmp_path / "live.rrd") as address:
+        _stream(runs, address)
+        _stream(runs, address)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="RRD file has no footer")
+        assert len(RrdReader(tmp_path / "live.rrd").recordings()) == 2
+
+
 def test_an_evaluation_that_goes_on_is_shown_from_where_it_goes_on(runs: Runs, tmp_path: Path) -> None:
     with stream_into(tmp_path / "live.rrd") as address:
         _stream(runs, address, first=50)
@@ -127,6 +139,18 @@ def test_the_page_and_its_data_are_served_on_this_machine_only(runs: Runs, tmp_p
         ports = {int(page.split(":")[2].partition("?")[0]), int(stream.split(":")[2].partition("/")[0])}
         assert _listening_addresses(ports) == {"127.0.0.1"}
     assert _listening_addresses(ports) == set()
+
+
+def test_a_port_that_is_taken_is_said_to_be_taken() -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with (
+            pytest.raises(GlbenchError, match=f"The port {port} is taken"),
+            rerun_viewer.page_for_browser(None, port),
+        ):
+            pass
 
 
 def _listening_addresses(ports: set[int]) -> set[str]:
