@@ -14,8 +14,9 @@ from pathlib import Path
 
 import zstandard
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Footer, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
 from glbench.errors import EpisodeError
@@ -77,7 +78,10 @@ def scan_bytes(data: bytes) -> Scan:
             if opcode == Opcode.CHUNK:
                 found.chunks.append(_torn_chunk(data[body:]))
             break
-        found.problem = _take(found, data, position, opcode, length)
+        try:
+            found.problem = _take(found, data, position, opcode, length)
+        except (McapError, struct.error, UnicodeDecodeError):
+            found.problem = f"the record at byte {position} is damaged"
         if found.problem is not None:
             return found
         ended = opcode == Opcode.FOOTER
@@ -109,6 +113,9 @@ def _take(found: Scan, data: bytes, position: int, opcode: int, length: int) -> 
         if messages is None:
             return f"the chunk at byte {position} does not match its checksum"
         found.chunks.append(messages)
+    elif opcode == Opcode.DATA_END:
+        if zlib.crc32(data[:position]) != DataEnd.read(stream).data_section_crc:
+            return "the content does not match its checksum"
     elif opcode == Opcode.FOOTER:
         footer = Footer.read(stream)
         end = position + _HEAD.size + length - 4

@@ -52,6 +52,7 @@ class McapStream:
         self._file = file
         self._compressor = zstandard.ZstdCompressor(level=_LEVEL)
         self._position = 0
+        self._checksum = 0
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
         self._chunks: list[ChunkIndex] = []
@@ -110,7 +111,7 @@ class McapStream:
 
     def finish(self) -> None:
         """Write what makes the file whole: the end mark and the summary."""
-        self._write(DataEnd(0))
+        self._write(DataEnd(self._checksum))
         start, summary = self._position, RecordBuilder()
         offsets = []
         for opcode, records in self._summary():
@@ -167,6 +168,7 @@ class McapStream:
 
     def _put(self, data: bytes) -> None:
         self._file.write(data)
+        self._checksum = zlib.crc32(data, self._checksum)
         self._position += len(data)
 
 

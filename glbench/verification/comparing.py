@@ -25,6 +25,11 @@ class Agreement:
     first: str = ""
     cause: str = ""
 
+    @property
+    def exact(self) -> bool:
+        """Whether all bits were the same."""
+        return not self.first
+
     def add(self, cause: str, recorded: Floats, found: Floats, words: tuple[str, ...], where: str) -> Agreement:
         """Compare tables ``(steps, columns)``, of which ``words`` name the columns; step 1 is the first row."""
         differs = ~_same_bits(recorded, found)
@@ -47,7 +52,7 @@ class Agreement:
 
     def verdict(self, *, same_machine: bool, other: str) -> Refused | None:
         """Why this is no proof; ``None`` when it is one. ``other`` says what is different here."""
-        if self.largest == 0.0:
+        if self.exact:
             return None
         if same_machine:
             return Refused("refuted", self.cause, f"{self.first}. The recorded actions do not lead there.")

@@ -64,18 +64,23 @@ def verify(
         spec = find_task(result, log, task)
         notes = check_seeds(result, spec)
         check_kernel(result, spec)
-        whole = read_episodes(episodes or episodes_folder(path), log, wanted=episodes is not None)
+        whole, complaint = _try_to_read(episodes or episodes_folder(path), log, wanted=episodes is not None)
         with _kernel(result, spec, workers) as kernel:
             machine = _compare_machines(result, kernel)
             again = _simulate(spec, log, [row for row, _ in whole], kernel, progress)
-        agreement = _agreement(result, log, again, whole, spec)
+        agreement = _agreement(result, log, again)
+        _refuse(agreement, machine)
         _same_ends(result, again.runs, exactly=machine.same)
-        refused = agreement.verdict(same_machine=machine.same, other=machine.words)
-        if refused is not None:
-            raise refused
+        if complaint is not None:
+            raise complaint
+        for row, episode in whole:
+            assert again.trace is not None
+            replayed = again.trace.episode(spec, row, log.provenance, log.runs[row], log.actions[:, row])
+            agreement = compare_episode(agreement, episode, replayed)
+        _refuse(agreement, machine)
     except Refused as refused:
         return Verdict(path, refused.outcome, refused.cause, refused.reason)
-    exact = agreement.largest == 0.0
+    exact = agreement.exact
     return Verdict(
         path,
         "proved",
@@ -171,10 +176,22 @@ def _simulate(
     return _Again(runs, rewards, np.array(replay.simulation.x), trace)
 
 
-def _agreement(
-    result: Result, log: ActionLog, again: _Again, whole: Sequence[tuple[int, Episode]], task: TaskSpec
-) -> Agreement:
-    """Rewards of every step, final states, metrics, and the columns of the full episodes."""
+def _try_to_read(folder: Path, log: ActionLog, *, wanted: bool) -> tuple[list[tuple[int, Episode]], Refused | None]:
+    """Full episodes, or what is wrong with them: told only when the result itself is right."""
+    try:
+        return read_episodes(folder, log, wanted=wanted), None
+    except Refused as refused:
+        return [], refused
+
+
+def _refuse(agreement: Agreement, machine: _Machine) -> None:
+    refused = agreement.verdict(same_machine=machine.same, other=machine.words)
+    if refused is not None:
+        raise refused
+
+
+def _agreement(result: Result, log: ActionLog, again: _Again) -> Agreement:
+    """Rewards of every step, final states and metrics."""
     seeds = tuple(f"reward of the run with seed {seed}" for seed in log.seeds)
     found = Agreement().add("reward", log.rewards, again.rewards, seeds, "recorded rewards")
     metrics = np.array([[run.metrics[name] for name in METRIC_NAMES] for run in result.runs])
@@ -184,10 +201,6 @@ def _agreement(
         found = found.add("state", states, reached, STATE_NAMES, f"final state of the run with seed {run.seed}")
         where = f"metrics of the run with seed {run.seed}"
         found = found.add("metric", metrics[row : row + 1], earned[row : row + 1], METRIC_NAMES, where)
-    for row, episode in whole:
-        assert again.trace is not None
-        replayed = again.trace.episode(task, row, log.provenance, log.runs[row], log.actions[:, row])
-        found = compare_episode(found, episode, replayed)
     return found
 
 
