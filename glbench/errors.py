@@ -50,6 +50,10 @@ class ResultError(GlbenchError):
     """A stored result is unreadable, inconsistent, or cannot be compared with another."""
 
 
+class EpisodeError(GlbenchError):
+    """An episode record is missing, damaged, or of another kind than expected."""
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Sentence that points to the known names nearest to ``name``; lists all of them when they are few.
 

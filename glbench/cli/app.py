@@ -9,10 +9,12 @@ from typing import Annotated, NoReturn
 import typer
 
 from glbench import __version__
-from glbench.cli import tasks, weather
+from glbench.cli import episodes, tasks, weather
 from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_warnings
 from glbench.cli.evaluate import evaluate
 from glbench.cli.leaderboard import leaderboard
+from glbench.cli.verify import verify
+from glbench.cli.view import view
 from glbench.errors import GlbenchError
 
 app = typer.Typer(
@@ -26,6 +28,9 @@ app = typer.Typer(
 )
 app.command("evaluate")(evaluate)
 app.command("leaderboard")(leaderboard)
+app.command("verify")(verify)
+app.command("view")(view)
+app.add_typer(episodes.app, name="episodes")
 app.add_typer(tasks.app, name="tasks")
 app.add_typer(weather.app, name="weather")
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import messages, output, print_error, print_warning
+from glbench.cli.view import live_view, live_viewer
 from glbench.errors import GlbenchError, SubmissionError, TaskError
 
 if TYPE_CHECKING:
@@ -49,8 +50,20 @@ def evaluate(
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for results/ and for the checkpoint of unfinished work.")
     ] = Path("reports"),
+    episodes: Annotated[
+        str,
+        typer.Option(
+            "--episodes",
+            help="Runs to keep as full episodes (3 MB each): all, none, or a list of best, worst, median and seeds. "
+            "The actions of all runs are kept anyway, so that the others can be made later.",
+        ),
+    ] = "best,worst,median",
     as_json: Annotated[
         bool, typer.Option("--json", help="Print each result as one line of JSON and nothing else.")
+    ] = False,
+    live: Annotated[
+        bool,
+        typer.Option("--live", help="Watch the first run in the viewer while it is simulated (needs glbench[view])."),
     ] = False,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Evaluate again even if the result is there, and forget unfinished work.")
@@ -67,19 +80,20 @@ def evaluate(
         tasks = _tasks(task or [], suite or [])
         loaded = _agents(agents)
         evaluations = [
-            prepare(chosen, agent, runs=runs, first_seed=seed, workers=workers, out=out, fresh=fresh)
+            prepare(chosen, agent, runs=runs, first_seed=seed, workers=workers, out=out, fresh=fresh, episodes=episodes)
             for chosen in tasks
             for agent in loaded
         ]
     if not as_json:
         _say_if_slow()
     failed = False
-    for evaluation in evaluations:
-        try:
-            _evaluate(evaluation, as_json=as_json)
-        except SubmissionError as error:
-            print_error(str(error))
-            failed = True
+    with live_viewer() if live else contextlib.nullcontext() as viewer:
+        for evaluation in evaluations:
+            try:
+                _evaluate(evaluation, as_json=as_json, viewer=viewer)
+            except SubmissionError as error:
+                print_error(str(error))
+                failed = True
     if failed:
         raise typer.Exit(1)
     if not as_json:
@@ -136,17 +150,19 @@ def _agents(refs: Sequence[str]) -> list[LoadedAgent]:
     return list(by_name.values())
 
 
-def _evaluate(evaluation: Evaluation, *, as_json: bool) -> None:
-    """Run one evaluation, or take its stored result, and show it."""
+def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = None) -> None:
+    """Run one evaluation, or take its stored result, and show it; ``viewer`` is the address of a live view."""
     from glbench.cli.evaluation_tables import announcement, print_failures, summary_table
 
     if not as_json:
         messages().print(announcement(evaluation), soft_wrap=True)
     result = evaluation.stored
     if result is None:
-        result = _run(evaluation, as_json=as_json)
+        result = _run(evaluation, as_json=as_json, viewer=viewer)
     elif not as_json:
         messages().print(f"Already evaluated on {result.created}: this is the stored result (--fresh evaluates again).")
+    if evaluation.stored is not None:
+        evaluation.complete_episodes(evaluation.stored)
     if as_json:
         output().out(result.model_dump_json(by_alias=True), highlight=False)
         return
@@ -156,12 +172,12 @@ def _evaluate(evaluation: Evaluation, *, as_json: bool) -> None:
         messages().print(f"Saved: {_shown(evaluation.path)}", markup=False, soft_wrap=True)
 
 
-def _run(evaluation: Evaluation, *, as_json: bool) -> Result:
+def _run(evaluation: Evaluation, *, as_json: bool, viewer: str | None) -> Result:
     from glbench.cli.evaluation_progress import ProgressBar
 
     try:
-        with _quiet_agents(as_json), ProgressBar(evaluation) as bar:
-            return evaluation.run(bar.update)
+        with _quiet_agents(as_json), live_view(viewer, evaluation) as watcher, ProgressBar(evaluation) as bar:
+            return evaluation.run(bar.update, watcher)
     except KeyboardInterrupt:
         messages().print("\n[bold yellow]Interrupted.[/bold yellow] " + _what_is_kept(evaluation), soft_wrap=True)
         raise typer.Exit(130) from None

@@ -17,17 +17,20 @@ import rfc8785
 from glbench import __version__
 from glbench.agents import LoadedAgent
 from glbench.env import Simulation
+from glbench.episodes import Recorder, actions_path, log_bytes, provenance_of
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import provenance
 from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, read_checkpoint
 from glbench.evaluation.drivers import make_driver
+from glbench.evaluation.episodes import forget_episodes, make_episodes, run_facts, write_episodes
 from glbench.evaluation.files import ensure_writable, result_path, save_result, short_task_id
 from glbench.evaluation.limits import TimeLimits
-from glbench.evaluation.lockstep import Lockstep, ProgressCallback
+from glbench.evaluation.lockstep import Lockstep, ProgressCallback, Watcher
 from glbench.evaluation.metrics import UNITS
 from glbench.evaluation.records import (
     AgentRecord,
     EvaluationRecord,
+    RecordReference,
     Result,
     TaskRecord,
     results_digest,
@@ -35,11 +38,13 @@ from glbench.evaluation.records import (
 )
 from glbench.evaluation.tally import Tally
 from glbench.kernel import Kernel, KernelPool, make_kernel
+from glbench.model import CONTROL_NAMES
+from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec, task_card
 
 logger = logging.getLogger(__name__)
 
-_CHECKPOINT_FORMAT = 1
+_CHECKPOINT_FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,8 @@ class Evaluation:
     checkpoint_seconds: float
     stored: Result | None
     """The finished result, when this very evaluation has been done before."""
+    episodes: tuple[str, ...] = ("none",)
+    """Which runs are kept as full episodes; see ``glbench.episodes.parse_selection``."""
 
     @property
     def path(self) -> Path | None:
@@ -72,8 +79,8 @@ class Evaluation:
         if self._folder is not None:
             discard(self._folder)
 
-    def run(self, progress: ProgressCallback | None = None) -> Result:
-        """Run it, from its checkpoint if there is one, and save the result.
+    def run(self, progress: ProgressCallback | None = None, watcher: Watcher | None = None) -> Result:
+        """Run it, from its checkpoint if there is one, and save the result; ``watcher`` looks on.
 
         Raises
         ------
@@ -84,30 +91,60 @@ class Evaluation:
         """
         with self._alone(), _open_kernel(self.task, self.workers) as kernel:
             simulation = Simulation(self.task, len(self.seeds), kernel=kernel)
-            result = self._resumed(simulation, progress) or self._from_the_start(simulation, progress)
+            result, recorder = self._resumed(simulation, progress, watcher) or self._from_the_start(
+                simulation, progress, watcher
+            )
             if self.out is not None:
-                save_result(result, self.out)
+                result = self._save(result, recorder, simulation, self.out)
                 discard(self._agent_folder(self.out))
         return result
 
-    def _from_the_start(self, simulation: Simulation, progress: ProgressCallback | None) -> Result:
+    def complete_episodes(self, result: Result) -> None:
+        """Make the full episodes that are wanted and not there yet, by replaying the recorded actions of ``result``.
+
+        Raises
+        ------
+        EpisodeError
+            When the recorded actions are missing, damaged, or of another result.
+        """
+        if self.path is not None and self.episodes != ("none",):
+            make_episodes(self.episodes, result, self.path, self.task)
+
+    def _save(self, result: Result, recorder: Recorder, simulation: Simulation, out: Path) -> Result:
+        """Write the actions, then the result that names their digest, then full episodes."""
+        path = result_path(out, self.task.id, self.agent.name)
+        provenance = provenance_of(self.task, self.agent, self.kernel)
+        log = recorder.log(simulation, provenance, run_facts(result.runs))
+        actions = actions_path(path)
+        write_atomically(actions, log_bytes(log))
+        result = result.model_copy(update={"record": RecordReference(file=actions.name, digest=log.digest)})
+        save_result(result, out)
+        forget_episodes(path)
+        write_episodes(self.episodes, result, path, self.task, log, recorder.trace)
+        return result
+
+    def _from_the_start(
+        self, simulation: Simulation, progress: ProgressCallback | None, watcher: Watcher | None
+    ) -> tuple[Result, Recorder]:
         self.forget()
-        lockstep, tally = self._lockstep(simulation, progress)
+        lockstep, tally, recorder = self._lockstep(simulation, progress, watcher)
         lockstep.start()
         lockstep.run(simulation.reset(self.seeds), 0)
-        return self._result(tally, lockstep.wall_seconds, None)
+        return self._result(tally, lockstep.wall_seconds, None), recorder
 
-    def _resumed(self, simulation: Simulation, progress: ProgressCallback | None) -> Result | None:
+    def _resumed(
+        self, simulation: Simulation, progress: ProgressCallback | None, watcher: Watcher | None
+    ) -> tuple[Result, Recorder] | None:
         """The result by way of the checkpoint; ``None`` when there is none or it leads nowhere."""
         saved = read_checkpoint(self._folder) if self._folder is not None else None
         if saved is None:
             return None
-        lockstep, tally = self._lockstep(simulation, progress)
+        lockstep, tally, recorder = self._lockstep(simulation, progress, watcher)
         lockstep.start()
         if not self._replayed(lockstep, saved):
             return None
         lockstep.run(simulation.observe(), saved.step)
-        return self._result(tally, lockstep.wall_seconds, saved.step)
+        return self._result(tally, lockstep.wall_seconds, saved.step), recorder
 
     def _replayed(self, lockstep: Lockstep, saved: Saved) -> bool:
         try:
@@ -123,12 +160,21 @@ class Evaluation:
         )
         return False
 
-    def _lockstep(self, simulation: Simulation, progress: ProgressCallback | None) -> tuple[Lockstep, Tally]:
-        """A fresh agent and empty books."""
+    def _lockstep(
+        self, simulation: Simulation, progress: ProgressCallback | None, watcher: Watcher | None
+    ) -> tuple[Lockstep, Tally, Recorder]:
+        """A fresh agent, empty books and an empty record."""
         driver = make_driver(self.agent, self.task, task_card(self.task), len(self.seeds), self.limits)
         tally = Tally(self.seeds)
         checkpoint = Checkpoint(self._folder, self.checkpoint_seconds)
-        return Lockstep(simulation, driver, tally, checkpoint, self.limits, progress), tally
+        columns = len(CONTROL_NAMES) if self.agent.privileged else len(self.task.actuation.controls)
+        traced = self.out is not None and self.episodes != ("none",)
+        recorder = Recorder(simulation, columns, traced=traced)
+        return (
+            Lockstep(simulation, driver, tally, checkpoint, recorder, self.limits, progress, watcher),
+            tally,
+            recorder,
+        )
 
     def _result(self, tally: Tally, wall_seconds: float, resumed_at: int | None) -> Result:
         task, failed_step = self.task, self.task.evaluation.failed_step

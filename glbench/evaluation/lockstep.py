@@ -5,11 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env import Simulation, Snapshot
+from glbench.env import Simulation, Snapshot, StepResult
+from glbench.episodes import Recorder
 from glbench.evaluation.acting import Failure
 from glbench.evaluation.checkpoint import Checkpoint, Saved
 from glbench.evaluation.drivers import Driver
@@ -34,6 +36,13 @@ class Progress:
 ProgressCallback = Callable[[Progress], None]
 
 
+class Watcher(Protocol):
+    """Something that looks on while an evaluation runs, such as a live view."""
+
+    def add(self, simulation: Simulation, outcome: StepResult) -> None:
+        """Called after every simulated step, before runs that failed in it are ended."""
+
+
 class Lockstep:
     """One agent in one simulation, from the first step or from a checkpoint to the last."""
 
@@ -43,15 +52,19 @@ class Lockstep:
         driver: Driver,
         tally: Tally,
         checkpoint: Checkpoint,
+        recorder: Recorder,
         limits: TimeLimits,
         progress: ProgressCallback | None,
+        watcher: Watcher | None = None,
     ) -> None:
         self._simulation = simulation
         self._driver = driver
         self._tally = tally
         self._checkpoint = checkpoint
+        self._recorder = recorder
         self._limits = limits
         self._progress = progress
+        self._watcher = watcher
         self._earlier_seconds = 0.0
         self._began = time.perf_counter()
 
@@ -76,6 +89,7 @@ class Lockstep:
             self._report(step + 1, replaying=True)
         self._simulation.restore(Snapshot.from_bytes(saved.arrays["simulation"].tobytes()))
         self._tally.restore(saved.arrays, saved.facts["ends"])
+        self._recorder.restore(saved.arrays, saved.actions)
         self._earlier_seconds = float(saved.facts["wall_seconds"])
         self._began = time.perf_counter()
         self._checkpoint.continue_from(saved)
@@ -86,6 +100,7 @@ class Lockstep:
         tally, steps = self._tally, self._simulation.task.steps
         if first_step == 0:
             self._simulation.end(~tally.alive)
+            self._recorder.begin(self._simulation)
         self._report(first_step)
         for step in range(first_step, steps):
             if not tally.alive.any():
@@ -108,6 +123,9 @@ class Lockstep:
             if not tally.alive.any():
                 return observations
         outcome = self._driver.apply(simulation, decision.actions)
+        self._recorder.add(decision.actions, simulation, outcome)
+        if self._watcher is not None:
+            self._watcher.add(simulation, outcome)
         ended = tally.add(outcome)
         if ended:
             simulation.end(ended)
@@ -125,7 +143,7 @@ class Lockstep:
     def _save(self, step: int) -> None:
         snapshot = np.frombuffer(self._simulation.snapshot().to_bytes(), dtype=np.uint8)
         facts = {"ends": self._tally.ends(), "wall_seconds": self.wall_seconds}
-        self._checkpoint.save(step, {**self._tally.arrays(), "simulation": snapshot}, facts)
+        self._checkpoint.save(step, {**self._tally.arrays(), **self._recorder.arrays(), "simulation": snapshot}, facts)
 
     def _report(self, step: int, *, replaying: bool = False) -> None:
         if self._progress is not None:

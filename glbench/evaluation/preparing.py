@@ -8,6 +8,7 @@ from pathlib import Path
 from glbench import __version__
 from glbench.agents import LoadedAgent, load_agent
 from glbench.env.kernels import shared_kernel
+from glbench.episodes import chosen_rows, parse_selection
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation.files import ensure_writable, load_result, result_path
 from glbench.evaluation.job import Evaluation
@@ -36,6 +37,7 @@ def prepare(
     fresh: bool = False,
     limits: TimeLimits | None = None,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
+    episodes: str = "none",
 ) -> Evaluation:
     """Decide everything about an evaluation and find out what can go wrong before it starts.
 
@@ -44,6 +46,8 @@ def prepare(
     task = task if isinstance(task, TaskSpec) else get_task(task)
     agent = agent if isinstance(agent, LoadedAgent) else load_agent(agent)
     seeds = _seeds(task, runs, first_seed)
+    selection = parse_selection(episodes)
+    chosen_rows(selection, seeds, [0.0] * len(seeds))  # a seed that no run has is told now, not after the evaluation
     if workers is not None and workers < 1:
         msg = f"An evaluation needs at least one worker; got {workers}."
         raise GlbenchError(msg)
@@ -56,7 +60,7 @@ def prepare(
         stored = None if fresh else _finished(folder, task, agent, seeds, kernel)
     workers = min(workers or usable_cores(), len(seeds))
     evaluation = Evaluation(
-        task, agent, seeds, workers, kernel, folder, limits or TimeLimits(), checkpoint_seconds, stored
+        task, agent, seeds, workers, kernel, folder, limits or TimeLimits(), checkpoint_seconds, stored, selection
     )
     if fresh:
         evaluation.forget()
@@ -74,6 +78,7 @@ def evaluate(
     fresh: bool = False,
     limits: TimeLimits | None = None,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
+    episodes: str = "none",
     progress: ProgressCallback | None = None,
 ) -> Result:
     """Evaluate an agent on a task over seeded runs.
@@ -97,6 +102,9 @@ def evaluate(
         Time that the agent may take; see ``TimeLimits``.
     checkpoint_seconds
         Shortest time between two checkpoints [s]; 0 makes one after every step.
+    episodes
+        Runs that are kept as full episodes below ``out``: ``"all"``, ``"none"``, or a list such as ``"best,worst,median"``.
+        The actions of all runs are kept anyway, so that episodes can be made later.
     progress
         Called with a ``Progress`` after every step.
 
@@ -121,7 +129,10 @@ def evaluate(
         fresh=fresh,
         limits=limits,
         checkpoint_seconds=checkpoint_seconds,
+        episodes=episodes,
     )
+    if evaluation.stored is not None:
+        evaluation.complete_episodes(evaluation.stored)
     return evaluation.stored or evaluation.run(progress)
 
 

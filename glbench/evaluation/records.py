@@ -97,6 +97,13 @@ class EvaluationRecord(Record):
     kernel: dict[str, str | float]
 
 
+class RecordReference(Record):
+    """The file beside the result that holds the actions of all runs, and the digest of its content."""
+
+    file: str
+    digest: Digest
+
+
 class Versions(Record):
     """Versions of everything that computes a number."""
 
@@ -150,6 +157,8 @@ class Result(Record):
     runs: tuple[RunResult, ...]
     summary: Summary
     results_digest: Digest
+    record: RecordReference | None = None
+    """What `glbench verify` proves the result from; ``None`` in results that were made without a folder."""
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:

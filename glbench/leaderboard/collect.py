@@ -8,14 +8,16 @@ from pathlib import Path
 
 from glbench.errors import ResultError
 from glbench.evaluation import Result, load_result
+from glbench.verification import SUFFIX, read_proof
 
 
 @dataclass(frozen=True)
 class StoredResult:
-    """A result and the file that holds it."""
+    """A result, the file that holds it, and whether a proof of this very file lies beside it."""
 
     path: Path
     result: Result
+    verified: bool = False
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,9 @@ def collect_results(folders: Iterable[Path]) -> tuple[StoredResult, ...]:
     for folder in _distinct(folders):
         here: dict[tuple[str, str], StoredResult] = {}
         for path in sorted(folder.rglob("*.json")):
-            stored = StoredResult(path, load_result(path))
+            if path.name.endswith(SUFFIX):
+                continue
+            stored = StoredResult(path, load_result(path), verified=read_proof(path) is not None)
             key = (stored.result.task.id, stored.result.agent.name)
             if key in here:
                 msg = (

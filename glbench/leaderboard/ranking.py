@@ -42,6 +42,8 @@ class Row:
     task_digest: str
     results_digest: str
     remark: str
+    verified: bool = False
+    """Whether ``glbench verify`` proved the result from its records."""
 
 
 @dataclass(frozen=True)
@@ -84,10 +86,11 @@ def rank(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) ->
     """
     items = tuple(stored)
     refuse_mixed_digests(items, expected)
+    verified = frozenset(item.result.results_digest for item in items if item.verified)
     tables = []
     for task_id in sorted({item.result.task.id for item in items}):
         results = [item.result for item in items if item.result.task.id == task_id]
-        tables.append(_table(task_id, results, _expected_seeds(task_id, results, expected)))
+        tables.append(_table(task_id, results, _expected_seeds(task_id, results, expected), verified))
     return tuple(tables)
 
 
@@ -97,22 +100,24 @@ def _expected_seeds(task_id: str, results: list[Result], expected: Mapping[str, 
     return max((result.evaluation.seeds for result in results), key=lambda seeds: (len(seeds), seeds))
 
 
-def _table(task_id: str, results: list[Result], seeds: tuple[int, ...]) -> TaskTable:
+def _table(task_id: str, results: list[Result], seeds: tuple[int, ...], verified: frozenset[str]) -> TaskTable:
     complete = [(result, estimates_of(result)) for result in results if result.evaluation.seeds == seeds]
     complete.sort(key=lambda pair: (-pair[1][RANKING_METRIC].mean, pair[0].agent.name))
     rows: list[Row] = []
     for position, (result, estimates) in enumerate(complete, start=1):
         tied = bool(rows) and rows[-1].estimates[RANKING_METRIC].mean == estimates[RANKING_METRIC].mean
-        rows.append(_row(result, estimates, rows[-1].rank if tied else position, ""))
+        rows.append(_row(result, estimates, rows[-1].rank if tied else position, "", verified))
     for result in sorted((r for r in results if r.evaluation.seeds != seeds), key=lambda r: r.agent.name):
         remark = f"not ranked: {result.evaluation.runs} runs with other seeds than the task's {len(seeds)}"
         if result.evaluation.seeds == seeds[: result.evaluation.runs]:
             remark = f"not ranked: {result.evaluation.runs} of {len(seeds)} runs"
-        rows.append(_row(result, estimates_of(result), None, remark))
+        rows.append(_row(result, estimates_of(result), None, remark, verified))
     return TaskTable(task_id, results[0].task.title, results[0].task.digest, tuple(rows))
 
 
-def _row(result: Result, estimates: Mapping[str, Estimate], rank_: int | None, remark: str) -> Row:
+def _row(
+    result: Result, estimates: Mapping[str, Estimate], rank_: int | None, remark: str, verified: frozenset[str]
+) -> Row:
     return Row(
         task_id=result.task.id,
         agent=result.agent.name,
@@ -124,4 +129,5 @@ def _row(result: Result, estimates: Mapping[str, Estimate], rank_: int | None, r
         task_digest=result.task.digest,
         results_digest=result.results_digest,
         remark=remark,
+        verified=result.results_digest in verified,
     )

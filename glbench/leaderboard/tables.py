@@ -18,6 +18,7 @@ FOOTNOTES = (
     "Reward and penalty have no unit. EPI is revenue minus the costs of heat, electricity and CO2. "
     "Failed runs count at the task's stated penalty.",
     f"{PRIVILEGED_MARK} privileged: sees more than the observations, or acts without the rate limit.",
+    "Verified: `glbench verify` simulated every run again from its recorded actions and found what the result says.",
 )
 
 
@@ -83,6 +84,7 @@ def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
                 "privileged": row.privileged,
                 "runs": row.runs,
                 "failed_runs": row.failed,
+                "verified": row.verified,
                 "remark": row.remark,
             }
             for metric in METRICS:
@@ -117,7 +119,7 @@ def _mean_of(agent: str, table: TaskTable, column: Column) -> str:
 
 
 def _task_rows(table: TaskTable) -> list[str]:
-    heads = ["#", "Agent", *(column.heading for column in COLUMNS), "Reward, IQM", "Runs"]
+    heads = ["#", "Agent", *(column.heading for column in COLUMNS), "Reward, IQM", "Runs", "Verified"]
     lines = ["| " + " | ".join(heads) + " |", "|---:|---|" + "---:|" * (len(heads) - 2)]
     return lines + ["| " + " | ".join(_cells(row)) + " |" for row in table.rows]
 
@@ -132,6 +134,11 @@ def runs_label(row: Row) -> str:
     return f"{row.runs}" if row.failed == 0 else f"{row.runs} ({row.failed} failed)"
 
 
+def verified_label(row: Row) -> str:
+    """``yes``, or a dash where no proof of the result is there."""
+    return "yes" if row.verified else "–"
+
+
 def _cells(row: Row) -> list[str]:
     """Texts of a row in the order of the headings."""
     return [
@@ -140,4 +147,5 @@ def _cells(row: Row) -> list[str]:
         *(format_estimate(row.estimates[column.metric], column) for column in COLUMNS),
         f"{row.estimates['reward'].iqm:.1f}",
         f"{runs_label(row)}; {row.remark}" if row.remark else runs_label(row),
+        verified_label(row),
     ]

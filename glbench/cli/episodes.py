@@ -1,0 +1,168 @@
+"""``glbench episodes``: look at records, turn them into tables, rescue what a killed writer left, make more of them."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from glbench.cli.console import messages, output
+from glbench.errors import EpisodeError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from glbench.episodes import ActionLog, Episode
+
+app = typer.Typer(help="Look at episode records (MCAP), export, recover and make them.", no_args_is_help=True)
+
+File = Annotated[Path, typer.Argument(metavar="FILE", help="An episode record (.mcap).")]
+
+
+@app.command()
+def info(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="An episode, or the recorded actions of a result (.mcap).")
+    ],
+) -> None:
+    """Show what a record holds: where it comes from, how the run ended, columns with units."""
+    from glbench.episodes import is_action_log, read_episode, read_log
+
+    if is_action_log(file):
+        _show_log(read_log(file), file)
+    else:
+        _show_episode(read_episode(file, partial=True), file)
+
+
+@app.command()
+def export(
+    file: File,
+    to: Annotated[Path, typer.Option("--to", help="File to write: .parquet or .csv.")],
+) -> None:
+    """Write an episode as a table, one row a step: Parquet (with units) or CSV (floats that read back to the same bits)."""
+    from glbench.episodes import read
+    from glbench.resources import write_atomically
+
+    if to.suffix not in (".parquet", ".csv"):
+        msg = f"Cannot tell the format of {to}. Give it the ending .parquet or .csv."
+        raise EpisodeError(msg)
+    frame = read(file)
+    if to.suffix == ".csv":
+        write_atomically(to, frame.to_csv(lineterminator="\n"))
+    else:
+        buffer = io.BytesIO()
+        frame.to_parquet(buffer)
+        write_atomically(to, buffer.getvalue())
+    messages().print(f"Written: {to} ({len(frame)} steps, {frame.shape[1]} columns)", markup=False, soft_wrap=True)
+
+
+@app.command()
+def recover(
+    file: File,
+    to: Annotated[
+        Path | None, typer.Option("--to", help="File to write. Default: FILE with .recovered.mcap as its ending.")
+    ] = None,
+) -> None:
+    """Make a whole file of what a killed writer left. The file itself stays as it is."""
+    from glbench.episodes import recover as recover_file
+
+    to = to or file.with_name(file.name.removesuffix(".mcap") + ".recovered.mcap")
+    if to.resolve() == file.resolve():
+        msg = f"{to} is the file to recover. Write to another one with --to."
+        raise EpisodeError(msg)
+    episode = recover_file(file, to)
+    lost = episode.run.steps - episode.steps
+    problem = f" ({episode.problem})" if episode.problem else ""
+    messages().print(
+        f"Recovered {episode.steps} of {episode.run.steps} steps, {lost} are lost{problem}. Written: {to}",
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+@app.command()
+def make(
+    result: Annotated[Path, typer.Argument(metavar="RESULT", help="A result file (.json) with its recorded actions.")],
+    episodes: Annotated[
+        str, typer.Option("--episodes", help="all, or a list of best, worst, median and seeds.")
+    ] = "best,worst,median",
+    to: Annotated[
+        Path | None, typer.Option("--to", help="Folder to write to. Default: where evaluate puts them.")
+    ] = None,
+) -> None:
+    """Make full episodes of a stored result by replaying its recorded actions. The agent is not needed."""
+    from glbench.episodes import parse_selection
+    from glbench.evaluation import load_result
+    from glbench.evaluation.episodes import make_episodes, task_of_result
+
+    loaded = load_result(result)
+    with messages().status("replaying"):
+        files = make_episodes(parse_selection(episodes), loaded, result, task_of_result(loaded, result), to)
+    for file in files:
+        output().print(str(file), markup=False, soft_wrap=True)
+
+
+def _show_episode(episode: Episode, file: Path) -> None:
+    run, provenance = episode.run, episode.provenance
+    there = f"{episode.steps} of {run.steps}" if episode.steps != run.steps else f"{run.steps}"
+    facts = {
+        "record": f"episode, {file.stat().st_size / 1e6:.2f} MB",
+        "task": f"{provenance.task.id} (digest {provenance.task.digest[:12]}...)",
+        "agent": f"{provenance.agent.name} (digest {provenance.agent.digest[:12]}...; sees {provenance.agent.information})",
+        "seed": str(run.seed),
+        "ended": run.status + (f": {run.reason}" if run.reason else ""),
+        "steps": f"{there} of {provenance.task.step_seconds:g} s, from {episode.times[0]} to {episode.times[-1]} UTC".replace(
+            ".000000000", ""
+        ),
+        "actions": f"{provenance.agent.acts}, {episode.tables['action'].dtype.name}",
+        "kernel": f"{provenance.kernel['backend']}, glbench {provenance.versions['glbench']}",
+    }
+    if episode.problem:
+        facts["damage"] = f"{episode.problem}; `glbench episodes recover {file}` makes a whole file of what is left"
+    elif episode.steps != run.steps:
+        facts["damage"] = "recovered from a file that was cut"
+    output().print(_facts(facts))
+    output().print(_columns(episode))
+
+
+def _show_log(log: ActionLog, file: Path) -> None:
+    provenance = log.provenance
+    failed = [run for run in log.runs if run.status != "ok"]
+    facts = {
+        "record": f"actions and rewards of all runs, {file.stat().st_size / 1e6:.2f} MB",
+        "task": f"{provenance.task.id} (digest {provenance.task.digest[:12]}...)",
+        "agent": f"{provenance.agent.name} (digest {provenance.agent.digest[:12]}...; sees {provenance.agent.information})",
+        "runs": f"{len(log.runs)}, seeds {log.seeds[0]} to {log.seeds[-1]}; {len(failed)} failed",
+        "actions": f"{provenance.agent.acts} {', '.join(provenance.agent.columns)}; {log.actions.dtype.name}",
+        "digest": log.digest,
+    }
+    output().print(_facts(facts))
+
+
+def _facts(facts: dict[str, str]) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    view = Table(box=None, show_header=False, pad_edge=False)
+    view.add_column(style="bold", no_wrap=True)
+    view.add_column(overflow="fold")
+    for name, value in facts.items():
+        view.add_row(name, Text(value))
+    return view
+
+
+def _columns(episode: Episode) -> Table:
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    view = Table(title="Columns", title_justify="left", box=box.SIMPLE_HEAD)
+    for heading in ("Topic", "Column", "Unit"):
+        view.add_column(heading, no_wrap=True)
+    view.add_column("Meaning")
+    for group in episode.groups:
+        for index, column in enumerate(group.columns):
+            view.add_row("" if index else group.topic, column.name, Text(column.unit), Text(column.meaning))
+    return view

@@ -1,0 +1,123 @@
+"""``glbench verify``: prove results from their records alone."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from glbench.cli.console import messages, output, print_warning
+from glbench.errors import GlbenchError
+
+if TYPE_CHECKING:
+    from glbench.verification import Verdict
+
+_HEADINGS = {
+    "proved": "[bold green]proved[/]",
+    "refuted": "[bold red]refuted[/]",
+    "unknown": "[bold yellow]cannot tell[/]",
+}
+
+
+def verify(
+    results: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RESULT", help="Result files (.json), each with its .actions.mcap beside it; or folders of them."
+        ),
+    ],
+    episodes: Annotated[
+        Path | None,
+        typer.Option(
+            "--episodes",
+            help="Folder with full episodes to compare. Default: where evaluate puts them, if there are any.",
+        ),
+    ] = None,
+    task: Annotated[
+        Path | None,
+        typer.Option(
+            "--task", "-t", help="Task file of a task that is not published. Default: the copy in the record."
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", "-w", min=1, help="Processes to simulate with. Default: what is fastest here."),
+    ] = None,
+    proof: Annotated[
+        bool, typer.Option(help="Write a proof beside each proved result; leaderboards show it as verified.")
+    ] = True,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print each verdict as one line of JSON and nothing else.")
+    ] = False,
+) -> None:
+    """Simulate every run again from task, seed and recorded actions, and compare it with what the result says.
+
+    Leaves with 0 when all are proved, 1 when one is refuted, 2 when (none is refuted and) one cannot be told.
+    """
+    from glbench.verification import save_proof
+    from glbench.verification import verify as verify_result
+
+    codes = []
+    for path in _files(results):
+        with messages().status(f"simulating {path.name} again"):
+            verdict = verify_result(path, episodes=episodes, task=task, workers=workers)
+        codes.append(verdict.exit_code)
+        if proof:
+            try:
+                save_proof(verdict)
+            except GlbenchError as error:
+                print_warning(f"The verdict stands, but no proof was stored. {error}")
+        if as_json:
+            output().out(json.dumps(_plain(verdict)), highlight=False)
+        else:
+            _show(verdict)
+    raise typer.Exit(1 if 1 in codes else max(codes))
+
+
+def _files(given: list[Path]) -> list[Path]:
+    """The result files named, and those in the folders named."""
+    from glbench.verification import SUFFIX
+
+    found = [
+        file
+        for path in given
+        for file in (sorted(path.rglob("*.json")) if path.is_dir() else [path])
+        if not (path.is_dir() and file.name.endswith(SUFFIX))
+    ]
+    if not found:
+        messages().print(f"There are no results in {', '.join(map(str, given))}.", markup=False, soft_wrap=True)
+        raise typer.Exit(2)
+    return found
+
+
+def _show(verdict: Verdict) -> None:
+    from rich.markup import escape
+
+    output().print(f"{_HEADINGS[verdict.outcome]} {escape(str(verdict.path))}", soft_wrap=True)
+    output().print(f"  {escape(verdict.reason)}", soft_wrap=True)
+    if verdict.outcome == "proved":
+        seeds = ", ".join(map(str, verdict.episodes[:8])) + (" ..." if len(verdict.episodes) > 8 else "")
+        whole = f"; every column of the full episodes of the seeds {seeds}" if verdict.episodes else ""
+        output().print(
+            f"  Compared: {verdict.steps} rewards, {verdict.runs} final states, all metrics; digests of task, weather and model{whole}.",
+            soft_wrap=True,
+        )
+    for note in verdict.notes:
+        output().print(f"  Note: {escape(note)}", soft_wrap=True)
+
+
+def _plain(verdict: Verdict) -> dict[str, object]:
+    return {
+        "result": str(verdict.path),
+        "outcome": verdict.outcome,
+        "cause": verdict.cause,
+        "reason": verdict.reason,
+        "proved": verdict.exactness,
+        "largest_difference": verdict.largest_difference,
+        "runs": verdict.runs,
+        "steps": verdict.steps,
+        "full_episodes": list(verdict.episodes),
+        "notes": list(verdict.notes),
+    }

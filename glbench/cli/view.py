@@ -1,0 +1,180 @@
+"""``glbench view``: recorded runs in the Rerun viewer, side by side."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime as dt
+import tempfile
+import time
+import webbrowser
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from glbench.cli.console import messages, print_warning
+from glbench.errors import EpisodeError
+
+if TYPE_CHECKING:
+    from glbench.episodes import Episode
+    from glbench.episodes.rerun_live import LiveView
+    from glbench.evaluation import Evaluation
+
+EPISODE_SUFFIX, ACTIONS_SUFFIX = ".mcap", ".actions.mcap"
+
+
+def view(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RESULT_OR_FILE",
+            help="Results (.json), of which one run each is shown, or episodes (.mcap); up to six, of one task.",
+        ),
+    ],
+    run: Annotated[
+        str, typer.Option("--run", "-r", help="Which run of each result: best, worst, median, or a seed.")
+    ] = "median",
+    first_day: Annotated[
+        dt.datetime | None,
+        typer.Option(
+            "--from", formats=["%Y-%m-%d"], help="First day shown closely. Default: where limits were broken most."
+        ),
+    ] = None,
+    days: Annotated[int, typer.Option("--days", min=1, help="Number of days shown closely.")] = 2,
+    save: Annotated[Path | None, typer.Option("--save", "-s", help="Save a recording (.rrd) and open nothing.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option("--picture", help="Save a picture (.png) of the overview and open nothing.")
+    ] = None,
+    web: Annotated[bool, typer.Option("--web", help="Show it in the browser instead of a window.")] = False,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            "--port", min=1, max=65534, help="Port of the page (its data come from the next). Default: any free."
+        ),
+    ] = None,
+) -> None:
+    """Show what happened in recorded runs: climate within its limits, crop, controls, weather, money and violations.
+
+    Several controllers are laid over each other, one colour each. The viewer listens on this machine only.
+    """
+    from glbench.episodes.rerun_course import provenance_words, shown_of
+    from glbench.episodes.rerun_recording import save_recording
+    from glbench.episodes.rerun_viewer import open_window, require_screen, take_picture, viewer_program
+
+    viewer_program()
+    if not (web or save or picture):
+        require_screen()
+    _check_run(run)
+    with messages().status("reading the runs"):
+        episodes = [_episode(path, run) for path in files]
+        first = None if first_day is None else first_day.date()
+        shown, words = replace(shown_of(episodes), first_day=first, days=days), provenance_words(episodes)
+    if save is not None:
+        save_recording(shown, save, words)
+        messages().print(f"Saved: {save}  (open it with: rerun {save})", markup=False, soft_wrap=True)
+    with tempfile.TemporaryDirectory(prefix="glbench-view-") as folder:
+        recording = Path(folder) / f"{shown.task.short_id}.rrd"
+        if picture is not None:
+            save_recording(shown, recording, words, plain=True)
+            take_picture(recording, picture)
+            messages().print(f"Saved: {picture}", markup=False, soft_wrap=True)
+        if web:
+            save_recording(shown, recording, words)
+            _serve(recording, port)
+        elif save is None and picture is None:
+            save_recording(shown, recording, words)
+            messages().print("The viewer is open; close its window to end.")
+            open_window(recording)
+
+
+@contextlib.contextmanager
+def live_viewer() -> Iterator[str]:
+    """A viewer for streams: a window, or a page where there is no screen, which then stays until Ctrl-C. Gives its address."""
+    from glbench.episodes.rerun_viewer import has_screen, page_for_browser, window_for_stream
+
+    if has_screen():
+        yield window_for_stream()
+        return
+    with page_for_browser(None) as (page, stream):
+        messages().print(f"Live view: {page}", markup=False, soft_wrap=True)
+        yield stream
+        _wait()
+
+
+@contextlib.contextmanager
+def live_view(viewer: str | None, evaluation: Evaluation) -> Iterator[LiveView | None]:
+    """What streams the first run of ``evaluation`` to the viewer at that address; nothing without one."""
+    if viewer is None:
+        yield None
+        return
+    from glbench.episodes.rerun_live import LiveView
+
+    with LiveView(evaluation.task, evaluation.agent.name, evaluation.seeds[0], viewer) as live:
+        yield live
+
+
+def _serve(recording: Path, port: int | None) -> None:
+    from glbench.episodes.rerun_viewer import has_screen, page_for_browser
+
+    with page_for_browser(recording, port) as (page, _):
+        messages().print(f"Open {page}", markup=False, soft_wrap=True)
+        if has_screen():
+            webbrowser.open(page)
+        _wait()
+
+
+def _wait() -> None:
+    messages().print("The page is there until Ctrl-C.")
+    with contextlib.suppress(KeyboardInterrupt):
+        while True:
+            time.sleep(3600.0)
+
+
+def _check_run(run: str) -> None:
+    """Refuse a wrong --run before anything is read."""
+    from glbench.episodes import parse_selection
+
+    if run not in {"best", "worst", "median"} and not run.isdecimal():
+        parse_selection(run)  # words of its own for what is no choice at all
+        msg = f"--run {run} does not choose one run of a result. It is best, worst, median, or a seed."
+        raise EpisodeError(msg)
+
+
+def _episode(path: Path, run: str) -> Episode:
+    """The episode in a file, or the chosen run of a result."""
+    from glbench.episodes import read_episode
+
+    if path.name.endswith(ACTIONS_SUFFIX):
+        result = path.with_name(path.name.removesuffix(ACTIONS_SUFFIX) + ".json")
+        msg = f"{path} holds the actions of many runs. Give the result that it belongs to: glbench view {result}"
+        raise EpisodeError(msg)
+    if path.suffix == EPISODE_SUFFIX:
+        episode = read_episode(path, partial=True)
+        if episode.problem is not None:
+            print_warning(f"{path}: {episode.problem}. Shown is what is left of it.")
+        return episode
+    return _episode_of_result(path, run)
+
+
+def _episode_of_result(path: Path, run: str) -> Episode:
+    """The chosen run of a result: its recorded episode, else the run taken again from its recorded actions."""
+    from glbench.episodes import chosen_rows, episode_path, episodes_folder, read_episode, replayed_episodes
+    from glbench.evaluation import load_result
+    from glbench.evaluation.episodes import recorded_actions
+
+    result = load_result(path)
+    log = recorded_actions(result, path)
+    task = log.task()
+    (row,) = chosen_rows([run], log.seeds, result.values(task.evaluation.metric))
+    chosen = result.runs[row]
+    which = f"seed {chosen.seed}" if run.isdecimal() else f"seed {chosen.seed}, the {run} of {len(result.runs)} runs"
+    messages().print(f"{result.agent.name}: {which}", markup=False)
+    file = episode_path(episodes_folder(path), chosen.seed)
+    if file.exists():
+        episode = read_episode(file)
+        if episode.provenance == log.provenance:
+            return episode
+        print_warning(f"{file} is of another evaluation; the run is simulated again from its recorded actions.")
+    return next(iter(replayed_episodes(task, log, [row])))

@@ -1,0 +1,49 @@
+"""Records of episodes: what happened in every step of a run, where it comes from, and how to run it again.
+
+``read(path)`` gives a DataFrame; ``docs/episodes.md`` explains the files.
+"""
+
+from __future__ import annotations
+
+from glbench.episodes.action_log import ActionLog, is_action_log, log_bytes, read_log
+from glbench.episodes.columns import Column, Group
+from glbench.episodes.episode import Episode
+from glbench.episodes.header import AgentFacts, Provenance, RunFacts, TaskFacts, provenance_of
+from glbench.episodes.places import actions_path, episode_path, episodes_folder
+from glbench.episodes.reading import read, read_episode
+from glbench.episodes.recorder import Recorder
+from glbench.episodes.recovery import recover
+from glbench.episodes.replay import Replay, replayed_episodes
+from glbench.episodes.selection import chosen_rows, parse_selection
+from glbench.episodes.trace import Trace
+from glbench.episodes.writing import EpisodeWriter, episode_bytes, write_episode
+
+__all__ = [
+    "ActionLog",
+    "AgentFacts",
+    "Column",
+    "Episode",
+    "EpisodeWriter",
+    "Group",
+    "Provenance",
+    "Recorder",
+    "Replay",
+    "RunFacts",
+    "TaskFacts",
+    "Trace",
+    "actions_path",
+    "chosen_rows",
+    "episode_bytes",
+    "episode_path",
+    "episodes_folder",
+    "is_action_log",
+    "log_bytes",
+    "parse_selection",
+    "provenance_of",
+    "read",
+    "read_episode",
+    "read_log",
+    "recover",
+    "replayed_episodes",
+    "write_episode",
+]

@@ -1,0 +1,265 @@
+"""The record of every run of an evaluation in one small file: raw actions and rewards, step by step, and the final states.
+
+It is all that a proof needs, because actions and seeds determine everything else; full episodes are made from it by replaying.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message import DecodeError
+from google.protobuf.message_factory import GetMessageClass
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from glbench.episodes.header import Facts, Provenance, RunFacts, as_words, canonical
+from glbench.episodes.mcap_scan import Scan, scan
+from glbench.episodes.mcap_stream import McapStream
+from glbench.episodes.writing import PROVENANCE, TASK
+from glbench.errors import EpisodeError
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+LOG_FORMAT = "1"
+_RUNS = "runs.json"
+_TITLE = "glbench actions"
+_BLOCK = 96
+_MESSAGE_HEAD = np.dtype(
+    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")]
+)  # fmt: skip
+_TYPE = "glbench.RunPart"
+_BYTES, _NUMBERS = (
+    FieldDescriptorProto.TYPE_BYTES,
+    {"float32": FieldDescriptorProto.TYPE_FLOAT, "float64": FieldDescriptorProto.TYPE_DOUBLE},
+)
+
+
+class RunTable(Facts):
+    """How each run ended, in the order of the seeds."""
+
+    runs: tuple[RunFacts, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ActionLog:
+    """Raw actions and rewards of all runs of an evaluation.
+
+    Attributes
+    ----------
+    provenance, definition, runs
+        Where it comes from, the task's definition as JSON, and how each run ended.
+    actions
+        What the agent answered, ``(steps, n, m)``, float32 if that holds them exactly, else float64; 0 after a run's end.
+    rewards
+        Reward of every step, ``(steps, n)``; 0 after a run's end.
+    final_states
+        States at the end of each run, ``(n, 28)``.
+    """
+
+    provenance: Provenance
+    definition: bytes
+    runs: tuple[RunFacts, ...]
+    actions: NDArray[np.floating]
+    rewards: NDArray[np.float64]
+    final_states: NDArray[np.float64]
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """Seeds of the runs."""
+        return tuple(run.seed for run in self.runs)
+
+    def task(self) -> TaskSpec:
+        """The task, from the definition in the record."""
+        from glbench.episodes.definition import task_of
+
+        return task_of(self.definition)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 [hex] over all content; it does not depend on how the file is compressed."""
+        sha = hashlib.sha256()
+        for part in (canonical(self.provenance), canonical(RunTable(runs=self.runs)), self.definition):
+            sha.update(len(part).to_bytes(8, "little") + part)
+        sha.update(self.actions.dtype.name.encode())
+        for row, run in enumerate(self.runs):
+            sha.update(np.ascontiguousarray(self.actions[: run.actions, row]).tobytes())
+            sha.update(np.ascontiguousarray(self.rewards[: run.steps, row]).tobytes())
+            sha.update(np.ascontiguousarray(self.final_states[row]).tobytes())
+        return sha.hexdigest()
+
+
+def exactly(actions: NDArray[np.float64]) -> NDArray[np.floating]:
+    """``actions`` as float32 if no bit is lost, else as they are."""
+    narrow = actions.astype(np.float32)
+    return narrow if (narrow == actions).all() else actions
+
+
+def log_bytes(log: ActionLog) -> bytes:
+    """The file of ``log``: MCAP, the same bytes for the same content."""
+    buffer = io.BytesIO()
+    stream, number = McapStream(buffer), log.actions.dtype.name
+    facts = {"format": LOG_FORMAT, **as_words(log.provenance), "runs": str(len(log.runs)), "actions_as": number}
+    stream.metadata(_TITLE, facts)
+    stream.attachment(PROVENANCE, "application/json", canonical(log.provenance))
+    stream.attachment(_RUNS, "application/json", canonical(RunTable(runs=log.runs)))
+    stream.attachment(TASK, "application/json", log.definition)
+    schema = stream.schema(_TYPE, "protobuf", _descriptor(number))
+    columns = {
+        "columns": " ".join(log.provenance.agent.columns),
+        "order": "column by column, each over the steps of the part",
+    }
+    channels = [stream.channel(f"/runs/{run.seed}", schema, "protobuf", columns) for run in log.runs]
+    start = int(np.datetime64(log.provenance.task.start, "ns").astype(np.int64))
+    step_ns = int(log.provenance.task.step_seconds * 1e9)
+    part, longest = _part_class(), max((run.actions for run in log.runs), default=0)
+    for first in range(0, max(longest, 1), _BLOCK):
+        messages, places, position = [], {}, 0
+        time = start + first * step_ns
+        for row, (run, channel) in enumerate(zip(log.runs, channels, strict=True)):
+            last, final = min(first + _BLOCK, run.actions), first + _BLOCK >= run.actions
+            if first and first >= run.actions:
+                continue
+            message = part(first_step=first + 1)
+            message.actions = np.ascontiguousarray(log.actions[first:last, row].T).tobytes()
+            message.rewards = np.ascontiguousarray(log.rewards[first : min(last, run.steps), row]).tobytes()
+            message.final_state = log.final_states[row].tobytes() if final else b""
+            data = _framed(channel, first + 1, time, message.SerializeToString(deterministic=True))
+            places[channel] = (np.array([time], np.uint64), np.array([position], np.uint64))
+            messages.append(data)
+            position += len(data)
+        stream.chunk(b"".join(messages), places)
+    stream.finish()
+    return buffer.getvalue()
+
+
+def is_action_log(path: Path | str) -> bool:
+    """Whether ``path`` holds the actions of an evaluation, rather than one episode.
+
+    Raises
+    ------
+    EpisodeError
+        When there is no such file, or it is no MCAP file.
+    """
+    return _TITLE in scan(Path(path)).metadata
+
+
+def read_log(path: Path | str) -> ActionLog:
+    """Read the actions of an evaluation.
+
+    Raises
+    ------
+    EpisodeError
+        When the file is missing, cut, damaged, or of another kind.
+    """
+    path = Path(path)
+    found = scan(path)
+    words = found.metadata.get(_TITLE)
+    if words is None or words.get("format") != LOG_FORMAT:
+        msg = f"{path} is no file of recorded actions of this glbench{f' ({found.problem})' if found.problem else ''}."
+        raise EpisodeError(msg)
+    if found.problem is not None:
+        msg = f"{path}: {found.problem}. Evaluate again with `glbench evaluate ... --fresh`."
+        raise EpisodeError(msg)
+    try:
+        provenance = Provenance.model_validate_json(found.attachments[PROVENANCE])
+        runs = RunTable.model_validate_json(found.attachments[_RUNS]).runs
+        return _log(found, provenance, runs, words["actions_as"])
+    except (KeyError, ValueError, IndexError, DecodeError, ValidationError) as error:
+        msg = f"{path} is no whole file of recorded actions ({' '.join(str(error).split())[:200]})."
+        raise EpisodeError(msg) from error
+
+
+def _log(found: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], number: str) -> ActionLog:
+    steps, width = provenance.task.steps, len(provenance.agent.columns)
+    kind = np.dtype(number)
+    actions = np.zeros((steps, len(runs), width), kind)
+    rewards = np.zeros((steps, len(runs)))
+    final = np.zeros((len(runs), 0))
+    rows = {topic.id: _row(topic.topic, runs) for topic in found.channels.values()}
+    counted = np.zeros((2, len(runs)), dtype=np.int64)
+    part = _part_class()
+    for chunk in found.chunks:
+        for channel, data in _unframed(chunk):
+            row, message = rows[channel], part.FromString(data)
+            first = message.first_step - 1
+            table = np.frombuffer(message.actions, kind).reshape(width, -1).T
+            gained = np.frombuffer(message.rewards, np.float64)
+            actions[first : first + len(table), row] = table
+            rewards[first : first + len(gained), row] = gained
+            counted[:, row] += len(table), len(gained)
+            if message.final_state:
+                state = np.frombuffer(message.final_state, np.float64)
+                final = final if final.shape[1] else np.zeros((len(runs), len(state)))
+                final[row] = state
+    for row, run in enumerate(runs):
+        if tuple(counted[:, row]) != (run.actions, run.steps):
+            msg = (
+                f"the run with seed {run.seed} has {counted[0, row]} of {run.actions} actions "
+                f"and {counted[1, row]} of {run.steps} rewards"
+            )
+            raise ValueError(msg)
+    return ActionLog(provenance, found.attachments[TASK], runs, actions, rewards, final)
+
+
+def _row(topic: str, runs: tuple[RunFacts, ...]) -> int:
+    return [f"/runs/{run.seed}" for run in runs].index(topic)
+
+
+def _framed(channel: int, sequence: int, time: int, data: bytes) -> bytes:
+    head = np.zeros(1, dtype=_MESSAGE_HEAD)
+    head["opcode"], head["channel"], head["sequence"] = Opcode.MESSAGE, channel, sequence
+    head["length"] = _MESSAGE_HEAD.itemsize - 9 + len(data)
+    head["log_time"] = head["publish_time"] = time
+    return head.tobytes() + data
+
+
+def _unframed(chunk: bytes) -> list[tuple[int, bytes]]:
+    messages, position = [], 0
+    while position < len(chunk):
+        head = np.frombuffer(chunk, _MESSAGE_HEAD, 1, position)[0]
+        end = position + 9 + int(head["length"])
+        if head["opcode"] == Opcode.MESSAGE:
+            messages.append((int(head["channel"]), chunk[position + _MESSAGE_HEAD.itemsize : end]))
+        position = end
+    return messages
+
+
+def _fields(number: str | None) -> FileDescriptorSet:
+    """Message type of one part of a run. ``number`` is that of the actions; without it all lists are bytes.
+
+    A packed list of numbers and the same numbers as bytes are one and the same on the wire. Files describe the lists as what they
+    are; reading and writing takes them as bytes, which numpy understands.
+    """
+    file = FileDescriptorProto(name="glbench/RunPart.proto", package="glbench", syntax="proto3")
+    message = file.message_type.add(name="RunPart")
+    message.field.add(
+        name="first_step", number=1, type=FieldDescriptorProto.TYPE_UINT32, label=FieldDescriptorProto.LABEL_OPTIONAL
+    )
+    for index, name in enumerate(("actions", "rewards", "final_state"), start=2):
+        if number is None:
+            message.field.add(name=name, number=index, type=_BYTES, label=FieldDescriptorProto.LABEL_OPTIONAL)
+        else:
+            kind = _NUMBERS[number if name == "actions" else "float64"]
+            message.field.add(name=name, number=index, type=kind, label=FieldDescriptorProto.LABEL_REPEATED)
+    return FileDescriptorSet(file=[file])
+
+
+def _descriptor(number: str) -> bytes:
+    serialised: bytes = _fields(number).SerializeToString(deterministic=True)
+    return serialised
+
+
+def _part_class() -> Any:
+    pool = DescriptorPool()
+    pool.Add(_fields(None).file[0])
+    return GetMessageClass(pool.FindMessageTypeByName(_TYPE))

@@ -1,0 +1,161 @@
+"""Where an episode comes from: task, agent, seed, how it ended, kernel and versions. Recorded with every file.
+
+Nothing in it depends on the day or on the folder: the same evaluation gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import rfc8785
+from pydantic import BaseModel, ConfigDict, model_validator
+
+from glbench import __version__
+from glbench.episodes.definition import definition_json
+from glbench.model import CONTROL_NAMES, MODEL_VERSION
+
+if TYPE_CHECKING:
+    from glbench.agents import LoadedAgent
+    from glbench.tasks import TaskSpec
+
+Status = Literal["ok", "crashed", "timed_out", "invalid_action", "simulation_failed"]
+Acts = Literal["actions", "controls"]
+
+
+class Facts(BaseModel):
+    """Base of the records: frozen, strict, no unknown fields."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class TaskFacts(Facts):
+    """The task; ``parts`` are the digests that its digest is made of (definition, parameters, weather, model, ...)."""
+
+    id: str
+    digest: str
+    title: str
+    steps: int
+    step_seconds: float
+    start: str
+    parts: dict[str, str]
+
+
+class AgentFacts(Facts):
+    """The agent. ``acts``: whether it gave actions, or (privileged) the controls themselves; ``columns``: their names."""
+
+    name: str
+    kind: str
+    digest: str
+    privileged: bool
+    information: str
+    acts: Acts
+    columns: tuple[str, ...]
+
+
+class RunFacts(Facts):
+    """One run: how it ended, the steps simulated, and the number of recorded actions.
+
+    A run whose last step could not be simulated has one action more than steps.
+    """
+
+    seed: int
+    status: Status
+    reason: str | None
+    steps: int
+    actions: int
+
+    @model_validator(mode="after")
+    def _counts_fit(self) -> Self:
+        expected = self.steps + (1 if self.status == "simulation_failed" else 0)
+        if self.actions not in (expected, self.steps) or (self.status == "ok") != (self.reason is None):
+            msg = (
+                f"the run with seed {self.seed} is '{self.status}' after {self.steps} steps with {self.actions} actions"
+            )
+            raise ValueError(msg)
+        return self
+
+
+class Provenance(Facts):
+    """What all runs of an evaluation share."""
+
+    task: TaskFacts
+    agent: AgentFacts
+    kernel: dict[str, str | float]
+    versions: dict[str, str]
+
+
+def provenance_of(task: TaskSpec, agent: LoadedAgent, kernel: dict[str, str | float]) -> Provenance:
+    """Provenance of an evaluation of ``agent`` on ``task`` with a kernel of that description."""
+    prints = task.fingerprint()
+    parts = {name: getattr(prints, name) for name in PARTS}
+    return Provenance(
+        task=TaskFacts(
+            id=task.id,
+            digest=task.digest,
+            title=task.title,
+            steps=task.steps,
+            step_seconds=task.step_seconds,
+            start=task.weather.start.isoformat(),
+            parts=parts,
+        ),
+        agent=AgentFacts(
+            name=agent.name,
+            kind=agent.kind,
+            digest=agent.digest,
+            privileged=agent.privileged,
+            information=agent.information,
+            acts="controls" if agent.privileged else "actions",
+            columns=CONTROL_NAMES if agent.privileged else task.actuation.controls,
+        ),
+        kernel=kernel,
+        versions=versions(),
+    )
+
+
+PARTS = ("definition", "parameters", "start", "observation", "weather", "model")
+"""Parts of a task's fingerprint."""
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that computes a number."""
+    return {
+        "glbench": __version__,
+        "model": MODEL_VERSION,
+        "python": platform.python_version(),
+        "numpy": version("numpy"),
+        "casadi": version("casadi"),
+    }
+
+
+def canonical(facts: BaseModel) -> bytes:
+    """The one form (RFC 8785) of a record as JSON."""
+    return rfc8785.dumps(json.loads(facts.model_dump_json()))
+
+
+def as_words(provenance: Provenance, run: RunFacts | None = None) -> dict[str, str]:
+    """The same as a flat table of words, for people who open a file in Foxglove."""
+    task, agent = provenance.task, provenance.agent
+    words: dict[str, Any] = {
+        "task": task.id,
+        "task_title": task.title,
+        "task_digest": task.digest,
+        "start": f"{task.start}T00:00:00 UTC",
+        "step_seconds": f"{task.step_seconds:g}",
+        "agent": agent.name,
+        "agent_digest": agent.digest,
+        "agent_sees": agent.information,
+        "kernel": str(provenance.kernel["backend"]),
+        "glbench": provenance.versions["glbench"],
+    }
+    if run is not None:
+        words |= {"seed": str(run.seed), "status": run.status, "steps": str(run.steps)}
+        words |= {} if run.reason is None else {"reason": run.reason}
+    return words
+
+
+def task_attachment(task: TaskSpec) -> bytes:
+    """The task's definition as it is attached to a record."""
+    return definition_json(task)

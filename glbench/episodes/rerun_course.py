@@ -1,0 +1,190 @@
+"""What one controller did in one run, as plain columns: what the viewer's recording is made of."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.episodes.episode import Episode
+from glbench.episodes.rerun_colours import PALETTE
+from glbench.episodes.rerun_signals import NEEDED_COLUMNS, Floats
+from glbench.errors import GlbenchError
+from glbench.tasks import TaskSpec
+
+Times = NDArray[np.datetime64]
+
+HOURS_PER_DAY = 24
+SHOWN_DAYS = 2
+_NOTHING = "There is nothing to show: no run was chosen."
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """One run of one controller.
+
+    Attributes
+    ----------
+    controller
+        Name of the agent.
+    seed
+        Seed of the run.
+    times
+        UTC at the start and at the end of every step, ``(steps + 1,)`` datetime64[ns].
+    columns
+        Values of each step by column name, ``(steps,)`` float64 each; at least ``NEEDED_COLUMNS``.
+    remark
+        Why the run ended early, in words; empty when it did not.
+    """
+
+    controller: str
+    seed: int
+    times: Times
+    columns: Mapping[str, Floats]
+    remark: str = ""
+
+    def __post_init__(self) -> None:
+        missing = [name for name in NEEDED_COLUMNS if name not in self.columns]
+        if missing:
+            msg = f"The record of '{self.controller}' lacks {', '.join(missing)}, which the viewer shows."
+            raise GlbenchError(msg)
+
+    @property
+    def steps(self) -> int:
+        """Number of steps."""
+        return len(self.times) - 1
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """Courses of one task to be shown together.
+
+    Attributes
+    ----------
+    task, courses
+        The task and what was done in it.
+    labels
+        What the curves of each course are called.
+    first_day, days
+        The days that fast quantities show first; without a first day those with most violations.
+    """
+
+    task: TaskSpec
+    courses: tuple[Course, ...]
+    labels: tuple[str, ...]
+    first_day: dt.date | None = None
+    days: int = SHOWN_DAYS
+
+    @property
+    def longest(self) -> Course:
+        """The course with the most steps."""
+        return max(self.courses, key=lambda course: course.steps)
+
+    def closeup(self) -> tuple[np.datetime64, np.datetime64]:
+        """Start and end of the days that fast quantities show first.
+
+        Without a chosen first day these are the whole days in which the shown runs together broke their limits most.
+
+        Raises
+        ------
+        GlbenchError
+            When the chosen day is none of the episode's.
+        """
+        times = self.longest.times
+        per_day = round(HOURS_PER_DAY * 3600 / self.task.step_seconds)
+        width = min(self.days * per_day, self.longest.steps)
+        first = self._most_broken(per_day, width) if self.first_day is None else self._chosen()
+        return times[first], times[min(first + width, self.longest.steps)]
+
+    def _chosen(self) -> int:
+        """Step at which the chosen first day begins."""
+        times, midnight = self.longest.times, np.datetime64(str(self.first_day), "ns")
+        day = np.timedelta64(1, "D")
+        if not times[0] - day < midnight < times[-1]:
+            msg = f"{self.first_day} is no day of what is shown, which lasts from {str(times[0])[:10]} to {str(times[-1])[:10]}."
+            raise GlbenchError(msg)
+        return int(np.searchsorted(times, midnight))
+
+    def _most_broken(self, per_day: int, width: int) -> int:
+        """Step at which the ``width`` steps with the largest penalty begin, at the start of a day."""
+        penalty = np.zeros(self.longest.steps)
+        for course in self.courses:
+            penalty[: course.steps] += course.columns["penalty"]
+        before = np.concatenate([[0.0], np.cumsum(penalty)])
+        firsts = np.arange(0, len(penalty) - width + 1, per_day)
+        return int(firsts[np.argmax(before[firsts + width] - before[firsts])])
+
+
+def course_of(episode: Episode) -> Course:
+    """The course of a recorded episode."""
+    run = episode.run
+    columns = {name: np.asarray(episode[name], dtype=np.float64) for name in NEEDED_COLUMNS}
+    remark = run.reason or episode.problem or ""
+    return Course(episode.provenance.agent.name, run.seed, episode.times, columns, remark)
+
+
+def shown_of(episodes: Sequence[Episode]) -> Shown:
+    """Recorded episodes of one task, to be shown together.
+
+    Raises
+    ------
+    GlbenchError
+        When they are not of one and the same task, and as ``show_together`` does.
+    """
+    if not episodes:
+        raise GlbenchError(_NOTHING)
+    facts = [episode.provenance.task for episode in episodes]
+    for other in facts[1:]:
+        if other.digest != facts[0].digest:
+            what = "another version of it" if other.id == facts[0].id else other.id
+            msg = f"Only runs of one task can be shown together: the first is of {facts[0].id}, another of {what}."
+            raise GlbenchError(msg)
+    return show_together(episodes[0].task(), [course_of(episode) for episode in episodes])
+
+
+def provenance_words(episodes: Sequence[Episode]) -> dict[str, str]:
+    """Where the shown runs come from, for the properties of the recording."""
+    first = episodes[0].provenance
+    words = {"task": first.task.id, "task_digest": first.task.digest, "glbench": first.versions["glbench"]}
+    for number, episode in enumerate(episodes, 1):
+        agent, run = episode.provenance.agent, episode.run
+        words[f"run_{number}"] = (
+            f"{agent.name}, digest {agent.digest}, seed {run.seed}, {run.status}, {run.steps} steps"
+        )
+    return words
+
+
+def show_together(task: TaskSpec, courses: Sequence[Course]) -> Shown:
+    """Courses with labels: the controller's name, with the seed where one controller is shown twice.
+
+    Raises
+    ------
+    GlbenchError
+        For no course, an empty one, the same run twice, or more courses than there are colours.
+    """
+    _check(courses)
+    names = [course.controller for course in courses]
+    labels = tuple(
+        name if names.count(name) == 1 else f"{name} (seed {course.seed})"
+        for name, course in zip(names, courses, strict=True)
+    )
+    for label in labels:
+        if labels.count(label) > 1:
+            msg = f"{label} is there twice. Give each run once, or rename one of the agents."
+            raise GlbenchError(msg)
+    return Shown(task, tuple(courses), labels)
+
+
+def _check(courses: Sequence[Course]) -> None:
+    if not courses:
+        raise GlbenchError(_NOTHING)
+    if len(courses) > len(PALETTE):
+        msg = f"At most {len(PALETTE)} runs can be told apart by their colours; these are {len(courses)}. Choose fewer."
+        raise GlbenchError(msg)
+    for course in courses:
+        if course.steps == 0:
+            msg = f"The run of '{course.controller}' with seed {course.seed} has no steps to show."
+            raise GlbenchError(msg)

@@ -1,0 +1,175 @@
+"""Whether result, record and task belong together, before anything is simulated."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import NoReturn
+
+from pydantic import ValidationError
+
+from glbench.episodes import ActionLog, read_log
+from glbench.episodes.definition import task_of
+from glbench.episodes.header import PARTS
+from glbench.errors import EpisodeError, GlbenchError, ResultError
+from glbench.evaluation import Result, load_result
+from glbench.evaluation.episodes import run_facts
+from glbench.registration import task_ids
+from glbench.tasks import TaskSpec, get_task
+from glbench.verification.verdict import cannot_tell, refute
+
+
+def read_result(path: Path) -> Result:
+    """The result, or the verdict on a file that is none."""
+    try:
+        return load_result(path)
+    except ResultError as error:
+        if isinstance(error.__cause__, ValidationError):
+            refute("inconsistent", f"The result contradicts itself. {error}")
+        if isinstance(error.__cause__, json.JSONDecodeError):
+            refute("inconsistent", str(error))
+        cannot_tell("no_result", str(error))
+
+
+def read_record(path: Path, result: Result) -> ActionLog:
+    """The recorded actions of ``result``, after everything that can be compared without simulating."""
+    if result.record is None:
+        cannot_tell(
+            "no_record", "The result names no recorded actions. Evaluate again with `glbench evaluate --fresh`."
+        )
+    file = path.with_name(result.record.file)
+    if file.parent != path.parent or not file.is_file():
+        cannot_tell("no_record", f"The recorded actions {file} are not there. Put the file back beside the result.")
+    try:
+        log = read_log(file)
+    except EpisodeError as error:
+        refute("damaged_record", f"The recorded actions cannot be used. {error}")
+    _same_evaluation(result, log)
+    _same_runs(result, log)
+    if log.digest != result.record.digest:
+        reason = (
+            f"The content of {file.name} is not what the result was made from: its digest is {log.digest[:12]}..., the result "
+            f"names {result.record.digest[:12]}.... Actions, rewards or final states were changed."
+        )
+        refute("record_digest", reason)
+    return log
+
+
+def _same_evaluation(result: Result, log: ActionLog) -> None:
+    """The record is of the result's task, agent, kernel and versions."""
+    task, agent = log.provenance.task, log.provenance.agent
+    if (task.id, task.digest) != (result.task.id, result.task.digest):
+        reason = (
+            f"The recorded actions are of the task {task.id} (digest {task.digest[:12]}...), the result of {result.task.id} "
+            f"(digest {result.task.digest[:12]}...)."
+        )
+        refute("record_of_other_task", reason)
+    for name in ("name", "kind", "digest", "privileged", "information"):
+        recorded, stated = getattr(agent, name), getattr(result.agent, name)
+        if recorded != stated:
+            reason = (
+                f"The recorded actions are of another agent: its {name} is {recorded!r}, the result says {stated!r}."
+            )
+            refute("record_of_other_agent", reason)
+    if (agent.acts == "controls") != agent.privileged:
+        reason = (
+            f"The agent set {agent.acts} and says that it is {'' if agent.privileged else 'not '}privileged. "
+            "Only the privileged set controls."
+        )
+        refute("privileged", reason)
+    if log.provenance.kernel != result.evaluation.kernel:
+        refute("other_kernel", "The record was made with another kernel than the result says.")
+    stated_versions = result.versions.model_dump()
+    for name, number in log.provenance.versions.items():
+        if stated_versions[name] != number:
+            reason = f"The record was made with {name} {number}, the result says {stated_versions[name]}."
+            refute("other_versions", reason)
+
+
+def _same_runs(result: Result, log: ActionLog) -> None:
+    """The record has the result's runs: none dropped, none added, none shortened."""
+    stated, recorded = [run.seed for run in result.runs], list(log.seeds)
+    if stated != recorded:
+        dropped = sorted(set(recorded) - set(stated))
+        missing = sorted(set(stated) - set(recorded))
+        if dropped and not missing:
+            reason = f"The result leaves out {_seeds(dropped)} of the {len(recorded)} runs that were made."
+            refute("dropped_run", reason)
+        if missing and not dropped:
+            refute("missing_run", f"The recorded actions lack {_seeds(missing)} of the result's {len(stated)} runs.")
+        refute("seeds", f"The result's runs have the seeds {stated}, the recorded ones {recorded}.")
+    for expected, run in zip(run_facts(result.runs), log.runs, strict=True):
+        if run.steps != expected.steps:
+            reason = (
+                f"The record of the run with seed {run.seed} has {run.steps} steps, the result says {expected.steps}."
+            )
+            refute("shortened", reason)
+        if run != expected:
+            reason = (
+                f"The run with seed {run.seed} is '{expected.status}' ({expected.reason or 'no reason'}) in the result and "
+                f"'{run.status}' ({run.reason or 'no reason'}) in the record."
+            )
+            refute("status", reason)
+
+
+def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
+    """The task of the result, of the very version that it was made on."""
+    published = result.task.id in task_ids()
+    try:
+        own = task_of(log.definition) if file is None and not published else None
+        task = own or get_task(result.task.id if published or file is None else file)
+        found = task.fingerprint()
+    except EpisodeError as error:
+        refute("definition", str(error))
+    except GlbenchError as error:
+        cannot_tell("no_task", f"The task {result.task.id} cannot be had here: {error}")
+    if task.id != result.task.id:
+        cannot_tell("no_task", f"{file} defines the task {task.id}, the result is of {result.task.id}.")
+    if found.digest != result.task.digest:
+        _refuse_other_version(result, log, {name: getattr(found, name) for name in PARTS}, published=published)
+    facts, stated = (task.title, task.steps, task.step_seconds), result.task
+    if facts != (stated.title, stated.steps, stated.step_seconds):
+        refute("task_facts", f"The task's title, steps or step length are not those of {task.id}.")
+    return task
+
+
+def _refuse_other_version(result: Result, log: ActionLog, parts: dict[str, str], *, published: bool) -> NoReturn:
+    differing = [name for name in PARTS if log.provenance.task.parts.get(name) != parts[name]]
+    what = f" What differs: {', '.join(differing)}." if differing else ""
+    where = "the published task" if published else "the task's definition in the record"
+    reason = (
+        f"The result is of another version of {result.task.id} (digest {result.task.digest[:12]}...) than {where}.{what} "
+        "Evaluate the agent again on the task as it is."
+    )
+    refute("other_task_version", reason)
+
+
+def check_seeds(result: Result, task: TaskSpec) -> tuple[str, ...]:
+    """Notes on the seeds; a hole in them means that a run was taken out."""
+    seeds, wanted = result.evaluation.seeds, tuple(task.evaluation.seeds)
+    if seeds == wanted:
+        return ()
+    holes = sorted(set(range(seeds[0], seeds[0] + len(seeds))) - set(seeds))
+    if holes:
+        reason = f"The seeds are not consecutive: {_seeds(holes)} is missing. Evaluations leave no run out."
+        refute("dropped_run", reason)
+    return (
+        f"This is a trial of {len(seeds)} runs from seed {seeds[0]}; the task asks for {len(wanted)} "
+        f"from seed {wanted[0]}. It is not ranked.",
+    )
+
+
+def check_kernel(result: Result, task: TaskSpec) -> None:
+    """Scores are made with the reference preset, for the task's step and equations."""
+    kernel = result.evaluation.kernel
+    wanted = {"preset": "reference", "step_seconds": task.step_seconds, "variant": task.model.variant}
+    for name, value in wanted.items():
+        if kernel.get(name) != value:
+            refute(
+                "other_kernel",
+                f"The result was made with a kernel whose {name} is {kernel.get(name)!r}, not {value!r}.",
+            )
+
+
+def _seeds(seeds: list[int]) -> str:
+    return f"the {'seed' if len(seeds) == 1 else 'seeds'} {', '.join(map(str, seeds[:5]))}{' ...' if len(seeds) > 5 else ''}"

@@ -1,0 +1,223 @@
+"""The proof: every run again from task, seed and recorded actions, and everything that was published compared with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.episodes import ActionLog, Episode, Replay, Trace, episodes_folder
+from glbench.errors import ActionError
+from glbench.evaluation import Result, provenance
+from glbench.evaluation.acting import Failure
+from glbench.evaluation.metrics import METRIC_NAMES
+from glbench.evaluation.records import RunResult
+from glbench.evaluation.tally import Tally
+from glbench.kernel import Kernel, KernelPool, available
+from glbench.model import STATE_NAMES
+from glbench.tasks import TaskSpec
+from glbench.verification.comparing import TOLERANCE, Agreement
+from glbench.verification.documents import check_kernel, check_seeds, find_task, read_record, read_result
+from glbench.verification.full_episodes import compare_episode, read_episodes
+from glbench.verification.verdict import Refused, Verdict, refute
+
+Progress = Callable[[int, int], None]
+"""Called with the steps done and the steps there are."""
+
+
+def verify(
+    path: Path | str,
+    *,
+    episodes: Path | None = None,
+    task: Path | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Verdict:
+    """Prove or refute one result from its records alone; the agent is not needed.
+
+    Parameters
+    ----------
+    path
+        The result file, with its recorded actions beside it.
+    episodes
+        Folder with full episodes; by default where ``glbench evaluate`` puts them, if there are any.
+    task
+        Task file of a task that is not published; by default the definition in the record.
+    workers
+        Processes to simulate with; by default what is fastest here.
+    progress
+        Called after every step.
+
+    Returns
+    -------
+    Verdict
+        It says what was proved, or what differs, or why it cannot be told.
+    """
+    path = Path(path)
+    try:
+        result = read_result(path)
+        log = read_record(path, result)
+        spec = find_task(result, log, task)
+        notes = check_seeds(result, spec)
+        check_kernel(result, spec)
+        whole, complaint = _try_to_read(episodes or episodes_folder(path), log, wanted=episodes is not None)
+        with _kernel(result, spec, workers) as kernel:
+            machine = _compare_machines(result, kernel)
+            again = _simulate(spec, log, [row for row, _ in whole], kernel, progress)
+        agreement = _agreement(result, log, again)
+        _refuse(agreement, machine)
+        _same_ends(result, again.runs, exactly=machine.same)
+        if complaint is not None:
+            raise complaint
+        for row, episode in whole:
+            assert again.trace is not None
+            replayed = again.trace.episode(spec, row, log.provenance, log.runs[row], log.actions[:, row])
+            agreement = compare_episode(agreement, episode, replayed)
+        _refuse(agreement, machine)
+    except Refused as refused:
+        return Verdict(path, refused.outcome, refused.cause, refused.reason)
+    exact = agreement.exact
+    return Verdict(
+        path,
+        "proved",
+        "",
+        _words(result, exact=exact, agreement=agreement, other=machine.words),
+        "bits" if exact else "tolerance",
+        agreement.largest,
+        notes,
+        len(result.runs),
+        sum(run.steps for run in result.runs),
+        tuple(log.runs[row].seed for row, _ in whole),
+    )
+
+
+@dataclass(frozen=True)
+class _Machine:
+    """Whether everything that computes is as it was, and what is not, in words."""
+
+    same: bool
+    words: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Again:
+    """What came out of simulating again."""
+
+    runs: tuple[RunResult, ...]
+    rewards: NDArray[np.float64]
+    final_states: NDArray[np.float64]
+    trace: Trace | None
+
+
+def _kernel(result: Result, task: TaskSpec, workers: int | None) -> AbstractContextManager[Kernel | KernelPool]:
+    """The kernel that made the result where it works here, else the best there is."""
+    recorded = str(result.evaluation.kernel.get("backend"))
+    backend = recorded if recorded in available() else "auto"
+    alone = Kernel(task.step_seconds, variant=task.model.variant, backend=backend)
+    count = workers or (1 if alone.backend == "compiled" else provenance.usable_cores())
+    count = min(count, len(result.runs))
+    if count == 1:
+        return nullcontext(alone)
+    return KernelPool(count, task.step_seconds, variant=task.model.variant, backend=backend)
+
+
+def _compare_machines(result: Result, kernel: Kernel | KernelPool) -> _Machine:
+    here, there = provenance.machine(), result.machine
+    versions = provenance.versions().model_dump()
+    others = [
+        name
+        for name, number in result.versions.model_dump().items()
+        if versions[name] != number and name != "gymnasium"
+    ]
+    found = []
+    if (here.processor, here.architecture) != (there.processor, there.architecture):
+        found.append(f"the processor is {here.processor}, not {there.processor}")
+    if others:
+        found.append(f"other versions of {', '.join(others)} are installed")
+    described, recorded = kernel.describe(), result.evaluation.kernel
+    kinds = [name for name in {**described, **recorded} if described.get(name) != recorded.get(name)]
+    if kinds:
+        found.append(f"the kernel differs in {', '.join(kinds)}")
+    return _Machine(not found, " and ".join(found))
+
+
+def _simulate(
+    task: TaskSpec, log: ActionLog, traced: Sequence[int], kernel: Kernel | KernelPool, progress: Progress | None
+) -> _Again:
+    """All runs again, booked as the evaluation books them."""
+    replay = Replay(task, log, kernel=kernel)
+    tally, rewards = Tally(log.seeds), np.zeros_like(log.rewards)
+    trace = Trace(replay.simulation, traced) if traced else None
+    ends = {row: Failure(row, run.status, run.reason or "") for row, run in enumerate(log.runs)}
+    last = np.array([run.actions for run in log.runs])
+    steps = iter(replay.steps())
+    for step in range(task.steps):
+        tally.end(ends[int(row)] for row in np.flatnonzero(last <= step))
+        try:
+            outcome = next(steps, None)
+        except ActionError as error:
+            refute("invalid_action", f"A recorded action in step {step + 1} is none that the task allows: {error}")
+        if outcome is None:
+            break
+        ended = tally.add(outcome)
+        if ended:
+            replay.simulation.end(ended)
+        rewards[step] = np.where(tally.alive, outcome.rewards, 0.0)
+        if trace is not None:
+            trace.add(replay.simulation, outcome)
+        if progress is not None:
+            progress(step + 1, task.steps)
+    charge = task.evaluation.failed_step
+    runs = tally.results(task.steps, {"reward": charge.reward, "epi": charge.epi, "penalty": charge.penalty})
+    return _Again(runs, rewards, np.array(replay.simulation.x), trace)
+
+
+def _try_to_read(folder: Path, log: ActionLog, *, wanted: bool) -> tuple[list[tuple[int, Episode]], Refused | None]:
+    """Full episodes, or what is wrong with them: told only when the result itself is right."""
+    try:
+        return read_episodes(folder, log, wanted=wanted), None
+    except Refused as refused:
+        return [], refused
+
+
+def _refuse(agreement: Agreement, machine: _Machine) -> None:
+    refused = agreement.verdict(same_machine=machine.same, other=machine.words)
+    if refused is not None:
+        raise refused
+
+
+def _agreement(result: Result, log: ActionLog, again: _Again) -> Agreement:
+    """Rewards of every step, final states and metrics."""
+    seeds = tuple(f"reward of the run with seed {seed}" for seed in log.seeds)
+    found = Agreement().add("reward", log.rewards, again.rewards, seeds, "recorded rewards")
+    metrics = np.array([[run.metrics[name] for name in METRIC_NAMES] for run in result.runs])
+    earned = np.array([[run.metrics[name] for name in METRIC_NAMES] for run in again.runs])
+    for row, run in enumerate(result.runs):
+        states, reached = log.final_states[row : row + 1], again.final_states[row : row + 1]
+        found = found.add("state", states, reached, STATE_NAMES, f"final state of the run with seed {run.seed}")
+        where = f"metrics of the run with seed {run.seed}"
+        found = found.add("metric", metrics[row : row + 1], earned[row : row + 1], METRIC_NAMES, where)
+    return found
+
+
+def _same_ends(result: Result, runs: tuple[RunResult, ...], *, exactly: bool) -> None:
+    """Each run ends as the result says: as long, and of the same cause as far as the simulation can know it."""
+    for stated, run in zip(result.runs, runs, strict=True):
+        if (stated.status, stated.steps) != (run.status, run.steps) or (exactly and stated.reason != run.reason):
+            reason = (
+                f"The run with seed {stated.seed} is '{stated.status}' after {stated.steps} steps in the result; its actions lead to "
+                f"'{run.status}' after {run.steps} steps ({run.reason or 'to the end'})."
+            )
+            refute("status", reason)
+
+
+def _words(result: Result, *, exact: bool, agreement: Agreement, other: str) -> str:
+    runs = "run earns" if len(result.runs) == 1 else "runs earn"
+    what = f"{len(result.runs)} {runs} exactly what the result says"
+    if exact:
+        return f"{what}: the same bits." + (f" ({other[:1].upper()}{other[1:]}, and still.)" if other else "")
+    return f"{what}, within {TOLERANCE:g} relative (largest difference {agreement.largest:.1e}), not to the last bit: {other}."

@@ -1,0 +1,96 @@
+"""``glbench verify`` and the leaderboard's column, as a person meets them."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from glbench.cli.app import app
+from glbench.cli.console import messages, output
+from glbench.evaluation import result_path
+from glbench.leaderboard import collect_results, rank, to_frame, to_markdown
+from glbench.verification import proof_path, save_proof, verify
+from tests.verification.forging import record_of, rewrite, rewrite_record
+
+RUNNER = CliRunner()
+
+
+@pytest.fixture(autouse=True)
+def _wide(monkeypatch):
+    """A terminal of 200 columns. The consoles are remembered with their width, so they are made anew before and after."""
+    monkeypatch.setenv("COLUMNS", "200")
+    for console in (messages, output):
+        console.cache_clear()
+    yield
+    for console in (messages, output):
+        console.cache_clear()
+
+
+def run(*arguments):
+    return RUNNER.invoke(app, list(map(str, arguments)))
+
+
+def test_a_proved_result_leaves_with_0_and_a_proof(wavy):
+    done = run("verify", wavy)
+    assert done.exit_code == 0, done.output
+    for words in ("proved", "the same bits", "72 rewards, 3 final states", "seeds 666, 667, 668"):
+        assert words in done.stdout
+    assert proof_path(wavy).is_file()
+
+
+def test_a_refuted_result_leaves_with_1_and_says_where(wavy):
+    rewrite(wavy, lambda d: d["runs"][1]["metrics"].update(epi=1.0))
+    done = run("verify", wavy)
+    assert done.exit_code == 1
+    assert "refuted" in done.stdout
+    assert "epi: recorded 1.0, found -" in done.stdout
+    assert not proof_path(wavy).exists()
+
+
+def test_a_missing_record_leaves_with_2(wavy):
+    record_of(wavy).unlink()
+    done = run("verify", wavy)
+    assert done.exit_code == 2
+    assert "cannot tell" in done.stdout
+
+
+def test_of_several_results_the_refuted_one_decides_and_all_are_judged(reports, day_task):
+    paths = [result_path(reports, day_task.id, name) for name in ("wavy", "narrow", "failing")]
+    record_of(paths[0]).unlink()
+    rewrite(paths[1], lambda d: d["runs"][0]["metrics"].update(co2=0.0))
+    done = run("verify", "--json", *paths)
+    assert done.exit_code == 1
+    verdicts = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [verdict["outcome"] for verdict in verdicts] == ["unknown", "refuted", "proved"]
+    assert run("verify", paths[2], paths[0]).exit_code == 2
+
+
+def test_a_folder_means_all_results_in_it(reports):
+    assert run("verify", reports / "results").exit_code == 0
+    done = run("verify", "--json", "--no-proof", reports / "results")
+    assert len(done.stdout.splitlines()) == 4  # the proofs written the first time are no results
+
+
+def test_leaderboard_rows_say_verified_only_with_a_proof_of_this_very_file(reports, day_task):
+    def verified():
+        tables = rank(collect_results([reports / "results"]), {})
+        text = to_markdown(tables, {})
+        column = {row.agent: row.verified for row in tables[0].rows}
+        assert dict(zip(to_frame(tables)["agent"], to_frame(tables)["verified"], strict=True)) == column
+        assert text.count("| yes |") == sum(column.values())
+        return {agent for agent, value in column.items() if value}
+
+    assert verified() == set()
+    for name in ("wavy", "rule_based"):
+        save_proof(verify(result_path(reports, day_task.id, name)))
+    assert verified() == {"wavy", "rule_based"}
+    rewrite(result_path(reports, day_task.id, "wavy"), lambda d: d.update(created="2030-01-01T00:00:00+00:00"))
+    assert verified() == {"rule_based"}
+
+
+def test_a_proof_of_changed_actions_is_not_carried_over(wavy):
+    save_proof(verify(wavy))
+    rewrite_record(wavy, lambda log: log)
+    assert run("verify", wavy).exit_code == 0
