@@ -21,7 +21,7 @@ from glbench.kernel import Kernel, KernelPool, available
 from glbench.model import STATE_NAMES
 from glbench.tasks import TaskSpec
 from glbench.verification.comparing import TOLERANCE, Agreement
-from glbench.verification.documents import check_kernel, check_seeds, find_task, read_record, read_result
+from glbench.verification.documents import check_seeds, check_setting, find_task, read_record, read_result
 from glbench.verification.full_episodes import compare_episode, read_episodes
 from glbench.verification.verdict import Refused, Verdict, refute
 
@@ -63,7 +63,7 @@ def verify(
         log = read_record(path, result)
         spec = find_task(result, log, task)
         notes = check_seeds(result, spec)
-        check_kernel(result, spec)
+        check_setting(result, log, spec)
         whole, complaint = _try_to_read(episodes or episodes_folder(path), log, wanted=episodes is not None)
         with _kernel(result, spec, workers) as kernel:
             machine = _compare_machines(result, kernel)
