@@ -140,7 +140,9 @@ def _compare_machines(result: Result, kernel: Kernel | KernelPool) -> _Machine:
         found.append(f"other versions of {', '.join(others)} are installed")
     described, recorded = kernel.describe(), result.evaluation.kernel
     kinds = [name for name in {**described, **recorded} if described.get(name) != recorded.get(name)]
-    if kinds:
+    if described["backend"] != recorded["backend"]:
+        found.append(f"the kernel is '{described['backend']}', not '{recorded['backend']}'")
+    elif kinds:
         found.append(f"the kernel differs in {', '.join(kinds)}")
     return _Machine(not found, " and ".join(found))
 
