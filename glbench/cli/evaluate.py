@@ -170,6 +170,7 @@ def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = Non
     print_failures(result)
     if evaluation.path is not None:
         messages().print(f"Saved: {_shown(evaluation.path)}", markup=False, soft_wrap=True)
+        messages().print(f"Prove it: glbench verify {_shown(evaluation.path)}", markup=False, soft_wrap=True)
 
 
 def _run(evaluation: Evaluation, *, as_json: bool, viewer: str | None) -> Result:

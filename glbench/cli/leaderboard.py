@@ -99,7 +99,7 @@ def _score_table(table: TaskTable) -> Table:
     from rich import box
     from rich.table import Table
 
-    from glbench.leaderboard.tables import agent_label, runs_label, verified_label
+    from glbench.leaderboard.tables import VERIFIED_MARK, agent_label, runs_label
 
     title = f"{table.title}\n[dim]{table.task_id}[/dim]"
     view = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, collapse_padding=True)
@@ -107,19 +107,17 @@ def _score_table(table: TaskTable) -> Table:
     view.add_column("Agent", overflow="fold", min_width=16)
     for heading in ("Reward", "95 % interval", "IQM", "EPI\n[EUR/m²]", "Penalty", "Runs"):
         view.add_column(heading.replace("[", r"\["), justify="right", no_wrap=True)
-    view.add_column("Veri-\nfied", justify="right", no_wrap=True)
     for row in table.rows:
         reward = row.estimates["reward"]
         view.add_row(
             "–" if row.rank is None else str(row.rank),
-            agent_label(row),
+            agent_label(row) + (VERIFIED_MARK if row.verified else ""),
             f"{reward.mean:.1f}",
             f"{reward.low:.1f} to {reward.high:.1f}",
             f"{reward.iqm:.1f}",
             f"{row.estimates['epi'].mean:.3f}",
             f"{row.estimates['penalty'].mean:.1f}",
             runs_label(row),
-            verified_label(row),
             style="dim" if row.rank is None else None,
         )
     return view

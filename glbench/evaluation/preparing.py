@@ -174,7 +174,10 @@ def _finished(
     if made_by != (task.digest, agent.digest, kernel, __version__):
         return None
     if stored.evaluation.seeds == seeds:
-        return stored
+        if stored.record is not None and path.with_name(stored.record.file).is_file():
+            return stored
+        logger.warning("%s lacks its recorded actions, without which nobody can verify it; evaluating again.", path)
+        return None
     if stored.evaluation.seeds == tuple(task.evaluation.seeds):
         msg = (
             f"{path} holds the full evaluation of this agent ({len(stored.runs)} runs); {len(seeds)} runs from seed {seeds[0]} "

@@ -100,7 +100,7 @@ class EvaluationRecord(Record):
 class RecordReference(Record):
     """The file beside the result that holds the actions of all runs, and the digest of its content."""
 
-    file: str
+    file: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
     digest: Digest
 
 

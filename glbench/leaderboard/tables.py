@@ -13,12 +13,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PRIVILEGED_MARK = "†"
+VERIFIED_MARK = "✓"
 FOOTNOTES = (
     "Mean over the task's seeded runs, with the 95 % bootstrap interval of the mean; IQM is the mean of the middle half of the runs. "
     "Reward and penalty have no unit. EPI is revenue minus the costs of heat, electricity and CO2. "
     "Failed runs count at the task's stated penalty.",
     f"{PRIVILEGED_MARK} privileged: sees more than the observations, or acts without the rate limit.",
-    "Verified: `glbench verify` simulated every run again from its recorded actions and found what the result says.",
+    f"{VERIFIED_MARK} verified: `glbench verify` simulated every run again from its recorded actions and found what the result says.",
 )
 
 
@@ -135,8 +136,8 @@ def runs_label(row: Row) -> str:
 
 
 def verified_label(row: Row) -> str:
-    """``yes``, or a dash where no proof of the result is there."""
-    return "yes" if row.verified else "–"
+    """A mark, or a dash where no proof of the result is there."""
+    return VERIFIED_MARK if row.verified else "–"
 
 
 def _cells(row: Row) -> list[str]:

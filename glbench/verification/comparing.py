@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,57 +18,82 @@ Floats = NDArray[np.floating]
 
 
 @dataclass(frozen=True)
+class Difference:
+    """A value that differs: what kind of value, and which one in words."""
+
+    cause: str
+    words: str
+
+
+@dataclass(frozen=True)
 class Agreement:
-    """What was found so far: ``largest`` relative difference, and the first value beyond the last bit in words."""
+    """What was found so far.
+
+    Attributes
+    ----------
+    largest
+        Largest relative difference.
+    first
+        The first value of which a bit differs.
+    first_large
+        The first value that differs by more than the tolerance.
+    """
 
     largest: float = 0.0
-    first: str = ""
-    cause: str = ""
+    first: Difference | None = None
+    first_large: Difference | None = None
 
     @property
     def exact(self) -> bool:
         """Whether all bits were the same."""
-        return not self.first
+        return self.first is None
 
     def add(self, cause: str, recorded: Floats, found: Floats, words: tuple[str, ...], where: str) -> Agreement:
         """Compare tables ``(steps, columns)``, of which ``words`` name the columns; step 1 is the first row."""
         differs = ~_same_bits(recorded, found)
         if not differs.any():
             return self
-        size = np.max(np.abs(np.concatenate([recorded, found])), axis=0)
-        apart = np.abs(np.subtract(recorded, found, dtype=np.float64)) / np.where(size > 0.0, size, 1.0)
-        largest = float(np.max(np.where(differs, np.nan_to_num(apart, nan=np.inf, posinf=np.inf), 0.0)))
-        result = replace(self, largest=max(self.largest, largest))
-        if largest <= TOLERANCE and self.first:
-            return result
-        # Where values differ by much, the first of those is what a reader wants to see, not a last digit before it.
-        shown = (apart > TOLERANCE) | ~np.isfinite(apart) if largest > TOLERANCE else differs
-        if self.first and self.largest > TOLERANCE:
-            return result
-        step, column = (int(index) for index in np.argwhere(shown)[0])
-        place = f"step {step + 1}, {words[column]}" if len(recorded) > 1 else words[column]
-        text = f"{where}, {place}: recorded {recorded[step, column]!s}, found {found[step, column]!s}"
-        return replace(result, first=text, cause=cause)
+        with np.errstate(all="ignore"):  # what is not finite counts as infinitely far apart
+            apart = np.where(differs, np.nan_to_num(_relative(recorded, found), nan=np.inf, posinf=np.inf), 0.0)
+
+        def first(which: NDArray[np.bool_]) -> Difference | None:
+            if not which.any():
+                return None
+            step, column = (int(index) for index in np.argwhere(which)[0])
+            place = f"step {step + 1}, {words[column]}" if len(recorded) > 1 else words[column]
+            text = f"{where}, {place}: recorded {recorded[step, column]!s}, found {found[step, column]!s}"
+            return Difference(cause, text)
+
+        return Agreement(
+            max(self.largest, float(apart.max())),
+            self.first or first(differs),
+            self.first_large or first(apart > TOLERANCE),
+        )
 
     def verdict(self, *, same_machine: bool, other: str) -> Refused | None:
         """Why this is no proof; ``None`` when it is one. ``other`` says what is different here."""
-        if self.exact:
+        if self.first is None:
             return None
         if same_machine:
-            return Refused("refuted", self.cause, f"{self.first}. The recorded actions do not lead there.")
-        if self.largest <= TOLERANCE:
+            return Refused("refuted", self.first.cause, f"{self.first.words}. The recorded actions do not lead there.")
+        if self.first_large is None:
             return None
+        large = self.first_large
         if self.largest <= CHAOS:
             reason = (
-                f"{self.first}. The largest relative difference is {self.largest:.1e}, more than {TOLERANCE:g}, and {other}: "
+                f"{large.words}. The largest relative difference is {self.largest:.1e}, more than {TOLERANCE:g}, and {other}: "
                 "that can be the cause. Verify where the result was made."
             )
             return Refused("unknown", "other_machine", reason)
-        return Refused(
-            "refuted",
-            self.cause,
-            f"{self.first}. The recorded actions do not lead there; {other}, which cannot explain it.",
-        )
+        reason = f"{large.words}. The recorded actions do not lead there; {other}, which cannot explain it."
+        return Refused("refuted", large.cause, reason)
+
+
+def _relative(recorded: Floats, found: Floats) -> Floats:
+    """Differences relative to the largest value of their column."""
+    size = np.max(np.abs(np.concatenate([recorded, found])), axis=0)
+    apart = np.abs(np.subtract(recorded, found, dtype=np.float64))
+    return np.asarray(apart / np.where(size > 0.0, size, 1.0))
 
 
 def _same_bits(one: Floats, other: Floats) -> NDArray[np.bool_]:

@@ -14,6 +14,7 @@ from glbench.episodes.header import PARTS
 from glbench.errors import EpisodeError, GlbenchError, ResultError
 from glbench.evaluation import Result, load_result
 from glbench.evaluation.episodes import run_facts
+from glbench.model import CONTROL_NAMES
 from glbench.registration import task_ids
 from glbench.tasks import TaskSpec, get_task
 from glbench.verification.verdict import cannot_tell, refute
@@ -38,7 +39,7 @@ def read_record(path: Path, result: Result) -> ActionLog:
             "no_record", "The result names no recorded actions. Evaluate again with `glbench evaluate --fresh`."
         )
     file = path.with_name(result.record.file)
-    if file.parent != path.parent or not file.is_file():
+    if not file.is_file():
         cannot_tell("no_record", f"The recorded actions {file} are not there. Put the file back beside the result.")
     try:
         log = read_log(file)
@@ -64,6 +65,10 @@ def _same_evaluation(result: Result, log: ActionLog) -> None:
             f"(digest {result.task.digest[:12]}...)."
         )
         refute("record_of_other_task", reason)
+    if (task.title, task.steps, task.step_seconds) != (result.task.title, result.task.steps, result.task.step_seconds):
+        refute(
+            "record_of_other_task", "Title, steps or step length of the task differ between the record and the result."
+        )
     for name in ("name", "kind", "digest", "privileged", "information"):
         recorded, stated = getattr(agent, name), getattr(result.agent, name)
         if recorded != stated:
@@ -127,6 +132,12 @@ def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
         cannot_tell("no_task", f"{file} defines the task {task.id}, the result is of {result.task.id}.")
     if found.digest != result.task.digest:
         _refuse_other_version(result, log, {name: getattr(found, name) for name in PARTS}, published=published)
+    parts = {name: getattr(found, name) for name in PARTS}
+    if log.provenance.task.parts != parts or log.provenance.task.start != task.weather.start.isoformat():
+        refute(
+            "record_of_other_task",
+            "The record names digests of the task's parts, or a first day, that are not the task's.",
+        )
     facts, stated = (task.title, task.steps, task.step_seconds), result.task
     if facts != (stated.title, stated.steps, stated.step_seconds):
         refute("task_facts", f"The task's title, steps or step length are not those of {task.id}.")
@@ -159,8 +170,13 @@ def check_seeds(result: Result, task: TaskSpec) -> tuple[str, ...]:
     )
 
 
-def check_kernel(result: Result, task: TaskSpec) -> None:
-    """Scores are made with the reference preset, for the task's step and equations."""
+def check_setting(result: Result, log: ActionLog, task: TaskSpec) -> None:
+    """Scores are made with the reference preset, for the task's step and equations, and with actions for its controls."""
+    agent = log.provenance.agent
+    columns = CONTROL_NAMES if agent.acts == "controls" else task.actuation.controls
+    if agent.columns != columns:
+        reason = f"The recorded actions are of {', '.join(agent.columns)}, the task's of {', '.join(columns)}."
+        refute("record_of_other_task", reason)
     kernel = result.evaluation.kernel
     wanted = {"preset": "reference", "step_seconds": task.step_seconds, "variant": task.model.variant}
     for name, value in wanted.items():

@@ -21,7 +21,7 @@ from glbench.kernel import Kernel, KernelPool, available
 from glbench.model import STATE_NAMES
 from glbench.tasks import TaskSpec
 from glbench.verification.comparing import TOLERANCE, Agreement
-from glbench.verification.documents import check_kernel, check_seeds, find_task, read_record, read_result
+from glbench.verification.documents import check_seeds, check_setting, find_task, read_record, read_result
 from glbench.verification.full_episodes import compare_episode, read_episodes
 from glbench.verification.verdict import Refused, Verdict, refute
 
@@ -63,7 +63,7 @@ def verify(
         log = read_record(path, result)
         spec = find_task(result, log, task)
         notes = check_seeds(result, spec)
-        check_kernel(result, spec)
+        check_setting(result, log, spec)
         whole, complaint = _try_to_read(episodes or episodes_folder(path), log, wanted=episodes is not None)
         with _kernel(result, spec, workers) as kernel:
             machine = _compare_machines(result, kernel)
@@ -140,7 +140,9 @@ def _compare_machines(result: Result, kernel: Kernel | KernelPool) -> _Machine:
         found.append(f"other versions of {', '.join(others)} are installed")
     described, recorded = kernel.describe(), result.evaluation.kernel
     kinds = [name for name in {**described, **recorded} if described.get(name) != recorded.get(name)]
-    if kinds:
+    if described["backend"] != recorded["backend"]:
+        found.append(f"the kernel is '{described['backend']}', not '{recorded['backend']}'")
+    elif kinds:
         found.append(f"the kernel differs in {', '.join(kinds)}")
     return _Machine(not found, " and ".join(found))
 

@@ -55,3 +55,14 @@ def test_a_new_result_leaves_no_episodes_of_the_old_one(day_task, write_agent, t
 
 def test_without_a_folder_nothing_is_recorded(day_task, write_agent):
     assert evaluate(day_task, write_agent(RANDOM), episodes="all").record is None
+
+
+def test_a_stored_result_without_its_record_is_evaluated_again(day_task, write_agent, tmp_path, caplog):
+    agent = write_agent(RANDOM)
+    evaluate(day_task, agent, out=tmp_path)
+    (record,) = (tmp_path / "results").rglob("*.actions.mcap")
+    content = record.read_bytes()
+    record.unlink()
+    evaluate(day_task, agent, out=tmp_path)
+    assert record.read_bytes() == content
+    assert "lacks its recorded actions" in caplog.text

@@ -79,7 +79,7 @@ def test_leaderboard_rows_say_verified_only_with_a_proof_of_this_very_file(repor
         text = to_markdown(tables, {})
         column = {row.agent: row.verified for row in tables[0].rows}
         assert dict(zip(to_frame(tables)["agent"], to_frame(tables)["verified"], strict=True)) == column
-        assert text.count("| yes |") == sum(column.values())
+        assert text.count("| ✓ |") == sum(column.values())
         return {agent for agent, value in column.items() if value}
 
     assert verified() == set()
@@ -94,3 +94,13 @@ def test_a_proof_of_changed_actions_is_not_carried_over(wavy):
     save_proof(verify(wavy))
     rewrite_record(wavy, lambda log: log)
     assert run("verify", wavy).exit_code == 0
+
+
+def test_the_table_on_the_terminal_marks_what_is_verified_within_80_columns(reports, day_task, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    output.cache_clear()
+    save_proof(verify(result_path(reports, day_task.id, "wavy")))
+    lines = run("leaderboard", "--out", reports, "--task", day_task.id).stdout.splitlines()
+    assert sum("✓" in line for line in lines) == 2  # the row, and the note that explains the mark
+    assert any("wavy✓" in line for line in lines)
+    assert max(len(line) for line in lines) <= 80

@@ -167,6 +167,18 @@ def test_the_result_of_another_version_of_the_task(wavy):
     refused(wavy, "other_task_version", "another version", "weather")
 
 
+def test_the_digest_of_other_weather_in_the_record(wavy):
+    def reweather(log):
+        task = log.provenance.task
+        parts = {**task.parts, "weather": "0" * 64}
+        return replace(
+            log, provenance=log.provenance.model_copy(update={"task": task.model_copy(update={"parts": parts})})
+        )
+
+    rewrite_record(wavy, reweather)
+    refused(wavy, "record_of_other_task", "digests of the task's parts")
+
+
 def test_another_definition_of_the_task_in_the_record(wavy):
     rewrite_record(
         wavy, lambda log: replace(log, definition=log.definition.replace(b'"fruit": 1.6', b'"fruit": 160.0'))
@@ -210,6 +222,34 @@ def test_another_kernel_named_in_the_result(wavy):
 def test_other_versions_named_in_the_result(wavy):
     rewrite(wavy, lambda d: d["versions"].update(casadi="3.5.0"))
     refused(wavy, "other_versions", "3.5.0")
+
+
+def test_a_record_file_outside_the_folder(wavy):
+    rewrite(wavy, lambda d: d["record"].update(file="../elsewhere.mcap"))
+    refused(wavy, "inconsistent", "record.file")
+
+
+def test_a_record_that_counts_other_steps_than_it_has(wavy):
+    def stretch(log):
+        task = log.provenance.task
+        return replace(
+            log, provenance=log.provenance.model_copy(update={"task": task.model_copy(update={"steps": 48})})
+        )
+
+    rewrite_record(wavy, stretch)
+    refused(wavy, "record_of_other_task", "steps")
+
+
+def test_actions_of_other_controls(wavy):
+    def rename(log):
+        agent = log.provenance.agent
+        columns = (*agent.columns[1:], agent.columns[0])
+        return replace(
+            log, provenance=log.provenance.model_copy(update={"agent": agent.model_copy(update={"columns": columns})})
+        )
+
+    rewrite_record(wavy, rename)
+    refused(wavy, "record_of_other_task", "uCo2, uThScr")
 
 
 # Full episodes
