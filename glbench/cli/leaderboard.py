@@ -82,6 +82,8 @@ def _print(shown: Sequence[TaskTable], total: int, paths: Sequence[Path]) -> Non
         output().print(_score_table(table))
         output().print(_resource_table(table))
         for row in table.rows:
+            if row.failed:
+                output().print(f"{row.agent}: {row.failed} of {row.runs} runs failed.")
             if row.remark:
                 output().print(f"{row.agent} is {row.remark}.")
     for note in FOOTNOTES:
@@ -117,7 +119,7 @@ def _score_table(table: TaskTable) -> Table:
             f"{reward.iqm:.1f}",
             f"{row.estimates['epi'].mean:.3f}",
             f"{row.estimates['penalty'].mean:.1f}",
-            runs_label(row),
+            str(row.runs) if row.failed == 0 else f"{row.runs - row.failed}/{row.runs}",
             style="dim" if row.rank is None else None,
         )
     return view
