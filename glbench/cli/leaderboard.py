@@ -101,7 +101,7 @@ def _score_table(table: TaskTable) -> Table:
     from rich import box
     from rich.table import Table
 
-    from glbench.leaderboard.tables import VERIFIED_MARK, agent_label, runs_label
+    from glbench.leaderboard.tables import VERIFIED_MARK, agent_label
 
     title = f"{table.title}\n[dim]{table.task_id}[/dim]"
     view = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, collapse_padding=True)
