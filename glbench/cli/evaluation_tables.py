@@ -114,7 +114,9 @@ def _cells(estimate: Estimate, decimals: int, runs: int) -> tuple[str, str, str]
     def number(value: float) -> str:
         return f"{value:,.{decimals}f}"
 
-    interval = f"{number(estimate.low)} to {number(estimate.high)}" if runs > 1 else "–"
+    interval = (
+        f"{number(estimate.low)} to {number(estimate.high)}" if runs > 1 and estimate.low < estimate.high else "–"
+    )
     return number(estimate.mean), number(estimate.iqm), interval
 
 

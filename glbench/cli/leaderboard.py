@@ -115,7 +115,7 @@ def _score_table(table: TaskTable) -> Table:
             "–" if row.rank is None else str(row.rank),
             agent_label(row) + (VERIFIED_MARK if row.verified else ""),
             f"{reward.mean:.1f}",
-            f"{reward.low:.1f} to {reward.high:.1f}",
+            f"{reward.low:.1f} to {reward.high:.1f}" if reward.low < reward.high else "–",
             f"{reward.iqm:.1f}",
             f"{row.estimates['epi'].mean:.3f}",
             f"{row.estimates['penalty'].mean:.1f}",

@@ -18,6 +18,8 @@ FOOTNOTES = (
     "Mean over the task's seeded runs, with the 95 % bootstrap interval of the mean; IQM is the mean of the middle half of the runs. "
     "Reward and penalty have no unit. EPI is revenue minus the costs of heat, electricity and CO2. "
     "Failed runs count at the task's stated penalty.",
+    "Where a task draws nothing, all runs are alike and there is no interval. That does not make a figure sharp: closed loops "
+    "amplify rounding, so differences of a few units of reward mean nothing there.",
     f"{PRIVILEGED_MARK} privileged: sees more than the observations, or acts without the rate limit.",
     f"{VERIFIED_MARK} verified: `glbench verify` simulated every run again from its recorded actions and found what the result says.",
 )
@@ -46,9 +48,9 @@ COLUMNS = (
 
 
 def format_estimate(estimate: Estimate, column: Column) -> str:
-    """Text of one cell, ``-4.716 [-4.720, -4.712]`` or ``12.3``, in the column's unit."""
+    """Text of one cell, ``-4.716 [-4.720, -4.712]`` or ``12.3``, in the column's unit; runs that are all alike have no interval."""
     text = f"{estimate.mean:.{column.decimals}f}"
-    if column.interval:
+    if column.interval and estimate.low < estimate.high:
         text += f" [{estimate.low:.{column.decimals}f}, {estimate.high:.{column.decimals}f}]"
     return text
 

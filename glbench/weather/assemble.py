@@ -80,11 +80,11 @@ def assemble(rows: Rows, origin: Origin, *, fill_gaps: int = 0) -> WeatherRecord
     """
     _check_place(rows.file, origin.place)
     check_order(rows)
+    for name in rows.columns:
+        _check_range(rows, name)  # before gaps are filled: an impossible value must not hide in what is made from it
     rows, notes = _fill(rows, fill_gaps) if fill_gaps > 0 else (rows, ())
     _check_gaps(rows)
     names, dropped = _complete_columns(rows)
-    for name in names:
-        _check_range(rows, name)
     counts: dict[str, IntArray] = {}
     for name in names:
         column = np.rint(rows.columns[name] * QUANTITIES[name].counts_per_unit).astype(np.int64)
@@ -184,7 +184,7 @@ def _complete_columns(rows: Rows) -> tuple[list[str], tuple[str, ...]]:
 def _check_range(rows: Rows, name: str) -> None:
     quantity = QUANTITIES[name]
     values = rows.columns[name]
-    bad = np.flatnonzero(~((values >= quantity.low) & (values <= quantity.high)))
+    bad = np.flatnonzero((values < quantity.low) | (values > quantity.high))
     if bad.size:
         i = int(bad[0])
         msg = (

@@ -133,3 +133,8 @@ def test_a_file_in_the_way_of_the_folder_is_said(store, tmp_path):
     (tmp_path / "blocked").write_text("a file")
     with pytest.raises(GlbenchError, match="Cannot write"):
         write_leaderboard(rank([store("a", [1.0])], {}), {}, tmp_path / "blocked")
+
+
+def test_runs_that_are_all_alike_have_no_interval(store):
+    text = to_markdown(rank([store("sure", [2.0] * 4)], published()), {})
+    assert "| 1 | sure | 2.0 | 0.002 |" in text
