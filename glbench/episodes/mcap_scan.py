@@ -52,7 +52,10 @@ def scan(path: Path) -> Scan:
     try:
         data = path.read_bytes()
     except FileNotFoundError as error:
-        msg = f"There is no record {path}."
+        msg = (
+            f"There is no record {path}. Records are not kept in the repository: evaluate the agent again "
+            "(`glbench evaluate`), which leaves one."
+        )
         raise EpisodeError(msg) from error
     except OSError as error:
         msg = f"Cannot read the record {path}: {error.strerror or error}."

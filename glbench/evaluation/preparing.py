@@ -26,6 +26,10 @@ CHECKPOINT_SECONDS = 2.0
 """Shortest time between two checkpoints: what a kill costs at most, besides one step."""
 
 
+TRIALS = "trials"
+"""Folder below the results' for trials with other seeds than the task's, where a full evaluation must not be replaced."""
+
+
 def prepare(
     task: TaskSpec | str | Path,
     agent: LoadedAgent | str | Path,
@@ -55,6 +59,8 @@ def prepare(
     folder = None if out is None else Path(out).expanduser().resolve()
     kernel = shared_kernel(task.step_seconds, task.model.variant).describe()
     stored = None
+    if folder is not None and not fresh and _is_trial_beside_full_result(folder, task, agent, seeds):
+        folder = folder / TRIALS
     if folder is not None:
         ensure_writable(result_path(folder, task.id, agent.name).parent)
         stored = None if fresh else _finished(folder, task, agent, seeds, kernel)
@@ -156,8 +162,7 @@ def _finished(
     Raises
     ------
     ResultError
-        When something stands there that this evaluation should not replace: a task of another namespace, or the task's full
-        evaluation of this agent by a trial with other seeds.
+        When the result of a task of another namespace stands there.
     """
     path = result_path(out, task.id, agent.name)
     if not path.exists():
@@ -178,10 +183,15 @@ def _finished(
             return stored
         logger.warning("%s lacks its recorded actions, without which nobody can verify it; evaluating again.", path)
         return None
-    if stored.evaluation.seeds == tuple(task.evaluation.seeds):
-        msg = (
-            f"{path} holds the full evaluation of this agent ({len(stored.runs)} runs); {len(seeds)} runs from seed {seeds[0]} "
-            "would replace it. Choose another folder with --out, or replace it with --fresh."
-        )
-        raise ResultError(msg)
     return None
+
+
+def _is_trial_beside_full_result(out: Path, task: TaskSpec, agent: LoadedAgent, seeds: tuple[int, ...]) -> bool:
+    """Whether these seeds are a trial, and a full evaluation under the agent's name stands where it would be saved."""
+    path = result_path(out, task.id, agent.name)
+    if seeds == tuple(task.evaluation.seeds) or not path.exists():
+        return False
+    try:
+        return load_result(path).evaluation.seeds == tuple(task.evaluation.seeds)
+    except ResultError:
+        return False

@@ -135,9 +135,13 @@ def test_a_trial_does_not_replace_the_full_evaluation(
     evaluate(day_task, path, runs=1, out=out)
     evaluate(day_task, path, out=out)
 
-    with pytest.raises(ResultError, match=r"full evaluation of this agent \(3 runs\).*--fresh"):
-        evaluate(day_task, path, runs=1, out=out)
+    path.write_text(path.read_text(encoding="utf-8") + "\n# edited since\n", encoding="utf-8")
+    trial = evaluate(day_task, path, runs=1, out=out)
+
+    assert len(load_result(out / "results" / "Day-v1" / "agent_under_test.json").runs) == 3
+    assert load_result(out / "trials" / "results" / "Day-v1" / "agent_under_test.json") == trial
     assert len(evaluate(day_task, path, runs=1, out=out, fresh=True).runs) == 1
+    assert len(load_result(out / "results" / "Day-v1" / "agent_under_test.json").runs) == 1
 
 
 def test_a_task_of_another_namespace_does_not_replace_a_result(
