@@ -40,7 +40,13 @@ def leaderboard(
     from glbench.resources import data_folder
     from glbench.tasks import list_suites
 
-    stored = collect_results([out / "results", data_folder("reports/results")])
+    # In a checkout the released results lie where one's own are made: of those only the baselines' are released.
+    own = (out / "results").resolve()
+    stored = [
+        item
+        for item in collect_results([out / "results", data_folder("reports/results")])
+        if item.result.agent.kind == "baseline" or item.path.resolve().is_relative_to(own)
+    ]
     if not stored:
         msg = (
             f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."

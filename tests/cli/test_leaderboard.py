@@ -83,3 +83,11 @@ def test_a_spoiled_result_file_is_named(reports):
     result = run("--out", reports)
     assert isinstance(result.exception, ResultError)
     assert str(spoiled) in str(result.exception)
+
+
+def test_another_folder_shows_its_own_agents_and_the_released_baselines_only(reports, tmp_path, monkeypatch):
+    monkeypatch.setattr("glbench.resources.data_folder", lambda _name: reports / "results")
+    save_result(make_result("elsewhere", [3.0] * 4), tmp_path / "other")
+    shown = run("--out", tmp_path / "other", "--task", "Meadow-v1").stdout
+    assert "elsewhere" in shown
+    assert "better" not in shown
