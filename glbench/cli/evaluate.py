@@ -193,7 +193,7 @@ def _run(evaluation: Evaluation, *, as_json: bool, viewer: str | None) -> Result
 
 def _what_is_kept(evaluation: Evaluation) -> str:
     if evaluation.interrupted:
-        return "What was computed is kept: the same command (without --fresh) goes on from there."
+        return "What could be written is kept: the same command (without --fresh) goes on from the last checkpoint."
     return "Nothing was computed long enough to be kept: the same command starts again."
 
 

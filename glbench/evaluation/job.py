@@ -116,9 +116,12 @@ class Evaluation:
         provenance = provenance_of(self.task, self.agent, self.kernel)
         log = recorder.log(simulation, provenance, run_facts(result.runs))
         actions = actions_path(path)
-        write_atomically(actions, log_bytes(log))
         result = result.model_copy(update={"record": RecordReference(file=actions.name, digest=log.digest)})
+        # The small result before the large record: a disk that fills up must not take the result down. A record of an
+        # earlier evaluation goes first, so that none stands beside a result that it does not belong to.
+        actions.unlink(missing_ok=True)
         save_result(result, out)
+        write_atomically(actions, log_bytes(log))
         forget_episodes(path)
         write_episodes(self.episodes, result, path, self.task, log, recorder.trace)
         return result

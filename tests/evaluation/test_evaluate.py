@@ -239,3 +239,16 @@ def test_a_result_tells_what_made_it(day_task: TaskSpec, write_agent: AgentWrite
     assert result.evaluation.limits == {"start_seconds": 300.0, "step_seconds": 10.0, "run_seconds": 7200.0}
     assert result.evaluation.steps_per_second == pytest.approx(24 / result.evaluation.wall_seconds)
     assert str(tmp_path) not in result.to_json()
+
+
+def test_a_disk_too_full_for_the_record_keeps_the_result(
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, _data: bytes) -> None:
+        msg = f"Cannot write {path}: No space left on device."
+        raise GlbenchError(msg)
+
+    monkeypatch.setattr("glbench.evaluation.job.write_atomically", full)
+    with pytest.raises(GlbenchError, match="No space left"):
+        evaluate(day_task, write_agent(), out=tmp_path)
+    assert load_result(tmp_path / "results" / "Day-v1" / "agent_under_test.json").summary.ok == 3
