@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import platform
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -23,7 +25,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
         cwd=ROOT,
         check=True,
         capture_output=True,
-        timeout=120,
+        timeout=300,
     )
     (path,) = folder.glob("*.whl")
     return path
@@ -64,6 +66,69 @@ def test_the_wheel_carries_tasks_weather_baselines_examples_and_released_results
         assert any(name.startswith(f"glbench/_data/{start}") for name in names), start
     assert "glbench/py.typed" in names
     assert not [name for name in names if name.endswith(".pyc") or "/tests/" in name]
+
+
+STEP = """
+import hashlib, numpy as np
+from glbench.kernel import Kernel
+from glbench.tasks import get_task
+task = get_task("glbench/Schiphol2010-Delta00-v1")
+kernel = Kernel(900.0)
+x = task.initial_state()
+for d in task.disturbances().values[:96]:
+    x = kernel.step(x, np.full(6, 0.3), d, task.parameters())
+print(kernel.backend, hashlib.sha256(x.tobytes()).hexdigest(), kernel.describe().get("compiler_flags", ""))
+"""
+
+
+def step_a_day(site: Path, cwd: Path, **environment: str) -> tuple[str, str, str]:
+    """Backend, digest of the states after a day, and compiler flags, with the package in ``site`` and an empty cache."""
+    variables = {**os.environ, "PYTHONPATH": str(site), "GLBENCH_CACHE": str(cwd / "cache"), **environment}
+    command = [sys.executable, "-c", STEP]
+    done = subprocess.run(command, cwd=cwd, env=variables, capture_output=True, text=True, check=True, timeout=120)
+    backend, digest, flags = done.stdout.rstrip("\n").split(" ", 2)
+    return backend, digest, flags
+
+
+@pytest.fixture
+def carried(wheel: Path) -> None:
+    """Skip where the wheel could not carry a compiled kernel."""
+    if not any(name.endswith(".so") for name in zipfile.ZipFile(wheel).namelist()):
+        pytest.skip("the wheel carries no compiled kernel: no C++ compiler here, or not Linux")
+
+
+@pytest.mark.usefixtures("carried")
+def test_without_a_compiler_the_kernel_of_the_wheel_is_used_and_has_the_bits_of_one_compiled_here(installed, tmp_path):
+    no_compiler = {"PATH": str(tmp_path), "CXX": "", "CC": ""}
+    backend, digest, flags = step_a_day(installed, tmp_path, **no_compiler)
+    assert backend == "compiled"
+    assert "-march=native" not in flags
+    assert not (tmp_path / "cache").exists()
+    assert step_a_day(ROOT, tmp_path)[:2] == ("compiled", digest)
+
+
+@pytest.mark.usefixtures("carried")
+def test_a_damaged_kernel_of_the_wheel_is_not_loaded(installed, tmp_path):
+    site = tmp_path / "site"
+    shutil.copytree(installed, site)
+    for library in (site / "glbench/_data/kernel").glob("*.so"):
+        library.write_bytes(library.read_bytes()[:-1] + b"?")
+    no_compiler = {"PATH": str(tmp_path), "CXX": "", "CC": ""}
+    assert step_a_day(site, tmp_path, **no_compiler)[0] == "casadi"
+
+
+@pytest.mark.usefixtures("carried")
+def test_a_wheel_with_a_compiled_kernel_says_for_which_machines_it_is(wheel):
+    assert wheel.name.endswith(f"-py3-none-linux_{platform.machine()}.whl")
+
+
+def test_a_wheel_built_without_a_compiler_is_for_every_machine(tmp_path):
+    environment = {**os.environ, "PATH": str(tmp_path), "CXX": "", "CC": ""}
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path / "out")]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True, timeout=120)
+    (path,) = (tmp_path / "out").glob("*.whl")
+    assert path.name.endswith("-py3-none-any.whl")
+    assert "no compiled kernel" in done.stdout + done.stderr
 
 
 def test_the_package_in_use_is_the_wheels(installed, tmp_path):

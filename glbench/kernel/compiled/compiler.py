@@ -28,11 +28,16 @@ class Compiler:
     command: tuple[str, ...]
     version: str
 
-    def flags(self, width: int | None = None) -> tuple[str, ...]:
-        """Flags for a library of this machine; ``width`` forces the number of lanes (1, 2, 4 or 8)."""
-        tune = "-march=native" if platform.machine() in {"x86_64", "AMD64"} else "-mcpu=native"
+    def flags(self, width: int | None = None, level: str | None = None) -> tuple[str, ...]:
+        """Flags for a library of this machine, or of all machines of a ``level`` (``"x86-64-v3"``); ``width`` forces the lanes.
+
+        A library for a level brings its own C++ runtime, so that it loads on systems with an older one.
+        """
+        native = "-march=native" if platform.machine() in {"x86_64", "AMD64"} else "-mcpu=native"
+        tune = native if level is None else f"-march={level}"
+        runtime = () if level is None else ("-static-libstdc++", "-static-libgcc", "-s")
         lanes = () if width is None else (f"-DGLB_WIDTH={width}",)
-        return ("-std=c++17", "-O2", tune, *_EXACT, "-Wno-psabi", "-fPIC", "-shared", "-pthread", *lanes)
+        return ("-std=c++17", "-O2", tune, *_EXACT, "-Wno-psabi", "-fPIC", "-shared", "-pthread", *runtime, *lanes)
 
     def compile(self, source: Path, library: Path, include: tuple[Path, ...], flags: tuple[str, ...]) -> None:
         """Compile one source file into a shared library.

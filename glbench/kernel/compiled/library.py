@@ -21,6 +21,7 @@ from filelock import FileLock, Timeout
 
 import glbench.model
 from glbench.errors import GlbenchError
+from glbench.kernel.compiled import prebuilt
 from glbench.kernel.compiled.compiler import find_compiler, machine_digest
 from glbench.kernel.compiled.generate import Traits, generate
 from glbench.kernel.compiled.unavailable import CompiledUnavailable
@@ -57,7 +58,7 @@ class Build:
 
 
 def build(variant: str, traits: Traits, width: int | None = None) -> Build:
-    """The library for a model variant, from the cache or built now.
+    """The library for a model variant: from the installed wheel, from the cache, or built now.
 
     Parameters
     ----------
@@ -73,6 +74,11 @@ def build(variant: str, traits: Traits, width: int | None = None) -> Build:
     CompiledUnavailable
         When it is not in the cache and cannot be built: no compiler, a failing one, a cache that cannot be written.
     """
+    if width is None:
+        carried = prebuilt.find(prebuilt_key(variant, traits))
+        if carried is not None:
+            path, facts_of = carried
+            return Build(str(path), facts_of.digest, facts_of.compiler, facts_of.flags, 0.0)
     compiler = find_compiler()
     flags = compiler.flags(width)
     facts = (variant, traits, compiler.command, compiler.version, flags, machine_digest())
@@ -108,9 +114,8 @@ def _build(folder: Path, name: str, variant: str, traits: Traits, flags: tuple[s
     compiler = find_compiler()
     with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=folder) as temporary:
         work = Path(temporary)
-        (work / "model.hpp").write_text(generate(glbench.model.build_rhs(variant), traits).text, encoding="utf-8")
-        (work / "kernel.cpp").write_text(_SOURCE, encoding="utf-8")
         library = work / "kernel.so"
+        _write_source(work, variant, traits)
         compiler.compile(work / "kernel.cpp", library, (work, _NATIVE), flags)
         digest = hashlib.sha256(library.read_bytes()).hexdigest()
         final = folder / f"{name}-{digest[:12]}.so"
@@ -120,6 +125,38 @@ def _build(folder: Path, name: str, variant: str, traits: Traits, flags: tuple[s
     built = Build(str(final), digest, f"{' '.join(compiler.command)}: {compiler.version}", " ".join(flags), seconds)
     write_atomically(folder / f"{name}.json", json.dumps(asdict(built), indent=1) + "\n")
     return built
+
+
+def _write_source(work: Path, variant: str, traits: Traits) -> None:
+    (work / "model.hpp").write_text(generate(glbench.model.build_rhs(variant), traits).text, encoding="utf-8")
+    (work / "kernel.cpp").write_text(_SOURCE, encoding="utf-8")
+
+
+def prebuild(folder: Path, variant: str, traits: Traits) -> list[prebuilt.Prebuilt]:
+    """Compile a model variant for every processor level that a wheel carries, into ``folder``.
+
+    Raises
+    ------
+    CompiledUnavailable
+        When there is no compiler, or it fails.
+    """
+    compiler = find_compiler()
+    with tempfile.TemporaryDirectory() as temporary:
+        work = Path(temporary)
+        _write_source(work, variant, traits)
+
+        def compile_into(library: Path, flags: tuple[str, ...]) -> None:
+            compiler.compile(work / "kernel.cpp", library, (work, _NATIVE), flags)
+
+        return prebuilt.prebuild(folder, compiler, prebuilt_key(variant, traits), variant, compile_into)
+
+
+def prebuilt_key(variant: str, traits: Traits) -> str:
+    """Digest of what a carried library is made from: variant, traits, and the sources without CasADi's version.
+
+    The library computes the same equations whichever CasADi wrote it; the exact one may differ between builder and user.
+    """
+    return _digest([repr((variant, traits)).encode(), _files_digest().encode()])
 
 
 def _intact(folder: Path, name: str) -> Build | None:
@@ -145,14 +182,20 @@ def _digest(parts: Iterable[bytes]) -> str:
 @cache
 def _sources() -> str:
     """Digest of everything the library is made from: the model, the generator, the C++ beside it, CasADi's version."""
-    model = Path(glbench.model.__file__).resolve().parent
-    files = [file for root in (model, _NATIVE) for file in root.rglob("*") if file.suffix in {".py", ".csv", ".hpp"}]
-    files += [_HERE / f"{name}.py" for name in _GENERATOR]
     try:
         casadi_version = version("casadi")
     except PackageNotFoundError:
         casadi_version = "unknown"
-    parts = [casadi_version.encode()]
+    return _digest([casadi_version.encode(), _files_digest().encode()])
+
+
+@cache
+def _files_digest() -> str:
+    """Digest of the files of the model, the generator and the C++ beside it."""
+    model = Path(glbench.model.__file__).resolve().parent
+    files = [file for root in (model, _NATIVE) for file in root.rglob("*") if file.suffix in {".py", ".csv", ".hpp"}]
+    files += [_HERE / f"{name}.py" for name in _GENERATOR]
+    parts = []
     for file in sorted(files):
         parts += [file.name.encode(), file.read_bytes()]
     return _digest(parts)

@@ -233,9 +233,14 @@ class CompiledStepper:
         }
 
     def _library_build(self, zeros: tuple[int, ...]) -> Build:
-        fast = tuple(STATE_NAMES.index(name) for name in FAST_STATES)
-        first, second = (STATE_NAMES.index(name) for name in SINGULAR_STATES)
-        return build(self.variant, Traits(zeros, fast, (first, second)), self._width)
+        return build(self.variant, traits_without(zeros), self._width)
+
+
+def traits_without(zeros: tuple[int, ...]) -> Traits:
+    """What the generator is told of the model when the parameters ``zeros`` are zero."""
+    fast = tuple(STATE_NAMES.index(name) for name in FAST_STATES)
+    first, second = (STATE_NAMES.index(name) for name in SINGULAR_STATES)
+    return Traits(zeros, fast, (first, second))
 
 
 def absent_equipment() -> tuple[int, ...]:

@@ -1,0 +1,72 @@
+"""Build hook: a wheel carries the compiled kernel where the machine that builds it has a C++ compiler.
+
+Without a compiler the wheel is pure Python, and the kernel is compiled on the user's machine. An editable installation
+carries nothing either: a checkout compiles what its sources say at that moment.
+"""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import sys
+import tempfile
+import types
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+
+class KernelHook(BuildHookInterface[Any]):
+    """Compiles the model's variants and adds the libraries to the wheel."""
+
+    PLUGIN_NAME = "custom"
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Called before the wheel is put together; ``version`` is ``"standard"`` or ``"editable"``."""
+        self._folder: Path | None = None
+        if version != "standard":
+            return
+        folder = Path(tempfile.mkdtemp(prefix="glbench-kernel-"))
+        self._folder = folder
+        if not self._compile(folder):
+            return
+        build_data["force_include"] |= {
+            str(path): f"glbench/_data/kernel/{path.name}" for path in sorted(folder.iterdir())
+        }
+        build_data["pure_python"] = False
+        build_data["tag"] = f"py3-none-linux_{platform.machine()}"
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Called when the wheel is finished."""
+        if self._folder is not None:
+            shutil.rmtree(self._folder)
+
+    def _compile(self, folder: Path) -> bool:
+        """Whether there are libraries in ``folder`` now."""
+        _open_package(Path(self.root) / "glbench")
+        from glbench.kernel.compiled.library import prebuild
+        from glbench.kernel.compiled.prebuilt import levels_to_build, write_manifest
+        from glbench.kernel.compiled.stepper import absent_equipment, traits_without
+        from glbench.kernel.compiled.unavailable import CompiledUnavailable
+        from glbench.model import VARIANTS
+
+        if not levels_to_build():
+            return False
+        try:
+            made = [
+                one for variant in VARIANTS for one in prebuild(folder, variant, traits_without(absent_equipment()))
+            ]
+        except CompiledUnavailable as reason:
+            self.app.display_warning(f"The wheel carries no compiled kernel. {reason}")
+            return False
+        write_manifest(folder, made)
+        return True
+
+
+def _open_package(folder: Path) -> None:
+    """Let ``import glbench.kernel`` work without the package's front door, which needs metadata that does not exist yet."""
+    package = types.ModuleType("glbench")
+    package.__path__ = [str(folder)]
+    package.__version__ = "0"  # type: ignore[attr-defined]
+    sys.modules["glbench"] = package
