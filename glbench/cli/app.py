@@ -10,6 +10,7 @@ import typer
 
 from glbench import __version__
 from glbench.cli import episodes, tasks, weather
+from glbench.cli.bench import bench
 from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_warnings
 from glbench.cli.evaluate import evaluate
 from glbench.cli.leaderboard import leaderboard
@@ -30,6 +31,7 @@ app.command("evaluate")(evaluate)
 app.command("leaderboard")(leaderboard)
 app.command("verify")(verify)
 app.command("view")(view)
+app.command("bench")(bench)
 app.add_typer(episodes.app, name="episodes")
 app.add_typer(tasks.app, name="tasks")
 app.add_typer(weather.app, name="weather")

@@ -117,10 +117,12 @@ def make_cvodes(
     rate = build_rhs(variant)(x, q[:6], q[6:], default_parameters())
     options: dict[str, Any] = {"abstol": tolerance, "reltol": tolerance, "max_num_steps": 100_000}
     if jit:
+        # CasADi compiles in the working directory; who wants its files away works in a temporary one.
         options |= {
             "jit": True,
+            "jit_cleanup": False,
             "compiler": "shell",
-            "jit_options": {"flags": ["-O3", "-march=native"], "verbose": False},
+            "jit_options": {"flags": ["-O3", "-march=native"], "verbose": False, "cleanup": False},
         }
     return casadi.integrator("cvodes_step", "cvodes", {"x": x, "p": q, "ode": rate}, 0.0, step_seconds, options)
 
