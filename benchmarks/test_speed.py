@@ -1,7 +1,7 @@
 """Every measurement of ``glbench bench`` under pytest-benchmark, for the record and for comparisons between versions.
 
-``uv run --group dev pytest benchmarks --benchmark-json=speed.json`` keeps the figures. The ratio to CVODES, measured in the same run, stands
-under ``extra_info``. Nothing here passes or fails by its time.
+``uv run --group dev pytest benchmarks --benchmark-json=speed.json`` keeps the figures. The ratio to CVODES, measured in the same run, is
+in ``extra_info``. Nothing here passes or fails by its time.
 """
 
 from __future__ import annotations
