@@ -10,9 +10,11 @@ import typer
 
 from glbench import __version__
 from glbench.cli import episodes, tasks, weather
+from glbench.cli.compare import compare
 from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_warnings
 from glbench.cli.evaluate import evaluate
 from glbench.cli.leaderboard import leaderboard
+from glbench.cli.show import show
 from glbench.cli.verify import verify
 from glbench.cli.view import view
 from glbench.errors import GlbenchError
@@ -28,6 +30,8 @@ app = typer.Typer(
 )
 app.command("evaluate")(evaluate)
 app.command("leaderboard")(leaderboard)
+app.command("show")(show)
+app.command("compare")(compare)
 app.command("verify")(verify)
 app.command("view")(view)
 app.add_typer(episodes.app, name="episodes")
