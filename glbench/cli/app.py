@@ -11,9 +11,11 @@ import typer
 from glbench import __version__
 from glbench.cli import episodes, tasks, weather
 from glbench.cli.bench import bench
+from glbench.cli.compare import compare
 from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_warnings
 from glbench.cli.evaluate import evaluate
 from glbench.cli.leaderboard import leaderboard
+from glbench.cli.show import show
 from glbench.cli.verify import verify
 from glbench.cli.view import view
 from glbench.errors import GlbenchError
@@ -29,6 +31,8 @@ app = typer.Typer(
 )
 app.command("evaluate")(evaluate)
 app.command("leaderboard")(leaderboard)
+app.command("show")(show)
+app.command("compare")(compare)
 app.command("verify")(verify)
 app.command("view")(view)
 app.command("bench")(bench)

@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from glbench.cli.console import messages
-from glbench.evaluation.metrics import HOURS_OUTSIDE, METRICS
+from glbench.evaluation.metrics import HOURS_OUTSIDE, METRICS, UNITS
 from glbench.leaderboard.ranking import Estimate, estimates_of
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def summary_table(result: Result) -> Table:
     for heading in ("Mean", "IQM", "95 % interval"):
         table.add_column(heading, justify="right")
     estimates = estimates_of(result)
-    for name in _order():
+    for name in metric_order():
         if name in _SECTIONS:
             table.add_section()
         unit = result.units[name]
@@ -104,7 +104,22 @@ def print_failures(result: Result) -> None:
         console.print(f"  and {len(groups) - _SHOWN_FAILURES} more kinds of failure; the result file has them all.")
 
 
-def _order() -> list[str]:
+def label_of(metric: str) -> str:
+    """A metric in words."""
+    return _LABELS[metric]
+
+
+def unit_of(metric: str) -> str:
+    """Unit of a metric as people write it."""
+    return _UNITS[UNITS[metric]]
+
+
+def number_of(metric: str, value: float) -> str:
+    """A value with the decimals that its unit deserves."""
+    return f"{value:,.{_DECIMALS[UNITS[metric]]}f}"
+
+
+def metric_order() -> list[str]:
     """Metrics as shown: the time outside any limit before that outside each."""
     limits = [metric.name for metric in HOURS_OUTSIDE]
     return [metric.name for metric in METRICS if metric.name not in limits] + limits

@@ -182,3 +182,38 @@ def _checked(name: str, outcome: TaskSpec | str) -> dict[str, Any]:
 
 def _print_json(value: Any) -> None:
     output().out(json.dumps(value, indent=2, allow_nan=False), highlight=False)
+
+
+@app.command("references")
+def references_command(
+    write: Annotated[bool, typer.Option("--write", help="Write tasks/references.toml.")] = False,
+    out: Annotated[Path, typer.Option("--out", help="Folder with results/ in it.")] = Path("reports"),
+) -> None:
+    """Show what normalised scores are measured by: the reward of doing nothing, and the best known one.
+
+    Both come from results: that of submissions/do_nothing.py, and the best of all agents.
+    """
+    from rich import box
+    from rich.table import Table
+
+    from glbench.leaderboard import collect_results
+    from glbench.leaderboard.published import published_expectations
+    from glbench.leaderboard.suites import references_from
+    from glbench.tasks.references import read_references, write_references
+
+    if write:
+        found = references_from(collect_results([out / "results"]), published_expectations())
+        if not found:
+            msg = f"There is no complete result of do_nothing in {out / 'results'}. Evaluate submissions/do_nothing.py first."
+            raise GlbenchError(msg)
+        messages().print(f"Written: {write_references({**read_references(), **found})}", soft_wrap=True)
+    view = Table(
+        box=box.SIMPLE_HEAD, title="Zero and one of normalised scores", title_justify="left", title_style="bold"
+    )
+    view.add_column("Task", overflow="fold")
+    for heading in ("Doing nothing", "Best known"):
+        view.add_column(heading, justify="right", no_wrap=True)
+    view.add_column("by")
+    for task_id, one in read_references().items():
+        view.add_row(task_id.rpartition("/")[2], f"{one.nothing:,.1f}", f"{one.best:,.1f}", one.best_agent)
+    output().print(view)

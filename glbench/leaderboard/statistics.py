@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from glbench.errors import ResultError
+from glbench.leaderboard.resampling import CONFIDENCE, RESAMPLES, resampling_indices
 
 Values: TypeAlias = Sequence[float] | NDArray[np.float64]
 Statistic: TypeAlias = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -39,8 +40,8 @@ def bootstrap_interval(
     values: Values,
     statistic: Statistic = mean,
     *,
-    confidence: float = 0.95,
-    resamples: int = 10_000,
+    confidence: float = CONFIDENCE,
+    resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> tuple[float, float]:
     """Percentile bootstrap interval of ``statistic`` over runs.
@@ -75,7 +76,7 @@ def bootstrap_interval(
     if resamples < 1:
         msg = f"A bootstrap needs at least one resample; got {resamples}."
         raise ResultError(msg)
-    drawn = statistic(sample[_resampling_indices(sample.size, resamples, seed)])
+    drawn = statistic(sample[resampling_indices(sample.size, resamples, seed)])
     tail = 100.0 * (1.0 - confidence) / 2.0
     low, high = np.percentile(drawn, [tail, 100.0 - tail])
     return float(low), float(high)
@@ -91,9 +92,3 @@ def _checked(values: Values) -> NDArray[np.float64]:
         msg = f"Statistics need finite values; value {first} is {sample[first]}."
         raise ResultError(msg)
     return sample
-
-
-def _resampling_indices(size: int, resamples: int, seed: int) -> NDArray[np.intp]:
-    """Indices ``(resamples, size)`` in ``[0, size)`` from the upper 32 bits of PCG64's raw 64-bit words (multiply and shift)."""
-    raw = np.random.PCG64(seed).random_raw(resamples * size) >> np.uint64(32)
-    return ((raw * np.uint64(size)) >> np.uint64(32)).astype(np.intp).reshape(resamples, size)

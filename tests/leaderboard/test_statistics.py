@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from glbench.errors import ResultError
-from glbench.leaderboard.statistics import _resampling_indices, bootstrap_interval, interquartile_mean, mean
+from glbench.leaderboard.resampling import resampling_indices
+from glbench.leaderboard.statistics import bootstrap_interval, interquartile_mean, mean
 
 RUNS = np.array([3.1, -1.0, 4.0, 1.0, 5.0, 9.0, 2.0, 6.0])
 
@@ -42,7 +43,7 @@ def test_interval_repeats_to_the_last_bit_and_is_pinned():
 
 
 def test_resampling_draws_every_run_equally_often():
-    counts = np.bincount(_resampling_indices(30, 10_000, 0).ravel(), minlength=30)
+    counts = np.bincount(resampling_indices(30, 10_000, 0).ravel(), minlength=30)
     assert counts.size == 30
     assert stats.chisquare(counts).pvalue > 1e-3
 

@@ -1,0 +1,103 @@
+"""``glbench show``: what an agent earned, where, and how evenly, in the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from glbench.cli.console import messages, output
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from glbench.evaluation import Result
+
+_BARS = "▁▂▃▄▅▆▇█"
+_BAR_WIDTH = 40
+
+
+def show(
+    result: Annotated[str, typer.Argument(metavar="RESULT|AGENT", help="A result file, or the name of an agent.")],
+    task: Annotated[
+        list[str] | None,
+        typer.Option("--task", "-t", help="Of an agent: this task (repeatable). Default: the default task."),
+    ] = None,
+    show_all: Annotated[bool, typer.Option("--all", help="Of an agent: all its tasks.")] = False,
+    out: Annotated[Path, typer.Option("--out", help="Folder with results/ in it.")] = Path("reports"),
+) -> None:
+    """Show a result: every metric with its unit and interval, where the money went, how the runs differ."""
+    from glbench.cli.stored import find_results
+
+    found = find_results(result, task or [], out)
+    shown = found if task or show_all else [_usual(found)]
+    for one in shown:
+        _show(one)
+    if len(shown) < len(found):
+        messages().print(
+            f"'{result}' has results on {len(found)} tasks: --all, or --task ID, shows the others.", style="dim"
+        )
+
+
+def _usual(found: Sequence[Result]) -> Result:
+    """That of the default task, else the latest."""
+    from glbench.tasks import DEFAULT_TASK
+
+    return next((one for one in found if one.task.id == DEFAULT_TASK), max(found, key=lambda one: one.created))
+
+
+def _show(result: Result) -> None:
+    from rich.markup import escape
+
+    from glbench.cli.evaluation_tables import print_failures, summary_table
+
+    output().print(summary_table(result))
+    output().print(f"\n[bold]Where the money went[/] (mean of {len(result.runs)} runs)")
+    for line in money_lines(result):
+        output().print(line)
+    rewards = sorted(result.values("reward"))
+    if rewards[0] < rewards[-1]:
+        output().print(
+            f"\n[bold]Reward of the runs[/], worst to best: {rewards[0]:,.1f} {sparkline(rewards)} {rewards[-1]:,.1f}",
+            soft_wrap=True,
+        )
+    worst = min(result.runs, key=lambda run: run.metrics["reward"])
+    output().print(
+        f"Worst run: seed {worst.seed}, reward {worst.metrics['reward']:,.1f}, EPI {worst.metrics['epi']:,.3f} EUR/m²"
+    )
+    print_failures(result)
+    sees = escape(result.agent.information)
+    output().print(
+        f"\n{escape(result.agent.name)} sees: {sees}\nKernel {result.evaluation.kernel.get('backend')}, preset "
+        f"{result.evaluation.kernel.get('preset', '–')}; made {result.created} with glbench {result.versions.glbench}; "
+        f"results digest {result.results_digest[:12]}",
+        style="dim",
+        soft_wrap=True,
+    )
+
+
+def money_lines(result: Result) -> list[str]:
+    """Revenue and costs as bars of one scale, and what is left."""
+    from glbench.evaluation.metrics import UNITS
+
+    names = {"revenue": "fruit", "cost_heat": "heat", "cost_electricity": "light", "cost_co2": "CO2"}
+    means = {name: sum(values) / len(values) for name in names for values in [result.values(name)]}
+    scale = max(*(abs(value) for value in means.values()), 1e-9)
+    lines = []
+    for name, words in names.items():
+        signed = means[name] if name == "revenue" else -means[name]
+        colour = "green" if signed >= 0.0 else "red"
+        bar = "█" * round(_BAR_WIDTH * abs(signed) / scale)
+        lines.append(f"  {words:<6}{signed:>+9.3f} EUR/m²  [{colour}]{bar}[/]")
+    left = sum(result.values("epi")) / len(result.runs)
+    unit = "EUR/m²" if UNITS["epi"] == "EUR m-2" else UNITS["epi"]
+    return [*lines, f"  [bold]{'EPI':<6}{left:>+9.3f} {unit}[/]"]
+
+
+def sparkline(values: Sequence[float]) -> str:
+    """One character a value, its height between the smallest and the largest."""
+    low, high = min(values), max(values)
+    if not high > low:
+        return _BARS[0] * len(values)
+    return "".join(_BARS[min(int((value - low) / (high - low) * len(_BARS)), len(_BARS) - 1)] for value in values)

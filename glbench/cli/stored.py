@@ -1,0 +1,47 @@
+"""Finding stored results for commands: by file, or by the name of an agent."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from glbench.errors import ResultError, did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from glbench.evaluation import Result
+
+
+def find_results(wanted: str, tasks: Sequence[str], reports: Path) -> list[Result]:
+    """Results that ``wanted`` means: a result file, or all of an agent's below ``reports/results`` and of the released ones.
+
+    ``tasks`` (ids or their short forms) keeps those of these tasks only.
+
+    Raises
+    ------
+    ResultError
+        When there is none.
+    """
+    from glbench.evaluation import load_result
+    from glbench.leaderboard import collect_results
+    from glbench.resources import data_folder
+
+    if wanted.endswith(".json") or Path(wanted).is_file():
+        return [load_result(Path(wanted))]
+    stored = [item.result for item in collect_results([reports / "results", data_folder("reports/results")])]
+    agents = sorted({result.agent.name for result in stored})
+    if wanted not in agents:
+        msg = (
+            f"There are no results of an agent '{wanted}'.{did_you_mean(wanted, agents)} Give its name or a result file; "
+            "`glbench evaluate` makes one."
+        )
+        raise ResultError(msg)
+    chosen = [result for result in stored if result.agent.name == wanted]
+    if tasks:
+        chosen = [one for one in chosen if one.task.id in tasks or one.task.id.rpartition("/")[2] in tasks]
+        if not chosen:
+            known = [result.task.id for result in stored if result.agent.name == wanted]
+            msg = f"'{wanted}' has no result on {', '.join(tasks)}.{did_you_mean(tasks[0], known)} It has: {', '.join(known)}."
+            raise ResultError(msg)
+    return chosen

@@ -1,0 +1,96 @@
+"""Two agents on one task, metric by metric, on the seeds that both were given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from glbench.errors import ResultError
+from glbench.evaluation import Result
+from glbench.evaluation.metrics import METRIC_NAMES
+from glbench.leaderboard.aggregates import Interval, probability_of_improvement
+from glbench.leaderboard.comparisons import holm, paired_p_value
+from glbench.leaderboard.statistics import bootstrap_interval
+
+MONEY = {"revenue": 1.0, "cost_heat": -1.0, "cost_electricity": -1.0, "cost_co2": -1.0}
+"""What the EPI is made of, and whether it adds or takes."""
+
+
+@dataclass(frozen=True)
+class MetricPair:
+    """One metric of two agents: means, and the mean of A minus B with its 95 % interval over pairs of runs, in the metric's unit."""
+
+    metric: str
+    first: float
+    second: float
+    difference: Interval
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two agents on one task.
+
+    ``p_value`` is that of the paired test of the rewards; ``improvement`` the probability that a run of A has a higher reward than a
+    run of B; ``money`` what each item adds to A's EPI beside B's [EUR m-2].
+    """
+
+    task_id: str
+    title: str
+    first: str
+    second: str
+    runs: int
+    metrics: Mapping[str, MetricPair]
+    p_value: float
+    improvement: Interval
+    money: Mapping[str, float]
+
+
+def compare_results(first: Result, second: Result) -> Pair:
+    """Compare two results of one task on their common seeds.
+
+    Raises
+    ------
+    ResultError
+        When they are of different tasks, or have no seed in common.
+    """
+    if first.task.digest != second.task.digest:
+        msg = (
+            f"'{first.agent.name}' was evaluated on {first.task.id} (digest {first.task.digest[:12]}), '{second.agent.name}' on "
+            f"{second.task.id} (digest {second.task.digest[:12]}). Only results of one and the same task can be compared."
+        )
+        raise ResultError(msg)
+    seeds = sorted({run.seed for run in first.runs} & {run.seed for run in second.runs})
+    if not seeds:
+        agents = f"'{first.agent.name}' and '{second.agent.name}'"
+        msg = f"{agents} have no seed in common on {first.task.id}. Evaluate both with the same seeds."
+        raise ResultError(msg)
+    values = [
+        {name: np.array([runs[seed].metrics[name] for seed in seeds]) for name in METRIC_NAMES}
+        for runs in ({run.seed: run for run in result.runs} for result in (first, second))
+    ]
+    metrics = {name: _metric(name, values[0][name], values[1][name]) for name in METRIC_NAMES}
+    rewards = values[0]["reward"], values[1]["reward"]
+    return Pair(
+        task_id=first.task.id,
+        title=first.task.title,
+        first=first.agent.name,
+        second=second.agent.name,
+        runs=len(seeds),
+        metrics=metrics,
+        p_value=paired_p_value(*rewards),
+        improvement=probability_of_improvement({"": rewards[0]}, {"": rewards[1]}),
+        money={name: sign * metrics[name].difference.value for name, sign in MONEY.items()},
+    )
+
+
+def corrected_p_values(pairs: list[Pair]) -> list[float]:
+    """P-values of several tasks, corrected for their number (Holm)."""
+    return holm([pair.p_value for pair in pairs])
+
+
+def _metric(name: str, first: np.ndarray, second: np.ndarray) -> MetricPair:
+    difference = first - second
+    low, high = bootstrap_interval(difference)
+    return MetricPair(name, float(first.mean()), float(second.mean()), Interval(float(difference.mean()), low, high))

@@ -1,0 +1,55 @@
+"""``glbench show`` and ``glbench compare`` on released results: numbers with units, and sentences."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from glbench.cli.show import sparkline
+
+TASK = "Schiphol2010-Delta10-v1"
+
+
+def test_show_tells_every_metric_and_where_the_money_went(glbench):
+    done = glbench("show", "rule_based")
+    assert done.code == 0
+    for words in ("EPI = revenue - costs", "EUR/m²", "kWh/m²", "Where the money went", "light", "Worst run: seed"):
+        assert words in done.out
+
+
+def test_show_of_an_unknown_agent_names_the_nearest(glbench):
+    done = glbench("show", "rule_baced")
+    assert done.code == 1
+    assert "rule_based" in done.err
+
+
+def test_compare_says_who_earns_more_and_from_what(glbench):
+    done = glbench("compare", "rule_based", "rule_based_fair", "--task", TASK)
+    assert done.code == 0
+    assert "rule_based earns" in done.out
+    assert "EUR/m² more than rule_based_fair" in done.out
+
+
+def test_compare_gives_the_same_numbers_as_json(glbench):
+    done = glbench("compare", "rule_based", "rule_based_fair", "--task", TASK, "--json")
+    (pair,) = json.loads(done.out)
+    metric = pair["metrics"]["epi"]
+    assert metric["difference"] == pytest.approx(metric["first"] - metric["second"])
+    assert sum(pair["money [EUR m-2]"].values()) == pytest.approx(metric["difference"])
+
+
+def test_an_agent_compared_with_itself_cannot_be_told_apart(glbench):
+    done = glbench("compare", "rule_based", "rule_based", "--task", TASK)
+    assert "cannot be told apart" in done.out
+
+
+def test_agents_are_compared_over_all_tasks_that_both_have(glbench):
+    done = glbench("compare", "rule_based", "rule_based_fair")
+    assert done.code == 0
+    assert "task by task" in done.out
+
+
+def test_a_sparkline_rises_with_its_values():
+    assert sparkline([0.0, 1.0, 2.0, 7.0]) == "▁▂▃█"
+    assert sparkline([3.0, 3.0]) == "▁▁"

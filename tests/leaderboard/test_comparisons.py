@@ -1,0 +1,87 @@
+"""Paired tests, their correction and the tiers, against hand values and other implementations."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from glbench.errors import ResultError
+from glbench.leaderboard.comparisons import RESOLUTION, compare_all, holm, paired_p_value, tiers
+
+
+def exact_signed_rank_p(difference: np.ndarray) -> float:
+    """Two-sided p-value by going through all signs: the definition of the test."""
+    ranks = np.argsort(np.argsort(np.abs(difference))) + 1
+    observed = abs(ranks[difference > 0].sum() - ranks.sum() / 2)
+    signs = list(product([0, 1], repeat=difference.size))
+    extreme = sum(abs((ranks * np.array(sign)).sum() - ranks.sum() / 2) >= observed for sign in signs)
+    return extreme / len(signs)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_paired_test_is_the_exact_signed_rank_test(seed):
+    generator = np.random.default_rng(seed)
+    first, second = generator.normal(0.4, 1.0, 10), generator.normal(0.0, 1.0, 10)
+    assert paired_p_value(first, second) == pytest.approx(exact_signed_rank_p(first - second))
+
+
+def test_pairing_sees_a_small_difference_that_runs_of_different_luck_would_hide():
+    luck = np.random.default_rng(0).normal(0.0, 100.0, 30)
+    jitter = np.random.default_rng(1).normal(0.0, 0.1, 30)
+    assert paired_p_value(luck + 1.0 + jitter, luck) < 1e-6
+
+
+def test_where_nothing_is_drawn_differences_within_rounding_count_as_none():
+    alike = np.full(30, 3100.0)
+    assert paired_p_value(alike, alike - 0.9 * RESOLUTION) == 1.0
+    assert paired_p_value(alike, alike - 1.1 * RESOLUTION) == 0.0
+
+
+def test_holm_by_hand():
+    # sorted: .01*4=.04, .02*3=.06, .03*2=.06, .2*1=.2; never falling
+    assert holm([0.03, 0.01, 0.2, 0.02]) == pytest.approx([0.06, 0.04, 0.2, 0.06])
+
+
+@given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=12))
+def test_a_correction_never_makes_a_p_value_smaller_nor_changes_their_order(p_values):
+    corrected = holm(p_values)
+    assert all(c >= p for p, c in zip(p_values, corrected, strict=True))
+    assert max(corrected) <= 1.0
+    for i, j in product(range(len(p_values)), repeat=2):
+        if p_values[i] < p_values[j]:
+            assert corrected[i] <= corrected[j]
+
+
+def test_agents_that_cannot_be_told_apart_share_a_tier():
+    luck = np.random.default_rng(3).normal(0.0, 5.0, 30)
+    noise = np.random.default_rng(4).normal(0.0, 1.0, 30)
+    noise -= noise.mean()
+    scores = {"low": luck - 50.0 + noise, "high": luck + 0.01, "also_high": luck + noise}
+    assert tiers(scores) == (("high", "also_high"), ("low",))
+
+
+def test_tiers_hold_every_agent_once_the_best_first():
+    generator = np.random.default_rng(5)
+    scores = {f"agent{i}": generator.normal(i, 0.5, 30) for i in range(6)}
+    found = tiers(scores)
+    assert sorted(agent for tier in found for agent in tier) == sorted(scores)
+    assert found[0][0] == "agent5"
+
+
+def test_one_agent_is_a_tier_of_its_own():
+    assert tiers({"only": np.ones(30)}) == (("only",),)
+
+
+def test_every_pair_is_compared_with_its_mean_difference():
+    found = compare_all({"a": np.array([1.0, 2.0, 4.0]), "b": np.array([1.0, 1.0, 1.0]), "c": np.zeros(3)})
+    assert [(one.first, one.second) for one in found] == [("a", "b"), ("a", "c"), ("b", "c")]
+    assert found[0].difference == pytest.approx(4.0 / 3.0)
+
+
+def test_agents_with_different_runs_are_not_compared():
+    with pytest.raises(ResultError, match="same runs"):
+        compare_all({"a": np.ones(3), "b": np.ones(4)})

@@ -1,0 +1,90 @@
+"""Agents over several tasks: normalised between doing nothing and the best known result."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from glbench.errors import TaskError
+from glbench.leaderboard import Expectation
+from glbench.leaderboard.suites import references_from, scores_by_task, suite_table
+from glbench.tasks import references as references_module
+from glbench.tasks.references import References, read_references, write_references
+from tests.leaderboard.synthetic import digest_of
+
+SEEDS = tuple(range(666, 696))
+TASKS = ("glbench/A-v1", "glbench/B-v1")
+EXPECTED = {task: Expectation(digest_of(task), SEEDS) for task in TASKS}
+REFERENCES = {
+    "glbench/A-v1": References(
+        nothing=0.0, nothing_results_digest="", best=100.0, best_agent="x", best_results_digest=""
+    ),
+    "glbench/B-v1": References(
+        nothing=1000.0, nothing_results_digest="", best=3000.0, best_agent="x", best_results_digest=""
+    ),
+}
+
+
+@pytest.fixture
+def stored(store):
+    """Three agents; ``patchy`` lacks the second task, ``short`` some runs of the first."""
+    noise = np.random.default_rng(0).normal(0.0, 1.0, 30)
+
+    def save(agent, task, level, runs=30):
+        return store(agent, list(level + noise[:runs]), task_id=task, task_digest=digest_of(task))
+
+    return [
+        save("good", TASKS[0], 80.0),
+        save("good", TASKS[1], 2600.0),
+        save("poor", TASKS[0], 20.0),
+        save("poor", TASKS[1], 1200.0),
+        save("patchy", TASKS[0], 90.0),
+        save("short", TASKS[0], 95.0, runs=10),
+    ]
+
+
+def test_scores_are_those_of_complete_results(stored):
+    scores = scores_by_task(stored, EXPECTED)
+    assert set(scores[TASKS[0]]) == {"good", "poor", "patchy"}
+    assert set(scores[TASKS[1]]) == {"good", "poor"}
+
+
+def test_a_suite_ranks_agents_that_have_all_tasks_and_lists_the_others_with_what_they_lack(stored):
+    table = suite_table("s", TASKS, scores_by_task(stored, EXPECTED), REFERENCES)
+    assert [(row.aggregate.agent, row.rank, row.missing) for row in table.rows] == [
+        ("good", 1, ()),
+        ("poor", 2, ()),
+        ("patchy", None, (TASKS[1],)),
+    ]
+    # 80/100 and 1600/2000
+    assert table.rows[0].aggregate.mean.value == pytest.approx(0.8, abs=0.01)
+
+
+def test_without_references_there_is_no_suite_table(stored):
+    assert suite_table("s", TASKS, scores_by_task(stored, EXPECTED), {}) is None
+
+
+def test_references_are_the_mean_of_doing_nothing_and_the_best_mean(stored, store):
+    nothing = store("do_nothing", [5.0] * 30, task_id=TASKS[0], task_digest=digest_of(TASKS[0]))
+    found = references_from([*stored, nothing], EXPECTED)
+    assert set(found) == {TASKS[0]}
+    assert found[TASKS[0]].nothing == 5.0
+    assert found[TASKS[0]].best_agent == "patchy"
+
+
+def test_references_are_written_and_read_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(references_module, "references_path", lambda: tmp_path / "references.toml")
+    read_references.cache_clear()
+    write_references(REFERENCES)
+    assert read_references() == REFERENCES
+    read_references.cache_clear()
+
+
+def test_references_in_the_wrong_order_are_refused(tmp_path, monkeypatch):
+    path = tmp_path / "references.toml"
+    monkeypatch.setattr(references_module, "references_path", lambda: path)
+    write_references(REFERENCES)
+    path.write_text(path.read_text().replace("best = 100.0", "best = -1.0"))
+    with pytest.raises(TaskError, match="not above that of doing nothing"):
+        read_references()
+    read_references.cache_clear()
