@@ -37,8 +37,10 @@ def leaderboard(
     """
     from glbench.leaderboard import collect_results, rank, to_frame, write_leaderboard
     from glbench.leaderboard.published import published_expectations
+    from glbench.leaderboard.suites import scores_by_task, suite_table
     from glbench.resources import data_folder
     from glbench.tasks import list_suites
+    from glbench.tasks.references import read_references
 
     # In a checkout the released results lie where one's own are made: of those only the baselines' are released.
     own = (out / "results").resolve()
@@ -52,9 +54,13 @@ def leaderboard(
             f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."
         )
         raise ResultError(msg)
-    tables = rank(stored, published_expectations())
+    expected, suites = published_expectations(), list_suites()
+    tables = rank(stored, expected)
     shown = _chosen(tables, stored, task or [], show_all)
-    paths = write_leaderboard(tables, list_suites(), out)
+    scores, references = scores_by_task(stored, expected), read_references()
+    scored = [suite_table(name, tuple(ids), scores, references) for name, ids in suites.items()]
+    aggregated = [table for table in scored if table is not None]
+    paths = write_leaderboard(tables, suites, out, aggregated)
     if as_json:
         rows = to_frame(shown).to_json(orient="records", double_precision=15)
         output().out(json.dumps(json.loads(rows), indent=2), highlight=False)

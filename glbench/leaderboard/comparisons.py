@@ -100,6 +100,8 @@ def tiers(scores: Mapping[str, Array]) -> tuple[tuple[str, ...], ...]:
     ResultError
         When the agents do not all have the same number of runs.
     """
+    if not scores:
+        return ()
     told_apart = {frozenset((one.first, one.second)) for one in compare_all(scores) if one.differ}
     order = sorted(scores, key=lambda agent: (-float(scores[agent].mean()), agent))
     found: list[list[str]] = []

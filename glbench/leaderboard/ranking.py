@@ -10,6 +10,7 @@ import numpy as np
 from glbench.evaluation import Result
 from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.leaderboard.collect import Expectation, StoredResult, refuse_mixed_digests
+from glbench.leaderboard.comparisons import tiers
 from glbench.leaderboard.statistics import bootstrap_interval, interquartile_mean, mean
 
 RANKING_METRIC = "reward"
@@ -29,7 +30,8 @@ class Estimate:
 class Row:
     """One agent on one task.
 
-    ``rank`` is ``None`` when the result lacks runs of the task's evaluation; ``remark`` then says so.
+    ``rank`` is shared by agents that cannot be told apart, see ``comparisons.tiers``. It is ``None`` when the result lacks runs of the
+    task's evaluation; ``remark`` then says so.
     """
 
     task_id: str
@@ -44,6 +46,10 @@ class Row:
     remark: str
     verified: bool = False
     """Whether ``glbench verify`` proved the result from its records."""
+    decision_milliseconds: float = 0.0
+    """Time that the agent takes for one step of one run [ms]."""
+    information: str = ""
+    """What the agent sees, in words."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +75,7 @@ def estimates_of(result: Result) -> dict[str, Estimate]:
 
 
 def rank(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> tuple[TaskTable, ...]:
-    """Rank the agents of every task by the mean of ``reward``, highest first.
+    """Rank the agents of every task by the mean of ``reward``, highest first; agents that cannot be told apart share a rank.
 
     Parameters
     ----------
@@ -101,12 +107,11 @@ def _expected_seeds(task_id: str, results: list[Result], expected: Mapping[str, 
 
 
 def _table(task_id: str, results: list[Result], seeds: tuple[int, ...], verified: frozenset[str]) -> TaskTable:
-    complete = [(result, estimates_of(result)) for result in results if result.evaluation.seeds == seeds]
-    complete.sort(key=lambda pair: (-pair[1][RANKING_METRIC].mean, pair[0].agent.name))
+    complete = {result.agent.name: result for result in results if result.evaluation.seeds == seeds}
     rows: list[Row] = []
-    for position, (result, estimates) in enumerate(complete, start=1):
-        tied = bool(rows) and rows[-1].estimates[RANKING_METRIC].mean == estimates[RANKING_METRIC].mean
-        rows.append(_row(result, estimates, rows[-1].rank if tied else position, "", verified))
+    for tier in tiers({agent: np.array(result.values(RANKING_METRIC)) for agent, result in complete.items()}):
+        shared = len(rows) + 1
+        rows += [_row(complete[agent], estimates_of(complete[agent]), shared, "", verified) for agent in tier]
     for result in sorted((r for r in results if r.evaluation.seeds != seeds), key=lambda r: r.agent.name):
         remark = f"not ranked: {result.evaluation.runs} runs with other seeds than the task's {len(seeds)}"
         if result.evaluation.seeds == seeds[: result.evaluation.runs]:
@@ -130,4 +135,6 @@ def _row(
         results_digest=result.results_digest,
         remark=remark,
         verified=result.results_digest in verified,
+        decision_milliseconds=result.evaluation.decision_milliseconds,
+        information=result.agent.information,
     )

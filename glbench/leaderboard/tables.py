@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from glbench.evaluation.metrics import METRICS, UNITS
+from glbench.leaderboard.aggregates import Interval
+from glbench.leaderboard.comparisons import RESOLUTION
 from glbench.leaderboard.ranking import Estimate, Row, TaskTable
+from glbench.leaderboard.suites import SuiteTable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -18,8 +21,10 @@ FOOTNOTES = (
     "Mean over the task's seeded runs, with the 95 % bootstrap interval of the mean; IQM is the mean of the middle half of the runs. "
     "Reward and penalty have no unit. EPI is revenue minus the costs of heat, electricity and CO2. "
     "Failed runs count at the task's stated penalty.",
+    "Agents that cannot be told apart share a rank: paired Wilcoxon tests of the rewards on the same seeds, corrected for their "
+    "number (Holm), at 5 %.",
     "Where a task draws nothing, all runs are alike and there is no interval. That does not make a figure sharp: closed loops "
-    "amplify rounding, so differences of a few units of reward mean nothing there.",
+    f"amplify rounding, so a reward that differs by less than {RESOLUTION:g} counts as the same there.",
     f"{PRIVILEGED_MARK} privileged: sees more than the observations, or acts without the rate limit.",
     f"{VERIFIED_MARK} verified: `glbench verify` simulated every run again from its recorded actions and found what the result says.",
 )
@@ -55,11 +60,16 @@ def format_estimate(estimate: Estimate, column: Column) -> str:
     return text
 
 
-def to_markdown(tables: Sequence[TaskTable], suites: Mapping[str, Sequence[str]]) -> str:
+def to_markdown(
+    tables: Sequence[TaskTable], suites: Mapping[str, Sequence[str]], aggregated: Sequence[SuiteTable] = ()
+) -> str:
     """The whole leaderboard: an overview of every suite that has results, then one table a task."""
     parts = ["# Leaderboard", ""]
+    scored = {table.suite: table for table in aggregated}
     for name, task_ids in suites.items():
         parts += _overview(name, [table for task_id in task_ids for table in tables if table.task_id == task_id])
+        if name in scored:
+            parts += _suite_rows(scored[name])
     for table in tables:
         parts += [
             f"## {table.title}",
@@ -88,6 +98,8 @@ def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
                 "runs": row.runs,
                 "failed_runs": row.failed,
                 "verified": row.verified,
+                "information": row.information,
+                "decision [ms]": row.decision_milliseconds,
                 "remark": row.remark,
             }
             for metric in METRICS:
@@ -112,6 +124,33 @@ def _overview(suite: str, tables: Sequence[TaskTable]) -> list[str]:
         ]
         lines.append("")
     return lines
+
+
+def _suite_rows(table: SuiteTable) -> list[str]:
+    """Normalised scores of every agent over a suite."""
+    lines = [
+        f"Normalised score over the {len(table.tasks)} tasks: 0 is doing nothing, 1 the best known result of each task.",
+        "",
+        "| # | Agent | IQM | Mean | Median | Optimality gap | Runs |",
+        "|---:|---|---:|---:|---:|---:|---:|",
+    ]
+    for row in table.rows:
+        one = row.aggregate
+        cells = ["–" if row.rank is None else str(row.rank), one.agent]
+        cells += [format_interval(interval) for interval in (one.iqm, one.mean, one.median, one.optimality_gap)]
+        lines.append(
+            "| "
+            + " | ".join([*cells, f"{one.runs}" + (f", lacks {len(row.missing)} tasks" if row.missing else "")])
+            + " |"
+        )
+    return [*lines, ""]
+
+
+def format_interval(interval: Interval) -> str:
+    """``0.912 [0.910, 0.914]``, without unit."""
+    if interval.low < interval.high:
+        return f"{interval.value:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
+    return f"{interval.value:.3f}"
 
 
 def _mean_of(agent: str, table: TaskTable, column: Column) -> str:

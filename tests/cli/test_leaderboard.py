@@ -22,7 +22,7 @@ def reports(tmp_path: Path) -> Path:
     """Reports folder with three made-up agents on a task that no one has published."""
     folder = tmp_path / "reports"
     save_result(make_result("better", [5.0, 6.0, 7.0, 8.0]), folder)
-    save_result(make_result("worse", [1.0, 2.0, 3.0, 4.0], privileged=True), folder)
+    save_result(make_result("worse", [-15.0, -14.0, -13.0, -12.0], privileged=True), folder)
     save_result(make_result("hasty", [9.0]), folder)
     return folder
 
@@ -55,6 +55,8 @@ def test_the_tables_are_written_beside_the_results(reports):
         "leaderboard.md",
         "leaderboard.csv",
         "leaderboard.parquet",
+        "leaderboard.json",
+        "leaderboard.tex",
     }
 
 

@@ -17,7 +17,7 @@ def published():
 
 
 def test_the_highest_mean_reward_comes_first(store):
-    stored = [store("low", [1.0, 2.0, 3.0, 4.0]), store("high", [5.0, 6.0, 7.0, 8.0])]
+    stored = [store("low", [-9.0, -8.0, -7.0, -6.0]), store("high", [5.0, 6.0, 7.0, 8.0])]
     (table,) = rank(stored, published())
     assert [(row.rank, row.agent) for row in table.rows] == [(1, "high"), (2, "low")]
     assert table.rows[0].estimates["reward"].mean == 6.5
@@ -25,8 +25,8 @@ def test_the_highest_mean_reward_comes_first(store):
     assert 5.0 <= table.rows[0].estimates["reward"].low < 6.5 < table.rows[0].estimates["reward"].high <= 8.0
 
 
-def test_equal_means_share_a_rank_and_the_next_rank_is_left_out(store):
-    stored = [store(name, [1.0, 2.0, 3.0, 4.0]) for name in ("b", "a")] + [store("c", [0.0] * 4)]
+def test_agents_that_cannot_be_told_apart_share_a_rank_and_the_next_rank_is_left_out(store):
+    stored = [store(name, [1.0, 2.0, 3.0, 4.0]) for name in ("b", "a")] + [store("c", [-19.0, -18.0, -17.0, -16.0])]
     (table,) = rank(stored, published())
     assert [(row.rank, row.agent) for row in table.rows] == [(1, "a"), (1, "b"), (3, "c")]
 

@@ -1,0 +1,59 @@
+"""The leaderboard as JSON with its schema, and as LaTeX."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from glbench.leaderboard import rank
+from glbench.leaderboard.exports import json_schema, to_json, to_latex
+from glbench.leaderboard.suites import suite_table
+from glbench.tasks.references import References
+from tests.leaderboard.synthetic import TASK
+
+SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "schema" / "leaderboard.schema.json"
+
+
+@pytest.fixture
+def tables(store):
+    return rank([store("first_agent", [50.0, 51.0, 52.0]), store("second", [1.0, 2.0, 3.0], privileged=True)], {})
+
+
+@pytest.fixture
+def suite(store):
+    references = References(nothing=0.0, nothing_results_digest="", best=60.0, best_agent="x", best_results_digest="")
+    scores = {TASK: {"first_agent": store("first_agent", [50.0, 51.0, 52.0]).result.values("reward")}}
+    return suite_table(
+        "meadows", (TASK,), {k: {a: _array(v) for a, v in s.items()} for k, s in scores.items()}, {TASK: references}
+    )
+
+
+def _array(values):
+    import numpy as np
+
+    return np.array(values)
+
+
+def test_the_published_schema_is_that_of_the_code():
+    assert SCHEMA.read_text(encoding="utf-8") == json_schema()
+
+
+def test_the_json_fits_its_schema_and_holds_the_tables(tables, suite):
+    document = json.loads(to_json(tables, [suite]))
+    jsonschema.validate(document, json.loads(json_schema()))
+    rows = document["tasks"][0]["rows"]
+    assert [(row["rank"], row["agent"]) for row in rows] == [(1, "first_agent"), (2, "second")]
+    assert rows[0]["metrics"]["reward"]["mean"] == 51.0
+    assert document["suites"][0]["rows"][0]["mean"]["value"] == pytest.approx(0.85)
+    assert document["units"]["epi"] == "EUR m-2"
+
+
+def test_latex_escapes_names_marks_the_privileged_and_has_units(tables):
+    text = to_latex(tables[0])
+    assert r"first\_agent" in text
+    assert r"second\dag" in text
+    assert "EPI [EUR/m$^2$]" in text
+    assert text.count(r"\\") == 3
