@@ -27,6 +27,7 @@ GROUPS = {
     "threads": "4,096 greenhouses on one and two threads (time on the wall)",
     "horizon": "cost of a step against the length of the season",
     "paper": "the setting of the paper: steps of 300 s, 10 days from 1 October 2009",
+    "paper-batch": "the same steps, 512 greenhouses at once",
     "env": "the Gymnasium environment: 22 observations, reward, info, parameters redrawn at every step",
     "vector": "the vector environment",
 }
@@ -204,6 +205,8 @@ def _subjects() -> tuple[Subject, ...]:
                 quick=preset == "standard",
             )
         )
+        batch = _many(preset, walk, PAPER_SECONDS, 512)
+        found.append(Subject(f"paper-batch/{preset}", preset, PAPER_SECONDS, walk, batch))
     for preset in ("standard", "reference"):
         one = _environment(preset)
         found.append(Subject(f"env/{preset}", preset, STEP_SECONDS, walk, one, quick=preset == "standard"))
