@@ -10,6 +10,7 @@ import typer
 
 from glbench import __version__
 from glbench.cli import episodes, tasks, weather
+from glbench.cli.badge import badge
 from glbench.cli.bench import bench
 from glbench.cli.compare import compare
 from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_warnings
@@ -33,6 +34,7 @@ app.command("evaluate")(evaluate)
 app.command("leaderboard")(leaderboard)
 app.command("show")(show)
 app.command("compare")(compare)
+app.command("badge")(badge)
 app.command("verify")(verify)
 app.command("view")(view)
 app.command("bench")(bench)

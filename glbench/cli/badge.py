@@ -1,0 +1,34 @@
+"""``glbench badge``: a line of the leaderboard as a picture for a README."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from glbench.cli.console import messages
+from glbench.errors import ResultError, did_you_mean
+
+
+def badge(
+    agent: Annotated[str, typer.Argument(help="Name of an agent that has a result.")],
+    task: Annotated[str | None, typer.Option("--task", "-t", help="Of this task. Default: the default task.")] = None,
+    out: Annotated[Path, typer.Option("--out", help="Folder with results/ in it.")] = Path("reports"),
+    file: Annotated[Path, typer.Option("--file", "-f", help="Where the picture goes.")] = Path("badge.svg"),
+) -> None:
+    """Draw a badge: task, rank, reward, and whether the result is verified."""
+    from glbench.leaderboard import collect_results, rank
+    from glbench.leaderboard.badges import badge as draw
+    from glbench.leaderboard.published import published_expectations
+    from glbench.resources import data_folder, write_atomically
+    from glbench.tasks import DEFAULT_TASK
+
+    wanted = task or DEFAULT_TASK
+    tables = rank(collect_results([out / "results", data_folder("reports/results")]), published_expectations())
+    names = {name: table for table in tables for name in (table.task_id, table.task_id.rpartition("/")[2])}
+    if wanted not in names:
+        msg = f"There are no results of a task '{wanted}'.{did_you_mean(wanted, names)}"
+        raise ResultError(msg)
+    write_atomically(file, draw(names[wanted], agent))
+    messages().print(f"Written: {file}", markup=False, soft_wrap=True)

@@ -1,0 +1,40 @@
+"""Badges say what the leaderboard says."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import pytest
+
+from glbench.errors import ResultError
+from glbench.leaderboard import rank
+from glbench.leaderboard.badges import badge
+
+
+@pytest.fixture
+def table(store):
+    (found,) = rank([store("good", [3150.0, 3151.0]), store("a<b", [10.0, 11.0])], {})
+    return found
+
+
+def text_of(svg: str) -> str:
+    return " ".join(
+        "".join(element.itertext()) for element in ET.fromstring(svg).iter() if element.tag.endswith("text")
+    )
+
+
+def test_a_badge_has_task_rank_and_reward(table):
+    assert text_of(badge(table, "good")) == "glbench/Meadow-v1 rank 1 of 2, reward 3,150"
+
+
+def test_only_a_verified_result_is_called_so_and_green(table):
+    verified = replace(table, rows=tuple(replace(row, verified=True) for row in table.rows))
+    assert "verified" in text_of(badge(verified, "good"))
+    assert badge(verified, "good") != badge(table, "good").replace("3,150", "3,150, verified")
+    assert "#2f7d4f" not in badge(table, "good")
+
+
+def test_an_agent_without_a_row_is_said_with_those_there_are(table):
+    with pytest.raises(ResultError, match="good"):
+        badge(table, "absent")
