@@ -29,6 +29,8 @@ class Identity:
     """Name in results: that of the file or folder."""
     path: Path
     """The file or folder, resolved; what ``load_agent`` is to be called with."""
+    files: tuple[Path, ...]
+    """Of a single file: it and what belongs to it in the same folder. Empty for a folder, which belongs to it as a whole."""
     digest: str
     """SHA-256 (hex) over the submission's files, the same that ``load_agent`` gives."""
     information: str
@@ -54,7 +56,9 @@ def identify(ref: str | Path) -> Identity | None:
         return None
     name = name_of(folder or file)
     try:
-        return Identity(name, folder or file, submission_digest(file, folder), OBSERVATIONS_ONLY)
+        return Identity(
+            name, folder or file, () if folder else (file,), submission_digest(file, folder), OBSERVATIONS_ONLY
+        )
     except OSError as error:
         msg = f"The submission {name} cannot be read: {error}. Check that its files exist and may be read."
         raise SubmissionError(msg) from error
