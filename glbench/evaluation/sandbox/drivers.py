@@ -27,7 +27,7 @@ from glbench.evaluation.sandbox.process import GuestProcess, LostError
 from glbench.evaluation.sandbox.visible import place_inside
 from glbench.tasks import TaskCard
 
-_LONGEST_REASON = 400
+_LONGEST_REASON = 640
 _SHOWN_LINES = 8
 
 

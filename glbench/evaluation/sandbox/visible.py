@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Final
 
 from glbench.agents import Identity
-from glbench.errors import GlbenchError
+from glbench.agents.isolation import is_part_of_submission
+from glbench.errors import GlbenchError, SubmissionError
 from glbench.resources import DataFolder, cache_folder, data_folder, user_data_folder
 
 CODE: Final = Path("/opt/glbench")
@@ -109,8 +110,16 @@ def _data() -> Iterator[list[str]]:
 def _own_files(submission: Identity, staging: Path) -> list[Bound]:
     inside = place_inside(submission)
     if not submission.files:
+        _refuse_links_out(submission.path)
         return [Bound(_readable(submission.path, staging), inside)]
     return [Bound(_readable(file, staging), inside.with_name(file.name)) for file in submission.files]
+
+
+def _refuse_links_out(folder: Path) -> None:
+    for link in (item for item in folder.rglob("*") if item.is_symlink() and is_part_of_submission(item, folder)):
+        if link.readlink().is_absolute() or not link.resolve().is_relative_to(folder):
+            msg = f"{link} is a link that leads out of the submission's folder, and out of its sandbox. Copy the file."
+            raise SubmissionError(msg)
 
 
 def _readable(path: Path, staging: Path) -> Path:
