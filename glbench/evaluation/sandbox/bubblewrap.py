@@ -61,8 +61,9 @@ def command(
         "--info-fd", str(facts),
         *_environment(),
         "--proc", "/proc", "--dev", "/dev",
-        *visible.arguments(submission, staging),
+        # First, so that an interpreter or a library that lies in /tmp shows up in it.
         *_scratch("/dev/shm", sizes.shared), *_scratch("/tmp", sizes.scratch),
+        *visible.arguments(submission, staging),
         "--remount-ro", "/dev", "--remount-ro", "/", "--chdir", "/tmp",
     ]  # fmt: skip
     guest = visible.in_package(Path(__file__).with_name("guest.py"))

@@ -162,13 +162,15 @@ class GuestProcess:
 
     def _start(self, submission: Identity, sizes: SandboxLimits) -> None:
         call_filter = system_call_filter()
-        with contextlib.ExitStack() as stack:
+        with contextlib.ExitStack() as undo, contextlib.ExitStack() as stack:
             self._sock, theirs = socket.socketpair()
+            undo.callback(self._sock.close)
             stack.callback(theirs.close)
             self._output, writing = os.pipe2(os.O_CLOEXEC)
+            undo.callback(os.close, self._output)
             stack.callback(os.close, writing)
-            facts, facts_writing = os.pipe2(os.O_CLOEXEC)
-            self._facts = facts
+            self._facts, facts_writing = os.pipe2(os.O_CLOEXEC)
+            undo.callback(os.close, self._facts)
             stack.callback(os.close, facts_writing)
             filter_file = _readable(call_filter, stack) if call_filter is not None else None
             program, arguments = command(
@@ -182,6 +184,7 @@ class GuestProcess:
                 stdin=subprocess.DEVNULL, stdout=writing, stderr=writing, pass_fds=inherited,
                 start_new_session=True, env=ENVIRONMENT_OF_BUBBLEWRAP,
             )  # fmt: skip
+            undo.pop_all()
         self._sock.setblocking(False)
         os.set_blocking(self._output, False)
         self._poll = select.poll()
