@@ -22,9 +22,8 @@ class Prints:
     def text(self) -> str:
         """The output with a note where some of it was left out; free of control characters, which could forge what a terminal shows."""
         left_out = self._total - len(self._head) - len(self._tail)
-        note = f"\n[... {left_out:,} bytes left out ...]\n" if left_out else ""
-        whole = self._head.decode("utf-8", errors="replace") + note + self._tail.decode("utf-8", errors="replace")
-        return plain(whole)
+        note = f"\n[... {left_out:,} bytes left out ...]\n".encode() if left_out else b""
+        return plain((self._head + note + self._tail).decode("utf-8", errors="replace"))
 
     def last_lines(self, number: int) -> list[str]:
         """The last lines that are not empty."""
