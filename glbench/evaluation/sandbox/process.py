@@ -214,11 +214,9 @@ class GuestProcess:
             self._inbox[: len(kept)] = kept
             self._from, self._to = 0, len(kept)
         while self._to - self._from < size:
+            self._wait(until, select.POLLIN, late)
             try:
                 got = self._sock.recv_into(self._inbox[self._to :])
-            except BlockingIOError:
-                self._wait(until, select.POLLIN, late)
-                continue
             except OSError:
                 got = 0
             if got == 0:
@@ -234,10 +232,13 @@ class GuestProcess:
                 left = until - time.monotonic()
                 if left <= 0.0:
                     self._end("timed_out", late)
-                ready = dict(self._poll.poll(min(left, _LOOK_SECONDS) * 1e3))
-                if self._output in ready:
-                    self._read_output(once=True)
-                if self._sock.fileno() in ready:
+                answered = False
+                for descriptor, _ in self._poll.poll(min(left, _LOOK_SECONDS) * 1e3):
+                    if descriptor == self._output:
+                        self._read_output(once=True)
+                    else:
+                        answered = True
+                if answered:
                     return
                 self._look()
         finally:
