@@ -7,27 +7,20 @@ it needs (weights, settings, further modules). A baseline is a name; its data li
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Literal
 
-from glbench.agents.baselines import Baseline, baseline_names, read_baseline
-from glbench.agents.isolation import at_home, describe_error, import_file, is_part_of_submission
+from glbench.agents.identity import AGENT_FILE, CARD_FILE, OBSERVATIONS_ONLY, baseline_names, name_of, submission_digest
+from glbench.agents.isolation import at_home, describe_error, import_file
 from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, SingleRunAgent
 from glbench.errors import SubmissionError, did_you_mean
-from glbench.resources import sha256_of_files
 
 if TYPE_CHECKING:
+    from glbench.agents.baselines import Baseline
     from glbench.tasks import TaskCard
-
-AGENT_FILE = "agent.py"
-CARD_FILE = "card.toml"
-
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
-_OBSERVATIONS_ONLY = "observations and the public task card"
 
 
 @dataclass(frozen=True)
@@ -62,15 +55,22 @@ def load_agent(ref: str | Path) -> LoadedAgent:
         When there is no such thing, or it cannot be loaded; the message says what to do.
     """
     if isinstance(ref, str) and ref in baseline_names():
-        return _baseline(read_baseline(ref), ref, "baseline")
+        return _baseline(_read_baseline(ref), ref, "baseline")
     path = Path(ref).expanduser()
     if path.is_dir():
         if (path / CARD_FILE).is_file() and not (path / AGENT_FILE).is_file():
-            return _baseline(read_baseline(path), _name_of(path), "submission")
+            return _baseline(_read_baseline(path), name_of(path), "submission")
         return _submission(path / AGENT_FILE, path)
     if path.is_file():
         return _submission(path, None)
     raise SubmissionError(_nothing_there(str(ref), path))
+
+
+def _read_baseline(ref: str | Path) -> Baseline:
+    # Not at the top: a submission can be loaded without what the built-in controllers need.
+    from glbench.agents.baselines import read_baseline
+
+    return read_baseline(ref)
 
 
 def _baseline(baseline: Baseline, name: str, kind: Literal["submission", "baseline"]) -> LoadedAgent:
@@ -84,43 +84,17 @@ def _submission(file: Path, folder: Path | None) -> LoadedAgent:
     if file.suffix != ".py":
         msg = f"{file} is no Python file. A submission is a .py file with make_agent(task), or a folder with {AGENT_FILE}."
         raise SubmissionError(msg)
-    name = _name_of(folder or file)
+    name = name_of(folder or file)
     # Resolved, so that an agent that reads its weights beside __file__ still finds them after a change of directory.
     file, folder = file.resolve(), folder.resolve() if folder is not None else None
     try:
-        digest = _digest(file, folder)
+        digest = submission_digest(file, folder)
     except OSError as error:
         msg = f"The submission {name} cannot be read: {error}. Check that its files exist and may be read."
         raise SubmissionError(msg) from error
     module = import_file(file, f"_glbench_submission_{digest[:16]}", folder)
     make_agent = _make_agent_of(module, file)
-    return LoadedAgent(name, "submission", digest, False, _OBSERVATIONS_ONLY, _maker(make_agent, file, folder))
-
-
-def _name_of(place: Path) -> str:
-    resolved = place.resolve()
-    name = resolved.stem if resolved.is_file() else resolved.name
-    if not _NAME.fullmatch(name):
-        msg = (
-            f"'{name}' cannot be the name of an agent, because results are filed under it. "
-            "Rename the file or folder: letters, digits, '.', '_' and '-', beginning with a letter or digit."
-        )
-        raise SubmissionError(msg)
-    if name in baseline_names():
-        msg = f"'{name}' is the name of a baseline, whose results would be overwritten. Rename {place}, or run the baseline by its name."
-        raise SubmissionError(msg)
-    return name
-
-
-def _digest(file: Path, folder: Path | None) -> str:
-    if folder is None:
-        return sha256_of_files(file.parent, [file])
-    everything = [item for item in folder.rglob("*") if is_part_of_submission(item, folder)]
-    for item in everything:
-        if item.is_symlink() and not item.is_file():
-            msg = f"{item} is a link to a folder or to nothing, so the digest would not cover what it holds. Copy the files."
-            raise SubmissionError(msg)
-    return sha256_of_files(folder, [item for item in everything if item.is_file()])
+    return LoadedAgent(name, "submission", digest, False, OBSERVATIONS_ONLY, _maker(make_agent, file, folder))
 
 
 def _make_agent_of(module: ModuleType, file: Path) -> Callable[[TaskCard], object]:
@@ -175,7 +149,7 @@ def _as_single(made: object, file: Path) -> SingleRunAgent:
 
 def _check_agent(made: object, file: Path, reset_arguments: int, reset: str, act: str) -> None:
     if getattr(made, "privileged", False):
-        msg = f"The agent of {file.name} says 'privileged': submissions see {_OBSERVATIONS_ONLY} only. Remove the attribute."
+        msg = f"The agent of {file.name} says 'privileged': submissions see {OBSERVATIONS_ONLY} only. Remove the attribute."
         raise SubmissionError(msg)
     missing = [form for form in (reset, act) if not callable(getattr(made, form.partition("(")[0], None))]
     if isinstance(made, type) or missing:

@@ -5,13 +5,33 @@
 
 from __future__ import annotations
 
-from glbench.evaluation.files import load_result, result_path, save_result
-from glbench.evaluation.job import Evaluation
-from glbench.evaluation.limits import TimeLimits
-from glbench.evaluation.lockstep import Progress
-from glbench.evaluation.metrics import METRIC_NAMES, METRICS, UNITS, Metric
-from glbench.evaluation.preparing import evaluate, prepare
-from glbench.evaluation.records import Result, RunResult, Summary
+from typing import TYPE_CHECKING
+
+from glbench.late import late_names
+
+if TYPE_CHECKING:
+    from glbench.evaluation.files import load_result, result_path, save_result
+    from glbench.evaluation.job import Evaluation
+    from glbench.evaluation.limits import TimeLimits
+    from glbench.evaluation.lockstep import Progress
+    from glbench.evaluation.metrics import METRIC_NAMES, METRICS, UNITS, Metric
+    from glbench.evaluation.preparing import evaluate, prepare
+    from glbench.evaluation.records import Result, RunResult, Summary
+    from glbench.evaluation.sandbox.choosing import Protected, SandboxChoice, protect
+else:
+    __getattr__ = late_names(
+        __name__,
+        {
+            "files": ("load_result", "result_path", "save_result"),
+            "job": ("Evaluation",),
+            "limits": ("TimeLimits",),
+            "lockstep": ("Progress",),
+            "metrics": ("METRIC_NAMES", "METRICS", "UNITS", "Metric"),
+            "preparing": ("evaluate", "prepare"),
+            "records": ("Result", "RunResult", "Summary"),
+            "sandbox.choosing": ("Protected", "SandboxChoice", "protect"),
+        },
+    )
 
 __all__ = [
     "METRICS",
@@ -20,13 +40,16 @@ __all__ = [
     "Evaluation",
     "Metric",
     "Progress",
+    "Protected",
     "Result",
     "RunResult",
+    "SandboxChoice",
     "Summary",
     "TimeLimits",
     "evaluate",
     "load_result",
     "prepare",
+    "protect",
     "result_path",
     "save_result",
 ]

@@ -50,6 +50,8 @@ class Row:
     """Time that the agent takes for one step of one run [ms]."""
     information: str = ""
     """What the agent sees, in words."""
+    unsandboxed: bool = False
+    """Whether a submission ran with all rights of the evaluation, so that only a reader of its code knows what it saw."""
 
 
 @dataclass(frozen=True)
@@ -137,4 +139,5 @@ def _row(
         verified=result.results_digest in verified,
         decision_milliseconds=result.evaluation.decision_milliseconds,
         information=result.agent.information,
+        unsandboxed=result.agent.kind == "submission" and result.evaluation.sandbox not in ("bubblewrap", "built-in"),
     )
