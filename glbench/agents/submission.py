@@ -1,0 +1,211 @@
+"""What a submission consists of, found out without running any of it: name, form, files, digest, card.
+
+======================  ====================================================================================================
+what is given           what it is
+======================  ====================================================================================================
+``anna.py``             a Python file with ``make_agent(task)``
+``anna.zip``            a model saved by Stable-Baselines3; ``vecnormalize.pkl`` or ``anna_vecnormalize.pkl`` beside it belongs to it
+``anna.pt``, ``.ts``    a TorchScript policy
+``anna.onnx``           an ONNX policy; weights in ``anna.onnx.data`` belong to it
+a folder                with ``agent.py``, or one saved policy, or a card that says which file it is; everything in it belongs to it
+======================  ====================================================================================================
+
+The card is ``submission.toml`` in a folder, or ``anna.toml`` beside ``anna.py``.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from glbench.agents.baselines import baseline_names
+from glbench.agents.card import CARD_FILE, SubmissionCard, read_card
+from glbench.agents.isolation import is_part_of_submission
+from glbench.errors import SubmissionError
+from glbench.resources import sha256_of_files
+
+AGENT_FILE = "agent.py"
+STATISTICS_FILE = "vecnormalize.pkl"
+
+Form = Literal["python", "sb3", "torchscript", "onnx"]
+FORMS: dict[str, Form] = {".py": "python", ".zip": "sb3", ".pt": "torchscript", ".ts": "torchscript", ".onnx": "onnx"}
+FORM_WORDS: dict[Form, str] = {
+    "python": "Python code",
+    "sb3": "Stable-Baselines3 model",
+    "torchscript": "TorchScript policy",
+    "onnx": "ONNX policy",
+}
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+EXPECTED = (
+    f"A submission is a .py file with make_agent(task), a saved policy (.zip of Stable-Baselines3, .pt or .ts of TorchScript, .onnx), "
+    f"or a folder with {AGENT_FILE} or a saved policy"
+)
+
+
+@dataclass(frozen=True)
+class Submission:
+    """A submission on disk; nothing of it has been run or unpickled.
+
+    ``entry`` is the file to run, ``folder`` the folder that belongs to it as a whole (``None`` for a single file with what lies beside
+    it), ``statistics`` the file with statistics of observations. ``files`` are all files that belong to it, entry and card included.
+    All paths are absolute.
+    """
+
+    name: str
+    form: Form
+    entry: Path
+    folder: Path | None
+    files: tuple[Path, ...]
+    statistics: Path | None
+    card: SubmissionCard | None
+    card_file: Path | None
+    digest: str
+
+    @property
+    def root(self) -> Path:
+        """The folder below which all files lie."""
+        return self.folder or self.entry.parent
+
+
+def read_submission(path: Path) -> Submission:
+    """Find out what the file or folder ``path`` is.
+
+    Raises
+    ------
+    SubmissionError
+        When it is no submission, its name cannot be used, its card is wrong, or its files cannot be read.
+    """
+    name = submission_name(path)
+    given, folder = path.resolve(), path.resolve() if path.is_dir() else None
+    card_file = find_card(given)
+    card = read_card(card_file) if card_file is not None else None
+    entry = _entry(folder, card) if folder is not None else given
+    form = _form(entry)
+    _check_card_fits(card, entry, form)
+    statistics = _statistics(entry, form, folder, card)
+    try:
+        files = _everything(folder) if folder is not None else _single(entry, form, statistics, card_file)
+        digest = sha256_of_files(folder or entry.parent, list(files))
+    except OSError as error:
+        msg = f"The submission {name} cannot be read: {error}. Check that its files exist and may be read."
+        raise SubmissionError(msg) from error
+    return Submission(name, form, entry, folder, files, statistics, card, card_file, digest)
+
+
+def submission_name(place: Path) -> str:
+    """The name under which results are filed: that of the folder, or of the file without its ending.
+
+    Raises
+    ------
+    SubmissionError
+        When it cannot be a name, or is a baseline's.
+    """
+    resolved = place.resolve()
+    name = resolved.stem if resolved.is_file() else resolved.name
+    if not _NAME.fullmatch(name):
+        msg = (
+            f"'{name}' cannot be the name of an agent, because results are filed under it. "
+            "Rename the file or folder: letters, digits, '.', '_' and '-', beginning with a letter or digit."
+        )
+        raise SubmissionError(msg)
+    if name in baseline_names():
+        msg = f"'{name}' is the name of a baseline, whose results would be overwritten. Rename {place}, or run the baseline by its name."
+        raise SubmissionError(msg)
+    return name
+
+
+def find_card(given: Path) -> Path | None:
+    """The card of a file or folder, if it has one."""
+    file = given / CARD_FILE if given.is_dir() else given.with_suffix(".toml")
+    return file if file.is_file() and file != given else None
+
+
+def _entry(folder: Path, card: SubmissionCard | None) -> Path:
+    named = (card.agent or card.model) if card is not None else None
+    if named is not None:
+        entry = folder / named
+        if not entry.is_file() or not entry.resolve().is_relative_to(folder):
+            msg = f"The card of {folder.name} names the file '{named}', and the folder has none of that name."
+            raise SubmissionError(msg)
+        return entry
+    if (folder / AGENT_FILE).is_file():
+        return folder / AGENT_FILE
+    policies = [file for file in sorted(folder.iterdir()) if FORMS.get(file.suffix, "python") != "python"]
+    if len(policies) == 1:
+        return policies[0]
+    if policies:
+        msg = (
+            f"The folder {folder} holds several saved policies ({', '.join(file.name for file in policies)}). "
+            f'Say in its {CARD_FILE} which one it is: model = "{policies[0].name}".'
+        )
+        raise SubmissionError(msg)
+    msg = (
+        f"The folder {folder} is no submission: it has no {AGENT_FILE} and no saved policy (.zip, .pt, .ts, .onnx). "
+        f"Put make_agent(task) into a file called {AGENT_FILE}, or `glbench submit new NAME` writes a folder that runs."
+    )
+    raise SubmissionError(msg)
+
+
+def _form(entry: Path) -> Form:
+    form = FORMS.get(entry.suffix)
+    if form is None:
+        msg = f"{entry} is no Python file and no saved policy. {EXPECTED}."
+        raise SubmissionError(msg)
+    return form
+
+
+def _check_card_fits(card: SubmissionCard | None, entry: Path, form: Form) -> None:
+    if card is None:
+        return
+    for key, named, fits in (("agent", card.agent, form == "python"), ("model", card.model, form != "python")):
+        if named is None:
+            continue
+        if not fits:
+            other = "model" if key == "agent" else "agent"
+            msg = f"The card calls {named} '{key}', and it is a {FORM_WORDS[form]}: write {other} = \"{named}\"."
+            raise SubmissionError(msg)
+        if Path(named).name != entry.name:
+            msg = f'The card beside {entry.name} says {key} = "{named}". Name {entry.name} there, or remove the key.'
+            raise SubmissionError(msg)
+    if form == "python" and (card.normalisation is not None or card.clip_actions):
+        msg = (
+            f"The card of {entry.name} has 'normalisation' or 'clip_actions', which are for saved policies; "
+            "a Python agent does both itself."
+        )
+        raise SubmissionError(msg)
+
+
+def _statistics(entry: Path, form: Form, folder: Path | None, card: SubmissionCard | None) -> Path | None:
+    """The file with statistics of the observations: the card's, else by its name."""
+    root = folder or entry.parent
+    if card is not None and card.normalisation is not None:
+        if not isinstance(card.normalisation, str):
+            return None
+        file = root / card.normalisation
+        if not file.is_file() or not file.resolve().is_relative_to(root):
+            msg = f"The card names the statistics '{card.normalisation}', and there is no such file in {root}."
+            raise SubmissionError(msg)
+        return file
+    if form != "sb3":
+        return None
+    beside = [entry.with_name(f"{entry.stem}_{STATISTICS_FILE}"), entry.with_name(STATISTICS_FILE)]
+    # Tools around Stable-Baselines3 put the statistics one folder deeper than the model.
+    deeper = sorted(folder.rglob(STATISTICS_FILE)) if folder is not None else []
+    return next((file for file in [*beside, *deeper] if file.is_file()), None)
+
+
+def _single(entry: Path, form: Form, statistics: Path | None, card_file: Path | None) -> tuple[Path, ...]:
+    weights = entry.with_name(f"{entry.name}.data") if form == "onnx" else None
+    found = [entry, statistics, card_file, weights if weights is not None and weights.is_file() else None]
+    return tuple(file for file in found if file is not None)
+
+
+def _everything(folder: Path) -> tuple[Path, ...]:
+    items = [item for item in sorted(folder.rglob("*")) if is_part_of_submission(item, folder)]
+    for item in items:
+        if item.is_symlink() and not item.is_file():
+            msg = f"{item} is a link to a folder or to nothing, so the digest would not cover what it holds. Copy the files."
+            raise SubmissionError(msg)
+    return tuple(item for item in items if item.is_file())
