@@ -6,21 +6,43 @@ rule-based ones.
 
 from __future__ import annotations
 
-from glbench.agents.actions import action_problems
-from glbench.agents.baselines import Baseline, baseline_names, read_baseline
-from glbench.agents.card import SubmissionCard, read_card
-from glbench.agents.loading import LoadedAgent, load_agent
-from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, SingleRunAgent
-from glbench.agents.rule_based import RuleBasedController
-from glbench.agents.rule_based_fair import FairRuleBasedAgent
-from glbench.agents.rule_settings import RuleSettings, read_rule_settings
-from glbench.agents.rules import RuleInputs, rule_controls
-from glbench.agents.submission import Submission, read_submission
+from typing import TYPE_CHECKING
+
+from glbench.late import late_names
+
+if TYPE_CHECKING:
+    from glbench.agents.actions import action_problems
+    from glbench.agents.baselines import Baseline, read_baseline
+    from glbench.agents.card import SubmissionCard, read_card
+    from glbench.agents.identity import Identity, baseline_names, identify
+    from glbench.agents.loading import LoadedAgent, load_agent
+    from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, SingleRunAgent
+    from glbench.agents.rule_based import RuleBasedController
+    from glbench.agents.rule_based_fair import FairRuleBasedAgent
+    from glbench.agents.rule_settings import RuleSettings, read_rule_settings
+    from glbench.agents.rules import RuleInputs, rule_controls
+else:
+    __getattr__ = late_names(
+        __name__,
+        {
+            "actions": ("action_problems",),
+            "baselines": ("Baseline", "read_baseline"),
+            "card": ("SubmissionCard", "read_card"),
+            "identity": ("Identity", "baseline_names", "identify"),
+            "loading": ("LoadedAgent", "load_agent"),
+            "protocol": ("Agent", "PerRunAgent", "PrivilegedController", "SingleRunAgent"),
+            "rule_based": ("RuleBasedController",),
+            "rule_based_fair": ("FairRuleBasedAgent",),
+            "rule_settings": ("RuleSettings", "read_rule_settings"),
+            "rules": ("RuleInputs", "rule_controls"),
+        },
+    )
 
 __all__ = [
     "Agent",
     "Baseline",
     "FairRuleBasedAgent",
+    "Identity",
     "LoadedAgent",
     "PerRunAgent",
     "PrivilegedController",
@@ -28,14 +50,13 @@ __all__ = [
     "RuleInputs",
     "RuleSettings",
     "SingleRunAgent",
-    "Submission",
     "SubmissionCard",
     "action_problems",
     "baseline_names",
+    "identify",
     "load_agent",
     "read_baseline",
     "read_card",
     "read_rule_settings",
-    "read_submission",
     "rule_controls",
 ]

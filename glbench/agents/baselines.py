@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from glbench.agents.identity import baseline_names
 from glbench.agents.protocol import Agent, PrivilegedController
 from glbench.agents.rule_based import RuleBasedController
 from glbench.agents.rule_based_fair import FairRuleBasedAgent
@@ -92,11 +93,6 @@ class Baseline:
     def make(self, task: TaskCard) -> Agent | PrivilegedController:
         """A new controller; which task it is for it learns on reset."""
         return _CONTROLLERS[self.card.controller].make(self.settings)
-
-
-def baseline_names() -> tuple[str, ...]:
-    """Names of the shipped baselines."""
-    return tuple(sorted(card.parent.name for card in data_folder("baselines").glob("*/card.toml")))
 
 
 def read_baseline(ref: str | Path) -> Baseline:

@@ -14,8 +14,6 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from glbench.errors import SubmissionError, did_you_mean
 
-CARD_FILE = "submission.toml"
-
 Information = Literal["observations", "forecast", "weather", "model", "privileged"]
 INFORMATION: dict[Information, str] = {
     "observations": "observations and the public task card",
@@ -72,7 +70,7 @@ class Normalisation(_Table):
 
 
 class SubmissionCard(_Table):
-    """The card. ``agent`` or ``model`` names the file to run; without either it is found by the rules of ``read_submission``."""
+    """The card. ``agent`` or ``model`` names the file to run; without either it is found by the rules of ``identify``."""
 
     name: Words
     authors: Annotated[Names, Field(min_length=1)]

@@ -1,6 +1,6 @@
 """From a path or a name to an agent that can be run: ``load_agent``.
 
-A submission is a Python file with a function ``make_agent(task)``, a saved policy, or a folder with one of the two (``submission.py`` tells
+A submission is a Python file with a function ``make_agent(task)``, a saved policy, or a folder with one of the two (``identity.py`` tells
 them apart). A baseline is a name; its data lie in ``baselines/<name>``.
 """
 
@@ -11,17 +11,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from glbench.agents.baselines import Baseline, baseline_names, read_baseline
-from glbench.agents.formats import policy_agent
+from glbench.agents.identity import (
+    EXPECTED,
+    FORMS,
+    OBSERVATIONS_ONLY,
+    Identity,
+    baseline_names,
+    is_built_in,
+    name_of,
+    read_identity,
+)
 from glbench.agents.protocol import Agent, PrivilegedController
-from glbench.agents.python_agent import OBSERVATIONS_ONLY, python_maker
-from glbench.agents.submission import AGENT_FILE, EXPECTED, FORMS, Submission, read_submission, submission_name
 from glbench.errors import SubmissionError, did_you_mean
 
 if TYPE_CHECKING:
+    from glbench.agents.baselines import Baseline
     from glbench.tasks import TaskCard
-
-CARD_FILE = "card.toml"
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,7 @@ class LoadedAgent:
     """What it sees, in words."""
     make: Callable[[TaskCard], Agent | PrivilegedController] = field(repr=False)
     """Makes the agent for a task; raises ``SubmissionError`` when that fails."""
-    submission: Submission | None = None
+    submission: Identity | None = None
     """Its files, form and card; ``None`` for a controller of glbench."""
 
 
@@ -58,19 +63,24 @@ def load_agent(ref: str | Path) -> LoadedAgent:
         When there is no such thing, or it cannot be loaded; the message says what to do.
     """
     if isinstance(ref, str) and ref in baseline_names():
-        return _baseline(read_baseline(ref), ref, "baseline")
+        return _baseline(ref, ref, "baseline")
     path = find_submission(ref)
     if is_built_in(path):
-        return _baseline(read_baseline(path), submission_name(path), "submission")
-    submission = read_submission(path)
-    if submission.form == "python":
-        make = python_maker(submission)
-    else:
-
-        def make(task: TaskCard) -> Agent:
-            return policy_agent(submission, task)
-
+        return _baseline(path, name_of(path), "submission")
+    submission = read_identity(path)
+    make = _maker(submission)
     return LoadedAgent(submission.name, "submission", submission.digest, False, OBSERVATIONS_ONLY, make, submission)
+
+
+def _maker(submission: Identity) -> Callable[[TaskCard], Agent]:
+    # Neither at the top: the process of an agent loads what its own form needs.
+    if submission.form == "python":
+        from glbench.agents.python_agent import python_maker
+
+        return python_maker(submission)
+    from glbench.agents.formats import policy_agent
+
+    return lambda task: policy_agent(submission, task)
 
 
 def find_submission(ref: str | Path) -> Path:
@@ -87,12 +97,11 @@ def find_submission(ref: str | Path) -> Path:
     return path
 
 
-def is_built_in(path: Path) -> bool:
-    """Whether a folder holds settings of one's own for a built-in controller, and no agent of its own."""
-    return path.is_dir() and (path / CARD_FILE).is_file() and not (path / AGENT_FILE).is_file()
+def _baseline(ref: str | Path, name: str, kind: Literal["submission", "baseline"]) -> LoadedAgent:
+    # Not at the top: a submission can be loaded without what the built-in controllers need.
+    from glbench.agents.baselines import read_baseline
 
-
-def _baseline(baseline: Baseline, name: str, kind: Literal["submission", "baseline"]) -> LoadedAgent:
+    baseline: Baseline = read_baseline(ref)
     return LoadedAgent(name, kind, baseline.digest, baseline.privileged, baseline.information, baseline.make)
 
 

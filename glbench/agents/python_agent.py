@@ -8,18 +8,17 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from glbench.agents.identity import OBSERVATIONS_ONLY
 from glbench.agents.isolation import at_home, describe_error, import_file
 from glbench.agents.protocol import Agent, PerRunAgent, SingleRunAgent
 from glbench.errors import SubmissionError, did_you_mean
 
 if TYPE_CHECKING:
-    from glbench.agents.submission import Submission
+    from glbench.agents.identity import Identity
     from glbench.tasks import TaskCard
 
-OBSERVATIONS_ONLY = "observations and the public task card"
 
-
-def python_maker(submission: Submission) -> Callable[[TaskCard], Agent]:
+def python_maker(submission: Identity) -> Callable[[TaskCard], Agent]:
     """Run the submission's file and return what makes its agent for a task.
 
     Raises

@@ -5,13 +5,31 @@
 
 from __future__ import annotations
 
-from glbench.evaluation.files import load_result, result_path, save_result
-from glbench.evaluation.job import Evaluation
-from glbench.evaluation.limits import TimeLimits
-from glbench.evaluation.lockstep import Progress
-from glbench.evaluation.metrics import METRIC_NAMES, METRICS, UNITS, Metric
-from glbench.evaluation.preparing import evaluate, prepare
-from glbench.evaluation.records import Result, RunResult, Summary
+from typing import TYPE_CHECKING
+
+from glbench.late import late_names
+
+if TYPE_CHECKING:
+    from glbench.evaluation.files import load_result, result_path, save_result
+    from glbench.evaluation.job import Evaluation
+    from glbench.evaluation.limits import TimeLimits
+    from glbench.evaluation.lockstep import Progress
+    from glbench.evaluation.metrics import METRIC_NAMES, METRICS, UNITS, Metric
+    from glbench.evaluation.preparing import evaluate, prepare
+    from glbench.evaluation.records import Result, RunResult, Summary
+else:
+    __getattr__ = late_names(
+        __name__,
+        {
+            "files": ("load_result", "result_path", "save_result"),
+            "job": ("Evaluation",),
+            "limits": ("TimeLimits",),
+            "lockstep": ("Progress",),
+            "metrics": ("METRIC_NAMES", "METRICS", "UNITS", "Metric"),
+            "preparing": ("evaluate", "prepare"),
+            "records": ("Result", "RunResult", "Summary"),
+        },
+    )
 
 __all__ = [
     "METRICS",

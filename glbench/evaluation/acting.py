@@ -11,11 +11,13 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from glbench.errors import ActionError
 from glbench.evaluation.limits import Alarm, TimeUp
-from glbench.evaluation.records import Status
+
+if TYPE_CHECKING:
+    from glbench.evaluation.records import Status
 
 T = TypeVar("T")
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents import action_problems
-from glbench.tasks import TaskCard
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskCard
 
 
 def read_actions(returned: object, card: TaskCard, n: int) -> tuple[NDArray[np.float64], dict[int, str]]:

@@ -267,6 +267,7 @@ def agent_record(agent: LoadedAgent) -> AgentRecord:
         digest=agent.digest,
         privileged=agent.privileged,
         information=agent.information,
+        card=agent.submission.card if agent.submission is not None else None,
     )
 
 

@@ -6,33 +6,64 @@ explains the format.
 
 from __future__ import annotations
 
-from glbench.registration import register_tasks
-from glbench.tasks.card import Action, Constraint, Place, Prices, TaskCard, task_card
-from glbench.tasks.digest import Fingerprint
-from glbench.tasks.library import (
-    DEFAULT_TASK,
-    get_suite,
-    get_task,
-    list_suites,
-    list_tasks,
-    lock_new_tasks,
-)
-from glbench.tasks.lock import LockEntry, read_lock
-from glbench.tasks.quantities import Capacity, ObservationContext, Quantity
-from glbench.tasks.spec import TaskSpec
-from glbench.tasks.vocabulary import (
-    ACTUATION_KINDS,
-    DISTRIBUTIONS,
-    INITIAL_STATES,
-    METRICS,
-    MODEL_VARIANTS,
-    OBSERVATION_MODULES,
-    PREPROCESSINGS,
-    REWARD_MODULES,
-    ObservationModule,
-    Registry,
-    Word,
-)
+from typing import TYPE_CHECKING
+
+from glbench.late import late_names
+
+if TYPE_CHECKING:
+    from glbench.registration import register_tasks
+    from glbench.tasks.card import Action, Constraint, Place, Prices, TaskCard, task_card
+    from glbench.tasks.digest import Fingerprint
+    from glbench.tasks.library import (
+        DEFAULT_TASK,
+        get_suite,
+        get_task,
+        list_suites,
+        list_tasks,
+        lock_new_tasks,
+    )
+    from glbench.tasks.lock import LockEntry, read_lock
+    from glbench.tasks.quantities import Capacity, ObservationContext, Quantity
+    from glbench.tasks.spec import TaskSpec
+    from glbench.tasks.vocabulary import (
+        ACTUATION_KINDS,
+        DISTRIBUTIONS,
+        INITIAL_STATES,
+        METRICS,
+        MODEL_VARIANTS,
+        OBSERVATION_MODULES,
+        PREPROCESSINGS,
+        REWARD_MODULES,
+        ObservationModule,
+        Registry,
+        Word,
+    )
+else:
+    __getattr__ = late_names(
+        __name__,
+        {
+            "glbench.registration": ("register_tasks",),
+            "card": ("Action", "Constraint", "Place", "Prices", "TaskCard", "task_card"),
+            "digest": ("Fingerprint",),
+            "library": ("DEFAULT_TASK", "get_suite", "get_task", "list_suites", "list_tasks", "lock_new_tasks"),
+            "lock": ("LockEntry", "read_lock"),
+            "quantities": ("Capacity", "ObservationContext", "Quantity"),
+            "spec": ("TaskSpec",),
+            "vocabulary": (
+                "ACTUATION_KINDS",
+                "DISTRIBUTIONS",
+                "INITIAL_STATES",
+                "METRICS",
+                "MODEL_VARIANTS",
+                "OBSERVATION_MODULES",
+                "PREPROCESSINGS",
+                "REWARD_MODULES",
+                "ObservationModule",
+                "Registry",
+                "Word",
+            ),
+        },
+    )
 
 __all__ = [
     "ACTUATION_KINDS",

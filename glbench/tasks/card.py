@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import datetime as dt
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from glbench.tasks.quantities import LIMITED, Capacity, Quantity
-from glbench.tasks.spec import TaskSpec
-from glbench.tasks.tables import Limits
+
+if TYPE_CHECKING:
+    from glbench.tasks.spec import TaskSpec
+    from glbench.tasks.tables import Limits
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,13 @@ from glbench.agents.formats.torchscript import torchscript_agent
 
 if TYPE_CHECKING:
     from glbench.agents.formats.policy import PolicyAgent
-    from glbench.agents.submission import Submission
+    from glbench.agents.identity import Identity
     from glbench.tasks import TaskCard
 
 _MAKERS = {"sb3": sb3_agent, "torchscript": torchscript_agent, "onnx": onnx_agent}
 
 
-def policy_agent(submission: Submission, task: TaskCard) -> PolicyAgent:
+def policy_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
     """The agent of a saved policy.
 
     Raises

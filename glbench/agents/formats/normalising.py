@@ -18,12 +18,12 @@ from glbench.errors import SubmissionError
 
 if TYPE_CHECKING:
     from glbench.agents.card import Normalisation
-    from glbench.agents.submission import Submission
+    from glbench.agents.identity import Identity
 
 Normalise = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 
-def normaliser(submission: Submission, columns: int) -> Normalise:
+def normaliser(submission: Identity, columns: int) -> Normalise:
     """What is done to the observations ``(n, columns)`` first: nothing, where neither card nor statistics say so.
 
     Raises

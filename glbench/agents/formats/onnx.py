@@ -15,14 +15,14 @@ from glbench.agents.isolation import last_line
 from glbench.errors import SubmissionError
 
 if TYPE_CHECKING:
-    from glbench.agents.submission import Submission
+    from glbench.agents.identity import Identity
     from glbench.tasks import TaskCard
 
 _KINDS: dict[str, type[np.floating]] = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 _ONLY_ERRORS = 3
 
 
-def onnx_agent(submission: Submission, task: TaskCard) -> PolicyAgent:
+def onnx_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
     """The agent of an ONNX file, run on one thread of the processor.
 
     Raises

@@ -23,7 +23,7 @@ from glbench.agents.isolation import last_line
 from glbench.errors import SubmissionError
 
 if TYPE_CHECKING:
-    from glbench.agents.submission import Submission
+    from glbench.agents.identity import Identity
     from glbench.tasks import TaskCard
 
 _FAILURES = (
@@ -39,7 +39,7 @@ _FAILURES = (
 )
 
 
-def sb3_agent(submission: Submission, task: TaskCard) -> PolicyAgent:
+def sb3_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
     """The agent of a saved model; torch uses one thread from here on, since bits depend on the number of threads.
 
     Raises
@@ -92,7 +92,7 @@ def space_complaints(archive: Archive, task: TaskCard, name: str) -> list[str]:
     return found
 
 
-def statistics_complaints(archive: Archive, submission: Submission) -> list[str]:
+def statistics_complaints(archive: Archive, submission: Identity) -> list[str]:
     """Whether the statistics are there that the model was trained with."""
     given = submission.statistics is not None or (
         submission.card is not None and submission.card.normalisation is not None
@@ -106,7 +106,7 @@ def statistics_complaints(archive: Archive, submission: Submission) -> list[str]
     ]
 
 
-def _load(algorithm: Any, submission: Submission) -> Any:
+def _load(algorithm: Any, submission: Identity) -> Any:
     """The model, without buffers, optimisers' schedules and other things of its training."""
     nothing = dict.fromkeys(
         (

@@ -19,11 +19,11 @@ from glbench.errors import SubmissionError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from glbench.agents.submission import Submission
+    from glbench.agents.identity import Identity
     from glbench.tasks import TaskCard
 
 
-def torchscript_agent(submission: Submission, task: TaskCard) -> PolicyAgent:
+def torchscript_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
     """The agent of a TorchScript file; torch uses one thread from here on, since bits depend on the number of threads.
 
     Raises

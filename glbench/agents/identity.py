@@ -1,4 +1,7 @@
-"""What a submission consists of, found out without running any of it: name, form, files, digest, card.
+"""Who a submission is, found out without running a line of it: name, form, files, digest, card.
+
+``load_agent`` runs the submission's code to get an agent; ``identify`` only reads files. An evaluation in a sandbox never lets that
+code into its own process, and yet must know what it files the result under.
 
 ======================  ====================================================================================================
 what is given           what it is
@@ -18,14 +21,19 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from glbench.agents.baselines import baseline_names
-from glbench.agents.card import CARD_FILE, SubmissionCard, read_card
 from glbench.agents.isolation import is_part_of_submission
 from glbench.errors import SubmissionError
-from glbench.resources import sha256_of_files
+from glbench.resources import data_folder, sha256_of_files
 
+if TYPE_CHECKING:
+    from glbench.agents.card import SubmissionCard
+
+SUBMISSION_CARD = "submission.toml"
+CARD_FILE = "card.toml"
+"""The card of settings of one's own for a built-in controller; such a folder has no code."""
+OBSERVATIONS_ONLY = "observations and the public task card"
 AGENT_FILE = "agent.py"
 STATISTICS_FILE = "vecnormalize.pkl"
 
@@ -45,31 +53,65 @@ EXPECTED = (
 
 
 @dataclass(frozen=True)
-class Submission:
-    """A submission on disk; nothing of it has been run or unpickled.
-
-    ``entry`` is the file to run, ``folder`` the folder that belongs to it as a whole (``None`` for a single file with what lies beside
-    it), ``statistics`` the file with statistics of observations. ``files`` are all files that belong to it, entry and card included.
-    All paths are absolute.
-    """
+class Identity:
+    """A submission that has code or a policy of its own, as far as its files tell."""
 
     name: str
-    form: Form
-    entry: Path
-    folder: Path | None
+    """Name in results: that of the file or folder."""
+    path: Path
+    """The file or folder, resolved; what ``load_agent`` is to be called with."""
     files: tuple[Path, ...]
-    statistics: Path | None
-    card: SubmissionCard | None
-    card_file: Path | None
+    """Of a single file: it and what belongs to it in the same folder. Empty for a folder, which belongs to it as a whole."""
     digest: str
+    """SHA-256 (hex) over the submission's files, the same that ``load_agent`` gives."""
+    information: str
+    """What it sees, in words."""
+    form: Form
+    """What kind of submission it is."""
+    entry: Path
+    """The file to run or to load."""
+    statistics: Path | None = None
+    """The file with statistics of the observations, of a saved policy."""
+    card: SubmissionCard | None = None
+    """What it says about itself."""
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder that belongs to it as a whole."""
+        return None if self.files else self.path
 
     @property
     def root(self) -> Path:
-        """The folder below which all files lie."""
+        """The folder below which all of its files lie."""
         return self.folder or self.entry.parent
 
+    def all_files(self) -> tuple[Path, ...]:
+        """Every file that belongs to it."""
+        return self.files or files_of_folder(self.path)
 
-def read_submission(path: Path) -> Submission:
+
+def identify(ref: str | Path) -> Identity | None:
+    """The submission at ``ref``, or ``None`` where ``ref`` names no code but glbench's own: a baseline, or settings for one.
+
+    Also ``None`` where there is nothing at all; ``load_agent`` says what is missing.
+
+    Raises
+    ------
+    SubmissionError
+        When a submission is there that cannot have a result: a name that cannot be a file's, files that cannot be read, a wrong card.
+    """
+    if isinstance(ref, str) and ref in baseline_names():
+        return None
+    path = Path(ref).expanduser()
+    return read_identity(path) if path.exists() and not is_built_in(path) else None
+
+
+def is_built_in(path: Path) -> bool:
+    """Whether a folder holds settings of one's own for a built-in controller, and no agent of its own."""
+    return path.is_dir() and (path / CARD_FILE).is_file() and not (path / AGENT_FILE).is_file()
+
+
+def read_identity(path: Path) -> Identity:
     """Find out what the file or folder ``path`` is.
 
     Raises
@@ -77,25 +119,31 @@ def read_submission(path: Path) -> Submission:
     SubmissionError
         When it is no submission, its name cannot be used, its card is wrong, or its files cannot be read.
     """
-    name = submission_name(path)
+    name = name_of(path)
     given, folder = path.resolve(), path.resolve() if path.is_dir() else None
     card_file = find_card(given)
-    card = read_card(card_file) if card_file is not None else None
+    card = _card(card_file)
     entry = _entry(folder, card) if folder is not None else given
     form = _form(entry)
     _check_card_fits(card, entry, form)
     statistics = _statistics(entry, form, folder, card)
     try:
-        files = _everything(folder) if folder is not None else _single(entry, form, statistics, card_file)
+        files = files_of_folder(folder) if folder is not None else _single(entry, form, statistics, card_file)
         digest = sha256_of_files(folder or entry.parent, list(files))
     except OSError as error:
         msg = f"The submission {name} cannot be read: {error}. Check that its files exist and may be read."
         raise SubmissionError(msg) from error
-    return Submission(name, form, entry, folder, files, statistics, card, card_file, digest)
+    own = () if folder is not None else files
+    return Identity(name, given, own, digest, OBSERVATIONS_ONLY, form, entry, statistics, card)
 
 
-def submission_name(place: Path) -> str:
-    """The name under which results are filed: that of the folder, or of the file without its ending.
+def baseline_names() -> tuple[str, ...]:
+    """Names of the shipped baselines."""
+    return tuple(sorted(card.parent.name for card in data_folder("baselines").glob("*/card.toml")))
+
+
+def name_of(place: Path) -> str:
+    """Name of the agent in the file or folder ``place``, under which results are filed.
 
     Raises
     ------
@@ -118,8 +166,17 @@ def submission_name(place: Path) -> str:
 
 def find_card(given: Path) -> Path | None:
     """The card of a file or folder, if it has one."""
-    file = given / CARD_FILE if given.is_dir() else given.with_suffix(".toml")
+    file = given / SUBMISSION_CARD if given.is_dir() else given.with_suffix(".toml")
     return file if file.is_file() and file != given else None
+
+
+def _card(file: Path | None) -> SubmissionCard | None:
+    if file is None:
+        return None
+    # Not at the top: what reads cards is large, and the process of an agent without one should not wait for it.
+    from glbench.agents.card import read_card
+
+    return read_card(file)
 
 
 def _entry(folder: Path, card: SubmissionCard | None) -> Path:
@@ -138,7 +195,7 @@ def _entry(folder: Path, card: SubmissionCard | None) -> Path:
     if policies:
         msg = (
             f"The folder {folder} holds several saved policies ({', '.join(file.name for file in policies)}). "
-            f'Say in its {CARD_FILE} which one it is: model = "{policies[0].name}".'
+            f'Say in its {SUBMISSION_CARD} which one it is: model = "{policies[0].name}".'
         )
         raise SubmissionError(msg)
     msg = (
@@ -202,7 +259,14 @@ def _single(entry: Path, form: Form, statistics: Path | None, card_file: Path | 
     return tuple(file for file in found if file is not None)
 
 
-def _everything(folder: Path) -> tuple[Path, ...]:
+def files_of_folder(folder: Path) -> tuple[Path, ...]:
+    """Every file in a submission's folder; hidden files and Python's caches do not belong to it.
+
+    Raises
+    ------
+    SubmissionError
+        When a link leads to a folder or to nothing.
+    """
     items = [item for item in sorted(folder.rglob("*")) if is_part_of_submission(item, folder)]
     for item in items:
         if item.is_symlink() and not item.is_file():
