@@ -9,7 +9,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from glbench import __version__
-from glbench.cli import episodes, tasks, weather
+from glbench.cli import episodes, submit, tasks, weather
 from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_warnings
 from glbench.cli.evaluate import evaluate
 from glbench.cli.leaderboard import leaderboard
@@ -30,6 +30,7 @@ app.command("evaluate")(evaluate)
 app.command("leaderboard")(leaderboard)
 app.command("verify")(verify)
 app.command("view")(view)
+app.add_typer(submit.app, name="submit")
 app.add_typer(episodes.app, name="episodes")
 app.add_typer(tasks.app, name="tasks")
 app.add_typer(weather.app, name="weather")
