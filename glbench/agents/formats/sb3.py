@@ -18,11 +18,13 @@ from glbench.agents.formats.packages import need
 from glbench.agents.formats.policy import PolicyAgent
 from glbench.agents.formats.quiet import without_warnings
 from glbench.agents.formats.rows import EvenRows, Rows
-from glbench.agents.formats.sb3_archive import Archive, read_archive
+from glbench.agents.formats.sb3_archive import Algorithm, Archive, archive_data, read_archive
 from glbench.agents.isolation import last_line
 from glbench.errors import SubmissionError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from glbench.agents.identity import Identity
     from glbench.tasks import TaskCard
 
@@ -55,14 +57,12 @@ def sb3_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
         raise SubmissionError(" ".join(complaints))
     what = f"The {archive.algorithm.name} model {file.name}"
     torch = need("torch", what)
-    module = need(archive.algorithm.module, what)
+    need(archive.algorithm.module, what)
     torch.set_num_threads(1)
     columns = len(task.observations)
     normalise: Normalise = normaliser(submission, columns)
-    model = _load(getattr(module, archive.algorithm.name), submission)
-    _check_bounds(model.action_space, task, file.name)
-    policy = model.policy
-    policy.set_training_mode(False)
+    policy = _load(archive.algorithm, file)
+    _check_bounds(policy.action_space, task, file.name)
     if archive.algorithm.recurrent:
         state = _state_width(policy)
         return PolicyAgent(EvenRows(_recurrent(policy, columns), columns + state), normalise, len(task.actions), state)
@@ -106,37 +106,39 @@ def statistics_complaints(archive: Archive, submission: Identity) -> list[str]:
     ]
 
 
-def _load(algorithm: Any, submission: Identity) -> Any:
-    """The model, without buffers, optimisers' schedules and other things of its training."""
-    nothing = dict.fromkeys(
-        (
-            "_last_obs",
-            "_last_original_obs",
-            "_last_episode_starts",
-            "ep_info_buffer",
-            "ep_success_buffer",
-            "action_noise",
-        )
+def _load(algorithm: Algorithm, file: Path) -> Any:
+    """The policy alone: no buffers, no optimisers, and of the pickles only those that it is built from."""
+    saving = need("stable_baselines3.common.save_util", f"The {algorithm.name} model {file.name}")
+    unneeded = dict.fromkeys(
+        set(archive_data(file)) - {"policy_class", "observation_space", "action_space", "policy_kwargs", "use_sde"}
     )
-    schedules = dict.fromkeys(("lr_schedule", "clip_range", "clip_range_vf"), _never)
-    of_training = {
-        **nothing,
-        **schedules,
-        "learning_rate": 0.0,
-        "buffer_size": 1,
-        "tensorboard_log": None,
-        "verbose": 0,
-    }
-    name = submission.entry.name
     try:
         with without_warnings():
-            return algorithm.load(submission.entry, device="cpu", custom_objects=of_training)
+            data, parameters, _ = saving.load_from_zip_file(file, device="cpu", custom_objects=unneeded)
+            settings = {**data["policy_kwargs"], "optimizer_class": _NoOptimiser, "optimizer_kwargs": {}}
+            spaces = data["observation_space"], data["action_space"]
+            if algorithm.name == "ARS":  # finds its weights without gradients and has no schedule of learning
+                policy = data["policy_class"](*spaces, **data["policy_kwargs"])
+            else:
+                if algorithm.on_policy:
+                    settings["use_sde"] = data["use_sde"]
+                policy = data["policy_class"](*spaces, _never, **settings)
+            policy.load_state_dict(parameters["policy"])
     except (*_FAILURES, pickle.UnpicklingError, zipfile.BadZipFile) as error:
         msg = (
-            f"{name} cannot be loaded by Stable-Baselines3: {last_line(error)}. A model with network classes of your own "
+            f"{file.name} cannot be loaded by Stable-Baselines3: {last_line(error)}. A model with network classes of your own "
             "needs a Python agent that brings them along; one of another version can be loaded and saved again there."
         )
         raise SubmissionError(msg) from error
+    policy.set_training_mode(False)
+    return policy
+
+
+class _NoOptimiser:
+    """Stands where a policy wants the optimiser of its training; making a real one takes seconds."""
+
+    def __init__(self, *_: object, **__: object) -> None:
+        self.param_groups: list[object] = []
 
 
 def _never(_progress: float) -> float:

@@ -14,13 +14,16 @@ from typing import Any
 
 from glbench.errors import SubmissionError
 
+_VERSION = "_stable_baselines3_version"
+
 
 @dataclass(frozen=True)
 class Algorithm:
-    """An algorithm of Stable-Baselines3: its module, its class there, and whether its policy remembers."""
+    """An algorithm, its package, whether it learns from its own policy's steps only, and whether that policy remembers."""
 
     name: str
     module: str
+    on_policy: bool = False
     recurrent: bool = False
 
 
@@ -28,19 +31,19 @@ _SB3, _CONTRIB = "stable_baselines3", "sb3_contrib"
 ALGORITHMS = {
     algorithm.name: algorithm
     for algorithm in (
-        Algorithm("PPO", _SB3),
-        Algorithm("A2C", _SB3),
+        Algorithm("PPO", _SB3, on_policy=True),
+        Algorithm("A2C", _SB3, on_policy=True),
         Algorithm("SAC", _SB3),
         Algorithm("TD3", _SB3),
         Algorithm("DDPG", _SB3),
         Algorithm("DQN", _SB3),
-        Algorithm("RecurrentPPO", _CONTRIB, recurrent=True),
+        Algorithm("RecurrentPPO", _CONTRIB, on_policy=True, recurrent=True),
         Algorithm("TQC", _CONTRIB),
-        Algorithm("TRPO", _CONTRIB),
+        Algorithm("TRPO", _CONTRIB, on_policy=True),
         Algorithm("CrossQ", _CONTRIB),
         Algorithm("ARS", _CONTRIB),
         Algorithm("QRDQN", _CONTRIB),
-        Algorithm("MaskablePPO", _CONTRIB),
+        Algorithm("MaskablePPO", _CONTRIB, on_policy=True),
     )
 }
 # In this order: the first whose settings are all there. What distinguishes an algorithm from those below it comes first.
@@ -85,23 +88,10 @@ def read_archive(file: Path) -> Archive:
     SubmissionError
         When it is no model of Stable-Baselines3, or of an algorithm that cannot be told.
     """
-    how = 'A model is saved with: model.save("model.zip").'
-    try:
-        with zipfile.ZipFile(file) as archive:
-            names = set(archive.namelist())
-            if not {"data", "policy.pth"} <= names:
-                lacking = " and ".join(sorted({"data", "policy.pth"} - names))
-                msg = f"{file.name} is an archive, but no model of Stable-Baselines3: it lacks {lacking}. {how}"
-                raise SubmissionError(msg)
-            data: dict[str, Any] = json.loads(archive.read("data"))
-            version = (
-                archive.read("_stable_baselines3_version").decode()
-                if "_stable_baselines3_version" in names
-                else "unknown"
-            )
-    except (OSError, zipfile.BadZipFile, ValueError) as error:
-        msg = f"{file.name} cannot be read as a model of Stable-Baselines3 ({error}). It may have been cut. {how}"
-        raise SubmissionError(msg) from error
+    data = archive_data(file)
+    with zipfile.ZipFile(file) as archive:
+        names = archive.namelist()
+        version = archive.read(_VERSION).decode(errors="replace") if _VERSION in names else "unknown"
     columns, columns_words = _space(data.get("observation_space"))
     actions, actions_words = _space(data.get("action_space"))
     return Archive(
@@ -115,6 +105,32 @@ def read_archive(file: Path) -> Archive:
         steps=int(data.get("num_timesteps") or 0),
         version=version,
     )
+
+
+def archive_data(file: Path) -> dict[str, Any]:
+    """The settings in a saved model; Python objects among them are left as descriptions of pickles.
+
+    Raises
+    ------
+    SubmissionError
+        When it is no model of Stable-Baselines3.
+    """
+    how = 'A model is saved with: model.save("model.zip").'
+    try:
+        with zipfile.ZipFile(file) as archive:
+            lacking = {"data", "policy.pth"} - set(archive.namelist())
+            if lacking:
+                what = "is an archive, but no model of Stable-Baselines3: it lacks"
+                msg = f"{file.name} {what} {' and '.join(sorted(lacking))}. {how}"
+                raise SubmissionError(msg)
+            data = json.loads(archive.read("data"))
+    except (OSError, zipfile.BadZipFile, ValueError) as error:
+        msg = f"{file.name} cannot be read as a model of Stable-Baselines3 ({error}). It may have been cut. {how}"
+        raise SubmissionError(msg) from error
+    if not isinstance(data, dict):
+        msg = f"{file.name} cannot be read as a model of Stable-Baselines3 (its settings are no table). {how}"
+        raise SubmissionError(msg)
+    return data
 
 
 def _algorithm(data: dict[str, Any], file: Path) -> Algorithm:

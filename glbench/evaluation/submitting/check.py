@@ -21,10 +21,13 @@ from glbench.evaluation.submitting import files
 from glbench.evaluation.submitting.findings import Finding, Report, Subject, note, problem
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task, task_card
 
-SECONDS = 16.0
+SECONDS = 15.0
 """Time for the whole check [s]; a process that does not end by itself has two seconds more."""
 _GRACE = 2.0
-_PRINTED_NOTE, _PRINTED_KEPT = 4096, 65536
+_STARTING = 90.0
+"""Time for Python, glbench and large packages to be there [s], on however busy a machine."""
+_LOOK = 0.02
+_PRINTED_NOTE, _PRINTED_KEPT, _SAID_KEPT = 4096, 65536, 2**20
 _SHOWN = 160
 
 
@@ -65,7 +68,8 @@ def check_submission(
         _look_at_files(identity, spec, book)
         if not book.hopeless:
             task_ref = str(task) if not isinstance(task, TaskSpec) else spec.id
-            _probe(path, task_ref, max(2.0, seconds - (time.monotonic() - began)), book)
+            left = max(2.0, seconds - (time.monotonic() - began))
+            _probe(path, task_ref, left, files.large_packages(identity), book)
     return Report(
         name,
         what,
@@ -113,22 +117,13 @@ def _look_at_files(identity: Identity, task: TaskSpec, book: _Book) -> None:
     book.add(files.policy_findings(identity, task_card(task)))
 
 
-def _probe(path: Path, task: str, seconds: float, book: _Book) -> None:
+def _probe(path: Path, task: str, seconds: float, packages: tuple[str, ...], book: _Book) -> None:
     """Run the agent in a process of its own and book what that says, and how it ended."""
     reading, writing = os.pipe()
-    deadline = time.time() + seconds
-    command = [
-        sys.executable,
-        "-m",
-        "glbench.evaluation.submitting.probe",
-        str(path),
-        task,
-        str(deadline),
-        str(writing),
-    ]
+    arguments = [str(path), task, str(seconds), str(writing), *packages]
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     process = subprocess.Popen(
-        command,
+        [sys.executable, "-m", "glbench.evaluation.submitting.probe", *arguments],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -137,17 +132,27 @@ def _probe(path: Path, task: str, seconds: float, book: _Book) -> None:
         start_new_session=True,
     )
     os.close(writing)
-    said, printed = _Reader(os.fdopen(reading, "rb"), 2**20), _Reader(process.stdout, _PRINTED_KEPT)
+    said, printed = _Reader(os.fdopen(reading, "rb"), _SAID_KEPT), _Reader(process.stdout, _PRINTED_KEPT)
     try:
-        process.wait(seconds + _GRACE)
-        hung = False
-    except subprocess.TimeoutExpired:
-        hung = True
+        hung = _outlives(process, said)
     finally:
         _end(process)
     stage = _book_lines(said.text(), book)
     _book_end(process.returncode, stage, hung=hung, printed=printed, book=book)
     _book_printing(printed, book)
+
+
+def _outlives(process: subprocess.Popen[bytes], said: _Reader) -> bool:
+    """Whether the process is still there when its time, of which it tells itself, is over."""
+    until = time.time() + _STARTING
+    while process.poll() is None:
+        first, newline, _ = said.so_far().partition("\n")
+        if newline and "deadline" in first:
+            until = json.loads(first)["deadline"] + _GRACE
+        if time.time() > until:
+            return True
+        time.sleep(_LOOK)
+    return False
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
@@ -196,18 +201,12 @@ def _book_end(code: int, stage: str, *, hung: bool, printed: _Reader, book: _Boo
 
 def _book_printing(printed: _Reader, book: _Book) -> None:
     book.checked.add("printing")
+    size = f"It prints {printed.size / 1024:,.0f} KiB in this short run"
     if printed.size > _PRINTED_KEPT:
-        text = f"It prints {printed.size / 1024:,.0f} KiB in this short run. An evaluation keeps the beginning and the end, and printing takes time."
+        text = f"{size}. Of an evaluation only the beginning and the end are kept, and printing takes time."
         book.add([problem("printing", text)])
     elif printed.size > _PRINTED_NOTE:
-        book.add(
-            [
-                note(
-                    "printing",
-                    f"It prints {printed.size / 1024:,.1f} KiB in this short run. An evaluation keeps the beginning and the end only.",
-                )
-            ]
-        )
+        book.add([note("printing", f"{size}. Of an evaluation only the beginning and the end are kept.")])
     if printed.size:
         book.facts["printing"] = f"{printed.size} bytes"
 
@@ -232,6 +231,10 @@ class _Reader:
                 self.size += len(part)
                 self._head += part[: max(self._keep - len(self._head), 0)]
                 self._tail = (self._tail + part)[-2000:]
+
+    def so_far(self) -> str:
+        """The first bytes that have come until now, as text."""
+        return self._head.decode("utf-8", errors="replace")
 
     def text(self) -> str:
         """The first bytes as text, once the other end is closed."""

@@ -26,6 +26,9 @@ LARGEST_SUBMISSION = 512 * MIB
 MANY_FILES = 1000
 _ALWAYS_THERE = frozenset({"numpy", "glbench"})
 _NEEDS = {"sb3": ("torch", "stable_baselines3"), "torchscript": ("torch",), "onnx": ("onnxruntime",), "python": ()}
+_LARGE = frozenset(
+    {"torch", "stable_baselines3", "sb3_contrib", "onnxruntime", "scipy", "pandas", "sklearn", "jax", "tensorflow"}
+)
 _PACKAGE_OF = {
     "stable_baselines3": "stable-baselines3",
     "sb3_contrib": "sb3-contrib",
@@ -131,6 +134,13 @@ def package_findings(identity: Identity) -> list[Finding]:
                 text = f"{place} imports '{module}', which the card does not name: requires = [\"{package}\"]."
                 found.append(note("packages", text))
     return found
+
+
+def large_packages(identity: Identity) -> tuple[str, ...]:
+    """Those packages that a submission needs and that take seconds to import."""
+    imported = {module for file in identity.all_files() if file.suffix == ".py" for module, _, _ in _imported(file)}
+    wanted = imported if identity.form == "python" else set(_NEEDS[identity.form])
+    return tuple(sorted(module for module in wanted & _LARGE if not missing(module)))
 
 
 def policy_findings(identity: Identity, task: TaskCard) -> list[Finding]:

@@ -6,6 +6,8 @@ pipe of its own; what the agent prints goes wherever its output goes and is coun
 
 from __future__ import annotations
 
+import contextlib
+import importlib
 import json
 import os
 import resource
@@ -36,6 +38,8 @@ if TYPE_CHECKING:
 STEPS = 96
 """Steps of the short run: a day in steps of a quarter of an hour, with its night."""
 RUNS = 4
+_LEAST = 0.6
+"""Share of the time that is the agent's, however long packages took to be imported."""
 _SHARE_RUN, _SHARE_REPEAT, _SHARE_ALONE = 0.5, 0.4, 0.4
 """Shares of the time that is left, for the first run, its repetition, and each row alone."""
 
@@ -141,10 +145,8 @@ class Probe:
             return None
         self._say(checked="decisions")
         if answer.value is None:
-            reason = answer.failure.reason if answer.failure is not None else "it returned nothing"
-            self._find(
-                problem("decisions", f"act fails in step {step}: {reason}. The runs it decides for would end there.")
-            )
+            text = f"act fails in step {step}: {_why_not(answer)}. The runs it decides for would end there."
+            self._find(problem("decisions", text))
             return None
         actions, wrong = answer.value
         if wrong:
@@ -176,8 +178,7 @@ class Probe:
         for step, (shown, before) in enumerate(self._dialogue, start=1):
             answer = self._ask(agent, shown)
             if answer.value is None:
-                reason = answer.failure.reason if answer.failure is not None else ""
-                self._find(words.unrepeatable(step, None, reason))
+                self._find(words.unrepeatable(step, None, _why_not(answer)))
                 return
             if answer.value[0].tobytes() != before.tobytes():
                 self._find(words.unrepeatable(step, float(np.abs(answer.value[0] - before).max()), ""))
@@ -196,12 +197,8 @@ class Probe:
             for step, (shown, together) in enumerate(self._dialogue, start=1):
                 answer = self._ask(agent, shown[row : row + 1])
                 if answer.value is None or answer.value[1]:
-                    reason = (
-                        answer.failure.reason if answer.failure is not None else (answer.value or ((), {0: ""}))[1][0]
-                    )
-                    text = (
-                        f"With one run instead of {RUNS} the agent fails in step {step}: {reason}. So would `--runs 1`."
-                    )
+                    who = f"With one run instead of {RUNS} the agent"
+                    text = f"{who} fails in step {step}: {_why_not(answer)}. So would `--runs 1`."
                     self._find(problem("rows", text))
                     return
                 difference = float(np.abs(answer.value[0] - together[row : row + 1]).max())
@@ -227,11 +224,27 @@ class Probe:
         os.write(self._channel, (json.dumps(said) + "\n").encode())
 
 
+def _why_not(answer: Answer[Decided]) -> str:
+    """Why an answer of ``act`` cannot be used."""
+    if answer.failure is not None:
+        return answer.failure.reason
+    return (
+        next(iter(answer.value[1].values())) if answer.value is not None and answer.value[1] else "it returned nothing"
+    )
+
+
 def main(arguments: list[str]) -> None:
-    """``probe REF TASK DEADLINE CHANNEL``: the deadline in seconds since 1970, the channel as number of an open file."""
-    ref, task, deadline, channel = arguments
+    """``probe REF TASK SECONDS CHANNEL PACKAGE...``: time for the agent, number of an open file, what to import beforehand."""
+    ref, task, seconds, channel, *packages = arguments
+    began = time.time()
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT + Memory.own(), resource.RLIM_INFINITY))
-    Probe(ref, task, float(deadline), int(channel)).run()
+    for package in packages:
+        with contextlib.suppress(ImportError):  # told when the agent itself imports it
+            importlib.import_module(package)
+    # Large packages take their time on a busy machine, which is not the agent's.
+    deadline = max(began + float(seconds), time.time() + _LEAST * float(seconds))
+    os.write(int(channel), (json.dumps({"deadline": deadline}) + "\n").encode())
+    Probe(ref, task, deadline, int(channel)).run()
 
 
 if __name__ == "__main__":

@@ -38,7 +38,7 @@ class Rules:
 
 
 def moves(task, seen, wanted):
-    """Actions that move every control towards what is ``wanted``, 0 where nothing is said; an action moves a control, it does not set it."""
+    """Actions that move every control towards what is ``wanted``, 0 where nothing is said: actions move controls, they do not set them."""
     actions = []
     controls = {control.name: control for control in task.controls}
     for name in task.action_names:

@@ -18,7 +18,7 @@ class Network(torch.nn.Module):
     def __init__(self, low, high, actions):
         super().__init__()
         self.register_buffer("middle", torch.tensor((high + low) / 2.0, dtype=torch.float32))
-        self.register_buffer("half", torch.tensor((high - low) / 2.0, dtype=torch.float32))
+        self.register_buffer("spread", torch.tensor((high - low) / 2.0, dtype=torch.float32))
         self.layers = torch.nn.Sequential(
             torch.nn.Linear(len(low), 64),
             torch.nn.Tanh(),
@@ -29,7 +29,7 @@ class Network(torch.nn.Module):
 
     def forward(self, observations):
         """Actions (n, actions) for observations (n, columns)."""
-        return torch.tanh(self.layers((observations - self.middle) / self.half))
+        return torch.tanh(self.layers((observations - self.middle) / self.spread))
 
 
 class Policy:
