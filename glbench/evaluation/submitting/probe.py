@@ -66,8 +66,8 @@ class Probe:
             agent = self._made(loaded, RUNS) if loaded is not None else None
             if loaded is not None and agent is not None:
                 self._say(checked="loading")
-                if self._short_run(agent):
-                    self._repeat(loaded)
+                # Who does not repeat himself would be found to decide differently alone, too.
+                if self._short_run(agent) and self._repeat(loaded):
                     self._alone(loaded)
                 self._say(checked="surroundings")
                 self._find(*words.surroundings(self._listener.connections, self._listener.written))
@@ -168,23 +168,23 @@ class Probe:
         self._say(fact={"memory": taken})
         self._find(*words.memory(self._memory.growth_a_step(), self._memory.last, steps))
 
-    def _repeat(self, loaded: LoadedAgent) -> None:
+    def _repeat(self, loaded: LoadedAgent) -> bool:
         """Show a fresh agent the same observations: it must decide the same, to the last bit."""
         agent = self._made(loaded, RUNS, again=True)
         if agent is None:
-            return
+            return False
         self._say(stage="in act, when the same observations were shown again", checked="repeatable")
         until = time.monotonic() + _SHARE_REPEAT * self._left()
         for step, (shown, before) in enumerate(self._dialogue, start=1):
             answer = self._ask(agent, shown)
             if answer.value is None:
                 self._find(words.unrepeatable(step, None, _why_not(answer)))
-                return
+                return False
             if answer.value[0].tobytes() != before.tobytes():
                 self._find(words.unrepeatable(step, float(np.abs(answer.value[0] - before).max()), ""))
-                return
+                return False
             if time.monotonic() > until:
-                return
+                return False
 
     def _alone(self, loaded: LoadedAgent) -> None:
         """Show fresh agents single runs: what they decide must not depend on the company."""

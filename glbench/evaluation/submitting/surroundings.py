@@ -47,8 +47,10 @@ class Listener:
 
     def _write(self, path: object) -> None:
         if isinstance(path, str | bytes | os.PathLike):
-            place = str(Path(os.fsdecode(path)).absolute())
-            if not place.startswith(self._free):
+            given = Path(os.fsdecode(path))
+            place = str(given)
+            # Beside the agent's own /tmp nothing will be there to write to; a relative path may lead anywhere.
+            if not given.is_absolute() or not place.startswith(self._free):
                 self._add(self.written, place)
 
     @staticmethod
