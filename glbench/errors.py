@@ -46,6 +46,10 @@ class SubmissionError(GlbenchError):
     """A submission cannot be loaded or does not follow the agent protocol."""
 
 
+class SandboxError(GlbenchError):
+    """There can be no sandbox for an agent on this machine, and none was not asked for."""
+
+
 class ResultError(GlbenchError):
     """A stored result is unreadable, inconsistent, or cannot be compared with another."""
 

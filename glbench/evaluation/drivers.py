@@ -55,6 +55,9 @@ class Driver(Protocol):
     def apply(self, simulation: Simulation, actions: Array) -> StepResult:
         """Do what was decided."""
 
+    def close(self) -> None:
+        """Let go of whatever the agent holds outside this process."""
+
 
 def make_driver(agent: LoadedAgent, task: TaskSpec, card: TaskCard, n: int, limits: TimeLimits) -> Driver:
     """A fresh agent for ``n`` runs of ``task`` in the harness that fits it.
@@ -83,7 +86,7 @@ def _made(agent: LoadedAgent, card: TaskCard, limits: TimeLimits) -> Agent | Pri
     return answer.value
 
 
-class _Observing:
+class Observing:
     """What agents that see observations and act through the task's actuation have in common."""
 
     def inputs(self, simulation: Simulation, observations: NDArray[np.float32]) -> Inputs:
@@ -94,8 +97,11 @@ class _Observing:
         """Take a step with actions, through the actuation."""
         return simulation.step(actions)
 
+    def close(self) -> None:
+        """Nothing to do: the agent lives in this process."""
 
-class BatchDriver(_Observing):
+
+class BatchDriver(Observing):
     """One agent that decides for all runs at once: what breaks its call ends all runs, a bad row ends one."""
 
     def __init__(self, agent: Agent, card: TaskCard, n: int, limits: TimeLimits) -> None:
@@ -120,7 +126,7 @@ class BatchDriver(_Observing):
         return _batch_decision(answer, alive, (n, len(self._card.actions)))
 
 
-class PerRunDriver(_Observing):
+class PerRunDriver(Observing):
     """One agent a run, each asked by itself: whatever one of them does ends its own run only."""
 
     def __init__(self, agents: list[PerRunAgent], card: TaskCard, limits: TimeLimits) -> None:
@@ -152,7 +158,7 @@ class PerRunDriver(_Observing):
                     replace(answer.failure, row=int(row), reason=answer.failure.reason.replace(" in run 0", ""))
                 )
         actions, problems = read_actions(rows, self._card, n)
-        return Decision(actions, (*failures, *_invalid(problems, alive)), seconds)
+        return Decision(actions, (*failures, *invalid_rows(problems, alive)), seconds)
 
 
 class PrivilegedDriver:
@@ -191,14 +197,18 @@ class PrivilegedDriver:
         """Take a step with controls, past the actuation."""
         return simulation.step_controls(actions)
 
+    def close(self) -> None:
+        """Nothing to do: the controller lives in this process."""
+
 
 def _batch_decision(answer: Answer[tuple[Array, dict[int, str]]], alive: Mask, shape: tuple[int, int]) -> Decision:
     seconds = answer.seconds / np.count_nonzero(alive) * alive
     if answer.value is None:
         return Decision(np.zeros(shape), (answer.failure,) if answer.failure else (), seconds)
     actions, problems = answer.value
-    return Decision(actions, _invalid(problems, alive), seconds)
+    return Decision(actions, invalid_rows(problems, alive), seconds)
 
 
-def _invalid(problems: Mapping[int, str], alive: Mask) -> tuple[Failure, ...]:
+def invalid_rows(problems: Mapping[int, str], alive: Mask) -> tuple[Failure, ...]:
+    """Failures of the runs that are alive and whose action has a problem."""
     return tuple(Failure(row, "invalid_action", reason) for row, reason in problems.items() if alive[row])

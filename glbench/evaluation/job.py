@@ -6,8 +6,8 @@ import datetime as dt
 import hashlib
 import logging
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +15,13 @@ import filelock
 import rfc8785
 
 from glbench import __version__
-from glbench.agents import LoadedAgent
+from glbench.agents import Identity, LoadedAgent
 from glbench.env import Simulation
 from glbench.episodes import Recorder, actions_path, log_bytes, provenance_of
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import provenance
 from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, read_checkpoint
-from glbench.evaluation.drivers import make_driver
+from glbench.evaluation.drivers import Driver, make_driver
 from glbench.evaluation.episodes import forget_episodes, make_episodes, run_facts, write_episodes
 from glbench.evaluation.files import ensure_writable, result_path, save_result, short_task_id
 from glbench.evaluation.limits import TimeLimits
@@ -36,6 +36,10 @@ from glbench.evaluation.records import (
     results_digest,
     summarise,
 )
+from glbench.evaluation.sandbox.choosing import Protection
+from glbench.evaluation.sandbox.drivers import Guest, sandboxed_driver
+from glbench.evaluation.sandbox.limits import SandboxLimits
+from glbench.evaluation.sandbox.prints import Prints
 from glbench.evaluation.tally import Tally
 from glbench.kernel import Kernel, KernelPool, make_kernel
 from glbench.model import CONTROL_NAMES
@@ -44,7 +48,7 @@ from glbench.tasks import TaskSpec, task_card
 
 logger = logging.getLogger(__name__)
 
-_CHECKPOINT_FORMAT = 2
+_CHECKPOINT_FORMAT = 3
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,13 @@ class Evaluation:
     """The finished result, when this very evaluation has been done before."""
     episodes: tuple[str, ...] = ("none",)
     """Which runs are kept as full episodes; see ``glbench.episodes.parse_selection``."""
+    protection: Protection = "unsandboxed"
+    """How the agent runs, as the result will say."""
+    submission: Identity | None = None
+    """What goes into the sandbox, if there is one."""
+    sizes: SandboxLimits = field(default_factory=SandboxLimits)
+    prints: Prints = field(default_factory=Prints, compare=False, repr=False)
+    """What a sandboxed agent printed."""
 
     @property
     def path(self) -> Path | None:
@@ -86,6 +97,8 @@ class Evaluation:
         ------
         SubmissionError
             When the agent cannot be made.
+        SandboxError
+            When its sandbox cannot be built.
         GlbenchError
             When the result cannot be written, or another process works on the same result.
         """
@@ -130,10 +143,10 @@ class Evaluation:
         self, simulation: Simulation, progress: ProgressCallback | None, watcher: Watcher | None
     ) -> tuple[Result, Recorder]:
         self.forget()
-        lockstep, tally, recorder = self._lockstep(simulation, progress, watcher)
-        lockstep.start()
-        lockstep.run(simulation.reset(self.seeds), 0)
-        return self._result(tally, lockstep.wall_seconds, None), recorder
+        with self._lockstep(simulation, progress, watcher) as (lockstep, tally, recorder):
+            lockstep.start()
+            lockstep.run(simulation.reset(self.seeds), 0)
+            return self._result(tally, lockstep.wall_seconds, None), recorder
 
     def _resumed(
         self, simulation: Simulation, progress: ProgressCallback | None, watcher: Watcher | None
@@ -142,12 +155,12 @@ class Evaluation:
         saved = read_checkpoint(self._folder) if self._folder is not None else None
         if saved is None:
             return None
-        lockstep, tally, recorder = self._lockstep(simulation, progress, watcher)
-        lockstep.start()
-        if not self._replayed(lockstep, saved):
-            return None
-        lockstep.run(simulation.observe(), saved.step)
-        return self._result(tally, lockstep.wall_seconds, saved.step), recorder
+        with self._lockstep(simulation, progress, watcher) as (lockstep, tally, recorder):
+            lockstep.start()
+            if not self._replayed(lockstep, saved):
+                return None
+            lockstep.run(simulation.observe(), saved.step)
+            return self._result(tally, lockstep.wall_seconds, saved.step), recorder
 
     def _replayed(self, lockstep: Lockstep, saved: Saved) -> bool:
         try:
@@ -163,21 +176,26 @@ class Evaluation:
         )
         return False
 
+    @contextmanager
     def _lockstep(
         self, simulation: Simulation, progress: ProgressCallback | None, watcher: Watcher | None
-    ) -> tuple[Lockstep, Tally, Recorder]:
-        """A fresh agent, empty books and an empty record."""
-        driver = make_driver(self.agent, self.task, task_card(self.task), len(self.seeds), self.limits)
+    ) -> Iterator[tuple[Lockstep, Tally, Recorder]]:
+        """A fresh agent, empty books and an empty record; the agent is let go in the end."""
         tally = Tally(self.seeds)
         checkpoint = Checkpoint(self._folder, self.checkpoint_seconds)
         columns = len(CONTROL_NAMES) if self.agent.privileged else len(self.task.actuation.controls)
         traced = self.out is not None and self.episodes != ("none",)
         recorder = Recorder(simulation, columns, traced=traced)
-        return (
-            Lockstep(simulation, driver, tally, checkpoint, recorder, self.limits, progress, watcher),
-            tally,
-            recorder,
-        )
+        with closing(self._driver()) as driver:
+            lockstep = Lockstep(simulation, driver, tally, checkpoint, recorder, self.limits, progress, watcher)
+            yield lockstep, tally, recorder
+
+    def _driver(self) -> Driver:
+        """The agent, made anew, in this process or in one of its own."""
+        card, n = task_card(self.task), len(self.seeds)
+        if self.submission is None:
+            return make_driver(self.agent, self.task, card, n, self.limits)
+        return sandboxed_driver(Guest(self.submission, card, n, self.limits, self.sizes, self.prints))
 
     def _result(self, tally: Tally, wall_seconds: float, resumed_at: int | None) -> Result:
         task, failed_step = self.task, self.task.evaluation.failed_step
@@ -215,6 +233,7 @@ class Evaluation:
             resumed_at_step=resumed_at,
             limits=self.limits.as_dict(),
             kernel=self.kernel,
+            sandbox=self.protection,
         )
 
     @property
@@ -229,6 +248,7 @@ class Evaluation:
             "agent": self.agent.digest,
             "seeds": list(self.seeds),
             "kernel": self.kernel,
+            "sandbox": self.protection,
         }
         return self._agent_folder(self.out) / hashlib.sha256(rfc8785.dumps(key)).hexdigest()[:16]
 

@@ -11,7 +11,10 @@ import threading
 import time
 from dataclasses import asdict, dataclass
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from glbench.tasks.tables import TimeLimitsTable
 
 _AGAIN_SECONDS = 1.0
 """Interval at which the alarm repeats, for an agent that swallows the first one in a bare ``except``."""
@@ -31,6 +34,11 @@ class TimeLimits:
     """For one decision of one run."""
     run: float = 7200.0
     """For all decisions of one run."""
+
+    @classmethod
+    def of_table(cls, table: TimeLimitsTable | None) -> TimeLimits:
+        """The limits that a task states; those of glbench where it states none."""
+        return cls() if table is None else cls(start=table.start, step=table.step, run=table.run)
 
     def as_dict(self) -> dict[str, float]:
         """The limits in seconds, as recorded in results."""

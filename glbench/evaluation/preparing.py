@@ -6,7 +6,7 @@ import logging
 from pathlib import Path
 
 from glbench import __version__
-from glbench.agents import LoadedAgent, load_agent
+from glbench.agents import LoadedAgent
 from glbench.env.kernels import shared_kernel
 from glbench.episodes import chosen_rows, parse_selection
 from glbench.errors import GlbenchError, ResultError
@@ -16,6 +16,7 @@ from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.lockstep import ProgressCallback
 from glbench.evaluation.provenance import usable_cores
 from glbench.evaluation.records import Result
+from glbench.evaluation.sandbox.choosing import Protection, SandboxChoice, protect
 from glbench.tasks import TaskSpec, get_task
 
 logger = logging.getLogger(__name__)
@@ -42,13 +43,15 @@ def prepare(
     limits: TimeLimits | None = None,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
     episodes: str = "none",
+    sandbox: SandboxChoice = "none",
 ) -> Evaluation:
     """Decide everything about an evaluation and find out what can go wrong before it starts.
 
     Arguments as for ``evaluate``; without a number of ``workers``, every usable core is one.
     """
     task = task if isinstance(task, TaskSpec) else get_task(task)
-    agent = agent if isinstance(agent, LoadedAgent) else load_agent(agent)
+    protected = protect(agent, sandbox)
+    agent = protected.agent
     seeds = _seeds(task, runs, first_seed)
     selection = parse_selection(episodes)
     chosen_rows(selection, seeds, [0.0] * len(seeds))  # a seed that no run has is told now, not after the evaluation
@@ -63,10 +66,21 @@ def prepare(
         folder = folder / TRIALS
     if folder is not None:
         ensure_writable(result_path(folder, task.id, agent.name).parent)
-        stored = None if fresh else _finished(folder, task, agent, seeds, kernel)
+        stored = None if fresh else _finished(folder, task, agent, seeds, kernel, protected.protection)
     workers = min(workers or usable_cores(), len(seeds))
     evaluation = Evaluation(
-        task, agent, seeds, workers, kernel, folder, limits or TimeLimits(), checkpoint_seconds, stored, selection
+        task,
+        agent,
+        seeds,
+        workers,
+        kernel,
+        folder,
+        limits or TimeLimits.of_table(task.evaluation.time_limits),
+        checkpoint_seconds,
+        stored,
+        selection,
+        protected.protection,
+        protected.submission,
     )
     if fresh:
         evaluation.forget()
@@ -85,6 +99,7 @@ def evaluate(
     limits: TimeLimits | None = None,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
     episodes: str = "none",
+    sandbox: SandboxChoice = "none",
     progress: ProgressCallback | None = None,
 ) -> Result:
     """Evaluate an agent on a task over seeded runs.
@@ -105,12 +120,16 @@ def evaluate(
     fresh
         Evaluate again even when the result is there, and from the beginning even when there is a checkpoint.
     limits
-        Time that the agent may take; see ``TimeLimits``.
+        Time that the agent may take; by default what the task says. See ``TimeLimits``.
     checkpoint_seconds
         Shortest time between two checkpoints [s]; 0 makes one after every step.
     episodes
         Runs that are kept as full episodes below ``out``: ``"all"``, ``"none"``, or a list such as ``"best,worst,median"``.
         The actions of all runs are kept anyway, so that episodes can be made later.
+    sandbox
+        ``"bubblewrap"`` runs a submission in a process of its own, in which it finds neither weather nor seeds nor network; ``"none"``
+        runs it here, with all rights of this process. ``"auto"`` is ``"bubblewrap"``, except that unchanged examples of glbench run
+        where there can be no sandbox. Whatever it is, the result has the same bits, and says how the agent ran.
     progress
         Called with a ``Progress`` after every step.
 
@@ -136,6 +155,7 @@ def evaluate(
         limits=limits,
         checkpoint_seconds=checkpoint_seconds,
         episodes=episodes,
+        sandbox=sandbox,
     )
     if evaluation.stored is not None:
         evaluation.complete_episodes(evaluation.stored)
@@ -155,9 +175,14 @@ def _seeds(task: TaskSpec, runs: int | None, first_seed: int | None) -> tuple[in
 
 
 def _finished(
-    out: Path, task: TaskSpec, agent: LoadedAgent, seeds: tuple[int, ...], kernel: dict[str, str | float]
+    out: Path,
+    task: TaskSpec,
+    agent: LoadedAgent,
+    seeds: tuple[int, ...],
+    kernel: dict[str, str | float],
+    protection: Protection,
 ) -> Result | None:
-    """The stored result of this very evaluation.
+    """The stored result of this very evaluation; one from a sandbox does where none is wanted, and not the other way round.
 
     Raises
     ------
@@ -177,6 +202,8 @@ def _finished(
         raise ResultError(msg)
     made_by = (stored.task.digest, stored.agent.digest, stored.evaluation.kernel, stored.versions.glbench)
     if made_by != (task.digest, agent.digest, kernel, __version__):
+        return None
+    if protection == "bubblewrap" and stored.evaluation.sandbox != "bubblewrap":
         return None
     if stored.evaluation.seeds == seeds:
         if stored.record is not None and path.with_name(stored.record.file).is_file():

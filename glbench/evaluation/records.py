@@ -98,6 +98,8 @@ class EvaluationRecord(Record):
     resumed_at_step: Count | None
     limits: dict[str, float]
     kernel: dict[str, str | float]
+    sandbox: Literal["bubblewrap", "unsandboxed", "built-in"] | None = None
+    """How the agent ran: in a sandbox, without one, or as a part of glbench; ``None`` in results of glbench without sandboxes."""
 
 
 class RecordReference(Record):

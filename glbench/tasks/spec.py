@@ -165,6 +165,8 @@ class TaskSpec(Table):
     def definition(self) -> dict[str, Any]:
         """The definition without prose, as plain JSON values: the part of the digest that comes from the file."""
         plain: dict[str, Any] = self.model_dump(mode="json", by_alias=True, exclude=set(PROSE))
+        if self.evaluation.time_limits is None:
+            del plain["evaluation"]["time_limits"]  # a task that says nothing about time has the digest it always had
         plain["model"]["overrides"] = {name: [value, unit] for name, value, unit in self.model.overrides}
         return plain
 

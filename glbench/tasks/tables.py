@@ -290,6 +290,14 @@ class FailedStep(Table):
     penalty: float = Field(ge=0.0, description="0 or more")
 
 
+class TimeLimitsTable(Table):
+    """What an agent may take of the clock, in seconds; the keys are those of ``glbench.evaluation.TimeLimits``."""
+
+    start: Annotated[float, in_unit("s")] = Field(gt=0.0, description="above 0 s")
+    step: Annotated[float, in_unit("s")] = Field(gt=0.0, description="above 0 s")
+    run: Annotated[float, in_unit("s")] = Field(gt=0.0, description="above 0 s")
+
+
 class EvaluationTable(Table):
     """``[evaluation]``: the seeds of the evaluation and the number that ranks."""
 
@@ -297,6 +305,7 @@ class EvaluationTable(Table):
     runs: int = Field(ge=1, le=10000, description="a whole number, 1 to 10000")
     metric: Annotated[str, one_of(words.METRICS)] = Field(description="a metric")
     failed_step: FailedStep
+    time_limits: TimeLimitsTable | None = None
 
     @property
     def seeds(self) -> range:

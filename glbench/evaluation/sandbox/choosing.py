@@ -1,0 +1,82 @@
+"""Whether an agent is sandboxed, and what its result says about that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal, NoReturn
+
+from glbench.agents import Baseline, Identity, LoadedAgent, identify, load_agent
+from glbench.errors import GlbenchError, SandboxError, SubmissionError, did_you_mean
+from glbench.evaluation.sandbox.bubblewrap import usable_mode, why_no_sandbox
+from glbench.tasks import TaskCard
+
+SandboxChoice = Literal["auto", "bubblewrap", "none"]
+CHOICES: Final[tuple[SandboxChoice, ...]] = ("auto", "bubblewrap", "none")
+Protection = Literal["bubblewrap", "unsandboxed", "built-in"]
+"""How a result says that its agent ran: in a sandbox, without one, or as a part of glbench itself."""
+
+EXAMPLES: Final = {
+    "my_agent": "0" * 64,
+}
+"""Examples that come with glbench, by name, and the digests that they have as long as nobody changed them."""
+
+
+@dataclass(frozen=True)
+class Protected:
+    """An agent and how it runs; ``submission`` is what goes into the sandbox, ``None`` where there is none."""
+
+    agent: LoadedAgent
+    protection: Protection
+    submission: Identity | None
+
+
+def protect(agent: LoadedAgent | str | Path, choice: SandboxChoice) -> Protected:
+    """Decide how ``agent`` runs, and load it in this process only if it is to run in it.
+
+    ``"bubblewrap"`` puts every submission into a sandbox, and ``"none"`` none. ``"auto"`` does what ``"bubblewrap"`` does, but where
+    there can be no sandbox it lets examples of glbench run that nobody changed. Built-in controllers are glbench's own code and never
+    sandboxed.
+
+    Raises
+    ------
+    SandboxError
+        When there can be no sandbox and one is needed; it says why and what to do.
+    SubmissionError
+        When there is no such agent, or it was loaded into this process already.
+    """
+    if choice not in CHOICES:
+        msg = f"There is no sandbox '{choice}'.{did_you_mean(choice, CHOICES)}"
+        raise GlbenchError(msg)
+    if isinstance(agent, LoadedAgent):
+        return _loaded(agent, choice)
+    submission = identify(agent)
+    if submission is None or choice == "none":
+        return _loaded(load_agent(agent), "none")
+    if choice == "auto" and why_no_sandbox() is not None and EXAMPLES.get(submission.name) == submission.digest:
+        return _loaded(load_agent(agent), "none")
+    try:
+        usable_mode()
+    except SandboxError as error:
+        msg = f"'{submission.name}' was not run. {error}"
+        raise SandboxError(msg) from error
+    outside = LoadedAgent(submission.name, "submission", submission.digest, False, submission.information, _not_here)
+    return Protected(outside, "bubblewrap", submission)
+
+
+def _loaded(agent: LoadedAgent, choice: SandboxChoice) -> Protected:
+    # With settings of one's own, too: the code is glbench's.
+    if isinstance(getattr(agent.make, "__self__", None), Baseline):
+        return Protected(agent, "built-in", None)
+    if choice != "none":
+        msg = (
+            f"The code of '{agent.name}' was loaded into this process already, so that no sandbox can hold it. "
+            "Name the agent by its path."
+        )
+        raise SubmissionError(msg)
+    return Protected(agent, "unsandboxed", None)
+
+
+def _not_here(task: TaskCard) -> NoReturn:
+    msg = f"The agent for {task.id} lives in a sandbox and cannot be made in this process."
+    raise SubmissionError(msg)

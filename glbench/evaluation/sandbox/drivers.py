@@ -1,0 +1,311 @@
+"""A sandboxed agent behind the evaluation's ``Driver``: what an agent in this process may do, this one may, and nothing more.
+
+The rules are those of ``glbench.evaluation.drivers``. What breaks a call of a batched agent ends all runs, and the end of its process
+does, too. Agents for single runs share one process and are asked one after the other; when one of them ends the process, its own run
+ends, and a new process brings the others back by showing them again what they had seen.
+"""
+
+from __future__ import annotations
+
+import pickle
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.agents import Identity
+from glbench.errors import SubmissionError
+from glbench.evaluation.acting import Failure
+from glbench.evaluation.actions import read_actions
+from glbench.evaluation.drivers import Array, Decision, Driver, Inputs, Mask, Observing, invalid_rows
+from glbench.evaluation.limits import TimeLimits
+from glbench.evaluation.sandbox.frames import LONGEST_TEXT, ROW, STATUSES, Kind, Order, unpacked_problems
+from glbench.evaluation.sandbox.limits import SandboxLimits
+from glbench.evaluation.sandbox.prints import Prints, plain
+from glbench.evaluation.sandbox.process import GuestProcess, LostError
+from glbench.evaluation.sandbox.visible import place_inside
+from glbench.tasks import TaskCard
+
+_LONGEST_REASON = 400
+_SHOWN_LINES = 8
+
+
+@dataclass(frozen=True)
+class Guest:
+    """All that is needed to start the process of an agent."""
+
+    submission: Identity
+    card: TaskCard
+    runs: int
+    time: TimeLimits
+    sizes: SandboxLimits
+    prints: Prints
+
+    def started(self) -> tuple[GuestProcess, bool]:
+        """A process with the agent made, and whether it is one agent a run.
+
+        Raises
+        ------
+        SubmissionError
+            When the agent cannot be made.
+        SandboxError
+            When the sandbox does not start.
+        """
+        n, m = self.runs, len(self.card.actions)
+        process = GuestProcess(self.submission, self.sizes, self.prints, n * (8 * m + ROW.size + LONGEST_TEXT))
+        try:
+            return process, self._made(process)
+        except BaseException:
+            process.close()
+            raise
+
+    def _made(self, process: GuestProcess) -> bool:
+        limit = self.time.start
+        until = time.monotonic() + limit
+        order = Order(str(place_inside(self.submission)), self.card, self.runs, self.time, self.sizes)
+        doing = "loading it"
+        try:
+            process.ask(Kind.LOAD, 0, pickle.dumps(order), seconds=limit)
+            kind, body = process.answer(0, until, f"{doing} took longer than its limit of {limit:g} s")
+            if kind == Kind.LOADED:
+                doing = "make_agent"
+                kind, body = process.answer(0, until, f"{doing} took longer than its limit of {limit:g} s")
+            if kind == Kind.FAILED and len(body) > 1:
+                raise SubmissionError(words(body[1:], len(body)))
+            if kind != Kind.MADE or len(body) != 1:
+                process.refuse(f"a frame of kind {kind} where an agent was to be made")
+        except LostError as lost:
+            said = "".join(f"\n  {line}" for line in self.prints.last_lines(_SHOWN_LINES))
+            msg = f"The agent '{self.submission.name}' cannot be made: {lost.reason}." + (
+                f" It printed:{said}" if said else ""
+            )
+            raise SubmissionError(msg) from lost
+        return bool(body[0])
+
+
+def sandboxed_driver(guest: Guest) -> Driver:
+    """The agent in its sandbox, made and ready to be reset.
+
+    Raises
+    ------
+    SubmissionError
+        When the agent cannot be made.
+    SandboxError
+        When the sandbox does not start.
+    """
+    process, single = guest.started()
+    return SandboxedRuns(guest, process) if single else SandboxedBatch(guest, process)
+
+
+class SandboxedBatch(Observing):
+    """One agent that decides for all runs at once."""
+
+    def __init__(self, guest: Guest, process: GuestProcess) -> None:
+        self._guest = guest
+        self._process = process
+        self._shape = (guest.runs, len(guest.card.actions))
+        self._number = 0
+
+    def start(self) -> tuple[Failure, ...]:
+        """Reset the agent."""
+        limit = self._guest.time.start
+        try:
+            kind, body = self._asked(Kind.RESET, (bytes([1]) * self._guest.runs,), limit, "reset")
+            if kind == Kind.FAILED:
+                return (self._failure(body),)
+            if kind != Kind.DONE:
+                self._process.refuse(f"a frame of kind {kind} to a reset")
+        except LostError as lost:
+            return (Failure(None, lost.status, lost.reason),)
+        return ()
+
+    def decide(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
+        """Ask for the actions of all runs."""
+        began = time.perf_counter()
+        deciding = int(np.count_nonzero(alive))
+        parts = (alive.tobytes(), inputs.astype(np.float32, copy=False).tobytes())
+        actions: Array = np.zeros(self._shape)
+        failures: tuple[Failure, ...]
+        try:
+            kind, body = self._asked(Kind.ACT, parts, self._guest.time.step * deciding, "act (for all runs)")
+            actions, failures = self._read(kind, body, alive)
+        except LostError as lost:
+            failures = (Failure(None, lost.status, lost.reason),)
+        seconds: Array = np.where(alive, (time.perf_counter() - began) / deciding, 0.0)
+        return Decision(actions, failures, seconds)
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.close()
+
+    def _asked(self, kind: Kind, parts: tuple[bytes, ...], seconds: float, what: str) -> tuple[int, memoryview]:
+        self._number += 1
+        until = time.monotonic() + seconds
+        self._process.ask(kind, self._number, *parts, seconds=seconds)
+        return self._process.answer(self._number, until, f"{what} took longer than its limit of {seconds:g} s")
+
+    def _read(self, kind: int, body: memoryview, alive: Mask) -> tuple[Array, tuple[Failure, ...]]:
+        """Actions and failures out of an answer, of which nothing is believed but the wording of complaints."""
+        n, m = self._shape
+        if kind == Kind.FAILED:
+            return np.zeros(self._shape), (self._failure(body),)
+        size = 8 * n * m
+        if (kind != Kind.ACTIONS or len(body) != size) and (kind != Kind.PROBLEMS or len(body) < size):
+            self._process.refuse(f"a frame of kind {kind} with {len(body):,} bytes to a question for {n} x {m} actions")
+        given = np.frombuffer(body[:size], dtype=np.float64).reshape(n, m)
+        actions, problems = read_actions(given, self._guest.card, n)
+        try:
+            told = {row: words(text, _LONGEST_REASON) for row, text in unpacked_problems(bytes(body[size:]))}
+        except ValueError:
+            self._process.refuse("a list of problems that cannot be read")
+        problems |= {row: reason for row, reason in told.items() if row < n}
+        actions[list(problems)] = 0.0
+        return actions, invalid_rows(problems, alive)
+
+    def _failure(self, body: memoryview) -> Failure:
+        if len(body) < 2 or not 1 <= body[0] < len(STATUSES):
+            self._process.refuse("a failure without a reason")
+        return Failure(None, STATUSES[body[0]], words(body[1:], _LONGEST_REASON))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class _Exchange:
+    """A question to agents for single runs, whom it was put to, and what they decided."""
+
+    kind: Kind
+    inputs: Inputs | None
+    asked: Mask
+    actions: Array
+
+
+class SandboxedRuns(Observing):
+    """One agent a run, all in one process: what ends the process ends the run that was being asked."""
+
+    def __init__(self, guest: Guest, process: GuestProcess) -> None:
+        self._guest = guest
+        self._process = process
+        self._shape = (guest.runs, len(guest.card.actions))
+        self._number = 0
+        self._past: list[_Exchange] = []
+        self._repeating_seconds = 0.0
+
+    def start(self) -> tuple[Failure, ...]:
+        """Reset the agents."""
+        return self._decided(Kind.RESET, None, np.ones(self._guest.runs, dtype=np.bool_)).failures
+
+    def decide(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
+        """Ask for the actions of the runs that are alive, one after the other."""
+        return self._decided(Kind.ACT, inputs.astype(np.float32, copy=False), alive)
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.close()
+
+    def _decided(self, kind: Kind, inputs: Inputs | None, alive: Mask) -> Decision:
+        asked, lost_rows = alive.copy(), dict[int, Failure]()
+        while True:
+            actions, seconds = np.zeros(self._shape), np.zeros(self._guest.runs)
+            failures = dict[int, Failure]()
+            lost = self._exchange(kind, inputs, asked, actions, seconds, failures)
+            if lost is None:
+                break
+            row, why = lost
+            lost_rows[row] = Failure(row, why.status, why.reason)
+            asked[row] = False
+            for gone in self._bring_back(asked):
+                asked[gone.row], lost_rows[gone.row] = False, gone  # type: ignore[index]
+            if not asked.any():
+                break
+        self._past.append(_Exchange(kind, inputs, asked, actions))
+        return Decision(actions, (*lost_rows.values(), *failures.values()), seconds)
+
+    def _exchange(
+        self,
+        kind: Kind,
+        inputs: Inputs | None,
+        asked: Mask,
+        actions: Array,
+        seconds: Array,
+        failures: dict[int, Failure],
+    ) -> tuple[int, LostError] | None:
+        """Ask the rows in ``asked`` and fill in what they say; the row at which the process was lost, and why, if it was."""
+        self._number += 1
+        time_limits = self._guest.time
+        limit, what = (time_limits.step, "act") if kind == Kind.ACT else (time_limits.start, "reset")
+        # The process looks at its own clock and ends a slow call alone; past these seconds it does not, and is ended.
+        patience = limit + max(0.5, 0.05 * limit)
+        late = f"{what} took longer than its limit of {limit:g} s"
+        rows = np.flatnonzero(asked).tolist()
+        row = rows[0]
+        try:
+            parts = (asked.tobytes(), inputs.tobytes() if inputs is not None else b"")
+            self._process.ask(kind, self._number, *parts, seconds=patience)
+            for row in rows:
+                began = time.perf_counter()
+                answer, body = self._process.answer(self._number, time.monotonic() + patience, late)
+                failure = self._read_row(answer, body, row, actions if kind == Kind.ACT else None)
+                seconds[row] = time.perf_counter() - began
+                if failure is not None:
+                    failures[row] = failure
+        except LostError as lost:
+            return row, lost
+        return None
+
+    def _read_row(self, kind: int, body: memoryview, row: int, actions: Array | None) -> Failure | None:
+        told, status = ROW.unpack_from(body) if kind == Kind.ROW and len(body) >= ROW.size else (-1, -1)
+        rest = body[ROW.size :]
+        if told != row or not 0 <= status < len(STATUSES):
+            self._process.refuse(f"a frame of kind {kind} with {len(body):,} bytes, when run {row} was asked")
+        if status:
+            return Failure(row, STATUSES[status], words(rest, _LONGEST_REASON))  # type: ignore[arg-type]
+        if len(rest) != (8 * self._shape[1] if actions is not None else 0):
+            self._process.refuse(f"{len(rest):,} bytes for {self._shape[1]} actions of run {row}")
+        if actions is None:
+            return None
+        given, problems = read_actions(np.frombuffer(rest, dtype=np.float64)[np.newaxis], self._guest.card, 1)
+        actions[row] = given[0]
+        return Failure(row, "invalid_action", problems[0]) if problems else None
+
+    def _bring_back(self, needed: Mask) -> list[Failure]:
+        """Start a new process and show the agents what they had seen; the rows out of ``needed`` that cannot go on."""
+        if not needed.any():
+            return []
+        began = time.monotonic()
+        try:
+            self._process, _ = self._guest.started()
+            differing = self._repeat(needed, began)
+        except (SubmissionError, LostError) as error:
+            return self._all(needed, f"{error} (when it was started again after another run had ended its process)")
+        finally:
+            self._repeating_seconds += time.monotonic() - began
+        reason = "another run ended the process of the agent, and shown the same observations again in a new one it decided differently"
+        return [Failure(row, "crashed", reason) for row in differing]
+
+    def _repeat(self, needed: Mask, began: float) -> list[int]:
+        differing = np.zeros(self._guest.runs, dtype=np.bool_)
+        limit = self._guest.time.run
+        for exchange in self._past:
+            if self._repeating_seconds + time.monotonic() - began > limit:
+                reason = f"bringing the agent back took longer than {limit:g} s"
+                raise LostError(status="timed_out", reason=reason)
+            if not exchange.asked.any():
+                continue
+            actions: Array = np.zeros(self._shape)
+            ignored: NDArray[np.float64] = np.zeros(self._guest.runs)
+            lost = self._exchange(exchange.kind, exchange.inputs, exchange.asked, actions, ignored, {})
+            if lost is not None:
+                raise lost[1]
+            differing |= (actions.view(np.uint64) != exchange.actions.view(np.uint64)).any(axis=1)
+        return np.flatnonzero(differing & needed).tolist()
+
+    @staticmethod
+    def _all(needed: Mask, reason: str) -> list[Failure]:
+        short = reason if len(reason) <= _LONGEST_REASON else reason[: _LONGEST_REASON - 4] + " ..."
+        return [Failure(row, "crashed", short) for row in np.flatnonzero(needed).tolist()]
+
+
+def words(text: bytes | memoryview, longest: int) -> str:
+    """A text of the agent's process as it may stand in a result: one line, printable, not too long."""
+    said = " ".join(plain(bytes(text).decode("utf-8", errors="replace")).split())
+    return said if len(said) <= longest else said[: longest - 4] + " ..."

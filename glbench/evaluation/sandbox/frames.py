@@ -1,0 +1,101 @@
+"""The language between an evaluation and the process of its agent: frames of a 16-byte header and a body.
+
+The header holds the kind, the number of the question that a frame asks or answers, and the length of the body. Numbers are in the
+machine's own byte order, both ends being on one machine. Questions come from the trusted side, and the first holds a pickle. Answers
+come from a process that may have been taken over: they are numbers of known length and short texts, and nothing in them is ever
+executed.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from glbench.evaluation.limits import TimeLimits
+    from glbench.evaluation.sandbox.limits import SandboxLimits
+    from glbench.tasks import TaskCard
+
+HEADER = struct.Struct("=IIQ")
+"""Kind, number of the question, length of the body in bytes."""
+ROW = struct.Struct("=II")
+"""Begins the body of a ``Kind.ROW`` (row, index into ``STATUSES``), and every text in a ``Kind.PROBLEMS`` (row, length)."""
+STATUSES = ("", "crashed", "timed_out", "invalid_action")
+"""Statuses by the number that stands for them; the first means that nothing is wrong."""
+LONGEST_TEXT = 1024
+"""Bytes of one text in an answer; a longer one makes it no answer."""
+
+
+class Kind(IntEnum):
+    """Kinds of frames; the first three are questions."""
+
+    LOAD = 1
+    """Load and make the agent. Body: pickle of an ``Order``."""
+    RESET = 2
+    """Reset it. Body: mask of the rows, one byte each."""
+    ACT = 3
+    """Decide. Body: mask of the rows, one byte each, then observations (n, d) float32."""
+
+    HELLO = 16
+    """The process is there; sent once, unasked."""
+    LOADED = 17
+    """The submission's file was run; ``MADE`` or ``FAILED`` follows."""
+    MADE = 18
+    """There is an agent. Body: one byte, 1 when it is one agent a run."""
+    DONE = 19
+    """Reset without trouble."""
+    ACTIONS = 20
+    """Body: actions (n, m) float64."""
+    PROBLEMS = 21
+    """Body: actions (n, m) float64, then what is wrong with the answer, by row."""
+    ROW = 22
+    """One row of an answer of agents for single runs. Body: ``ROW``, then actions (m,) float64, nothing, or the reason."""
+    FAILED = 23
+    """The call failed for all rows. Body: index into ``STATUSES``, one byte, then the reason."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """What the process is to do: the path of the agent as seen from inside, its task, the number of runs, and its limits."""
+
+    path: str
+    card: TaskCard
+    runs: int
+    time: TimeLimits
+    sizes: SandboxLimits
+
+
+def encoded(text: str) -> bytes:
+    """A text as it stands in an answer, cut where it is too long."""
+    return text.encode("utf-8", errors="replace")[:LONGEST_TEXT]
+
+
+def packed_problems(problems: Mapping[int, str]) -> bytes:
+    """What is wrong, by row."""
+    texts = {row: encoded(reason) for row, reason in problems.items()}
+    return b"".join(ROW.pack(row, len(text)) + text for row, text in texts.items())
+
+
+def unpacked_problems(body: bytes) -> Iterator[tuple[int, bytes]]:
+    """Rows and texts out of ``packed_problems``.
+
+    Raises
+    ------
+    ValueError
+        When ``body`` was not made by it.
+    """
+    at = 0
+    while at < len(body):
+        if len(body) - at < ROW.size:
+            msg = "cut off"
+            raise ValueError(msg)
+        row, length = ROW.unpack_from(body, at)
+        at += ROW.size
+        if length > min(LONGEST_TEXT, len(body) - at):
+            msg = "too long"
+            raise ValueError(msg)
+        yield row, body[at : at + length]
+        at += length

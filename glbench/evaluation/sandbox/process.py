@@ -1,0 +1,312 @@
+"""The process of a sandboxed agent, from outside: started, asked with deadlines, watched, ended.
+
+Whatever it does, the evaluation gets an answer of the right form or a ``LostError`` with the reason, in bounded time. Nothing waits for the
+process without a deadline, its output is read while it is waited for, and it is gone when ``close`` returns.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from typing import Final, NoReturn
+
+from glbench.agents import Identity
+from glbench.errors import SandboxError
+from glbench.evaluation.records import Status
+from glbench.evaluation.sandbox.bubblewrap import ENVIRONMENT_OF_BUBBLEWRAP, command
+from glbench.evaluation.sandbox.frames import HEADER, LONGEST_TEXT, Kind
+from glbench.evaluation.sandbox.limits import SandboxLimits
+from glbench.evaluation.sandbox.prints import Prints
+from glbench.evaluation.sandbox.size import Watch
+from glbench.evaluation.sandbox.syscalls import system_call_filter
+
+_START_SECONDS: Final = 60.0
+"""For Python and numpy to come up; the agent's own time begins afterwards."""
+_END_SECONDS: Final = 5.0
+_LOOK_SECONDS: Final = 0.2
+_GULP: Final = 1 << 16
+
+
+class LostError(Exception):
+    """The process is of no more use; ``status`` and ``reason`` are those of the runs it was asked for."""
+
+    def __init__(self, status: Status, reason: str) -> None:
+        super().__init__(reason)
+        self.status: Status = status
+        self.reason = reason
+
+
+class GuestProcess:
+    """A process with the submission in it, ready to be asked.
+
+    Parameters
+    ----------
+    submission : Identity
+        Whose files it sees.
+    sizes : SandboxLimits
+        How much of the machine it may take.
+    prints : Prints
+        Takes in what it prints.
+    largest_answer : int
+        Bytes of the longest answer there can be.
+
+    Raises
+    ------
+    SandboxError
+        When the sandbox cannot be built, or does not start.
+    """
+
+    def __init__(self, submission: Identity, sizes: SandboxLimits, prints: Prints, largest_answer: int) -> None:
+        self._prints = prints
+        self._longest = max(largest_answer, 2 * LONGEST_TEXT)
+        self._inbox = memoryview(bytearray(2 * (HEADER.size + self._longest)))
+        self._from, self._to = 0, 0
+        self._staging = tempfile.TemporaryDirectory(prefix="glbench-sandbox-", ignore_cleanup_errors=True)
+        self._pidfd = -1
+        self._watch: Watch | None = None
+        self._lost: LostError | None = None
+        self._closed = False
+        try:
+            self._start(submission, sizes)
+        except BaseException:
+            self._staging.cleanup()
+            raise
+        try:
+            self._await_hello(sizes)
+        except BaseException:
+            self.close()
+            raise
+
+    def ask(self, kind: Kind, number: int, *parts: bytes | memoryview, seconds: float) -> None:
+        """Ask a question, which must be taken within ``seconds``.
+
+        Raises
+        ------
+        LostError
+            When the process is gone, too large, or does not listen; it is ended.
+        """
+        self._still_there()
+        question = memoryview(b"".join((HEADER.pack(kind, number, sum(map(len, parts))), *parts)))
+        until = time.monotonic() + seconds
+        while True:
+            try:
+                sent = self._sock.send(question)
+            except BlockingIOError:
+                sent = 0
+            except OSError:
+                self._gone()
+            question = question[sent:]
+            if not question:
+                return
+            self._wait(until, select.POLLOUT, "the agent's process does not take its observations")
+
+    def answer(self, number: int, until: float, late: str) -> tuple[int, memoryview]:
+        """Kind and body of the next answer; the body is valid until the next call.
+
+        Parameters
+        ----------
+        number : int
+            Number of the question.
+        until : float
+            ``time.monotonic()`` at which it is too late.
+        late : str
+            The reason when it is.
+
+        Raises
+        ------
+        LostError
+            When there is no such answer in time; the process is ended.
+        """
+        self._still_there()
+        if self._from == self._to:
+            self._from = self._to = 0
+        self._have(HEADER.size, until, late)
+        kind, asked, length = HEADER.unpack_from(self._inbox, self._from)
+        if asked != number or kind < Kind.HELLO or length > self._longest:
+            self.refuse(f"an answer of kind {kind} to question {asked} with {length:,} bytes, when {number} was asked")
+        self._have(HEADER.size + length, until, late)
+        start = self._from + HEADER.size
+        self._from = start + length
+        return kind, self._inbox[start : self._from]
+
+    def refuse(self, what: str) -> NoReturn:
+        """End the process, because it answered something that is no answer.
+
+        Raises
+        ------
+        LostError
+            Always.
+        """
+        self._end("crashed", f"the agent's process sent what is no answer: {what}")
+
+    def close(self) -> None:
+        """End the process and all that it started, and read what is left of its output."""
+        if self._lost is None:
+            self._lost = LostError("crashed", "the agent's process was ended")
+        if self._closed:
+            return
+        self._closed = True
+        self._kill()
+        self._sock.close()
+        self._read_output()
+        os.close(self._output)
+        self._staging.cleanup()
+
+    def _start(self, submission: Identity, sizes: SandboxLimits) -> None:
+        call_filter = system_call_filter()
+        with contextlib.ExitStack() as stack:
+            self._sock, theirs = socket.socketpair()
+            stack.callback(theirs.close)
+            self._output, writing = os.pipe2(os.O_CLOEXEC)
+            stack.callback(os.close, writing)
+            facts, facts_writing = os.pipe2(os.O_CLOEXEC)
+            self._facts = facts
+            stack.callback(os.close, facts_writing)
+            filter_file = _readable(call_filter, stack) if call_filter is not None else None
+            program, arguments = command(
+                submission, Path(self._staging.name), sizes, (theirs.fileno(), filter_file, facts_writing)
+            )
+            words = _readable("\0".join(arguments).encode() + b"\0", stack)
+            inherited = [theirs.fileno(), facts_writing, words, *([filter_file] if filter_file is not None else [])]
+            # A session of its own: Ctrl-C in the terminal is for the evaluation, which ends the agent in its own time.
+            self._bubblewrap = subprocess.Popen(
+                ["bwrap", "--args", str(words), *program],
+                stdin=subprocess.DEVNULL, stdout=writing, stderr=writing, pass_fds=inherited,
+                start_new_session=True, env=ENVIRONMENT_OF_BUBBLEWRAP,
+            )  # fmt: skip
+        self._sock.setblocking(False)
+        os.set_blocking(self._output, False)
+        self._poll = select.poll()
+        self._poll.register(self._sock, select.POLLIN)
+        self._poll.register(self._output, select.POLLIN)
+
+    def _await_hello(self, sizes: SandboxLimits) -> None:
+        try:
+            kind, _ = self.answer(0, time.monotonic() + _START_SECONDS, "Python does not come up")
+        except LostError as lost:
+            said = " ".join(self._prints.last_lines(5))
+            msg = f"The sandbox does not start: {lost.reason}. {said or 'It said nothing.'}"
+            raise SandboxError(msg) from lost
+        if kind != Kind.HELLO:
+            msg = f"The sandbox does not start: it began with a frame of kind {kind}."
+            raise SandboxError(msg)
+        with os.fdopen(self._facts, "rb") as facts:
+            first = int(json.loads(facts.read())["child-pid"])
+        self._facts = -1
+        self._pidfd = os.pidfd_open(first)
+        self._watch = Watch(first, sizes)
+
+    def _have(self, size: int, until: float, late: str) -> None:
+        """Receive until the inbox holds ``size`` bytes that were not taken out."""
+        if self._from + size > len(self._inbox):
+            kept = bytes(self._inbox[self._from : self._to])
+            self._inbox[: len(kept)] = kept
+            self._from, self._to = 0, len(kept)
+        while self._to - self._from < size:
+            try:
+                got = self._sock.recv_into(self._inbox[self._to :])
+            except BlockingIOError:
+                self._wait(until, select.POLLIN, late)
+                continue
+            except OSError:
+                got = 0
+            if got == 0:
+                self._gone()
+            self._to += got
+
+    def _wait(self, until: float, event: int, late: str) -> None:
+        """Wait until the socket is ready, reading the output and watching the size meanwhile."""
+        if event != select.POLLIN:
+            self._poll.modify(self._sock, event)
+        try:
+            while True:
+                left = until - time.monotonic()
+                if left <= 0.0:
+                    self._end("timed_out", late)
+                ready = dict(self._poll.poll(min(left, _LOOK_SECONDS) * 1e3))
+                if self._output in ready:
+                    self._read_output(once=True)
+                if self._sock.fileno() in ready:
+                    return
+                self._look()
+        finally:
+            if event != select.POLLIN and self._lost is None:
+                self._poll.modify(self._sock, select.POLLIN)
+
+    def _still_there(self) -> None:
+        if self._lost is not None:
+            raise self._lost
+        self._look()
+
+    def _look(self) -> None:
+        complaint = self._watch.complaint() if self._watch is not None else None
+        if complaint is not None:
+            self._end("crashed", complaint)
+
+    def _read_output(self, *, once: bool = False) -> None:
+        while True:
+            try:
+                said = os.read(self._output, _GULP)
+            except BlockingIOError:
+                return
+            if not said:
+                with contextlib.suppress(KeyError):
+                    self._poll.unregister(self._output)
+                return
+            self._prints.add(said)
+            if once:
+                return
+
+    def _gone(self) -> NoReturn:
+        """The other end is closed: find out how the process ended."""
+        try:
+            code = self._bubblewrap.wait(1.0)
+        except subprocess.TimeoutExpired:
+            self._end("crashed", "the agent's process closed the connection")
+        self._end("crashed", f"the agent's process ended {_how(code)}")
+
+    def _end(self, status: Status, reason: str) -> NoReturn:
+        self._lost = LostError(status, reason)
+        self.close()
+        raise self._lost
+
+    def _kill(self) -> None:
+        if self._pidfd >= 0:
+            # The first process of the sandbox takes all others with it.
+            with contextlib.suppress(ProcessLookupError):
+                signal.pidfd_send_signal(self._pidfd, signal.SIGKILL)
+            os.close(self._pidfd)
+            self._pidfd = -1
+        if self._facts >= 0:
+            os.close(self._facts)
+            self._facts = -1
+        self._bubblewrap.kill()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._bubblewrap.wait(_END_SECONDS)
+
+
+def _how(code: int) -> str:
+    """An exit code as bubblewrap hands it on, in words."""
+    number = -code if code < 0 else code - 128
+    names = {member.value: member.name for member in signal.Signals}
+    if number in names and code != 0:
+        hint = ", by itself or for want of memory" if number == signal.SIGKILL else ""
+        return f"by the signal {names[number]}{hint}"
+    return f"with exit code {code}"
+
+
+def _readable(content: bytes, stack: contextlib.ExitStack) -> int:
+    """A file without a name that holds ``content``, to be read by another process."""
+    file = os.memfd_create("glbench", os.MFD_CLOEXEC)
+    stack.callback(os.close, file)
+    os.write(file, content)
+    os.lseek(file, 0, os.SEEK_SET)
+    return file
