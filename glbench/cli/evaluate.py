@@ -6,6 +6,7 @@ import contextlib
 import os
 import sys
 from collections.abc import Iterator, Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,9 +17,16 @@ from glbench.cli.view import live_view, live_viewer
 from glbench.errors import GlbenchError, SubmissionError, TaskError
 
 if TYPE_CHECKING:
-    from glbench.agents import LoadedAgent
-    from glbench.evaluation import Evaluation, Result
+    from glbench.evaluation import Evaluation, Protected, Result, SandboxChoice
     from glbench.tasks import TaskSpec
+
+
+class Sandbox(StrEnum):
+    """The choices of ``--sandbox``, repeated here so that ``--help`` need not load the evaluation."""
+
+    AUTO = "auto"
+    BUBBLEWRAP = "bubblewrap"
+    NONE = "none"
 
 
 def evaluate(
@@ -65,6 +73,18 @@ def evaluate(
         bool,
         typer.Option("--live", help="Watch the first run in the viewer while it is simulated (needs glbench[view])."),
     ] = False,
+    sandbox: Annotated[
+        Sandbox,
+        typer.Option(
+            "--sandbox",
+            envvar="GLBENCH_SANDBOX",
+            help="Where submissions run: bubblewrap (no network, no weather, no seeds, limited in size), or none (with your rights: "
+            "for code that you wrote or have read). auto: bubblewrap, but unchanged examples of glbench run without where there is none.",
+        ),
+    ] = Sandbox.AUTO,
+    show_prints: Annotated[
+        bool, typer.Option("--show-prints", help="Show what sandboxed agents print, also when nothing fails.")
+    ] = False,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Evaluate again even if the result is there, and forget unfinished work.")
     ] = False,
@@ -74,11 +94,12 @@ def evaluate(
     Results do not depend on --workers. What is interrupted (Ctrl-C, a crash, a power cut) goes on with the same command, and
     what is finished is not done again.
     """
+    from glbench.cli.evaluation_tables import print_prints
     from glbench.evaluation import prepare
 
     with _quiet_agents(as_json), messages().status("preparing (the first time on a machine the kernel is built, too)"):
         tasks = _tasks(task or [], suite or [])
-        loaded = _agents(agents)
+        loaded = _agents(agents, sandbox.value)
         evaluations = [
             prepare(chosen, agent, runs=runs, first_seed=seed, workers=workers, out=out, fresh=fresh, episodes=episodes)
             for chosen in tasks
@@ -90,7 +111,9 @@ def evaluate(
     with live_viewer() if live else contextlib.nullcontext() as viewer:
         for evaluation in evaluations:
             try:
-                _evaluate(evaluation, as_json=as_json, viewer=viewer)
+                result = _evaluate(evaluation, as_json=as_json, viewer=viewer)
+                if show_prints or result.failed:
+                    print_prints(evaluation, everything=show_prints)
             except SubmissionError as error:
                 print_error(str(error))
                 failed = True
@@ -130,7 +153,7 @@ def _tasks(names: Sequence[str], suites: Sequence[str]) -> list[TaskSpec]:
     return list(by_folder.values())
 
 
-def _agents(refs: Sequence[str]) -> list[LoadedAgent]:
+def _agents(refs: Sequence[str], sandbox: SandboxChoice) -> list[Protected]:
     """The agents named, each once.
 
     Raises
@@ -138,19 +161,19 @@ def _agents(refs: Sequence[str]) -> list[LoadedAgent]:
     SubmissionError
         When two different agents have one name: their results would overwrite each other.
     """
-    from glbench.agents import load_agent
+    from glbench.evaluation import protect
 
-    by_name: dict[str, LoadedAgent] = {}
+    by_name: dict[str, Protected] = {}
     for ref in refs:
-        agent = load_agent(ref)
-        other = by_name.setdefault(agent.name, agent)
-        if other.digest != agent.digest:
-            msg = f"Two different agents are called '{agent.name}' and would share one result file. Rename one of them."
+        protected = protect(ref, sandbox)
+        other = by_name.setdefault(protected.agent.name, protected)
+        if other.agent.digest != protected.agent.digest:
+            msg = f"Two different agents are called '{protected.agent.name}' and would share one result file. Rename one of them."
             raise SubmissionError(msg)
     return list(by_name.values())
 
 
-def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = None) -> None:
+def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = None) -> Result:
     """Run one evaluation, or take its stored result, and show it; ``viewer`` is the address of a live view."""
     from glbench.cli.evaluation_tables import announcement, print_failures, summary_table
 
@@ -165,12 +188,13 @@ def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = Non
         evaluation.complete_episodes(evaluation.stored)
     if as_json:
         output().out(result.model_dump_json(by_alias=True), highlight=False)
-        return
+        return result
     output().print(summary_table(result))
     print_failures(result)
     if evaluation.path is not None:
         messages().print(f"Saved: {_shown(evaluation.path)}", markup=False, soft_wrap=True)
         messages().print(f"Prove it: glbench verify {_shown(evaluation.path)}", markup=False, soft_wrap=True)
+    return result
 
 
 def _run(evaluation: Evaluation, *, as_json: bool, viewer: str | None) -> Result:

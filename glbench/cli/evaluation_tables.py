@@ -38,6 +38,12 @@ _LABELS = {
 }
 _SECTIONS = {"penalty", "yield", "hours_outside_limits"}
 _SHOWN_FAILURES = 5
+_SHOWN_LINES = 20
+_PROTECTIONS = {
+    "bubblewrap": "in a sandbox (bubblewrap)",
+    "unsandboxed": "[yellow]unsandboxed[/yellow]",
+    "built-in": "built in",
+}
 
 
 def announcement(evaluation: Evaluation) -> str:
@@ -50,7 +56,7 @@ def announcement(evaluation: Evaluation) -> str:
     return (
         f"[bold]{escape(evaluation.agent.name)}[/bold]{privileged} on [bold]{escape(task.id)}[/bold]: {escape(task.title)}\n"
         f"{_count(len(seeds), 'run')} ({numbers}) of {_count(days, 'day')}, {task.steps} steps of {task.step_seconds:g} s; "
-        f"{_count(evaluation.workers, 'worker')}, kernel '{evaluation.kernel['backend']}'"
+        f"{_count(evaluation.workers, 'worker')}, kernel '{evaluation.kernel['backend']}', {_PROTECTIONS[evaluation.protection]}"
     )
 
 
@@ -102,6 +108,22 @@ def print_failures(result: Result) -> None:
         )
     if len(groups) > _SHOWN_FAILURES:
         console.print(f"  and {len(groups) - _SHOWN_FAILURES} more kinds of failure; the result file has them all.")
+
+
+def print_prints(evaluation: Evaluation, *, everything: bool) -> None:
+    """What a sandboxed agent printed: all that was kept of it, or its last lines."""
+    said = evaluation.prints.text().rstrip()
+    if not said:
+        return
+    lines = said.splitlines()
+    shown = lines if everything else lines[-_SHOWN_LINES:]
+    which = (
+        "" if len(shown) == len(lines) else f" (the last {len(shown)} of {len(lines)} lines; --show-prints shows more)"
+    )
+    console = messages()
+    console.print(f"What {escape(evaluation.agent.name)} printed{which}:", soft_wrap=True)
+    for line in shown:
+        console.print(f"  {line}", markup=False, soft_wrap=True)
 
 
 def _order() -> list[str]:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from glbench.evaluation.metrics import METRIC_NAMES, METRICS, UNITS, Metric
     from glbench.evaluation.preparing import evaluate, prepare
     from glbench.evaluation.records import Result, RunResult, Summary
+    from glbench.evaluation.sandbox.choosing import Protected, SandboxChoice, protect
 else:
     __getattr__ = late_names(
         __name__,
@@ -28,6 +29,7 @@ else:
             "metrics": ("METRIC_NAMES", "METRICS", "UNITS", "Metric"),
             "preparing": ("evaluate", "prepare"),
             "records": ("Result", "RunResult", "Summary"),
+            "sandbox.choosing": ("Protected", "SandboxChoice", "protect"),
         },
     )
 
@@ -38,13 +40,16 @@ __all__ = [
     "Evaluation",
     "Metric",
     "Progress",
+    "Protected",
     "Result",
     "RunResult",
+    "SandboxChoice",
     "Summary",
     "TimeLimits",
     "evaluate",
     "load_result",
     "prepare",
+    "protect",
     "result_path",
     "save_result",
 ]

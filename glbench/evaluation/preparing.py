@@ -16,7 +16,7 @@ from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.lockstep import ProgressCallback
 from glbench.evaluation.provenance import usable_cores
 from glbench.evaluation.records import Result
-from glbench.evaluation.sandbox.choosing import Protection, SandboxChoice, protect
+from glbench.evaluation.sandbox.choosing import Protected, Protection, SandboxChoice, protect
 from glbench.tasks import TaskSpec, get_task
 
 logger = logging.getLogger(__name__)
@@ -33,7 +33,7 @@ TRIALS = "trials"
 
 def prepare(
     task: TaskSpec | str | Path,
-    agent: LoadedAgent | str | Path,
+    agent: LoadedAgent | Protected | str | Path,
     *,
     runs: int | None = None,
     first_seed: int | None = None,
@@ -50,7 +50,7 @@ def prepare(
     Arguments as for ``evaluate``; without a number of ``workers``, every usable core is one.
     """
     task = task if isinstance(task, TaskSpec) else get_task(task)
-    protected = protect(agent, sandbox)
+    protected = agent if isinstance(agent, Protected) else protect(agent, sandbox)
     agent = protected.agent
     seeds = _seeds(task, runs, first_seed)
     selection = parse_selection(episodes)
@@ -89,7 +89,7 @@ def prepare(
 
 def evaluate(
     task: TaskSpec | str | Path,
-    agent: LoadedAgent | str | Path,
+    agent: LoadedAgent | Protected | str | Path,
     *,
     runs: int | None = None,
     first_seed: int | None = None,
@@ -109,7 +109,7 @@ def evaluate(
     task
         A task, its id, or the path of a task file.
     agent
-        A loaded agent, the path of a submission, or the name of a baseline.
+        The path of a submission, the name of a baseline, an agent that was loaded already, or what ``protect`` made of one of them.
     runs, first_seed
         Number of runs and seed of the first; by default what the task says. Run i has the seed ``first_seed + i``.
     workers

@@ -44,6 +44,8 @@ class Row:
     remark: str
     verified: bool = False
     """Whether ``glbench verify`` proved the result from its records."""
+    unsandboxed: bool = False
+    """Whether a submission ran with all rights of the evaluation, so that only a reader of its code knows what it saw."""
 
 
 @dataclass(frozen=True)
@@ -130,4 +132,5 @@ def _row(
         results_digest=result.results_digest,
         remark=remark,
         verified=result.results_digest in verified,
+        unsandboxed=result.agent.kind == "submission" and result.evaluation.sandbox not in ("bubblewrap", "built-in"),
     )

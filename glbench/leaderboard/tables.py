@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PRIVILEGED_MARK = "†"
+UNSANDBOXED_MARK = "‡"
 VERIFIED_MARK = "✓"
 FOOTNOTES = (
     "Mean over the task's seeded runs, with the 95 % bootstrap interval of the mean; IQM is the mean of the middle half of the runs. "
@@ -21,6 +22,7 @@ FOOTNOTES = (
     "Where a task draws nothing, all runs are alike and there is no interval. That does not make a figure sharp: closed loops "
     "amplify rounding, so differences of a few units of reward mean nothing there.",
     f"{PRIVILEGED_MARK} privileged: sees more than the observations, or acts without the rate limit.",
+    f"{UNSANDBOXED_MARK} unsandboxed: ran with all rights of the evaluation, so that nothing but its code tells what it used.",
     f"{VERIFIED_MARK} verified: `glbench verify` simulated every run again from its recorded actions and found what the result says.",
 )
 
@@ -85,6 +87,7 @@ def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
                 "rank": row.rank,
                 "agent": row.agent,
                 "privileged": row.privileged,
+                "unsandboxed": row.unsandboxed,
                 "runs": row.runs,
                 "failed_runs": row.failed,
                 "verified": row.verified,
@@ -128,8 +131,9 @@ def _task_rows(table: TaskTable) -> list[str]:
 
 
 def agent_label(row: Row) -> str:
-    """Name of the agent, with the mark of the privileged."""
-    return row.agent + (f" {PRIVILEGED_MARK}" if row.privileged else "")
+    """Name of the agent, with the marks of the privileged and the unsandboxed."""
+    marks = (PRIVILEGED_MARK if row.privileged else "") + (UNSANDBOXED_MARK if row.unsandboxed else "")
+    return f"{row.agent} {marks}" if marks else row.agent
 
 
 def runs_label(row: Row) -> str:

@@ -29,7 +29,8 @@ def glbench(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The current folder: empty but for ``day.toml`` (24 steps, three runs) and ``steady.py``."""
+    """The current folder: empty but for ``day.toml`` (24 steps, three runs) and ``steady.py``, which runs unsandboxed."""
+    monkeypatch.setenv("GLBENCH_SANDBOX", "none")
     text = (data_folder("tasks") / "schiphol2010-delta10-v1.toml").read_text(encoding="utf-8")
     for old, new in {
         'id = "glbench/Schiphol2010-Delta10-v1"': 'id = "test/Day-v1"',

@@ -17,7 +17,9 @@ Protection = Literal["bubblewrap", "unsandboxed", "built-in"]
 """How a result says that its agent ran: in a sandbox, without one, or as a part of glbench itself."""
 
 EXAMPLES: Final = {
-    "my_agent": "0" * 64,
+    "constant_setpoints": "c5778deb9e96998d9bf25b3d69352d45fec6043365b0cdf9d85d44599dbc2699",
+    "my_agent": "aeea2b2067baa53d60f7cce7c373cb6e003f3cc0d2f5b5d10447e184a20eab80",
+    "pi_controller": "5dc7c819766dfdaa818e9ad939e5852b9a82a9aa233aa8321f9cb6ff7b578c1a",
 }
 """Examples that come with glbench, by name, and the digests that they have as long as nobody changed them."""
 
