@@ -241,6 +241,9 @@ def _statistics(entry: Path, form: Form, folder: Path | None, card: SubmissionCa
         if not isinstance(card.normalisation, str):
             return None
         file = root / card.normalisation
+        if folder is None and file.parent != root:
+            msg = f"The statistics of {entry.name} must lie beside it; the card names '{card.normalisation}'. Or submit a folder."
+            raise SubmissionError(msg)
         if not file.is_file() or not file.resolve().is_relative_to(root):
             msg = f"The card names the statistics '{card.normalisation}', and there is no such file in {root}."
             raise SubmissionError(msg)

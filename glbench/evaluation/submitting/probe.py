@@ -184,7 +184,8 @@ class Probe:
                 self._find(words.unrepeatable(step, float(np.abs(answer.value[0] - before).max()), ""))
                 return False
             if time.monotonic() > until:
-                return False
+                break
+        return True
 
     def _alone(self, loaded: LoadedAgent) -> None:
         """Show fresh agents single runs: what they decide must not depend on the company."""
