@@ -13,6 +13,7 @@ EXTRAS = {
     "stable_baselines3": "submit",
     "sb3_contrib": "submit",
     "onnxruntime": "onnx",
+    "ray": "ray",
 }
 """Extra of glbench that installs a package."""
 _INSTALL_NAMES = {"stable_baselines3": "stable-baselines3", "sb3_contrib": "sb3-contrib"}
