@@ -13,6 +13,7 @@ from glbench.late import late_names
 if TYPE_CHECKING:
     from glbench.agents.actions import action_problems
     from glbench.agents.baselines import Baseline, read_baseline
+    from glbench.agents.card import SubmissionCard, read_card
     from glbench.agents.identity import Identity, baseline_names, identify
     from glbench.agents.loading import LoadedAgent, load_agent
     from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, SingleRunAgent
@@ -26,6 +27,7 @@ else:
         {
             "actions": ("action_problems",),
             "baselines": ("Baseline", "read_baseline"),
+            "card": ("SubmissionCard", "read_card"),
             "identity": ("Identity", "baseline_names", "identify"),
             "loading": ("LoadedAgent", "load_agent"),
             "protocol": ("Agent", "PerRunAgent", "PrivilegedController", "SingleRunAgent"),
@@ -48,11 +50,13 @@ __all__ = [
     "RuleInputs",
     "RuleSettings",
     "SingleRunAgent",
+    "SubmissionCard",
     "action_problems",
     "baseline_names",
     "identify",
     "load_agent",
     "read_baseline",
+    "read_card",
     "read_rule_settings",
     "rule_controls",
 ]

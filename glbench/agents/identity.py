@@ -1,7 +1,19 @@
-"""Who a submission is, found out without running a line of it: its name, the digest of its files, what it will see.
+"""Who a submission is, found out without running a line of it: name, form, files, digest, card.
 
 ``load_agent`` runs the submission's code to get an agent; ``identify`` only reads files. An evaluation in a sandbox never lets that
 code into its own process, and yet must know what it files the result under.
+
+======================  ====================================================================================================
+what is given           what it is
+======================  ====================================================================================================
+``anna.py``             a Python file with ``make_agent(task)``
+``anna.zip``            a model saved by Stable-Baselines3; ``vecnormalize.pkl`` or ``anna_vecnormalize.pkl`` beside it belongs to it
+``anna.pt``, ``.ts``    a TorchScript policy
+``anna.onnx``           an ONNX policy; weights in ``anna.onnx.data`` belong to it
+a folder                with ``agent.py``, or one saved policy, or a card that says which file it is; everything in it belongs to it
+======================  ====================================================================================================
+
+The card is ``submission.toml`` in a folder, or ``anna.toml`` beside ``anna.py``.
 """
 
 from __future__ import annotations
@@ -9,21 +21,40 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 from glbench.agents.isolation import is_part_of_submission
 from glbench.errors import SubmissionError
 from glbench.resources import data_folder, sha256_of_files
 
-AGENT_FILE = "agent.py"
-CARD_FILE = "card.toml"
-OBSERVATIONS_ONLY = "observations and the public task card"
+if TYPE_CHECKING:
+    from glbench.agents.card import SubmissionCard
 
+SUBMISSION_CARD = "submission.toml"
+CARD_FILE = "card.toml"
+"""The card of settings of one's own for a built-in controller; such a folder has no code."""
+OBSERVATIONS_ONLY = "observations and the public task card"
+AGENT_FILE = "agent.py"
+STATISTICS_FILE = "vecnormalize.pkl"
+
+Form = Literal["python", "sb3", "torchscript", "onnx"]
+FORMS: dict[str, Form] = {".py": "python", ".zip": "sb3", ".pt": "torchscript", ".ts": "torchscript", ".onnx": "onnx"}
+FORM_WORDS: dict[Form, str] = {
+    "python": "Python code",
+    "sb3": "Stable-Baselines3 model",
+    "torchscript": "TorchScript policy",
+    "onnx": "ONNX policy",
+}
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+EXPECTED = (
+    f"A submission is a .py file with make_agent(task), a saved policy (.zip of Stable-Baselines3, .pt or .ts of TorchScript, .onnx), "
+    f"or a folder with {AGENT_FILE} or a saved policy"
+)
 
 
 @dataclass(frozen=True)
 class Identity:
-    """A submission that has code of its own, as far as its files tell."""
+    """A submission that has code or a policy of its own, as far as its files tell."""
 
     name: str
     """Name in results: that of the file or folder."""
@@ -35,33 +66,75 @@ class Identity:
     """SHA-256 (hex) over the submission's files, the same that ``load_agent`` gives."""
     information: str
     """What it sees, in words."""
+    form: Form
+    """What kind of submission it is."""
+    entry: Path
+    """The file to run or to load."""
+    statistics: Path | None = None
+    """The file with statistics of the observations, of a saved policy."""
+    card: SubmissionCard | None = None
+    """What it says about itself."""
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder that belongs to it as a whole."""
+        return None if self.files else self.path
+
+    @property
+    def root(self) -> Path:
+        """The folder below which all of its files lie."""
+        return self.folder or self.entry.parent
+
+    def all_files(self) -> tuple[Path, ...]:
+        """Every file that belongs to it."""
+        return self.files or files_of_folder(self.path)
 
 
 def identify(ref: str | Path) -> Identity | None:
     """The submission at ``ref``, or ``None`` where ``ref`` names no code but glbench's own: a baseline, or settings for one.
 
+    Also ``None`` where there is nothing at all; ``load_agent`` says what is missing.
+
     Raises
     ------
     SubmissionError
-        When a submission is there that cannot have a result: a name that cannot be a file's, files that cannot be read.
+        When a submission is there that cannot have a result: a name that cannot be a file's, files that cannot be read, a wrong card.
     """
     if isinstance(ref, str) and ref in baseline_names():
         return None
     path = Path(ref).expanduser()
-    if not path.exists():
-        return None
-    folder = path.resolve() if path.is_dir() else None
-    file = folder / AGENT_FILE if folder is not None else path.resolve()
-    if not file.is_file():
-        return None
-    name = name_of(folder or file)
+    return read_identity(path) if path.exists() and not is_built_in(path) else None
+
+
+def is_built_in(path: Path) -> bool:
+    """Whether a folder holds settings of one's own for a built-in controller, and no agent of its own."""
+    return path.is_dir() and (path / CARD_FILE).is_file() and not (path / AGENT_FILE).is_file()
+
+
+def read_identity(path: Path) -> Identity:
+    """Find out what the file or folder ``path`` is.
+
+    Raises
+    ------
+    SubmissionError
+        When it is no submission, its name cannot be used, its card is wrong, or its files cannot be read.
+    """
+    name = name_of(path)
+    given, folder = path.resolve(), path.resolve() if path.is_dir() else None
+    card_file = find_card(given)
+    card = _card(card_file)
+    entry = _entry(folder, card) if folder is not None else given
+    form = _form(entry)
+    _check_card_fits(card, entry, form)
+    statistics = _statistics(entry, form, folder, card)
     try:
-        return Identity(
-            name, folder or file, () if folder else (file,), submission_digest(file, folder), OBSERVATIONS_ONLY
-        )
+        files = files_of_folder(folder) if folder is not None else _single(entry, form, statistics, card_file)
+        digest = sha256_of_files(folder or entry.parent, list(files))
     except OSError as error:
         msg = f"The submission {name} cannot be read: {error}. Check that its files exist and may be read."
         raise SubmissionError(msg) from error
+    own = () if folder is not None else files
+    return Identity(name, given, own, digest, OBSERVATIONS_ONLY, form, entry, statistics, card)
 
 
 def baseline_names() -> tuple[str, ...]:
@@ -70,12 +143,12 @@ def baseline_names() -> tuple[str, ...]:
 
 
 def name_of(place: Path) -> str:
-    """Name of the agent in the file or folder ``place``.
+    """Name of the agent in the file or folder ``place``, under which results are filed.
 
     Raises
     ------
     SubmissionError
-        When results cannot be filed under it.
+        When it cannot be a name, or is a baseline's.
     """
     resolved = place.resolve()
     name = resolved.stem if resolved.is_file() else resolved.name
@@ -91,19 +164,115 @@ def name_of(place: Path) -> str:
     return name
 
 
-def submission_digest(file: Path, folder: Path | None) -> str:
-    """SHA-256 (hex) over ``file``, or over everything in the submission's ``folder``.
+def find_card(given: Path) -> Path | None:
+    """The card of a file or folder, if it has one."""
+    file = given / SUBMISSION_CARD if given.is_dir() else given.with_suffix(".toml")
+    return file if file.is_file() and file != given else None
+
+
+def _card(file: Path | None) -> SubmissionCard | None:
+    if file is None:
+        return None
+    # Not at the top: what reads cards is large, and the process of an agent without one should not wait for it.
+    from glbench.agents.card import read_card
+
+    return read_card(file)
+
+
+def _entry(folder: Path, card: SubmissionCard | None) -> Path:
+    named = (card.agent or card.model) if card is not None else None
+    if named is not None:
+        entry = folder / named
+        if not entry.is_file() or not entry.resolve().is_relative_to(folder):
+            msg = f"The card of {folder.name} names the file '{named}', and the folder has none of that name."
+            raise SubmissionError(msg)
+        return entry
+    if (folder / AGENT_FILE).is_file():
+        return folder / AGENT_FILE
+    policies = [file for file in sorted(folder.iterdir()) if FORMS.get(file.suffix, "python") != "python"]
+    if len(policies) == 1:
+        return policies[0]
+    if policies:
+        msg = (
+            f"The folder {folder} holds several saved policies ({', '.join(file.name for file in policies)}). "
+            f'Say in its {SUBMISSION_CARD} which one it is: model = "{policies[0].name}".'
+        )
+        raise SubmissionError(msg)
+    msg = (
+        f"The folder {folder} is no submission: it has no {AGENT_FILE} and no saved policy (.zip, .pt, .ts, .onnx). "
+        f"Put make_agent(task) into a file called {AGENT_FILE}, or `glbench submit new NAME` writes a folder that runs."
+    )
+    raise SubmissionError(msg)
+
+
+def _form(entry: Path) -> Form:
+    form = FORMS.get(entry.suffix)
+    if form is None:
+        msg = f"{entry} is no Python file and no saved policy. {EXPECTED}."
+        raise SubmissionError(msg)
+    return form
+
+
+def _check_card_fits(card: SubmissionCard | None, entry: Path, form: Form) -> None:
+    if card is None:
+        return
+    for key, named, fits in (("agent", card.agent, form == "python"), ("model", card.model, form != "python")):
+        if named is None:
+            continue
+        if not fits:
+            other = "model" if key == "agent" else "agent"
+            msg = f"The card calls {named} '{key}', and it is a {FORM_WORDS[form]}: write {other} = \"{named}\"."
+            raise SubmissionError(msg)
+        if Path(named).name != entry.name:
+            msg = f'The card beside {entry.name} says {key} = "{named}". Name {entry.name} there, or remove the key.'
+            raise SubmissionError(msg)
+    if form == "python" and (card.normalisation is not None or card.clip_actions):
+        msg = (
+            f"The card of {entry.name} has 'normalisation' or 'clip_actions', which are for saved policies; "
+            "a Python agent does both itself."
+        )
+        raise SubmissionError(msg)
+
+
+def _statistics(entry: Path, form: Form, folder: Path | None, card: SubmissionCard | None) -> Path | None:
+    """The file with statistics of the observations: the card's, else by its name."""
+    root = folder or entry.parent
+    if card is not None and card.normalisation is not None:
+        if not isinstance(card.normalisation, str):
+            return None
+        file = root / card.normalisation
+        if folder is None and file.parent != root:
+            msg = f"The statistics of {entry.name} must lie beside it; the card names '{card.normalisation}'. Or submit a folder."
+            raise SubmissionError(msg)
+        if not file.is_file() or not file.resolve().is_relative_to(root):
+            msg = f"The card names the statistics '{card.normalisation}', and there is no such file in {root}."
+            raise SubmissionError(msg)
+        return file
+    if form != "sb3":
+        return None
+    beside = [entry.with_name(f"{entry.stem}_{STATISTICS_FILE}"), entry.with_name(STATISTICS_FILE)]
+    # Tools around Stable-Baselines3 put the statistics one folder deeper than the model.
+    deeper = sorted(folder.rglob(STATISTICS_FILE)) if folder is not None else []
+    return next((file for file in [*beside, *deeper] if file.is_file()), None)
+
+
+def _single(entry: Path, form: Form, statistics: Path | None, card_file: Path | None) -> tuple[Path, ...]:
+    weights = entry.with_name(f"{entry.name}.data") if form == "onnx" else None
+    found = [entry, statistics, card_file, weights if weights is not None and weights.is_file() else None]
+    return tuple(file for file in found if file is not None)
+
+
+def files_of_folder(folder: Path) -> tuple[Path, ...]:
+    """Every file in a submission's folder; hidden files and Python's caches do not belong to it.
 
     Raises
     ------
     SubmissionError
         When a link leads to a folder or to nothing.
     """
-    if folder is None:
-        return sha256_of_files(file.parent, [file])
-    everything = [item for item in folder.rglob("*") if is_part_of_submission(item, folder)]
-    for item in everything:
+    items = [item for item in sorted(folder.rglob("*")) if is_part_of_submission(item, folder)]
+    for item in items:
         if item.is_symlink() and not item.is_file():
             msg = f"{item} is a link to a folder or to nothing, so the digest would not cover what it holds. Copy the files."
             raise SubmissionError(msg)
-    return sha256_of_files(folder, [item for item in everything if item.is_file()])
+    return tuple(item for item in items if item.is_file())

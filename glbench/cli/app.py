@@ -9,7 +9,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from glbench import __version__
-from glbench.cli import episodes, tasks, weather
+from glbench.cli import episodes, submit, tasks, weather
 from glbench.cli.badge import badge
 from glbench.cli.bench import bench
 from glbench.cli.compare import compare
@@ -38,6 +38,7 @@ app.command("badge")(badge)
 app.command("verify")(verify)
 app.command("view")(view)
 app.command("bench")(bench)
+app.add_typer(submit.app, name="submit")
 app.add_typer(episodes.app, name="episodes")
 app.add_typer(tasks.app, name="tasks")
 app.add_typer(weather.app, name="weather")

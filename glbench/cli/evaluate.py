@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, output, print_error, print_warning
+from glbench.cli.console import messages, output, print_warning
+from glbench.cli.interruption import exit_code, stopping_on_signals
 from glbench.cli.view import live_view, live_viewer
 from glbench.errors import GlbenchError, SubmissionError, TaskError
 
 if TYPE_CHECKING:
     from glbench.evaluation import Evaluation, Protected, Result, SandboxChoice
+    from glbench.evaluation.engines import Engine
     from glbench.tasks import TaskSpec
 
 
@@ -29,11 +31,18 @@ class Sandbox(StrEnum):
     NONE = "none"
 
 
+class EngineName(StrEnum):
+    """The choices of ``--engine``."""
+
+    LOCAL = "local"
+    RAY = "ray"
+
+
 def evaluate(
     agents: Annotated[
         list[str],
         typer.Argument(
-            metavar="AGENT", help="Submissions (a .py file, or a folder with agent.py) or names of baselines."
+            metavar="AGENT", help="Submissions (.py, .zip, .pt, .ts, .onnx, or a folder) or names of baselines."
         ),
     ],
     task: Annotated[
@@ -85,43 +94,65 @@ def evaluate(
     show_prints: Annotated[
         bool, typer.Option("--show-prints", help="Show what sandboxed agents print, also when nothing fails.")
     ] = False,
+    engine: Annotated[
+        EngineName,
+        typer.Option("--engine", help="Where evaluations run: local, or ray (a Ray cluster; needs glbench[ray])."),
+    ] = EngineName.LOCAL,
+    address: Annotated[
+        str | None,
+        typer.Option(
+            "--address", help="Address of a Ray cluster, such as auto. Default: one is started on this machine."
+        ),
+    ] = None,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Evaluate again even if the result is there, and forget unfinished work.")
     ] = False,
 ) -> None:
     """Evaluate agents on tasks: seeded runs in lockstep, a table with intervals, and a result file each.
 
-    Results do not depend on --workers. What is interrupted (Ctrl-C, a crash, a power cut) goes on with the same command, and
+    Results depend neither on --workers nor on --engine. What is interrupted (Ctrl-C, a crash, a power cut) goes on with the same command, and
     what is finished is not done again.
     """
+    from glbench.cli.evaluate_many import evaluate_many
     from glbench.cli.evaluation_tables import print_prints
-    from glbench.evaluation import prepare
+    from glbench.evaluation.engines import Job, Options
 
     with _quiet_agents(as_json), messages().status("preparing (the first time on a machine the kernel is built, too)"):
         tasks = _tasks(task or [], suite or [])
-        loaded = _agents(agents, sandbox.value)
-        evaluations = [
-            prepare(chosen, agent, runs=runs, first_seed=seed, workers=workers, out=out, fresh=fresh, episodes=episodes)
-            for chosen in tasks
-            for agent in loaded
-        ]
+        usable, unusable = _agents(agents, sandbox.value)
+        options = Options(out, runs, seed, workers, fresh, episodes)
+        jobs = [Job(chosen, ref, agent, options) for chosen in tasks for ref, agent in usable.items()]
+        first = jobs[0].prepare() if len(jobs) == 1 and not unusable and engine is EngineName.LOCAL else None
     if not as_json:
         _say_if_slow()
-    failed = False
-    with live_viewer() if live else contextlib.nullcontext() as viewer:
-        for evaluation in evaluations:
-            try:
-                result = _evaluate(evaluation, as_json=as_json, viewer=viewer)
-                if show_prints or result.failed:
-                    print_prints(evaluation, everything=show_prints)
-            except SubmissionError as error:
-                print_error(str(error))
-                failed = True
-    if failed:
-        raise typer.Exit(1)
+    if first is not None:
+        with live_viewer() if live else contextlib.nullcontext() as viewer:
+            result = _evaluate(first, as_json=as_json, viewer=viewer)
+        if show_prints or result.failed:
+            print_prints(first, everything=show_prints)
+    else:
+        if live:
+            msg = "--live shows one evaluation on this machine: name one agent and one task, without --engine."
+            raise GlbenchError(msg)
+        chosen_engine = _engine(engine, address, workers)
+        if not evaluate_many(jobs, chosen_engine, unusable, quiet=lambda: _quiet_agents(as_json), as_json=as_json):
+            raise typer.Exit(1)
     if not as_json:
         option = "" if out == Path("reports") else f" --out {out}"
         messages().print(f"Next: glbench leaderboard{option}", markup=False, soft_wrap=True)
+
+
+def _engine(name: EngineName, address: str | None, workers: int | None) -> Engine:
+    from glbench.evaluation.engines import LocalEngine
+
+    if name is EngineName.LOCAL:
+        if address is not None:
+            msg = "--address is that of a Ray cluster: add --engine ray."
+            raise GlbenchError(msg)
+        return LocalEngine()
+    from glbench.evaluation.engines.ray import RayEngine
+
+    return RayEngine(address, workers)
 
 
 def _say_if_slow() -> None:
@@ -153,8 +184,8 @@ def _tasks(names: Sequence[str], suites: Sequence[str]) -> list[TaskSpec]:
     return list(by_folder.values())
 
 
-def _agents(refs: Sequence[str], sandbox: SandboxChoice) -> list[Protected]:
-    """The agents named, each once.
+def _agents(refs: Sequence[str], sandbox: SandboxChoice) -> tuple[dict[str, Protected], dict[str, str]]:
+    """The agents named, each once, and the reasons why others cannot be used. A single one that cannot be used raises.
 
     Raises
     ------
@@ -163,14 +194,24 @@ def _agents(refs: Sequence[str], sandbox: SandboxChoice) -> list[Protected]:
     """
     from glbench.evaluation import protect
 
+    usable: dict[str, Protected] = {}
+    unusable: dict[str, str] = {}
     by_name: dict[str, Protected] = {}
     for ref in refs:
-        protected = protect(ref, sandbox)
+        try:
+            protected = protect(ref, sandbox)
+        except GlbenchError as error:
+            if len(refs) == 1:
+                raise
+            unusable[ref] = str(error)
+            continue
         other = by_name.setdefault(protected.agent.name, protected)
         if other.agent.digest != protected.agent.digest:
             msg = f"Two different agents are called '{protected.agent.name}' and would share one result file. Rename one of them."
             raise SubmissionError(msg)
-    return list(by_name.values())
+        if other is protected:
+            usable[ref] = protected
+    return usable, unusable
 
 
 def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = None) -> Result:
@@ -201,11 +242,16 @@ def _run(evaluation: Evaluation, *, as_json: bool, viewer: str | None) -> Result
     from glbench.cli.evaluation_progress import ProgressBar
 
     try:
-        with _quiet_agents(as_json), live_view(viewer, evaluation) as watcher, ProgressBar(evaluation) as bar:
+        with (
+            stopping_on_signals(),
+            _quiet_agents(as_json),
+            live_view(viewer, evaluation) as watcher,
+            ProgressBar(evaluation) as bar,
+        ):
             return evaluation.run(bar.update, watcher)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interruption:
         messages().print("\n[bold yellow]Interrupted.[/bold yellow] " + _what_is_kept(evaluation), soft_wrap=True)
-        raise typer.Exit(130) from None
+        raise typer.Exit(exit_code(interruption)) from None
     except SubmissionError:
         raise
     except GlbenchError as error:

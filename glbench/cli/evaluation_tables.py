@@ -87,6 +87,12 @@ def summary_table(result: Result) -> Table:
     return table
 
 
+def reward_in_words(result: Result) -> str:
+    """``reward 3,751.9 (3,750.9 to 3,752.8)``: mean and 95 % interval."""
+    mean, _, interval = _cells(estimates_of(result)["reward"], 1, len(result.runs))
+    return f"reward {mean} ({interval})" if interval != "–" else f"reward {mean}"
+
+
 def print_failures(result: Result) -> None:
     """Say loudly which runs failed and why; the same reason once."""
     failed = result.failed

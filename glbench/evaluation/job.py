@@ -6,49 +6,51 @@ import datetime as dt
 import hashlib
 import logging
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import filelock
 import rfc8785
 
 from glbench import __version__
 from glbench.agents import Identity, LoadedAgent
 from glbench.env import Simulation
-from glbench.episodes import Recorder, actions_path, log_bytes, provenance_of
-from glbench.errors import GlbenchError, ResultError
+from glbench.episodes import Recorder, provenance_of
+from glbench.errors import ResultError, SubmissionError
 from glbench.evaluation import provenance
 from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, read_checkpoint
-from glbench.evaluation.drivers import Driver, make_driver
-from glbench.evaluation.episodes import forget_episodes, make_episodes, run_facts, write_episodes
-from glbench.evaluation.files import ensure_writable, result_path, save_result, short_task_id
+from glbench.evaluation.drivers import Driver, PerRunDriver, make_driver
+from glbench.evaluation.episodes import make_episodes, run_facts
+from glbench.evaluation.files import result_path
 from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.lockstep import Lockstep, ProgressCallback, Watcher
 from glbench.evaluation.metrics import UNITS
 from glbench.evaluation.records import (
     AgentRecord,
     EvaluationRecord,
-    RecordReference,
     Result,
     TaskRecord,
     results_digest,
     summarise,
 )
 from glbench.evaluation.sandbox.choosing import Protection
-from glbench.evaluation.sandbox.drivers import Guest, sandboxed_driver
+from glbench.evaluation.sandbox.drivers import Guest, SandboxedRuns, sandboxed_driver
 from glbench.evaluation.sandbox.limits import SandboxLimits
 from glbench.evaluation.sandbox.prints import Prints
+from glbench.evaluation.saving import Computed, agent_folder, alone, save
 from glbench.evaluation.tally import Tally
 from glbench.kernel import Kernel, KernelPool, make_kernel
 from glbench.model import CONTROL_NAMES
-from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec, task_card
 
 logger = logging.getLogger(__name__)
 
 _CHECKPOINT_FORMAT = 3
+
+
+class JointAgentError(SubmissionError):
+    """An agent that decides for all runs at once was asked for some of them."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,10 @@ class Evaluation:
     sizes: SandboxLimits = field(default_factory=SandboxLimits)
     prints: Prints = field(default_factory=Prints, compare=False, repr=False)
     """What a sandboxed agent printed."""
+    checkpoints: Path | None = None
+    """Folder of the checkpoint, where it is not to be the usual one below ``out``."""
+    is_part: bool = False
+    """Whether these are some of the runs of a larger evaluation, which only agents for single runs may be divided into."""
 
     @property
     def path(self) -> Path | None:
@@ -83,12 +89,12 @@ class Evaluation:
     @property
     def interrupted(self) -> bool:
         """Whether there is a checkpoint to go on from."""
-        return self._folder is not None and self._folder.is_dir()
+        return self.folder is not None and self.folder.is_dir()
 
     def forget(self) -> None:
         """Throw the checkpoint away, so that ``run`` starts from the beginning."""
-        if self._folder is not None:
-            discard(self._folder)
+        if self.folder is not None:
+            discard(self.folder)
 
     def run(self, progress: ProgressCallback | None = None, watcher: Watcher | None = None) -> Result:
         """Run it, from its checkpoint if there is one, and save the result; ``watcher`` looks on.
@@ -102,15 +108,44 @@ class Evaluation:
         GlbenchError
             When the result cannot be written, or another process works on the same result.
         """
-        with self._alone(), _open_kernel(self.task, self.workers) as kernel:
+        with self.alone():
+            computed = self.compute(progress, watcher)
+            return self.save(computed)
+
+    def compute(self, progress: ProgressCallback | None = None, watcher: Watcher | None = None) -> Computed:
+        """Run it, from its checkpoint if there is one, and save nothing but checkpoints. Errors as for ``run``."""
+        with _open_kernel(self.task, self.workers) as kernel:
             simulation = Simulation(self.task, len(self.seeds), kernel=kernel)
             result, recorder = self._resumed(simulation, progress, watcher) or self._from_the_start(
                 simulation, progress, watcher
             )
-            if self.out is not None:
-                result = self._save(result, recorder, simulation, self.out)
-                discard(self._agent_folder(self.out))
+            provenance = provenance_of(self.task, self.agent, self.kernel)
+            log = recorder.log(simulation, provenance, run_facts(result.runs))
+        return Computed(result, log, recorder.trace)
+
+    def save(self, computed: Computed) -> Result:
+        """Save what was computed, if there is a folder for it, and remove the checkpoint.
+
+        Raises
+        ------
+        GlbenchError
+            When it cannot be written.
+        """
+        if self.out is None:
+            return computed.result
+        result = save(computed, self.out, self.task, self.episodes)
+        discard(agent_folder(self.out, self.task.id, self.agent.name))
         return result
+
+    def alone(self) -> AbstractContextManager[None]:
+        """Hold the lock of this result, if it is to be saved.
+
+        Raises
+        ------
+        GlbenchError
+            When another process holds it, or the folder cannot be written.
+        """
+        return nullcontext() if self.out is None else alone(self.out, self.task.id, self.agent.name)
 
     def complete_episodes(self, result: Result) -> None:
         """Make the full episodes that are wanted and not there yet, by replaying the recorded actions of ``result``.
@@ -122,22 +157,6 @@ class Evaluation:
         """
         if self.path is not None and self.episodes != ("none",):
             make_episodes(self.episodes, result, self.path, self.task)
-
-    def _save(self, result: Result, recorder: Recorder, simulation: Simulation, out: Path) -> Result:
-        """Write the actions, then the result that names their digest, then full episodes."""
-        path = result_path(out, self.task.id, self.agent.name)
-        provenance = provenance_of(self.task, self.agent, self.kernel)
-        log = recorder.log(simulation, provenance, run_facts(result.runs))
-        actions = actions_path(path)
-        result = result.model_copy(update={"record": RecordReference(file=actions.name, digest=log.digest)})
-        # The small result before the large record: a disk that fills up must not take the result down. A record of an
-        # earlier evaluation goes first, so that none stands beside a result that it does not belong to.
-        actions.unlink(missing_ok=True)
-        save_result(result, out)
-        write_atomically(actions, log_bytes(log))
-        forget_episodes(path)
-        write_episodes(self.episodes, result, path, self.task, log, recorder.trace)
-        return result
 
     def _from_the_start(
         self, simulation: Simulation, progress: ProgressCallback | None, watcher: Watcher | None
@@ -152,7 +171,7 @@ class Evaluation:
         self, simulation: Simulation, progress: ProgressCallback | None, watcher: Watcher | None
     ) -> tuple[Result, Recorder] | None:
         """The result by way of the checkpoint; ``None`` when there is none or it leads nowhere."""
-        saved = read_checkpoint(self._folder) if self._folder is not None else None
+        saved = read_checkpoint(self.folder) if self.folder is not None else None
         if saved is None:
             return None
         with self._lockstep(simulation, progress, watcher) as (lockstep, tally, recorder):
@@ -182,7 +201,7 @@ class Evaluation:
     ) -> Iterator[tuple[Lockstep, Tally, Recorder]]:
         """A fresh agent, empty books and an empty record; the agent is let go in the end."""
         tally = Tally(self.seeds)
-        checkpoint = Checkpoint(self._folder, self.checkpoint_seconds)
+        checkpoint = Checkpoint(self.folder, self.checkpoint_seconds)
         columns = len(CONTROL_NAMES) if self.agent.privileged else len(self.task.actuation.controls)
         traced = self.out is not None and self.episodes != ("none",)
         recorder = Recorder(simulation, columns, traced=traced)
@@ -191,11 +210,17 @@ class Evaluation:
             yield lockstep, tally, recorder
 
     def _driver(self) -> Driver:
-        """The agent, made anew, in this process or in one of its own."""
+        """The agent in its harness, made and not yet reset."""
         card, n = task_card(self.task), len(self.seeds)
         if self.submission is None:
-            return make_driver(self.agent, self.task, card, n, self.limits)
-        return sandboxed_driver(Guest(self.submission, card, n, self.limits, self.sizes, self.prints))
+            driver = make_driver(self.agent, self.task, card, n, self.limits)
+        else:
+            driver = sandboxed_driver(Guest(self.submission, card, n, self.limits, self.sizes, self.prints))
+        if self.is_part and not isinstance(driver, PerRunDriver | SandboxedRuns):
+            driver.close()
+            msg = f"'{self.agent.name}' decides for all runs at once: they cannot be computed apart."
+            raise JointAgentError(msg)
+        return driver
 
     def _result(self, tally: Tally, wall_seconds: float, resumed_at: int | None) -> Result:
         task, failed_step = self.task, self.task.evaluation.failed_step
@@ -237,10 +262,10 @@ class Evaluation:
         )
 
     @property
-    def _folder(self) -> Path | None:
+    def folder(self) -> Path | None:
         """Folder of this evaluation's checkpoint: its name changes with everything that the numbers depend on."""
-        if self.out is None:
-            return None
+        if self.checkpoints is not None or self.out is None:
+            return self.checkpoints
         key: dict[str, Any] = {
             "format": _CHECKPOINT_FORMAT,
             "glbench": __version__,
@@ -250,33 +275,9 @@ class Evaluation:
             "kernel": self.kernel,
             "sandbox": self.protection,
         }
-        return self._agent_folder(self.out) / hashlib.sha256(rfc8785.dumps(key)).hexdigest()[:16]
-
-    def _agent_folder(self, out: Path) -> Path:
-        return out / ".partial" / short_task_id(self.task.id) / self.agent.name
-
-    @contextmanager
-    def _alone(self) -> Iterator[None]:
-        """Hold the lock of this result: two processes would write each other's checkpoints."""
-        if self.out is None:
-            yield
-            return
-        folder = self._agent_folder(self.out)
-        ensure_writable(result_path(self.out, self.task.id, self.agent.name).parent)
-        ensure_writable(folder.parent)
-        lock = filelock.FileLock(folder.with_name(f"{folder.name}.lock"), blocking=False)
-        try:
-            lock.acquire()
-        except filelock.Timeout as error:
-            msg = (
-                f"Another glbench process is evaluating '{self.agent.name}' on {self.task.id} into {self.out}. "
-                "Wait for it, or choose another folder with --out."
-            )
-            raise GlbenchError(msg) from error
-        try:
-            yield
-        finally:
-            lock.release()
+        return (
+            agent_folder(self.out, self.task.id, self.agent.name) / hashlib.sha256(rfc8785.dumps(key)).hexdigest()[:16]
+        )
 
 
 def agent_record(agent: LoadedAgent) -> AgentRecord:
@@ -287,6 +288,7 @@ def agent_record(agent: LoadedAgent) -> AgentRecord:
         digest=agent.digest,
         privileged=agent.privileged,
         information=agent.information,
+        card=agent.submission.card if agent.submission is not None else None,
     )
 
 

@@ -17,6 +17,7 @@ from glbench.evaluation.lockstep import ProgressCallback
 from glbench.evaluation.provenance import usable_cores
 from glbench.evaluation.records import Result
 from glbench.evaluation.sandbox.choosing import Protected, Protection, SandboxChoice, protect
+from glbench.evaluation.saving import settle
 from glbench.tasks import TaskSpec, get_task
 
 logger = logging.getLogger(__name__)
@@ -66,6 +67,7 @@ def prepare(
         folder = folder / TRIALS
     if folder is not None:
         ensure_writable(result_path(folder, task.id, agent.name).parent)
+        settle(folder, task.id, agent.name)
         stored = None if fresh else _finished(folder, task, agent, seeds, kernel, protected.protection)
     workers = min(workers or usable_cores(), len(seeds))
     evaluation = Evaluation(

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 import rfc8785
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from glbench.agents.card import SubmissionCard
 from glbench.evaluation.metrics import METRIC_NAMES, UNITS
 
 if TYPE_CHECKING:
@@ -77,6 +78,8 @@ class AgentRecord(Record):
     digest: Digest
     privileged: bool
     information: str
+    card: SubmissionCard | None = None
+    """What the submission says about itself; ``None`` without a card and in results of earlier versions."""
 
 
 class EvaluationRecord(Record):

@@ -248,7 +248,7 @@ def test_a_disk_too_full_for_the_record_keeps_the_result(
         msg = f"Cannot write {path}: No space left on device."
         raise GlbenchError(msg)
 
-    monkeypatch.setattr("glbench.evaluation.job.write_atomically", full)
+    monkeypatch.setattr("glbench.evaluation.saving.write_atomically", full)
     with pytest.raises(GlbenchError, match="No space left"):
         evaluate(day_task, write_agent(), out=tmp_path)
     assert load_result(tmp_path / "results" / "Day-v1" / "agent_under_test.json").summary.ok == 3

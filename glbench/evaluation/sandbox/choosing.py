@@ -62,7 +62,9 @@ def protect(agent: LoadedAgent | str | Path, choice: SandboxChoice) -> Protected
     except SandboxError as error:
         msg = f"'{submission.name}' was not run. {error}"
         raise SandboxError(msg) from error
-    outside = LoadedAgent(submission.name, "submission", submission.digest, False, submission.information, _not_here)
+    outside = LoadedAgent(
+        submission.name, "submission", submission.digest, False, submission.information, _not_here, submission
+    )
     return Protected(outside, "bubblewrap", submission)
 
 

@@ -1,0 +1,171 @@
+"""``submission.toml``: what a submission says about itself, for people and for the record.
+
+Only ``agent``, ``model``, ``normalisation`` and ``clip_actions`` change what an agent does; the rest goes into the result, so that a table
+can say who made an agent, what its training cost, and what it knows. ``docs/submit.md`` explains every key.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, get_args
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from glbench.errors import SubmissionError, did_you_mean
+
+Information = Literal["observations", "forecast", "weather", "model", "privileged"]
+INFORMATION: dict[Information, str] = {
+    "observations": "observations and the public task card",
+    "forecast": "the forecast that the task shows",
+    "weather": "weather of the evaluated period, known beforehand",
+    "model": "equations or parameters of the greenhouse model",
+    "privileged": "something that no grower could know",
+}
+"""What a card may say that an agent uses, and what that means."""
+
+
+def _as_tuple(given: object) -> object:
+    """TOML has lists, records have tuples; anything else is left to be refused."""
+    return tuple(given) if isinstance(given, list) else given
+
+
+Words = Annotated[str, Field(min_length=1, max_length=200)]
+Names = Annotated[tuple[Words, ...], BeforeValidator(_as_tuple)]
+Numbers = Annotated[tuple[float, ...], BeforeValidator(_as_tuple)]
+FileName = Annotated[str, Field(pattern=r"^[^/\\.][^\\]*$", max_length=200)]
+
+
+class _Table(BaseModel):
+    """Base of the card's tables: frozen, strict, no unknown keys, no NaN."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class Training(_Table):
+    """What the training cost: ``steps`` are control steps of all environments together, ``wall_hours`` is in hours."""
+
+    steps: Annotated[int, Field(ge=0)] | None = None
+    wall_hours: Annotated[float, Field(ge=0, strict=False)] | None = None
+    hardware: Words | None = None
+    tasks: Names = ()
+
+
+class Normalisation(_Table):
+    """The policy sees ``(observation - mean) / std``, clipped to ``-clip`` to ``clip`` if that is given."""
+
+    mean: Numbers
+    std: Numbers
+    clip: Annotated[float, Field(gt=0, strict=False)] | None = None
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if len(self.mean) != len(self.std):
+            msg = f"mean has {len(self.mean)} values and std {len(self.std)}: one each for every observed column"
+            raise ValueError(msg)
+        if any(value <= 0 for value in self.std):
+            msg = "every std must be above 0"
+            raise ValueError(msg)
+        return self
+
+
+class SubmissionCard(_Table):
+    """The card. ``agent`` or ``model`` names the file to run; without either it is found by the rules of ``identify``."""
+
+    name: Words
+    authors: Annotated[Names, Field(min_length=1)]
+    licence: Words
+    link: Annotated[str, Field(pattern=r"^https?://\S+$", max_length=500)] | None = None
+    description: Annotated[str, Field(max_length=4000)] = ""
+    information: Annotated[tuple[Information, ...], BeforeValidator(_as_tuple), Field(min_length=1)]
+    algorithm: Words | None = None
+    seed: Annotated[int, Field(ge=0)] | None = None
+    requires: Names = ()
+    """Packages that the submission imports besides Python's own and numpy."""
+    training: Training | None = None
+    agent: FileName | None = None
+    model: FileName | None = None
+    normalisation: FileName | Normalisation | None = None
+    clip_actions: bool = False
+    """Clip what a TorchScript or ONNX policy answers to the bounds of the actions. Stable-Baselines3 does so by itself."""
+
+    @model_validator(mode="after")
+    def _is_one_thing(self) -> Self:
+        if self.agent is not None and self.model is not None:
+            msg = "give 'agent' (a Python file) or 'model' (a saved policy), not both"
+            raise ValueError(msg)
+        if self.agent is not None and (self.normalisation is not None or self.clip_actions):
+            msg = "'normalisation' and 'clip_actions' are for saved policies ('model'); a Python agent does both itself"
+            raise ValueError(msg)
+        return self
+
+    @property
+    def information_in_words(self) -> str:
+        """What the submission says it uses, as results name it."""
+        return "; ".join(INFORMATION[item] for item in self.information)
+
+
+def read_card(file: Path) -> SubmissionCard:
+    """Read a card.
+
+    Raises
+    ------
+    SubmissionError
+        When it cannot be read, or with everything that is wrong in it.
+    """
+    card, problems = check_card(file)
+    if card is None:
+        msg = f"The card {file} cannot be used: {'; '.join(problems)}. docs/submit.md explains every key."
+        raise SubmissionError(msg)
+    return card
+
+
+def check_card(file: Path) -> tuple[SubmissionCard | None, list[str]]:
+    """The card in ``file``, or ``None`` and everything that is wrong with it, one sentence each."""
+    try:
+        document = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        return None, [f"it cannot be read ({error})"]
+    except tomllib.TOMLDecodeError as error:
+        return None, [f"it is no valid TOML ({error})"]
+    try:
+        return SubmissionCard.model_validate(document), []
+    except ValidationError as error:
+        return None, list(dict.fromkeys(_in_words(problem, document) for problem in error.errors()))
+
+
+_EXAMPLES = {
+    "name": '"Anna\'s controller"',
+    "authors": '["Anna Example"]',
+    "licence": '"MIT"',
+    "link": '"https://example.org/anna"',
+    "information": '["observations"]',
+    "requires": '["torch"]',
+    "seed": "1",
+    "agent": '"agent.py"',
+    "model": '"model.zip"',
+    "normalisation": '"vecnormalize.pkl", or a table with mean and std',
+    "clip_actions": "true",
+    "steps": "1_000_000",
+    "wall_hours": "2.5",
+}
+_KEYS = {*SubmissionCard.model_fields, *Training.model_fields, *Normalisation.model_fields}
+
+
+def _in_words(problem: Any, document: dict[str, Any]) -> str:
+    """One problem of pydantic as a sentence with the key, what is wrong, and what it should look like."""
+    place = [part for part in problem["loc"] if isinstance(part, int) or part in document or part in _KEYS]
+    where = ".".join(str(part) for part in place)
+    key = next((str(part) for part in reversed(place) if not isinstance(part, int)), "")
+    example = f", such as {key} = {_EXAMPLES[key]}" if key in _EXAMPLES else ""
+    if problem["type"] == "missing":
+        return f"'{problem['loc'][-1]}' is missing{example}"
+    if problem["type"] == "extra_forbidden":
+        unknown = str(problem["loc"][-1])
+        return f"'{unknown}' is no key of a card.{did_you_mean(unknown, _KEYS)}".rstrip(".")
+    if problem["type"] == "literal_error":
+        return f"'{where}' is {problem['input']!r}, expected one of {', '.join(get_args(Information))}"
+    if problem["type"] == "value_error":
+        said = str(problem["ctx"]["error"])
+        return f"'{where}': {said}" if where else said
+    return f"'{where}' is {problem['input']!r}: {problem['msg'][:1].lower()}{problem['msg'][1:]}{example}"

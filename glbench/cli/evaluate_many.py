@@ -1,0 +1,175 @@
+"""Several agents, or several tasks: one line for each, a summary in the end, and nothing that stops the others."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING
+
+import typer
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, SpinnerColumn, TaskProgressColumn, TextColumn
+from rich.table import Table
+
+from glbench.cli.console import messages, output
+from glbench.cli.evaluation_tables import reward_in_words
+from glbench.cli.interruption import exit_code, stopping_on_signals
+
+if TYPE_CHECKING:
+    from glbench.evaluation import Progress as Standing
+    from glbench.evaluation import Result
+    from glbench.evaluation.engines import Engine, Job, Outcome
+
+_REFRESH_SECONDS = 0.1
+_LONGEST_REASON = 300
+_CAPTION = "* some runs failed; their missing steps count at the task's price"
+
+
+def evaluate_many(
+    jobs: Sequence[Job],
+    engine: Engine,
+    unusable: dict[str, str],
+    *,
+    quiet: Callable[[], AbstractContextManager[None]],
+    as_json: bool,
+) -> bool:
+    """Do all ``jobs`` and say how each ended; whether none failed.
+
+    ``unusable`` names the agents that could not be loaded, with the reasons; ``quiet`` keeps what agents print out of the way.
+    """
+    outcomes: list[Outcome] = []
+    bar = _Bar(len(jobs))
+    try:
+        with stopping_on_signals(), bar:
+            coming = iter(engine.run(jobs, bar.report))
+            while (outcome := _next(coming, quiet)) is not None:
+                outcomes.append(outcome)
+                bar.ended(outcome)
+                _print(outcome, len(outcomes), len(jobs), as_json=as_json)
+    except KeyboardInterrupt as interruption:
+        done = sum(outcome.result is not None for outcome in outcomes)
+        messages().print(
+            f"\n[bold yellow]Interrupted.[/bold yellow] {done} of {len(jobs)} evaluations are done and saved. "
+            "The same command (without --fresh) goes on: what is done is not done again, what was under way goes on from its checkpoint.",
+            soft_wrap=True,
+        )
+        raise typer.Exit(exit_code(interruption)) from None
+    failures = [(f"{o.job.agent_name} on {o.job.task.short_id}", o.reason) for o in outcomes if o.reason is not None]
+    failures += list(unusable.items())
+    if not as_json:
+        output().print(_summary(outcomes))
+    if failures:
+        messages().print(f"[bold red]{len(failures)} failed:[/bold red]")
+        for what, reason in failures:
+            messages().print(f"  [red]{escape(what)}[/red]: {escape(_short(reason or ''))}", soft_wrap=True)
+    return not failures
+
+
+def _next(coming: Iterator[Outcome], quiet: Callable[[], AbstractContextManager[None]]) -> Outcome | None:
+    with quiet():
+        return next(coming, None)
+
+
+def _print(outcome: Outcome, number: int, of: int, *, as_json: bool) -> None:
+    """One line a job; with ``as_json`` the result as one line on standard output, and the words beside it."""
+    if as_json:
+        if outcome.result is not None:
+            output().out(outcome.result.model_dump_json(by_alias=True), highlight=False)
+        return
+    width = len(str(of))
+    begin = f"[dim]{number:{width}}/{of}[/dim] [bold]{escape(outcome.job.agent_name)}[/bold] on {escape(outcome.job.task.short_id)}: "
+    if outcome.result is None:
+        said = f"[red]failed[/red] after {outcome.seconds:.1f} s: {escape(_short(outcome.reason or ''))}"
+    else:
+        took = "already there" if outcome.stored else f"{outcome.seconds:.1f} s"
+        said = f"{reward_in_words(outcome.result)}, {_runs(outcome.result)}, {took}"
+    messages().print(begin + said, soft_wrap=True)
+
+
+def _runs(result: Result) -> str:
+    runs = f"{len(result.runs)} run{'s' if len(result.runs) > 1 else ''}"
+    return f"{runs}, [red]{len(result.failed)} failed[/red]" if result.failed else runs
+
+
+def _summary(outcomes: Sequence[Outcome]) -> Table:
+    """Mean reward of every agent on every task."""
+    tasks = list(dict.fromkeys(outcome.job.task.short_id for outcome in outcomes))
+    agents = list(dict.fromkeys(outcome.job.agent_name for outcome in outcomes))
+    cells = {(outcome.job.agent_name, outcome.job.task.short_id): outcome for outcome in outcomes}
+    table = Table(
+        title="Reward [-], mean over the runs", title_justify="left", title_style="bold",
+        caption=_CAPTION if any(outcome.result is not None and outcome.result.failed for outcome in outcomes) else None,
+        caption_justify="left",
+    )  # fmt: skip
+    # Tasks downwards where they are more than the agents: names of tasks are long.
+    table.add_column("Task")
+    for agent in agents:
+        table.add_column(agent, justify="right")
+    for task in tasks:
+        table.add_row(task, *[_cell(cells.get((agent, task))) for agent in agents])
+    return table
+
+
+def _cell(outcome: Outcome | None) -> str:
+    if outcome is None:
+        return ""
+    if outcome.result is None:
+        return "[red]failed[/red]"
+    return f"{outcome.result.summary.mean['reward']:,.1f}" + ("*" if outcome.result.failed else "")
+
+
+def _short(reason: str) -> str:
+    words = " ".join(reason.split())
+    return words if len(words) <= _LONGEST_REASON else words[: _LONGEST_REASON - 4] + " ..."
+
+
+class _Bar:
+    """A bar for all jobs together, on standard error, shown on a terminal only."""
+
+    def __init__(self, jobs: int) -> None:
+        console = messages()
+        self._jobs = jobs
+        self._parts: dict[int, float] = {}
+        self._done = 0
+        self._shown = 0.0
+        self._bar = Progress(
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TaskProgressColumn(),
+            TextColumn("{task.fields[done]} done"),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        self._task = self._bar.add_task("starting", total=jobs, done=f"0 of {jobs}")
+
+    def __enter__(self) -> _Bar:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def report(self, job: Job, standing: Standing) -> None:
+        """A job has come to a step."""
+        self._parts[id(job)] = standing.step / standing.steps
+        now = time.monotonic()
+        if now - self._shown >= _REFRESH_SECONDS:
+            self._shown = now
+            self._show(
+                f"{job.agent_name} on {job.task.short_id}" if len(self._parts) == 1 else f"{len(self._parts)} at once"
+            )
+
+    def ended(self, outcome: Outcome) -> None:
+        """A job has ended."""
+        self._parts.pop(id(outcome.job), None)
+        self._done += 1
+        self._show("running")
+
+    def _show(self, description: str) -> None:
+        completed = self._done + sum(self._parts.values())
+        self._bar.update(
+            self._task, completed=completed, description=escape(description), done=f"{self._done} of {self._jobs}"
+        )

@@ -1,0 +1,160 @@
+"""``glbench submit``: look at a submission before the long run, and write a new one to start from."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from glbench.cli.console import messages, output, print_warning
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from glbench.evaluation.submitting import Report
+
+app = typer.Typer(
+    name="submit",
+    help="Look at a submission before the long run, or write a new one to start from.",
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+)
+
+_TRAINING_SECONDS = 300
+
+
+@app.command("check")
+def check(
+    path: Annotated[
+        str, typer.Argument(metavar="PATH", help="A .py file, a saved policy (.zip, .pt, .ts, .onnx), or a folder.")
+    ],
+    task: Annotated[
+        str | None, typer.Option("--task", "-t", help="Task id or task file (.toml). Default: the benchmark's.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the report as one line of JSON and nothing else.")
+    ] = False,
+) -> None:
+    """Find everything that will be wrong in an evaluation, within 20 seconds.
+
+    The files are read, then the agent runs for a day in a process of its own. Leaves with 0 when nothing has to be mended, else with 1.
+    """
+    from glbench.evaluation.submitting import check_submission
+    from glbench.tasks import DEFAULT_TASK
+
+    with messages().status(f"checking {path}"):
+        report = check_submission(path, task or DEFAULT_TASK)
+    if as_json:
+        output().out(json.dumps(_plain(report)), highlight=False)
+    else:
+        _show(report)
+    raise typer.Exit(0 if report.ok else 1)
+
+
+@app.command("new")
+def new(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Folder to write; its name is the submission's.")],
+    kind: Annotated[
+        str,
+        typer.Option(
+            "--kind", "-k", help="rule (numpy only), sb3 (no code but a model), torch (a network), mpc (plans)."
+        ),
+    ] = "rule",
+) -> None:
+    """Write a folder with a submission that runs at once: its code or model, a card, a README. Nothing is overwritten."""
+    from glbench.agents.templates import KINDS, new_submission
+    from glbench.errors import SubmissionError, did_you_mean
+
+    if kind not in KINDS:
+        msg = f"There is no template '{kind}'.{did_you_mean(kind, KINDS)}"
+        raise SubmissionError(msg)
+    folder = Path(name)
+    files = new_submission(folder, kind)
+    if kind == "sb3":
+        files = (*files, *_untrained_model(folder))
+    for file in files:
+        messages().print(f"Wrote {file}", markup=False, soft_wrap=True)
+    messages().print(f"Next: glbench submit check {folder}", markup=False, soft_wrap=True)
+
+
+def _untrained_model(folder: Path) -> tuple[Path, ...]:
+    """Let the template's own training save a model that has learned nothing, so that the folder runs."""
+    from glbench.agents.formats.packages import how_to_install, missing
+
+    if missing("stable_baselines3"):
+        print_warning(
+            f"The folder has no model yet, because Stable-Baselines3 is not installed here. {how_to_install('stable_baselines3')}, "
+            f"then: python {folder / 'train.py'} --steps 0"
+        )
+        return ()
+    with messages().status("saving an untrained model (python train.py --steps 0)"):
+        done = subprocess.run(
+            [sys.executable, str(folder / "train.py"), "--steps", "0"],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=_TRAINING_SECONDS,
+        )
+    if done.returncode != 0:
+        last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+        print_warning(f"The folder has no model yet: python {folder / 'train.py'} --steps 0 fails ({last}).")
+        return ()
+    return (folder / "model.zip", folder / "vecnormalize.pkl")
+
+
+def _show(report: Report) -> None:
+    from rich.markup import escape
+
+    output().print(_table(report))
+    for finding in report.findings:
+        style, word = ("bold red", "Problem") if finding.level == "problem" else ("bold yellow", "Note")
+        output().print(f"[{style}]{word}[/] ({finding.subject}) {escape(finding.text)}", soft_wrap=True)
+    count = len(report.problems)
+    said = "Nothing has to be mended." if report.ok else f"{count} problem{'s' if count > 1 else ''} to mend."
+    output().print(f"[bold]{said}[/] Checked in {report.seconds:.1f} s.", soft_wrap=True)
+    if report.ok:
+        messages().print("Next: glbench evaluate PATH --runs 2, then without --runs.", markup=False, soft_wrap=True)
+
+
+def _table(report: Report) -> Table:
+    from rich.markup import escape
+    from rich.table import Table
+
+    from glbench.evaluation.submitting import CHECKS
+
+    table = Table(
+        title=f"{escape(report.name)} ({report.what}) on {escape(report.task)}",
+        title_justify="left",
+        title_style="bold",
+    )
+    for heading in ("What is looked at", "", "Measured"):
+        table.add_column(heading)
+    for subject, words in CHECKS.items():
+        levels = {finding.level for finding in report.of(subject)}
+        if "problem" in levels:
+            mark = "[bold red]problem[/]"
+        elif "note" in levels:
+            mark = "[yellow]note[/]"
+        else:
+            mark = "[green]good[/]" if subject in report.checked else "[dim]not reached[/]"
+        table.add_row(words, mark, escape(report.facts.get(subject, "")))
+    return table
+
+
+def _plain(report: Report) -> dict[str, object]:
+    return {
+        "submission": report.name,
+        "what": report.what,
+        "task": report.task,
+        "ok": report.ok,
+        "findings": [
+            {"subject": finding.subject, "level": finding.level, "text": finding.text} for finding in report.findings
+        ],
+        "checked": sorted(report.checked),
+        "measured": report.facts,
+        "seconds": round(report.seconds, 2),
+    }

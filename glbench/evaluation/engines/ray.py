@@ -1,0 +1,255 @@
+"""Jobs on a Ray cluster: plain remote tasks, one for each part of an evaluation, tried again when a worker is lost.
+
+This machine prepares every job, keeps the locks, and saves. Workers compute and send numbers. So nothing but Ray itself has to be shared
+with them; a disk that happens to be shared is used for checkpoints.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+import uuid
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from glbench import __version__
+from glbench.agents.formats.packages import need
+from glbench.episodes.definition import definition_json
+from glbench.errors import GlbenchError
+from glbench.evaluation.engines.jobs import Job, Outcome, Report, failed
+from glbench.evaluation.engines.parcels import Parcel
+from glbench.evaluation.engines.parts import divided, may_be_divided, put_together
+from glbench.evaluation.engines.worker import Order, Refusal, work
+from glbench.evaluation.job import Evaluation
+from glbench.evaluation.lockstep import Progress
+from glbench.evaluation.saving import Computed, agent_folder
+from glbench.resources import write_atomically
+
+_TRIES = 3
+_LOOK_SECONDS = 0.5
+_TELL_SECONDS = 0.5
+_PACKAGE = Path(__file__).resolve().parents[3]
+
+
+class RayEngine:
+    """Does jobs on the cluster at ``address``, or on one that is started on this machine with ``cores`` and stopped afterwards."""
+
+    def __init__(self, address: str | None = None, cores: int | None = None) -> None:
+        self._ray: Any = need("ray", "The engine 'ray'")
+        self._address, self._cores = address, cores
+
+    def run(self, jobs: Sequence[Job], report: Report) -> Iterator[Outcome]:
+        """Do the jobs; outcomes come in the order in which jobs end.
+
+        Raises
+        ------
+        GlbenchError
+            When the cluster cannot be reached or started.
+        """
+        self._begin()
+        try:
+            yield from _Session(self._ray, report).run(jobs)
+        finally:
+            self._ray.shutdown()
+
+    def _begin(self) -> None:
+        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+        paths = [str(_PACKAGE), *filter(None, [os.environ.get("PYTHONPATH")])]
+        here = {"PYTHONPATH": os.pathsep.join(paths), **threads}
+        local: dict[str, Any] = {"num_cpus": self._cores, "include_dashboard": False}
+        settings: dict[str, Any] = {} if self._address is not None else local
+        try:
+            self._ray.init(
+                address=self._address or "local",
+                log_to_driver=False,
+                logging_level="error",
+                runtime_env={"env_vars": threads if self._address is not None else here},
+                **settings,
+            )
+        except (ConnectionError, RuntimeError, ValueError, OSError) as error:
+            where = f"at {self._address}" if self._address is not None else "on this machine"
+            msg = (
+                f"There is no Ray cluster {where}: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
+            )
+            raise GlbenchError(msg) from error
+
+
+@dataclass
+class _Running:
+    """A job under way: its parts, those that are there, and how far the others are."""
+
+    job: Job
+    evaluation: Evaluation
+    began: float
+    lock: ExitStack
+    parts: list[tuple[int, ...]]
+    done: dict[int, Computed] = field(default_factory=dict)
+    references: dict[Any, int] = field(default_factory=dict)
+
+
+class _Session:
+    """All jobs of one call of ``run``."""
+
+    def __init__(self, ray: Any, report: Report) -> None:
+        self._ray, self._report = ray, report
+        self._work = ray.remote(num_cpus=1, max_retries=_TRIES)(_work)
+        self._board = ray.remote(num_cpus=0)(_Board).remote()
+        self._cores = max(1, int(ray.cluster_resources().get("CPU", 1)))
+        self._running: dict[int, _Running] = {}
+
+    def run(self, jobs: Sequence[Job]) -> Iterator[Outcome]:
+        """Send all jobs, then take what comes back."""
+        try:
+            for number, job in enumerate(jobs):
+                outcome = self._begun(number, job)
+                if outcome is not None:
+                    yield outcome
+            while self._running:
+                yield from self._returned()
+                self._tell()
+        finally:
+            for running in self._running.values():
+                running.lock.close()
+
+    def _begun(self, number: int, job: Job) -> Outcome | None:
+        """Send a job, unless its outcome is known already."""
+        began, lock = time.monotonic(), ExitStack()
+        try:
+            evaluation = job.prepare()
+            if evaluation.stored is not None:
+                evaluation.complete_episodes(evaluation.stored)
+                return Outcome(job, evaluation.stored, None, time.monotonic() - began, stored=True)
+            lock.enter_context(evaluation.alone())
+            parts = divided(evaluation.seeds, self._cores) if may_be_divided(evaluation) else [evaluation.seeds]
+            running = _Running(job, evaluation, began, lock, parts)
+            self._send(number, running)
+        except Exception as error:
+            lock.close()
+            return failed(job, error, began)
+        self._running[number] = running
+        return None
+
+    def _send(self, number: int, running: _Running) -> None:
+        evaluation, job = running.evaluation, running.job
+        parcel, mark = Parcel.of(job.ref), None
+        if evaluation.out is not None:
+            mark = agent_folder(evaluation.out, job.task.id, job.agent_name) / f".seen-{uuid.uuid4().hex}"
+            write_atomically(mark, "")
+            running.lock.callback(mark.unlink, missing_ok=True)
+        for part, seeds in enumerate(running.parts):
+            whole = len(running.parts) == 1
+            folder = evaluation.folder
+            if folder is not None and not whole:
+                folder = folder / f"runs-{seeds[0]}-{seeds[-1]}"
+            order = Order(
+                definition_json(job.task),
+                parcel,
+                seeds,
+                not whole,
+                evaluation.protection,
+                job.task.digest,
+                evaluation.agent.digest,
+                evaluation.kernel,
+                __version__,
+                folder,
+                mark,
+            )
+            running.references[self._work.remote(order, self._board, number, part)] = part
+
+    def _returned(self) -> Iterator[Outcome]:
+        """Take the parts that are there; the jobs that are whole or have failed are outcomes."""
+        waiting = {reference: number for number, running in self._running.items() for reference in running.references}
+        ready, _ = self._ray.wait(list(waiting), num_returns=1, timeout=_LOOK_SECONDS)
+        for reference in ready:
+            number = waiting[reference]
+            running = self._running.get(number)
+            if running is None or reference not in running.references:
+                continue
+            part = running.references.pop(reference)
+            try:
+                outcome = self._taken(number, running, part, self._ray.get(reference))
+            except Exception as error:
+                outcome = failed(running.job, _in_words(error), running.began)
+            if outcome is not None:
+                self._forget(number)
+                yield outcome
+
+    def _taken(self, number: int, running: _Running, part: int, given: Computed | Refusal) -> Outcome | None:
+        if isinstance(given, Refusal):
+            if not given.joint:
+                return Outcome(running.job, None, given.reason, time.monotonic() - running.began)
+            # The source spoke of single runs, and the agent is none: all runs together, then.
+            for reference in running.references:
+                self._ray.cancel(reference)
+            running.references, running.parts, running.done = {}, [running.evaluation.seeds], {}
+            self._send(number, running)
+            return None
+        running.done[part] = given
+        if len(running.done) < len(running.parts):
+            return None
+        whole = put_together(running.evaluation, [running.done[index] for index in range(len(running.parts))])
+        result = running.evaluation.save(whole)
+        return Outcome(running.job, result, None, time.monotonic() - running.began)
+
+    def _forget(self, number: int) -> None:
+        running = self._running.pop(number)
+        for reference in running.references:
+            with suppress(Exception):  # one that has ended already cannot be cancelled, which is as good
+                self._ray.cancel(reference)
+        running.lock.close()
+
+    def _tell(self) -> None:
+        """Hand on where the jobs stand: a job is as far as its parts are on the average, by their runs."""
+        standing: dict[tuple[int, int], tuple[int, int]] = self._ray.get(self._board.standing.remote())
+        for number, running in self._running.items():
+            steps, runs = running.job.task.steps, len(running.evaluation.seeds)
+            done, alive = 0, 0
+            for part, seeds in enumerate(running.parts):
+                step, living = (
+                    (steps, len(seeds)) if part in running.done else standing.get((number, part), (0, len(seeds)))
+                )
+                done, alive = done + step * len(seeds), alive + living
+            self._report(running.job, Progress(done // runs, steps, alive, runs))
+
+
+class _Board:
+    """Where the parts stand, by job and part: the step, and the runs that are alive. Lives on the cluster."""
+
+    def __init__(self) -> None:
+        self._standing: dict[tuple[int, int], tuple[int, int]] = {}
+
+    def tell(self, number: int, part: int, step: int, alive: int) -> None:
+        """A part has come to a step."""
+        self._standing[number, part] = (step, alive)
+
+    def standing(self) -> dict[tuple[int, int], tuple[int, int]]:
+        """Where all parts stand."""
+        return self._standing
+
+
+def _work(order: Order, board: Any, number: int, part: int) -> Computed | Refusal:
+    """``work`` as a remote task, which tells the board where it stands."""
+    told = 0.0
+
+    def progress(standing: Progress) -> None:
+        nonlocal told
+        now = time.monotonic()
+        if now - told >= _TELL_SECONDS:
+            told = now
+            board.tell.remote(number, part, standing.step, standing.alive)
+
+    return work(order, progress)
+
+
+def _in_words(error: Exception) -> Exception:
+    """What Ray says of a lost worker is a page long; the first sentence and the number of tries are enough."""
+    if type(error).__module__.partition(".")[0] != "ray":
+        return error
+    first = next((line.strip() for line in str(error).splitlines() if line.strip()), "")
+    name = type(error).__name__
+    if name in {"WorkerCrashedError", "OutOfMemoryError", "NodeDiedError", "ObjectLostError"}:
+        return GlbenchError(f"The worker was lost {_TRIES + 1} times ({name}). {first}")
+    return GlbenchError(f"The worker failed ({name}): {first}")
