@@ -46,6 +46,10 @@ class SubmissionError(GlbenchError):
     """A submission cannot be loaded or does not follow the agent protocol."""
 
 
+class TrainingError(GlbenchError):
+    """A training cannot be set up, continued or exported as asked."""
+
+
 class ResultError(GlbenchError):
     """A stored result is unreadable, inconsistent, or cannot be compared with another."""
 
