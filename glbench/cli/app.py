@@ -13,6 +13,7 @@ from glbench.cli import episodes, tasks, weather
 from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_warnings
 from glbench.cli.evaluate import evaluate
 from glbench.cli.leaderboard import leaderboard
+from glbench.cli.train import export, sweep, train
 from glbench.cli.verify import verify
 from glbench.cli.view import view
 from glbench.errors import GlbenchError
@@ -30,6 +31,9 @@ app.command("evaluate")(evaluate)
 app.command("leaderboard")(leaderboard)
 app.command("verify")(verify)
 app.command("view")(view)
+app.command("train")(train)
+app.command("export")(export)
+app.command("sweep")(sweep)
 app.add_typer(episodes.app, name="episodes")
 app.add_typer(tasks.app, name="tasks")
 app.add_typer(weather.app, name="weather")

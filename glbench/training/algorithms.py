@@ -20,7 +20,17 @@ if TYPE_CHECKING:
     from glbench.training.settings import TrainingSettings
 
 SHORT = {"ppo": "stable_baselines3.PPO", "sac": "stable_baselines3.SAC"}
-_SET_BY_GLBENCH = ("self", "env", "policy", "policy_kwargs", "seed", "device", "verbose", "tensorboard_log", "action_noise")
+_SET_BY_GLBENCH = (
+    "self",
+    "env",
+    "policy",
+    "policy_kwargs",
+    "seed",
+    "device",
+    "verbose",
+    "tensorboard_log",
+    "action_noise",
+)
 
 
 def algorithm_class(name: str) -> type[BaseAlgorithm]:

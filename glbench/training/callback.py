@@ -124,7 +124,9 @@ class TrainingCallback(BaseCallback):
         write_atomically(self.folder / CURVE, text.getvalue())
 
     def _save(self) -> None:
-        save_checkpoint(self.folder / CHECKPOINT, self.model, self.env, self.normalization, self.history, self._identity)
+        save_checkpoint(
+            self.folder / CHECKPOINT, self.model, self.env, self.normalization, self.history, self._identity
+        )
         self.history.time.saving += self._lap()
         self._saved = time.perf_counter()
         for listener in self._listeners:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
     from glbench.training.settings import TrainingSettings
 
-CARD = "card.toml"
+CARD, POLICY = "card.toml", "policy.npz"
 _PACKAGES = ("torch", "stable-baselines3", "sb3-contrib", "numpy", "gymnasium", "casadi")
 
 
@@ -33,14 +33,22 @@ def settings_digest(settings: TrainingSettings) -> str:
     return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def write_card(folder: Path, task: TaskSpec, settings: TrainingSettings, seed: int, history: History, steps: int) -> None:
-    """Write the card of a finished training to ``folder/card.toml``."""
+def write_card(
+    folder: Path, task: TaskSpec, settings: TrainingSettings, seed: int, history: History, steps: int
+) -> None:
+    """Write the card of a finished training to ``folder/card.toml``, with which the folder can be evaluated as an agent."""
     spent = history.time
     shares = {name: round(seconds / spent.training, 4) for name, seconds in spent.as_dict().items() if name in _SHARED}
     where = machine()
     git = git_state()
+    name = settings.algorithm.rpartition(".")[2]
     content: dict[str, Any] = {
-        "title": f"{settings.algorithm.upper() if '.' not in settings.algorithm else settings.algorithm} on {task.id}, seed {seed}",
+        "title": f"{name.upper() if name == settings.algorithm else name} trained on {task.id}, seed {seed}",
+        "controller": "network",
+        "settings": POLICY,
+        "description": f"The best model of {steps:,} steps by evaluation return, without the noise of exploration.",
+        "made": "glbench train, with the settings in settings.yml; the tables below tell the rest.",
+        "sources": ["Stable-Baselines3 (Raffin et al., 2021)"],
         "task": {"id": task.id, "digest": task.digest},
         "training": {
             "algorithm": settings.algorithm,

@@ -41,7 +41,12 @@ class History:
 
 
 def save_checkpoint(
-    folder: Path, model: BaseAlgorithm, env: TrainingVecEnv, normalization: VecNormalize, history: History, identity: dict[str, Any]
+    folder: Path,
+    model: BaseAlgorithm,
+    env: TrainingVecEnv,
+    normalization: VecNormalize,
+    history: History,
+    identity: dict[str, Any],
 ) -> None:
     """Replace the checkpoint in ``folder`` by one of this moment, which must be the start of a rollout."""
     new = folder.with_name(folder.name + ".new")
@@ -53,7 +58,7 @@ def save_checkpoint(
     if isinstance(model, OffPolicyAlgorithm):
         model.save_replay_buffer(new / BUFFER)
     name, keys, position, has_gauss, cached = np.random.get_state()  # noqa: NPY002 - Stable-Baselines3 draws from it
-    arrays = {
+    arrays: dict[str, Any] = {
         **{f"env_{key}": value for key, value in env.state().items()},
         "returns": normalization.returns,
         "torch": torch.get_rng_state().numpy(),
@@ -67,6 +72,7 @@ def save_checkpoint(
         "history": asdict(history),
         "numpy": [name, position, has_gauss, cached],
         "python": [version, list(internal), gauss],
+        "random_actions": model.action_space.np_random.bit_generator.state,
     }
     (new / _STATE).write_text(json.dumps(state), encoding="utf-8")
     shutil.rmtree(old, ignore_errors=True)
@@ -113,6 +119,7 @@ def load_checkpoint(
     np.random.set_state((name, arrays["numpy_keys"], position, has_gauss, cached))  # noqa: NPY002
     version, internal, gauss = state["python"]
     random.setstate((version, tuple(internal), gauss))
+    model.action_space.np_random.bit_generator.state = state["random_actions"]
     past = dict(state["history"])
     history = History(**{**past, "time": TimeAccount(**past["time"])})
     return model, normalization, history

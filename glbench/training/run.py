@@ -14,10 +14,12 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from glbench.errors import TrainingError
 from glbench.resources import write_atomically
+from glbench.tasks import get_task
 from glbench.training.algorithms import make_model
-from glbench.training.callback import CHECKPOINT, TrainingCallback
-from glbench.training.card import CARD, read_card, settings_digest, write_card
-from glbench.training.checkpoint import History, find_checkpoint, load_checkpoint
+from glbench.training.callback import BEST, CHECKPOINT, TrainingCallback
+from glbench.training.card import CARD, POLICY, read_card, settings_digest, write_card
+from glbench.training.checkpoint import MODEL, NORMALIZATION, History, find_checkpoint, load_checkpoint
+from glbench.training.export import export_policy, load_model
 from glbench.training.probe import Probe
 from glbench.training.progress import Listener
 from glbench.training.vec_env import TrainingVecEnv
@@ -39,6 +41,8 @@ class Trained:
     best_steps: int
     already_done: bool
     """Whether it had been finished before, so that nothing was done."""
+    not_exported: str | None = None
+    """Why its policy could not be exported to a file for numpy; ``None`` when it was."""
 
 
 def prepare_torch(threads: int = 1) -> None:
@@ -86,7 +90,9 @@ def train(
         return done
     prepare_torch()
     write_atomically(folder / SETTINGS, yaml.safe_dump({"default": _as_yaml(settings)}, sort_keys=False))
-    env = TrainingVecEnv(task, settings.n_envs, first_seed=settings.first_env_seed, kernel_preset=settings.kernel_preset)
+    env = TrainingVecEnv(
+        task, settings.n_envs, first_seed=settings.first_env_seed, kernel_preset=settings.kernel_preset
+    )
     try:
         model, normalization, history = _begin_or_continue(env, settings, folder, seed, identity, tensorboard)
         callback = TrainingCallback(
@@ -108,11 +114,53 @@ def train(
     finally:
         env.close()
     write_card(folder, task, settings, seed, history, model.num_timesteps)
-    return Trained(folder, model.num_timesteps, history.best_reward, history.best_steps, already_done=False)
+    reason = export_best(folder, task)
+    return Trained(
+        folder, model.num_timesteps, history.best_reward, history.best_steps, already_done=False, not_exported=reason
+    )
+
+
+def export_best(folder: Path, task: TaskSpec | None = None) -> str | None:
+    """Write the best model of a finished training to ``folder/policy.npz``; why not, when its kind cannot be exported.
+
+    ``task`` need not be given for a task that glbench knows.
+
+    Raises
+    ------
+    TrainingError
+        When the folder holds no finished training.
+    """
+    card = read_card(folder / CARD)
+    if card is None:
+        msg = f"{folder} holds no finished training: there is no {CARD}. Finish it with glbench train --resume."
+        raise TrainingError(msg)
+    task = task or get_task(card["task"]["id"])
+    if task.digest != card["task"]["digest"]:
+        msg = f"{folder} was trained on another version of {task.id}: digest {card['task']['digest'][:12]}, now {task.digest[:12]}."
+        raise TrainingError(msg)
+    training, best = card["training"], card["best"]
+    about = {
+        "algorithm": training["algorithm"],
+        "seed": training["seed"],
+        "steps": best["steps"],
+        "task_digest": card["task"]["digest"],
+    }
+    model, normalization = load_model(folder / BEST / MODEL, training["algorithm"], folder / BEST / NORMALIZATION)
+    try:
+        policy = export_policy(model, normalization, task, about)
+    except TrainingError as error:
+        return str(error)
+    write_atomically(folder / POLICY, policy.to_bytes())
+    return None
 
 
 def _begin_or_continue(
-    env: TrainingVecEnv, settings: TrainingSettings, folder: Path, seed: int, identity: dict[str, Any], tensorboard: bool
+    env: TrainingVecEnv,
+    settings: TrainingSettings,
+    folder: Path,
+    seed: int,
+    identity: dict[str, Any],
+    tensorboard: bool,
 ) -> tuple[BaseAlgorithm, VecNormalize, History]:
     checkpoint = find_checkpoint(folder / CHECKPOINT)
     log = str(folder / "tensorboard") if tensorboard else None
@@ -136,7 +184,11 @@ def _done(folder: Path, identity: dict[str, Any], settings: TrainingSettings, re
     """The finished training of ``folder``; ``None`` when there is something to do."""
     card = read_card(folder / CARD)
     if card is not None:
-        found = {"task": card["task"]["digest"], "settings": card["training"]["settings_digest"], "seed": card["training"]["seed"]}
+        found = {
+            "task": card["task"]["digest"],
+            "settings": card["training"]["settings_digest"],
+            "seed": card["training"]["seed"],
+        }
         wanted = {"task": identity["task_digest"], "settings": settings_digest(settings), "seed": identity["seed"]}
         if found == wanted and card["training"]["steps"] >= settings.n_timesteps:
             best = card["best"]
