@@ -89,6 +89,6 @@ def policy_for(task: TaskCard, policies: tuple[NetworkPolicy, ...]) -> NetworkPo
         raise SubmissionError(msg)
 
     def distance(policy: NetworkPolicy) -> tuple[Any, ...]:
-        return policy.task_id != task.id, abs(policy.delta - task.delta), policy.delta
+        return policy.task_id != task.id, round(abs(policy.delta - task.delta), 9), policy.delta
 
     return min(fitting, key=distance)

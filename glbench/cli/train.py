@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from glbench.training import Listener, Trained, TrainingSettings
     from glbench.training.sweep import TrialReport
 
+_TRIALS_SHOWN = 20
+
 Task = Annotated[
     str | None, typer.Option("--task", "-t", help="Task id or task file (.toml). Default: the benchmark's.")
 ]
@@ -52,6 +54,8 @@ def train(
     """
     with _needs_the_extra("train"):
         from glbench.training import read_settings, shipped_settings
+        from glbench.training.algorithms import algorithm_class
+    algorithm_class(algorithm)
     chosen = _task(task)
     settings = read_settings(config or shipped_settings(algorithm), algorithm, chosen.id)
     if steps is not None:
@@ -186,24 +190,30 @@ def _needs_the_extra(extra: str) -> Iterator[None]:
 
 
 def _say_trial(trial: TrialReport) -> None:
-    reward = "-" if trial.reward is None else f"{trial.reward:,.1f}"
-    choices = ", ".join(f"{name} {_short(value)}" for name, value in trial.choices.items())
     messages().print(
-        f"trial {trial.number:>3}  {trial.state:8}  reward {reward:>8}  {choices}", soft_wrap=True, markup=False
+        f"trial {trial.number:>3}  {trial.state:8}  reward {_reward(trial):>8}  {_choices(trial)}",
+        soft_wrap=True,
+        markup=False,
     )
 
 
 def _print_trials(trials: list[TrialReport]) -> None:
     from rich.table import Table
 
-    names = sorted({name for trial in trials for name in trial.choices})
     table = Table(title="Trials, best first", title_justify="left")
-    for name in ("trial", "state", "best reward", *names):
-        table.add_column(name, justify="left" if name == "state" else "right")
-    for trial in trials[:20]:
-        reward = "-" if trial.reward is None else f"{trial.reward:,.1f}"
-        table.add_row(str(trial.number), trial.state, reward, *(_short(trial.choices.get(name, "-")) for name in names))
+    for name in ("trial", "state", "best reward", "settings"):
+        table.add_column(name, justify="right" if name in ("trial", "best reward") else "left")
+    for trial in trials[:_TRIALS_SHOWN]:
+        table.add_row(str(trial.number), trial.state, _reward(trial), _choices(trial))
     output().print(table)
+
+
+def _reward(trial: TrialReport) -> str:
+    return "-" if trial.reward is None else f"{trial.reward:,.1f}"
+
+
+def _choices(trial: TrialReport) -> str:
+    return ", ".join(f"{name.rpartition('.')[2]} {_short(value)}" for name, value in trial.choices.items())
 
 
 def _short(value: object) -> str:

@@ -54,10 +54,11 @@ class TrainingBar:
     def on_evaluation(self, point: CurvePoint) -> None:
         """A line with what the policy earns."""
         sums = point.result.sums
-        best = "  [green]best so far[/green]" if point.is_best else ""
+        best = "  [green]best[/green]" if point.is_best else ""
         messages().print(
-            f"{point.steps:>11,} steps  {_duration(point.seconds):>8}  reward {sums['reward']:8,.1f}  "
-            f"EPI {sums['epi']:7.2f} EUR/m2  penalty {sums['penalty']:7.1f}{best}"
+            f"{point.steps:>9,} steps {_duration(point.seconds):>7}  reward {sums['reward']:8,.1f}  "
+            f"EPI {sums['epi']:6.2f} EUR/m2  penalty {sums['penalty']:6.1f}{best}",
+            soft_wrap=True,
         )
 
     def on_saved(self, steps: int) -> None:

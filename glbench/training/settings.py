@@ -8,7 +8,7 @@ from typing import Any, Literal
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from glbench.errors import TrainingError, did_you_mean
+from glbench.errors import TrainingError
 from glbench.resources import data_folder
 
 PAPER = {"ppo": "ppo/ppo.yml", "sac": "sac/sac.yml"}
@@ -128,8 +128,8 @@ def _sections(file: Path) -> dict[str, dict[str, Any]]:
         msg = f"{file} is no settings file: it needs a section 'default:' and may have sections named by task ids."
         raise TrainingError(msg)
     if "default" not in content:
-        near = did_you_mean("default", map(str, content))
-        msg = f"{file} has no section 'default:'.{near} Put the settings that hold for every task there."
+        found = ", ".join(f"'{name}'" for name in content)
+        msg = f"{file} has no section 'default:' (only {found}). Put the settings that hold for every task there."
         raise TrainingError(msg)
     return {str(name): part or {} for name, part in content.items()}
 

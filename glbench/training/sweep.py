@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import optuna
-from optuna.storages import RDBStorage, RetryFailedTrialCallback
+from optuna.storages import RDBStorage
 from optuna.study import MaxTrialsCallback
 from optuna.trial import FrozenTrial, TrialState
 
@@ -22,7 +22,7 @@ from glbench.training.settings import TrainingSettings, read_settings, shipped_s
 
 STUDY = "study.db"
 _COUNTED = (TrialState.COMPLETE, TrialState.PRUNED)
-_HEARTBEAT_SECONDS = 60
+_LOCK_SECONDS = 60
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def base_settings(search: Search) -> TrainingSettings:
 def sweep(search: Search, folder: Path, *, workers: int = 1, report: Report | None = None) -> list[TrialReport]:
     """Run the search in ``folder`` until it has all its trials; what is there already counts, and is continued.
 
-    A trial that a kill interrupted is found by its missing heartbeat and tried again. With several workers the course of a
+    A trial that a kill interrupted does not count, and another one takes its place. With several workers the course of a
     search depends on who is faster; each trial by itself is reproducible.
 
     Returns
@@ -107,7 +107,6 @@ class _Pruning(Listener):
 
 
 def _work(search: Search, folder: Path, worker: int, report: Report | None = None) -> None:
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
     settings, task = base_settings(search), get_task(search.task)
 
     def objective(trial: optuna.Trial) -> float:
@@ -138,11 +137,9 @@ def _work(search: Search, folder: Path, worker: int, report: Report | None = Non
 
 
 def _study(search: Search, folder: Path, worker: int) -> optuna.Study:
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
     storage = RDBStorage(
-        f"sqlite:///{(folder / STUDY).resolve()}",
-        engine_kwargs={"connect_args": {"timeout": 60}},
-        heartbeat_interval=_HEARTBEAT_SECONDS,
-        failed_trial_callback=RetryFailedTrialCallback(),
+        f"sqlite:///{(folder / STUDY).resolve()}", engine_kwargs={"connect_args": {"timeout": _LOCK_SECONDS}}
     )
     pruner: optuna.pruners.BasePruner = optuna.pruners.MedianPruner() if search.prune else optuna.pruners.NopPruner()
     return optuna.create_study(
