@@ -11,6 +11,7 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.utils import LinearSchedule
 
 from glbench.errors import TrainingError, UnknownNameError, did_you_mean
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from glbench.training.settings import TrainingSettings
 
 SHORT = {"ppo": "stable_baselines3.PPO", "sac": "stable_baselines3.SAC"}
+_LINEAR = "lin_"
 _SET_BY_GLBENCH = (
     "self",
     "env",
@@ -112,10 +114,21 @@ def _checked(kind: type[BaseAlgorithm], settings: TrainingSettings) -> dict[str,
         if name not in known:
             msg = f"{kind.__name__} has no setting '{name}'.{did_you_mean(name, known)}"
             raise TrainingError(msg)
-    arguments = dict(settings.hyperparameters)
+    arguments = {name: _schedule(value) for name, value in settings.hyperparameters.items()}
     if settings.action_noise_std is not None:
         if not issubclass(kind, OffPolicyAlgorithm):
             msg = f"{kind.__name__} takes no action noise; remove 'action_noise_std'."
             raise TrainingError(msg)
         arguments["action_noise"] = NormalActionNoise(np.zeros(6), np.full(6, settings.action_noise_std))
     return arguments
+
+
+def _schedule(value: Any) -> Any:
+    """``lin_3e-4`` as a schedule: from that number at the start linearly to 0 at the end."""
+    if not (isinstance(value, str) and value.startswith(_LINEAR)):
+        return value
+    try:
+        return LinearSchedule(float(value.removeprefix(_LINEAR)), 0.0, 1.0)
+    except ValueError as error:
+        msg = f"'{value}' is no schedule: write {_LINEAR}3e-4 for one from 3e-4 linearly to 0."
+        raise TrainingError(msg) from error
