@@ -108,7 +108,9 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder of the trainings")
     parser.add_argument("--only", nargs="*", default=[], metavar="NAME", help="some of them, such as ppo_delta10_seed0")
     parser.add_argument("--list", action="store_true", help="say what is done and leave")
-    parser.add_argument("--ship", action="store_true", help="copy policies, learning curves and cards of what is done to baselines/")
+    parser.add_argument(
+        "--ship", action="store_true", help="copy policies, learning curves and cards of what is done to baselines/"
+    )
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S", stream=sys.stdout)
     jobs = [job for job in plan() if not arguments.only or job.name in arguments.only]
@@ -138,13 +140,20 @@ def _ship(job: Job, folder: Path) -> None:
         export_best(folder)
     home = HERE / job.agent
     name = f"delta{job.level}"
-    for source, target in ((POLICY, f"weights/{name}.npz"), ("learning_curve.csv", f"training/{name}.csv"), (CARD, f"training/{name}.toml")):
+    targets = {
+        POLICY: f"weights/{name}.npz",
+        "learning_curve.csv": f"training/{name}.csv",
+        CARD: f"training/{name}.toml",
+    }
+    for source, target in targets.items():
         (home / target).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(folder / source, home / target)
     card = tomllib.loads((HERE / job.recipe / CARD_OF_RECIPE).read_text(encoding="utf-8"))
     if job.seed:
         card["title"] += f"; training seed {job.seed}"
-        card["description"] = f"As {job.recipe}, trained with seed {job.seed}, for uncertainties of 0, 10 and 30 % only."
+        card["description"] = (
+            f"As {job.recipe}, trained with seed {job.seed}, for uncertainties of 0, 10 and 30 % only."
+        )
     write_atomically(home / CARD, to_toml(card))
     log.info("%s: shipped to %s", job.name, home.relative_to(HERE.parent))
 

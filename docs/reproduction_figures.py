@@ -19,7 +19,13 @@ from glbench.resources import write_atomically
 
 DOCS = Path(__file__).resolve().parent
 LEVELS = (0, 5, 10, 15, 20, 25, 30)
-AGENTS = {"ppo": "#0072b2", "sac": "#d55e00", "rule_based": "#555555", "rule_based_fair": "#aaaaaa", "ppo_tuned": "#009e73"}
+AGENTS = {
+    "ppo": "#0072b2",
+    "sac": "#d55e00",
+    "rule_based": "#555555",
+    "rule_based_fair": "#aaaaaa",
+    "ppo_tuned": "#009e73",
+}
 CURVES = (("reward", "cumulative reward [-]"), ("epi", "EPI [EUR/m²]"), ("penalty", "penalty [-]"))
 MONEY = (
     ("revenue", "revenue", "#7fbf7b", 1),
@@ -64,7 +70,9 @@ def curves(points: Points) -> str:
     for place, (metric, title) in enumerate(CURVES):
         shown = {key[:2]: point for key, point in points.items() if key[2] == metric}
         lows, highs = [p.low for p in shown.values()], [p.high for p in shown.values()]
-        ticks = _ticks(min([*lows, 0.0] if metric != "reward" else lows), max([*highs, 0.0] if metric != "reward" else highs))
+        ticks = _ticks(
+            min([*lows, 0.0] if metric != "reward" else lows), max([*highs, 0.0] if metric != "reward" else highs)
+        )
         x0 = place * width + left
 
         def x(level: float, x0: float = x0) -> float:
@@ -75,7 +83,9 @@ def curves(points: Points) -> str:
 
         parts.append(_text(place * width + width / 2 + 20, 34, title, size=13, anchor="middle"))
         for tick in ticks:
-            parts.append(f'<line x1="{x(0):.1f}" x2="{x(30):.1f}" y1="{y(tick):.1f}" y2="{y(tick):.1f}" stroke="#e4e4e4"/>')
+            parts.append(
+                f'<line x1="{x(0):.1f}" x2="{x(30):.1f}" y1="{y(tick):.1f}" y2="{y(tick):.1f}" stroke="#e4e4e4"/>'
+            )
             parts.append(_text(x(0) - 8, y(tick) + 4, f"{tick:g}", anchor="end"))
         parts += [_text(x(level), height - 26, str(level), anchor="middle") for level in LEVELS]
         parts.append(_text((x(0) + x(30)) / 2, height - 8, "uncertainty of the crop, ± %", anchor="middle"))
@@ -84,7 +94,9 @@ def curves(points: Points) -> str:
             line = " ".join(f"{at:.1f},{y(point.mean):.1f}" for at, point in course)
             parts.append(f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="2"/>')
             for at, point in course:
-                parts.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{y(point.low):.1f}" y2="{y(point.high):.1f}" stroke="{colour}"/>')
+                parts.append(
+                    f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{y(point.low):.1f}" y2="{y(point.high):.1f}" stroke="{colour}"/>'
+                )
                 parts.append(f'<circle cx="{at:.1f}" cy="{y(point.mean):.1f}" r="3.2" fill="{colour}"/>')
     present = [agent for agent in AGENTS if any(key[0] == agent for key in points)]
     legend = [
@@ -98,7 +110,9 @@ def money(points: Points) -> str:
     """Who earns what: revenue upwards, costs downwards, the EPI as a mark; at 0, 10 and 30 %."""
     chosen = [(agent, level) for level in (0, 10, 30) for agent in AGENTS if (agent, level, "revenue") in points]
     highest = max(points[agent, level, "revenue"].mean for agent, level in chosen)
-    lowest = -max(sum(points[agent, level, name].mean for name, *_, sign in MONEY if sign < 0) for agent, level in chosen)
+    lowest = -max(
+        sum(points[agent, level, name].mean for name, *_, sign in MONEY if sign < 0) for agent, level in chosen
+    )
     ticks = _ticks(lowest, highest)
     bar, left, top, height = 46, 62, 40, 380
     bottom = height - 96
@@ -128,7 +142,9 @@ def money(points: Points) -> str:
             value = points[agent, level, name].mean
             high, low = (value, 0.0) if sign > 0 else (-down, -down - value)
             down += 0.0 if sign > 0 else value
-            parts.append(f'<rect x="{x:.1f}" y="{y(high):.1f}" width="{bar - 12}" height="{y(low) - y(high):.1f}" fill="{colour}"/>')
+            parts.append(
+                f'<rect x="{x:.1f}" y="{y(high):.1f}" width="{bar - 12}" height="{y(low) - y(high):.1f}" fill="{colour}"/>'
+            )
         earned = y(points[agent, level, "epi"].mean)
         parts.append(f'<rect x="{x - 3:.1f}" y="{earned - 1.5:.1f}" width="{bar - 6}" height="3" fill="#000"/>')
         parts.append(
@@ -144,13 +160,20 @@ def table(points: Points, metric: str, digits: int) -> str:
     for agent in AGENTS:
         cells = [points.get((agent, level, metric)) for level in LEVELS]
         if any(cells):
-            rows.append(f"| `{agent}` | " + " | ".join("–" if cell is None else f"{cell.mean:,.{digits}f}" for cell in cells) + " |")
+            rows.append(
+                f"| `{agent}` | "
+                + " | ".join("–" if cell is None else f"{cell.mean:,.{digits}f}" for cell in cells)
+                + " |"
+            )
     return "\n".join(rows)
 
 
 def money_table(points: Points) -> str:
     """Revenue and costs at 0 and 30 %."""
-    rows = ["| EUR/m² | " + " | ".join(title for _, title, *_ in MONEY) + " | EPI |", "|---|" + "---:|" * (len(MONEY) + 1)]
+    rows = [
+        "| EUR/m² | " + " | ".join(title for _, title, *_ in MONEY) + " | EPI |",
+        "|---|" + "---:|" * (len(MONEY) + 1),
+    ]
     for level in (0, 10, 30):
         for agent in AGENTS:
             if (agent, level, "epi") in points:
@@ -189,7 +212,12 @@ def main(results: Path) -> None:
         "penalty": table(points, "penalty", 0),
         "money": money_table(points),
     }.items():
-        text = re.sub(rf"(<!-- {name} -->\n).*?(<!-- end -->)", lambda found, new=filled: f"{found[1]}{new}\n{found[2]}", text, flags=re.S)
+        text = re.sub(
+            rf"(<!-- {name} -->\n).*?(<!-- end -->)",
+            lambda found, new=filled: f"{found[1]}{new}\n{found[2]}",
+            text,
+            flags=re.S,
+        )
     write_atomically(page, text)
 
 
