@@ -120,7 +120,7 @@ def money(points: Points) -> str:
     def y(value: float) -> float:
         return top + (bottom - top) * (ticks[-1] - value) / (ticks[-1] - ticks[0])
 
-    width = left + sum(bar for _ in chosen) + 3 * 30
+    width = max(700, left + bar * len(chosen) + 3 * 30)
     parts = [_text(left, 18, "EUR/m² over the 60 days", size=13)]
     for i, (_, title, colour, _) in enumerate(MONEY):
         at = left + 190 + 95 * i
