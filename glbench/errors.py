@@ -50,6 +50,10 @@ class SandboxError(GlbenchError):
     """There can be no sandbox for an agent on this machine, and none was not asked for."""
 
 
+class TrainingError(GlbenchError):
+    """A training cannot be set up, continued or exported as asked."""
+
+
 class ResultError(GlbenchError):
     """A stored result is unreadable, inconsistent, or cannot be compared with another."""
 

@@ -1,4 +1,4 @@
-"""The built-in controllers, and the folders of ``baselines/`` that say which one a name means and with which settings.
+"""The built-in controllers, and the folders of ``baselines/`` that say which one a name means and with which settings or weights.
 
 ``card.toml`` in such a folder names controller and settings file and says in words how the baseline was made. The folder holds
 data only; the code is here, next to what tests and types can check.
@@ -11,11 +11,12 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from glbench.agents.identity import baseline_names
+from glbench.agents.network_agent import NetworkAgent, PolicyFiles
 from glbench.agents.protocol import Agent, PrivilegedController
 from glbench.agents.rule_based import RuleBasedController
 from glbench.agents.rule_based_fair import FairRuleBasedAgent
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 _HERE = Path(__file__).resolve().parent
 
+Settings = RuleSettings | PolicyFiles
+
 
 @dataclass(frozen=True)
 class _Controller:
@@ -35,7 +38,9 @@ class _Controller:
 
     privileged: bool
     information: str
-    make: Callable[[RuleSettings], Agent | PrivilegedController]
+    read: Callable[[Path], Settings]
+    """Reads what the card calls its settings: rules from YAML, or trained policies."""
+    make: Callable[[Any], Agent | PrivilegedController]
     modules: tuple[str, ...]
 
 
@@ -46,25 +51,37 @@ _CONTROLLERS = {
             "privileged: true state, weather of the coming step, radiation sum of the whole day, dawn and dusk in advance; "
             "sets controls directly, without rate limit"
         ),
+        read=read_rule_settings,
         make=RuleBasedController,
         modules=("rules.py", "rule_settings.py", "rule_based.py"),
     ),
     "rule_based_fair": _Controller(
         privileged=False,
         information="observations and the public task card",
+        read=read_rule_settings,
         make=FairRuleBasedAgent,
         modules=("rules.py", "rule_settings.py", "rule_based_fair.py", "daylight.py"),
+    ),
+    "network": _Controller(
+        privileged=False,
+        information="observations and the public task card",
+        read=PolicyFiles.at,
+        make=NetworkAgent,
+        modules=("exact_math.py", "network_policy.py", "network_agent.py"),
     ),
 }
 
 
 class Card(BaseModel):
-    """``card.toml``: what a baseline is. Controller and settings decide what it does; the rest is for people."""
+    """``card.toml``: what a baseline is. Controller and settings decide what it does; the rest is for people.
+
+    ``settings`` is a file or folder beside the card. Tables of the file (how a policy was trained) are not looked at here.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     title: str
-    controller: Literal["rule_based", "rule_based_fair"]
+    controller: Literal["rule_based", "rule_based_fair", "network"]
     settings: str
     description: str
     made: str
@@ -76,9 +93,9 @@ class Baseline:
     """A baseline read from its folder."""
 
     card: Card
-    settings: RuleSettings
+    settings: Settings
     digest: str
-    """SHA-256 (hex) over the controller's name, its settings file and its modules. The card's words may change."""
+    """SHA-256 (hex) over the controller's name, its settings and its modules. The card's words may change."""
 
     @property
     def privileged(self) -> bool:
@@ -108,20 +125,24 @@ def read_baseline(ref: str | Path) -> Baseline:
         msg = f"There is no baseline '{ref}'.{did_you_mean(str(ref), baseline_names())}"
         raise SubmissionError(msg)
     card = _read_card(folder / "card.toml")
-    settings_file = (folder / card.settings).resolve()
-    settings = read_rule_settings(settings_file)
-    return Baseline(card, settings, _digest(card.controller, settings_file))
+    place = (folder / card.settings).resolve()
+    settings = _CONTROLLERS[card.controller].read(place)
+    return Baseline(card, settings, _digest(card.controller, place, settings))
 
 
-def _digest(controller: str, settings_file: Path) -> str:
+def _digest(controller: str, place: Path, settings: Settings) -> str:
     code = sha256_of_files(_HERE, [_HERE / module for module in _CONTROLLERS[controller].modules])
-    data = hashlib.sha256(settings_file.read_bytes()).hexdigest()
+    if isinstance(settings, PolicyFiles) and place.is_dir():
+        data = sha256_of_files(place, list(settings.files))
+    else:
+        data = hashlib.sha256(place.read_bytes()).hexdigest()
     return hashlib.sha256(f"{controller} {code} {data}".encode()).hexdigest()
 
 
 def _read_card(file: Path) -> Card:
     try:
-        return Card.model_validate(tomllib.loads(file.read_text(encoding="utf-8")))
+        content = tomllib.loads(file.read_text(encoding="utf-8"))
+        return Card.model_validate({key: value for key, value in content.items() if not isinstance(value, dict)})
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         msg = f"Cannot read the card {file}: {error}."
         raise SubmissionError(msg) from error

@@ -17,6 +17,7 @@ from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_war
 from glbench.cli.evaluate import evaluate
 from glbench.cli.leaderboard import leaderboard
 from glbench.cli.show import show
+from glbench.cli.train import export, sweep, train
 from glbench.cli.verify import verify
 from glbench.cli.view import view
 from glbench.errors import GlbenchError
@@ -39,6 +40,9 @@ app.command("verify")(verify)
 app.command("view")(view)
 app.command("bench")(bench)
 app.add_typer(submit.app, name="submit")
+app.command("train")(train)
+app.command("export")(export)
+app.command("sweep")(sweep)
 app.add_typer(episodes.app, name="episodes")
 app.add_typer(tasks.app, name="tasks")
 app.add_typer(weather.app, name="weather")

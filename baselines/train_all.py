@@ -1,0 +1,166 @@
+"""Train the shipped agents, one after the other: run it again after an interruption and it goes on.
+
+    python baselines/train_all.py --out runs/baselines             # everything, delta 0, 10 and 30 % first
+    python baselines/train_all.py --out runs/baselines --list      # what is done and what is left
+    python baselines/train_all.py --out runs/baselines --ship      # put what is done into baselines/
+
+PPO and SAC of the paper take 20 to 40 minutes each on one free core, the tuned ones a few. What is finished is skipped; what was
+interrupted continues from its last checkpoint, to the same weights as without the interruption.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import shutil
+import sys
+import time
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+from glbench.resources import write_atomically
+from glbench.tasks import get_task
+from glbench.training import CurvePoint, Progress, read_settings, train
+from glbench.training.card import CARD, POLICY, read_card, to_toml
+from glbench.training.run import export_best
+
+HERE = Path(__file__).resolve().parent
+LEVELS = ("00", "10", "30", "05", "15", "20", "25")
+SEEDED_LEVELS = ("00", "10", "30")
+CARD_OF_RECIPE = "card.in.toml"
+"""Becomes the agent's card with the first policy: an agent without weights is none."""
+log = logging.getLogger("train_all")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One training: settings in ``baselines/RECIPE/RECIPE.yml``, uncertainty level and seed."""
+
+    recipe: str
+    level: str
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """Folder of the training."""
+        return f"{self.recipe}_delta{self.level}_seed{self.seed}"
+
+    @property
+    def algorithm(self) -> str:
+        """What the recipe trains."""
+        return self.recipe.partition("_")[0]
+
+    @property
+    def agent(self) -> str:
+        """Baseline that the policy belongs to."""
+        return self.recipe if self.seed == 0 else f"{self.recipe}_seed{self.seed}"
+
+    @property
+    def settings(self) -> Path:
+        """The recipe's settings."""
+        return HERE / self.recipe / f"{self.recipe}.yml"
+
+
+def plan() -> list[Job]:
+    """Every training, in order."""
+    tuned = [Job("ppo_tuned", level, 0) for level in LEVELS]
+    paper = [Job(recipe, level, 0) for level in LEVELS for recipe in ("ppo", "sac")]
+    seeds = [Job(recipe, level, seed) for seed in (1, 2) for level in SEEDED_LEVELS for recipe in ("ppo", "sac")]
+    return tuned + paper + seeds
+
+
+class LogLines:
+    """Says how a training goes, a line at a time."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._last = time.monotonic()
+
+    def on_progress(self, progress: Progress) -> None:
+        """A line a minute."""
+        if time.monotonic() - self._last < 60:
+            return
+        self._last = time.monotonic()
+        left = progress.seconds_left
+        log.info(
+            "%s: %d of %d steps, %.0f steps/s, %s min left, season reward %s",
+            self._name, progress.steps, progress.total_steps, progress.steps_per_second,
+            "?" if left is None else f"{left / 60:.0f}",
+            "-" if progress.season_reward is None else f"{progress.season_reward:.0f}",
+        )  # fmt: skip
+
+    def on_evaluation(self, point: CurvePoint) -> None:
+        """A line an evaluation."""
+        sums = point.result.sums
+        log.info(
+            "%s: evaluation at %d steps (%.0f s): reward %.1f, EPI %.2f EUR/m2, penalty %.1f%s",
+            self._name, point.steps, point.seconds, sums["reward"], sums["epi"], sums["penalty"], " (best)" if point.is_best else "",
+        )  # fmt: skip
+
+    def on_saved(self, steps: int) -> None:
+        """Nothing to say."""
+
+
+def main() -> int:
+    """Train what is left of the plan, list it, or ship what is done."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True, help="folder of the trainings")
+    parser.add_argument("--only", nargs="*", default=[], metavar="NAME", help="some of them, such as ppo_delta10_seed0")
+    parser.add_argument("--list", action="store_true", help="say what is done and leave")
+    parser.add_argument(
+        "--ship", action="store_true", help="copy policies, learning curves and cards of what is done to baselines/"
+    )
+    arguments = parser.parse_args()
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S", stream=sys.stdout)
+    jobs = [job for job in plan() if not arguments.only or job.name in arguments.only]
+    for job in jobs:
+        if arguments.list:
+            print(f"{job.name:26} {_state(arguments.out / job.name)}")
+        elif arguments.ship:
+            _ship(job, arguments.out / job.name)
+        else:
+            _train(job, arguments.out / job.name)
+    return 0
+
+
+def _train(job: Job, folder: Path) -> None:
+    task = get_task(f"Schiphol2010-Delta{job.level}-v1")
+    settings = read_settings(job.settings, job.algorithm, task.id)
+    trained = train(task, settings, folder, seed=job.seed, resume=True, listeners=[LogLines(job.name)])
+    if not trained.already_done:
+        log.info("%s: done, best reward %.1f at %d steps", job.name, trained.best_reward, trained.best_steps)
+
+
+def _ship(job: Job, folder: Path) -> None:
+    """Copy what people and evaluations need of a finished training to its baseline."""
+    if read_card(folder / CARD) is None:
+        return
+    if not (folder / POLICY).is_file():
+        export_best(folder)
+    home = HERE / job.agent
+    name = f"delta{job.level}"
+    targets = {
+        POLICY: f"weights/{name}.npz",
+        "learning_curve.csv": f"training/{name}.csv",
+        CARD: f"training/{name}.toml",
+    }
+    for source, target in targets.items():
+        (home / target).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(folder / source, home / target)
+    card = tomllib.loads((HERE / job.recipe / CARD_OF_RECIPE).read_text(encoding="utf-8"))
+    if job.seed:
+        card["title"] += f"; training seed {job.seed}"
+        card["description"] = (
+            f"As {job.recipe}, trained with seed {job.seed}, for uncertainties of 0, 10 and 30 % only."
+        )
+    write_atomically(home / CARD, to_toml(card))
+    log.info("%s: shipped to %s", job.name, home.relative_to(HERE.parent))
+
+
+def _state(folder: Path) -> str:
+    return "done" if read_card(folder / CARD) is not None else "begun" if folder.exists() else "-"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

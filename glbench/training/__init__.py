@@ -1,0 +1,22 @@
+"""Training of agents with Stable-Baselines3, and their export to files that need numpy alone.
+
+The only room that knows PyTorch and Stable-Baselines3 (extra ``train``); nothing but the command line imports it.
+See docs/training.md.
+"""
+
+from __future__ import annotations
+
+from glbench.training.progress import CurvePoint, Listener, Progress
+from glbench.training.run import Trained, train
+from glbench.training.settings import TrainingSettings, read_settings, shipped_settings
+
+__all__ = [
+    "CurvePoint",
+    "Listener",
+    "Progress",
+    "Trained",
+    "TrainingSettings",
+    "read_settings",
+    "shipped_settings",
+    "train",
+]

@@ -1,0 +1,134 @@
+"""Algorithms by name or class path, and their arguments checked before anything is started."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.noise import NormalActionNoise
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.utils import LinearSchedule
+
+from glbench.errors import TrainingError, UnknownNameError, did_you_mean
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env import VecEnv
+
+    from glbench.training.settings import TrainingSettings
+
+SHORT = {"ppo": "stable_baselines3.PPO", "sac": "stable_baselines3.SAC"}
+_LINEAR = "lin_"
+_SET_BY_GLBENCH = (
+    "self",
+    "env",
+    "policy",
+    "policy_kwargs",
+    "seed",
+    "device",
+    "verbose",
+    "tensorboard_log",
+    "action_noise",
+)
+
+
+def algorithm_class(name: str) -> type[BaseAlgorithm]:
+    """Class of ``ppo``, ``sac`` or a class path such as ``sb3_contrib.RecurrentPPO``.
+
+    Raises
+    ------
+    UnknownNameError
+        When there is no such algorithm.
+    TrainingError
+        When the class is no algorithm of Stable-Baselines3's kind.
+    """
+    path = SHORT.get(name.lower(), name)
+    module, _, attribute = path.rpartition(".")
+    if not module:
+        known = [*SHORT, "sb3_contrib.RecurrentPPO", "stable_baselines3.TD3"]
+        msg = f"There is no algorithm '{name}'.{did_you_mean(name, known)} Others are given by class path, as sb3_contrib.TQC."
+        raise UnknownNameError(msg)
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        msg = f"The algorithm '{name}' cannot be imported: {error}. Is its package installed, and the path written as package.Class?"
+        raise UnknownNameError(msg) from error
+    if not (isinstance(found, type) and issubclass(found, BaseAlgorithm)):
+        msg = f"'{name}' is no algorithm of Stable-Baselines3's kind (a subclass of BaseAlgorithm)."
+        raise TrainingError(msg)
+    return found
+
+
+def make_model(settings: TrainingSettings, env: VecEnv, seed: int, tensorboard: str | None) -> BaseAlgorithm:
+    """An untrained model of the settings, on the processor, seeded.
+
+    Raises
+    ------
+    TrainingError
+        When an argument is unknown to the algorithm, or refused by it.
+    """
+    kind = algorithm_class(settings.algorithm)
+    arguments = _checked(kind, settings)
+    try:
+        return kind(
+            settings.policy,
+            env,
+            seed=seed,
+            device="cpu",
+            verbose=0,
+            tensorboard_log=tensorboard,
+            policy_kwargs=policy_arguments(settings.policy_kwargs),
+            **arguments,
+        )
+    except (TypeError, ValueError, AssertionError) as error:
+        msg = f"{kind.__name__} refuses its settings: {error}"
+        raise TrainingError(msg) from error
+
+
+def policy_arguments(given: dict[str, Any]) -> dict[str, Any]:
+    """Arguments of the policy with classes in the place of their names.
+
+    Raises
+    ------
+    UnknownNameError
+        When PyTorch has no activation function or optimiser of that name.
+    """
+    arguments = dict(given)
+    for key, home in (("activation_fn", torch.nn), ("optimizer_class", torch.optim)):
+        name = arguments.get(key)
+        if isinstance(name, str):
+            if not hasattr(home, name):
+                near = did_you_mean(name, [item for item in vars(home) if item[0].isupper()])
+                msg = f"'{key}: {name}': {home.__name__} has no {name}.{near}"
+                raise UnknownNameError(msg)
+            arguments[key] = getattr(home, name)
+    return arguments
+
+
+def _checked(kind: type[BaseAlgorithm], settings: TrainingSettings) -> dict[str, Any]:
+    known = [name for name in inspect.signature(kind.__init__).parameters if name not in _SET_BY_GLBENCH]
+    for name in settings.hyperparameters:
+        if name not in known:
+            msg = f"{kind.__name__} has no setting '{name}'.{did_you_mean(name, known)}"
+            raise TrainingError(msg)
+    arguments = {name: _schedule(value) for name, value in settings.hyperparameters.items()}
+    if settings.action_noise_std is not None:
+        if not issubclass(kind, OffPolicyAlgorithm):
+            msg = f"{kind.__name__} takes no action noise; remove 'action_noise_std'."
+            raise TrainingError(msg)
+        arguments["action_noise"] = NormalActionNoise(np.zeros(6), np.full(6, settings.action_noise_std))
+    return arguments
+
+
+def _schedule(value: Any) -> Any:
+    """``lin_3e-4`` as a schedule: from that number at the start linearly to 0 at the end."""
+    if not (isinstance(value, str) and value.startswith(_LINEAR)):
+        return value
+    try:
+        return LinearSchedule(float(value.removeprefix(_LINEAR)), 0.0, 1.0)
+    except ValueError as error:
+        msg = f"'{value}' is no schedule: write {_LINEAR}3e-4 for one from 3e-4 linearly to 0."
+        raise TrainingError(msg) from error

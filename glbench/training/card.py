@@ -1,0 +1,143 @@
+"""``card.toml``: how an agent was made."""
+
+from __future__ import annotations
+
+import json
+import platform
+import tomllib
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from hashlib import sha256
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from glbench import __version__
+from glbench.errors import TrainingError
+from glbench.evaluation.provenance import git_state, machine
+from glbench.model import MODEL_VERSION
+from glbench.resources import write_atomically
+from glbench.training.checkpoint import History
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+    from glbench.training.settings import TrainingSettings
+
+CARD, POLICY = "card.toml", "policy.npz"
+_PACKAGES = ("torch", "stable-baselines3", "sb3-contrib", "numpy", "gymnasium", "casadi")
+
+
+def settings_digest(settings: TrainingSettings) -> str:
+    """SHA-256 (hex) over all settings but the number of steps, which may be raised to train on."""
+    content = settings.model_dump(mode="json", exclude={"n_timesteps"})
+    return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def write_card(
+    folder: Path, task: TaskSpec, settings: TrainingSettings, seed: int, history: History, steps: int
+) -> None:
+    """Write the card of a finished training to ``folder/card.toml``, with which the folder can be evaluated as an agent."""
+    spent = history.time
+    shares = {name: round(seconds / spent.training, 4) for name, seconds in spent.as_dict().items() if name in _SHARED}
+    where = machine()
+    git = git_state()
+    name = settings.algorithm.rpartition(".")[2]
+    content: dict[str, Any] = {
+        "title": f"{name.upper() if name == settings.algorithm else name} trained on {task.id}, seed {seed}",
+        "controller": "network",
+        "settings": POLICY,
+        "description": f"The best model of {steps:,} steps by evaluation return, without the noise of exploration.",
+        "made": "glbench train, with the settings in settings.yml; the tables below tell the rest.",
+        "sources": ["Stable-Baselines3 (Raffin et al., 2021)"],
+        "task": {"id": task.id, "digest": task.digest},
+        "training": {
+            "algorithm": settings.algorithm,
+            "seed": seed,
+            "first_env_seed": settings.first_env_seed,
+            "n_envs": settings.n_envs,
+            "steps": steps,
+            "kernel_preset": settings.kernel_preset,
+            "settings": "settings.yml",
+            "settings_digest": settings_digest(settings),
+            "learning_curve": "learning_curve.csv",
+            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+        },
+        "best": {
+            "steps": history.best_steps,
+            "reward": history.best_reward,
+            "evaluation_seeds": _seeds(task, settings),
+        },
+        "wall_seconds": {"total": round(spent.total, 1), **{k: round(v, 1) for k, v in spent.as_dict().items()}},
+        "share_of_training_time": shares,
+        "versions": {
+            "glbench": __version__,
+            "model": MODEL_VERSION,
+            "python": platform.python_version(),
+            **{name: found for name in _PACKAGES if (found := _version(name))},
+        },
+        "machine": {"processor": where.processor, "cores": where.cores, "system": where.system},
+    }
+    if git is not None:
+        content["git"] = {"commit": git.commit, "dirty": git.dirty}
+    write_atomically(folder / CARD, to_toml(content))
+
+
+_SHARED = ("simulator", "policy", "learning")
+
+
+def read_card(file: Path) -> dict[str, Any] | None:
+    """The card, or ``None`` when there is none.
+
+    Raises
+    ------
+    TrainingError
+        When the file is there and no card.
+    """
+    try:
+        card = tomllib.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        msg = f"Cannot read the card {file}: {error}. Remove it to train anew."
+        raise TrainingError(msg) from error
+    if not {"task", "training", "best"} <= card.keys():
+        msg = f"{file} is no card of a training. Choose another folder with --out."
+        raise TrainingError(msg)
+    return card
+
+
+def to_toml(content: Mapping[str, Any]) -> str:
+    """Text, numbers, truth values and lists of them, in tables one deep, as TOML."""
+    plain = [f"{key} = {_value(value)}" for key, value in content.items() if not isinstance(value, Mapping)]
+    tables = [
+        "\n".join([f"[{key}]", *(f"{_key(name)} = {_value(item)}" for name, item in value.items())])
+        for key, value in content.items()
+        if isinstance(value, Mapping)
+    ]
+    return "\n\n".join(part for part in ["\n".join(plain), *tables] if part) + "\n"
+
+
+def _key(name: str) -> str:
+    return name if name.replace("-", "").replace("_", "").isalnum() else json.dumps(name)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    return "[" + ", ".join(_value(item) for item in value) + "]"
+
+
+def _seeds(task: TaskSpec, settings: TrainingSettings) -> list[int]:
+    plan = settings.evaluation
+    return [plan.first_seed + run for run in range(plan.runs if task.uncertainty.delta else 1)]
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

@@ -1,0 +1,133 @@
+"""The state of a training on disk: what it takes to go on as if it had never stopped.
+
+A checkpoint is a folder. A new one is written beside the old one and takes its place when it is complete, so that a kill
+at any moment leaves a whole one. It holds Stable-Baselines3's own files, which are pickles: read only your own.
+"""
+
+from __future__ import annotations
+
+import json
+import pickle
+import random
+import shutil
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.vec_env import VecNormalize
+
+from glbench.errors import TrainingError
+from glbench.training.algorithms import algorithm_class
+from glbench.training.progress import TimeAccount
+from glbench.training.vec_env import TrainingVecEnv
+
+MODEL, NORMALIZATION, BUFFER = "model.zip", "vecnormalize.pkl", "replay_buffer.pkl"
+_STATE, _ARRAYS = "state.json", "state.npz"
+
+
+@dataclass
+class History:
+    """What a training has been through: its learning curve, its best evaluation, its time."""
+
+    curve: list[dict[str, float]] = field(default_factory=list)
+    best_reward: float = float("-inf")
+    best_steps: int = 0
+    next_evaluation: int = 0
+    time: TimeAccount = field(default_factory=TimeAccount)
+
+
+def save_checkpoint(
+    folder: Path,
+    model: BaseAlgorithm,
+    env: TrainingVecEnv,
+    normalization: VecNormalize,
+    history: History,
+    identity: dict[str, Any],
+) -> None:
+    """Replace the checkpoint in ``folder`` by one of this moment, which must be the start of a rollout."""
+    new = folder.with_name(folder.name + ".new")
+    old = folder.with_name(folder.name + ".old")
+    shutil.rmtree(new, ignore_errors=True)
+    new.mkdir(parents=True)
+    model.save(new / MODEL)
+    normalization.save(str(new / NORMALIZATION))
+    if isinstance(model, OffPolicyAlgorithm):
+        model.save_replay_buffer(new / BUFFER)
+    name, keys, position, has_gauss, cached = np.random.get_state()  # noqa: NPY002 - Stable-Baselines3 draws from it
+    arrays: dict[str, Any] = {
+        **{f"env_{key}": value for key, value in env.state().items()},
+        "returns": normalization.returns,
+        "torch": torch.get_rng_state().numpy(),
+        "numpy_keys": keys,
+    }
+    with (new / _ARRAYS).open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
+    version, internal, gauss = random.getstate()
+    state = {
+        "identity": identity,
+        "history": asdict(history),
+        "numpy": [name, position, has_gauss, cached],
+        "python": [version, list(internal), gauss],
+        "random_actions": model.action_space.np_random.bit_generator.state,
+    }
+    (new / _STATE).write_text(json.dumps(state), encoding="utf-8")
+    shutil.rmtree(old, ignore_errors=True)
+    if folder.exists():
+        folder.rename(old)
+    new.rename(folder)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def find_checkpoint(folder: Path) -> Path | None:
+    """The complete checkpoint of ``folder``, also when a kill came between the two renames."""
+    for candidate in (folder, folder.with_name(folder.name + ".old")):
+        if (candidate / _STATE).is_file():
+            return candidate
+    return None
+
+
+def load_checkpoint(
+    folder: Path, algorithm: str, env: TrainingVecEnv, identity: dict[str, Any]
+) -> tuple[BaseAlgorithm, VecNormalize, History]:
+    """Model, normalisation and history of a checkpoint, with environment and generators set back to its moment.
+
+    Raises
+    ------
+    TrainingError
+        When the checkpoint is of another training, or cannot be read.
+    """
+    try:
+        state = json.loads((folder / _STATE).read_text(encoding="utf-8"))
+        _same_training(folder, state["identity"], identity)
+        with np.load(folder / _ARRAYS, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        normalization = VecNormalize.load(str(folder / NORMALIZATION), env)
+        model = algorithm_class(algorithm).load(folder / MODEL, env=normalization, device="cpu", force_reset=False)
+        if isinstance(model, OffPolicyAlgorithm):
+            model.load_replay_buffer(folder / BUFFER, truncate_last_traj=False)
+    except (OSError, ValueError, KeyError, EOFError, pickle.UnpicklingError) as error:
+        msg = f"The checkpoint {folder} cannot be read: {error}. Remove the folder to begin the training anew."
+        raise TrainingError(msg) from error
+    env.restore({name.removeprefix("env_"): value for name, value in arrays.items() if name.startswith("env_")})
+    normalization.returns = arrays["returns"]
+    torch.set_rng_state(torch.from_numpy(arrays["torch"]))
+    name, position, has_gauss, cached = state["numpy"]
+    np.random.set_state((name, arrays["numpy_keys"], position, has_gauss, cached))  # noqa: NPY002
+    version, internal, gauss = state["python"]
+    random.setstate((version, tuple(internal), gauss))
+    model.action_space.np_random.bit_generator.state = state["random_actions"]
+    past = dict(state["history"])
+    history = History(**{**past, "time": TimeAccount(**past["time"])})
+    return model, normalization, history
+
+
+def _same_training(folder: Path, found: dict[str, Any], wanted: dict[str, Any]) -> None:
+    different = sorted(key for key in {*found, *wanted} if found.get(key) != wanted.get(key))
+    if different:
+        pairs = "; ".join(f"{key}: {found.get(key)!r} there, {wanted.get(key)!r} now" for key in different)
+        msg = f"{folder.parent} holds another training ({pairs}). Choose another folder with --out, or the settings it was begun with."
+        raise TrainingError(msg)

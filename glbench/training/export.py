@@ -1,0 +1,166 @@
+"""From a trained model to a policy file that numpy alone can evaluate."""
+
+from __future__ import annotations
+
+import pickle
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.sac.policies import SACPolicy
+from torch import nn
+
+from glbench.agents.network_policy import ACTIVATIONS, NetworkPolicy
+from glbench.errors import TrainingError
+from glbench.resources import write_atomically
+from glbench.tasks import task_card
+from glbench.training.algorithms import algorithm_class
+from glbench.training.card import CARD, POLICY, to_toml
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+Output = Literal["clip", "tanh"]
+
+
+def load_model(file: Path, algorithm: str, normalization: Path | None) -> tuple[BaseAlgorithm, VecNormalize | None]:
+    """A saved model and its normalisation. Both files hold pickles, which can run code: load only what you trust.
+
+    Raises
+    ------
+    TrainingError
+        When one of them cannot be read.
+    """
+    try:
+        model = algorithm_class(algorithm).load(file, device="cpu")
+        if normalization is None:
+            return model, None
+        with normalization.open("rb") as opened:
+            found = pickle.load(opened)
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        EOFError,
+        AttributeError,
+        pickle.UnpicklingError,
+        zipfile.BadZipFile,
+    ) as error:
+        msg = f"Cannot read the model {file} ({algorithm}) and its normalisation {normalization}: {error}."
+        raise TrainingError(msg) from error
+    if not isinstance(found, VecNormalize):
+        msg = f"{normalization} holds {type(found).__name__}, expected the VecNormalize that was saved with the model."
+        raise TrainingError(msg)
+    return model, found
+
+
+def export_policy(
+    model: BaseAlgorithm, normalization: VecNormalize | None, task: TaskSpec, about: dict[str, str | int | float]
+) -> NetworkPolicy:
+    """The deterministic policy of ``model``: mean action, without the noise of exploration.
+
+    Raises
+    ------
+    TrainingError
+        When its actor is no plain multilayer perceptron (recurrent, with state-dependent exploration, an unknown
+        activation), or the model is of another task.
+    """
+    layers, activation, output = _actor_of(model)
+    card = task_card(task)
+    columns = len(card.observation_names)
+    if layers[0].in_features != columns or layers[-1].out_features != len(card.actions):
+        msg = (
+            f"The model takes {layers[0].in_features} observations and gives {layers[-1].out_features} actions; "
+            f"{task.id} has {columns} and {len(card.actions)}. Name the task that it was trained on with --task."
+        )
+        raise TrainingError(msg)
+    mean, scale, clip = _normalization(normalization, columns)
+    return NetworkPolicy(
+        task_id=task.id,
+        delta=task.uncertainty.delta,
+        observation_names=card.observation_names,
+        action_names=card.action_names,
+        low=np.array([action.low for action in card.actions]),
+        high=np.array([action.high for action in card.actions]),
+        mean=mean,
+        scale=scale,
+        clip=clip,
+        weights=tuple(layer.weight.detach().numpy().T.copy() for layer in layers),
+        biases=tuple(layer.bias.detach().numpy().copy() for layer in layers),
+        activation=activation,
+        output=output,
+        about=about,
+    )
+
+
+def export_model(file: Path, algorithm: str, normalization: Path | None, task: TaskSpec, folder: Path) -> None:
+    """Write the policy of a saved model to ``folder`` with a card, so that the folder can be evaluated as an agent.
+
+    Raises
+    ------
+    TrainingError
+        When the model cannot be read or exported, or the folder holds another agent's card.
+    """
+    if (folder / CARD).exists():
+        msg = f"{folder} has a {CARD} already. Choose another folder with --out."
+        raise TrainingError(msg)
+    model, found = load_model(file, algorithm, normalization)
+    policy = export_policy(model, found, task, {"algorithm": algorithm, "steps": model.num_timesteps})
+    write_atomically(folder / POLICY, policy.to_bytes())
+    card = {
+        "title": f"{type(model).__name__} trained on {task.id}",
+        "controller": "network",
+        "settings": POLICY,
+        "description": f"The policy of {file.name}, without the noise of exploration.",
+        "made": "glbench export",
+        "sources": [],
+    }
+    write_atomically(folder / CARD, to_toml(card))
+
+
+def _actor_of(model: BaseAlgorithm) -> tuple[list[nn.Linear], str, Output]:
+    policy = model.policy
+    if type(policy).__name__.startswith("Recurrent"):
+        msg = f"{type(model).__name__} has a memory; only policies without one can be exported. Submit the model itself (docs/submit.md)."
+        raise TrainingError(msg)
+    if isinstance(policy, ActorCriticPolicy) and not policy.use_sde:
+        parts: list[nn.Module] = [*policy.mlp_extractor.policy_net, policy.action_net]
+        return (*_layers(parts), "clip")
+    if isinstance(policy, SACPolicy) and not policy.actor.use_sde:
+        return (*_layers([*policy.actor.latent_pi, policy.actor.mu]), "tanh")
+    msg = f"The policy of {type(model).__name__} ({type(policy).__name__}) cannot be exported: only those of PPO's and SAC's kind can."
+    raise TrainingError(msg)
+
+
+def _layers(parts: list[nn.Module]) -> tuple[list[nn.Linear], str]:
+    linear = [part for part in parts if isinstance(part, nn.Linear)]
+    between = [type(part).__name__ for part in parts if not isinstance(part, nn.Linear)]
+    if len(set(between)) > 1 or not set(between) <= ACTIVATIONS.keys() or len(between) != len(linear) - 1:
+        msg = f"An actor of {', '.join(type(part).__name__ for part in parts)} cannot be exported. Activations: {', '.join(ACTIVATIONS)}."
+        raise TrainingError(msg)
+    return linear, between[0] if between else "ReLU"
+
+
+def _normalization(normalization: VecNormalize | None, columns: int) -> tuple[np.ndarray, np.ndarray, float]:
+    if normalization is None or not normalization.norm_obs:
+        # Without normalisation nothing is cut, either: no observation comes near 1e30.
+        return np.zeros(columns), np.ones(columns), 1e30
+    statistics = normalization.obs_rms
+    if not isinstance(statistics, RunningMeanStd):
+        msg = "The normalisation is for several kinds of observations; the tasks of glbench have one."
+        raise TrainingError(msg)
+    return statistics.mean, np.sqrt(statistics.var + normalization.epsilon), float(normalization.clip_obs)
+
+
+def torch_action(model: BaseAlgorithm, normalization: VecNormalize | None, observations: np.ndarray) -> np.ndarray:
+    """What Stable-Baselines3 itself answers, to compare with."""
+    seen = observations if normalization is None else normalization.normalize_obs(observations)
+    with torch.no_grad():
+        actions, _ = model.predict(seen, deterministic=True)
+    return actions

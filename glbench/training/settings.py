@@ -1,0 +1,145 @@
+"""How an agent is trained, as a YAML file says: ``default:`` and, over it, the entries of a task's own key."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from glbench.errors import TrainingError
+from glbench.resources import data_folder
+
+PAPER = {"ppo": "ppo/ppo.yml", "sac": "sac/sac.yml"}
+"""Shipped settings of the paper's algorithms, in ``baselines``."""
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Normalization(_Part):
+    """Running mean and standard deviation of observations and rewards (``VecNormalize``)."""
+
+    observations: bool = True
+    rewards: bool = True
+    clip_observations: float = Field(default=10.0, gt=0)
+    clip_rewards: float = Field(default=10.0, gt=0)
+
+
+class EvaluationPlan(_Part):
+    """Evaluation between the steps of training, on seeds that no score is made with."""
+
+    every: int = Field(default=100_000, gt=0)
+    """Environment steps between two evaluations."""
+    runs: int = Field(default=4, gt=0)
+    """Runs an evaluation; 1 is enough, and is taken, where the task draws nothing."""
+    first_seed: int = Field(default=10_000, ge=0)
+
+
+class TrainingSettings(_Part):
+    """Settings of one training.
+
+    Attributes
+    ----------
+    algorithm
+        ``ppo``, ``sac``, or the class path of an algorithm of Stable-Baselines3's kind (``sb3_contrib.RecurrentPPO``).
+    n_timesteps
+        Environment steps, over all greenhouses.
+    n_envs
+        Greenhouses stepped together.
+    first_env_seed
+        Seed of the first greenhouse's first episode; the next ones count up.
+    policy
+        Name of the policy, as the algorithm knows it.
+    policy_kwargs
+        Arguments of the policy; ``activation_fn`` and ``optimizer_class`` by name (``SiLU``, ``Adam``).
+    action_noise_std
+        Standard deviation of Gaussian noise on actions, for algorithms with a replay buffer.
+    hyperparameters
+        All other arguments of the algorithm's class.
+    """
+
+    algorithm: str
+    n_timesteps: int = Field(default=2_000_000, gt=0)
+    n_envs: int = Field(default=8, gt=0)
+    first_env_seed: int = Field(default=666, ge=0)
+    policy: str = "MlpPolicy"
+    policy_kwargs: dict[str, Any] = Field(default_factory=dict)
+    action_noise_std: float | None = Field(default=None, gt=0)
+    normalize: Normalization = Normalization()
+    evaluation: EvaluationPlan = EvaluationPlan()
+    kernel_preset: Literal["fast", "reference"] = "fast"
+    hyperparameters: dict[str, Any] = Field(default_factory=dict)
+
+    @property
+    def gamma(self) -> float:
+        """Discount a step, which also scales the rewards; Stable-Baselines3's 0.99 when the file is silent."""
+        return float(self.hyperparameters.get("gamma", 0.99))
+
+
+_OWN = frozenset(TrainingSettings.model_fields) - {"algorithm", "hyperparameters"}
+
+
+def shipped_settings(algorithm: str) -> Path:
+    """File with the paper's settings of ``algorithm``.
+
+    Raises
+    ------
+    TrainingError
+        When there is none, as for algorithms given by class path.
+    """
+    if algorithm not in PAPER:
+        msg = f"glbench ships no settings for '{algorithm}'. Give a file of your own with --config (docs/training.md shows one)."
+        raise TrainingError(msg)
+    return data_folder("baselines") / PAPER[algorithm]
+
+
+def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
+    """Settings for a task from a YAML file: ``default:``, overlaid with the entries under the task's id.
+
+    Keys that are not settings of the training itself are arguments of the algorithm's class.
+
+    Raises
+    ------
+    TrainingError
+        When the file cannot be read, or a value is impossible.
+    """
+    sections = _sections(file)
+    merged = {**sections.get("default", {}), **sections.get(task_id, sections.get(task_id.rpartition("/")[2], {}))}
+    own = {key: value for key, value in merged.items() if key in _OWN}
+    rest = {key: _number(value, key, file) for key, value in merged.items() if key not in _OWN}
+    try:
+        return TrainingSettings(algorithm=algorithm, **own, hyperparameters=rest)
+    except ValidationError as error:
+        problems = "; ".join(f"'{'.'.join(map(str, p['loc']))}': {p['msg']}" for p in error.errors())
+        msg = f"The settings in {file} cannot be used: {problems}."
+        raise TrainingError(msg) from error
+
+
+def _sections(file: Path) -> dict[str, dict[str, Any]]:
+    try:
+        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        msg = f"Cannot read the settings {file}: {error}."
+        raise TrainingError(msg) from error
+    if not isinstance(content, dict) or not all(isinstance(part, dict) or part is None for part in content.values()):
+        msg = f"{file} is no settings file: it needs a section 'default:' and may have sections named by task ids."
+        raise TrainingError(msg)
+    if "default" not in content:
+        found = ", ".join(f"'{name}'" for name in content)
+        msg = f"{file} has no section 'default:' (only {found}). Put the settings that hold for every task there."
+        raise TrainingError(msg)
+    return {str(name): part or {} for name, part in content.items()}
+
+
+def _number(value: Any, key: str, file: Path) -> Any:
+    """``2e-5`` is text to YAML 1.1, which wants ``2.0e-5``: read it as the number it is meant to be."""
+    if not isinstance(value, str) or not value[:1].isdigit():
+        return value
+    try:
+        return float(value)
+    except ValueError as error:
+        msg = f"'{key}: {value}' in {file} is no number."
+        raise TrainingError(msg) from error

@@ -1,0 +1,134 @@
+"""The vector environment of glbench as Stable-Baselines3 wants it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+
+from glbench.env import GreenhouseVectorEnv, Snapshot
+from glbench.kernel import make_kernel
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+Floats = NDArray[np.float64]
+_SCALAR_ATTRIBUTES = {"render_mode": None}
+
+
+class TrainingVecEnv(VecEnv):
+    """``n_envs`` greenhouses of one task, stepped by one call of the kernel.
+
+    The season's end is the end of the task, not a time limit: an episode ends with ``done`` and without
+    ``TimeLimit.truncated``, so that algorithms do not bootstrap over it. The last observation of an episode is in
+    ``info["terminal_observation"]``, its sums of reward, EPI and penalty in ``info["episode"]``.
+
+    Row i's first episode has seed ``first_seed + i``; each later one a seed drawn from a generator seeded with that. The
+    algorithm's own seed has no part in it.
+
+    Parameters
+    ----------
+    task
+        The task.
+    n_envs
+        Number of greenhouses.
+    first_seed
+        Seed of row 0's first episode.
+    kernel_preset
+        ``"fast"`` (for training) or ``"reference"`` (what scores are made with).
+    """
+
+    def __init__(self, task: TaskSpec, n_envs: int, *, first_seed: int = 666, kernel_preset: str = "fast") -> None:
+        kernel = make_kernel(task.step_seconds, variant=task.model.variant, preset=kernel_preset)
+        self.environment = GreenhouseVectorEnv(task, n_envs, kernel=kernel, autoreset_mode="SameStep")
+        self.first_seed = first_seed
+        self.simulator_seconds = 0.0
+        """Wall time [s] spent in the simulation so far."""
+        self._begun = False
+        self._sums = np.zeros((3, n_envs))
+        self._lengths = np.zeros(n_envs, dtype=np.int64)
+        self._actions: NDArray[np.floating[Any]] = np.zeros((n_envs, 6), dtype=np.float32)
+        super().__init__(n_envs, self.environment.single_observation_space, self.environment.single_action_space)
+
+    def reset(self) -> NDArray[np.float32]:
+        """First observations ``(n_envs, columns)``; the first call seeds the rows."""
+        seeds = None if self._begun else [self.first_seed + row for row in range(self.num_envs)]
+        self._begun = True
+        self._sums[:] = 0.0
+        self._lengths[:] = 0
+        observations, _ = self.environment.reset(seed=seeds)
+        return observations
+
+    def step_async(self, actions: NDArray[np.floating[Any]]) -> None:
+        """Keep the actions for ``step_wait``."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
+        """Take the step: observations, rewards, whether episodes ended, infos."""
+        began = time.perf_counter()
+        observations, rewards, terminated, _, info = self.environment.step(self._actions)
+        self.simulator_seconds += time.perf_counter() - began
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        ended = terminated.any()
+        self._sums[0] += rewards
+        for place, name in ((1, "epi"), (2, "penalty")):
+            self._sums[place] += np.where(terminated, info["final_info"][name], info[name]) if ended else info[name]
+        self._lengths += 1
+        if ended:
+            for row in np.flatnonzero(terminated).tolist():
+                infos[row] = self._end_of(row, info)
+        return observations, rewards.astype(np.float32), terminated, infos
+
+    def _end_of(self, row: int, info: dict[str, Any]) -> dict[str, Any]:
+        reward, epi, penalty = self._sums[:, row].tolist()
+        episode = {"r": reward, "l": int(self._lengths[row]), "epi": epi, "penalty": penalty}
+        self._sums[:, row] = 0.0
+        self._lengths[row] = 0
+        return {"terminal_observation": info["final_obs"][row], "TimeLimit.truncated": False, "episode": episode}
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Everything that the rest of the episodes depends on, as arrays."""
+        packed = np.frombuffer(self.environment.snapshot().to_bytes(), dtype=np.uint8)
+        return {"snapshot": packed, "sums": self._sums.copy(), "lengths": self._lengths.copy()}
+
+    def restore(self, state: dict[str, NDArray[Any]]) -> None:
+        """Continue from ``state()``, in this process or another."""
+        self.environment.restore(Snapshot.from_bytes(state["snapshot"].tobytes()))
+        self._sums[:] = state["sums"]
+        self._lengths[:] = state["lengths"]
+        self._begun = True
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Seeds of the first episodes. They come from ``first_seed``, whatever the algorithm asks for."""
+        return [self.first_seed + row for row in range(self.num_envs)]
+
+    def close(self) -> None:
+        """Release the environment."""
+        self.environment.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """An attribute, once for each row asked for."""
+        if attr_name in _SCALAR_ATTRIBUTES:
+            return [_SCALAR_ATTRIBUTES[attr_name]] * self._count(indices)
+        return [getattr(self.environment, attr_name)] * self._count(indices)
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Not possible: rows are no environments of their own."""
+        msg = f"The greenhouses of a batch have no attributes of their own; {attr_name!r} cannot be set."
+        raise NotImplementedError(msg)
+
+    def env_method(self, method_name: str, *arguments: Any, indices: Any = None, **keywords: Any) -> list[Any]:
+        """Not possible: rows are no environments of their own."""
+        msg = f"The greenhouses of a batch have no methods of their own; {method_name!r} cannot be called."
+        raise NotImplementedError(msg)
+
+    def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
+        """Never: rows are no environments of their own. Episode sums come as a ``Monitor`` would give them."""
+        return [False] * self._count(indices)
+
+    def _count(self, indices: Any) -> int:
+        return len(list(self._get_indices(indices)))

@@ -1,0 +1,132 @@
+"""Weights & Biases as a listener. Works offline too: ``WANDB_MODE=offline``, and ``wandb sync`` later."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from glbench.errors import TrainingError
+from glbench.training.progress import CurvePoint, Progress
+
+if TYPE_CHECKING:
+    from glbench.training.search_space import Search
+
+_NOT_INSTALLED = "Weights & Biases is not installed. Install it with: uv sync --extra train --extra wandb"
+_NOT_IN_AN_ID = re.compile(r"[^A-Za-z0-9_-]")
+
+
+class WandbListener:
+    """Logs evaluations and speed to a run of Weights & Biases.
+
+    Parameters
+    ----------
+    name
+        Name of the run, which a run of that name is continued under; ``None`` in a sweep, which names its trials itself.
+    config
+        Settings to show beside it.
+    folder
+        Where its files go.
+    project
+        Project of Weights & Biases.
+
+    Raises
+    ------
+    TrainingError
+        When the package is not installed, or no run can be started (not logged in, no network).
+    """
+
+    def __init__(self, name: str | None, config: dict[str, Any], folder: Path, project: str = "glbench") -> None:
+        try:
+            import wandb
+        except ImportError as error:
+            raise TrainingError(_NOT_INSTALLED) from error
+        folder.mkdir(parents=True, exist_ok=True)
+        fixed: dict[str, Any] = (
+            {} if name is None else {"name": name, "id": _NOT_IN_AN_ID.sub("-", name), "resume": "allow"}
+        )
+        try:
+            self._run = wandb.init(project=project, dir=str(folder), config=config, **fixed)
+        except (wandb.errors.Error, OSError) as error:
+            msg = f"Weights & Biases cannot start a run: {error} Log in with `wandb login`, or set WANDB_MODE=offline."
+            raise TrainingError(msg) from error
+
+    @property
+    def identifier(self) -> str:
+        """Identifier of the run."""
+        return str(self._run.id)
+
+    @property
+    def choices(self) -> dict[str, Any]:
+        """What a sweep chose for this run."""
+        return dict(self._run.config)
+
+    def on_progress(self, progress: Progress) -> None:
+        """Speed and the reward of the last seasons."""
+        values: dict[str, float] = {"steps": progress.steps, "steps_per_second": progress.steps_per_second}
+        if progress.season_reward is not None:
+            values["season_reward"] = progress.season_reward
+        self._run.log(values)
+
+    def on_evaluation(self, point: CurvePoint) -> None:
+        """What an evaluation gave."""
+        sums = {f"evaluation/{name}": value for name, value in point.result.sums.items()}
+        self._run.log({"steps": point.steps, **sums})
+        if point.is_best:
+            self._run.summary["best_reward"] = point.result.reward
+
+    def on_saved(self, steps: int) -> None:
+        """Nothing to log."""
+
+    def close(self) -> None:
+        """End the run."""
+        self._run.finish()
+
+
+def wandb_sweep(search: Search, folder: Path) -> None:
+    """Run the search as a sweep of Weights & Biases, which then chooses the trials; needs an account and the network.
+
+    Raises
+    ------
+    TrainingError
+        When the package is not installed or the service cannot be reached.
+    """
+    try:
+        import wandb
+    except ImportError as error:
+        raise TrainingError(_NOT_INSTALLED) from error
+    from glbench.tasks import get_task
+    from glbench.training.run import train
+    from glbench.training.search_space import with_choices
+    from glbench.training.sweep import base_settings
+
+    settings, task = base_settings(search), get_task(search.task)
+
+    def trial() -> None:
+        listener = WandbListener(None, {}, folder)
+        try:
+            chosen = with_choices(settings, dict(listener.choices), search.steps)
+            train(
+                task,
+                chosen,
+                folder / listener.identifier,
+                seed=search.seed,
+                resume=True,
+                tensorboard=False,
+                listeners=[listener],
+            )
+        finally:
+            listener.close()
+
+    try:
+        wandb.agent(
+            wandb.sweep(search.wandb_config(), project="glbench"),
+            function=trial,
+            count=search.trials,
+            project="glbench",
+        )
+    except (wandb.errors.Error, OSError) as error:
+        msg = (
+            f"Weights & Biases cannot run the sweep: {error} Log in with `wandb login`, or run it here without --wandb."
+        )
+        raise TrainingError(msg) from error

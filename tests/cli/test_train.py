@@ -1,0 +1,111 @@
+"""Training on the command line: one agent from the first step to its score, and mistakes explained."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="training needs the extra 'train'")
+
+from tests.cli.command_line import Command
+
+TINY = """
+default:
+  n_timesteps: 200
+  n_envs: 2
+  policy_kwargs: {net_arch: [8], activation_fn: SiLU}
+  n_steps: 32
+  batch_size: 32
+  evaluation: {every: 100, runs: 1}
+"""
+SEARCH = """
+algorithm: ppo
+task: day.toml
+config: tiny.yml
+steps: 100
+trials: 2
+parameters:
+  learning_rate: {min: 1.0e-4, max: 1.0e-2, distribution: log_uniform_values}
+"""
+
+
+@pytest.fixture
+def settings(here: Path) -> Path:
+    """The current folder with settings of a training of 200 steps, and a search."""
+    (here / "tiny.yml").write_text(TINY, encoding="utf-8")
+    (here / "sweep.yml").write_text(SEARCH, encoding="utf-8")
+    return here
+
+
+@pytest.mark.train
+def test_a_trained_folder_is_an_agent(glbench: Command, settings: Path) -> None:
+    trained = glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--seed", "2")
+    assert trained.code == 0, trained.err
+    assert "best" in trained.err
+    folder = settings / "runs" / "ppo-Day-v1-seed2"
+    card = tomllib.loads((folder / "card.toml").read_text(encoding="utf-8"))
+    assert card["training"]["seed"] == 2
+    assert list((folder / "tensorboard").rglob("events.out.*"))
+    scored = glbench("evaluate", "runs/ppo-Day-v1-seed2", "--task", "day.toml")
+    assert scored.code == 0, scored.err
+    assert (settings / "reports" / "results" / "Day-v1" / "ppo-Day-v1-seed2.json").is_file()
+    again = glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--seed", "2")
+    assert "Already trained" in again.err
+    other = glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--seed", "3", "--out", str(folder))
+    assert other.code == 1
+    assert "--resume" in other.err
+
+
+@pytest.mark.train
+def test_an_exported_model_is_an_agent(glbench: Command, settings: Path) -> None:
+    glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "run", "--no-tensorboard")
+    kept = (settings / "run" / "policy.npz").read_bytes()
+    answer = glbench(
+        "export",
+        "run/best/model.zip",
+        "--normalization",
+        "run/best/vecnormalize.pkl",
+        "--task",
+        "day.toml",
+        "--out",
+        "mine",
+    )
+    assert answer.code == 0, answer.err
+    assert "mine/policy.npz" in answer.out
+    assert glbench("evaluate", "mine", "--task", "day.toml").code == 0
+    assert glbench("export", "run").code == 1, "a task file of one's own is not known by its id"
+    assert (settings / "run" / "policy.npz").read_bytes() == kept
+
+
+@pytest.mark.train
+def test_a_search_is_continued_and_its_best_trial_shown_first(glbench: Command, settings: Path) -> None:
+    first = glbench("sweep", "--config", "sweep.yml")
+    assert first.code == 0, first.err
+    assert first.err.count("complete") == 2
+    again = glbench("sweep", "--config", "sweep.yml")
+    assert "complete" not in again.err, "both trials are there already"
+    assert again.out == first.out
+    (settings / "sweep.yml").write_text(SEARCH.replace("steps: 100", "steps: 150"), encoding="utf-8")
+    other = glbench("sweep", "--config", "sweep.yml")
+    assert other.code == 1
+    assert "another search" in other.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("train", "pppo"), "Did you mean 'ppo'"),
+        (("train", "sb3_contrib.RecurrentPPO"), "--config"),
+        (("train", "ppo", "--config", "nowhere.yml"), "Cannot read the settings"),
+        (("train", "ppo", "--config", "sweep.yml"), "no settings file"),
+        (("sweep", "--config", "tiny.yml"), "cannot be used"),
+        (("export", "nowhere.zip"), "Cannot read the model"),
+        (("export", "."), "no finished training"),
+    ],
+)
+def test_a_mistake_is_explained(glbench: Command, settings: Path, arguments: tuple[str, ...], said: str) -> None:
+    answer = glbench(*arguments)
+    assert answer.code == 1
+    assert said in answer.err

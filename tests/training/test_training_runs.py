@@ -1,0 +1,131 @@
+"""Trainings begin, go on, end, and say how they were made."""
+
+from __future__ import annotations
+
+import shutil
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from glbench.errors import TrainingError
+from glbench.tasks import TaskSpec
+from glbench.training import CurvePoint, Progress, TrainingSettings, train
+from glbench.training.algorithms import algorithm_class
+from glbench.training.checkpoint import find_checkpoint
+
+pytestmark = pytest.mark.train
+
+
+class PowerCutError(Exception):
+    """Stands for the power cut."""
+
+
+class Listening:
+    """Keeps what it is told, and pulls the plug after some checkpoints."""
+
+    def __init__(self, checkpoints: int | None = None) -> None:
+        self.points: list[CurvePoint] = []
+        self.last: Progress | None = None
+        self._left = checkpoints
+
+    def on_progress(self, progress: Progress) -> None:
+        self.last = progress
+
+    def on_evaluation(self, point: CurvePoint) -> None:
+        self.points.append(point)
+
+    def on_saved(self, steps: int) -> None:
+        if self._left is not None:
+            self._left -= 1
+            if self._left == 0:
+                raise PowerCutError
+
+
+def weights_of(folder: Path, algorithm: str) -> dict[str, np.ndarray]:
+    model: BaseAlgorithm = algorithm_class(algorithm).load(folder / "checkpoint" / "model.zip", device="cpu")
+    return {name: value.numpy() for name, value in model.policy.state_dict().items()}
+
+
+def assert_same_bits(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> None:
+    assert one.keys() == other.keys()
+    for name, value in one.items():
+        np.testing.assert_array_equal(value, other[name], err_msg=name)
+
+
+def test_the_same_seed_gives_the_same_weights_and_another_seed_others(
+    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
+) -> None:
+    for name, seed in (("a", 0), ("b", 0), ("c", 1)):
+        train(day, tiny, tmp_path / name, seed=seed, tensorboard=False)
+    a, b, c = (weights_of(tmp_path / name, tiny.algorithm) for name in "abc")
+    assert_same_bits(a, b)
+    assert any((a[name] != c[name]).any() for name in a)
+    assert (tmp_path / "a" / "policy.npz").read_bytes() == (tmp_path / "b" / "policy.npz").read_bytes()
+
+
+def test_a_training_that_was_killed_goes_on_to_the_same_weights(
+    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
+) -> None:
+    train(day, tiny, tmp_path / "whole", tensorboard=False)
+    with pytest.raises(PowerCutError):
+        train(day, tiny, tmp_path / "cut", tensorboard=False, save_seconds=0.0, listeners=[Listening(checkpoints=4)])
+    assert not (tmp_path / "cut" / "card.toml").exists()
+    listening = Listening()
+    trained = train(day, tiny, tmp_path / "cut", resume=True, tensorboard=False, listeners=[listening])
+    assert listening.last is not None
+    assert listening.last.steps == trained.steps
+    assert_same_bits(weights_of(tmp_path / "whole", tiny.algorithm), weights_of(tmp_path / "cut", tiny.algorithm))
+    curves = [
+        np.genfromtxt(tmp_path / name / "learning_curve.csv", delimiter=",", names=True) for name in ("whole", "cut")
+    ]
+    assert curves[0].dtype.names == curves[1].dtype.names
+    for column in set(curves[0].dtype.names) - {"seconds"}:
+        np.testing.assert_array_equal(curves[0][column], curves[1][column])
+
+
+@pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
+def test_the_card_tells_how_the_agent_was_made_and_where_the_time_went(
+    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
+) -> None:
+    listening = Listening()
+    trained = train(day, tiny, tmp_path / "run", seed=3, tensorboard=False, listeners=[listening])
+    card = tomllib.loads((tmp_path / "run" / "card.toml").read_text(encoding="utf-8"))
+    assert card["task"] == {"id": day.id, "digest": day.digest}
+    assert (card["training"]["seed"], card["training"]["steps"]) == (3, trained.steps)
+    assert card["best"]["reward"] == max(point.result.reward for point in listening.points)
+    assert not set(card["best"]["evaluation_seeds"]) & set(range(666, 696))
+    assert sum(card["share_of_training_time"].values()) == pytest.approx(1.0, abs=1e-3)
+    parts = {name: seconds for name, seconds in card["wall_seconds"].items() if name != "total"}
+    assert sum(parts.values()) == pytest.approx(card["wall_seconds"]["total"], abs=0.5)
+    assert {"torch", "stable-baselines3", "glbench"} <= card["versions"].keys()
+
+
+@pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
+def test_what_is_finished_is_not_done_again_and_what_was_begun_is_not_overwritten(
+    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
+) -> None:
+    folder = tmp_path / "run"
+    first = train(day, tiny, folder, tensorboard=False)
+    again = train(day, tiny, folder, tensorboard=False)
+    assert again.already_done
+    assert (again.steps, again.best_reward) == (first.steps, first.best_reward)
+    with pytest.raises(TrainingError, match="--resume"):
+        train(day, tiny, folder, seed=1, tensorboard=False)
+    with pytest.raises(TrainingError, match=r"another training.*seed"):
+        train(day, tiny, folder, seed=1, resume=True, tensorboard=False)
+    longer = train(day, tiny.model_copy(update={"n_timesteps": 900}), folder, resume=True, tensorboard=False)
+    assert longer.steps >= 900
+    assert not longer.already_done
+
+
+def test_a_kill_between_the_two_renames_of_a_checkpoint_leaves_one(tmp_path: Path) -> None:
+    folder = tmp_path / "checkpoint"
+    assert find_checkpoint(folder) is None
+    folder.mkdir()
+    (folder / "state.json").write_text("{}", encoding="utf-8")
+    assert find_checkpoint(folder) == folder
+    shutil.move(folder, tmp_path / "checkpoint.old")
+    assert find_checkpoint(folder) == tmp_path / "checkpoint.old"

@@ -1,0 +1,74 @@
+"""The environment that Stable-Baselines3 sees is the environment of Gymnasium."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from glbench.env import GreenhouseVectorEnv
+from glbench.kernel import make_kernel
+from glbench.tasks import TaskSpec
+from glbench.training.vec_env import TrainingVecEnv
+
+Array = np.ndarray
+
+
+def actions(steps: int, rows: int) -> Array:
+    return np.random.default_rng(0).uniform(-1, 1, (steps, rows, 6)).astype(np.float32)
+
+
+def test_observations_rewards_and_ends_are_those_of_the_vector_environment(day: TaskSpec) -> None:
+    ours = TrainingVecEnv(day, 3, first_seed=666)
+    kernel = make_kernel(day.step_seconds, variant=day.model.variant, preset="fast")
+    theirs = GreenhouseVectorEnv(day, 3, kernel=kernel, autoreset_mode="SameStep")
+    np.testing.assert_array_equal(ours.reset(), theirs.reset(seed=[666, 667, 668])[0])
+    total = np.zeros(3)
+    for step, chosen in enumerate(actions(30, 3), start=1):
+        observations, rewards, done, infos = ours.step(chosen)
+        expected = theirs.step(chosen)
+        np.testing.assert_array_equal(observations, expected[0])
+        np.testing.assert_array_equal(rewards, expected[1].astype(np.float32))
+        np.testing.assert_array_equal(done, expected[2])
+        total += expected[1]
+        if step == day.steps:
+            assert done.all()
+            for row, info in enumerate(infos):
+                np.testing.assert_array_equal(info["terminal_observation"], expected[4]["final_obs"][row])
+                assert info["episode"]["l"] == day.steps
+                np.testing.assert_allclose(info["episode"]["r"], total[row], rtol=1e-12)
+        else:
+            assert not done.any()
+            assert infos == [{}, {}, {}]
+
+
+def test_the_end_of_the_season_is_no_time_limit(day: TaskSpec) -> None:
+    env = TrainingVecEnv(day, 1)
+    env.reset()
+    for chosen in actions(day.steps, 1):
+        *_, done, infos = env.step(chosen)
+    assert done.all()
+    assert infos[0]["TimeLimit.truncated"] is False
+
+
+def test_an_environment_set_back_to_a_moment_repeats_what_followed(day: TaskSpec) -> None:
+    env = TrainingVecEnv(day, 2)
+    env.reset()
+    for chosen in actions(10, 2):
+        env.step(chosen)
+    state = env.state()
+    first = [env.step(chosen)[:2] for chosen in actions(40, 2)]
+    other = TrainingVecEnv(day, 2)
+    other.restore(state)
+    for (observations, rewards), chosen in zip(first, actions(40, 2), strict=True):
+        again = other.step(chosen)
+        np.testing.assert_array_equal(observations, again[0])
+        np.testing.assert_array_equal(rewards, again[1])
+
+
+def test_later_seasons_are_drawn_anew(day: TaskSpec) -> None:
+    env = TrainingVecEnv(day, 2)
+    env.reset()
+    before = env.environment.simulation.seeds.copy()
+    for chosen in actions(day.steps, 2):
+        env.step(chosen)
+    assert before.tolist() == [666, 667]
+    assert not set(env.environment.simulation.seeds.tolist()) & {666, 667}
