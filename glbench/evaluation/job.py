@@ -27,6 +27,7 @@ from glbench.evaluation.files import ensure_writable, result_path, save_result, 
 from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.lockstep import Lockstep, ProgressCallback, Watcher
 from glbench.evaluation.metrics import UNITS
+from glbench.evaluation.profiles import make_profile, profile_path
 from glbench.evaluation.records import (
     AgentRecord,
     EvaluationRecord,
@@ -111,16 +112,20 @@ class Evaluation:
             make_episodes(self.episodes, result, self.path, self.task)
 
     def _save(self, result: Result, recorder: Recorder, simulation: Simulation, out: Path) -> Result:
-        """Write the actions, then the result that names their digest, then full episodes."""
+        """Write the result, which names the digests of profile and actions, then these, then full episodes."""
         path = result_path(out, self.task.id, self.agent.name)
         provenance = provenance_of(self.task, self.agent, self.kernel)
         log = recorder.log(simulation, provenance, run_facts(result.runs))
         actions = actions_path(path)
         result = result.model_copy(update={"record": RecordReference(file=actions.name, digest=log.digest)})
+        profile, drawn = profile_path(path), make_profile(self.task, result, log, recorder.trace, simulation.kernel)
+        result = result.model_copy(update={"profile": RecordReference(file=profile.name, digest=drawn.digest)})
         # The small result before the large record: a disk that fills up must not take the result down. A record of an
         # earlier evaluation goes first, so that none stands beside a result that it does not belong to.
         actions.unlink(missing_ok=True)
+        profile.unlink(missing_ok=True)
         save_result(result, out)
+        write_atomically(profile, drawn.to_bytes())
         write_atomically(actions, log_bytes(log))
         forget_episodes(path)
         write_episodes(self.episodes, result, path, self.task, log, recorder.trace)
@@ -171,8 +176,7 @@ class Evaluation:
         tally = Tally(self.seeds)
         checkpoint = Checkpoint(self._folder, self.checkpoint_seconds)
         columns = len(CONTROL_NAMES) if self.agent.privileged else len(self.task.actuation.controls)
-        traced = self.out is not None and self.episodes != ("none",)
-        recorder = Recorder(simulation, columns, traced=traced)
+        recorder = Recorder(simulation, columns, traced=self.out is not None)
         return (
             Lockstep(simulation, driver, tally, checkpoint, recorder, self.limits, progress, watcher),
             tally,
