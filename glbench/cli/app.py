@@ -13,6 +13,7 @@ from glbench.cli import episodes, tasks, weather
 from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_warnings
 from glbench.cli.evaluate import evaluate
 from glbench.cli.leaderboard import leaderboard
+from glbench.cli.report import report
 from glbench.cli.verify import verify
 from glbench.cli.view import view
 from glbench.errors import GlbenchError
@@ -28,6 +29,7 @@ app = typer.Typer(
 )
 app.command("evaluate")(evaluate)
 app.command("leaderboard")(leaderboard)
+app.command("report")(report)
 app.command("verify")(verify)
 app.command("view")(view)
 app.add_typer(episodes.app, name="episodes")

@@ -35,18 +35,11 @@ def leaderboard(
 
     Results are read from OUT/results and from the released results of the rule-based controllers that come with glbench.
     """
-    from glbench.leaderboard import collect_results, rank, to_frame, write_leaderboard
-    from glbench.leaderboard.published import published_expectations
-    from glbench.resources import data_folder
+    from glbench.leaderboard import rank, to_frame, write_leaderboard
+    from glbench.leaderboard.published import own_and_released_results, published_expectations
     from glbench.tasks import list_suites
 
-    # In a checkout the released results lie where one's own are made: of those only the baselines' are released.
-    own = (out / "results").resolve()
-    stored = [
-        item
-        for item in collect_results([out / "results", data_folder("reports/results")])
-        if item.result.agent.kind == "baseline" or item.path.resolve().is_relative_to(own)
-    ]
+    stored = own_and_released_results(out)
     if not stored:
         msg = (
             f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."

@@ -30,6 +30,11 @@ class Profile:
         return json.dumps(self.document, sort_keys=True, separators=(",", ":"), ensure_ascii=False).encode()
 
     @property
+    def text_of_task(self) -> bytes:
+        """The definition of the task as JSON, as records of episodes hold it."""
+        return json.dumps(self.document["task"]).encode()
+
+    @property
     def digest(self) -> str:
         """SHA-256 of ``text``."""
         return hashlib.sha256(self.text).hexdigest()
