@@ -131,7 +131,7 @@ def _seen(task: TaskSpec) -> list[str]:
 
 def _done(task: TaskSpec) -> str:
     labels = ", ".join(CONTROL_LABELS[name].lower().replace("co₂", "CO₂") for name in task.actuation.controls)
-    kind = ACTUATION_KINDS[task.actuation.kind].meaning.replace("max_change", f"{task.actuation.max_change:g}")
+    kind = ACTUATION_KINDS[task.actuation.kind].meaning.replace("max_change", f"{task.actuation.max_change:g}").replace(" -1 ", " −1 ")
     return f"Moves {labels}: {kind}."
 
 
@@ -151,6 +151,6 @@ def _reward(task: TaskSpec) -> list[str]:
     failed = evaluation.failed_step
     lines.append(
         f"{evaluation.runs} runs with the seeds {evaluation.seeds[0]} to {evaluation.seeds[-1]}. A step that a failed run misses counts as "
-        f"reward {failed.reward:g}, profit {failed.epi:g} EUR/m² and penalty {failed.penalty:g}."
+        f"reward {failed.reward:g}, profit {failed.epi:g} EUR/m² and penalty {failed.penalty:g}.".replace("-", "−")
     )
     return lines

@@ -20,6 +20,7 @@ const number = (value, decimals, signed = false) => {
   return (zero ? "" : value < 0 ? MINUS : signed ? "+" : "") + text;
 };
 const withUnit = (value, decimals, unit, signed = false) => number(value, decimals, signed) + (unit ? `\u00a0${unit}` : "");
+const lower = (label) => label.toLowerCase().replace("co\u2082", "CO\u2082");
 const plural = (count, word) => `${count} ${word}${count === 1 ? "" : "s"}`;
 const sentence = (words) => (words.length < 2 ? words.join("") : `${words.slice(0, -1).join(", ")} and ${words.at(-1)}`);
 const date = (iso, day, options = { day: "numeric", month: "long" }) => {

@@ -4,7 +4,7 @@ const COLOURS = {
   light: ["#1d6b47", "#c2452a", "#2f64ad", "#a86b00", "#7a4fa3", "#0f7f86", "#b23a77", "#5b655f"],
   dark: ["#7fd1a5", "#ff8f70", "#8fb8f5", "#e8b44f", "#c5a1ee", "#63c9cf", "#f08fbd", "#b3beb7"],
 };
-const DASHES = ["solid", "dash", "dot", "dashdot", "longdash", "longdashdot", "solid", "dash"];
+const SYMBOLS = ["circle", "square", "diamond", "triangle-up", "circle-open", "square-open", "diamond-open", "triangle-down"];
 const darkNow = () => {
   const chosen = document.documentElement.dataset.theme;
   return chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
@@ -28,7 +28,7 @@ const plotly = () => {
 const CONFIG = { displayModeBar: false, responsive: true, scrollZoom: false, doubleClick: "reset", locale: "en" };
 const axis = (more = {}) => ({
   gridcolor: variable("grid"), zerolinecolor: variable("line"), linecolor: variable("line"), tickcolor: variable("line"),
-  ticks: "", automargin: true, fixedrange: true, nticks: 6, ...more,
+  ticks: "", automargin: true, fixedrange: true, nticks: 6, separatethousands: true, ...more,
 });
 const layout = ({ xaxis, yaxis, ...more } = {}) => ({
   font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: variable("soft") },

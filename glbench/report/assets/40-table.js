@@ -21,7 +21,7 @@ const sortable = ({ caption, columns, rows, state, className = "", rowClass = ()
     explanation.replaceChildren(...(column.explain ?? []));
   };
   const head = (column) => {
-    const label = [column.label, column.unit ? h("span", { class: "unit" }, column.unit) : null];
+    const label = [h("span", { class: "label" }, column.label), column.unit ? h("span", { class: "unit" }, column.unit) : null];
     const cell = h("th", { scope: "col", class: [column.left ? "left" : "", column.className ?? ""].join(" ").trim() || null });
     if (!column.value) { cell.append(...label.filter(Boolean)); return cell; }
     heads.set(column.key, cell);
@@ -36,21 +36,21 @@ const sortable = ({ caption, columns, rows, state, className = "", rowClass = ()
     }, label));
     return cell;
   };
-  const table = h("table", { class: className }, h("caption", {}, caption), h("thead", {}, h("tr", {}, columns.map(head))), body);
+  const table = h("table", { class: className }, h("caption", {}, h("span", {}, caption)), h("thead", {}, h("tr", {}, columns.map(head))), body);
   fill();
   return { element: h("div", {}, h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": caption }, table), explanation), fill };
 };
 
 // The interval of a mean as a bar on an axis that all rows share.
 const bar = ({ mean: center, low, high }, [from, to], agent) => {
-  const place = (value) => `${to > from ? (100 * (value - from)) / (to - from) : 50}%`;
-  const width = to > from ? `${(100 * (high - low)) / (to - from)}%` : "0";
+  const place = (value) => `${to > from ? 5 + (90 * (value - from)) / (to - from) : 50}%`;
+  const width = to > from ? `${(90 * (high - low)) / (to - from)}%` : "0";
   return h("span", { class: "bar", "aria-hidden": "true", "data-agent": agent, style: { "--colour": colourOf(agent) } },
     high > low ? h("i", { style: { left: place(low), width } }) : null, h("b", { style: { left: place(center) } }));
 };
 
 const plainTable = (caption, heads, rows) => h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": caption },
-  h("table", {}, h("caption", {}, caption),
+  h("table", {}, h("caption", {}, h("span", {}, caption)),
     h("thead", {}, h("tr", {}, heads.map((head, i) => h("th", { scope: "col", class: i ? null : "left" }, head)))),
     h("tbody", {}, rows.map((row) => h("tr", {}, row.map((cell, i) => (i ? h("td", {}, cell) : h("th", { scope: "row" }, cell))))))));
 

@@ -39,7 +39,7 @@ const priceField = (task, changed) => {
       },
     })));
   const words = differ
-    ? Object.keys(PRICE_NAMES).filter((name) => prices[name] !== task.prices[name]).map((name) => `${PRICE_NAMES[name][0].toLowerCase().replace("co", "CO")} ${prices[name]} instead of ${task.prices[name]} ${PRICE_NAMES[name][1]}`)
+    ? Object.keys(PRICE_NAMES).filter((name) => prices[name] !== task.prices[name]).map((name) => `${lower(PRICE_NAMES[name][0])} ${prices[name]} instead of ${task.prices[name]} ${PRICE_NAMES[name][1]}`)
     : [];
   return h("details", { class: `prices${differ ? " changed" : ""}`, id: "prices", open: pricesOpen, ontoggle: (event) => { pricesOpen = event.target.open; } },
     h("summary", {}, differ ? [h("b", {}, "Other prices: "), sentence(words)] : [h("b", {}, "What if prices were different?"), " Change them, and the ranking follows."]),

@@ -51,10 +51,10 @@ const familyFigure = (family) => {
     traces: names.filter((name) => !hidden.has(name)).map((name) => {
       const points = tasks.filter((task) => resultOf(task.id, name)?.rank).map((task) => ({ x: task.delta, ...estimate(resultOf(task.id, name), metric) }));
       const column = (key) => points.map((point) => point[key]);
-      const dash = DASHES[AGENTS[name].index % 8];
+      const symbol = SYMBOLS[AGENTS[name].index % 8];
       return line(column("x"), column("mean"), colourOf(name), {
-        mode: "lines+markers", name, line: { dash }, marker: { size: 6 }, hovertemplate: `%{y:,.${METRICS[metric].decimals + 1}f}`,
-        error_y: { type: "data", symmetric: false, array: points.map((p) => p.high - p.mean), arrayminus: points.map((p) => p.mean - p.low), thickness: 1.5, width: 4, color: colourOf(name) },
+        mode: "lines+markers", name, marker: { size: 7, symbol }, hovertemplate: `%{y:,.${METRICS[metric].decimals + 1}f}`,
+        error_y: { type: "data", symmetric: false, array: points.map((p) => p.high - p.mean), arrayminus: points.map((p) => p.mean - p.low), thickness: 1.5, width: 0, color: colourOf(name) },
       });
     }),
     layout: layout({ xaxis: { title: { text: "delta, %", standoff: 6 }, tickvals: tasks.map((task) => task.delta) }, hovermode: "x unified" }),

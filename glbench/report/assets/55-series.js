@@ -37,14 +37,14 @@ const dayChart = (task, name, courses, slotSeconds) => {
   const build = () => {
     const traces = [];
     for (const { agent, packed } of courses) {
-      const colour = agent ? colourOf(agent) : variable("soft");
+      const colour = agent ? colourOf(agent) : variable("accent");
       const rows = scaled(unpack(packed), words.factor), [q05, q25, q50, q75, q95] = rows;
       const hours = q50.map((_, slot) => ((slot + 0.5) * slotSeconds) / 3600);
       const known = hours.map((_, i) => i).filter((i) => q50[i] !== null), pick = (values) => known.map((i) => values[i]);
       if (courses.length === 1) traces.push(band(pick(hours), pick(q05), pick(q95), colour, 0.13));
       traces.push(band(pick(hours), pick(q25), pick(q75), colour, courses.length === 1 ? 0.24 : 0.16));
       traces.push(line(pick(hours), pick(q50), colour, {
-        name: agent ?? "median", hovertemplate: `%{y:,.${words.decimals}f}`, line: { dash: courses.length > 1 ? DASHES[AGENTS[agent].index % 8] : "solid" },
+        name: agent ?? "median", hovertemplate: `%{y:,.${words.decimals}f}`, line: { dash: courses[0].agent === agent ? "solid" : "dash" },
       }));
     }
     return { traces, layout: layout({ xaxis: HOUR_AXIS, yaxis: words.range ? { range: words.range, tickvals: [0, 50, 100] } : {}, shapes: limitShapes(limit) }) };
@@ -60,7 +60,7 @@ const dayChart = (task, name, courses, slotSeconds) => {
 const seasonChart = (task, name, packed, agent, { add = false } = {}) => {
   const words = SERIES[name], limit = limitOf(task, name);
   const factor = add ? (name === "epi" ? 1 : words.dailyFactor ?? 1) : words.dailyFactor ?? words.factor;
-  const unit = add ? "EUR/m\u00b2 since the start" : (words.daily ?? `${words.unit}, mean of the day`);
+  const unit = add ? "EUR/m\u00b2 since the start" : (words.daily ?? `${words.unit}, daily mean`);
   const build = () => {
     const colour = colourOf(agent), days = (task.steps * task.step_seconds) / 86400;
     const x = Array.from({ length: days }, (_, day) => date(task.start, day, { day: "numeric", month: "short" }));

@@ -25,7 +25,7 @@ const agentPage = (name, short) => {
     title: name,
     content: [
       h("h1", {}, swatch(name), name, result.privileged ? tag("privileged") : null, result.verified ? tag("\u2713 verified", "ok") : null),
-      h("p", { class: "lead" }, `Sees: ${result.sees}.`),
+      h("p", { class: "lead" }, `Sees: ${result.sees.replace(/^privileged: /, "")}.`),
       h("div", { class: "fields" }, agentField("Agent", name, (value) => go("agent", value, task.short), D.agents.map((agent) => agent.name), "choose-agent"),
         taskField(task.short, (value) => go("agent", name, value), results.map((one) => TASKS[one.task])),
         others.length ? h("a", { class: "small", href: link("compare", name, others[0].agent, task.short) }, "Compare it with another agent") : null),
@@ -45,7 +45,7 @@ const story = (result, task) => {
   const row = ranked(task.id).find((one) => one.result === result), profit = of("epi");
   const costs = [["heat", of("cost_heat")], ["light", of("cost_electricity")], ["CO\u2082", of("cost_co2")]].sort((a, b) => b[1] - a[1]);
   const outside = of("hours_outside_limits"), hours = (task.steps * task.step_seconds) / 3600;
-  const limits = D.metrics.filter((metric) => /^hours_(air|co2|rel)/.test(metric.name)).map((metric) => [metric.label.toLowerCase().replace("co", "CO"), of(metric.name)]).sort((a, b) => b[1] - a[1]);
+  const limits = D.metrics.filter((metric) => /^hours_(air|co2|rel)/.test(metric.name)).map((metric) => [lower(metric.label), of(metric.name)]).sort((a, b) => b[1] - a[1]);
   return [
     `In ${number(days, 0)} days it grew ${withUnit(of("yield"), 1, "kg/m\u00b2")} of tomatoes worth ${withUnit(of("revenue"), 2, "EUR/m\u00b2")} and ${profit >= 0 ? "earned" : "lost"} `,
     h("b", { class: profit >= 0 ? "gain" : "loss" }, withUnit(Math.abs(profit), 2, "EUR/m\u00b2")),
@@ -85,7 +85,7 @@ const earned = (result) => {
       type: "bar", orientation: "h", y: limits.map((metric) => metric.label), x: limits.map((metric) => of(metric.name).mean), marker: { color: variable("tomato") },
       text: limits.map((metric) => ` ${number(of(metric.name).mean, 0)} h`), textposition: "outside", cliponaxis: false, hoverinfo: "skip", textfont: { color: variable("ink") },
     }],
-    layout: layout({ hovermode: false, margin: { l: 8, r: 44, t: 10, b: 8 }, xaxis: { showgrid: false, showticklabels: false, rangemode: "tozero" }, yaxis: { autorange: "reversed" }, bargap: 0.45 }),
+    layout: layout({ hovermode: false, margin: { l: 8, r: 44, t: 10, b: 8 }, xaxis: { showgrid: false, showticklabels: false, rangemode: "tozero" }, yaxis: { autorange: "reversed", showgrid: false }, bargap: 0.45 }),
   });
   const say = (names) => names.map((name) => `${METRICS[name].label} ${withUnit(of(name).mean, METRICS[name].decimals, METRICS[name].unit)}`).join(", ");
   return [

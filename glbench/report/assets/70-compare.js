@@ -43,16 +43,17 @@ const verdict = (one, two) => {
 const byItem = (one, two, task) => {
   const items = [["revenue", 1], ["cost_heat", -1], ["cost_electricity", -1], ["cost_co2", -1], ["epi", 1]];
   const gaps = items.map(([name, sign]) => { const d = difference(one, two, name); return { name, label: name === "epi" ? "Profit" : METRICS[name].label, value: sign * d.mean, low: sign > 0 ? d.low : -d.high, high: sign > 0 ? d.high : -d.low }; });
+  const ends = [Math.min(0, ...gaps.map((gap) => gap.value)), Math.max(0, ...gaps.map((gap) => gap.value))], room = 0.2 * (ends[1] - ends[0] || 1);
   const build = () => ({
     traces: [{
       type: "bar", orientation: "h", y: gaps.map((gap) => gap.label), x: gaps.map((gap) => gap.value), text: gaps.map((gap) => ` ${number(gap.value, 2, true)} `), textposition: "outside", cliponaxis: false, hoverinfo: "skip",
       marker: { color: gaps.map((gap) => variable(gap.value >= 0 ? "gain" : "loss")), opacity: gaps.map((gap) => (gap.name === "epi" ? 1 : 0.75)) }, textfont: { color: variable("ink") },
     }],
-    layout: layout({ hovermode: false, bargap: 0.4, margin: { l: 8, r: 40, t: 10, b: 8 }, yaxis: { autorange: "reversed" }, xaxis: { zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
+    layout: layout({ hovermode: false, bargap: 0.4, yaxis: { autorange: "reversed", showgrid: false }, xaxis: { range: [ends[0] - room, ends[1] + room], zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
   });
   const rows = [...items.map(([name]) => name), "reward", "penalty", "yield", "heat", "electricity", "co2", "hours_outside_limits"].map((name) => {
     const metric = METRICS[name], d = difference(one, two, name), unit = metric.unit, cost = name.startsWith("cost_");
-    return [[`${cost ? "Cost of " : ""}${cost ? metric.label.toLowerCase().replace("co", "CO") : metric.label}`, unit ? h("span", { class: "soft" }, ` ${unit}`) : null], number(mean(valuesOf(one, name)), metric.decimals), number(mean(valuesOf(two, name)), metric.decimals),
+    return [[`${cost ? "Cost of " : ""}${cost ? lower(metric.label) : metric.label}`, unit ? h("span", { class: "soft" }, ` ${unit}`) : null], number(mean(valuesOf(one, name)), metric.decimals), number(mean(valuesOf(two, name)), metric.decimals),
       number(d.mean, metric.decimals, true), d.high > d.low ? `${number(d.low, metric.decimals, true)} to ${number(d.high, metric.decimals, true)}` : "\u2013"];
   });
   return [

@@ -33,11 +33,10 @@ const taskPage = (short) => {
 
 const definition = (task) => [
   h("div", { class: "columns" }, task.words.map(([heading, lines]) => h("section", {}, h("h3", {}, heading), lines.map((words) => h("p", {}, words))))),
-  h("div", { class: "grid two" },
-    h("div", {}, h("h2", {}, "Limits"), plainTable("What the air should stay within, and the distance outside that costs 1 a step", ["Quantity", "Lowest", "Highest", "Costs 1"], task.limits.map((limit) => [limit.label, ...[limit.low, limit.high, limit.scale].map((value) => `${number(value, 0)}\u00a0${limit.unit}`)]))),
-    h("div", {}, h("h2", {}, "Prices"), plainTable("What things are worth", ["Item", "Price"], Object.entries(PRICE_NAMES).map(([name, [label, unit]]) => [label, `${number(task.prices[name], 2)}\u00a0${unit}`])))),
-  h("h2", {}, "Equipment"),
-  plainTable("The six controls, and what each delivers when fully on", ["Control", "Fully on"], task.capacities.map((one) => [one.label, one.unit ? `${number(one.at_one, 0)}\u00a0${one.unit}` : "closed or open"])),
+  h("div", { class: "grid task" },
+    h("div", {}, h("h2", {}, "Limits"), plainTable("What the air should stay within, and what distance outside costs 1 a step", ["Quantity", "Lowest", "Highest", "Costs 1"], task.limits.map((limit) => [limit.label, ...[limit.low, limit.high, limit.scale].map((value) => `${number(value, 0)}\u00a0${limit.unit}`)]))),
+    h("div", {}, h("h2", {}, "Prices"), plainTable("What things are worth", ["Item", "Price"], Object.entries(PRICE_NAMES).map(([name, [label, unit]]) => [label, `${number(task.prices[name], 2)}\u00a0${unit}`]))),
+    h("div", {}, h("h2", {}, "Equipment"), plainTable("The six controls, and what each delivers when fully on", ["Control", "Fully on"], task.capacities.map((one) => [one.label, one.unit ? `${number(one.at_one, 0)}\u00a0${one.unit}` : "closed or open"])))),
 ];
 
 const weatherPart = (task) => later(700, async () => {
@@ -65,7 +64,7 @@ const weatherPart = (task) => later(700, async () => {
 });
 
 const guidePage = () => ({
-  title: "How to read",
+  title: "Guide",
   content: [
     h("h1", {}, "How to read this page"),
     h("p", { class: "lead" }, "Every number in a grower\u2019s words. All areas are m\u00b2 of greenhouse floor; sums run over the whole period of a task and are means over its runs."),

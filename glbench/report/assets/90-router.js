@@ -4,7 +4,7 @@ const link = (...parts) => `#/${parts.filter((part) => part !== "" && part !== u
 const go = (...parts) => { location.hash = link(...parts); };
 
 const PAGES = { "": leaderboardPage, agents: agentsPage, agent: agentPage, compare: comparePage, tasks: tasksPage, task: taskPage, guide: guidePage };
-const NAVIGATION = [["Leaderboard", "", [""]], ["Agents", "agents", ["agents", "agent"]], ["Compare", "compare", ["compare"]], ["Tasks", "tasks", ["tasks", "task"]], ["How to read", "guide", ["guide"]]];
+const NAVIGATION = [["Leaderboard", "", [""]], ["Agents", "agents", ["agents", "agent"]], ["Compare", "compare", ["compare"]], ["Tasks", "tasks", ["tasks", "task"]], ["Guide", "guide", ["guide"]]];
 
 const address = () => location.hash.replace(/^#\/?/, "").split("/").map(decodeURIComponent);
 const parse = () => {
@@ -15,8 +15,8 @@ const parse = () => {
 // Draw the page of the address. `focus` is the id of what keeps the focus when the page stays the same.
 const show = (focus = null) => {
   const [name, parts] = parse();
-  const { title, content } = PAGES[name](...parts);
   forgetCharts();
+  const { title, content } = PAGES[name](...parts);
   const main = document.getElementById("main");
   main.replaceChildren(...content.flat(Infinity).filter(Boolean));
   document.title = `${title} \u00b7 glbench`;
