@@ -48,7 +48,8 @@ def report(
     size = path.stat().st_size / 1e6
     output().print(f"{path} ({page.results} results, {size:.1f} MB)", markup=False, soft_wrap=True)
     if page.without_profile and not complete:
-        _say_what_is_missing(page.without_profile, page.results)
+        ours = sorted(page.without_profile, key=lambda missing: not missing.is_relative_to(out))
+        _say_what_is_missing(ours, page.results)
     if show and not webbrowser.open(path.resolve().as_uri()):
         print_warning(f"No browser could be started. Open {path.resolve().as_uri()} yourself.")
 

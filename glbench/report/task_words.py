@@ -131,7 +131,11 @@ def _seen(task: TaskSpec) -> list[str]:
 
 def _done(task: TaskSpec) -> str:
     labels = ", ".join(CONTROL_LABELS[name].lower().replace("co₂", "CO₂") for name in task.actuation.controls)
-    kind = ACTUATION_KINDS[task.actuation.kind].meaning.replace("max_change", f"{task.actuation.max_change:g}").replace(" -1 ", " −1 ")
+    kind = (
+        ACTUATION_KINDS[task.actuation.kind]
+        .meaning.replace("max_change", f"{task.actuation.max_change:g}")
+        .replace(" -1 ", " −1 ")
+    )
     return f"Moves {labels}: {kind}."
 
 

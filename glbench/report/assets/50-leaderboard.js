@@ -28,7 +28,7 @@ const rankColumns = (task, rows) => {
     { key: "agent", label: "Agent", value: (row) => row.result.agent, left: true, start: "ascending", className: "agent",
       explain: [h("b", {}, "Agent"), ": open one to see where it earns its money, a typical day, the season and its worst run."],
       cell: (row) => h("th", { scope: "row", class: "agent" }, swatch(row.result.agent), h("a", { href: link("agent", row.result.agent, task.short) }, row.result.agent),
-        row.result.failed ? tag(`${row.result.failed} of ${row.result.runs} failed`, "bad") : null, row.result.remark ? tag(row.result.remark) : null) },
+        row.result.failed ? [" ", tag(`${row.result.failed} of ${row.result.runs} failed`, "bad")] : null, row.result.remark ? [" ", tag(row.result.remark)] : null) },
     ...D.metrics.filter((metric) => metric.column).map(metricColumn),
     { key: "decision", label: "Decision", unit: "ms", value: (row) => row.result.decision, start: "ascending", explain: otherWords("Decision"),
       cell: (row) => h("td", {}, row.result.decision < 0.1 ? number(row.result.decision, 3) : number(row.result.decision, 2)) },

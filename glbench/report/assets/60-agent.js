@@ -8,7 +8,7 @@ const agentsPage = () => {
       h("h1", {}, "Agents"),
       h("p", { class: "lead" }, "Everything that has results here. Open one for its money, its typical day, its season and its worst run."),
       plainTable("All agents: what they see and on how many tasks they were evaluated", ["Agent", "Sees", "Tasks", "First places"], rows.map(({ agent, results }) => [
-        [swatch(agent.name), h("a", { href: link("agent", agent.name) }, agent.name), tag(agent.kind)],
+        [swatch(agent.name), h("a", { href: link("agent", agent.name) }, agent.name), " ", tag(agent.kind)],
         h("span", { class: "wrap left", style: { display: "block", "text-align": "left" } }, agent.information),
         number(results.length, 0), number(results.filter((result) => result.rank === 1).length, 0),
       ])),
@@ -24,7 +24,7 @@ const agentPage = (name, short) => {
   return {
     title: name,
     content: [
-      h("h1", {}, swatch(name), name, result.privileged ? tag("privileged") : null, result.verified ? tag("\u2713 verified", "ok") : null),
+      h("h1", {}, swatch(name), name, result.privileged ? [" ", tag("privileged")] : null, result.verified ? [" ", tag("\u2713 verified", "ok")] : null),
       h("p", { class: "lead" }, `Sees: ${result.sees.replace(/^privileged: /, "")}.`),
       h("div", { class: "fields" }, agentField("Agent", name, (value) => go("agent", value, task.short), D.agents.map((agent) => agent.name), "choose-agent"),
         taskField(task.short, (value) => go("agent", name, value), results.map((one) => TASKS[one.task])),

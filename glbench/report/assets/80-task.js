@@ -24,7 +24,7 @@ const taskPage = (short) => {
       task.words ? definition(task) : h("div", { class: "missing" }, "The definition of this task is not stored with its results: it is in the file that they were made with."),
       task.weather ? weatherPart(task) : task.words ? h("div", { class: "missing" }, h("b", {}, "Its weather is not stored with these results. "), "Evaluate an agent again, or run ", h("code", {}, "glbench report --complete"), ".") : null,
       h("h2", {}, "Identity"),
-      h("p", {}, h("code", {}, task.id), task.published ? tag("published", "ok") : tag("not published")),
+      h("p", {}, h("code", {}, task.id), " ", task.published ? tag("published", "ok") : tag("not published")),
       h("p", { class: "small" }, "Digest ", h("code", {}, task.digest)),
       task.versions?.length ? plainTable("Published versions. A published task never changes: a change is a new version, and the old one stays.", ["Version", "Digest", "Model"], task.versions.map((version) => [version.id, h("code", {}, version.digest.slice(0, 16)), version.model])) : null,
     ],
