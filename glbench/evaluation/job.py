@@ -27,7 +27,7 @@ from glbench.evaluation.files import ensure_writable, result_path, save_result, 
 from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.lockstep import Lockstep, ProgressCallback, Watcher
 from glbench.evaluation.metrics import UNITS
-from glbench.evaluation.profiles import make_profile, profile_path
+from glbench.evaluation.profiles import profile_path, profiled
 from glbench.evaluation.records import (
     AgentRecord,
     EvaluationRecord,
@@ -118,14 +118,13 @@ class Evaluation:
         log = recorder.log(simulation, provenance, run_facts(result.runs))
         actions = actions_path(path)
         result = result.model_copy(update={"record": RecordReference(file=actions.name, digest=log.digest)})
-        profile, drawn = profile_path(path), make_profile(self.task, result, log, recorder.trace, simulation.kernel)
-        result = result.model_copy(update={"profile": RecordReference(file=profile.name, digest=drawn.digest)})
+        result, profile = profiled(self.task, result, path, log, recorder.trace, simulation.kernel)
         # The small result before the large record: a disk that fills up must not take the result down. A record of an
         # earlier evaluation goes first, so that none stands beside a result that it does not belong to.
         actions.unlink(missing_ok=True)
-        profile.unlink(missing_ok=True)
+        profile_path(path).unlink(missing_ok=True)
         save_result(result, out)
-        write_atomically(profile, drawn.to_bytes())
+        write_atomically(profile_path(path), profile.to_bytes())
         write_atomically(actions, log_bytes(log))
         forget_episodes(path)
         write_episodes(self.episodes, result, path, self.task, log, recorder.trace)

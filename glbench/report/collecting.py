@@ -9,12 +9,12 @@ from typing import Any
 from glbench.episodes.definition import task_of
 from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.evaluation.profiles import Profile
-from glbench.evaluation.records import Result
 from glbench.leaderboard import Row, StoredResult, TaskTable
 from glbench.report.task_words import clock_of, definition_in_words, figures
 from glbench.tasks import TaskSpec, list_suites, list_tasks, read_lock
 
 _RUN_DIGITS = 7
+_OF_CARD = ("authors", "description", "link", "algorithm", "training")
 
 
 @dataclass(frozen=True)
@@ -132,17 +132,15 @@ def result_facts(item: Known) -> dict[str, Any]:
         "estimates": {name: [e.mean, e.low, e.high, e.iqm] for name, e in row.estimates.items()},
         "values": {name: [_short(value) for value in result.values(name)] for name in METRIC_NAMES},
         "steps": None if not row.failed else [run.steps for run in result.runs],
-        **optional_facts(result),
+        **optional_facts(result.model_dump(mode="json")),
     }
 
 
-def optional_facts(result: Result) -> dict[str, Any]:
-    """What only some results say: whether the agent was kept in a sandbox, and what its training took."""
-    document = result.model_dump(mode="json")
-    return {
-        "sandbox": document["evaluation"].get("sandbox"),
-        "training": document["agent"].get("training"),
-    }
+def optional_facts(document: Mapping[str, Any]) -> dict[str, Any]:
+    """What only some results say: how the agent was kept apart, and what its card tells of it."""
+    card = document["agent"].get("card") or {}
+    told = {key: card[key] for key in _OF_CARD if card.get(key)}
+    return {"sandbox": document["evaluation"].get("sandbox"), "card": told or None, "training": told.get("training")}
 
 
 def _short(value: float) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from glbench.report.page import _script_json
 from tests.report.conftest import OTHER_PRICES
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: no browser test")
@@ -246,6 +247,36 @@ def test_failed_runs_are_told_with_their_reason(visit):
 def test_a_result_without_a_profile_says_how_to_get_one(visit):
     page = visit("#/agent/rule_based/Schiphol2010-Delta10-v1")
     assert "glbench report --complete" in page.locator(".missing").inner_text()
+
+
+def test_sandbox_training_and_card_are_columns_and_words_where_results_hold_them(visit, made, tmp_path):
+    training = {"steps": 2_000_000, "wall_hours": 1.5, "hardware": "2 cores"}
+    card = {
+        "authors": ["A. Nother"],
+        "description": "Heats little.",
+        "link": "javascript:alert(1)",
+        "training": training,
+    }
+    told = {
+        "thrifty": {"sandbox": "bubblewrap", "card": card, "training": training},
+        "lavish": {"sandbox": "unsandboxed"},
+    }
+    data = {
+        **made.report.data,
+        "results": [{**one, **told.get(one["agent"], {})} for one in made.report.data["results"]],
+    }
+    before, _, rest = made.report.html.partition('id="data">')
+    file = tmp_path / "told.html"
+    file.write_text(before + 'id="data">' + _script_json(data) + rest[rest.index("</script>") :], encoding="utf-8")
+    page = visit("#/Days-v1", file=file)
+    rows = page.locator("table.ranks tbody tr")
+    assert "2,000,000" in rows.filter(has_text="thrifty").inner_text()
+    assert "not sandboxed" in rows.filter(has_text="lavish").inner_text()
+    page.goto(file.as_uri() + "#/agent/thrifty/Days-v1")
+    words = page.locator("main").inner_text()
+    assert "Heats little." in words
+    assert "trained for 2,000,000 control steps, 1.5 hours, on 2 cores" in words
+    assert page.locator("main a[href^='javascript']").count() == 0
 
 
 def test_the_skip_link_and_the_names_of_fields_are_there(visit):

@@ -15,6 +15,7 @@ from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.evaluation.profiles import load_profile, profile_path
 from glbench.leaderboard import StoredResult, collect_results
 from glbench.report import build_report, complete_profiles, packages
+from glbench.report.collecting import optional_facts
 from glbench.report.page import _asset, _scripts
 from glbench.report.words import words
 
@@ -91,6 +92,19 @@ def test_text_of_a_result_cannot_end_the_script_that_holds_it(made):
     page = build_report([changed]).html
     assert "<script>alert" not in page
     assert page.count("</script>") == len(re.findall(r"<script[ >]", page))
+
+
+def test_what_only_some_results_say_is_shown_where_it_is_said():
+    plain = {"agent": {"name": "a"}, "evaluation": {}}
+    assert optional_facts(plain) == {"sandbox": None, "card": None, "training": None}
+    training = {"steps": 2_000_000, "wall_hours": 1.5, "hardware": None, "tasks": []}
+    card = {"name": "a", "authors": ["A. Nother"], "link": None, "description": "", "training": training}
+    told = optional_facts({"agent": {"name": "a", "card": card}, "evaluation": {"sandbox": "bubblewrap"}})
+    assert told == {
+        "sandbox": "bubblewrap",
+        "card": {"authors": ["A. Nother"], "training": training},
+        "training": training,
+    }
 
 
 def test_every_metric_has_words():

@@ -24,7 +24,7 @@ from glbench.evaluation.profiles.course import (
     course_of,
 )
 from glbench.evaluation.profiles.record import SCHEMA, VERSION, Profile, profile_path, read_profile
-from glbench.evaluation.records import Result
+from glbench.evaluation.records import RecordReference, Result
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
@@ -62,6 +62,15 @@ def make_profile(
             "hours": _hours(task, course),
         }
     )
+
+
+def profiled(
+    task: TaskSpec, result: Result, path: Path, log: ActionLog, trace: Trace | None, kernel: Stepper | None = None
+) -> tuple[Result, Profile]:
+    """The profile of ``result``, and the result that names it; ``path`` is where the result will lie."""
+    profile = make_profile(task, result, log, trace, kernel)
+    reference = RecordReference(file=profile_path(path).name, digest=profile.digest)
+    return result.model_copy(update={"profile": reference}), profile
 
 
 def load_profile(result: Result, path: Path) -> Profile | None:

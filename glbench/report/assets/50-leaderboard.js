@@ -32,14 +32,19 @@ const rankColumns = (task, rows) => {
     ...D.metrics.filter((metric) => metric.column).map(metricColumn),
     { key: "decision", label: "Decision", unit: "ms", value: (row) => row.result.decision, start: "ascending", explain: otherWords("Decision"),
       cell: (row) => h("td", {}, row.result.decision < 0.1 ? number(row.result.decision, 3) : number(row.result.decision, 2)) },
-    held("training") ? { key: "training", label: "Training", value: null, cell: (row) => h("td", {}, row.result.training ? String(row.result.training) : "\u2013") } : null,
+    held("training") ? { key: "training", label: "Training", unit: "steps", value: (row) => row.result.training?.steps ?? null, start: "ascending", explain: otherWords("Training"),
+      cell: (row) => h("td", { title: trainingWords(row.result.training) || null }, row.result.training?.steps ? number(row.result.training.steps, 0) : "\u2013") } : null,
     { key: "sees", label: "Sees", value: (row) => (row.result.privileged ? "privileged" : "observations"), start: "ascending", left: true, explain: otherWords("Sees"),
       cell: (row) => h("td", { class: "left", title: row.result.sees }, row.result.privileged ? tag("privileged") : "observations") },
-    held("sandbox") ? { key: "sandbox", label: "Sandboxed", value: (row) => String(row.result.sandbox ?? ""), left: true, cell: (row) => h("td", { class: "left" }, row.result.sandbox ? String(row.result.sandbox) : "\u2013") } : null,
+    held("sandbox") ? { key: "sandbox", label: "Sandboxed", value: (row) => SANDBOX_WORDS[row.result.sandbox]?.[0] ?? "", left: true, start: "ascending", explain: otherWords("Sandboxed"),
+      cell: (row) => h("td", { class: "left" }, SANDBOX_WORDS[row.result.sandbox] ? tag(...SANDBOX_WORDS[row.result.sandbox]) : "\u2013") } : null,
     { key: "verified", label: "Verified", value: (row) => (row.result.verified ? 1 : 0), left: true, explain: otherWords("Verified"),
       cell: (row) => h("td", { class: "left" }, row.result.verified ? tag("\u2713 verified", "ok") : "\u2013") },
   ].filter(Boolean);
 };
+
+const SANDBOX_WORDS = { bubblewrap: ["sandboxed", "ok"], unsandboxed: ["not sandboxed", "bad"], "built-in": ["part of glbench"] };
+const trainingWords = (training) => (training ? [training.steps ? `${number(training.steps, 0)} control steps` : "", training.wall_hours ? `${number(training.wall_hours, 1)} hours` : "", training.hardware ? `on ${training.hardware}` : ""].filter(Boolean).join(", ") : "");
 
 const otherWords = (name) => { const [word, meaning] = D.other_words.find(([one]) => one === name); return [h("b", {}, word), `: ${meaning}`]; };
 

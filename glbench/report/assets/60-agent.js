@@ -26,6 +26,7 @@ const agentPage = (name, short) => {
     content: [
       h("h1", {}, swatch(name), name, result.privileged ? [" ", tag("privileged")] : null, result.verified ? [" ", tag("\u2713 verified", "ok")] : null),
       h("p", { class: "lead" }, `Sees: ${result.sees.replace(/^privileged: /, "")}.`),
+      cardPart(result),
       h("div", { class: "fields" }, agentField("Agent", name, (value) => go("agent", value, task.short), D.agents.map((agent) => agent.name), "choose-agent"),
         taskField(task.short, (value) => go("agent", name, value), results.map((one) => TASKS[one.task])),
         others.length ? h("a", { class: "small", href: link("compare", name, others[0].agent, task.short) }, "Compare it with another agent") : null),
@@ -54,6 +55,13 @@ const story = (result, task) => {
     row.rank ? ` Rank ${row.rank} of ${ranked(task.id).filter((one) => one.rank !== null).length} on this task.` : "",
   ];
 };
+
+// What the agent's makers say of it. A link is followed only where it is one of the web.
+const cardPart = ({ card }) => (card ? [
+  card.description ? h("p", {}, card.description) : null,
+  h("p", { class: "small soft" }, [card.algorithm, card.authors ? `by ${sentence(card.authors)}` : "", card.training ? `trained for ${trainingWords(card.training)}` : ""].filter(Boolean).join("; "),
+    /^https?:\/\//.test(card.link ?? "") ? [" \u00b7 ", h("a", { href: card.link, rel: "noopener noreferrer" }, "more about it")] : null),
+] : null);
 
 const failures = (result) => (result.failed ? h("div", { class: "missing" }, h("b", { class: "loss" }, `${result.failed} of ${result.runs} runs failed`), ". They count at the task\u2019s price of a missed step.",
   h("ul", {}, result.reasons.slice(0, 5).map(([seed, status, reason, steps]) => h("li", {}, `Seed ${seed}, ${status.replaceAll("_", " ")} after ${number(steps, 0)} steps: `, h("code", {}, reason))))) : null);
