@@ -49,10 +49,11 @@ const bar = ({ mean: center, low, high }, [from, to], agent) => {
     high > low ? h("i", { style: { left: place(low), width } }) : null, h("b", { style: { left: place(center) } }));
 };
 
-const plainTable = (caption, heads, rows) => h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": caption },
+// `left` names the places of columns that hold words.
+const plainTable = (caption, heads, rows, left = [0]) => h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": caption },
   h("table", {}, h("caption", {}, h("span", {}, caption)),
-    h("thead", {}, h("tr", {}, heads.map((head, i) => h("th", { scope: "col", class: i ? null : "left" }, head)))),
-    h("tbody", {}, rows.map((row) => h("tr", {}, row.map((cell, i) => (i ? h("td", {}, cell) : h("th", { scope: "row" }, cell))))))));
+    h("thead", {}, h("tr", {}, heads.map((head, i) => h("th", { scope: "col", class: left.includes(i) ? "left" : null }, head)))),
+    h("tbody", {}, rows.map((row) => h("tr", {}, row.map((cell, i) => (i ? h("td", { class: left.includes(i) ? "left wrap" : null }, cell) : h("th", { scope: "row" }, cell))))))));
 
 const swatch = (agent) => h("span", { class: "swatch", "aria-hidden": "true", "data-agent": agent, style: { "--colour": colourOf(agent) } });
 const tag = (text, kind = "") => h("span", { class: `tag ${kind}`.trim() }, text);

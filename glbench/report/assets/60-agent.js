@@ -9,9 +9,9 @@ const agentsPage = () => {
       h("p", { class: "lead" }, "Everything that has results here. Open one for its money, its typical day, its season and its worst run."),
       plainTable("All agents: what they see and on how many tasks they were evaluated", ["Agent", "Sees", "Tasks", "First places"], rows.map(({ agent, results }) => [
         [swatch(agent.name), h("a", { href: link("agent", agent.name) }, agent.name), " ", tag(agent.kind)],
-        h("span", { class: "wrap left", style: { display: "block", "text-align": "left" } }, agent.information),
+        agent.information,
         number(results.length, 0), number(results.filter((result) => result.rank === 1).length, 0),
-      ])),
+      ]), [0, 1]),
     ],
   };
 };
