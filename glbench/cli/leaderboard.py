@@ -93,6 +93,9 @@ def _print(shown: Sequence[TaskTable], total: int, paths: Sequence[Path]) -> Non
             f"{hidden} more {'task has' if hidden == 1 else 'tasks have'} results: glbench leaderboard --all"
         )
     messages().print("Written: " + ", ".join(str(path) for path in paths), soft_wrap=True)
+    folder = paths[0].parent
+    option = "" if folder == Path("reports") else f" --out {folder}"
+    messages().print(f"As a page to look into: glbench report{option}", markup=False, soft_wrap=True)
 
 
 def _score_table(table: TaskTable) -> Table:
