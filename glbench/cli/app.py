@@ -16,6 +16,7 @@ from glbench.cli.compare import compare
 from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_warnings
 from glbench.cli.evaluate import evaluate
 from glbench.cli.leaderboard import leaderboard
+from glbench.cli.report import report
 from glbench.cli.show import show
 from glbench.cli.train import export, sweep, train
 from glbench.cli.verify import verify
@@ -36,6 +37,7 @@ app.command("leaderboard")(leaderboard)
 app.command("show")(show)
 app.command("compare")(compare)
 app.command("badge")(badge)
+app.command("report")(report)
 app.command("verify")(verify)
 app.command("view")(view)
 app.command("bench")(bench)

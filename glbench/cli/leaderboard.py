@@ -35,20 +35,13 @@ def leaderboard(
 
     Results are read from OUT/results and from the released results of the rule-based controllers that come with glbench.
     """
-    from glbench.leaderboard import collect_results, rank, to_frame, write_leaderboard
-    from glbench.leaderboard.published import published_expectations
+    from glbench.leaderboard import rank, to_frame, write_leaderboard
+    from glbench.leaderboard.published import own_and_released_results, published_expectations
     from glbench.leaderboard.suites import scores_by_task, suite_table
-    from glbench.resources import data_folder
     from glbench.tasks import list_suites
     from glbench.tasks.references import read_references
 
-    # In a checkout the released results lie where one's own are made: of those only the baselines' are released.
-    own = (out / "results").resolve()
-    stored = [
-        item
-        for item in collect_results([out / "results", data_folder("reports/results")])
-        if item.result.agent.kind == "baseline" or item.path.resolve().is_relative_to(own)
-    ]
+    stored = own_and_released_results(out)
     if not stored:
         msg = (
             f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."
@@ -106,6 +99,9 @@ def _print(shown: Sequence[TaskTable], total: int, paths: Sequence[Path]) -> Non
             f"{hidden} more {'task has' if hidden == 1 else 'tasks have'} results: glbench leaderboard --all"
         )
     messages().print("Written: " + ", ".join(str(path) for path in paths), soft_wrap=True)
+    folder = paths[0].parent
+    option = "" if folder == Path("reports") else f" --out {folder}"
+    messages().print(f"As a page to look into: glbench report{option}", markup=False, soft_wrap=True)
 
 
 def _score_table(table: TaskTable) -> Table:

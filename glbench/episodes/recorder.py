@@ -16,7 +16,8 @@ from glbench.episodes.trace import Trace
 
 LARGEST_TRACE = 512 * 2**20
 """Bytes of memory above which no trace is kept: the episodes are then made by replaying."""
-_BYTES_A_STEP = 8 * (28 + 6 + 3 + 23)
+BYTES_A_STEP = 8 * (28 + 6 + 3 + 23)
+"""Bytes of memory that a trace takes for a step of a run."""
 
 
 class Recorder:
@@ -31,7 +32,7 @@ class Recorder:
         self.actions = np.zeros((steps, n, columns))
         self.rewards = np.zeros((steps, n))
         self._steps = 0
-        self._wanted = traced and steps * n * _BYTES_A_STEP <= LARGEST_TRACE
+        self._wanted = traced and steps * n * BYTES_A_STEP <= LARGEST_TRACE
         self.trace: Trace | None = None
 
     def begin(self, simulation: Simulation) -> None:

@@ -203,8 +203,7 @@ class Evaluation:
         tally = Tally(self.seeds)
         checkpoint = Checkpoint(self.folder, self.checkpoint_seconds)
         columns = len(CONTROL_NAMES) if self.agent.privileged else len(self.task.actuation.controls)
-        traced = self.out is not None and self.episodes != ("none",)
-        recorder = Recorder(simulation, columns, traced=traced)
+        recorder = Recorder(simulation, columns, traced=self.out is not None)
         with closing(self._driver()) as driver:
             lockstep = Lockstep(simulation, driver, tally, checkpoint, recorder, self.limits, progress, watcher)
             yield lockstep, tally, recorder

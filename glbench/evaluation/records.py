@@ -103,7 +103,7 @@ class EvaluationRecord(Record):
 
 
 class RecordReference(Record):
-    """The file beside the result that holds the actions of all runs, and the digest of its content."""
+    """A file beside the result, such as the one that holds the actions of all runs, and the digest of its content."""
 
     file: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
     digest: Digest
@@ -164,6 +164,8 @@ class Result(Record):
     results_digest: Digest
     record: RecordReference | None = None
     """What `glbench verify` proves the result from; ``None`` in results that were made without a folder."""
+    profile: RecordReference | None = None
+    """What pages show of days and seasons; ``None`` in results that were made without a folder, or by an earlier glbench."""
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:

@@ -1,4 +1,4 @@
-"""Writing what an evaluation computed: result, record, episodes. No crash and no full disk leaves half of it or loses what was there.
+"""Writing what an evaluation computed, so that no crash and no full disk leaves half of it or loses what was there.
 
 The record (large) is written under another name first, then the result (small) that names its digest, then the record gets its name.
 A full disk stops this before anything of an earlier evaluation was touched. After a kill between the last two steps the next
@@ -18,6 +18,7 @@ from glbench.episodes import ActionLog, Trace, actions_path, episodes_folder, lo
 from glbench.errors import EpisodeError, GlbenchError, ResultError
 from glbench.evaluation.episodes import forget_episodes, write_episodes
 from glbench.evaluation.files import ensure_writable, load_result, result_path, save_result, short_task_id
+from glbench.evaluation.profiles import profile_path, profiled
 from glbench.evaluation.records import RecordReference, Result
 from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec
@@ -33,7 +34,7 @@ class Computed:
 
 
 def save(computed: Computed, out: Path, task: TaskSpec, selection: Sequence[str]) -> Result:
-    """Write result, record and the episodes wanted below ``out``, and return the result as it is saved. Needs the lock of ``alone``.
+    """Write result, profile, record and the episodes wanted below ``out``; the result as it is saved. Needs the lock of ``alone``.
 
     Raises
     ------
@@ -44,6 +45,7 @@ def save(computed: Computed, out: Path, task: TaskSpec, selection: Sequence[str]
     path = result_path(out, task.id, computed.result.agent.name)
     actions, waiting = actions_path(path), _waiting(path)
     result = computed.result.model_copy(update={"record": RecordReference(file=actions.name, digest=log.digest)})
+    result, profile = profiled(task, result, path, log, computed.trace)
     try:
         write_atomically(waiting, log_bytes(log))
     except GlbenchError:
@@ -51,6 +53,7 @@ def save(computed: Computed, out: Path, task: TaskSpec, selection: Sequence[str]
             save_result(result, out)
         raise
     save_result(result, out)
+    write_atomically(profile_path(path), profile.to_bytes())
     waiting.replace(actions)
     forget_episodes(path)
     write_episodes(selection, result, path, task, log, computed.trace)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from glbench.leaderboard.collect import Expectation
+from pathlib import Path
+
+from glbench.leaderboard.collect import Expectation, StoredResult, collect_results
+from glbench.resources import data_folder
 from glbench.tasks import list_tasks, read_lock
 
 
@@ -17,3 +20,20 @@ def published_expectations() -> dict[str, Expectation]:
         for task in list_tasks()
         if task.id in locked
     }
+
+
+def own_and_released_results(out: Path) -> tuple[StoredResult, ...]:
+    """The results in ``<out>/results``, and those of the baselines that come with glbench where there are none of one's own.
+
+    Raises
+    ------
+    ResultError
+        When a file is no valid result.
+    """
+    # In a checkout the released results lie where one's own are made: of those only the baselines' are released.
+    own = (out / "results").resolve()
+    return tuple(
+        item
+        for item in collect_results([out / "results", data_folder("reports/results")])
+        if item.result.agent.kind == "baseline" or item.path.resolve().is_relative_to(own)
+    )

@@ -65,6 +65,7 @@ def test_the_wheel_carries_tasks_weather_baselines_examples_and_released_results
     ):
         assert any(name.startswith(f"glbench/_data/{start}") for name in names), start
     assert "glbench/py.typed" in names
+    assert "glbench/report/assets/page.html.j2" in names
     assert not [name for name in names if name.endswith(".pyc") or "/tests/" in name]
 
 

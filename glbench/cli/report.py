@@ -1,0 +1,92 @@
+"""``glbench report``: one page of all results, to be opened in a browser."""
+
+from __future__ import annotations
+
+import os
+import webbrowser
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from glbench.cli.console import messages, output, print_warning
+
+if TYPE_CHECKING:
+    from glbench.report import Completion
+
+_SHOWN = 3
+
+
+def report(
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder with results/ in it; index.html is written there.")
+    ] = Path("reports"),
+    show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    complete: Annotated[
+        bool,
+        typer.Option(
+            "--complete",
+            help="First make the missing profiles (days, season, worst run) by replaying the recorded actions of results in OUT.",
+        ),
+    ] = False,
+    workers: Annotated[
+        int | None, typer.Option("--workers", "-w", min=1, help="Cores for --complete. Default: all.")
+    ] = None,
+) -> None:
+    """Make a page of all results: leaderboard, agents, comparisons, tasks. It works offline and on a phone.
+
+    Results are read from OUT/results and from the released results of the rule-based controllers that come with glbench.
+    Nothing is simulated, but for --complete.
+    """
+    from glbench.report import write_report
+
+    if complete:
+        _complete(out, workers or os.cpu_count() or 1)
+    with messages().status("making the page"):
+        path, page = write_report(out)
+    size = path.stat().st_size / 1e6
+    output().print(f"{path} ({page.results} results, {size:.1f} MB)", markup=False, soft_wrap=True)
+    if page.without_profile and not complete:
+        ours = sorted(page.without_profile, key=lambda missing: not missing.is_relative_to(out))
+        _say_what_is_missing(ours, page.results)
+    if show and not webbrowser.open(path.resolve().as_uri()):
+        print_warning(f"No browser could be started. Open {path.resolve().as_uri()} yourself.")
+
+
+def _complete(out: Path, workers: int) -> None:
+    """Profiles of the results below ``out``; those that come with glbench are not ours to write beside."""
+    from glbench.leaderboard import collect_results
+    from glbench.report import complete_profiles
+
+    with messages().status("looking for missing profiles") as status:
+        done = complete_profiles(
+            collect_results([out / "results"]), workers, lambda path: status.update(f"replaying {path}")
+        )
+    _say_what_was_made(done)
+
+
+def _say_what_was_made(done: Completion) -> None:
+    for path in done.made:
+        messages().print(f"Made: {path}", markup=False, soft_wrap=True)
+    if not done.impossible:
+        return
+    print_warning(
+        f"{len(done.impossible)} results stay without days and seasons, among them {_some([path for path, _ in done.impossible])}. "
+        f"{done.impossible[0][1]} Evaluate them again with `glbench evaluate ... --fresh`, which makes profiles by itself."
+    )
+
+
+def _say_what_is_missing(paths: Sequence[Path], total: int) -> None:
+    count = "No result has" if len(paths) == total else f"{len(paths)} of {total} results do not have"
+    print_warning(
+        f"{count} a profile, so that the page lacks typical day, season and worst run of {_some(paths)}. "
+        "`glbench report --complete` makes them where the recorded actions (.actions.mcap) lie beside the result; "
+        "elsewhere evaluate again with --fresh."
+    )
+
+
+def _some(paths: Sequence[Path]) -> str:
+    names = [f"{path.parent.name}/{path.name.removesuffix('.json')}" for path in paths]
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return ", ".join(names[:_SHOWN]) + more

@@ -1,0 +1,11 @@
+"""The report: one page, made from stored results alone, that works offline, on a phone, in light and dark.
+
+``write_report(out)`` makes ``<out>/index.html``; ``docs/report.md`` says what it shows and what it rests on.
+"""
+
+from __future__ import annotations
+
+from glbench.report.completing import Completion, complete_profiles
+from glbench.report.page import Report, build_report, write_report
+
+__all__ = ["Completion", "Report", "build_report", "complete_profiles", "write_report"]

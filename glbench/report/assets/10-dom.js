@@ -1,0 +1,54 @@
+// Elements, numbers and words.
+
+const h = (tag, attributes = {}, ...children) => {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (value === null || value === undefined || value === false) continue;
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else if (name === "style") for (const [key, one] of Object.entries(value)) element.style.setProperty(key, one);
+    else element.setAttribute(name, value === true ? "" : value);
+  }
+  element.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false));
+  return element;
+};
+
+const MINUS = "\u2212";
+const number = (value, decimals, signed = false) => {
+  if (value === null || !Number.isFinite(value)) return "\u2013";
+  const text = Math.abs(value).toLocaleString("en", { minimumFractionDigits: decimals, maximumFractionDigits: decimals });
+  const zero = Number(Math.abs(value).toFixed(decimals)) === 0;
+  return (zero ? "" : value < 0 ? MINUS : signed ? "+" : "") + text;
+};
+const withUnit = (value, decimals, unit, signed = false) => number(value, decimals, signed) + (unit ? `\u00a0${unit}` : "");
+const lower = (label) => label.toLowerCase().replace("co\u2082", "CO\u2082");
+const plural = (count, word) => `${count} ${word}${count === 1 ? "" : "s"}`;
+const sentence = (words) => (words.length < 2 ? words.join("") : `${words.slice(0, -1).join(", ")} and ${words.at(-1)}`);
+const date = (iso, day, options = { day: "numeric", month: "long" }) => {
+  const moment = new Date(`${iso}T00:00:00Z`);
+  moment.setUTCDate(moment.getUTCDate() + day);
+  return moment.toLocaleDateString("en-GB", { ...options, timeZone: "UTC" });
+};
+const clockHour = (hour) => `${String(hour).padStart(2, "0")}:00`;
+
+const mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.length;
+const sum = (values) => values.reduce((total, value) => total + value, 0);
+
+// A generator of its own, so that an interval that is computed here is the same at every visit.
+const generator = (seed) => () => {
+  seed = (seed + 0x6d2b79f5) | 0;
+  let t = Math.imul(seed ^ (seed >>> 15), 1 | seed);
+  t = (t + Math.imul(t ^ (t >>> 7), 61 | t)) ^ t;
+  return ((t ^ (t >>> 14)) >>> 0) / 4294967296;
+};
+
+// 95 % percentile bootstrap interval of the mean.
+const interval = (values) => {
+  const n = values.length, random = generator(1), means = new Float64Array(2000);
+  for (let i = 0; i < means.length; i++) {
+    let total = 0;
+    for (let j = 0; j < n; j++) total += values[(random() * n) | 0];
+    means[i] = total / n;
+  }
+  means.sort();
+  return [means[49], means[1949]];
+};

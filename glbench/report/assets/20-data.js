@@ -1,0 +1,91 @@
+// What the page knows: results, the pieces that are opened when needed, and money at other prices.
+
+const D = JSON.parse(document.getElementById("data").textContent);
+const METRICS = Object.fromEntries(D.metrics.map((metric) => [metric.name, metric]));
+const TASKS = Object.fromEntries(D.tasks.map((task) => [task.id, task]));
+const BY_SHORT = Object.fromEntries(D.tasks.map((task) => [task.short, task]));
+const AGENTS = Object.fromEntries(D.agents.map((agent, index) => [agent.name, { ...agent, index }]));
+const PRICE_NAMES = { fruit: ["Fruit", "EUR/kg"], heat: ["Heat", "EUR/kWh"], electricity: ["Electricity", "EUR/kWh"], co2: ["CO\u2082", "EUR/kg"] };
+const ITEMS = [["fruit_fresh", "fruit", "Fruit", 1], ["heat", "heat", "Heat", -1], ["electricity", "electricity", "Light", -1], ["co2_dosed", "co2", "CO\u2082", -1]];
+
+const resultsOf = (taskId) => D.results.filter((result) => result.task === taskId);
+const resultOf = (taskId, agent) => D.results.find((result) => result.task === taskId && result.agent === agent);
+const familyOf = (taskId) => D.families.find((family) => family.tasks.includes(taskId));
+
+// Prices that the reader chose; null means those of each task.
+let chosenPrices = null;
+const pricesOf = (task) => (task.prices ? { ...task.prices, ...chosenPrices } : null);
+const pricesDiffer = (task) => Boolean(chosenPrices && task.prices && Object.keys(task.prices).some((name) => pricesOf(task)[name] !== task.prices[name]));
+
+// The scale of the reward's profit: 0 at full use without growth, 1 at full growth without use.
+const scaleAt = (task, prices) => {
+  const lowest = -(task.full_use.heat * prices.heat + task.full_use.electricity * prices.electricity + task.full_use.co2 * prices.co2);
+  return { lowest, span: task.full_growth * prices.fruit - lowest };
+};
+
+// Values of one metric in every run, at the prices that hold now. All amounts are linear in them, so nothing is simulated.
+const valuesOf = (result, metric) => {
+  const task = TASKS[result.task], stored = result.values[metric];
+  if (!pricesDiffer(task)) return stored;
+  const prices = pricesOf(task), run = result.values, failed = task.failed_step;
+  const steps = (i) => (result.steps ? result.steps[i] : task.steps);
+  const profit = (i) => prices.fruit * run.yield[i] - prices.heat * run.heat[i] - prices.electricity * run.electricity[i] - prices.co2 * run.co2[i];
+  switch (metric) {
+    case "revenue": return run.yield.map((amount) => amount * prices.fruit);
+    case "cost_heat": return run.heat.map((amount) => amount * prices.heat);
+    case "cost_electricity": return run.electricity.map((amount) => amount * prices.electricity);
+    case "cost_co2": return run.co2.map((amount) => amount * prices.co2);
+    case "epi": return stored.map((_, i) => profit(i) + (task.steps - steps(i)) * failed.epi);
+    case "reward": {
+      const before = scaleAt(task, task.prices), now = scaleAt(task, prices);
+      return stored.map((reward, i) => {
+        const earned = run.epi[i] - (task.steps - steps(i)) * failed.epi;
+        let changed = reward;
+        if (task.reward_modules.includes("scaled_epi")) changed += (profit(i) - steps(i) * now.lowest) / now.span - (earned - steps(i) * before.lowest) / before.span;
+        if (task.reward_modules.includes("epi")) changed += profit(i) - earned;
+        return changed;
+      });
+    }
+    default: return stored;
+  }
+};
+
+const MONEY = new Set(["reward", "epi", "revenue", "cost_heat", "cost_electricity", "cost_co2"]);
+const remembered = new Map();
+// Mean with the ends of its interval: as on the leaderboard, or computed here where prices were changed.
+const estimate = (result, metric) => {
+  const [center, low, high] = result.estimates[metric];
+  if (!MONEY.has(metric) || !pricesDiffer(TASKS[result.task])) return { mean: center, low, high };
+  const key = `${result.digest} ${metric} ${JSON.stringify(chosenPrices)}`;
+  if (!remembered.has(key)) {
+    const values = valuesOf(result, metric), [from, to] = interval(values);
+    remembered.set(key, { mean: mean(values), low: from, high: to });
+  }
+  return remembered.get(key);
+};
+
+// Results of a task with their ranks, best first: as on the leaderboard, or by the reward at the prices that hold now.
+const ranked = (taskId) => {
+  const results = resultsOf(taskId);
+  if (!pricesDiffer(TASKS[taskId])) return results.map((result) => ({ result, rank: result.rank }));
+  const reward = (result) => estimate(result, "reward").mean;
+  const complete = results.filter((result) => result.rank !== null).sort((a, b) => reward(b) - reward(a));
+  return [...complete.map((result, i) => ({ result, rank: i + 1 })), ...results.filter((result) => result.rank === null).map((result) => ({ result, rank: null }))];
+};
+
+const opened = new Map();
+const unzip = async (name) => {
+  const packed = Uint8Array.from(atob(document.getElementById(`block-${name}`).textContent), (letter) => letter.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Response(stream).text();
+};
+const block = (name) => {
+  if (!opened.has(name)) opened.set(name, unzip(name).then(JSON.parse));
+  return opened.get(name);
+};
+
+// Whole numbers times a resolution, as profiles keep them; null where nothing is known.
+const unpack = ({ resolution, values }) => {
+  const scaled = (cells) => cells.map((cell) => (Array.isArray(cell) ? scaled(cell) : cell === null ? null : cell * resolution));
+  return scaled(values);
+};

@@ -1,0 +1,59 @@
+// Tables that sort: real buttons in the headings, aria-sort, and a line that explains the column.
+
+const explained = (metric) => [h("b", {}, METRICS[metric]?.label ?? ""), ": ", METRICS[metric]?.explanation ?? ""];
+
+// columns: {key, label, unit, cell(row), value(row) or null, left, first, explain: nodes, start: "descending" | "ascending"}
+const sortable = ({ caption, columns, rows, state, className = "", rowClass = () => null, onSort = () => {} }) => {
+  const body = h("tbody");
+  const explanation = h("p", { class: "explain", "aria-live": "polite" });
+  const heads = new Map();
+  const fill = () => {
+    const column = columns.find((one) => one.key === state.key) ?? columns[0];
+    const turn = state.direction === "ascending" ? 1 : -1;
+    const rank = (row) => (column.value(row) === null ? null : column.value(row));
+    const sorted = [...rows].sort((a, b) => {
+      const [x, y] = [rank(a), rank(b)];
+      if (x === null || y === null) return (x === null) - (y === null);
+      return turn * (typeof x === "string" ? x.localeCompare(y) : x - y);
+    });
+    body.replaceChildren(...sorted.map((row) => h("tr", { class: rowClass(row) }, columns.map((one) => one.cell(row)))));
+    for (const [key, head] of heads) key === column.key ? head.setAttribute("aria-sort", state.direction) : head.removeAttribute("aria-sort");
+    explanation.replaceChildren(...(column.explain ?? []));
+  };
+  const head = (column) => {
+    const label = [h("span", { class: "label" }, column.label), column.unit ? h("span", { class: "unit" }, column.unit) : null];
+    const cell = h("th", { scope: "col", class: [column.left ? "left" : "", column.className ?? ""].join(" ").trim() || null });
+    if (!column.value) { cell.append(...label.filter(Boolean)); return cell; }
+    heads.set(column.key, cell);
+    cell.append(h("button", {
+      class: "sort", type: "button", "data-sort": column.key,
+      onclick: () => {
+        state.direction = state.key === column.key ? (state.direction === "ascending" ? "descending" : "ascending") : column.start ?? "descending";
+        state.key = column.key;
+        fill();
+        onSort();
+      },
+    }, label));
+    return cell;
+  };
+  const table = h("table", { class: className }, h("caption", {}, h("span", {}, caption)), h("thead", {}, h("tr", {}, columns.map(head))), body);
+  fill();
+  return { element: h("div", {}, h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": caption }, table), explanation), fill };
+};
+
+// The interval of a mean as a bar on an axis that all rows share.
+const bar = ({ mean: center, low, high }, [from, to], agent) => {
+  const place = (value) => `${to > from ? 5 + (90 * (value - from)) / (to - from) : 50}%`;
+  const width = to > from ? `${(90 * (high - low)) / (to - from)}%` : "0";
+  return h("span", { class: "bar", "aria-hidden": "true", "data-agent": agent, style: { "--colour": colourOf(agent) } },
+    high > low ? h("i", { style: { left: place(low), width } }) : null, h("b", { style: { left: place(center) } }));
+};
+
+// `left` names the places of columns that hold words.
+const plainTable = (caption, heads, rows, left = [0]) => h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": caption },
+  h("table", {}, h("caption", {}, h("span", {}, caption)),
+    h("thead", {}, h("tr", {}, heads.map((head, i) => h("th", { scope: "col", class: left.includes(i) ? "left" : null }, head)))),
+    h("tbody", {}, rows.map((row) => h("tr", {}, row.map((cell, i) => (i ? h("td", { class: left.includes(i) ? "left wrap" : null }, cell) : h("th", { scope: "row" }, cell))))))));
+
+const swatch = (agent) => h("span", { class: "swatch", "aria-hidden": "true", "data-agent": agent, style: { "--colour": colourOf(agent) } });
+const tag = (text, kind = "") => h("span", { class: `tag ${kind}`.trim() }, text);

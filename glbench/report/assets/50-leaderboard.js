@@ -1,0 +1,109 @@
+// The leaderboard of a task, and the figure of its family.
+
+const rankState = { key: "rank", direction: "ascending" };
+const hidden = new Set();
+
+const rankColumns = (task, rows) => {
+  const hours = (task.steps * task.step_seconds) / 3600;
+  const metricColumn = (metric) => {
+    const of = (row) => estimate(row.result, metric.name);
+    const shown = rows.filter((row) => row.rank !== null);
+    const spread = (shown.length ? shown : rows).map(of);
+    const range = [Math.min(...spread.map((one) => one.low)), Math.max(...spread.map((one) => one.high))];
+    return {
+      key: metric.name, label: metric.label, unit: metric.unit || "\u00a0", value: (row) => of(row).mean,
+      start: metric.better === "low" ? "ascending" : "descending",
+      explain: [...explained(metric.name), metric.name === "hours_outside_limits" ? ` The period has ${number(hours, 0)} hours.` : ""],
+      cell: (row) => {
+        const one = of(row);
+        const title = one.high > one.low ? `95 % interval ${number(one.low, metric.decimals + 1)} to ${number(one.high, metric.decimals + 1)}` : "no interval: all runs are alike";
+        return h("td", { title: metric.interval ? title : null }, number(one.mean, metric.decimals), metric.interval ? bar(one, range, row.result.agent) : null,
+          metric.interval ? h("span", { class: "visually-hidden" }, ` (${title})`) : null);
+      },
+    };
+  };
+  const held = (key) => rows.some((row) => row.result[key] !== null && row.result[key] !== undefined);
+  return [
+    { key: "rank", label: "#", value: (row) => row.rank, start: "ascending", className: "rank", explain: otherWords("Rank"), cell: (row) => h("td", { class: "rank" }, row.rank ?? "\u2013") },
+    { key: "agent", label: "Agent", value: (row) => row.result.agent, left: true, start: "ascending", className: "agent",
+      explain: [h("b", {}, "Agent"), ": open one to see where it earns its money, a typical day, the season and its worst run."],
+      cell: (row) => h("th", { scope: "row", class: "agent" }, swatch(row.result.agent), h("a", { href: link("agent", row.result.agent, task.short) }, row.result.agent),
+        row.result.failed ? [" ", tag(`${row.result.failed} of ${row.result.runs} failed`, "bad")] : null, row.result.remark ? [" ", tag(row.result.remark)] : null) },
+    ...D.metrics.filter((metric) => metric.column).map(metricColumn),
+    { key: "decision", label: "Decision", unit: "ms", value: (row) => row.result.decision, start: "ascending", explain: otherWords("Decision"),
+      cell: (row) => h("td", {}, row.result.decision < 0.1 ? number(row.result.decision, 3) : number(row.result.decision, 2)) },
+    held("training") ? { key: "training", label: "Training", unit: "steps", value: (row) => row.result.training?.steps ?? null, start: "ascending", explain: otherWords("Training"),
+      cell: (row) => h("td", { title: trainingWords(row.result.training) || null }, row.result.training?.steps ? number(row.result.training.steps, 0) : "\u2013") } : null,
+    { key: "sees", label: "Sees", value: (row) => (row.result.privileged ? "privileged" : "observations"), start: "ascending", left: true, explain: otherWords("Sees"),
+      cell: (row) => h("td", { class: "left", title: row.result.sees }, row.result.privileged ? tag("privileged") : "observations") },
+    held("sandbox") ? { key: "sandbox", label: "Sandboxed", value: (row) => SANDBOX_WORDS[row.result.sandbox]?.[0] ?? "", left: true, start: "ascending", explain: otherWords("Sandboxed"),
+      cell: (row) => h("td", { class: "left" }, SANDBOX_WORDS[row.result.sandbox] ? tag(...SANDBOX_WORDS[row.result.sandbox]) : "\u2013") } : null,
+    { key: "verified", label: "Verified", value: (row) => (row.result.verified ? 1 : 0), left: true, explain: otherWords("Verified"),
+      cell: (row) => h("td", { class: "left" }, row.result.verified ? tag("\u2713 verified", "ok") : "\u2013") },
+  ].filter(Boolean);
+};
+
+const SANDBOX_WORDS = { bubblewrap: ["sandboxed", "ok"], unsandboxed: ["not sandboxed", "bad"], "built-in": ["part of glbench"] };
+const trainingWords = (training) => (training ? [training.steps ? `${number(training.steps, 0)} control steps` : "", training.wall_hours ? `${number(training.wall_hours, 1)} hours` : "", training.hardware ? `on ${training.hardware}` : ""].filter(Boolean).join(", ") : "");
+
+const otherWords = (name) => { const [word, meaning] = D.other_words.find(([one]) => one === name); return [h("b", {}, word), `: ${meaning}`]; };
+
+// The paper's figure: reward, profit and penalty against delta, with 95 % intervals, one line an agent.
+const familyFigure = (family) => {
+  const tasks = family.tasks.map((id) => TASKS[id]);
+  const names = D.agents.map((agent) => agent.name).filter((name) => family.tasks.some((id) => resultOf(id, name)?.rank));
+  const build = (metric) => () => ({
+    traces: names.filter((name) => !hidden.has(name)).map((name) => {
+      const points = tasks.filter((task) => resultOf(task.id, name)?.rank).map((task) => ({ x: task.delta, ...estimate(resultOf(task.id, name), metric) }));
+      const column = (key) => points.map((point) => point[key]);
+      const symbol = SYMBOLS[AGENTS[name].index % 8];
+      return line(column("x"), column("mean"), colourOf(name), {
+        mode: "lines+markers", name, marker: { size: 7, symbol }, hovertemplate: `%{y:,.${METRICS[metric].decimals + 1}f}`,
+        error_y: { type: "data", symmetric: false, array: points.map((p) => p.high - p.mean), arrayminus: points.map((p) => p.mean - p.low), thickness: 1.5, width: 0, color: colourOf(name) },
+      });
+    }),
+    layout: layout({ xaxis: { title: { text: "delta, %", standoff: 6 }, tickvals: tasks.map((task) => task.delta) }, hovermode: "x unified" }),
+  });
+  const figures = ["reward", "epi", "penalty"].map((metric) => chart([METRICS[metric].label, METRICS[metric].unit ? h("span", {}, ` ${METRICS[metric].unit}`) : null],
+    build(metric), { height: 280, says: `${METRICS[metric].label} of ${sentence(names)} against delta; the same numbers are in the table below.` }));
+  const legend = h("ul", { class: "legend", "aria-label": "Agents in the figure" }, names.map((name) => h("li", {}, h("button", {
+    type: "button", "aria-pressed": String(!hidden.has(name)),
+    onclick: (event) => {
+      hidden.has(name) ? hidden.delete(name) : hidden.add(name);
+      event.currentTarget.setAttribute("aria-pressed", String(!hidden.has(name)));
+      redrawCharts();
+    },
+  }, swatch(name), name))));
+  const rows = (metric) => names.map((name) => [name, ...tasks.map((task) => {
+    const result = resultOf(task.id, name);
+    return result?.rank ? number(estimate(result, metric).mean, METRICS[metric].decimals) : "\u2013";
+  })]);
+  return [
+    h("h2", {}, "How each agent copes with a crop it does not know"),
+    h("p", { class: "soft" }, `${suiteTitle(family.name)}: mean over the runs with its 95 % interval, against delta, the share by which the crop\u2019s properties may be off. Choose agents below.`),
+    legend, h("div", { class: "grid three" }, figures),
+    h("details", { class: "data" }, h("summary", {}, "These figures as tables"), ["reward", "epi", "penalty"].map((metric) =>
+      plainTable(`${METRICS[metric].label}${METRICS[metric].unit ? `, ${METRICS[metric].unit}` : ""}, mean, by delta`, ["Agent", ...tasks.map((task) => `${task.delta} %`)], rows(metric)))),
+  ];
+};
+
+const leaderboardPage = (short) => {
+  const task = BY_SHORT[short] ?? TASKS[D.start], rows = ranked(task.id), family = familyOf(task.id);
+  const best = rows[0].result;
+  const table = sortable({
+    caption: `${task.title}: mean over ${plural(best.runs, "seeded run")}${pricesDiffer(task) ? ", at other prices" : ""}. Bars show 95 % intervals.`,
+    columns: rankColumns(task, rows), rows, state: rankState, className: "ranks", rowClass: (row) => (row.rank === null ? "unranked" : null),
+  });
+  return {
+    title: "Leaderboard",
+    content: [
+      h("h1", {}, "Who grows the most for the least?"),
+      h("p", { class: "lead" }, "Controllers run the same greenhouse through the same season: they heat, light, ventilate, screen and dose CO\u2082 to grow tomatoes at a profit while the climate stays within limits."),
+      h("div", { class: "fields" }, taskField(task.short, (value) => go("", value))),
+      priceField(task, (focus) => show(focus)),
+      table.element,
+      h("p", { class: "small" }, h("a", { href: link("task", task.short) }, "What exactly is this task?"), " \u00b7 ", h("a", { href: link("guide") }, "How to read this page")),
+      family ? familyFigure(family) : null,
+    ],
+  };
+};

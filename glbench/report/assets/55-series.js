@@ -1,0 +1,82 @@
+// What profiles hold, as charts: names, units and scales of their columns.
+
+const SERIES = {
+  air_temperature: { label: "Air temperature", unit: "\u00b0C", decimals: 1, limit: "air_temperature" },
+  relative_humidity: { label: "Relative humidity", unit: "%", decimals: 0, limit: "relative_humidity" },
+  co2: { label: "CO\u2082 in the air", unit: "ppm", decimals: 0, limit: "co2" },
+  pipe_temperature: { label: "Pipes", unit: "\u00b0C", decimals: 0 },
+  uBoil: { label: "Heating", unit: "%", factor: 100, decimals: 0, range: [0, 102] },
+  uLamp: { label: "Lamps", unit: "%", factor: 100, decimals: 0, range: [0, 102] },
+  uCo2: { label: "CO\u2082 dosing", unit: "%", factor: 100, decimals: 0, range: [0, 102] },
+  uVent: { label: "Vents", unit: "%", factor: 100, decimals: 0, range: [0, 102] },
+  uThScr: { label: "Thermal screen", unit: "%", factor: 100, decimals: 0, range: [0, 102] },
+  uBlScr: { label: "Blackout screen", unit: "%", factor: 100, decimals: 0, range: [0, 102] },
+  fruit_fresh: { label: "Fruit growth", unit: "g/m\u00b2 an hour", daily: "g/m\u00b2 a day", factor: 1000, decimals: 1 },
+  heat: { label: "Heat", unit: "Wh/m\u00b2 an hour", daily: "kWh/m\u00b2 a day", factor: 1000, dailyFactor: 1, decimals: 1, dailyDecimals: 2 },
+  electricity: { label: "Light", unit: "Wh/m\u00b2 an hour", daily: "kWh/m\u00b2 a day", factor: 1000, dailyFactor: 1, decimals: 1, dailyDecimals: 2 },
+  co2_dosed: { label: "CO\u2082 dosed", unit: "g/m\u00b2 an hour", daily: "g/m\u00b2 a day", factor: 1000, decimals: 1 },
+  epi: { label: "Profit", unit: "ct/m\u00b2 an hour", daily: "ct/m\u00b2 a day", factor: 100, decimals: 2 },
+  penalty: { label: "Penalty", unit: "an hour", daily: "a day", factor: 1, decimals: 2 },
+  global_radiation: { label: "Sun", unit: "W/m\u00b2", decimals: 0 },
+  outdoor_temperature: { label: "Temperature outside", unit: "\u00b0C", decimals: 1 },
+  outdoor_relative_humidity: { label: "Humidity outside", unit: "%", decimals: 0 },
+  wind_speed: { label: "Wind", unit: "m/s", decimals: 1 },
+};
+const CLIMATE_AND_CONTROLS = ["air_temperature", "relative_humidity", "co2", "pipe_temperature", "uBoil", "uLamp", "uCo2", "uVent", "uThScr", "uBlScr"];
+
+const limitOf = (task, name) => task.limits?.find((limit) => limit.name === SERIES[name].limit);
+const scaled = (rows, factor = 1) => rows.map((row) => row.map((value) => (value === null ? null : value * factor)));
+const HOUR_AXIS = { range: [0, 24], tickvals: [0, 6, 12, 18, 24], ticktext: ["0", "6", "12", "18", "24 h"] };
+const captionOf = (label, unit) => [label, unit ? h("span", {}, ` ${unit}`) : null];
+// Prices that were changed do not change what was recorded at the task's prices.
+const atTaskPrices = (task, name) => (name === "epi" && pricesDiffer(task) ? " at the task\u2019s prices" : "");
+
+// One quantity by time of day: the band of nine in ten, the band of half, and the median; for several agents at once.
+const dayChart = (task, name, courses, slotSeconds) => {
+  const words = SERIES[name], limit = limitOf(task, name);
+  const build = () => {
+    const traces = [];
+    for (const { agent, packed } of courses) {
+      const colour = agent ? colourOf(agent) : variable("accent");
+      const rows = scaled(unpack(packed), words.factor), [q05, q25, q50, q75, q95] = rows;
+      const hours = q50.map((_, slot) => ((slot + 0.5) * slotSeconds) / 3600);
+      const known = hours.map((_, i) => i).filter((i) => q50[i] !== null), pick = (values) => known.map((i) => values[i]);
+      if (courses.length === 1) traces.push(band(pick(hours), pick(q05), pick(q95), colour, 0.13));
+      traces.push(band(pick(hours), pick(q25), pick(q75), colour, courses.length === 1 ? 0.24 : 0.16));
+      traces.push(line(pick(hours), pick(q50), colour, {
+        name: agent ?? "median", hovertemplate: `%{y:,.${words.decimals}f}`, line: { dash: courses[0].agent === agent ? "solid" : "dash" },
+      }));
+    }
+    return { traces, layout: layout({ xaxis: HOUR_AXIS, yaxis: words.range ? { range: words.range, tickvals: [0, 50, 100] } : {}, shapes: limitShapes(limit) }) };
+  };
+  const says = courses.map(({ agent, packed }) => {
+    const median = scaled(unpack(packed), words.factor)[2].filter((value) => value !== null);
+    return median.length ? `${agent ? `${agent}: ` : ""}median between ${number(Math.min(...median), words.decimals)} and ${number(Math.max(...median), words.decimals)} ${words.unit}` : "";
+  }).join("; ");
+  return chart(captionOf(words.label, words.unit + atTaskPrices(task, name)), build, { height: 180, says: `${words.label} over the day. ${says}${limit ? `; limits ${limit.low} to ${limit.high}` : ""}.` });
+};
+
+// One quantity by day of the season: median over the runs, best and worst run; `add` sums up from the start.
+const seasonChart = (task, name, packed, agent, { add = false } = {}) => {
+  const words = SERIES[name], limit = limitOf(task, name);
+  const factor = add ? (name === "epi" ? 1 : words.dailyFactor ?? 1) : words.dailyFactor ?? words.factor;
+  const unit = add ? "EUR/m\u00b2 since the start" : (words.daily ?? `${words.unit}, daily mean`);
+  const build = () => {
+    const colour = colourOf(agent), days = (task.steps * task.step_seconds) / 86400;
+    const x = Array.from({ length: days }, (_, day) => date(task.start, day, { day: "numeric", month: "short" }));
+    const running = (values) => { let total = 0; return values.map((value) => (value === null ? null : (total += value))); };
+    const [median, best, worst] = scaled(unpack(packed), factor).map((row) => (add ? running(row) : row));
+    const digits = add ? 2 : words.dailyDecimals ?? words.decimals, one = (label, values, more) => line(x, values, more.colour, { name: label, hovertemplate: `%{y:,.${digits}f}`, line: more.line });
+    return {
+      traces: [
+        one("worst run", worst, { colour: variable("tomato"), line: { width: 1.2, dash: "dot" } }),
+        one("best run", best, { colour: variable("soft"), line: { width: 1.2, dash: "dash" } }),
+        one("median", median, { colour, line: { width: 2.2 } }),
+      ],
+      layout: layout({ xaxis: { nticks: 4, tickangle: 0, tickvals: x.filter((_, day) => day % Math.max(1, Math.ceil(days / 4)) === 0) }, yaxis: name === "penalty" ? { rangemode: "tozero" } : {}, shapes: limitShapes(limit && limitShown(limit, median) ? limit : null) }),
+    };
+  };
+  return chart(captionOf(words.label, unit + atTaskPrices(task, name)), build, { height: 180, says: `${words.label} by day of the season, ${unit}: median over the runs, best and worst run.` });
+};
+// Limits far from what happened would flatten the curve.
+const limitShown = (limit, values) => { const known = values.filter((v) => v !== null); return known.length && Math.max(...known) > limit.high * 0.7; };

@@ -1,0 +1,139 @@
+// One agent on one task: what it earned and where, a typical day, the season, broken limits, its worst run.
+
+const agentsPage = () => {
+  const rows = D.agents.map((agent) => ({ agent, results: D.results.filter((result) => result.agent === agent.name) }));
+  return {
+    title: "Agents",
+    content: [
+      h("h1", {}, "Agents"),
+      h("p", { class: "lead" }, "Everything that has results here. Open one for its money, its typical day, its season and its worst run."),
+      plainTable("All agents: what they see and on how many tasks they were evaluated", ["Agent", "Sees", "Tasks", "First places"], rows.map(({ agent, results }) => [
+        [swatch(agent.name), h("a", { href: link("agent", agent.name) }, agent.name), " ", tag(agent.kind)],
+        agent.information,
+        number(results.length, 0), number(results.filter((result) => result.rank === 1).length, 0),
+      ]), [0, 1]),
+    ],
+  };
+};
+
+const agentPage = (name, short) => {
+  if (!(name in AGENTS)) return missingPage(`There is no agent called \u201c${name}\u201d in these results.`);
+  const results = D.results.filter((result) => result.agent === name);
+  const result = results.find((one) => TASKS[one.task].short === short) ?? results.find((one) => one.task === D.start) ?? results[0];
+  const task = TASKS[result.task], others = resultsOf(task.id).filter((one) => one.agent !== name);
+  return {
+    title: name,
+    content: [
+      h("h1", {}, swatch(name), name, result.privileged ? [" ", tag("privileged")] : null, result.verified ? [" ", tag("\u2713 verified", "ok")] : null),
+      h("p", { class: "lead" }, `Sees: ${result.sees.replace(/^privileged: /, "")}.`),
+      cardPart(result),
+      h("div", { class: "fields" }, agentField("Agent", name, (value) => go("agent", value, task.short), D.agents.map((agent) => agent.name), "choose-agent"),
+        taskField(task.short, (value) => go("agent", name, value), results.map((one) => TASKS[one.task])),
+        others.length ? h("a", { class: "small", href: link("compare", name, others[0].agent, task.short) }, "Compare it with another agent") : null),
+      h("p", { class: "story" }, story(result, task)),
+      failures(result),
+      priceField(task, (focus) => show(focus)),
+      earned(result),
+      result.profile ? profileParts(result, task) : noProfile(result, task),
+      provenance(result),
+    ],
+  };
+};
+
+// The agent in a few sentences.
+const story = (result, task) => {
+  const of = (metric) => estimate(result, metric).mean, days = (task.steps * task.step_seconds) / 86400;
+  const row = ranked(task.id).find((one) => one.result === result), profit = of("epi");
+  const costs = [["heat", of("cost_heat")], ["light", of("cost_electricity")], ["CO\u2082", of("cost_co2")]].sort((a, b) => b[1] - a[1]);
+  const outside = of("hours_outside_limits"), hours = (task.steps * task.step_seconds) / 3600;
+  const limits = D.metrics.filter((metric) => /^hours_(air|co2|rel)/.test(metric.name)).map((metric) => [lower(metric.label), of(metric.name)]).sort((a, b) => b[1] - a[1]);
+  return [
+    `In ${number(days, 0)} days it grew ${withUnit(of("yield"), 1, "kg/m\u00b2")} of tomatoes worth ${withUnit(of("revenue"), 2, "EUR/m\u00b2")} and ${profit >= 0 ? "earned" : "lost"} `,
+    h("b", { class: profit >= 0 ? "gain" : "loss" }, withUnit(Math.abs(profit), 2, "EUR/m\u00b2")),
+    costs[0][1] > 0 ? `. Most of the cost was ${costs[0][0]} (${withUnit(costs[0][1], 2, "EUR/m\u00b2")}). ` : ". It used nothing. ",
+    outside > 0 ? `The climate was outside its limits for ${withUnit(outside, 0, "h")}, ${number((100 * outside) / hours, 0)} % of the time, above all ${limits[0][0]} (${withUnit(limits[0][1], 0, "h")}).` : "The climate never left its limits.",
+    row.rank ? ` Rank ${row.rank} of ${ranked(task.id).filter((one) => one.rank !== null).length} on this task.` : "",
+  ];
+};
+
+// What the agent's makers say of it. A link is followed only where it is one of the web.
+const cardPart = ({ card }) => (card ? [
+  card.description ? h("p", {}, card.description) : null,
+  h("p", { class: "small soft" }, [card.algorithm, card.authors ? `by ${sentence(card.authors)}` : "", card.training ? `trained for ${trainingWords(card.training)}` : ""].filter(Boolean).join("; "),
+    /^https?:\/\//.test(card.link ?? "") ? [" \u00b7 ", h("a", { href: card.link, rel: "noopener noreferrer" }, "more about it")] : null),
+] : null);
+
+const failures = (result) => (result.failed ? h("div", { class: "missing" }, h("b", { class: "loss" }, `${result.failed} of ${result.runs} runs failed`), ". They count at the task\u2019s price of a missed step.",
+  h("ul", {}, result.reasons.slice(0, 5).map(([seed, status, reason, steps]) => h("li", {}, `Seed ${seed}, ${status.replaceAll("_", " ")} after ${number(steps, 0)} steps: `, h("code", {}, reason))))) : null);
+
+const earned = (result) => {
+  const of = (metric) => estimate(result, metric);
+  const tiles = ["reward", "epi", "penalty", "yield", "heat", "electricity", "co2", "hours_outside_limits"].map((name) => {
+    const metric = METRICS[name], one = of(name);
+    return h("div", {}, h("dt", {}, metric.label), h("dd", {}, number(one.mean, metric.decimals), metric.unit ? h("small", {}, ` ${metric.unit}`) : null,
+      one.high > one.low ? h("small", { class: "of" }, `${number(one.low, metric.decimals + 1)} to ${number(one.high, metric.decimals + 1)}`) : h("small", { class: "of" }, "all runs alike")));
+  });
+  const build = () => {
+    const values = [of("revenue").mean, -of("cost_heat").mean, -of("cost_electricity").mean, -of("cost_co2").mean];
+    const rest = of("epi").mean - sum(values), failed = result.failed && Math.abs(rest) > 5e-3;
+    const labels = ["Fruit", "Heat", "Light", "CO\u2082", ...(failed ? ["Missed steps"] : []), "Profit"];
+    return {
+      traces: [{
+        type: "waterfall", orientation: "v", x: labels, y: [...values, ...(failed ? [rest] : []), of("epi").mean], measure: [...values.map(() => "relative"), ...(failed ? ["relative"] : []), "total"],
+        text: [...values, ...(failed ? [rest] : []), of("epi").mean].map((value) => number(value, 2, true)), textposition: "outside", cliponaxis: false, hoverinfo: "skip",
+        increasing: { marker: { color: variable("gain") } }, decreasing: { marker: { color: variable("loss") } }, totals: { marker: { color: variable("ink") } },
+        connector: { line: { color: variable("line"), width: 1 } }, textfont: { color: variable("ink") },
+      }],
+      layout: layout({ margin: { l: 8, r: 10, t: 26, b: 8 }, hovermode: false, yaxis: { zeroline: true, zerolinewidth: 1.5, zerolinecolor: variable("soft") } }),
+    };
+  };
+  const limits = D.metrics.filter((metric) => /^hours_(air|co2|rel)/.test(metric.name));
+  const hours = () => ({
+    traces: [{
+      type: "bar", orientation: "h", y: limits.map((metric) => metric.label), x: limits.map((metric) => of(metric.name).mean), marker: { color: variable("tomato") },
+      text: limits.map((metric) => ` ${number(of(metric.name).mean, 0)} h`), textposition: "outside", cliponaxis: false, hoverinfo: "skip", textfont: { color: variable("ink") },
+    }],
+    layout: layout({ hovermode: false, margin: { l: 8, r: 44, t: 10, b: 8 }, xaxis: { showgrid: false, showticklabels: false, rangemode: "tozero" }, yaxis: { autorange: "reversed", showgrid: false }, bargap: 0.45 }),
+  });
+  const say = (names) => names.map((name) => `${METRICS[name].label} ${withUnit(of(name).mean, METRICS[name].decimals, METRICS[name].unit)}`).join(", ");
+  return [
+    h("h2", {}, "What it earned, and where"),
+    h("dl", { class: "tiles" }, tiles),
+    h("div", { class: "grid two" },
+      chart(captionOf("From fruit to profit", "EUR/m\u00b2, mean over the runs"), build, { height: 260, says: say(["revenue", "cost_heat", "cost_electricity", "cost_co2", "epi"]) }),
+      chart(captionOf("Time outside each limit", "hours, mean over the runs"), hours, { height: 260, says: say(limits.map((metric) => metric.name)) })),
+  ];
+};
+
+const noProfile = (result, task) => h("div", { class: "missing" },
+  h("b", {}, "Days, season, calendar and worst run are not stored with this result."), h("p", {}, "Where its recorded actions still lie beside it, ", h("code", {}, "glbench report --complete"), " makes them; else evaluate again: ",
+    h("code", {}, `glbench evaluate ${result.agent} --task ${task.short} --fresh`)));
+
+const provenance = (result) => h("details", { class: "data" }, h("summary", {}, "Where this result comes from"),
+  h("p", { class: "small" }, `Made by glbench ${result.glbench} on ${result.created.slice(0, 10)}; seeds ${result.seeds[0]} to ${result.seeds.at(-1)}. Result `, h("code", {}, result.digest.slice(0, 16)), ", agent ", h("code", {}, result.agent_digest.slice(0, 16)), "."));
+
+const missingPage = (text) => ({ title: "Not found", content: [h("h1", {}, "Not found"), h("p", {}, text), h("p", {}, h("a", { href: "#/" }, "To the leaderboard"))] });
+
+// A place for what has to be opened first; it keeps its height, so that nothing jumps.
+const later = (height, make) => {
+  const place = h("div", { style: { "min-height": `${height}px` }, "aria-busy": "true" });
+  make().then((content) => { place.replaceChildren(...content.flat(Infinity).filter(Boolean)); place.style.minHeight = ""; place.removeAttribute("aria-busy"); });
+  return place;
+};
+
+const profileParts = (result, task) => later(2400, async () => {
+  const [profile, weather] = await Promise.all([block(result.profile), block(task.weather)]);
+  const day = (names) => h("div", { class: "grid" }, names.map((name) => dayChart(task, name, [{ agent: result.agent, packed: profile.day.columns[name] }], profile.day.slot_seconds)));
+  const season = (name, options) => seasonChart(task, name, profile.season.columns[name], result.agent, options);
+  return [
+    h("h2", {}, "A typical day"),
+    h("p", { class: "soft" }, `Median over all days and runs, with the bands of half and of nine tenths of them; dotted lines are limits. Hours are ${task.clock}.`),
+    day(["air_temperature", "relative_humidity", "co2", "epi"]), h("h3", {}, "Controls, share of capacity"), day(["uBoil", "uLamp", "uCo2", "uVent", "uThScr", "uBlScr"]),
+    h("details", { class: "data" }, h("summary", {}, "More of the day: growth, pipes, what was used, penalty"), h("div", {}, day(["fruit_fresh", "pipe_temperature", "heat", "electricity", "co2_dosed", "penalty"]))),
+    h("h2", {}, "The season"),
+    h("p", { class: "soft" }, "Day by day: the median over the runs, the best run (dashed) and the worst run (dotted)."),
+    h("div", { class: "grid" }, season("epi", { add: true }), season("fruit_fresh"), season("heat"), season("electricity"), season("co2_dosed"), season("penalty"), season("air_temperature"), season("relative_humidity")),
+    calendarPart(profile, task),
+    worstPart(result, task, profile, weather),
+  ];
+});

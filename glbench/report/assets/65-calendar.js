@@ -1,0 +1,90 @@
+// When limits were broken, as a calendar of days and hours; and the worst run, hour by hour, with the reasons.
+
+const LIMIT_SIDES = [["air_temperature_low", "Too cold"], ["air_temperature_high", "Too hot"], ["relative_humidity_low", "Too dry"], ["relative_humidity_high", "Too humid"], ["co2_low", "Too little CO\u2082"], ["co2_high", "Too much CO\u2082"]];
+
+const calendarPart = (profile, task) => {
+  const broken = LIMIT_SIDES.map(([name, label]) => ({ name, label, minutes: unpack(profile.calendar[name]) }))
+    .map((limit) => ({ ...limit, total: sum(limit.minutes.flat().filter((value) => value !== null)) / 60 }));
+  const shown = broken.filter((limit) => limit.total >= 0.05), kept = broken.filter((limit) => limit.total < 0.05);
+  const figure = ({ label, minutes, total }) => {
+    const days = minutes.length, byHour = Array.from({ length: 24 }, (_, hour) => minutes.map((day) => day[hour]));
+    const labels = minutes.map((_, day) => date(task.start, day, { day: "numeric", month: "short" }));
+    const hours = byHour.map((row) => sum(row.filter((value) => value !== null))), dearest = hours.indexOf(Math.max(...hours));
+    return chart(captionOf(label, `${number(total, total < 10 ? 1 : 0)} h in the season, most of it around ${clockHour(dearest)}`), () => ({
+      traces: [{
+        type: "heatmap", z: byHour, x: labels, y: byHour.map((_, hour) => hour), zmin: 0, zmax: 60, showscale: false, xgap: 1, ygap: 1,
+        colorscale: [[0, variable("faint")], [0.02, faded(variable("tomato"), 0.3)], [1, variable("tomato")]], hovertemplate: "%{x}, %{y}:00: %{z:.0f} min<extra></extra>",
+      }],
+      layout: layout({ hovermode: "closest", xaxis: { showgrid: false, tickvals: labels.filter((_, day) => day % Math.max(1, Math.ceil(days / 5)) === 0), tickangle: 0 }, yaxis: { showgrid: false, tickvals: [0, 6, 12, 18], ticktext: ["0 h", "6", "12", "18"], autorange: "reversed" } }),
+    }), { height: 230, says: `${label}: ${number(total, 1)} hours in the season, most of it around ${clockHour(dearest)}.` });
+  };
+  return [
+    h("h2", {}, "When limits were broken"),
+    h("p", { class: "soft" }, `Every column is a day, every row an hour (${task.clock}). The redder a cell, the more of that hour was outside the limit, mean over the runs.`,
+      kept.length ? ` Never or hardly ever: ${sentence(kept.map((limit) => lower(limit.label)))}.` : ""),
+    shown.length ? h("div", { class: "grid two" }, shown.map(figure)) : h("p", {}, "No limit was broken."),
+  ];
+};
+
+// The day on which the worst run paid the largest penalty.
+const hardestDay = (profile) => {
+  const hours = unpack(profile.worst.penalty).map((value) => value ?? 0);
+  const days = Array.from({ length: Math.floor(hours.length / 24) }, (_, day) => sum(hours.slice(24 * day, 24 * day + 24)));
+  const penalty = Math.max(...days);
+  return { day: days.indexOf(penalty), penalty };
+};
+
+// Why the worst run is the worst: against the mean of all runs, in profit, penalty and hours.
+const reasons = (result, task, profile) => {
+  const row = result.seeds.indexOf(profile.seeds.worst), of = (metric) => valuesOf(result, metric);
+  const gap = (metric) => of(metric)[row] - mean(of(metric));
+  const behind = -gap("reward"), share = (100 * behind) / Math.abs(mean(of("reward")));
+  if (!(behind > 1e-6 * Math.abs(mean(of("reward"))))) return ["All runs are alike: there is no worst one. This is the first."];
+  const metric = (name) => METRICS[name];
+  const items = ["revenue", "cost_heat", "cost_electricity", "cost_co2"].map((name) => [name, (name === "revenue" ? 1 : -1) * gap(name)]).sort((a, b) => a[1] - b[1]);
+  const worse = D.metrics.filter((one) => /^hours_(air|co2|rel)/.test(one.name)).map((one) => [one, gap(one.name)]).sort((a, b) => b[1] - a[1])[0];
+  const why = [];
+  if (gap("epi") < 0) why.push(`it earned ${withUnit(-gap("epi"), 3, "EUR/m\u00b2")} less, most of it by ${items[0][0] === "revenue" ? "less fruit" : `a dearer bill for ${lower(metric(items[0][0]).label)}`}`);
+  if (gap("penalty") > 0) why.push(`its penalty was ${number(gap("penalty"), 1)} higher${worse[1] > 0.05 ? ` (${lower(worse[0].label)} for ${withUnit(worse[1], 1, "h")} longer)` : ""}`);
+  const { day, penalty } = hardestDay(profile);
+  return [`Seed ${profile.seeds.worst} got a reward of ${number(of("reward")[row], 0)}, ${number(behind, behind < 10 ? 1 : 0)} (${number(share, share < 1 ? 2 : 1)} %) below the mean of all runs`,
+    why.length ? `: ${why.join(", and ")}. ` : ". ", penalty > 0 ? `Its hardest day was ${date(task.start, day)}, with a penalty of ${number(penalty, 1)}.` : "",
+    share < 1 ? " The runs hardly differ: this is how every run looks." : ""];
+};
+
+const worstPart = (result, task, profile, weather) => {
+  const course = (name, factor = 1) => scaled([unpack(profile.worst[name])], factor)[0];
+  const outside = (name) => unpack(weather.hours[name]);
+  const hours = course("air_temperature").map((_, hour) => new Date(Date.parse(`${task.start}T00:00:00Z`) + 3.6e6 * (hour + 0.5)).toISOString().slice(0, 16));
+  const rows = [
+    { title: "Temperature, \u00b0C", limit: "air_temperature", lines: [["inside", course("air_temperature"), "accent", 1], ["outside", outside("outdoor_temperature"), "soft", 1]] },
+    { title: "Humidity, %", limit: "relative_humidity", lines: [["humidity", course("relative_humidity"), "accent", 0]] },
+    { title: "CO\u2082, ppm", limit: "co2", lines: [["CO\u2082", course("co2"), "accent", 0]] },
+    { title: "Heat and light, %", lines: [["heating", course("uBoil", 100), "tomato", 0], ["lamps", course("uLamp", 100), "lamp", 0]] },
+    { title: "Vents and screen, %", lines: [["vents", course("uVent", 100), "vent", 0], ["thermal screen", course("uThScr", 100), "soft", 0]] },
+    { title: "Penalty an hour", lines: [["penalty", course("penalty"), "tomato", 2]] },
+  ];
+  const colour = (name) => ({ lamp: colourAt(3), vent: colourAt(2), accent: colourOf(result.agent) })[name] ?? variable(name);
+  // The week of the hardest day comes first: a whole season at once shows little.
+  const days = (task.steps * task.step_seconds) / 86400, weeks = Math.ceil(days / 7);
+  const spanOf = (value) => (value === "all" ? null : [7 * Number(value), Math.min(7 * Number(value) + 7, days)].map((day) => new Date(Date.parse(`${task.start}T00:00:00Z`) + 864e5 * day).toISOString().slice(0, 16)));
+  const hardest = String(Math.floor(hardestDay(profile).day / 7));
+  let span = spanOf(hardest);
+  const build = () => {
+    const traces = [], axes = {}, gap = 0.035, height = (1 - gap * (rows.length - 1)) / rows.length, shapes = [], annotations = [];
+    rows.forEach((row, i) => {
+      const key = i ? `${i + 1}` : "", top = 1 - i * (height + gap);
+      axes[`yaxis${key}`] = axis({ domain: [top - height, top], anchor: "x", nticks: 4, range: row.title.endsWith("%") && !row.limit ? [0, 105] : undefined });
+      annotations.push({ xref: "paper", yref: "paper", x: 0, y: top, xanchor: "left", yanchor: "bottom", showarrow: false, text: `<b>${row.title}</b>\u2002${row.lines.length > 1 ? row.lines.map(([name, , ink]) => `<span style="color:${colour(ink)}">${name}</span>`).join("\u2002") : ""}`, font: { color: variable("ink"), size: 12 } });
+      for (const [name, y, ink, decimals] of row.lines) traces.push({ ...line(hours, y, colour(ink), { name, hovertemplate: `%{y:,.${decimals}f}`, line: { width: 1.1 } }), yaxis: `y${key}` });
+      const limit = task.limits.find((one) => one.name === row.limit);
+      for (const shape of limitShapes(limit)) shapes.push({ ...shape, yref: `y${key}`, xref: "x domain" });
+    });
+    const look = layout({ shapes, annotations, margin: { l: 8, r: 10, t: 22, b: 8 }, dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom", hoversubplots: "axis" });
+    return { traces, layout: { ...look, ...axes, xaxis: axis({ type: "date", fixedrange: false, range: span ?? undefined, anchor: `y${rows.length}`, hoverformat: "%-d %B, %H:%M", tickformat: "%-d %b", nticks: 7 }) } };
+  };
+  const figure = chart(captionOf("Worst run, hour by hour", ""), build, { height: 760, says: `Climate, controls and penalty of the run with seed ${profile.seeds.worst}, hour by hour.` });
+  const place = figure.querySelector(".chart");
+  const view = select("Show", [{ value: "all", text: "the whole season" }, ...Array.from({ length: weeks }, (_, week) => ({ value: String(week), text: `week ${week + 1}, from ${date(task.start, 7 * week)}` }))], hardest, (value) => { span = spanOf(value); redrawChart(place); }, "choose-week");
+  return [h("h2", {}, "The worst run, and why"), h("p", {}, reasons(result, task, profile)), h("div", { class: "fields" }, view), figure];
+};

@@ -1,0 +1,115 @@
+// Two agents on one task: which earns more, by item and by hour of the day.
+
+const comparePage = (first, second, short) => {
+  const task = BY_SHORT[short] ?? TASKS[D.start], here = resultsOf(task.id).map((result) => result.agent);
+  if (here.length < 2) return { title: "Compare", content: [h("h1", {}, "Compare two agents"), h("div", { class: "fields" }, taskField(task.short, (value) => go("compare", first ?? here[0], second ?? here[0], value))), h("p", {}, "Only one agent has results on this task.")] };
+  const a = here.includes(first) ? first : ranked(task.id)[0].result.agent;
+  const b = here.includes(second) && second !== a ? second : ranked(task.id).map((row) => row.result.agent).find((name) => name !== a);
+  const [one, two] = [resultOf(task.id, a), resultOf(task.id, b)];
+  return {
+    title: `${a} and ${b}`,
+    content: [
+      h("h1", {}, "Where does one earn more?"),
+      h("div", { class: "fields" }, agentField("Agent A", a, (value) => go("compare", value, value === b ? a : b, task.short), here, "choose-a"),
+        agentField("Agent B", b, (value) => go("compare", value === a ? b : a, value, task.short), here, "choose-b"), taskField(task.short, (value) => go("compare", a, b, value))),
+      h("p", { class: "story" }, verdict(one, two)),
+      priceField(task, (focus) => show(focus)),
+      byItem(one, two, task),
+      one.profile && two.profile ? byHour(one, two, task) : [one, two].filter((result) => !result.profile).map((result) => [h("p", {}, h("b", {}, result.agent), ":"), noProfile(result, task)]),
+    ],
+  };
+};
+
+// Differences of one metric over the seeds that both have, with the interval of their mean.
+const difference = (one, two, metric) => {
+  const [x, y] = [valuesOf(one, metric), valuesOf(two, metric)];
+  const place = new Map(two.seeds.map((seed, i) => [seed, i]));
+  const values = one.seeds.map((seed, i) => (place.has(seed) ? x[i] - y[place.get(seed)] : null)).filter((value) => value !== null);
+  if (!values.length) return { mean: mean(x) - mean(y), low: null, high: null, shared: 0 };
+  const [low, high] = interval(values);
+  return { mean: mean(values), low, high, shared: values.length };
+};
+
+const verdict = (one, two) => {
+  const profit = difference(one, two, "epi"), reward = difference(one, two, "reward"), penalty = difference(one, two, "penalty");
+  const clear = profit.low !== null && profit.high > profit.low && profit.low * profit.high > 0;
+  const sure = profit.high > profit.low ? ` (95 % interval ${number(profit.low, 2, true)} to ${number(profit.high, 2, true)})` : "";
+  return [
+    h("b", {}, one.agent), ` earns `, h("b", { class: profit.mean >= 0 ? "gain" : "loss" }, withUnit(Math.abs(profit.mean), 2, "EUR/m\u00b2")), ` ${profit.mean >= 0 ? "more" : "less"} than `, h("b", {}, two.agent),
+    `${sure}${clear || !sure ? "" : ", which may be chance"}. Its penalty is ${number(Math.abs(penalty.mean), 0)} ${penalty.mean >= 0 ? "higher" : "lower"}, its reward ${number(Math.abs(reward.mean), 0)} ${reward.mean >= 0 ? "higher" : "lower"}, over ${plural(profit.shared, "shared seed")}.`,
+  ];
+};
+
+const byItem = (one, two, task) => {
+  const items = [["revenue", 1], ["cost_heat", -1], ["cost_electricity", -1], ["cost_co2", -1], ["epi", 1]];
+  const gaps = items.map(([name, sign]) => { const d = difference(one, two, name); return { name, label: name === "epi" ? "Profit" : METRICS[name].label, value: sign * d.mean, low: sign > 0 ? d.low : -d.high, high: sign > 0 ? d.high : -d.low }; });
+  const ends = [Math.min(0, ...gaps.map((gap) => gap.value)), Math.max(0, ...gaps.map((gap) => gap.value))], room = 0.2 * (ends[1] - ends[0] || 1);
+  const build = () => ({
+    traces: [{
+      type: "bar", orientation: "h", y: gaps.map((gap) => gap.label), x: gaps.map((gap) => gap.value), text: gaps.map((gap) => ` ${number(gap.value, 2, true)} `), textposition: "outside", cliponaxis: false, hoverinfo: "skip",
+      marker: { color: gaps.map((gap) => variable(gap.value >= 0 ? "gain" : "loss")), opacity: gaps.map((gap) => (gap.name === "epi" ? 1 : 0.75)) }, textfont: { color: variable("ink") },
+    }],
+    layout: layout({ hovermode: false, bargap: 0.4, yaxis: { autorange: "reversed", showgrid: false }, xaxis: { range: [ends[0] - room, ends[1] + room], zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
+  });
+  const rows = [...items.map(([name]) => name), "reward", "penalty", "yield", "heat", "electricity", "co2", "hours_outside_limits"].map((name) => {
+    const metric = METRICS[name], d = difference(one, two, name), unit = metric.unit, cost = name.startsWith("cost_");
+    return [[`${cost ? "Cost of " : ""}${cost ? lower(metric.label) : metric.label}`, unit ? h("span", { class: "soft" }, ` ${unit}`) : null], number(mean(valuesOf(one, name)), metric.decimals), number(mean(valuesOf(two, name)), metric.decimals),
+      number(d.mean, metric.decimals, true), d.high > d.low ? `${number(d.low, metric.decimals, true)} to ${number(d.high, metric.decimals, true)}` : "\u2013"];
+  });
+  return [
+    h("h2", {}, "By item"),
+    h("div", { class: "grid two" },
+      chart(captionOf(`${one.agent} minus ${two.agent}`, "EUR/m\u00b2; to the right, A is better"), build, { height: 300, says: gaps.map((gap) => `${gap.label} ${number(gap.value, 2, true)}`).join(", ") }),
+      plainTable(`A is ${one.agent}, B is ${two.agent}; differences with 95 % intervals over shared seeds`, ["", "A", "B", "A \u2212 B", "95 % interval"], rows)),
+  ];
+};
+
+const byHour = (one, two, task) => later(1500, async () => {
+  const [x, y] = await Promise.all([block(one.profile), block(two.profile)]), prices = pricesOf(task);
+  const perRun = (profile, name) => unpack(profile.hours[name]);
+  const shared = one.seeds.map((seed, i) => [i, two.seeds.indexOf(seed)]).filter(([, j]) => j >= 0);
+  const pairs = shared.length ? shared : null;
+  const gap = (name, factor) => {
+    const [p, q] = [perRun(x, name), perRun(y, name)];
+    return p.map((row, hour) => (pairs ? pairs.map(([i, j]) => factor * (row[i] - q[hour][j])) : [factor * (mean(row) - mean(q[hour]))]));
+  };
+  const parts = ITEMS.map(([name, price, label, sign], i) => ({ label, runs: gap(name, sign * prices[price]), ink: [0, 1, 3, 2][i] }));
+  const profit = parts[0].runs.map((_, hour) => parts[0].runs[hour].map((_, run) => sum(parts.map((part) => part.runs[hour][run]))));
+  const spread = profit.map((values) => [mean(values), ...(values.length > 1 ? interval(values) : [mean(values), mean(values)])]);
+  const hours = Array.from({ length: 24 }, (_, hour) => hour + 0.5), penalty = gap("penalty", -1);
+  const ranges = sentence(stretches(spread.map(([value]) => value > 0.005 * Math.max(...spread.map(([v]) => Math.abs(v))))));
+  const money = () => ({
+    traces: [
+      ...parts.map((part) => ({ type: "bar", name: part.label, x: hours, y: part.runs.map(mean), marker: { color: colourAt(part.ink), opacity: 0.8 }, hovertemplate: "%{y:+,.3f}" })),
+      line(hours, spread.map(([value]) => value), variable("ink"), { name: "Profit", mode: "lines+markers", marker: { size: 5 }, hovertemplate: "%{y:+,.3f}", error_y: { type: "data", symmetric: false, array: spread.map(([m, , high]) => high - m), arrayminus: spread.map(([m, low]) => m - low), thickness: 1, width: 2, color: variable("ink") } }),
+    ],
+    layout: layout({ barmode: "relative", bargap: 0.15, showlegend: true, legend: { orientation: "h", y: 1.12, x: 0, font: { color: variable("ink") } }, margin: { l: 8, r: 10, t: 34, b: 8 }, xaxis: HOUR_AXIS, yaxis: { zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
+  });
+  const limits = () => ({
+    traces: [{ type: "bar", x: hours, y: penalty.map(mean), marker: { color: penalty.map((values) => variable(mean(values) >= 0 ? "gain" : "loss")) }, hovertemplate: "%{y:+,.2f}<extra></extra>" }],
+    layout: layout({ bargap: 0.15, xaxis: HOUR_AXIS, yaxis: { zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
+  });
+  return [
+    h("h2", {}, "By hour of the day"),
+    h("p", { class: "soft" }, ranges ? `${one.agent} earns more than ${two.agent} ${ranges}` : `${one.agent} earns more than ${two.agent} in no hour of the day`, `. Sums over the whole season, A minus B, mean over the shared seeds; hours are ${task.clock}.`),
+    chart(captionOf("Profit, A minus B", "EUR/m\u00b2; above the line, A is better"), money, { height: 330, says: `Profit by hour of the day, ${one.agent} minus ${two.agent}: ${spread.map(([value], hour) => `${hour} h ${number(value, 2, true)}`).join(", ")}` }),
+    h("div", { style: { height: "14px" } }),
+    chart(captionOf("Penalty spared, A against B", "above the line, A keeps the limits better"), limits, { height: 200, says: `Penalty spared by hour: ${penalty.map((values, hour) => `${hour} h ${number(mean(values), 1, true)}`).join(", ")}` }),
+    h("h2", {}, "Their typical days"),
+    h("p", { class: "soft" }, "Median over all days and runs, with the band of half of them; dotted lines are limits."),
+    h("ul", { class: "legend", "aria-label": "Colours" }, [one, two].map((result) => h("li", {}, swatch(result.agent), result.agent, "\u2003"))),
+    h("div", { class: "grid" }, [...CLIMATE_AND_CONTROLS, "fruit_fresh", "epi"].map((name) => dayChart(task, name, [[one, x], [two, y]].map(([result, profile]) => ({ agent: result.agent, packed: profile.day.columns[name] })), x.day.slot_seconds))),
+  ];
+});
+
+// Hours for which something holds, in words: "from 06:00 to 11:00".
+const stretches = (holds) => {
+  const found = [];
+  for (let hour = 0; hour < 24; hour++) if (holds[hour]) {
+    let end = hour;
+    while (end < 24 && holds[end]) end++;
+    found.push(end - hour === 24 ? "at every hour" : `from ${clockHour(hour)} to ${clockHour(end)}`);
+    hour = end;
+  }
+  return found;
+};

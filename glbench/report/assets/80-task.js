@@ -1,0 +1,78 @@
+// Tasks: the list, and one in words with its limits, prices, weather and versions.
+
+const tasksPage = () => ({
+  title: "Tasks",
+  content: [
+    h("h1", {}, "Tasks"),
+    h("p", { class: "lead" }, "A task fixes everything that decides a result: weather, greenhouse, crop, what is uncertain, what an agent sees and does, limits, prices and seeds."),
+    taskGroups().map(({ title, members }) => [h("h2", {}, title), plainTable(`${title}: ${plural(members.length, "task")} with results`, ["Task", "Delta", "Results", "Best agent", "Its reward"], members.map((task) => {
+      const rows = ranked(task.id), best = rows[0];
+      return [h("a", { href: link("task", task.short) }, task.title), task.delta === undefined ? "\u2013" : `${task.delta}\u00a0%`, number(rows.length, 0), best.rank ? best.result.agent : "\u2013", best.rank ? number(estimate(best.result, "reward").mean, 0) : "\u2013"];
+    }))]),
+  ],
+});
+
+const taskPage = (short) => {
+  const task = BY_SHORT[short];
+  if (!task) return missingPage(`There are no results of a task \u201c${short}\u201d here.`);
+  return {
+    title: task.title,
+    content: [
+      h("h1", {}, task.title),
+      h("p", { class: "lead" }, task.description || "A task of somebody\u2019s own."),
+      h("div", { class: "fields" }, taskField(task.short, (value) => go("task", value)), h("a", { class: "small", href: link("", task.short) }, "Its leaderboard")),
+      task.words ? definition(task) : h("div", { class: "missing" }, "The definition of this task is not stored with its results: it is in the file that they were made with."),
+      task.weather ? weatherPart(task) : task.words ? h("div", { class: "missing" }, h("b", {}, "Its weather is not stored with these results. "), "Evaluate an agent again, or run ", h("code", {}, "glbench report --complete"), ".") : null,
+      h("h2", {}, "Identity"),
+      h("p", {}, h("code", {}, task.id), " ", task.published ? tag("published", "ok") : tag("not published")),
+      h("p", { class: "small" }, "Digest ", h("code", {}, task.digest)),
+      task.versions?.length ? plainTable("Published versions. A published task never changes: a change is a new version, and the old one stays.", ["Version", "Digest", "Model"], task.versions.map((version) => [version.id, h("code", {}, version.digest.slice(0, 16)), version.model])) : null,
+    ],
+  };
+};
+
+const definition = (task) => [
+  h("div", { class: "columns" }, task.words.map(([heading, lines]) => h("section", {}, h("h3", {}, heading), lines.map((words) => h("p", {}, words))))),
+  h("div", { class: "grid task" },
+    h("div", {}, h("h2", {}, "Limits"), plainTable("What the air should stay within, and what distance outside costs 1 a step", ["Quantity", "Lowest", "Highest", "Costs 1"], task.limits.map((limit) => [limit.label, ...[limit.low, limit.high, limit.scale].map((value) => `${number(value, 0)}\u00a0${limit.unit}`)]))),
+    h("div", {}, h("h2", {}, "Prices"), plainTable("What things are worth", ["Item", "Price"], Object.entries(PRICE_NAMES).map(([name, [label, unit]]) => [label, `${number(task.prices[name], 2)}\u00a0${unit}`]))),
+    h("div", {}, h("h2", {}, "Equipment"), plainTable("The six controls, and what each delivers when fully on", ["Control", "Fully on"], task.capacities.map((one) => [one.label, one.unit ? `${number(one.at_one, 0)}\u00a0${one.unit}` : "closed or open"])))),
+];
+
+const weatherPart = (task) => later(700, async () => {
+  const weather = await block(task.weather), ink = () => variable("accent");
+  const x = Array.from({ length: task.days }, (_, day) => date(task.start, day, { day: "numeric", month: "short" })), ticks = x.filter((_, day) => day % Math.max(1, Math.ceil(task.days / 4)) === 0);
+  const season = (name, kind) => {
+    const words = SERIES[name], rows = unpack(weather.season.columns[name]), factor = kind === "sun" ? 0.0864 : 1, [average, low, high] = scaled(rows, factor);
+    const decimals = kind === "sun" ? 1 : words.decimals;
+    return chart(captionOf(kind === "sun" ? "Sun" : words.label, kind === "sun" ? "MJ/m\u00b2 a day" : `${words.unit}, mean and range of the day`), () => ({
+      traces: kind === "sun"
+        ? [{ type: "bar", x, y: average, marker: { color: colourAt(3), opacity: 0.85 }, hovertemplate: `%{y:,.${decimals}f}<extra></extra>` }]
+        : [band(x, low, high, ink(), 0.18), line(x, average, ink(), { name: "mean", hovertemplate: `%{y:,.${decimals}f}<extra></extra>` })],
+      layout: layout({ xaxis: { tickvals: ticks, tickangle: 0 }, bargap: 0.2, shapes: name === "outdoor_temperature" ? [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 0, y1: 0, line: { color: variable("soft"), width: 1, dash: "dot" } }] : [] }),
+    }), { height: 200, says: `${words.label} by day: ${number(Math.min(...average), decimals)} to ${number(Math.max(...average), decimals)}, mean ${number(mean(average), decimals)}.` });
+  };
+  const day = (name) => dayChart(task, name, [{ agent: null, packed: weather.day[name] }], weather.slot_seconds);
+  const temperatures = unpack(weather.season.columns.outdoor_temperature), sun = scaled(unpack(weather.season.columns.global_radiation), 0.0864)[0], frost = temperatures[1].filter((value) => value < 0).length;
+  return [
+    h("h2", {}, "Weather at a glance"),
+    h("p", {}, `Mean temperature ${withUnit(mean(temperatures[0]), 1, "\u00b0C")}, between ${withUnit(Math.min(...temperatures[1]), 1, "\u00b0C")} and ${withUnit(Math.max(...temperatures[2]), 1, "\u00b0C")}; frost on ${plural(frost, "day")}; ${number(mean(sun), 1)} MJ/m\u00b2 of sun on the mean day, ${number(Math.min(...sun), 1)} on the darkest and ${number(Math.max(...sun), 1)} on the brightest.`),
+    h("div", { class: "grid" }, season("outdoor_temperature"), season("global_radiation", "sun"), season("outdoor_relative_humidity"), season("wind_speed")),
+    h("h3", {}, `By hour of the day (${task.clock}): median, half and nine tenths of the days`),
+    h("div", { class: "grid" }, ["outdoor_temperature", "global_radiation", "outdoor_relative_humidity", "wind_speed"].map(day)),
+  ];
+});
+
+const guidePage = () => ({
+  title: "Guide",
+  content: [
+    h("h1", {}, "How to read this page"),
+    h("p", { class: "lead" }, "Every number in a grower\u2019s words. All areas are m\u00b2 of greenhouse floor; sums run over the whole period of a task and are means over its runs."),
+    h("h2", {}, "Numbers"),
+    h("dl", { class: "words" }, D.metrics.filter((metric) => !/^(revenue|cost_)/.test(metric.name)).map((metric) => [h("dt", {}, metric.label, metric.unit ? h("span", {}, ` ${metric.unit}`) : null), h("dd", {}, metric.explanation)])),
+    h("h2", {}, "Words"),
+    h("dl", { class: "words" }, D.other_words.map(([word, meaning]) => [h("dt", {}, word), h("dd", {}, meaning)])),
+    h("h2", {}, "What not to read out of it"),
+    h("p", {}, "A model is no greenhouse: it knows no pests, no labour and no broken pump. The period ends while fruit still hangs, and growth counts when it happens. Where nothing is random, all runs are alike and there is no interval; that does not make the figure sharp, because small roundings grow in a closed loop: differences of a few units of reward mean nothing there."),
+  ],
+});

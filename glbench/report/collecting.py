@@ -1,0 +1,148 @@
+"""What the page knows: tasks, agents and results as plain values, from stored results, their ranks and their profiles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from glbench.episodes.definition import task_of
+from glbench.evaluation.metrics import METRIC_NAMES
+from glbench.evaluation.profiles import Profile
+from glbench.leaderboard import Row, StoredResult, TaskTable
+from glbench.report.task_words import clock_of, definition_in_words, figures
+from glbench.tasks import TaskSpec, list_suites, list_tasks, read_lock
+
+_RUN_DIGITS = 7
+_OF_CARD = ("authors", "description", "link", "algorithm", "training")
+
+
+@dataclass(frozen=True)
+class Known:
+    """One stored result with its row of the leaderboard and, where there is one, its profile."""
+
+    stored: StoredResult
+    row: Row
+    profile: Profile | None
+
+
+def known_results(
+    stored: Sequence[StoredResult], tables: Sequence[TaskTable], profiles: Mapping[str, Profile]
+) -> list[Known]:
+    """All results in the order of the leaderboards; ``profiles`` are by ``results_digest``."""
+    by_digest = {item.result.results_digest: item for item in stored}
+    return [
+        Known(by_digest[row.results_digest], row, profiles.get(row.results_digest))
+        for table in tables
+        for row in table.rows
+    ]
+
+
+def task_specs(known: Sequence[Known]) -> dict[str, TaskSpec]:
+    """Definitions by task id: the published ones, else as a profile holds them."""
+    published = {task.id: task for task in list_tasks()}
+    specs = {}
+    for item in known:
+        task_id = item.row.task_id
+        if task_id in published:
+            specs[task_id] = published[task_id]
+        elif item.profile is not None and task_id not in specs:
+            specs[task_id] = task_of(item.profile.text_of_task)
+    return specs
+
+
+def task_facts(table: TaskTable, steps: int, step_seconds: float, spec: TaskSpec | None) -> dict[str, Any]:
+    """A task as the page shows it; without its definition only what results say of it."""
+    lock = read_lock()
+    facts: dict[str, Any] = {
+        "id": table.task_id,
+        "short": table.task_id.rpartition("/")[2],
+        "title": table.title,
+        "digest": table.digest,
+        "steps": steps,
+        "step_seconds": step_seconds,
+        "published": table.task_id in lock and lock[table.task_id].digest == table.digest,
+    }
+    if spec is None:
+        return facts
+    return {
+        **facts,
+        **figures(spec),
+        "start": spec.weather.start.isoformat(),
+        "days": spec.weather.days,
+        "clock": clock_of(spec),
+        "suites": list(spec.suites),
+        "delta": 100 * spec.uncertainty.delta,
+        "description": " ".join(spec.description.split()),
+        "words": definition_in_words(spec),
+        "versions": _versions(table.task_id),
+    }
+
+
+def _versions(task_id: str) -> list[dict[str, str]]:
+    """Published versions of a task, oldest first."""
+    stem = task_id.rpartition("-v")[0]
+    return [
+        {"id": known, "digest": entry.digest, "model": entry.fingerprint.model_version}
+        for known, entry in read_lock().items()
+        if known.rpartition("-v")[0] == stem
+    ]
+
+
+def families(tables: Sequence[TaskTable], specs: Mapping[str, TaskSpec]) -> list[dict[str, Any]]:
+    """Suites of which several tasks have results and differ in delta: what the figure over delta is drawn of."""
+    shown = [table.task_id for table in tables]
+    found = []
+    for name, members in list_suites().items():
+        tasks = sorted((m for m in members if m in shown and m in specs), key=lambda m: specs[m].uncertainty.delta)
+        if len({specs[m].uncertainty.delta for m in tasks}) > 1:
+            found.append({"name": name, "tasks": tasks})
+    return found
+
+
+def agent_facts(known: Sequence[Known]) -> list[dict[str, Any]]:
+    """Agents by name, baselines last, so that colours of submissions do not change when a baseline is added."""
+    agents = {item.row.agent: item.stored.result.agent for item in known}
+    return [
+        {"name": name, "kind": agent.kind, "privileged": agent.privileged, "information": agent.information}
+        for name, agent in sorted(agents.items(), key=lambda pair: (pair[1].kind == "baseline", pair[0]))
+    ]
+
+
+def result_facts(item: Known) -> dict[str, Any]:
+    """A result as the page shows it: estimates as on the leaderboard, and all metrics of all runs."""
+    result, row = item.stored.result, item.row
+    return {
+        "task": row.task_id,
+        "agent": row.agent,
+        "rank": row.rank,
+        "remark": row.remark,
+        "verified": row.verified,
+        "privileged": row.privileged,
+        "sees": result.agent.information,
+        "runs": row.runs,
+        "failed": row.failed,
+        "seeds": list(result.evaluation.seeds),
+        "reasons": [[run.seed, run.status, run.reason, run.steps] for run in result.failed],
+        "decision": result.evaluation.decision_milliseconds,
+        "digest": result.results_digest,
+        "agent_digest": result.agent.digest,
+        "created": result.created,
+        "glbench": result.versions.glbench,
+        "estimates": {name: [e.mean, e.low, e.high, e.iqm] for name, e in row.estimates.items()},
+        "values": {name: [_short(value) for value in result.values(name)] for name in METRIC_NAMES},
+        "steps": None if not row.failed else [run.steps for run in result.runs],
+        **optional_facts(result.model_dump(mode="json")),
+    }
+
+
+def optional_facts(document: Mapping[str, Any]) -> dict[str, Any]:
+    """What only some results say: how the agent was kept apart, and what its card tells of it."""
+    card = document["agent"].get("card") or {}
+    told = {key: card[key] for key in _OF_CARD if card.get(key)}
+    return {"sandbox": document["evaluation"].get("sandbox"), "card": told or None, "training": told.get("training")}
+
+
+def _short(value: float) -> float:
+    """Seven digits are more than anybody sees."""
+    return float(f"{value:.{_RUN_DIGITS}g}")

@@ -1,0 +1,135 @@
+"""Putting the page together: data, script, style and plotly.js in one file that needs nothing else."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from glbench import __version__
+from glbench.errors import ResultError
+from glbench.evaluation.profiles import Profile, load_profile
+from glbench.leaderboard import StoredResult, TaskTable, rank
+from glbench.leaderboard.published import own_and_released_results, published_expectations
+from glbench.report import collecting
+from glbench.report.packages import load_jinja, plotly_script
+from glbench.report.packing import Blocks, profile_blocks, squeezed
+from glbench.report.words import words
+from glbench.resources import write_atomically
+from glbench.tasks import DEFAULT_TASK
+
+PAGE = "index.html"
+
+
+@dataclass(frozen=True)
+class Report:
+    """The page, what it was made from, and the results of which it cannot show days and seasons."""
+
+    html: str
+    data: dict[str, Any]
+    results: int
+    without_profile: tuple[Path, ...]
+
+
+def write_report(out: Path) -> tuple[Path, Report]:
+    """Make ``<out>/index.html`` from ``<out>/results`` and the released baselines, and return its path.
+
+    Raises
+    ------
+    ResultError
+        When there are no results, one is invalid, or results of different tasks stand under one id.
+    GlbenchError
+        When the packages of the extra ``report`` are missing, or the folder cannot be written.
+    """
+    stored = own_and_released_results(out)
+    if not stored:
+        msg = (
+            f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."
+        )
+        raise ResultError(msg)
+    report = build_report(stored)
+    write_atomically(out / PAGE, report.html)
+    return out / PAGE, report
+
+
+def build_report(stored: Sequence[StoredResult]) -> Report:
+    """The page of ``stored``. The same results give the same bytes."""
+    profiles = _profiles(stored)
+    tables = rank(stored, published_expectations())
+    known = collecting.known_results(stored, tables, profiles)
+    blocks = Blocks()
+    data = page_data(known, tables, blocks)
+    missing = tuple(item.stored.path for item in known if item.profile is None)
+    return Report(_html(data, blocks), data, len(known), missing)
+
+
+def page_data(known: Sequence[collecting.Known], tables: Sequence[TaskTable], blocks: Blocks) -> dict[str, Any]:
+    """Everything that the page's script reads, but the ``blocks``, which it opens when they are needed."""
+    specs = collecting.task_specs(known)
+    profiles, weather = profile_blocks(known, blocks)
+    of_task = {item.row.task_id: item.stored.result.task for item in known}
+    tasks = [
+        {
+            **collecting.task_facts(table, of_task[table.task_id].steps, of_task[table.task_id].step_seconds, specs.get(table.task_id)),
+            "weather": weather.get(table.task_id),
+        }
+        for table in tables
+    ]  # fmt: skip
+    shown = [table.task_id for table in tables]
+    return {
+        "version": __version__,
+        "start": DEFAULT_TASK if DEFAULT_TASK in shown else shown[0],
+        "metrics": [asdict(metric) for metric in words().metrics],
+        "other_words": [list(pair) for pair in words().others],
+        "tasks": tasks,
+        "families": collecting.families(tables, specs),
+        "agents": collecting.agent_facts(known),
+        "results": [
+            {**collecting.result_facts(item), "profile": profiles.get(item.row.results_digest)} for item in known
+        ],
+    }
+
+
+def _profiles(stored: Sequence[StoredResult]) -> dict[str, Profile]:
+    found = {item.result.results_digest: load_profile(item.result, item.path) for item in stored}
+    return {digest: profile for digest, profile in found.items() if profile is not None}
+
+
+def _html(data: dict[str, Any], blocks: Blocks) -> str:
+    jinja = load_jinja()
+    environment = jinja.Environment(
+        autoescape=True, undefined=jinja.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    template = environment.from_string(_asset("page.html.j2"))
+    page: str = template.render(
+        data=_script_json(data),
+        blocks=blocks.by_name,
+        plotly=_squeezed_plotly(),
+        style=_asset("style.css"),
+        script="\n".join(_asset(name) for name in _scripts()),
+        version=__version__,
+    )
+    return page
+
+
+@cache
+def _squeezed_plotly() -> str:
+    return squeezed(plotly_script())
+
+
+def _script_json(data: dict[str, Any]) -> str:
+    """JSON that cannot end the script element it stands in."""
+    return json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
+
+
+def _scripts() -> list[str]:
+    folder = resources.files("glbench.report") / "assets"
+    return sorted(item.name for item in folder.iterdir() if item.name.endswith(".js"))
+
+
+def _asset(name: str) -> str:
+    return (resources.files("glbench.report") / "assets" / name).read_text(encoding="utf-8")

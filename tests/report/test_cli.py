@@ -1,0 +1,41 @@
+"""``glbench report`` as a newcomer types it."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+
+from glbench.evaluation.profiles import profile_path
+from tests.cli.conftest import glbench as glbench
+
+
+@pytest.fixture
+def folder(made, tmp_path):
+    """A folder of one's own with one result and its recorded actions."""
+    shutil.copytree(made.folder / "results" / "Days-v1", tmp_path / "results" / "Days-v1")
+    return tmp_path
+
+
+def test_the_page_is_written_and_named(glbench, folder):
+    answer = glbench("report", "--out", folder)
+    assert answer.code == 0
+    assert str(folder / "index.html") in answer.out
+    assert (folder / "index.html").read_text(encoding="utf-8").startswith("<!doctype html>")
+
+
+def test_missing_profiles_are_named_and_can_be_made(glbench, folder):
+    path = folder / "results" / "Days-v1" / "thrifty.json"
+    kept = profile_path(path).read_bytes()
+    profile_path(path).unlink()
+    assert "Days-v1/thrifty" in glbench("report", "--out", folder).err
+    answer = glbench("report", "--out", folder, "--complete", "--workers", "1")
+    assert f"Made: {profile_path(path)}" in answer.err
+    assert profile_path(path).read_bytes() == kept
+
+
+def test_a_page_that_is_to_be_opened_is_given_to_the_browser(glbench, folder, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
+    assert glbench("report", "--out", folder, "--open").code == 0
+    assert opened == [(folder / "index.html").as_uri()]

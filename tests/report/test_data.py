@@ -1,0 +1,195 @@
+"""What the page embeds is what the leaderboard says, and no text of a result can break out of it."""
+
+from __future__ import annotations
+
+import builtins
+import gzip
+import json
+import re
+from base64 import b64decode
+
+import pytest
+
+from glbench.errors import GlbenchError
+from glbench.evaluation.metrics import METRIC_NAMES
+from glbench.evaluation.profiles import load_profile, profile_path
+from glbench.leaderboard import StoredResult, collect_results
+from glbench.report import build_report, complete_profiles, packages
+from glbench.report.collecting import optional_facts
+from glbench.report.page import _asset, _scripts
+from glbench.report.words import words
+
+
+def embedded(made) -> dict:
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', made.report.html, re.DOTALL)
+    assert found is not None
+    return json.loads(found.group(1))
+
+
+def test_estimates_and_ranks_are_those_of_the_leaderboard(made):
+    shown = {(result["task"], result["agent"]): result for result in embedded(made)["results"]}
+    rows = [row for table in made.tables for row in table.rows]
+    assert len(rows) == len(shown) == 12
+    for row in rows:
+        result = shown[row.task_id, row.agent]
+        assert (result["rank"], result["failed"], result["verified"]) == (row.rank, row.failed, row.verified)
+        for name in METRIC_NAMES:
+            one = row.estimates[name]
+            assert result["estimates"][name] == [one.mean, one.low, one.high, one.iqm], name
+
+
+def test_values_of_the_runs_are_those_of_the_results(made):
+    shown = {result["digest"]: result for result in embedded(made)["results"]}
+    for item in made.stored:
+        for name in METRIC_NAMES:
+            given = shown[item.result.results_digest]["values"][name]
+            assert given == pytest.approx(item.result.values(name), rel=1e-6, abs=1e-12)
+
+
+def test_profiles_are_embedded_as_they_lie_beside_the_results(made):
+    shown = {result["digest"]: result for result in embedded(made)["results"]}
+    blocks = dict(re.findall(r'<script type="text/plain" id="block-([a-z0-9-]+)">([^<]*)</script>', made.report.html))
+    seen = 0
+    for item in made.stored:
+        profile = load_profile(item.result, item.path)
+        name = shown[item.result.results_digest]["profile"]
+        assert (name is None) == (profile is None)
+        if profile is not None:
+            document = json.loads(gzip.decompress(b64decode(blocks[name])))
+            assert document == {key: profile.document[key] for key in document}
+            seen += 1
+    assert seen == 6
+    assert set(made.report.without_profile) == {
+        item.path for item in made.stored if load_profile(item.result, item.path) is None
+    }
+
+
+def test_a_task_is_shown_with_its_limits_and_prices(made):
+    tasks = {task["short"]: task for task in embedded(made)["tasks"]}
+    cheap = tasks["CheapDays-v1"]
+    assert cheap["prices"] == {"fruit": 2.4, "heat": 0.05, "electricity": 0.02, "co2": 0.1}
+    assert [(one["low"], one["high"]) for one in cheap["limits"]] == [(15.0, 34.0), (300.0, 1600.0), (50.0, 85.0)]
+    assert (cheap["published"], tasks["Schiphol2010-Delta10-v1"]["published"]) == (False, True)
+    assert tasks["Schiphol2010-Delta10-v1"]["versions"][0]["digest"] == tasks["Schiphol2010-Delta10-v1"]["digest"]
+
+
+def test_the_figure_over_delta_has_the_tasks_of_the_suite_in_order(made):
+    (family,) = embedded(made)["families"]
+    assert family == {
+        "name": "paper",
+        "tasks": [f"glbench/Schiphol2010-Delta{delta}-v1" for delta in ("00", "10", "30")],
+    }
+
+
+def test_the_same_results_give_the_same_page(made):
+    assert build_report(made.stored).html == made.report.html
+
+
+def test_text_of_a_result_cannot_end_the_script_that_holds_it(made):
+    item = next(one for one in made.stored if one.result.agent.name == "doomed")
+    evil = item.result.agent.model_copy(update={"information": "</script><script>alert(1)</script><!--"})
+    changed = StoredResult(item.path, item.result.model_copy(update={"agent": evil}))
+    page = build_report([changed]).html
+    assert "<script>alert" not in page
+    assert page.count("</script>") == len(re.findall(r"<script[ >]", page))
+
+
+def test_what_only_some_results_say_is_shown_where_it_is_said():
+    plain = {"agent": {"name": "a"}, "evaluation": {}}
+    assert optional_facts(plain) == {"sandbox": None, "card": None, "training": None}
+    training = {"steps": 2_000_000, "wall_hours": 1.5, "hardware": None, "tasks": []}
+    card = {"name": "a", "authors": ["A. Nother"], "link": None, "description": "", "training": training}
+    told = optional_facts({"agent": {"name": "a", "card": card}, "evaluation": {"sandbox": "bubblewrap"}})
+    assert told == {
+        "sandbox": "bubblewrap",
+        "card": {"authors": ["A. Nother"], "training": training},
+        "training": training,
+    }
+
+
+def test_every_metric_has_words():
+    assert {metric.name for metric in words().metrics} == set(METRIC_NAMES)
+
+
+def test_the_page_asks_for_nothing_from_the_network(made):
+    without_plotly = re.sub(r'<script type="text/plain".*?</script>', "", made.report.html, flags=re.DOTALL)
+    assert not re.findall(r'(?:src|href)="(?:https?:)?//', without_plotly)
+    assert not re.findall(r"@import|url\(", without_plotly)
+
+
+def test_missing_profiles_are_made_from_recorded_actions_and_results_stay_as_they_are(made, tmp_path):
+    (item,) = [one for one in made.stored if (one.result.agent.name, one.result.task.id) == ("doomed", "test/Days-v1")]
+    copies = {file.name: file.read_bytes() for file in item.path.parent.glob("doomed*")}
+    for name, content in copies.items():
+        (tmp_path / name).write_bytes(content)
+    path = tmp_path / item.path.name
+    profile_path(path).unlink()
+    done = complete_profiles(collect_results([tmp_path]))
+    assert done.made == (profile_path(path),)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == copies
+
+
+def test_a_result_without_recorded_actions_is_named_with_the_reason(made):
+    released = [item for item in made.stored if item.result.agent.name == "rule_based"]
+    done = complete_profiles(released)
+    assert done.made == ()
+    assert [path for path, _ in done.impossible] == [item.path for item in released]
+
+
+@pytest.mark.parametrize("package", ["jinja2", "plotly"])
+def test_without_the_extra_the_error_names_it(package, monkeypatch):
+    import_module = packages.importlib.import_module
+
+    def absent(name: str, *rest: object) -> object:
+        if name.startswith(package):
+            raise ModuleNotFoundError(name=package)
+        return import_module(name, *rest)
+
+    monkeypatch.setattr(packages.importlib, "import_module", absent)
+    with pytest.raises(GlbenchError, match=rf"needs the package {package}.*glbench\[report\]"):
+        packages.load_jinja() if package == "jinja2" else packages.plotly_script()
+
+
+def test_the_library_loads_neither_jinja_nor_plotly(monkeypatch):
+    imported = []
+    genuine = builtins.__import__
+
+    def watch(name: str, *rest: object, **more: object) -> object:
+        imported.append(name.partition(".")[0])
+        return genuine(name, *rest, **more)
+
+    monkeypatch.setattr(builtins, "__import__", watch)
+    import glbench.report
+
+    assert glbench.report.build_report is not None
+    assert not {"jinja2", "plotly"} & set(imported)
+
+
+def luminance(colour: str) -> float:
+    parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def contrast(one: str, other: str) -> float:
+    darker, lighter = sorted((luminance(one), luminance(other)))
+    return (lighter + 0.05) / (darker + 0.05)
+
+
+@pytest.mark.parametrize("theme", [0, 1])
+def test_text_has_the_contrast_that_wcag_aa_asks_for(theme):
+    block = re.findall(r"\{([^{}]*--paper[^{}]*)\}", _asset("style.css"))[theme]
+    colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", block))
+    for ground in ("paper", "card", "faint"):
+        for ink in ("ink", "soft", "accent", "tomato", "gain", "loss"):
+            assert contrast(colours[ink], colours[ground]) >= 4.5, (ink, ground)
+
+
+@pytest.mark.parametrize(("theme", "ground"), [("light", "#ffffff"), ("dark", "#171e1a")])
+def test_lines_of_agents_have_the_contrast_that_wcag_asks_of_graphics(theme, ground):
+    script = "\n".join(_asset(name) for name in _scripts())
+    found = re.search(rf"{theme}: \[([^\]]*)\]", script)
+    assert found is not None
+    colours = re.findall(r"#[0-9a-f]{6}", found.group(1))
+    assert len(set(colours)) == 8
+    assert min(contrast(colour, ground) for colour in colours) >= 3.0
