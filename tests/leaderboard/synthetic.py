@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from typing import Literal
 
 from glbench.evaluation.metrics import METRIC_NAMES, UNITS
 from glbench.evaluation.records import (
@@ -34,6 +35,7 @@ def make_result(
     privileged: bool = False,
     crashed: int = 0,
     created: str = "2026-01-01T00:00:00Z",
+    sandbox: Literal["bubblewrap", "unsandboxed", "built-in"] | None = "bubblewrap",
 ) -> Result:
     """Result with one run a value of ``rewards``; every other metric is the reward divided by 1000. The last ``crashed`` runs failed."""
     runs = tuple(
@@ -54,6 +56,7 @@ def make_result(
         agent=record,
         evaluation=EvaluationRecord(
             runs=len(rewards),
+            sandbox=sandbox,
             seeds=tuple(run.seed for run in runs),
             workers=1,
             wall_seconds=1.0,

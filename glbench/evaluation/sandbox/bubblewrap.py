@@ -43,7 +43,7 @@ class Mode(Enum):
 def command(
     submission: Identity, staging: Path, sizes: SandboxLimits, descriptors: tuple[int, int | None, int]
 ) -> tuple[list[str], list[str]]:
-    """The program to start, and the arguments that it reads from the file that ``--args`` is to name.
+    """The program to start inside, and the arguments that bubblewrap reads from the file that ``--args`` is to name.
 
     ``descriptors`` are those of the agent's socket, of the filter of system calls (``None`` where there is none) and of the file for
     facts about the sandbox.
@@ -85,6 +85,11 @@ def usable_mode() -> Mode:
     return mode
 
 
+def program() -> str:
+    """Path of bubblewrap, which need not lie where its own environment would look for it."""
+    return shutil.which("bwrap") or "bwrap"
+
+
 def why_no_sandbox() -> str | None:
     """Why there can be no sandbox on this machine, and what to do; ``None`` where there can be one."""
     reason, mode = _tried()
@@ -121,7 +126,7 @@ def _tried() -> tuple[str, Mode | None]:
 def _complaint(mode: Mode) -> str:
     """What bubblewrap says against building an empty sandbox; nothing when it works."""
     bare = [
-        "bwrap",
+        program(),
         *_separation(mode),
         "--ro-bind",
         "/",

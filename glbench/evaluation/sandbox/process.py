@@ -21,7 +21,7 @@ from typing import Final, NoReturn
 from glbench.agents import Identity
 from glbench.errors import SandboxError
 from glbench.evaluation.records import Status
-from glbench.evaluation.sandbox.bubblewrap import ENVIRONMENT_OF_BUBBLEWRAP, command
+from glbench.evaluation.sandbox.bubblewrap import ENVIRONMENT_OF_BUBBLEWRAP, command, program
 from glbench.evaluation.sandbox.frames import HEADER, LONGEST_TEXT, Kind
 from glbench.evaluation.sandbox.limits import SandboxLimits
 from glbench.evaluation.sandbox.prints import Prints
@@ -173,14 +173,14 @@ class GuestProcess:
             undo.callback(os.close, self._facts)
             stack.callback(os.close, facts_writing)
             filter_file = _readable(call_filter, stack) if call_filter is not None else None
-            program, arguments = command(
+            inside, arguments = command(
                 submission, Path(self._staging.name), sizes, (theirs.fileno(), filter_file, facts_writing)
             )
             words = _readable("\0".join(arguments).encode() + b"\0", stack)
             inherited = [theirs.fileno(), facts_writing, words, *([filter_file] if filter_file is not None else [])]
             # A session of its own: Ctrl-C in the terminal is for the evaluation, which ends the agent in its own time.
             self._bubblewrap = subprocess.Popen(
-                ["bwrap", "--args", str(words), *program],
+                [program(), "--args", str(words), *inside],
                 stdin=subprocess.DEVNULL, stdout=writing, stderr=writing, pass_fds=inherited,
                 start_new_session=True, env=ENVIRONMENT_OF_BUBBLEWRAP,
             )  # fmt: skip
