@@ -103,15 +103,22 @@ def build(variant: str, traits: Traits, width: int | None = None) -> Build:
         raise CompiledUnavailable(str(error)) from error
 
 
+def write_source(folder: Path, variant: str, traits: Traits) -> tuple[Path, tuple[Path, ...]]:
+    """Write the C++ of a model variant into ``folder``: the file to compile, and the folders that it includes from."""
+    (folder / "model.hpp").write_text(generate(glbench.model.build_rhs(variant), traits).text, encoding="utf-8")
+    source = folder / "kernel.cpp"
+    source.write_text(_SOURCE, encoding="utf-8")
+    return source, (folder, _NATIVE)
+
+
 def _build(folder: Path, name: str, variant: str, traits: Traits, flags: tuple[str, ...]) -> Build:
     started = time.perf_counter()
     compiler = find_compiler()
     with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=folder) as temporary:
         work = Path(temporary)
-        (work / "model.hpp").write_text(generate(glbench.model.build_rhs(variant), traits).text, encoding="utf-8")
-        (work / "kernel.cpp").write_text(_SOURCE, encoding="utf-8")
+        source, include = write_source(work, variant, traits)
         library = work / "kernel.so"
-        compiler.compile(work / "kernel.cpp", library, (work, _NATIVE), flags)
+        compiler.compile(source, library, include, flags)
         digest = hashlib.sha256(library.read_bytes()).hexdigest()
         final = folder / f"{name}-{digest[:12]}.so"
         library.replace(final)
