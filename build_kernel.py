@@ -47,7 +47,7 @@ class KernelHook(BuildHookInterface[Any]):
         _open_package(Path(self.root) / "glbench")
         from glbench.kernel.compiled.library import prebuild
         from glbench.kernel.compiled.prebuilt import levels_to_build, write_manifest
-        from glbench.kernel.compiled.stepper import absent_equipment, traits_without
+        from glbench.kernel.compiled.stepper import absent_equipment, traits_of
         from glbench.kernel.compiled.unavailable import CompiledUnavailable
         from glbench.model import VARIANTS
 
@@ -55,7 +55,7 @@ class KernelHook(BuildHookInterface[Any]):
             return False
         try:
             made = [
-                one for variant in VARIANTS for one in prebuild(folder, variant, traits_without(absent_equipment()))
+                one for variant in VARIANTS for one in prebuild(folder, variant, traits_of(absent_equipment()))
             ]
         except CompiledUnavailable as reason:
             self.app.display_warning(f"The wheel carries no compiled kernel. {reason}")

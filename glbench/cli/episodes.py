@@ -164,5 +164,5 @@ def _columns(episode: Episode) -> Table:
     view.add_column("Meaning")
     for group in episode.groups:
         for index, column in enumerate(group.columns):
-            view.add_row("" if index else group.topic, column.name, Text(column.unit), Text(column.meaning))
+            view.add_row("" if index else group.path, column.name, Text(column.unit), Text(column.meaning))
     return view

@@ -3,6 +3,9 @@
 Steps are numbered from 1; step 0 is the start. Step k lasts from t(k-1) to t(k). Groups of the moment ``"start"`` act during the whole
 step and carry the time of its start; groups of the moment ``"end"`` are measured when it is over and carry the time of its end.
 A column's name occurs once among all groups.
+
+All groups of one moment are parts of one message: two messages a step, not eight. MCAP keeps an index entry of 16 bytes for each
+message, uncompressed, which readers want to have; with a message for each group it was a quarter of a file.
 """
 
 from __future__ import annotations
@@ -15,6 +18,10 @@ from glbench.env import QUANTITIES
 from glbench.model import CONTROLS, DISTURBANCES, STATES
 
 Moment = Literal["start", "end"]
+TOPICS: dict[Moment, str] = {"start": "/inputs", "end": "/outcome"}
+"""Topics of a record: what acts during a step, and what has come of it at its end."""
+MESSAGES = {"/inputs": "Inputs", "/outcome": "Outcome"}
+"""Message type of each topic."""
 
 
 @dataclass(frozen=True)
@@ -28,17 +35,27 @@ class Column:
 
 @dataclass(frozen=True)
 class Group:
-    """Columns that belong together: one topic and one message type of the record.
+    """Columns that belong together: a message type of their own, which is a part of the message of their topic.
 
-    ``at_start`` is true for groups that also have a sample at step 0, before anything was done.
+    ``field`` is the name of that part. ``at_start`` is true for groups that also have a sample at step 0, before anything was done.
     """
 
     name: str
-    topic: str
+    field: str
     message: str
     moment: Moment
     at_start: bool
     columns: tuple[Column, ...]
+
+    @property
+    def topic(self) -> str:
+        """Topic of the record in which the group stands."""
+        return TOPICS[self.moment]
+
+    @property
+    def path(self) -> str:
+        """Where Foxglove finds the group: topic and part, as in ``/outcome.climate``."""
+        return f"{self.topic}.{self.field}"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -78,7 +95,7 @@ def _of_quantities(names: Iterable[str]) -> tuple[Column, ...]:
 
 
 CLIMATE = Group(
-    "climate", "/climate", "Climate", "end", True,
+    "climate", "climate", "Climate", "end", True,
     (
         Column("air_temperature", "degC", "air temperature"),
         Column("co2", "ppm", "CO2 of the indoor air"),
@@ -86,21 +103,21 @@ CLIMATE = Group(
     ),
 )  # fmt: skip
 CROP = Group(
-    "crop", "/crop", "Crop", "end", True,
+    "crop", "crop", "Crop", "end", True,
     tuple(Column(name, _STATE[name].unit, _STATE[name].meaning) for name in CROP_STATES),
 )  # fmt: skip
 CONTROL = Group(
-    "controls", "/controls", "Controls", "start", False,
+    "controls", "controls", "Controls", "start", False,
     tuple(Column(control.name, "-", control.meaning) for control in CONTROLS),
 )  # fmt: skip
 WEATHER = Group(
-    "weather", "/weather", "Weather", "start", False,
+    "weather", "weather", "Weather", "start", False,
     tuple(Column(item.name, item.unit, item.meaning) for item in DISTURBANCES),
 )  # fmt: skip
-ECONOMY = Group("economics", "/economics", "Economics", "end", False, _of_quantities(ECONOMICS))
-VIOLATION = Group("violations", "/violations", "Violations", "end", False, _of_quantities(VIOLATIONS))
+ECONOMY = Group("economics", "economics", "Economics", "end", False, _of_quantities(ECONOMICS))
+VIOLATION = Group("violations", "violations", "Violations", "end", False, _of_quantities(VIOLATIONS))
 STATE = Group(
-    "state", "/model_state", "ModelState", "end", True,
+    "state", "model_state", "ModelState", "end", True,
     tuple(Column(name, _STATE[name].unit, _STATE[name].meaning) for name in OTHER_STATES),
 )  # fmt: skip
 
@@ -113,9 +130,9 @@ def action_group(names: Iterable[str], *, controls: bool) -> Group:
     what = "control asked for" if controls else "action"
     meaning = {control.name: control.meaning for control in CONTROLS}
     columns = tuple(Column(f"action_{name}", "-", f"{what}: {meaning[name]}") for name in names)
-    return Group("action", "/agent_action", "AgentAction", "start", False, columns)
+    return Group("action", "agent_action", "AgentAction", "start", False, columns)
 
 
 def groups_of(action: Group) -> tuple[Group, ...]:
-    """All groups, in the order in which a step's messages are written: what acts first, then what came of it."""
+    """All groups, in the order in which they stand in a step: what acts first, then what came of it."""
     return (action, CONTROL, WEATHER, CLIMATE, CROP, STATE, ECONOMY, VIOLATION)

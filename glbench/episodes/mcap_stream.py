@@ -37,7 +37,20 @@ from numpy.typing import NDArray
 
 PROFILE = "glbench"
 LIBRARY = "glbench"
-_LEVEL = 6
+_QUICK = zstandard.ZstdCompressionParameters.from_level(6)
+_THOROUGH = zstandard.ZstdCompressionParameters(
+    window_log=17,
+    chain_log=14,
+    hash_log=15,
+    search_log=1,
+    min_match=3,
+    target_length=8,
+    strategy=zstandard.STRATEGY_BTOPT,
+)
+"""Finds the runs of three bytes (end of a number, key of the next) that the quick way misses: 8 % smaller in three times the time."""
+_DENSE = 0.6
+"""Share of its size that a chunk has after the quick way, above which the thorough one is taken: then an episode of 5760 steps
+stays below 3 MB whatever the agent does. Baselines are at 0.47 to 0.56, controls at random at 0.62 to 0.68."""
 _INDEX_HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("size", "<u4")])
 _INDEX_ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
 
@@ -50,7 +63,8 @@ class McapStream:
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
-        self._compressor = zstandard.ZstdCompressor(level=_LEVEL)
+        self._quick = zstandard.ZstdCompressor(compression_params=_QUICK)
+        self._thorough = zstandard.ZstdCompressor(compression_params=_THOROUGH)
         self._position = 0
         self._checksum = 0
         self._schemas: list[Schema] = []
@@ -94,7 +108,9 @@ class McapStream:
         """Add a chunk of messages, with their index, and hand it to the system."""
         offset, started = self._position, min(int(times.min()) for times, _ in index.values())
         ended = max(int(times.max()) for times, _ in index.values())
-        packed = self._compressor.compress(messages)
+        packed = self._quick.compress(messages)
+        if len(packed) > _DENSE * len(messages):
+            packed = self._thorough.compress(messages)
         length = self._write(Chunk("zstd", packed, ended, started, zlib.crc32(messages), len(messages)))
         places = {}
         for channel, (times, offsets) in index.items():

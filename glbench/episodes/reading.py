@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from mcap.opcode import Opcode
 from mcap.records import Channel
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
@@ -55,7 +53,8 @@ def read_episode(path: Path | str, *, partial: bool = False) -> Episode:
         kind = (
             "is no episode of glbench"
             if words is None
-            else f"has the episode format {words.get('format')!r}, not {FORMAT!r}"
+            else f"has the episode format {words.get('format')!r}, not {FORMAT!r}. Make it anew from the recorded actions "
+            "(`glbench episodes make RESULT`), or read it with the glbench that wrote it"
         )
         msg = f"{path} {kind}{f' ({found.problem})' if found.problem else ''}."
         raise EpisodeError(msg)
@@ -83,36 +82,30 @@ def _too_short(path: Path, name: str, found: Scan) -> str:
 
 
 def _episode(path: Path, found: Scan, provenance: Provenance, run: RunFacts) -> Episode:
-    channels = [(channel, _layout(path, found, channel)) for channel in found.channels.values()]
-    groups = tuple(_group(channel, layout) for channel, layout in channels)
-    begun = [pair for pair, group in zip(channels, groups, strict=True) if group.at_start]
+    topics = [(channel, _layout(path, found, channel)) for channel in found.channels.values()]
+    groups = {group.name: (channel, layout, group) for channel, layout in topics for group in _groups(channel, layout)}
+    begun = {name: row for name, row in groups.items() if row[2].at_start}
     if not found.chunks or not begun:
         msg = f"{path} holds no steps{f': {found.problem}' if found.problem else ''}."
         raise EpisodeError(msg)
-    (first, *_), chunks = _blocks(path, found.chunks[:1], begun), list(_blocks(path, found.chunks[1:], channels))
-    if not len(next(iter(first.values()))):
+    channel, layout, _ = next(iter(begun.values()))
+    first_layout = layout.some([group.field for _, _, group in begun.values()])
+    first = _rows(path, found.chunks[:1], [(channel, first_layout)])[channel.id]
+    if not len(first):
         msg = f"{path} holds no steps: {found.problem}."
         raise EpisodeError(msg)
-    tables: dict[str, Table] = {}
-    numbers: list[NDArray[np.uint32]] = []
-    times = [first[begun[0][0].id]["log_time"][:1]]
-    for (channel, layout), group in zip(channels, groups, strict=True):
-        parts = [layout.values(block[channel.id]) for block in chunks]
-        tables[group.name] = np.concatenate([np.empty((0, group.width), layout.number), *parts])
-        numbers.append(np.concatenate([np.empty(0, np.uint32), *(block[channel.id]["sequence"] for block in chunks)]))
-        if group.at_start and len(times) == 1:
-            times += [block[channel.id]["log_time"] for block in chunks]
-    steps = len(next(iter(tables.values())))
-    if any((sequence != np.arange(1, steps + 1)).any() for sequence in numbers):
+    rows = _rows(path, found.chunks[1:], topics)
+    steps = len(rows[channel.id])
+    if any((messages["sequence"] != np.arange(1, steps + 1)).any() for messages in rows.values()):
         msg = f"{path}: the steps are not numbered 1, 2, 3 ...: steps are missing or in another order."
         raise EpisodeError(msg)
-    start = {
-        group.name: layout.values(first[channel.id])[0]
-        for (channel, layout), group in zip(channels, groups, strict=True)
-        if group.at_start
+    tables: dict[str, Table] = {
+        name: layout.values(rows[channel.id], group.field) for name, (channel, layout, group) in groups.items()
     }
-    utc = np.concatenate(times).astype("datetime64[ns]")
-    return Episode(provenance, run, found.attachments[TASK], groups, tables, start, utc, found.problem)
+    start = {name: first_layout.values(first, group.field)[0] for name, (_, _, group) in begun.items()}
+    utc = np.concatenate([first["log_time"], rows[channel.id]["log_time"]]).astype("datetime64[ns]")
+    listed = tuple(group for _, _, group in groups.values())
+    return Episode(provenance, run, found.attachments[TASK], listed, tables, start, utc, found.problem)
 
 
 def _layout(path: Path, found: Scan, channel: Channel) -> Layout:
@@ -123,31 +116,29 @@ def _layout(path: Path, found: Scan, channel: Channel) -> Layout:
     return layout_from(schema.data, schema.name)
 
 
-def _group(channel: Channel, layout: Layout) -> Group:
+def _groups(channel: Channel, layout: Layout) -> list[Group]:
+    """The groups of columns of one topic."""
     about = channel.metadata
-    columns = tuple(
-        Column(name, about.get(f"unit.{name}", "?"), about.get(f"meaning.{name}", "")) for name in layout.fields
-    )
     moment: Moment = "start" if about.get("moment") == "start" else "end"
-    name = about.get("group", channel.topic.strip("/"))
-    return Group(name, channel.topic, layout.name, moment, about.get("at_start") == "true", columns)
+    groups = []
+    for part in layout.parts:
+        columns = tuple(
+            Column(name, about.get(f"unit.{name}", "?"), about.get(f"meaning.{name}", "")) for name in part.names
+        )
+        at_start = about.get(f"at_start.{part.field}") == "true"
+        groups.append(
+            Group(about.get(f"group.{part.field}", part.field), part.field, part.message, moment, at_start, columns)
+        )
+    return groups
 
 
-def _blocks(
-    path: Path, chunks: list[bytes], channels: list[tuple[Channel, Layout]]
-) -> Iterator[dict[int, NDArray[np.void]]]:
-    """Messages of every chunk by channel. A torn chunk gives the steps that are whole in it."""
-    block = np.dtype([(str(channel.id), layout.record) for channel, layout in channels])
-    for data in chunks:
-        rows = np.frombuffer(data[: len(data) // block.itemsize * block.itemsize], dtype=block)
-        for channel, layout in channels:
-            messages = rows[str(channel.id)]
-            expected = layout.record.itemsize - 9
-            if (
-                (messages["opcode"] != Opcode.MESSAGE).any()
-                or (messages["channel"] != channel.id).any()
-                or (messages["length"] != expected).any()
-            ):
-                msg = f"{path}: the messages do not lie as glbench writes them. Was it written, or changed, by another program?"
-                raise EpisodeError(msg)
-        yield {channel.id: rows[str(channel.id)] for channel, _ in channels}
+def _rows(path: Path, chunks: list[bytes], topics: list[tuple[Channel, Layout]]) -> dict[int, NDArray[np.void]]:
+    """Messages of all chunks by channel. A torn chunk gives the steps that are whole in it."""
+    step = np.dtype([(str(channel.id), layout.record) for channel, layout in topics])
+    data = b"".join(chunk[: len(chunk) // step.itemsize * step.itemsize] for chunk in chunks)
+    rows = np.frombuffer(data, dtype=step)
+    for channel, layout in topics:
+        if not layout.fits(rows[str(channel.id)], channel.id):
+            msg = f"{path}: the messages do not lie as glbench writes them. Was it written, or changed, by another program?"
+            raise EpisodeError(msg)
+    return {channel.id: rows[str(channel.id)] for channel, _ in topics}

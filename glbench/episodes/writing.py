@@ -11,7 +11,7 @@ from typing import IO, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.episodes.columns import Group
+from glbench.episodes.columns import TOPICS, Group
 from glbench.episodes.episode import Episode, Table
 from glbench.episodes.header import Provenance, RunFacts, as_words, canonical
 from glbench.episodes.mcap_stream import McapStream
@@ -19,7 +19,7 @@ from glbench.episodes.wire import PACKAGE, Layout, descriptor_of, layout_of
 from glbench.errors import EpisodeError
 from glbench.resources import write_atomically
 
-FORMAT = "1"
+FORMAT = "2"
 PROVENANCE, RUN, TASK = "provenance.json", "run.json", "task.json"
 _PIECES = 48
 _SHORTEST, _LONGEST = 4, 96
@@ -64,13 +64,16 @@ class EpisodeWriter:
         stream.attachment(RUN, "application/json", canonical(run))
         stream.attachment(TASK, "application/json", definition)
         self._layouts: dict[str, tuple[int, Layout]] = {}
-        for group in groups:
-            layout = layout_of(group, action if group.name == "action" else np.dtype("<f8"))
-            schema = stream.schema(f"{PACKAGE}.{group.message}", "protobuf", descriptor_of(group, layout))
-            about = {f"unit.{column.name}": column.unit for column in group.columns}
-            about |= {f"meaning.{column.name}": column.meaning for column in group.columns}
-            about |= {"group": group.name, "moment": group.moment, "at_start": str(group.at_start).lower()}
-            self._layouts[group.name] = (stream.channel(group.topic, schema, "protobuf", about), layout)
+        for moment, topic in TOPICS.items():
+            parts = [group for group in groups if group.moment == moment]
+            layout = layout_of(topic, parts, action)
+            schema = stream.schema(f"{PACKAGE}.{layout.name}", "protobuf", descriptor_of(layout))
+            about: dict[str, str] = {"moment": moment}
+            for group in parts:
+                about |= {f"group.{group.field}": group.name, f"at_start.{group.field}": str(group.at_start).lower()}
+                about |= {f"unit.{column.name}": column.unit for column in group.columns}
+                about |= {f"meaning.{column.name}": column.meaning for column in group.columns}
+            self._layouts[topic] = (stream.channel(topic, schema, "protobuf", about), layout)
 
     def remark(self, name: str, words: Mapping[str, str]) -> None:
         """Add a table of words to the file."""
@@ -78,23 +81,23 @@ class EpisodeWriter:
 
     def begin(self, time: np.datetime64, start: Mapping[str, Table]) -> None:
         """Write step 0: the values ``(columns,)`` of the groups that have some, at ``time`` (UTC)."""
+        begun = [group for group in self._groups if group.at_start]
+        (topic,) = {group.topic for group in begun}
+        channel, layout = self._layouts[topic]
+        tables = {group.field: start[group.name][np.newaxis] for group in begun}
         times = _nanoseconds(np.array([time]))
-        rows = {
-            group.name: self._messages(group, np.zeros(1, np.uint32), times, start[group.name][np.newaxis])
-            for group in self._groups
-            if group.at_start
-        }
-        self._chunk(rows)
+        self._chunk({topic: layout.some(list(tables)).messages(channel, np.zeros(1, np.uint32), times, tables)})
 
     def steps(self, times: NDArray[np.datetime64], tables: Mapping[str, Table]) -> None:
         """Write the next n steps as one chunk: ``times`` ``(n + 1,)`` at their starts and ends, ``tables`` ``(n, columns)``."""
         count = len(times) - 1
         moments = _nanoseconds(times)
         numbers = np.arange(self._step + 1, self._step + count + 1, dtype=np.uint32)
+        fields = {group.field: tables[group.name] for group in self._groups}
         rows = {}
-        for group in self._groups:
-            when = moments[:-1] if group.moment == "start" else moments[1:]
-            rows[group.name] = self._messages(group, numbers, when, tables[group.name])
+        for moment, topic in TOPICS.items():
+            channel, layout = self._layouts[topic]
+            rows[topic] = layout.messages(channel, numbers, moments[:-1] if moment == "start" else moments[1:], fields)
         self._chunk(rows)
         self._step += count
 
@@ -110,12 +113,6 @@ class EpisodeWriter:
     ) -> None:
         if kind is None:
             self.close()
-
-    def _messages(
-        self, group: Group, numbers: NDArray[np.uint32], times: NDArray[np.uint64], values: Table
-    ) -> NDArray[np.void]:
-        channel, layout = self._layouts[group.name]
-        return layout.messages(channel, numbers, times, values)
 
     def _chunk(self, rows: Mapping[str, NDArray[np.void]]) -> None:
         """Put the messages side by side, step after step, and write them."""

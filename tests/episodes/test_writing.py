@@ -149,7 +149,7 @@ def test_a_killed_writer_leaves_what_it_wrote(episode_file, tmp_path):
 
 
 def test_an_episode_that_lacks_steps_is_not_written_as_a_whole_one(episode_file, tmp_path):
-    (tmp_path / "torn.mcap").write_bytes(episode_file.read_bytes()[:30000])
+    (tmp_path / "torn.mcap").write_bytes(episode_file.read_bytes()[:-24000])
     torn = read_episode(tmp_path / "torn.mcap", partial=True)
     assert 0 < torn.steps < torn.run.steps
     with pytest.raises(EpisodeError, match="recover"):

@@ -109,14 +109,22 @@ def build(variant: str, traits: Traits, width: int | None = None) -> Build:
         raise CompiledUnavailable(str(error)) from error
 
 
+def write_source(folder: Path, variant: str, traits: Traits) -> tuple[Path, tuple[Path, ...]]:
+    """Write the C++ of a model variant into ``folder``: the file to compile, and the folders that it includes from."""
+    (folder / "model.hpp").write_text(generate(glbench.model.build_rhs(variant), traits).text, encoding="utf-8")
+    source = folder / "kernel.cpp"
+    source.write_text(_SOURCE, encoding="utf-8")
+    return source, (folder, _NATIVE)
+
+
 def _build(folder: Path, name: str, variant: str, traits: Traits, flags: tuple[str, ...]) -> Build:
     started = time.perf_counter()
     compiler = find_compiler()
     with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=folder) as temporary:
         work = Path(temporary)
+        source, include = write_source(work, variant, traits)
         library = work / "kernel.so"
-        _write_source(work, variant, traits)
-        compiler.compile(work / "kernel.cpp", library, (work, _NATIVE), flags)
+        compiler.compile(source, library, include, flags)
         digest = hashlib.sha256(library.read_bytes()).hexdigest()
         final = folder / f"{name}-{digest[:12]}.so"
         library.replace(final)
@@ -125,11 +133,6 @@ def _build(folder: Path, name: str, variant: str, traits: Traits, flags: tuple[s
     built = Build(str(final), digest, f"{' '.join(compiler.command)}: {compiler.version}", " ".join(flags), seconds)
     write_atomically(folder / f"{name}.json", json.dumps(asdict(built), indent=1) + "\n")
     return built
-
-
-def _write_source(work: Path, variant: str, traits: Traits) -> None:
-    (work / "model.hpp").write_text(generate(glbench.model.build_rhs(variant), traits).text, encoding="utf-8")
-    (work / "kernel.cpp").write_text(_SOURCE, encoding="utf-8")
 
 
 def prebuild(folder: Path, variant: str, traits: Traits) -> list[prebuilt.Prebuilt]:
@@ -143,10 +146,10 @@ def prebuild(folder: Path, variant: str, traits: Traits) -> list[prebuilt.Prebui
     compiler = find_compiler()
     with tempfile.TemporaryDirectory() as temporary:
         work = Path(temporary)
-        _write_source(work, variant, traits)
+        source, include = write_source(work, variant, traits)
 
         def compile_into(library: Path, flags: tuple[str, ...]) -> None:
-            compiler.compile(work / "kernel.cpp", library, (work, _NATIVE), flags)
+            compiler.compile(source, library, include, flags)
 
         return prebuilt.prebuild(folder, compiler, prebuilt_key(variant, traits), variant, compile_into)
 

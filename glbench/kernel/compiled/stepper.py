@@ -59,6 +59,8 @@ class CompiledStepper:
         Substeps that each row of the last call took (n,), rejected ones included. Overwritten by the next call.
     reached : ndarray
         Time within the step that each row of the last call reached (n,) [s].
+    settings : Settings
+        What the library is told of step length and tolerances; fixed.
 
     Raises
     ------
@@ -86,7 +88,7 @@ class CompiledStepper:
         self._library = load(self._build.path)
         self._full: Library | None = None
         absolute, relative = tolerances(self.preset)
-        self._settings = Settings(
+        self.settings = Settings(
             step=self.step_seconds,
             first=self.preset.first_substep,
             forgotten=self.preset.forgotten,
@@ -98,7 +100,7 @@ class CompiledStepper:
             relative=(ctypes.c_double * len(relative))(*relative),
             threads=threads,
         )
-        self._settings_call = ctypes.byref(self._settings)
+        self._settings_call = ctypes.byref(self.settings)
         self._batch = new_batch(1)
 
     @property
@@ -233,11 +235,11 @@ class CompiledStepper:
         }
 
     def _library_build(self, zeros: tuple[int, ...]) -> Build:
-        return build(self.variant, traits_without(zeros), self._width)
+        return build(self.variant, traits_of(zeros), self._width)
 
 
-def traits_without(zeros: tuple[int, ...]) -> Traits:
-    """What the generator is told of the model when the parameters ``zeros`` are zero."""
+def traits_of(zeros: tuple[int, ...]) -> Traits:
+    """What the generator is told of the greenhouse, when the parameters ``zeros`` are zero in every row."""
     fast = tuple(STATE_NAMES.index(name) for name in FAST_STATES)
     first, second = (STATE_NAMES.index(name) for name in SINGULAR_STATES)
     return Traits(zeros, fast, (first, second))

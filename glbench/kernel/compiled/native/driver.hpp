@@ -105,8 +105,9 @@ template <class V> class Stepper {
         const MaskOf<V> finished = accepted & (h >= remaining_);
         remaining_ = select<V>(accepted, remaining_ - h, remaining_);
         taken_ = taken_ + one;
-        // Not a number gives the strongest reduction.
-        V factor = max_of(broadcast<V>(0.9) * inverse_eighth_root(error), broadcast<V>(0.15));
+        // Not a number shortens to 0.8, below. Its own bits decide nothing: processors disagree about its sign.
+        const V root = select<V>(error == error, inverse_eighth_root(error), broadcast<V>(1.0));
+        V factor = max_of(broadcast<V>(0.9) * root, broadcast<V>(0.15));
         factor = min_of(factor, select<V>(accepted, broadcast<V>(6.0), broadcast<V>(0.8)));
         const V proposed = h * factor;
         h_ = next_length(proposed, remaining_);
