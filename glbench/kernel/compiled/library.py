@@ -23,14 +23,16 @@ import glbench.model
 from glbench.errors import GlbenchError
 from glbench.kernel.compiled.compiler import find_compiler, machine_digest
 from glbench.kernel.compiled.generate import Traits, generate
+from glbench.kernel.compiled.sensitivity_code import generate_sensitivities
 from glbench.kernel.compiled.unavailable import CompiledUnavailable
 from glbench.resources import cache_folder, write_atomically
 
 _HERE = Path(__file__).resolve().parent
 _NATIVE = _HERE / "native"
 _LOCK_SECONDS = 600.0
-_GENERATOR = ("derivative", "emit", "generate", "graph", "importer", "lu", "regroup")
+_GENERATOR = ("derivative", "emit", "generate", "graph", "importer", "lu", "regroup", "reverse", "sensitivity_code")
 _SOURCE = '#include "model.hpp"\n#include "driver.hpp"\n'
+_SENSITIVITY_SOURCE = '#include "model.hpp"\n#include "sensitivity_model.hpp"\n#include "sensitivity_driver.hpp"\n'
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ class Build:
     seconds: float
 
 
-def build(variant: str, traits: Traits, width: int | None = None) -> Build:
+def build(variant: str, traits: Traits, width: int | None = None, *, sensitivities: bool = False) -> Build:
     """The library for a model variant, from the cache or built now.
 
     Parameters
@@ -67,6 +69,8 @@ def build(variant: str, traits: Traits, width: int | None = None) -> Build:
         What is known of the model beyond its equations.
     width
         Number of lanes; None for what suits this processor.
+    sensitivities
+        Whether to build the library that steps and differentiates, instead of the one that steps.
 
     Raises
     ------
@@ -76,7 +80,8 @@ def build(variant: str, traits: Traits, width: int | None = None) -> Build:
     compiler = find_compiler()
     flags = compiler.flags(width)
     facts = (variant, traits, compiler.command, compiler.version, flags, machine_digest())
-    name = f"{variant}-{_digest([repr(facts).encode(), _sources().encode()])[:20]}"
+    kind = f"{variant}-sensitivities" if sensitivities else variant
+    name = f"{kind}-{_digest([repr(facts).encode(), _sources().encode()])[:20]}"
     folder = cache_folder() / "kernel"
     found = _intact(folder, name)
     if found is not None:
@@ -87,7 +92,7 @@ def build(variant: str, traits: Traits, width: int | None = None) -> Build:
             found = _intact(folder, name)  # another process may have built it meanwhile
             if found is not None:
                 return found
-            return _build(folder, name, variant, traits, flags)
+            return _build(folder, name, variant, traits, flags, sensitivities=sensitivities)
     except Timeout as error:
         msg = f"Another process has been building the kernel for {_LOCK_SECONDS:g} s (lock {error.lock_file}). Try again later."
         raise CompiledUnavailable(msg) from error
@@ -103,13 +108,18 @@ def build(variant: str, traits: Traits, width: int | None = None) -> Build:
         raise CompiledUnavailable(str(error)) from error
 
 
-def _build(folder: Path, name: str, variant: str, traits: Traits, flags: tuple[str, ...]) -> Build:
+def _build(
+    folder: Path, name: str, variant: str, traits: Traits, flags: tuple[str, ...], *, sensitivities: bool
+) -> Build:
     started = time.perf_counter()
     compiler = find_compiler()
     with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=folder) as temporary:
         work = Path(temporary)
-        (work / "model.hpp").write_text(generate(glbench.model.build_rhs(variant), traits).text, encoding="utf-8")
-        (work / "kernel.cpp").write_text(_SOURCE, encoding="utf-8")
+        function = glbench.model.build_rhs(variant)
+        (work / "model.hpp").write_text(generate(function, traits).text, encoding="utf-8")
+        if sensitivities:
+            (work / "sensitivity_model.hpp").write_text(generate_sensitivities(function, traits), encoding="utf-8")
+        (work / "kernel.cpp").write_text(_SENSITIVITY_SOURCE if sensitivities else _SOURCE, encoding="utf-8")
         library = work / "kernel.so"
         compiler.compile(work / "kernel.cpp", library, (work, _NATIVE), flags)
         digest = hashlib.sha256(library.read_bytes()).hexdigest()

@@ -112,6 +112,16 @@ class CompiledStepper:
         return self._batch.reached
 
     @property
+    def settings(self) -> Settings:
+        """Settings of the native code; not to be changed."""
+        return self._settings
+
+    @property
+    def width(self) -> int | None:
+        """Number of lanes that was asked for, if any."""
+        return self._width
+
+    @property
     def library_path(self) -> str:
         """The shared library in the cache."""
         return self._build.path
@@ -233,9 +243,14 @@ class CompiledStepper:
         }
 
     def _library_build(self, zeros: tuple[int, ...]) -> Build:
-        fast = tuple(STATE_NAMES.index(name) for name in FAST_STATES)
-        first, second = (STATE_NAMES.index(name) for name in SINGULAR_STATES)
-        return build(self.variant, Traits(zeros, fast, (first, second)), self._width)
+        return build(self.variant, model_traits(zeros), self._width)
+
+
+def model_traits(zeros: tuple[int, ...]) -> Traits:
+    """What is known of the greenhouse model, with ``zeros`` as the parameters of absent equipment."""
+    fast = tuple(STATE_NAMES.index(name) for name in FAST_STATES)
+    first, second = (STATE_NAMES.index(name) for name in SINGULAR_STATES)
+    return Traits(zeros, fast, (first, second))
 
 
 def absent_equipment() -> tuple[int, ...]:

@@ -1,0 +1,329 @@
+"""Derivatives of one control step: along directions, in reverse, or all of them as matrices.
+
+They are those of the numerical step with its substeps held where they are, exact to rounding. Where the model has a kink (a
+minimum, a maximum, a condition) they belong to the branch that the step took. Method, accuracy, speed: docs/sensitivities.md.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple, NoReturn, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from glbench.errors import GlbenchError, ShapeError, StepError, UnknownNameError, did_you_mean
+from glbench.kernel.records import FloatArray, Rows, StepFailure, as_rows
+from glbench.model import CONTROL_NAMES, DISTURBANCE_NAMES, PARAMETER_NAMES, STATE_NAMES
+
+SIZES = {"x": len(STATE_NAMES), "u": len(CONTROL_NAMES), "d": len(DISTURBANCE_NAMES), "p": len(PARAMETER_NAMES)}
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """A control step and its Jacobians; a batch has a leading axis of n everywhere.
+
+    Attributes
+    ----------
+    x_next : ndarray
+        State after the step (28,), the same bits as from ``step``.
+    dx, du, dd : ndarray
+        Derivatives of ``x_next`` with respect to states (28, 28), controls (28, 6) and disturbances (28, 10); element [i, j]
+        is in units of state i per unit of input j.
+    dp : ndarray
+        The same for the parameters that were asked for (28, q), in their order.
+    """
+
+    x_next: FloatArray
+    dx: FloatArray
+    du: FloatArray
+    dd: FloatArray
+    dp: FloatArray
+
+
+@dataclass(frozen=True)
+class Adjoint:
+    """Gradient of ``cotangent . x_next`` with respect to the inputs of a step; a batch has a leading axis of n everywhere.
+
+    Attributes
+    ----------
+    x, u, d : ndarray
+        (28,), (6,), (10,) [unit of ``cotangent . x_next`` per unit of the input].
+    p : ndarray or None
+        (208,), when it was asked for. Rows that share inputs have a gradient each: add them up for that of the shared input.
+    """
+
+    x: FloatArray
+    u: FloatArray
+    d: FloatArray
+    p: FloatArray | None
+
+
+class Directions(NamedTuple):
+    """Directions (rows or 1, count, size of the input) for each input, or None where it is held; 1 shares them among all rows."""
+
+    count: int
+    shared: bool
+    x: FloatArray | None
+    u: FloatArray | None
+    d: FloatArray | None
+    p: FloatArray | None
+
+
+class Forward(NamedTuple):
+    """States (n, 28), their derivatives along each direction (n, m, 28), and which rows failed (n,)."""
+
+    x_next: FloatArray
+    tangents: FloatArray
+    failed: npt.NDArray[np.bool_]
+
+
+class Reverse(NamedTuple):
+    """States (n, 28), gradients (n, size of the input), and which rows failed (n,)."""
+
+    x_next: FloatArray
+    x: FloatArray
+    u: FloatArray
+    d: FloatArray
+    p: FloatArray | None
+    failed: npt.NDArray[np.bool_]
+
+
+class Differentiator(Protocol):
+    """How a backend differentiates checked rows. Row i has the same bits whatever the other rows are."""
+
+    def forward(self, rows: Rows, directions: Directions) -> Forward:
+        """Step and differentiate along directions."""
+        ...
+
+    def reverse(self, rows: Rows, cotangents: FloatArray, *, parameters: bool) -> Reverse:
+        """Step and pull cotangents (n, 28) back."""
+        ...
+
+
+class Differentiable(ABC):
+    """A stepper with derivatives; the first call may build a library for some ten seconds."""
+
+    step_seconds: float
+
+    @abstractmethod
+    def advance(self, rows: Rows) -> tuple[FloatArray, list[StepFailure]]:
+        """Step checked rows."""
+
+    def differentiator(self) -> Differentiator:
+        """What differentiates the steps of this stepper.
+
+        Raises
+        ------
+        GlbenchError
+            When it cannot.
+        """
+        msg = (
+            f"A {type(self).__name__} gives no derivatives: its processes only step. Use Kernel(...), with threads=... on "
+            "several cores."
+        )
+        raise GlbenchError(msg)
+
+    def linearise(
+        self,
+        x: npt.ArrayLike,
+        u: npt.ArrayLike,
+        d: npt.ArrayLike,
+        p: npt.ArrayLike,
+        *,
+        parameters: Sequence[str] = (),
+    ) -> Linearisation:
+        """One control step and its Jacobians.
+
+        Parameters
+        ----------
+        x, u, d, p : array_like
+            As for ``step``: one state (28,) or a batch (n, 28).
+        parameters : sequence of str
+            Names of parameters to differentiate with respect to, see ``glbench.model.PARAMETER_NAMES``.
+
+        Raises
+        ------
+        ShapeError, ActionError, StepError
+            As for ``step``; StepError also when a derivative is not finite.
+        UnknownNameError
+            When there is no such parameter.
+        """
+        rows = as_rows(x, u, d, p)
+        found = self._forward(rows, _all_directions(_numbers(tuple(parameters))))
+        table = np.ascontiguousarray(found.tangents.swapaxes(1, 2))
+        bounds = np.cumsum([0, SIZES["x"], SIZES["u"], SIZES["d"], len(parameters)])
+        blocks = [np.ascontiguousarray(table[..., a:b]) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+        values = [found.x_next, *blocks]
+        return Linearisation(*(a[0] for a in values) if np.ndim(x) == 1 else values)
+
+    def forward(
+        self,
+        x: npt.ArrayLike,
+        u: npt.ArrayLike,
+        d: npt.ArrayLike,
+        p: npt.ArrayLike,
+        *,
+        dx: npt.ArrayLike | None = None,
+        du: npt.ArrayLike | None = None,
+        dd: npt.ArrayLike | None = None,
+        dp: npt.ArrayLike | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """One control step, and how its result changes along directions of the inputs.
+
+        Parameters
+        ----------
+        x, u, d, p : array_like
+            As for ``step``: one state (28,) or a batch (n, 28).
+        dx, du, dd, dp : array_like, optional
+            Direction in each input, in its units. For one state (size,), or (m, size) for m directions at once; for a batch
+            (size,) for all rows, (n, size), or (n, m, size). Inputs without one are held.
+
+        Returns
+        -------
+        x_next, tangent : ndarray
+            State after the step, and its derivative along the direction in the same shape, or with an axis of m before the
+            last one.
+
+        Raises
+        ------
+        ShapeError, ActionError, StepError
+            As for ``step``; StepError also when a derivative is not finite.
+        """
+        rows = as_rows(x, u, d, p)
+        one = np.ndim(x) == 1
+        seeds = {"x": dx, "u": du, "d": dd, "p": dp}
+        tables = {key: _seed(key, seed, len(rows.x), one=one) for key, seed in seeds.items() if seed is not None}
+        counts = {table.shape[1] for table in tables.values()}
+        if len(counts) != 1:
+            raise ShapeError(_directions_differ({key: table.shape[1] for key, table in tables.items()}))
+        directions = Directions(counts.pop(), False, *(tables.get(key) for key in SIZES))  # noqa: FBT003
+        found = self._forward(rows, directions)
+        several = any(np.ndim(seed) == (2 if one else 3) for seed in seeds.values() if seed is not None)
+        tangents = found.tangents if several else found.tangents[:, 0]
+        return (found.x_next[0], tangents[0]) if one else (found.x_next, tangents)
+
+    def adjoint(
+        self,
+        x: npt.ArrayLike,
+        u: npt.ArrayLike,
+        d: npt.ArrayLike,
+        p: npt.ArrayLike,
+        cotangent: npt.ArrayLike,
+        *,
+        parameters: bool = False,
+    ) -> tuple[FloatArray, Adjoint]:
+        """One control step, and the gradient of ``cotangent . x_next`` with respect to its inputs.
+
+        Parameters
+        ----------
+        x, u, d, p : array_like
+            As for ``step``: one state (28,) or a batch (n, 28).
+        cotangent : array_like
+            In the shape of ``x``, or (28,) for all rows: weight of each state after the step.
+        parameters : bool
+            Whether to give the gradient with respect to the parameters as well.
+
+        Returns
+        -------
+        x_next : ndarray
+            State after the step, the same bits as from ``step``.
+        gradient : Adjoint
+            Gradients with respect to x, u, d and, if asked for, p.
+
+        Raises
+        ------
+        ShapeError, ActionError, StepError
+            As for ``step``; StepError also when a derivative is not finite.
+        """
+        rows = as_rows(x, u, d, p)
+        one = np.ndim(x) == 1
+        seeds = _seed("x", cotangent, len(rows.x), one=one, what="cotangent")
+        if seeds.shape[1] != 1:
+            msg = f"The cotangent has the shape {np.shape(cotangent)}; it must have that of x, {np.shape(x)}, or (28,)."
+            raise ShapeError(msg)
+        found = self.differentiator().reverse(rows, np.ascontiguousarray(seeds[:, 0]), parameters=parameters)
+        gradients = [a for a in (found.x, found.u, found.d, found.p) if a is not None]
+        self._check(rows, found.failed, gradients)
+        values = [a[0] if one else a for a in gradients]
+        return found.x_next[0] if one else found.x_next, Adjoint(*values, *([] if parameters else [None]))
+
+    def _forward(self, rows: Rows, directions: Directions) -> Forward:
+        found = self.differentiator().forward(rows, directions)
+        self._check(rows, found.failed, [found.tangents])
+        return found
+
+    def _check(self, rows: Rows, failed: npt.NDArray[np.bool_], derivatives: Sequence[FloatArray]) -> None:
+        """Raise StepError for rows that failed, or whose derivatives are not finite."""
+        if failed.any():
+            self._refuse(rows)
+        bad = [~np.isfinite(a).reshape(len(a), -1).all(axis=1) for a in derivatives]
+        if any(table.any() for table in bad):
+            row = int(np.flatnonzero(np.logical_or.reduce(bad))[0])
+            msg = (
+                f"The step of {self.step_seconds:g} s from row {row} of {len(rows.x)} has no finite derivative: an input lies "
+                "where the model is not differentiable (a root at zero). Move it by a millionth of its size."
+            )
+            raise StepError(msg)
+
+    def _refuse(self, rows: Rows) -> NoReturn:
+        _, failures = self.advance(rows)
+        reason = failures[0] if failures else StepFailure(0, "it could be stepped, but not differentiated")
+        msg = f"The step of {self.step_seconds:g} s failed in row {reason.row} of {len(rows.x)}: {reason.reason}."
+        raise StepError(msg)
+
+
+def _numbers(names: tuple[str, ...]) -> tuple[int, ...]:
+    for name in names:
+        if name not in PARAMETER_NAMES:
+            msg = f"The model has no parameter '{name}'.{did_you_mean(name, PARAMETER_NAMES)}"
+            raise UnknownNameError(msg)
+    return tuple(PARAMETER_NAMES.index(name) for name in names)
+
+
+@lru_cache(maxsize=32)
+def _all_directions(parameters: tuple[int, ...]) -> Directions:
+    """One direction for each state, control, disturbance and chosen parameter, shared by all rows."""
+    widths = (SIZES["x"], SIZES["u"], SIZES["d"], len(parameters))
+    count = sum(widths)
+    tables: list[FloatArray | None] = []
+    for start, width, (key, size) in zip(np.cumsum((0, *widths)), widths, SIZES.items(), strict=False):
+        table = np.zeros((1, count, size))
+        table[0, np.arange(start, start + width), parameters if key == "p" else np.arange(width)] = 1.0
+        tables.append(table if width else None)
+    return Directions(count, True, *tables)  # noqa: FBT003
+
+
+def _seed(key: str, values: npt.ArrayLike, count: int, *, one: bool, what: str = "direction") -> FloatArray:
+    """A direction or cotangent as a table (rows, directions, size)."""
+    size = SIZES[key]
+    try:
+        table = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        msg = f"The {what} in {key} is not made of numbers ({error})."
+        raise ShapeError(msg) from error
+    shape = table.shape
+    if shape == (size,):
+        table = np.broadcast_to(table, (count, 1, size))
+    elif one and table.ndim == 2 and shape[1] == size:
+        table = table[None]
+    elif not one and table.ndim in (2, 3) and shape[0] == count and shape[-1] == size:
+        table = table.reshape(count, -1, size)
+    else:
+        wanted = f"({size},) or (m, {size})" if one else f"({size},), ({count}, {size}) or ({count}, m, {size})"
+        msg = f"The {what} in {key} has the shape {shape}; expected {wanted}."
+        raise ShapeError(msg)
+    if not np.isfinite(table).all():
+        msg = f"The {what} in {key} has values that are not finite."
+        raise ShapeError(msg)
+    return np.ascontiguousarray(table)
+
+
+def _directions_differ(counts: dict[str, int]) -> str:
+    if not counts:
+        return "forward needs a direction: give at least one of dx, du, dd, dp."
+    listed = ", ".join(f"d{key} {count}" for key, count in counts.items())
+    return f"The numbers of directions differ ({listed}). Give every input as many, or leave it out to hold it."
