@@ -62,15 +62,28 @@ class Adjoint:
     p: FloatArray | None
 
 
-class Directions(NamedTuple):
-    """Directions (rows or 1, count, size of the input) for each input, or None where it is held; 1 shares them among all rows."""
+@dataclass(frozen=True)
+class Directions:
+    """Directions of differentiation.
+
+    Attributes
+    ----------
+    count : int
+        How many for each row.
+    shared : bool
+        Whether all rows have the same.
+    seeds : dict
+        For each input ("x", "u", "d", "p") that is not held, a table (rows, or 1 when shared; count; size of the input).
+    """
 
     count: int
     shared: bool
-    x: FloatArray | None
-    u: FloatArray | None
-    d: FloatArray | None
-    p: FloatArray | None
+    seeds: dict[str, FloatArray]
+
+    def of_rows(self, rows: npt.NDArray[np.intp]) -> Directions:
+        """The directions of some rows."""
+        chosen = self.seeds if self.shared else {key: table[rows] for key, table in self.seeds.items()}
+        return Directions(self.count, self.shared, chosen)
 
 
 class Forward(NamedTuple):
@@ -82,13 +95,10 @@ class Forward(NamedTuple):
 
 
 class Reverse(NamedTuple):
-    """States (n, 28), gradients (n, size of the input), and which rows failed (n,)."""
+    """States (n, 28), the gradient for each input (n, size of the input), and which rows failed (n,)."""
 
     x_next: FloatArray
-    x: FloatArray
-    u: FloatArray
-    d: FloatArray
-    p: FloatArray | None
+    gradients: dict[str, FloatArray]
     failed: npt.NDArray[np.bool_]
 
 
@@ -100,7 +110,7 @@ class Differentiator(Protocol):
         ...
 
     def reverse(self, rows: Rows, cotangents: FloatArray, *, parameters: bool) -> Reverse:
-        """Step and pull cotangents (n, 28) back."""
+        """Step and pull cotangents (n, 28) back; the gradient for the parameters is only there when asked for."""
         ...
 
 
@@ -155,9 +165,9 @@ class Differentiable(ABC):
         rows = as_rows(x, u, d, p)
         found = self._forward(rows, _all_directions(_numbers(tuple(parameters))))
         table = np.ascontiguousarray(found.tangents.swapaxes(1, 2))
-        bounds = np.cumsum([0, SIZES["x"], SIZES["u"], SIZES["d"], len(parameters)])
-        blocks = [np.ascontiguousarray(table[..., a:b]) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
-        values = [found.x_next, *blocks]
+        bounds = np.cumsum(_widths(len(parameters)))[:-1]
+        by_key = dict(zip(_ORDER, map(np.ascontiguousarray, np.split(table, bounds, axis=-1)), strict=True))
+        values = [found.x_next, *(by_key[key] for key in SIZES)]
         return Linearisation(*(a[0] for a in values) if np.ndim(x) == 1 else values)
 
     def forward(
@@ -200,8 +210,7 @@ class Differentiable(ABC):
         counts = {table.shape[1] for table in tables.values()}
         if len(counts) != 1:
             raise ShapeError(_directions_differ({key: table.shape[1] for key, table in tables.items()}))
-        directions = Directions(counts.pop(), False, *(tables.get(key) for key in SIZES))  # noqa: FBT003
-        found = self._forward(rows, directions)
+        found = self._forward(rows, Directions(counts.pop(), shared=False, seeds=tables))
         several = any(np.ndim(seed) == (2 if one else 3) for seed in seeds.values() if seed is not None)
         tangents = found.tangents if several else found.tangents[:, 0]
         return (found.x_next[0], tangents[0]) if one else (found.x_next, tangents)
@@ -246,10 +255,10 @@ class Differentiable(ABC):
             msg = f"The cotangent has the shape {np.shape(cotangent)}; it must have that of x, {np.shape(x)}, or (28,)."
             raise ShapeError(msg)
         found = self.differentiator().reverse(rows, np.ascontiguousarray(seeds[:, 0]), parameters=parameters)
-        gradients = [a for a in (found.x, found.u, found.d, found.p) if a is not None]
-        self._check(rows, found.failed, gradients)
-        values = [a[0] if one else a for a in gradients]
-        return found.x_next[0] if one else found.x_next, Adjoint(*values, *([] if parameters else [None]))
+        self._check(rows, found.failed, list(found.gradients.values()))
+        values = {key: table[0] if one else table for key, table in found.gradients.items()}
+        gradient = Adjoint(values["x"], values["u"], values["d"], values.get("p"))
+        return found.x_next[0] if one else found.x_next, gradient
 
     def _forward(self, rows: Rows, directions: Directions) -> Forward:
         found = self.differentiator().forward(rows, directions)
@@ -287,14 +296,24 @@ def _numbers(names: tuple[str, ...]) -> tuple[int, ...]:
 @lru_cache(maxsize=32)
 def _all_directions(parameters: tuple[int, ...]) -> Directions:
     """One direction for each state, control, disturbance and chosen parameter, shared by all rows."""
-    widths = (SIZES["x"], SIZES["u"], SIZES["d"], len(parameters))
-    count = sum(widths)
-    tables: list[FloatArray | None] = []
-    for start, width, (key, size) in zip(np.cumsum((0, *widths)), widths, SIZES.items(), strict=False):
-        table = np.zeros((1, count, size))
-        table[0, np.arange(start, start + width), parameters if key == "p" else np.arange(width)] = 1.0
-        tables.append(table if width else None)
-    return Directions(count, True, *tables)  # noqa: FBT003
+    widths = _widths(len(parameters))
+    count, start = sum(widths), 0
+    seeds: dict[str, FloatArray] = {}
+    for key, width in zip(_ORDER, widths, strict=True):
+        if width:
+            table = np.zeros((1, count, SIZES[key]))
+            table[0, np.arange(start, start + width), parameters if key == "p" else np.arange(width)] = 1.0
+            seeds[key] = table
+        start += width
+    return Directions(count, shared=True, seeds=seeds)
+
+
+# States last: vectors of directions that hold states only are cheaper.
+_ORDER = ("u", "d", "p", "x")
+
+
+def _widths(parameters: int) -> tuple[int, ...]:
+    return SIZES["u"], SIZES["d"], parameters, SIZES["x"]
 
 
 def _seed(key: str, values: npt.ArrayLike, count: int, *, one: bool, what: str = "direction") -> FloatArray:

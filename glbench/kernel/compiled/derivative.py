@@ -14,15 +14,19 @@ from glbench.kernel.compiled.graph import CONDITIONS, Graph, Node
 Gradient = dict[int, int]  # state -> node of the derivative
 
 
-def jacobian(graph: Graph, outputs: Sequence[int], source: str = "x") -> list[Gradient]:
-    """Adds the derivatives of ``outputs`` to ``graph``: one {state: node} for each output, structural nonzeros only."""
+def jacobian(graph: Graph, outputs: Sequence[int], source: str = "x", *, guarded: bool = False) -> list[Gradient]:
+    """Adds the derivatives of ``outputs`` to ``graph``: one {state: node} for each output, structural nonzeros only.
+
+    ``guarded`` derivatives of roots and powers are 0 where their base is 0, instead of infinite or not a number: there the base
+    is the flat side of a maximum (the gap of a closed screen), which the chain rule cannot know.
+    """
     return _differentiate(
-        graph, outputs, lambda node: {node.index: graph.constant(1.0)} if node.source == source else {}
+        graph, outputs, lambda node: {node.index: graph.constant(1.0)} if node.source == source else {}, guarded=guarded
     )
 
 
 def directional(graph: Graph, outputs: Sequence[int], direction: Callable[[Node], int | None]) -> list[int]:
-    """Adds the derivatives of ``outputs`` along one direction: a node for each output, the constant 0 where there is none.
+    """Adds the guarded derivatives of ``outputs`` along one direction: a node for each, the constant 0 where there is none.
 
     ``direction`` gives the node of the direction's component for an input, or None for an input that is held.
     """
@@ -32,20 +36,23 @@ def directional(graph: Graph, outputs: Sequence[int], direction: Callable[[Node]
         return {} if component is None else {0: component}
 
     zero = graph.constant(0.0)
-    return [gradient.get(0, zero) for gradient in _differentiate(graph, outputs, seed)]
+    return [gradient.get(0, zero) for gradient in _differentiate(graph, outputs, seed, guarded=True)]
 
 
-def _differentiate(graph: Graph, outputs: Sequence[int], seed: Callable[[Node], Gradient]) -> list[Gradient]:
-    worker = _Forward(graph, seed)
+def _differentiate(
+    graph: Graph, outputs: Sequence[int], seed: Callable[[Node], Gradient], *, guarded: bool
+) -> list[Gradient]:
+    worker = _Forward(graph, seed, guarded=guarded)
     for number in graph.needed(outputs):
         worker.visit(number)
     return [worker.of(number) for number in outputs]
 
 
 class _Forward:
-    def __init__(self, graph: Graph, seed: Callable[[Node], Gradient]) -> None:
+    def __init__(self, graph: Graph, seed: Callable[[Node], Gradient], *, guarded: bool) -> None:
         self.graph = graph
         self.seed = seed
+        self.guarded = guarded
         self._gradients: dict[int, Gradient] = {}
 
     def of(self, number: int) -> Gradient:
@@ -108,15 +115,12 @@ class _Forward:
         return self._scaled(self.of(a), self.graph.make("inv", a))
 
     def _sqrt(self, number: int) -> Gradient:
-        # sqrt(a)' = sqrt(a)/(2 a) and not 1/(2 sqrt(a)): the reciprocal of `a` is often needed anyway.
         (a,) = self._args(number)
-        half = self.graph.make("mul", self.graph.constant(0.5), number)
-        return self._scaled(self.of(a), self.graph.make("mul", half, self.graph.make("inv", a)))
+        return self._scaled(self.of(a), slope_of_root(self.graph, number, guarded=self.guarded))
 
     def _pow(self, number: int) -> Gradient:
         base, exponent = self._args(number)
-        factor = self.graph.make("mul", self.graph.make("mul", exponent, number), self.graph.make("inv", base))
-        by_base = self._scaled(self.of(base), factor)
+        by_base = self._scaled(self.of(base), slope_of_power(self.graph, number, guarded=self.guarded))
         if not self.of(exponent):
             return by_base
         return self._plus(by_base, self._scaled(self.of(exponent), slope_of_exponent(self.graph, number)))
@@ -157,14 +161,32 @@ class _Forward:
         }
 
 
+def slope_of_root(graph: Graph, root: int, *, guarded: bool) -> int:
+    """Slope of sqrt(a): sqrt(a)/(2 a), not 1/(2 sqrt(a)): the reciprocal of ``a`` is often needed anyway."""
+    (a,) = graph.nodes[root].args
+    half = graph.make("mul", graph.constant(0.5), root)
+    slope = graph.make("mul", half, graph.make("inv", a))
+    return _where_positive(graph, a, slope) if guarded else slope
+
+
+def slope_of_power(graph: Graph, power: int, *, guarded: bool) -> int:
+    """Slope of b^e in b: e b^e/b."""
+    base, exponent = graph.nodes[power].args
+    slope = graph.make("mul", graph.make("mul", exponent, power), graph.make("inv", base))
+    return _where_positive(graph, base, slope) if guarded else slope
+
+
 def slope_of_exponent(graph: Graph, power: int) -> int:
-    """d(b^e)/de = b^e log b; 0 where b is 0, as for every positive exponent."""
+    """Slope of b^e in e: b^e log b; 0 where b is 0, as for every positive exponent."""
     base, _ = graph.nodes[power].args
-    zero = graph.constant(0.0)
-    slope = graph.make("mul", power, graph.make("log", base))
-    return graph.make("select", graph.make("lt", zero, base), slope, zero)
+    return _where_positive(graph, base, graph.make("mul", power, graph.make("log", base)))
 
 
 def slope_of_cosine(graph: Graph, angle: int) -> int:
     """-sin(a), written as a cosine."""
     return graph.make("cos", graph.make("add", angle, graph.constant(0.5 * math.pi)))
+
+
+def _where_positive(graph: Graph, number: int, value: int) -> int:
+    zero = graph.constant(0.0)
+    return graph.make("select", graph.make("lt", zero, number), value, zero)

@@ -7,8 +7,10 @@ import functools
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glbench.errors import StepError
+from glbench.kernel.compiled.batch import Status
 from glbench.kernel.compiled.binding import RowPointers, Settings
 from glbench.kernel.compiled.library import build
 from glbench.kernel.compiled.stepper import CompiledStepper, Failure, absent_equipment, model_traits
@@ -49,7 +51,7 @@ class SensitivityLibrary:
             msg = f"The sensitivity library {path} belongs to another version of glbench. {advice}"
             raise CompiledUnavailable(msg)
 
-    def run(self, settings: Settings, rows: Rows, request: Request) -> tuple[FloatArray, FloatArray]:
+    def run(self, settings: Settings, rows: Rows, request: Request) -> tuple[FloatArray, Status]:
         """States after the step (n, 28) and status (n,).
 
         Raises
@@ -60,12 +62,14 @@ class SensitivityLibrary:
         count = len(rows.x)
         out = np.empty_like(rows.x)
         status, substeps, reached = np.zeros(count, np.int32), np.zeros(count, np.int32), np.zeros(count)
-        given = {"x": rows.x, "u": rows.u, "d": rows.d, "p": rows.p}
-        results = {"out": out, "status": status, "substeps": substeps, "reached": reached}
         pointers = RowPointers(
             n=count,
             p_stride=SIZES["p"] if len(rows.p) > 1 else 0,
-            **{name: array.ctypes.data for name, array in (given | results).items()},
+            **{key: table.ctypes.data for key, table in rows._asdict().items()},
+            out=out.ctypes.data,
+            status=status.ctypes.data,
+            substeps=substeps.ctypes.data,
+            reached=reached.ctypes.data,
         )
         if self._differentiate(ctypes.byref(settings), ctypes.byref(pointers), ctypes.byref(request)) != 0:
             msg = f"There is not enough memory to differentiate {count} rows. Give fewer rows at a time."
@@ -94,10 +98,11 @@ class CompiledDifferentiator:
         self._stepper = stepper
         self._absent = list(absent_equipment())
         self._usual = self._library(tuple(self._absent))
+        self._full: SensitivityLibrary | None = None
 
     def forward(self, rows: Rows, directions: Directions) -> Forward:
         """Step and differentiate along directions."""
-        absent_moves = directions.p is not None and bool(directions.p[..., self._absent].any())
+        absent_moves = "p" in directions.seeds and bool(directions.seeds["p"][..., self._absent].any())
         found = self._forward(rows, directions, full=absent_moves)
         if absent_moves:
             self._step(rows, found.x_next)
@@ -108,37 +113,41 @@ class CompiledDifferentiator:
         found = self._reverse(rows, cotangents, full=parameters)
         if parameters:
             self._step(rows, found.x_next)
-        return found if parameters else found._replace(p=None)
+        else:
+            del found.gradients["p"]
+        return found
 
     def _forward(self, rows: Rows, directions: Directions, *, full: bool) -> Forward:
         tangents = np.zeros((len(rows.x), directions.count, SIZES["x"]))
         request = Request(directions=directions.count, stride=int(not directions.shared), tangents=tangents.ctypes.data)
-        for key in SIZES:
-            seeds = getattr(directions, key)
-            if seeds is not None:
-                setattr(request, f"d{key}", seeds.ctypes.data)
+        for key, seeds in directions.seeds.items():
+            setattr(request, f"d{key}", seeds.ctypes.data)
         x_next, status = self._run(rows, request, full=full)
         found = Forward(x_next, tangents, status != 0)
         again = np.flatnonzero(status // 64 == Failure.EQUIPMENT_PRESENT)
         if again.size:
-            seeds = (None if a is None or directions.shared else a[again] for a in directions[2:])
-            part = directions if directions.shared else Directions(directions.count, False, *seeds)  # noqa: FBT003
-            _replace_rows(found, again, self._forward(_chosen(rows, again), part, full=True))
+            part = self._forward(_chosen(rows, again), directions.of_rows(again), full=True)
+            for ours, theirs in zip(found, part, strict=True):
+                ours[again] = theirs
         return found
 
     def _reverse(self, rows: Rows, cotangents: FloatArray, *, full: bool) -> Reverse:
         gradients = {key: np.zeros((len(rows.x), size)) for key, size in SIZES.items()}
         pointers = {f"{key}b": array.ctypes.data for key, array in gradients.items()}
         x_next, status = self._run(rows, Request(cotangents=cotangents.ctypes.data, **pointers), full=full)
-        found = Reverse(x_next, *gradients.values(), status != 0)
+        found = Reverse(x_next, gradients, status != 0)
         again = np.flatnonzero(status // 64 == Failure.EQUIPMENT_PRESENT)
         if again.size:
-            part = np.ascontiguousarray(cotangents[again])
-            _replace_rows(found, again, self._reverse(_chosen(rows, again), part, full=True))
+            part = self._reverse(_chosen(rows, again), cotangents[again], full=True)
+            found.x_next[again], found.failed[again] = part.x_next, part.failed
+            for key, gradient in gradients.items():
+                gradient[again] = part.gradients[key]
         return found
 
-    def _run(self, rows: Rows, request: Request, *, full: bool) -> tuple[FloatArray, FloatArray]:
-        library = self._library(()) if full else self._usual
+    def _run(self, rows: Rows, request: Request, *, full: bool) -> tuple[FloatArray, Status]:
+        if full and self._full is None:
+            self._full = self._library(())
+        library = self._full if full and self._full is not None else self._usual
         return library.run(self._stepper.settings, rows, request)
 
     def _step(self, rows: Rows, out: FloatArray) -> None:
@@ -150,11 +159,5 @@ class CompiledDifferentiator:
         return _load(build(stepper.variant, model_traits(zeros), stepper.width, sensitivities=True).path)
 
 
-def _chosen(rows: Rows, which: np.ndarray) -> Rows:
-    p = rows.p if len(rows.p) == 1 else rows.p[which]
-    return Rows(rows.x[which], rows.u[which], rows.d[which], np.ascontiguousarray(p))
-
-
-def _replace_rows(whole: Forward | Reverse, which: np.ndarray, part: Forward | Reverse) -> None:
-    for ours, theirs in zip(whole, part, strict=True):
-        ours[which] = theirs
+def _chosen(rows: Rows, which: NDArray[np.intp]) -> Rows:
+    return Rows(rows.x[which], rows.u[which], rows.d[which], rows.p if len(rows.p) == 1 else rows.p[which])

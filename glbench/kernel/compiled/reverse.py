@@ -1,14 +1,14 @@
 """Reverse differentiation of the graph: adjoints of all inputs from adjoints of the outputs, in one sweep.
 
 The gradient of one number with respect to 224 inputs costs about three times the number itself. Used for what a control step
-computes once from parameters, controls and weather; see docs/sensitivities.md.
+computes once from parameters, controls and weather; see docs/sensitivities.md. Roots and powers are guarded as in derivative.py.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from glbench.kernel.compiled.derivative import slope_of_cosine, slope_of_exponent
+from glbench.kernel.compiled.derivative import slope_of_cosine, slope_of_exponent, slope_of_power, slope_of_root
 from glbench.kernel.compiled.graph import CONDITIONS, Graph
 
 Parts = list[tuple[int, int]]  # (argument, what the result's adjoint adds to the argument's)
@@ -67,11 +67,8 @@ class _Reverse:
     def _args(self, number: int) -> tuple[int, ...]:
         return self.graph.nodes[number].args
 
-    def _times(self, *factors: int) -> int:
-        product = factors[0]
-        for factor in factors[1:]:
-            product = self.graph.make("mul", product, factor)
-        return product
+    def _times(self, a: int, b: int) -> int:
+        return self.graph.make("mul", a, b)
 
     # -- rules: result and its adjoint -> parts ----------------------------------------------------------------------
     def _add(self, number: int, g: int) -> Parts:
@@ -100,14 +97,11 @@ class _Reverse:
         return [(a, self._times(g, self.graph.make("inv", a)))]
 
     def _sqrt(self, number: int, g: int) -> Parts:
-        (a,) = self._args(number)
-        half = self._times(self.graph.constant(0.5), number)
-        return [(a, self._times(g, half, self.graph.make("inv", a)))]
+        return [(self._args(number)[0], self._times(g, slope_of_root(self.graph, number, guarded=True)))]
 
     def _pow(self, number: int, g: int) -> Parts:
         base, exponent = self._args(number)
-        by_base = self._times(self._times(exponent, number), self.graph.make("inv", base))
-        parts = [(base, self._times(g, by_base))]
+        parts = [(base, self._times(g, slope_of_power(self.graph, number, guarded=True)))]
         if not self.graph.is_constant(exponent):
             parts.append((exponent, self._times(g, slope_of_exponent(self.graph, number))))
         return parts

@@ -25,10 +25,13 @@ from glbench.kernel.compiled.reverse import reverse
 
 Entries = list[tuple[int, int]]
 
-_IN_LANES = """
+_HELPERS = """
 template <class V, class A> GLB_INLINE V in_lanes(A a) {
     if constexpr (width_of<A> == 1) return broadcast<V>(a);
     else return a;
+}
+template <class V, int... I> GLB_INLINE void add_multiples(const double* m, V v, V* a, std::integer_sequence<int, I...>) {
+    ((a[I] = fma<V>(broadcast<V>(m[I]), v, a[I])), ...);
 }
 """
 
@@ -44,7 +47,7 @@ def generate_sensitivities(function: Any, traits: Traits | None = None) -> str:
     parts = [
         '#pragma once\n#include "model.hpp"\n#define K(a) broadcast<V>(a)\nnamespace glb {\nnamespace model {\n',
         f"constexpr int PARAMETERS = {int(function.numel_in(3))};\nconstexpr int INPUTS = {len(inputs)};\n",
-        _IN_LANES,
+        _HELPERS,
         _rates_text(model, slopes, inputs),
         _inputs_text(model, inputs, function),
         lu.solve_directions_text(model.plan),
@@ -58,8 +61,8 @@ def generate_sensitivities(function: Any, traits: Traits | None = None) -> str:
 def _rates_text(model: Structure, slopes: list[int], inputs: list[int]) -> str:
     own = model.own
     graph, rates = _cut(model.graph, slopes, inputs)
-    by_state = derivative.jacobian(graph, rates, "x")
-    by_input = derivative.jacobian(graph, rates, "c")
+    by_state = derivative.jacobian(graph, rates, "x", guarded=True)
+    by_input = derivative.jacobian(graph, rates, "c", guarded=True)
     state_nodes = [node for row in by_state for node in row.values()]
     input_nodes = [node for row in by_input for node in row.values()]
     state_entries = [(i, own[j]) for i, row in enumerate(by_state) for j in row]
@@ -83,7 +86,8 @@ def _rates_text(model: Structure, slopes: list[int], inputs: list[int]) -> str:
 
     states, count = len(state_nodes), len(input_nodes)
     derivatives = _targets("by_state", first[:states]) | _targets("by_input", first[states:])
-    curvature = _targets("bend", second[: len(bent)]) | _targets("by_input", second[len(bent) :])
+    curvature = _targets("bend", second[: len(bent)])
+    curvature |= {f"by_input[{k}] = by_input[{k}] +": node for k, node in enumerate(second[len(bent) :])}
     heads = (
         "void stored_inputs(const V* c, V* s)",
         "void derivatives(const V* x, const V* s, V* by_state, V* by_input)",
@@ -96,12 +100,10 @@ def _rates_text(model: Structure, slopes: list[int], inputs: list[int]) -> str:
         _function_text(heads[1], graph, name, derivatives),
         _function_text(heads[2], graph, name, curvature),
     ]
-    for label, entries in (
-        ("state", state_entries),
-        ("input", input_entries),
-        ("bend", [state_entries[k] for k in bent]),
-    ):
+    patterns = {"state": state_entries, "input": input_entries, "bend": [state_entries[k] for k in bent]}
+    for label, entries in patterns.items():
         parts += [_product_text(label, entries), _product_text(f"{label}_transposed", [(j, i) for i, j in entries])]
+    parts += [_products_text(label, patterns[label]) for label in ("bend", "input")]
     return "".join(parts)
 
 
@@ -137,6 +139,20 @@ def _product_text(label: str, entries: Entries) -> str:
     return f"{head} {{\n    {body}\n}}\n"
 
 
+def _products_text(label: str, entries: Entries) -> str:
+    """C++ function that adds M_i v to ``sum[i]`` for ``Count`` matrices in the lanes of M; the vector has lanes of its own."""
+    lines = ["constexpr auto all = std::make_integer_sequence<int, Count>{};"]
+    for row in sorted({i for i, _ in entries}):
+        terms = [(e, j) for e, (i, j) in enumerate(entries) if i == row]
+        steps = [f"add_multiples<V>(m + {e} * Stride, v[{j}], a, all);" for e, j in terms]
+        before, after = f"a[i] = sum[i][{row}];", f"sum[i][{row}] = a[i];"
+        loop = "for (int i = 0; i < Count; ++i)"
+        lines.append(f"{{ V a[Count]; {loop} {before} {' '.join(steps)} {loop} {after} }}")
+    body = "\n    ".join(lines)
+    head = f"template <int Stride, int Count, class V, class S> void add_{label}_products(const double* m, const V* v, S* sum)"
+    return f"{head} {{\n    {body}\n}}\n"
+
+
 # -- inputs as a function of p, u and d ----------------------------------------------------------------------------------
 def _inputs_text(model: Structure, inputs: list[int], function: Any) -> str:
     graph = model.graph
@@ -161,9 +177,7 @@ def _inputs_text(model: Structure, inputs: list[int], function: Any) -> str:
     targets = {f"{source}b[{index}]": node for (source, index), node in zip(places, backward, strict=True)}
     return "".join(
         [
-            _function_text(
-                f"void inputs({point}, V* c)", graph, name, _targets("c", values[:split])
-            ),
+            _function_text(f"void inputs({point}, V* c)", graph, name, _targets("c", values[:split])),
             _function_text(
                 f"void inputs_forward({point}, const V* dp, const V* du, const V* dd, V* dc, V* drate)",
                 graph,
@@ -193,10 +207,13 @@ def _named(only: str, graph: Graph) -> Callable[[int], str | None]:
 
 
 def _function_text(head: str, graph: Graph, name: Callable[[int], str | None], stores: Mapping[str, int]) -> str:
-    """A function that stores every value as soon as it is there: hundreds of results do not fit the registers."""
+    """A function that stores every value as soon as it is there: hundreds of results do not fit the registers.
+
+    A target that ends in "+" is the beginning of an assignment that adds the value.
+    """
     emitter = Emitter(graph, list(stores.values()), name)
     for target, number in stores.items():
         value = emitter.value(number)
-        emitter.lines.append(f"{target} = {value};")
+        emitter.lines.append(f"{target} {value};" if target.endswith("+") else f"{target} = {value};")
     body = "\n    ".join(emitter.lines)
     return f"template <class V> {head} {{\n    {body}\n}}\n"

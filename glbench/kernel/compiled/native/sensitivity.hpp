@@ -38,56 +38,102 @@ template <class V> struct alignas(64) Matrices {
 
 template <class V> GLB_INLINE void put(V& a, int lane, double value) { reinterpret_cast<double*>(&a)[lane] = value; }
 
-// Points of the stages: Y_0 = x, Y_i = x + sum_j a_ij k_j, Y_5 = Y_4 + k_4.
-inline void stage_points(const Taken& taken, double (&y)[STAGES][PADDED]) {
-    for (int n = 0; n < PADDED; ++n) y[0][n] = taken.x[n];
-    for (int i = 1; i < STAGES - 1; ++i)
-        for (int n = 0; n < PADDED; ++n) {
-            double point = taken.x[n];
-            for (int j = 0; j < i; ++j) point = __builtin_fma(STAGE[i - 1][j], taken.k[j][n], point);
-            y[i][n] = point;
-        }
-    for (int n = 0; n < PADDED; ++n) y[STAGES - 1][n] = y[STAGES - 2][n] + taken.k[STAGES - 2][n];
+// Coefficient of increment j in the points of a group's stages: Y_i = x + sum_j a_ij k_j; lanes beyond the last stage repeat it.
+template <class V> V stage_coefficients(int group, int j) {
+    V a = broadcast<V>(0.0);
+    for (int lane = 0; lane < width_of<V>; ++lane) {
+        const int wanted = group * width_of<V> + lane, i = wanted < STAGES ? wanted : STAGES - 1;
+        if (j < i) put(a, lane, STAGE[i - 1][j]);
+    }
+    return a;
 }
 
 // `stored` are the values of model::stored_inputs, the same in every lane.
 template <class V> void compute_matrices(const Taken& taken, const V* stored, Matrices<V>& matrices) {
-    alignas(64) double y[STAGES][PADDED];
-    stage_points(taken, y);
-    V point[N], start[N], direction[N], bent[model::INPUT_ENTRIES];
+    V point[N], start[N], direction[N];
     for (int n = 0; n < N; ++n) start[n] = broadcast<V>(taken.x[n]);
     for (int g = 0; g < Matrices<V>::GROUPS; ++g) {
-        for (int lane = 0; lane < width_of<V>; ++lane) {
-            const int wanted = g * width_of<V> + lane, i = wanted < STAGES ? wanted : STAGES - 1;
-            for (int n = 0; n < N; ++n) put(point[n], lane, y[i][n]), put(direction[n], lane, taken.k[i][n]);
+        V a[STAGES - 1];
+        for (int j = 0; j < STAGES - 1; ++j) a[j] = stage_coefficients<V>(g, j);
+        for (int n = 0; n < N; ++n) {
+            point[n] = start[n];
+            for (int j = 0; j < STAGES - 1; ++j) point[n] = fma<V>(a[j], broadcast<V>(taken.k[j][n]), point[n]);
+            for (int lane = 0; lane < width_of<V>; ++lane) {
+                const int i = g * width_of<V> + lane;
+                put(direction[n], lane, taken.k[i < STAGES ? i : STAGES - 1][n]);
+            }
         }
         model::derivatives<V>(point, stored, matrices.state[g], matrices.input[g]);
-        model::curvature<V>(start, direction, stored, matrices.bend[g], bent);
-        for (int e = 0; e < model::INPUT_ENTRIES; ++e) matrices.input[g][e] = matrices.input[g][e] + bent[e];
+        model::curvature<V>(start, direction, stored, matrices.bend[g], matrices.input[g]);
     }
+}
+
+// Room for one value of each moving state; single values in whole vectors, so that loops over states use them.
+template <class D> constexpr int ROOM = width_of<D> == 1 ? PADDED : N;
+template <class D> using States = D[ROOM<D>];
+
+// What dx and dc add to the right-hand sides of the first `Count` stages of a group, directions in lanes.
+template <int Count, int W, class D, class V>
+GLB_INLINE void add_products(const Matrices<V>& matrices, int group, const D* dc, const D* dx, States<D>* sum) {
+    const int first = group * W;
+    for (int i = 0; i < Count; ++i)
+        for (int n = 0; n < N; ++n) sum[first + i][n] = broadcast<D>(0.0);
+    model::add_bend_products<W, Count>(matrices.bend_of(first), dx, sum + first);
+    if (dc != nullptr) model::add_input_products<W, Count>(matrices.input_of(first), dc, sum + first);
+}
+
+// What dx and dc add to the right-hand sides of all stages.
+template <class D, class V>
+GLB_INLINE void add_start_and_inputs(const Matrices<V>& matrices, const D* dc, const D* dx, States<D>* sum) {
+    constexpr int W = width_of<V>;
+    if constexpr (width_of<D> == 1 && W > 1) {  // one direction: the stages in lanes
+        for (int g = 0; g < Matrices<V>::GROUPS; ++g) {
+            V sums[N];
+            for (int n = 0; n < N; ++n) sums[n] = broadcast<V>(0.0);
+            model::add_bend_product<1>(matrices.bend[g], dx, sums);
+            if (dc != nullptr) model::add_input_product<1>(matrices.input[g], dc, sums);
+            for (int lane = 0; lane < W && g * W + lane < STAGES; ++lane)
+                for (int n = 0; n < N; ++n) sum[g * W + lane][n] = element(sums[n], lane);
+        }
+    } else {
+        for (int g = 0; g < STAGES / W; ++g) add_products<W, W>(matrices, g, dc, dx, sum);
+        if constexpr (STAGES % W != 0) add_products<STAGES % W, W>(matrices, STAGES / W, dc, dx, sum);
+    }
+}
+
+// Stage S of the directions: dk[S] from those before it. `dy` is kept from stage to stage.
+template <int S, class D, class V, int... J>
+GLB_INLINE void forward_stage(const Taken& taken, const Matrices<V>& matrices, double inverse_h, const D* dx, D* sum, D* dy,
+                              States<D>* dk, std::integer_sequence<int, J...>) {
+    for (int n = 0; n < ROOM<D>; ++n) {
+        if constexpr (S == STAGES - 1) {
+            dy[n] = dy[n] + dk[S - 1][n];
+        } else {
+            D point = dx[n];
+            ((point = fma<D>(broadcast<D>(STAGE[S - 1][J]), dk[J][n], point)), ...);
+            dy[n] = point;
+        }
+        D total = sum[n];
+        ((total = fma<D>(broadcast<D>(COUPLING[S - 1][J] * inverse_h), dk[J][n], total)), ...);
+        sum[n] = total;
+    }
+    model::add_state_product<width_of<V>>(matrices.state_of(S), dy, sum);
+    model::solve_directions<D>(taken.factors, sum, dk[S]);
 }
 
 // Directions in the lanes of D: dx of the substep's start becomes that of its end. `dc` may be null: inputs held.
 template <class D, class V> void forward_substep(const Taken& taken, const Matrices<V>& matrices, const D* dc, D* dx) {
-    constexpr int W = width_of<V>;
     const double inverse_h = 1.0 / taken.h;
-    D dk[STAGES][N], dy[N], sum[N];
-    for (int i = 0; i < STAGES; ++i) {
-        for (int n = 0; n < N; ++n) sum[n] = broadcast<D>(0.0);
-        model::add_bend_product<W>(matrices.bend_of(i), dx, sum);
-        if (dc != nullptr) model::add_input_product<W>(matrices.input_of(i), dc, sum);
-        for (int n = 0; n < N; ++n) {
-            D point = i == STAGES - 1 ? dy[n] + dk[STAGES - 2][n] : dx[n];
-            for (int j = 0; j < i; ++j) {
-                if (i < STAGES - 1) point = fma<D>(broadcast<D>(STAGE[i - 1][j]), dk[j][n], point);
-                sum[n] = fma<D>(broadcast<D>(COUPLING[i - 1][j] * inverse_h), dk[j][n], sum[n]);
-            }
-            dy[n] = point;
-        }
-        model::add_state_product<W>(matrices.state_of(i), dy, sum);
-        model::solve_directions<D>(taken.factors, sum, dk[i]);
-    }
-    for (int n = 0; n < N; ++n) dx[n] = dy[n] + dk[STAGES - 1][n];
+    alignas(64) States<D> dk[STAGES] = {}, sum[STAGES] = {}, dy;
+    add_start_and_inputs<D, V>(matrices, dc, dx, sum);
+    model::add_state_product<width_of<V>>(matrices.state_of(0), dx, sum[0]);
+    model::solve_directions<D>(taken.factors, sum[0], dk[0]);
+    forward_stage<1, D>(taken, matrices, inverse_h, dx, sum[1], dy, dk, std::make_integer_sequence<int, 1>{});
+    forward_stage<2, D>(taken, matrices, inverse_h, dx, sum[2], dy, dk, std::make_integer_sequence<int, 2>{});
+    forward_stage<3, D>(taken, matrices, inverse_h, dx, sum[3], dy, dk, std::make_integer_sequence<int, 3>{});
+    forward_stage<4, D>(taken, matrices, inverse_h, dx, sum[4], dy, dk, std::make_integer_sequence<int, 4>{});
+    forward_stage<5, D>(taken, matrices, inverse_h, dx, sum[5], dy, dk, std::make_integer_sequence<int, 5>{});
+    for (int n = 0; n < ROOM<D>; ++n) dx[n] = dy[n] + dk[STAGES - 1][n];
 }
 
 // One cotangent: xb of the substep's end becomes that of its start; what the inputs get is added to cb, by stages.
@@ -95,23 +141,23 @@ template <class V>
 void reverse_substep(const Taken& taken, const Matrices<V>& matrices, double* xb, V (*cb)[model::INPUTS]) {
     constexpr int W = width_of<V>, G = Matrices<V>::GROUPS;
     const double inverse_h = 1.0 / taken.h;
-    double kb[STAGES][N], yb[N], s[N], start[N];
+    alignas(64) double kb[STAGES][PADDED] = {}, yb[PADDED], s[PADDED] = {}, start[PADDED] = {};
     V seeds[G][N];
     std::memset(static_cast<void*>(seeds), 0, sizeof seeds);
-    std::memset(kb, 0, sizeof kb);
-    for (int n = 0; n < N; ++n) kb[STAGES - 1][n] = xb[n], start[n] = 0.0;
+    for (int n = 0; n < N; ++n) kb[STAGES - 1][n] = xb[n];
     for (int i = STAGES - 1; i >= 0; --i) {
         model::solve_transposed<double>(taken.factors, kb[i], s);
+        for (int n = 0; n < PADDED; ++n) yb[n] = 0.0;
         for (int n = 0; n < N; ++n) {
             put(seeds[i / W][n], i % W, s[n]);
-            yb[n] = i == STAGES - 1 ? xb[n] : 0.0;
+            if (i == STAGES - 1) yb[n] = xb[n];
         }
         model::add_state_transposed_product<W>(matrices.state_of(i), s, yb);
         for (int j = 0; j < i; ++j) {
             const double a = STAGE[i - 1][j], c = COUPLING[i - 1][j] * inverse_h;
-            for (int n = 0; n < N; ++n) kb[j][n] = __builtin_fma(a, yb[n], __builtin_fma(c, s[n], kb[j][n]));
+            for (int n = 0; n < PADDED; ++n) kb[j][n] = __builtin_fma(a, yb[n], __builtin_fma(c, s[n], kb[j][n]));
         }
-        for (int n = 0; n < N; ++n) start[n] = start[n] + yb[n];
+        for (int n = 0; n < PADDED; ++n) start[n] = start[n] + yb[n];
     }
     for (int g = 0; g < G; ++g) {
         V bent[N];

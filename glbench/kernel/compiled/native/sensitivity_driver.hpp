@@ -44,20 +44,107 @@ struct Recorder {
     }
 };
 
-template <class V> class Differentiator {
+// Directions of one row, in chunks of the lanes of D.
+template <class D> class Tangents {
+  public:
+    Tangents(const Settings& settings, const Request& request)
+        : settings_(settings), request_(request), chunks_((request.directions + W - 1) / W), dx_(chunks_ * ROOM<D>),
+          dc_(chunks_ * model::INPUTS), drate_(chunks_ * RATES), inputs_move_(chunks_) {}
+
+    void start(int64_t row, const double* p, const double* u, const double* d) {
+        row_ = row;
+        for (int64_t chunk = 0; chunk < chunks_; ++chunk) {
+            for (int n = 0; n < N; ++n)
+                dx_[chunk * ROOM<D> + n] = direction(request_.dx, chunk, model::STATES, model::MOVING_STATE[n]);
+            start_inputs(chunk, p, u, d);
+        }
+    }
+
+    template <class V> void substep(const Taken& taken, const Matrices<V>& matrices) {
+        for (int64_t chunk = 0; chunk < chunks_; ++chunk)
+            forward_substep<D, V>(taken, matrices, inputs_move_[chunk] ? &dc_[chunk * model::INPUTS] : nullptr,
+                                  &dx_[chunk * ROOM<D>]);
+    }
+
+    void finish() const {
+        for (int64_t chunk = 0; chunk < chunks_; ++chunk) {
+            for (int n = 0; n < N; ++n) give(chunk, model::MOVING_STATE[n], dx_[chunk * ROOM<D> + n]);
+            for (int i = 0; i < model::CLOCKS; ++i) {
+                const int state = model::CLOCK_STATE[i];
+                const D before = direction(request_.dx, chunk, model::STATES, state);
+                give(chunk, state, fma<D>(broadcast<D>(settings_.step), drate_[chunk * RATES + i], before));
+            }
+        }
+    }
+
+  private:
+    static constexpr int W = width_of<D>, RATES = model::CLOCKS + 1;
+
+    const Settings& settings_;
+    const Request& request_;
+    int64_t row_ = 0, chunks_;
+    std::vector<D> dx_, dc_, drate_;
+    std::vector<char> inputs_move_;
+
+    int lanes(int64_t chunk) const {
+        const int64_t left = request_.directions - chunk * W;
+        return left < W ? static_cast<int>(left) : W;
+    }
+
+    // Element `index` of the chunk's directions in one input; lanes without a direction are zero.
+    D direction(const double* seeds, int64_t chunk, int size, int index) const {
+        D value = broadcast<D>(0.0);
+        if (seeds == nullptr) return value;
+        const double* first = seeds + (row_ * request_.stride * request_.directions + chunk * W) * size;
+        for (int lane = 0; lane < lanes(chunk); ++lane) put(value, lane, first[lane * size + index]);
+        return value;
+    }
+
+    // All directions of the chunk in one input; says whether any is not zero.
+    bool read(const double* seeds, int64_t chunk, int size, D* values) const {
+        bool moves = false;
+        for (int i = 0; i < size; ++i) {
+            values[i] = direction(seeds, chunk, size, i);
+            for (int lane = 0; lane < W; ++lane) moves |= element(values[i], lane) != 0.0;
+        }
+        return moves;
+    }
+
+    void start_inputs(int64_t chunk, const double* p, const double* u, const double* d) {
+        D dp[model::PARAMETERS], du[model::CONTROLS], dd[model::DISTURBANCES];
+        bool moves = read(request_.dp, chunk, model::PARAMETERS, dp);
+        moves |= read(request_.du, chunk, model::CONTROLS, du);
+        moves |= read(request_.dd, chunk, model::DISTURBANCES, dd);
+        inputs_move_[chunk] = moves;
+        for (int i = 0; i < model::CLOCKS; ++i) drate_[chunk * RATES + i] = broadcast<D>(0.0);
+        if (!moves) return;
+        D at_p[model::PARAMETERS], at_u[model::CONTROLS], at_d[model::DISTURBANCES];
+        for (int i = 0; i < model::PARAMETERS; ++i) at_p[i] = broadcast<D>(p[i]);
+        for (int i = 0; i < model::CONTROLS; ++i) at_u[i] = broadcast<D>(u[i]);
+        for (int i = 0; i < model::DISTURBANCES; ++i) at_d[i] = broadcast<D>(d[i]);
+        model::inputs_forward<D>(at_p, at_u, at_d, dp, du, dd, &dc_[chunk * model::INPUTS], &drate_[chunk * RATES]);
+    }
+
+    void give(int64_t chunk, int state, D value) const {
+        double* first = request_.tangents + (row_ * request_.directions + chunk * W) * model::STATES;
+        for (int lane = 0; lane < lanes(chunk); ++lane) first[lane * model::STATES + state] = element(value, lane);
+    }
+};
+
+// `V`: lanes of the stages; `D`: lanes of the directions.
+template <class V, class D> class Differentiator {
   public:
     Differentiator(const Settings& settings, const Rows& rows, const Request& request)
-        : settings_(settings), rows_(rows), request_(request), dx_(chunks() * N), dc_(chunks() * model::INPUTS),
-          drate_(chunks() * (model::CLOCKS + 1)) {}
+        : settings_(settings), rows_(rows), request_(request), tangents_(settings, request) {}
 
     void row(int64_t row) {
         const double *p = rows_.p + row * rows_.p_stride, *u = rows_.u + row * model::CONTROLS;
         const double* d = rows_.d + row * model::DISTURBANCES;
-        alignas(64) double c[model::INPUTS], s[model::STORED_INPUTS];
+        double c[model::INPUTS], s[model::STORED_INPUTS];
         model::inputs<double>(p, u, d, c);
         model::stored_inputs<double>(c, s);
         for (int i = 0; i < model::STORED_INPUTS; ++i) stored_[i] = broadcast<V>(s[i]);
-        for (int64_t chunk = 0; chunk < chunks(); ++chunk) seed(row, chunk, p, u, d);
+        tangents_.start(row, p, u, d);
         taken_.clear();
         const Rows one = {1, rows_.x + row * model::STATES, u, d, p, 0, rows_.out + row * model::STATES, rows_.status + row,
                           rows_.substeps + row, rows_.reached + row, 0};
@@ -65,12 +152,11 @@ template <class V> class Differentiator {
             if (request_.cotangents != nullptr) taken_.push_back(taken);
             if (request_.directions > 0) {
                 compute_matrices<V>(taken, stored_, matrices_);
-                for (int64_t chunk = 0; chunk < chunks(); ++chunk)
-                    forward_substep<V, V>(taken, matrices_, of_inputs(chunk), dx_.data() + chunk * N);
+                tangents_.substep(taken, matrices_);
             }
         });
         if (!stepped) return;
-        for (int64_t chunk = 0; chunk < chunks(); ++chunk) give_tangents(row, chunk);
+        tangents_.finish();
         if (request_.cotangents != nullptr) reverse(row, p, u, d);
     }
 
@@ -82,54 +168,8 @@ template <class V> class Differentiator {
     const Request& request_;
     V stored_[model::STORED_INPUTS];
     Matrices<V> matrices_;
-    std::vector<V> dx_, dc_, drate_;  // of each chunk of W directions
+    Tangents<D> tangents_;
     std::vector<Taken> taken_;
-
-    int64_t chunks() const { return (request_.directions + W - 1) / W; }
-    bool inputs_move() const { return request_.du != nullptr || request_.dd != nullptr || request_.dp != nullptr; }
-    const V* of_inputs(int64_t chunk) const { return inputs_move() ? dc_.data() + chunk * model::INPUTS : nullptr; }
-
-    // Element `index` of the chunk's directions; lanes without a direction are zero.
-    V direction(const double* seeds, int64_t row, int64_t chunk, int size, int index) const {
-        V value = broadcast<V>(0.0);
-        if (seeds == nullptr) return value;
-        for (int lane = 0; lane < W && chunk * W + lane < request_.directions; ++lane) {
-            const int64_t which = row * request_.stride * request_.directions + chunk * W + lane;
-            put(value, lane, seeds[which * size + index]);
-        }
-        return value;
-    }
-
-    void seed(int64_t row, int64_t chunk, const double* p, const double* u, const double* d) {
-        for (int n = 0; n < N; ++n)
-            dx_[chunk * N + n] = direction(request_.dx, row, chunk, model::STATES, model::MOVING_STATE[n]);
-        for (int i = 0; i < model::CLOCKS; ++i) drate_[chunk * (model::CLOCKS + 1) + i] = broadcast<V>(0.0);
-        if (!inputs_move()) return;
-        V point_p[model::PARAMETERS], point_u[model::CONTROLS], point_d[model::DISTURBANCES];
-        V dp[model::PARAMETERS], du[model::CONTROLS], dd[model::DISTURBANCES];
-        for (int i = 0; i < model::PARAMETERS; ++i)
-            point_p[i] = broadcast<V>(p[i]), dp[i] = direction(request_.dp, row, chunk, model::PARAMETERS, i);
-        for (int i = 0; i < model::CONTROLS; ++i)
-            point_u[i] = broadcast<V>(u[i]), du[i] = direction(request_.du, row, chunk, model::CONTROLS, i);
-        for (int i = 0; i < model::DISTURBANCES; ++i)
-            point_d[i] = broadcast<V>(d[i]), dd[i] = direction(request_.dd, row, chunk, model::DISTURBANCES, i);
-        model::inputs_forward<V>(point_p, point_u, point_d, dp, du, dd, dc_.data() + chunk * model::INPUTS,
-                                 drate_.data() + chunk * (model::CLOCKS + 1));
-    }
-
-    void give_tangents(int64_t row, int64_t chunk) {
-        for (int lane = 0; lane < W && chunk * W + lane < request_.directions; ++lane) {
-            double* out = request_.tangents + (row * request_.directions + chunk * W + lane) * model::STATES;
-            for (int n = 0; n < N; ++n) out[model::MOVING_STATE[n]] = element(dx_[chunk * N + n], lane);
-        }
-        for (int i = 0; i < model::CLOCKS; ++i) {
-            const int state = model::CLOCK_STATE[i];
-            const V rate = drate_[chunk * (model::CLOCKS + 1) + i];
-            const V end = fma<V>(broadcast<V>(settings_.step), rate, direction(request_.dx, row, chunk, model::STATES, state));
-            for (int lane = 0; lane < W && chunk * W + lane < request_.directions; ++lane)
-                request_.tangents[(row * request_.directions + chunk * W + lane) * model::STATES + state] = element(end, lane);
-        }
-    }
 
     void reverse(int64_t row, const double* p, const double* u, const double* d) {
         const double* cotangent = request_.cotangents + row * model::STATES;
@@ -156,26 +196,29 @@ template <class V> class Differentiator {
     }
 };
 
-}  // namespace glb
-
-// Takes rows from `next` until none is left; what a thread that runs out of memory did not do is marked in `short_of_memory`.
-static void differentiate_rows(const glb::Settings& settings, const glb::Rows& rows, const glb::Request& request,
-                               std::atomic<int64_t>& next, std::atomic<bool>& short_of_memory) {
-    try {
-        const auto worker = std::make_unique<glb::Differentiator<BatchLanes>>(settings, rows, request);
-        for (int64_t row = next.fetch_add(1); row < rows.n; row = next.fetch_add(1)) worker->row(row);
-    } catch (const std::bad_alloc&) {
-        short_of_memory = true;
-    }
+// Takes rows from `next` until none is left.
+template <class D> void differentiate_rows(const Settings& settings, const Rows& rows, const Request& request,
+                                           std::atomic<int64_t>& next) {
+    const auto worker = std::make_unique<Differentiator<BatchLanes, D>>(settings, rows, request);
+    for (int64_t row = next.fetch_add(1); row < rows.n; row = next.fetch_add(1)) worker->row(row);
 }
+
+}  // namespace glb
 
 // Returns 0, or 1 when there was not enough memory; then nothing of the result is to be used.
 extern "C" int32_t glb_differentiate(const glb::Settings* settings, glb::Rows* rows, const glb::Request* request) {
     std::atomic<int64_t> next{0};
     std::atomic<bool> short_of_memory{false};
+    const auto work = [&] {
+        try {
+            if (request->directions > 1) glb::differentiate_rows<BatchLanes>(*settings, *rows, *request, next);
+            else glb::differentiate_rows<double>(*settings, *rows, *request, next);
+        } catch (const std::bad_alloc&) {
+            short_of_memory = true;
+        }
+    };
     const int64_t threads = settings->threads < rows->n ? settings->threads : rows->n;
     std::vector<std::thread> others;
-    const auto work = [&] { differentiate_rows(*settings, *rows, *request, next, short_of_memory); };
     try {
         for (int64_t k = 1; k < threads; ++k) others.emplace_back(work);
     } catch (const std::system_error&) {  // no more threads to be had: those that run take the rows
