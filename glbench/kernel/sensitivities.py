@@ -269,9 +269,10 @@ class Differentiable(ABC):
         """Raise StepError for rows that failed, or whose derivatives are not finite."""
         if failed.any():
             self._refuse(rows)
-        bad = [~np.isfinite(a).reshape(len(a), -1).all(axis=1) for a in derivatives]
-        if any(table.any() for table in bad):
-            row = int(np.flatnonzero(np.logical_or.reduce(bad))[0])
+        bad = [~np.isfinite(table).all(axis=tuple(range(1, table.ndim))) for table in derivatives]
+        rows_without = np.flatnonzero(np.logical_or.reduce(bad))
+        if rows_without.size:
+            row = int(rows_without[0])
             msg = (
                 f"The step of {self.step_seconds:g} s from row {row} of {len(rows.x)} has no finite derivative: an input lies "
                 "where the model is not differentiable (a root at zero). Move it by a millionth of its size."

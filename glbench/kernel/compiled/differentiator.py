@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-import functools
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -77,7 +77,7 @@ class SensitivityLibrary:
         return out, status
 
 
-@functools.cache
+@cache
 def _load(path: str) -> SensitivityLibrary:
     return SensitivityLibrary(path)
 
@@ -85,8 +85,8 @@ def _load(path: str) -> SensitivityLibrary:
 class CompiledDifferentiator:
     """Forward and reverse derivatives of the steps of a ``CompiledStepper``, with its settings.
 
-    Rows with equipment that the usual library leaves out, and derivatives with respect to its parameters, are left to the library
-    of the full model.
+    The usual library knows no equipment that the benchmark's greenhouse lacks. Rows that have such are left to the library of the
+    full model; so are derivatives with respect to its parameters, which add to the others because derivatives are linear.
 
     Raises
     ------
@@ -96,63 +96,72 @@ class CompiledDifferentiator:
 
     def __init__(self, stepper: CompiledStepper) -> None:
         self._stepper = stepper
-        self._absent = list(absent_equipment())
-        self._usual = self._library(tuple(self._absent))
-        self._full: SensitivityLibrary | None = None
+        self._absent = np.array(absent_equipment(), dtype=np.intp)
+        self._usual = self._library(absent_equipment())
 
     def forward(self, rows: Rows, directions: Directions) -> Forward:
         """Step and differentiate along directions."""
-        absent_moves = "p" in directions.seeds and bool(directions.seeds["p"][..., self._absent].any())
-        found = self._forward(rows, directions, full=absent_moves)
-        if absent_moves:
-            self._step(rows, found.x_next)
+        found, status = self._forward(rows, directions, self._usual)
+        again = np.flatnonzero(status // 64 == Failure.EQUIPMENT_PRESENT)
+        if again.size:
+            part, _ = self._forward(_chosen(rows, again), directions.of_rows(again), self._full)
+            for ours, theirs in zip(found, part, strict=True):
+                ours[again] = theirs
+        absent = self._absent_part(directions)
+        others = np.flatnonzero(status == 0)
+        if absent is not None and others.size:
+            part, _ = self._forward(_chosen(rows, others), absent.of_rows(others), self._full)
+            found.tangents[others] += part.tangents
+            found.failed[others] |= part.failed
         return found
 
     def reverse(self, rows: Rows, cotangents: FloatArray, *, parameters: bool) -> Reverse:
         """Step and pull cotangents (n, 28) back."""
-        found = self._reverse(rows, cotangents, full=parameters)
-        if parameters:
-            self._step(rows, found.x_next)
-        else:
-            del found.gradients["p"]
+        found, status = self._reverse(rows, cotangents, self._usual)
+        gradients = found.gradients
+        again = np.flatnonzero(status // 64 == Failure.EQUIPMENT_PRESENT)
+        if again.size:
+            part, _ = self._reverse(_chosen(rows, again), cotangents[again], self._full)
+            found.x_next[again], found.failed[again] = part.x_next, part.failed
+            for key, gradient in gradients.items():
+                gradient[again] = part.gradients[key]
+        if not parameters:
+            del gradients["p"]
+            return found
+        others = np.flatnonzero(status == 0)
+        if others.size:
+            part, _ = self._reverse(_chosen(rows, others), cotangents[others], self._full)
+            gradients["p"][np.ix_(others, self._absent)] = part.gradients["p"][:, self._absent]
+            found.failed[others] |= part.failed
         return found
 
-    def _forward(self, rows: Rows, directions: Directions, *, full: bool) -> Forward:
+    def _forward(self, rows: Rows, directions: Directions, library: SensitivityLibrary) -> tuple[Forward, Status]:
         tangents = np.zeros((len(rows.x), directions.count, SIZES["x"]))
         request = Request(directions=directions.count, stride=int(not directions.shared), tangents=tangents.ctypes.data)
         for key, seeds in directions.seeds.items():
             setattr(request, f"d{key}", seeds.ctypes.data)
-        x_next, status = self._run(rows, request, full=full)
-        found = Forward(x_next, tangents, status != 0)
-        again = np.flatnonzero(status // 64 == Failure.EQUIPMENT_PRESENT)
-        if again.size:
-            part = self._forward(_chosen(rows, again), directions.of_rows(again), full=True)
-            for ours, theirs in zip(found, part, strict=True):
-                ours[again] = theirs
-        return found
+        x_next, status = library.run(self._stepper.settings, rows, request)
+        return Forward(x_next, tangents, status != 0), status
 
-    def _reverse(self, rows: Rows, cotangents: FloatArray, *, full: bool) -> Reverse:
+    def _reverse(self, rows: Rows, cotangents: FloatArray, library: SensitivityLibrary) -> tuple[Reverse, Status]:
         gradients = {key: np.zeros((len(rows.x), size)) for key, size in SIZES.items()}
-        pointers = {f"{key}b": array.ctypes.data for key, array in gradients.items()}
-        x_next, status = self._run(rows, Request(cotangents=cotangents.ctypes.data, **pointers), full=full)
-        found = Reverse(x_next, gradients, status != 0)
-        again = np.flatnonzero(status // 64 == Failure.EQUIPMENT_PRESENT)
-        if again.size:
-            part = self._reverse(_chosen(rows, again), cotangents[again], full=True)
-            found.x_next[again], found.failed[again] = part.x_next, part.failed
-            for key, gradient in gradients.items():
-                gradient[again] = part.gradients[key]
-        return found
+        pointers = {f"{key}b": table.ctypes.data for key, table in gradients.items()}
+        request = Request(cotangents=cotangents.ctypes.data, **pointers)
+        x_next, status = library.run(self._stepper.settings, rows, request)
+        return Reverse(x_next, gradients, status != 0), status
 
-    def _run(self, rows: Rows, request: Request, *, full: bool) -> tuple[FloatArray, Status]:
-        if full and self._full is None:
-            self._full = self._library(())
-        library = self._full if full and self._full is not None else self._usual
-        return library.run(self._stepper.settings, rows, request)
+    def _absent_part(self, directions: Directions) -> Directions | None:
+        """The part of the directions in parameters of absent equipment, which the usual library does not know; None if none."""
+        seeds = directions.seeds.get("p")
+        if seeds is None or not seeds[..., self._absent].any():
+            return None
+        part = np.zeros_like(seeds)
+        part[..., self._absent] = seeds[..., self._absent]
+        return Directions(directions.count, directions.shared, {"p": part})
 
-    def _step(self, rows: Rows, out: FloatArray) -> None:
-        """The full model's states differ from the usual library's in the last bits; what is given is what ``step`` gives."""
-        self._stepper.step_rows(rows.x, rows.u, rows.d, rows.p, out)
+    @cached_property
+    def _full(self) -> SensitivityLibrary:
+        return self._library(())
 
     def _library(self, zeros: tuple[int, ...]) -> SensitivityLibrary:
         stepper = self._stepper
