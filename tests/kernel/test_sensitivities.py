@@ -36,6 +36,7 @@ def relative(found: Array, expected: Array) -> float:
     return float((np.abs(found - expected).max(axis=(0, 1)) / np.abs(expected).max(axis=(0, 1))).max())
 
 
+@pytest.mark.slow
 def test_matrices_agree_with_those_of_cvodes(
     tight: Kernel, kernel: Kernel, inner: tuple[Array, Array, Array], p: Array
 ) -> None:
