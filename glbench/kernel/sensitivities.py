@@ -10,17 +10,23 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple, NoReturn, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import GlbenchError, ShapeError, StepError, UnknownNameError, did_you_mean
+from glbench.errors import GlbenchError, ShapeError, StepError
+from glbench.kernel.directions import (
+    ORDER,
+    SIZES,
+    Directions,
+    all_directions,
+    as_seeds,
+    directions_differ,
+    parameter_numbers,
+    widths,
+)
 from glbench.kernel.records import FloatArray, Rows, StepFailure, as_rows
-from glbench.model import CONTROL_NAMES, DISTURBANCE_NAMES, PARAMETER_NAMES, STATE_NAMES
-
-SIZES = {"x": len(STATE_NAMES), "u": len(CONTROL_NAMES), "d": len(DISTURBANCE_NAMES), "p": len(PARAMETER_NAMES)}
 
 
 @dataclass(frozen=True)
@@ -61,30 +67,6 @@ class Adjoint:
     u: FloatArray
     d: FloatArray
     p: FloatArray | None
-
-
-@dataclass(frozen=True)
-class Directions:
-    """Directions of differentiation.
-
-    Attributes
-    ----------
-    count : int
-        How many for each row.
-    shared : bool
-        Whether all rows have the same.
-    seeds : dict
-        For each input ("x", "u", "d", "p") that is not held, a table (rows, or 1 when shared; count; size of the input).
-    """
-
-    count: int
-    shared: bool
-    seeds: dict[str, FloatArray]
-
-    def of_rows(self, rows: npt.NDArray[np.intp]) -> Directions:
-        """The directions of some rows."""
-        chosen = self.seeds if self.shared else {key: table[rows] for key, table in self.seeds.items()}
-        return Directions(self.count, self.shared, chosen)
 
 
 class Forward(NamedTuple):
@@ -164,10 +146,10 @@ class Differentiable(ABC):
             When there is no such parameter.
         """
         rows = as_rows(x, u, d, p)
-        found = self._forward(rows, _all_directions(_numbers(tuple(parameters))))
+        found = self._forward(rows, all_directions(parameter_numbers(tuple(parameters))))
         table = np.ascontiguousarray(found.tangents.swapaxes(1, 2))
-        bounds = np.cumsum(_widths(len(parameters)))[:-1]
-        by_key = dict(zip(_ORDER, map(np.ascontiguousarray, np.split(table, bounds, axis=-1)), strict=True))
+        bounds = np.cumsum(widths(len(parameters)))[:-1]
+        by_key = dict(zip(ORDER, map(np.ascontiguousarray, np.split(table, bounds, axis=-1)), strict=True))
         values = [found.x_next, *(by_key[key] for key in SIZES)]
         return Linearisation(*(a[0] for a in values) if np.ndim(x) == 1 else values)
 
@@ -207,10 +189,10 @@ class Differentiable(ABC):
         rows = as_rows(x, u, d, p)
         one = np.ndim(x) == 1
         seeds = {"x": dx, "u": du, "d": dd, "p": dp}
-        tables = {key: _seed(key, seed, len(rows.x), one=one) for key, seed in seeds.items() if seed is not None}
+        tables = {key: as_seeds(key, seed, len(rows.x), one=one) for key, seed in seeds.items() if seed is not None}
         counts = {table.shape[1] for table in tables.values()}
         if len(counts) != 1:
-            raise ShapeError(_directions_differ({key: table.shape[1] for key, table in tables.items()}))
+            raise ShapeError(directions_differ({key: table.shape[1] for key, table in tables.items()}))
         found = self._forward(rows, Directions(counts.pop(), shared=False, seeds=tables))
         several = any(np.ndim(seed) == (2 if one else 3) for seed in seeds.values() if seed is not None)
         tangents = found.tangents if several else found.tangents[:, 0]
@@ -251,7 +233,7 @@ class Differentiable(ABC):
         """
         rows = as_rows(x, u, d, p)
         one = np.ndim(x) == 1
-        seeds = _seed("x", cotangent, len(rows.x), one=one, what="cotangent")
+        seeds = as_seeds("x", cotangent, len(rows.x), one=one, what="cotangent")
         if seeds.shape[1] != 1:
             msg = f"The cotangent has the shape {np.shape(cotangent)}; it must have that of x, {np.shape(x)}, or (28,)."
             raise ShapeError(msg)
@@ -288,66 +270,3 @@ class Differentiable(ABC):
         reason = failures[0] if failures else StepFailure(0, "it could be stepped, but not differentiated")
         msg = f"The step of {self.step_seconds:g} s failed in row {reason.row} of {len(rows.x)}: {reason.reason}."
         raise StepError(msg)
-
-
-def _numbers(names: tuple[str, ...]) -> tuple[int, ...]:
-    for name in names:
-        if name not in PARAMETER_NAMES:
-            msg = f"The model has no parameter '{name}'.{did_you_mean(name, PARAMETER_NAMES)}"
-            raise UnknownNameError(msg)
-    return tuple(PARAMETER_NAMES.index(name) for name in names)
-
-
-@lru_cache(maxsize=32)
-def _all_directions(parameters: tuple[int, ...]) -> Directions:
-    """One direction for each state, control, disturbance and chosen parameter, shared by all rows."""
-    widths = _widths(len(parameters))
-    count, start = sum(widths), 0
-    seeds: dict[str, FloatArray] = {}
-    for key, width in zip(_ORDER, widths, strict=True):
-        if width:
-            table = np.zeros((1, count, SIZES[key]))
-            table[0, np.arange(start, start + width), parameters if key == "p" else np.arange(width)] = 1.0
-            seeds[key] = table
-        start += width
-    return Directions(count, shared=True, seeds=seeds)
-
-
-# States last: vectors of directions that hold states only are cheaper.
-_ORDER = ("u", "d", "p", "x")
-
-
-def _widths(parameters: int) -> tuple[int, ...]:
-    return SIZES["u"], SIZES["d"], parameters, SIZES["x"]
-
-
-def _seed(key: str, values: npt.ArrayLike, count: int, *, one: bool, what: str = "direction") -> FloatArray:
-    """A direction or cotangent as a table (rows, directions, size)."""
-    size = SIZES[key]
-    try:
-        table = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        msg = f"The {what} in {key} is not made of numbers ({error})."
-        raise ShapeError(msg) from error
-    shape = table.shape
-    if shape == (size,):
-        table = np.broadcast_to(table, (count, 1, size))
-    elif one and table.ndim == 2 and shape[1] == size:
-        table = table[None]
-    elif not one and table.ndim in (2, 3) and shape[0] == count and shape[-1] == size:
-        table = table.reshape(count, -1, size)
-    else:
-        wanted = f"({size},) or (m, {size})" if one else f"({size},), ({count}, {size}) or ({count}, m, {size})"
-        msg = f"The {what} in {key} has the shape {shape}; expected {wanted}."
-        raise ShapeError(msg)
-    if not np.isfinite(table).all():
-        msg = f"The {what} in {key} has values that are not finite."
-        raise ShapeError(msg)
-    return np.ascontiguousarray(table)
-
-
-def _directions_differ(counts: dict[str, int]) -> str:
-    if not counts:
-        return "forward needs a direction: give at least one of dx, du, dd, dp."
-    listed = ", ".join(f"d{key} {count}" for key, count in counts.items())
-    return f"The numbers of directions differ ({listed}). Give every input as many, or leave it out to hold it."

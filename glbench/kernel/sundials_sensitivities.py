@@ -14,9 +14,10 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from glbench.kernel.directions import SIZES, Directions
 from glbench.kernel.records import FloatArray, Rows, StepFailure
 from glbench.kernel.reduced import STATE_SCALE, ReducedModel
-from glbench.kernel.sensitivities import SIZES, Directions, Forward, Reverse
+from glbench.kernel.sensitivities import Forward, Reverse
 from glbench.kernel.signals import signals_wait
 
 Advance = Callable[[Rows, FloatArray], list[StepFailure]]

@@ -6,6 +6,7 @@ derivative of a column.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -18,8 +19,8 @@ from glbench.kernel.compiled import Preset, absent_equipment
 from glbench.kernel.compiled.backend import CompiledBackend
 from glbench.kernel.compiled.differentiator import CompiledDifferentiator
 from glbench.kernel.compiled.stepper import CompiledStepper
+from glbench.kernel.directions import Directions
 from glbench.kernel.records import Rows, as_rows
-from glbench.kernel.sensitivities import Directions
 from glbench.model import PARAMETER_NAMES, VARIANTS, default_parameters
 
 Array = NDArray[np.float64]
@@ -201,19 +202,32 @@ def test_a_row_has_the_same_bits_alone_in_a_batch_and_in_threads(points: Rows) -
     assert derivatives(kernel, again) == b"".join(expected[k * size : (k + 1) * size] for k in shuffled)
 
 
+def everything(stepper: CompiledStepper, points: Rows) -> bytes:
+    differentiator = CompiledDifferentiator(stepper)
+    seeds = {"x": np.eye(28)[None], "u": np.ones((1, 28, 6)), "d": np.ones((1, 28, 10))}
+    forward = differentiator.forward(points, Directions(28, shared=True, seeds=seeds))
+    reverse = differentiator.reverse(points, np.ones((78, 28)), parameters=False)
+    tables = [forward.x_next, forward.tangents, *reverse.gradients.values()]
+    return b"".join(table.tobytes() for table in tables)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [1, 2, 4])
 def test_any_number_of_lanes_gives_the_same_bits(points: Rows, width: int) -> None:
-    def everything(stepper: CompiledStepper) -> bytes:
-        differentiator = CompiledDifferentiator(stepper)
-        seeds = {"x": np.eye(28)[None], "u": np.ones((1, 28, 6)), "d": np.ones((1, 28, 10))}
-        forward = differentiator.forward(points, Directions(28, shared=True, seeds=seeds))
-        reverse = differentiator.reverse(points, np.ones((78, 28)), parameters=False)
-        tables = [forward.x_next, forward.tangents, *reverse.gradients.values()]
-        return b"".join(table.tobytes() for table in tables)
+    expected = everything(CompiledStepper(900.0, preset="fast"), points)
+    assert everything(CompiledStepper(900.0, preset="fast", width=width), points) == expected
 
-    expected = everything(CompiledStepper(900.0, preset="fast"))
-    assert everything(CompiledStepper(900.0, preset="fast", width=width)) == expected
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["clang++", "g++ -mno-avx512f"])
+def test_other_compilers_and_instruction_sets_give_the_same_bits(
+    points: Rows, command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if shutil.which(command.split()[0]) is None:
+        pytest.skip(f"{command} is not installed")
+    expected = everything(CompiledStepper(900.0, preset="fast"), points)
+    monkeypatch.setenv("CXX", command)
+    assert everything(CompiledStepper(900.0, preset="fast"), points) == expected
 
 
 @pytest.mark.slow

@@ -16,8 +16,9 @@ from glbench.kernel.compiled.binding import RowPointers, Settings
 from glbench.kernel.compiled.library import build
 from glbench.kernel.compiled.stepper import CompiledStepper, Failure, absent_equipment, model_traits
 from glbench.kernel.compiled.unavailable import CompiledUnavailable
+from glbench.kernel.directions import SIZES, Directions
 from glbench.kernel.records import FloatArray, Rows
-from glbench.kernel.sensitivities import SIZES, Directions, Forward, Reverse
+from glbench.kernel.sensitivities import Forward, Reverse
 
 
 class Request(ctypes.Structure):
