@@ -11,14 +11,17 @@ from glbench.kernel.kernel import Kernel
 from glbench.kernel.pool import KernelPool, make_kernel
 from glbench.kernel.records import Rows, StepFailure
 from glbench.kernel.reduced import STATE_SCALE
+from glbench.kernel.sensitivities import Adjoint, Linearisation
 from glbench.kernel.stepping import Stepper
 
 __all__ = [
     "BACKENDS",
     "STATE_SCALE",
+    "Adjoint",
     "Backend",
     "Kernel",
     "KernelPool",
+    "Linearisation",
     "Rows",
     "StepFailure",
     "Stepper",

@@ -10,6 +10,7 @@ from typing import Protocol
 
 from glbench.errors import UnknownNameError, did_you_mean
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure
+from glbench.kernel.sensitivities import Differentiator
 from glbench.kernel.sundials import CvodesBackend
 
 BACKENDS = ("compiled", "casadi", "cvodes")
@@ -29,6 +30,10 @@ class Backend(Protocol):
 
     def describe(self) -> Description:
         """Return method, tolerances and versions."""
+        ...
+
+    def differentiator(self) -> Differentiator:
+        """Return what differentiates the steps; may build a library for some ten seconds."""
         ...
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from glbench.kernel.backends import make_backend
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure
+from glbench.kernel.sensitivities import Differentiator
 from glbench.kernel.stepping import Stepper, positive_seconds
 from glbench.model import MODEL_VERSION, model_digest
 
@@ -51,11 +52,18 @@ class Kernel(Stepper):
             backend, step_seconds=self.step_seconds, variant=variant, preset=preset, threads=threads
         )
         self.backend = self._backend.name
+        self._differentiator: Differentiator | None = None
 
     def advance(self, rows: Rows) -> tuple[FloatArray, list[StepFailure]]:
         """Step checked rows; see ``Stepper.advance``."""
         out = np.empty_like(rows.x)
         return out, self._backend.advance(rows, out)
+
+    def differentiator(self) -> Differentiator:
+        """What differentiates the steps; made at the first call."""
+        if self._differentiator is None:
+            self._differentiator = self._backend.differentiator()
+        return self._differentiator
 
     def describe(self) -> Description:
         """What made the numbers; see ``Stepper.describe``."""

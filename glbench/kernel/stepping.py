@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from types import TracebackType
 from typing import Self
 
@@ -12,9 +12,10 @@ import numpy.typing as npt
 
 from glbench.errors import ShapeError, StepError
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure, as_rows
+from glbench.kernel.sensitivities import Differentiable
 
 
-class Stepper(ABC):
+class Stepper(Differentiable):
     """x(t + h) from x(t) with controls, weather and parameters held constant in between.
 
     Row i of a batch gives the same bits as the row stepped alone, whatever the other rows and earlier calls were. Not

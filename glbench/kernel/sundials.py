@@ -18,6 +18,7 @@ import numpy as np
 from glbench.errors import UnknownNameError, did_you_mean
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure, inputs_in_words
 from glbench.kernel.reduced import STATE_SCALE, reduce_model
+from glbench.kernel.sensitivities import Differentiator
 from glbench.kernel.signals import signals_wait
 from glbench.model import CONTROL_NAMES, DISTURBANCE_NAMES, PARAMETER_NAMES, STATE_NAMES, build_rhs
 
@@ -92,15 +93,7 @@ class CvodesBackend:
             {"x": model.z, "p": model.held, "ode": model.rate},
             0.0,
             step_seconds,
-            {
-                "abstol": self._settings.absolute,
-                "reltol": self._settings.relative,
-                "nonlin_conv_coeff": self._settings.newton,
-                "max_num_steps": SUBSTEP_LIMIT,
-                # Failures are reported as sentences; nothing is printed from C.
-                "disable_internal_warnings": True,
-                "show_eval_warnings": False,
-            },
+            _options(self._settings),
         )
         inputs = {integrator.index_in("x0"): self._start, integrator.index_in("p"): self._held}
         self._integrate = _Buffered(integrator, inputs, [self._end])
@@ -122,6 +115,12 @@ class CvodesBackend:
                         failures.append(StepFailure(row, self._in_words(reason, rows, row)))
                     row += 1
         return failures
+
+    def differentiator(self) -> Differentiator:
+        """Return what differentiates the steps."""
+        from glbench.kernel.sundials_sensitivities import CvodesDifferentiator
+
+        return CvodesDifferentiator(self._model, _options(self._settings), self._step_seconds, self.advance)
 
     def describe(self) -> Description:
         """Return method, tolerances and versions, as recorded in results."""
@@ -170,6 +169,18 @@ class CvodesBackend:
             k = int(np.argmax(np.abs(rates) / STATE_SCALE))
             what += f"; fastest at its start was {STATE_NAMES[k]} = {rows.x[row, k]:.6g}, changing by {rates[k]:.3g} a second"
         return f"{what}; {inputs_in_words(rows, row)}"
+
+
+def _options(settings: CvodesSettings) -> dict[str, Any]:
+    return {
+        "abstol": settings.absolute,
+        "reltol": settings.relative,
+        "nonlin_conv_coeff": settings.newton,
+        "max_num_steps": SUBSTEP_LIMIT,
+        # Failures are reported as sentences; nothing is printed from C.
+        "disable_internal_warnings": True,
+        "show_eval_warnings": False,
+    }
 
 
 class _Buffered:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+from glbench.kernel.compiled.differentiator import CompiledDifferentiator
 from glbench.kernel.compiled.stepper import CompiledStepper, availability
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure, inputs_in_words
 
@@ -27,6 +28,16 @@ class CompiledBackend:
             StepFailure(row, f"{self.stepper.explain(row)} ({inputs_in_words(rows, row)})")
             for row in map(int, status.nonzero()[0])
         ]
+
+    def differentiator(self) -> CompiledDifferentiator:
+        """Return what differentiates the steps: a second library, built now if need be.
+
+        Raises
+        ------
+        CompiledUnavailable
+            When it can be neither loaded nor built.
+        """
+        return CompiledDifferentiator(self.stepper)
 
     def describe(self) -> Description:
         """Return method, tolerances and versions."""

@@ -1,4 +1,4 @@
-"""Sparse forward differentiation of the graph with respect to the state.
+"""Sparse forward differentiation of the graph: with respect to the elements of an input, or along one direction.
 
 Every intermediate of the model depends on few states (a flux on two or three), so carrying one derivative for each of
 them costs little more than the structural nonzeros of the Jacobian.
@@ -6,25 +6,53 @@ them costs little more than the structural nonzeros of the Jacobian.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
-from glbench.kernel.compiled.graph import CONDITIONS, Graph
+from glbench.kernel.compiled.graph import CONDITIONS, Graph, Node
 
 Gradient = dict[int, int]  # state -> node of the derivative
 
 
-def jacobian(graph: Graph, outputs: Sequence[int], source: str = "x") -> list[Gradient]:
-    """Adds the derivatives of ``outputs`` to ``graph``: one {state: node} for each output, structural nonzeros only."""
-    worker = _Forward(graph, source)
+def jacobian(graph: Graph, outputs: Sequence[int], source: str = "x", *, guarded: bool = False) -> list[Gradient]:
+    """Adds the derivatives of ``outputs`` to ``graph``: one {state: node} for each output, structural nonzeros only.
+
+    ``guarded`` derivatives of roots and powers are 0 where their base is 0, instead of infinite or not a number: there the base
+    is the flat side of a maximum (the gap of a closed screen), which the chain rule cannot know.
+    """
+    return _differentiate(
+        graph, outputs, lambda node: {node.index: graph.constant(1.0)} if node.source == source else {}, guarded=guarded
+    )
+
+
+def directional(graph: Graph, outputs: Sequence[int], direction: Callable[[Node], int | None]) -> list[int]:
+    """Adds the guarded derivatives of ``outputs`` along one direction: a node for each, the constant 0 where there is none.
+
+    ``direction`` gives the node of the direction's component for an input, or None for an input that is held.
+    """
+
+    def seed(node: Node) -> Gradient:
+        component = direction(node)
+        return {} if component is None else {0: component}
+
+    zero = graph.constant(0.0)
+    return [gradient.get(0, zero) for gradient in _differentiate(graph, outputs, seed, guarded=True)]
+
+
+def _differentiate(
+    graph: Graph, outputs: Sequence[int], seed: Callable[[Node], Gradient], *, guarded: bool
+) -> list[Gradient]:
+    worker = _Forward(graph, seed, guarded=guarded)
     for number in graph.needed(outputs):
         worker.visit(number)
     return [worker.of(number) for number in outputs]
 
 
 class _Forward:
-    def __init__(self, graph: Graph, source: str) -> None:
+    def __init__(self, graph: Graph, seed: Callable[[Node], Gradient], *, guarded: bool) -> None:
         self.graph = graph
-        self.source = source
+        self.seed = seed
+        self.guarded = guarded
         self._gradients: dict[int, Gradient] = {}
 
     def of(self, number: int) -> Gradient:
@@ -34,8 +62,9 @@ class _Forward:
         """Records the gradient of a node whose arguments have been visited."""
         node = self.graph.nodes[number]
         if node.op == "input":
-            if node.source == self.source:
-                self._gradients[number] = {node.index: self.graph.constant(1.0)}
+            gradient = self.seed(node)
+            if gradient:
+                self._gradients[number] = gradient
             return
         reads = node.args[1:] if node.op == "select" else node.args  # a condition is flat
         if not any(self.of(a) for a in reads) or node.op in CONDITIONS or node.op == "sign":
@@ -86,18 +115,19 @@ class _Forward:
         return self._scaled(self.of(a), self.graph.make("inv", a))
 
     def _sqrt(self, number: int) -> Gradient:
-        # sqrt(a)' = sqrt(a)/(2 a) and not 1/(2 sqrt(a)): the reciprocal of `a` is often needed anyway.
         (a,) = self._args(number)
-        half = self.graph.make("mul", self.graph.constant(0.5), number)
-        return self._scaled(self.of(a), self.graph.make("mul", half, self.graph.make("inv", a)))
+        return self._scaled(self.of(a), slope_of_root(self.graph, number, guarded=self.guarded))
 
     def _pow(self, number: int) -> Gradient:
         base, exponent = self._args(number)
-        if self.of(exponent):
-            msg = "The code generator differentiates powers with a fixed exponent or a fixed base only."
-            raise ValueError(msg)
-        factor = self.graph.make("mul", self.graph.make("mul", exponent, number), self.graph.make("inv", base))
-        return self._scaled(self.of(base), factor)
+        by_base = self._scaled(self.of(base), slope_of_power(self.graph, number, guarded=self.guarded))
+        if not self.of(exponent):
+            return by_base
+        return self._plus(by_base, self._scaled(self.of(exponent), slope_of_exponent(self.graph, number)))
+
+    def _cos(self, number: int) -> Gradient:
+        (a,) = self._args(number)
+        return self._scaled(self.of(a), slope_of_cosine(self.graph, a))
 
     def _logistic(self, number: int) -> Gradient:
         slope = self.graph.make("mul", number, self.graph.make("sub", self.graph.constant(1.0), number))
@@ -129,3 +159,34 @@ class _Forward:
         return {
             s: self.graph.make("select", condition, self.of(yes).get(s, zero), self.of(no).get(s, zero)) for s in states
         }
+
+
+def slope_of_root(graph: Graph, root: int, *, guarded: bool) -> int:
+    """Slope of sqrt(a): sqrt(a)/(2 a), not 1/(2 sqrt(a)): the reciprocal of ``a`` is often needed anyway."""
+    (a,) = graph.nodes[root].args
+    half = graph.make("mul", graph.constant(0.5), root)
+    slope = graph.make("mul", half, graph.make("inv", a))
+    return _where_positive(graph, a, slope) if guarded else slope
+
+
+def slope_of_power(graph: Graph, power: int, *, guarded: bool) -> int:
+    """Slope of b^e in b: e b^e/b."""
+    base, exponent = graph.nodes[power].args
+    slope = graph.make("mul", graph.make("mul", exponent, power), graph.make("inv", base))
+    return _where_positive(graph, base, slope) if guarded else slope
+
+
+def slope_of_exponent(graph: Graph, power: int) -> int:
+    """Slope of b^e in e: b^e log b; 0 where b is 0, as for every positive exponent."""
+    base, _ = graph.nodes[power].args
+    return _where_positive(graph, base, graph.make("mul", power, graph.make("log", base)))
+
+
+def slope_of_cosine(graph: Graph, angle: int) -> int:
+    """-sin(a), written as a cosine."""
+    return graph.make("cos", graph.make("add", angle, graph.constant(0.5 * math.pi)))
+
+
+def _where_positive(graph: Graph, number: int, value: int) -> int:
+    zero = graph.constant(0.0)
+    return graph.make("select", graph.make("lt", zero, number), value, zero)

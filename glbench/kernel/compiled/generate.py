@@ -56,6 +56,47 @@ class GeneratedModel:
     operations: dict[str, int]
 
 
+@dataclass(frozen=True)
+class Structure:
+    """A model's graph after regrouping, and what follows from its Jacobian.
+
+    Attributes
+    ----------
+    graph, slopes
+        The regrouped graph with its derivatives, and the time derivative of each state.
+    rows
+        Derivatives of each slope with respect to the state.
+    moving, clocks
+        States that are integrated, in the order of the generated code, and the others.
+    plan
+        Elimination of the moving states' matrix.
+    """
+
+    graph: Graph
+    slopes: list[int]
+    rows: list[Gradient]
+    moving: list[int]
+    clocks: list[int]
+    plan: lu.Elimination
+
+    @property
+    def own(self) -> dict[int, int]:
+        """Number of each moving state in the generated code."""
+        return {state: k for k, state in enumerate(self.moving)}
+
+
+def analyse(function: Any, traits: Traits) -> Structure:
+    """Read, regroup and differentiate a model; arguments and errors as for ``generate``."""
+    graph, slopes = importer.read_function(function, ("x", "u", "d", "p"), traits.zeros)
+    graph, slopes = regroup(graph, slopes)
+    rows = derivative.jacobian(graph, slopes)
+    moving = sorted(_moving(graph, slopes, rows), key=lambda state: (state not in traits.fast, state))
+    clocks = [i for i in range(len(slopes)) if i not in moving]
+    own = {state: k for k, state in enumerate(moving)}
+    plan = lu.eliminate([sorted(own[j] for j in rows[i]) for i in moving])
+    return Structure(graph, slopes, rows, moving, clocks, plan)
+
+
 def generate(function: Any, traits: Traits | None = None) -> GeneratedModel:
     """C++ functions of ``function`` (CasADi SX, arguments x, u, d, p): the right-hand side, its Jacobian, elimination.
 
@@ -72,19 +113,15 @@ def generate(function: Any, traits: Traits | None = None) -> GeneratedModel:
         When the function has an operation that the generator does not know.
     """
     traits = traits or Traits()
-    graph, slopes = importer.read_function(function, ("x", "u", "d", "p"), traits.zeros)
-    graph, slopes = regroup(graph, slopes)
-    rows = derivative.jacobian(graph, slopes)
-    moving = sorted(_moving(graph, slopes, rows), key=lambda state: (state not in traits.fast, state))
+    model = analyse(function, traits)
+    graph, slopes, rows, moving, clocks = model.graph, model.slopes, model.rows, model.moving, model.clocks
     entries = [(i, j) for i in moving for j in rows[i]]
-    clocks = [i for i in range(len(slopes)) if i not in moving]
     # One graph for all functions: what the right-hand side and its Jacobian share is stored once.
     wanted = [slopes[i] for i in moving] + [rows[i][j] for i, j in entries] + [slopes[i] for i in clocks]
     graph, outputs = spell_out_logistic(graph, wanted)
     at_state = outputs[: len(moving) + len(entries)]
     text = _Text(graph, moving, stored_inputs(graph, at_state))
-    own = {state: k for k, state in enumerate(moving)}
-    plan = lu.eliminate([sorted(own[j] for j in rows[i]) for i in moving])
+    own, plan = model.own, model.plan
     sizes = {
         "STATES": len(slopes),
         "CONTROLS": int(function.numel_in(1)),

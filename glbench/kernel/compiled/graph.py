@@ -25,6 +25,8 @@ ONE_ARGUMENT = ("neg", "inv", "exp", "log", "sqrt", "abs", "sign", "tanh", "logi
 TWO_ARGUMENTS = ("add", "sub", "mul", "pow", "min", "max", "lt", "le", "eq", "ne", "and", "or")
 COMMUTATIVE = frozenset({"add", "mul", "min", "max", "eq", "ne", "and", "or"})
 CONDITIONS = frozenset({"lt", "le", "eq", "ne", "and", "or", "not"})
+STATE_SOURCES = frozenset({"x", "k"})
+"""Inputs that change within a control step: the state, and a direction in which derivatives are taken along it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +64,9 @@ class Graph:
         return self._intern(Node("const", value=float(value)), Level.CONSTANT)
 
     def source(self, name: str, index: int) -> int:
-        """Node of element ``index`` of input ``name`` ("x", "u", "d" or "p")."""
-        return self._intern(Node("input", source=name, index=index), Level.STATE if name == "x" else Level.INPUT)
+        """Node of element ``index`` of input ``name`` ("x", "u", "d" or "p", and those of the sensitivities)."""
+        level = Level.STATE if name in STATE_SOURCES else Level.INPUT
+        return self._intern(Node("input", source=name, index=index), level)
 
     def is_constant(self, number: int, value: float | None = None) -> bool:
         """Whether the node is a constant (of that value, when given)."""

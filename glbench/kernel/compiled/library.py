@@ -24,14 +24,16 @@ from glbench.errors import GlbenchError
 from glbench.kernel.compiled import prebuilt
 from glbench.kernel.compiled.compiler import find_compiler, machine_digest
 from glbench.kernel.compiled.generate import Traits, generate
+from glbench.kernel.compiled.sensitivity_code import generate_sensitivities
 from glbench.kernel.compiled.unavailable import CompiledUnavailable
 from glbench.resources import cache_folder, write_atomically
 
 _HERE = Path(__file__).resolve().parent
 _NATIVE = _HERE / "native"
 _LOCK_SECONDS = 600.0
-_GENERATOR = ("derivative", "emit", "generate", "graph", "importer", "lu", "regroup")
+_GENERATOR = ("derivative", "emit", "generate", "graph", "importer", "lu", "regroup", "reverse", "sensitivity_code")
 _SOURCE = '#include "model.hpp"\n#include "driver.hpp"\n'
+_SENSITIVITY_SOURCE = '#include "model.hpp"\n#include "sensitivity_model.hpp"\n#include "sensitivity_driver.hpp"\n'
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class Build:
     seconds: float
 
 
-def build(variant: str, traits: Traits, width: int | None = None) -> Build:
+def build(variant: str, traits: Traits, width: int | None = None, *, sensitivities: bool = False) -> Build:
     """The library for a model variant: from the installed wheel, from the cache, or built now.
 
     Parameters
@@ -68,13 +70,15 @@ def build(variant: str, traits: Traits, width: int | None = None) -> Build:
         What is known of the model beyond its equations.
     width
         Number of lanes; None for what suits this processor.
+    sensitivities
+        Whether to build the library that steps and differentiates, instead of the one that steps.
 
     Raises
     ------
     CompiledUnavailable
         When it is not in the cache and cannot be built: no compiler, a failing one, a cache that cannot be written.
     """
-    if width is None:
+    if width is None and not sensitivities:
         carried = prebuilt.find(prebuilt_key(variant, traits))
         if carried is not None:
             path, facts_of = carried
@@ -82,7 +86,8 @@ def build(variant: str, traits: Traits, width: int | None = None) -> Build:
     compiler = find_compiler()
     flags = compiler.flags(width)
     facts = (variant, traits, compiler.command, compiler.version, flags, machine_digest())
-    name = f"{variant}-{_digest([repr(facts).encode(), _sources().encode()])[:20]}"
+    kind = f"{variant}-sensitivities" if sensitivities else variant
+    name = f"{kind}-{_digest([repr(facts).encode(), _sources().encode()])[:20]}"
     folder = cache_folder() / "kernel"
     found = _intact(folder, name)
     if found is not None:
@@ -93,7 +98,7 @@ def build(variant: str, traits: Traits, width: int | None = None) -> Build:
             found = _intact(folder, name)  # another process may have built it meanwhile
             if found is not None:
                 return found
-            return _build(folder, name, variant, traits, flags)
+            return _build(folder, name, variant, traits, flags, sensitivities=sensitivities)
     except Timeout as error:
         msg = f"Another process has been building the kernel for {_LOCK_SECONDS:g} s (lock {error.lock_file}). Try again later."
         raise CompiledUnavailable(msg) from error
@@ -109,20 +114,27 @@ def build(variant: str, traits: Traits, width: int | None = None) -> Build:
         raise CompiledUnavailable(str(error)) from error
 
 
-def write_source(folder: Path, variant: str, traits: Traits) -> tuple[Path, tuple[Path, ...]]:
+def write_source(
+    folder: Path, variant: str, traits: Traits, *, sensitivities: bool = False
+) -> tuple[Path, tuple[Path, ...]]:
     """Write the C++ of a model variant into ``folder``: the file to compile, and the folders that it includes from."""
-    (folder / "model.hpp").write_text(generate(glbench.model.build_rhs(variant), traits).text, encoding="utf-8")
+    function = glbench.model.build_rhs(variant)
+    (folder / "model.hpp").write_text(generate(function, traits).text, encoding="utf-8")
+    if sensitivities:
+        (folder / "sensitivity_model.hpp").write_text(generate_sensitivities(function, traits), encoding="utf-8")
     source = folder / "kernel.cpp"
-    source.write_text(_SOURCE, encoding="utf-8")
+    source.write_text(_SENSITIVITY_SOURCE if sensitivities else _SOURCE, encoding="utf-8")
     return source, (folder, _NATIVE)
 
 
-def _build(folder: Path, name: str, variant: str, traits: Traits, flags: tuple[str, ...]) -> Build:
+def _build(
+    folder: Path, name: str, variant: str, traits: Traits, flags: tuple[str, ...], *, sensitivities: bool
+) -> Build:
     started = time.perf_counter()
     compiler = find_compiler()
     with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=folder) as temporary:
         work = Path(temporary)
-        source, include = write_source(work, variant, traits)
+        source, include = write_source(work, variant, traits, sensitivities=sensitivities)
         library = work / "kernel.so"
         compiler.compile(source, library, include, flags)
         digest = hashlib.sha256(library.read_bytes()).hexdigest()

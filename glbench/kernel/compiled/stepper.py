@@ -114,6 +114,16 @@ class CompiledStepper:
         return self._batch.reached
 
     @property
+    def settings(self) -> Settings:
+        """Settings of the native code; not to be changed."""
+        return self._settings
+
+    @property
+    def width(self) -> int | None:
+        """Number of lanes that was asked for, if any."""
+        return self._width
+
+    @property
     def library_path(self) -> str:
         """The shared library in the cache."""
         return self._build.path

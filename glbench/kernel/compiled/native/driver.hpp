@@ -127,6 +127,7 @@ template <class V> class Stepper {
 
   private:
     template <class Other> friend class Stepper;
+    friend struct Recorder;  // of the sensitivities: reads the accepted substeps
     static constexpr int W = width_of<V>;
 
     const Settings& settings_;

@@ -1,0 +1,179 @@
+"""Derivatives of compiled control steps: a second library, built when first needed, that steps rows and differentiates them."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.errors import StepError
+from glbench.kernel.compiled.batch import Status
+from glbench.kernel.compiled.binding import RowPointers, Settings
+from glbench.kernel.compiled.library import build
+from glbench.kernel.compiled.stepper import CompiledStepper, Failure, absent_equipment, traits_of
+from glbench.kernel.compiled.unavailable import CompiledUnavailable
+from glbench.kernel.directions import SIZES, Directions
+from glbench.kernel.records import FloatArray, Rows
+from glbench.kernel.sensitivities import Forward, Reverse
+
+
+class Request(ctypes.Structure):
+    """``glb::Request`` of native/sensitivity_driver.hpp."""
+
+    _fields_ = (
+        ("directions", ctypes.c_int64),
+        ("stride", ctypes.c_int64),
+        *((name, ctypes.c_void_p) for name in ("dx", "du", "dd", "dp")),
+        ("tangents", ctypes.c_void_p),
+        ("cotangents", ctypes.c_void_p),
+        *((name, ctypes.c_void_p) for name in ("xb", "ub", "db", "pb")),
+    )
+
+
+class SensitivityLibrary:
+    """A loaded library. Calls release Python's global lock."""
+
+    def __init__(self, path: str) -> None:
+        advice = f"Delete {Path(path).parent} and try again."
+        try:
+            handle = ctypes.CDLL(path)
+            self._differentiate, layout = handle.glb_differentiate, handle.glb_sensitivity_layout
+        except (OSError, AttributeError) as error:
+            msg = f"The sensitivity library {path} cannot be loaded: {error}. {advice}"
+            raise CompiledUnavailable(msg) from error
+        self._differentiate.restype = ctypes.c_int32
+        self._differentiate.argtypes = [ctypes.POINTER(kind) for kind in (Settings, RowPointers, Request)]
+        sizes = (ctypes.c_int64 * 4)()
+        layout(sizes)
+        if tuple(sizes) != (*(ctypes.sizeof(kind) for kind in (Settings, RowPointers, Request)), SIZES["x"]):
+            msg = f"The sensitivity library {path} belongs to another version of glbench. {advice}"
+            raise CompiledUnavailable(msg)
+
+    def run(self, settings: Settings, rows: Rows, request: Request) -> tuple[FloatArray, Status]:
+        """States after the step (n, 28) and status (n,).
+
+        Raises
+        ------
+        StepError
+            When there is not enough memory.
+        """
+        count = len(rows.x)
+        out = np.empty_like(rows.x)
+        status, substeps, reached = np.zeros(count, np.int32), np.zeros(count, np.int32), np.zeros(count)
+        pointers = RowPointers(
+            n=count,
+            p_stride=SIZES["p"] if len(rows.p) > 1 else 0,
+            **{key: _address(table) for key, table in rows._asdict().items()},
+            out=_address(out),
+            status=_address(status),
+            substeps=_address(substeps),
+            reached=_address(reached),
+        )
+        if self._differentiate(ctypes.byref(settings), ctypes.byref(pointers), ctypes.byref(request)) != 0:
+            msg = f"There is not enough memory to differentiate {count} rows. Give fewer rows at a time."
+            raise StepError(msg)
+        return out, status
+
+
+@cache
+def _load(path: str) -> SensitivityLibrary:
+    return SensitivityLibrary(path)
+
+
+class CompiledDifferentiator:
+    """Forward and reverse derivatives of the steps of a ``CompiledStepper``, with its settings.
+
+    The usual library knows no equipment that the benchmark's greenhouse lacks. Rows that have such are left to the library of the
+    full model; so are derivatives with respect to its parameters, which add to the others because derivatives are linear.
+
+    Raises
+    ------
+    CompiledUnavailable
+        When a library can be neither loaded nor built, here or in a call.
+    """
+
+    def __init__(self, stepper: CompiledStepper) -> None:
+        self._stepper = stepper
+        self._absent = np.array(absent_equipment(), dtype=np.intp)
+        self._usual = self._library(absent_equipment())
+
+    def forward(self, rows: Rows, directions: Directions) -> Forward:
+        """Step and differentiate along directions."""
+        found, status = self._forward(rows, directions, self._usual)
+        again = np.flatnonzero(status // 64 == Failure.EQUIPMENT_PRESENT)
+        if again.size:
+            part, _ = self._forward(_chosen(rows, again), directions.of_rows(again), self._full)
+            for ours, theirs in zip(found, part, strict=True):
+                ours[again] = theirs
+        absent = self._absent_part(directions)
+        others = np.flatnonzero(status == 0)
+        if absent is not None and others.size:
+            part, _ = self._forward(_chosen(rows, others), absent.of_rows(others), self._full)
+            found.tangents[others] += part.tangents
+            found.failed[others] |= part.failed
+        return found
+
+    def reverse(self, rows: Rows, cotangents: FloatArray, *, parameters: bool) -> Reverse:
+        """Step and pull cotangents (n, 28) back."""
+        found, status = self._reverse(rows, cotangents, self._usual)
+        gradients = found.gradients
+        again = np.flatnonzero(status // 64 == Failure.EQUIPMENT_PRESENT)
+        if again.size:
+            part, _ = self._reverse(_chosen(rows, again), cotangents[again], self._full)
+            found.x_next[again], found.failed[again] = part.x_next, part.failed
+            for key, gradient in gradients.items():
+                gradient[again] = part.gradients[key]
+        if not parameters:
+            del gradients["p"]
+            return found
+        others = np.flatnonzero(status == 0)
+        if others.size:
+            part, _ = self._reverse(_chosen(rows, others), cotangents[others], self._full)
+            gradients["p"][np.ix_(others, self._absent)] = part.gradients["p"][:, self._absent]
+            found.failed[others] |= part.failed
+        return found
+
+    def _forward(self, rows: Rows, directions: Directions, library: SensitivityLibrary) -> tuple[Forward, Status]:
+        tangents = np.zeros((len(rows.x), directions.count, SIZES["x"]))
+        request = Request(directions=directions.count, stride=int(not directions.shared), tangents=_address(tangents))
+        for key, seeds in directions.seeds.items():
+            setattr(request, f"d{key}", _address(seeds))
+        x_next, status = library.run(self._stepper.settings, rows, request)
+        return Forward(x_next, tangents, status != 0), status
+
+    def _reverse(self, rows: Rows, cotangents: FloatArray, library: SensitivityLibrary) -> tuple[Reverse, Status]:
+        gradients = {key: np.zeros((len(rows.x), size)) for key, size in SIZES.items()}
+        pointers = {f"{key}b": _address(table) for key, table in gradients.items()}
+        request = Request(cotangents=_address(cotangents), **pointers)
+        x_next, status = library.run(self._stepper.settings, rows, request)
+        return Reverse(x_next, gradients, status != 0), status
+
+    def _absent_part(self, directions: Directions) -> Directions | None:
+        """The part of the directions in parameters of absent equipment, which the usual library does not know; None if none."""
+        seeds = directions.seeds.get("p")
+        if seeds is None or not seeds[..., self._absent].any():
+            return None
+        part = np.zeros_like(seeds)
+        part[..., self._absent] = seeds[..., self._absent]
+        return Directions(directions.count, directions.shared, {"p": part})
+
+    @cached_property
+    def _full(self) -> SensitivityLibrary:
+        return self._library(())
+
+    def _library(self, zeros: tuple[int, ...]) -> SensitivityLibrary:
+        stepper = self._stepper
+        return _load(build(stepper.variant, traits_of(zeros), stepper.width, sensitivities=True).path)
+
+
+def _chosen(rows: Rows, which: NDArray[np.intp]) -> Rows:
+    return Rows(rows.x[which], rows.u[which], rows.d[which], rows.p if len(rows.p) == 1 else rows.p[which])
+
+
+def _address(table: NDArray[Any]) -> int:
+    """Where an array's values are; three times as fast as asking for its ``ctypes``."""
+    return int(table.__array_interface__["data"][0])

@@ -1,0 +1,239 @@
+// Control steps of rows with their derivatives: the primal step is that of driver.hpp, one row in one lane, and every accepted
+// substep is differentiated (forward) or kept (reverse).
+//
+// A row's derivatives depend on that row alone, so their bits depend neither on the batch nor on the number of threads.
+#pragma once
+#include <memory>
+#include <new>
+
+#include "driver.hpp"
+#include "sensitivity.hpp"
+
+namespace glb {
+
+// What to differentiate; the rows come beside it. Pointers may be null where noted; all arrays are C-contiguous.
+struct Request {
+    int64_t directions;                 // a row, 0 for none
+    int64_t stride;                     // 1: each row has its directions, 0: all rows share them
+    const double *dx, *du, *dd, *dp;    // (rows or 1, directions, size of the input), or null for zeros
+    double* tangents;                   // (rows, directions, states)
+    const double* cotangents;           // (rows, states), or null for no reverse sweep
+    double *xb, *ub, *db, *pb;          // (rows, size of the input)
+};
+
+// Steps one row with the stepper of the kernel and shows every accepted substep.
+struct Recorder {
+    template <class Visit> static bool run(const Settings& settings, const Rows& one, Visit&& visit) {
+        std::atomic<int64_t> next{0};
+        Stepper<double> stepper(settings, one, next);
+        if (!stepper.refill(0)) return false;
+        Taken taken;
+        for (;;) {
+            std::memcpy(taken.x, stepper.work_.x, sizeof taken.x);
+            taken.h = stepper.h_;
+            const double left = stepper.remaining_;
+            const bool ended = stepper.round() != 0;
+            if (ended && *one.status != 0) return false;
+            if (ended || stepper.remaining_ != left) {
+                std::memcpy(taken.k, stepper.work_.k, sizeof taken.k);
+                std::memcpy(taken.factors, stepper.work_.factors, sizeof taken.factors);
+                visit(taken);
+            }
+            if (ended) return true;
+        }
+    }
+};
+
+// Directions of one row, in chunks of the lanes of D.
+template <class D> class Tangents {
+  public:
+    Tangents(const Settings& settings, const Request& request)
+        : settings_(settings), request_(request), chunks_((request.directions + W - 1) / W), dx_(chunks_ * ROOM<D>),
+          dc_(chunks_ * model::INPUTS), drate_(chunks_ * RATES), inputs_move_(chunks_) {}
+
+    void start(int64_t row, const double* p, const double* u, const double* d) {
+        row_ = row;
+        for (int64_t chunk = 0; chunk < chunks_; ++chunk) {
+            for (int n = 0; n < N; ++n)
+                dx_[chunk * ROOM<D> + n] = direction(request_.dx, chunk, model::STATES, model::MOVING_STATE[n]);
+            start_inputs(chunk, p, u, d);
+        }
+    }
+
+    template <class V> void substep(const Taken& taken, const Matrices<V>& matrices) {
+        for (int64_t chunk = 0; chunk < chunks_; ++chunk)
+            forward_substep<D, V>(taken, matrices, inputs_move_[chunk] ? &dc_[chunk * model::INPUTS] : nullptr,
+                                  &dx_[chunk * ROOM<D>]);
+    }
+
+    void finish() const {
+        for (int64_t chunk = 0; chunk < chunks_; ++chunk) {
+            for (int n = 0; n < N; ++n) give(chunk, model::MOVING_STATE[n], dx_[chunk * ROOM<D> + n]);
+            for (int i = 0; i < model::CLOCKS; ++i) {
+                const int state = model::CLOCK_STATE[i];
+                const D before = direction(request_.dx, chunk, model::STATES, state);
+                give(chunk, state, fma<D>(broadcast<D>(settings_.step), drate_[chunk * RATES + i], before));
+            }
+        }
+    }
+
+  private:
+    static constexpr int W = width_of<D>, RATES = model::CLOCKS + 1;
+
+    const Settings& settings_;
+    const Request& request_;
+    int64_t row_ = 0, chunks_;
+    std::vector<D> dx_, dc_, drate_;
+    std::vector<char> inputs_move_;
+
+    int lanes(int64_t chunk) const {
+        const int64_t left = request_.directions - chunk * W;
+        return left < W ? static_cast<int>(left) : W;
+    }
+
+    // Element `index` of the chunk's directions in one input; lanes without a direction are zero.
+    D direction(const double* seeds, int64_t chunk, int size, int index) const {
+        D value = broadcast<D>(0.0);
+        if (seeds == nullptr) return value;
+        const double* first = seeds + (row_ * request_.stride * request_.directions + chunk * W) * size;
+        for (int lane = 0; lane < lanes(chunk); ++lane) put(value, lane, first[lane * size + index]);
+        return value;
+    }
+
+    // All directions of the chunk in one input; says whether any is not zero.
+    bool read(const double* seeds, int64_t chunk, int size, D* values) const {
+        bool moves = false;
+        for (int i = 0; i < size; ++i) {
+            values[i] = direction(seeds, chunk, size, i);
+            for (int lane = 0; lane < W; ++lane) moves |= element(values[i], lane) != 0.0;
+        }
+        return moves;
+    }
+
+    void start_inputs(int64_t chunk, const double* p, const double* u, const double* d) {
+        D dp[model::PARAMETERS], du[model::CONTROLS], dd[model::DISTURBANCES];
+        bool moves = read(request_.dp, chunk, model::PARAMETERS, dp);
+        moves |= read(request_.du, chunk, model::CONTROLS, du);
+        moves |= read(request_.dd, chunk, model::DISTURBANCES, dd);
+        inputs_move_[chunk] = moves;
+        for (int i = 0; i < model::CLOCKS; ++i) drate_[chunk * RATES + i] = broadcast<D>(0.0);
+        if (!moves) return;
+        D at_p[model::PARAMETERS], at_u[model::CONTROLS], at_d[model::DISTURBANCES];
+        for (int i = 0; i < model::PARAMETERS; ++i) at_p[i] = broadcast<D>(p[i]);
+        for (int i = 0; i < model::CONTROLS; ++i) at_u[i] = broadcast<D>(u[i]);
+        for (int i = 0; i < model::DISTURBANCES; ++i) at_d[i] = broadcast<D>(d[i]);
+        model::inputs_forward<D>(at_p, at_u, at_d, dp, du, dd, &dc_[chunk * model::INPUTS], &drate_[chunk * RATES]);
+    }
+
+    void give(int64_t chunk, int state, D value) const {
+        double* first = request_.tangents + (row_ * request_.directions + chunk * W) * model::STATES;
+        for (int lane = 0; lane < lanes(chunk); ++lane) first[lane * model::STATES + state] = element(value, lane);
+    }
+};
+
+// `V`: lanes of the stages; `D`: lanes of the directions.
+template <class V, class D> class Differentiator {
+  public:
+    Differentiator(const Settings& settings, const Rows& rows, const Request& request)
+        : settings_(settings), rows_(rows), request_(request), tangents_(settings, request) {}
+
+    void row(int64_t row) {
+        const double *p = rows_.p + row * rows_.p_stride, *u = rows_.u + row * model::CONTROLS;
+        const double* d = rows_.d + row * model::DISTURBANCES;
+        double c[model::INPUTS], s[model::STORED_INPUTS];
+        model::inputs<double>(p, u, d, c);
+        model::stored_inputs<double>(c, s);
+        for (int i = 0; i < model::STORED_INPUTS; ++i) stored_[i] = broadcast<V>(s[i]);
+        tangents_.start(row, p, u, d);
+        taken_.clear();
+        const Rows one = {1, rows_.x + row * model::STATES, u, d, p, 0, rows_.out + row * model::STATES, rows_.status + row,
+                          rows_.substeps + row, rows_.reached + row, 0};
+        const bool stepped = Recorder::run(settings_, one, [&](const Taken& taken) {
+            if (request_.cotangents != nullptr) taken_.push_back(taken);
+            if (request_.directions > 0) {
+                compute_matrices<V>(taken, stored_, matrices_);
+                tangents_.substep(taken, matrices_);
+            }
+        });
+        if (!stepped) return;
+        tangents_.finish();
+        if (request_.cotangents != nullptr) reverse(row, p, u, d);
+    }
+
+  private:
+    static constexpr int W = width_of<V>;
+
+    const Settings& settings_;
+    const Rows& rows_;
+    const Request& request_;
+    V stored_[model::STORED_INPUTS];
+    Matrices<V> matrices_;
+    Tangents<D> tangents_;
+    std::vector<Taken> taken_;
+
+    void reverse(int64_t row, const double* p, const double* u, const double* d) {
+        const double* cotangent = request_.cotangents + row * model::STATES;
+        double* given = request_.xb + row * model::STATES;
+        double xb[N], cb[model::INPUTS], rateb[model::CLOCKS + 1];
+        V by_stage[Matrices<V>::GROUPS][model::INPUTS];
+        std::memset(static_cast<void*>(by_stage), 0, sizeof by_stage);
+        for (int n = 0; n < N; ++n) xb[n] = cotangent[model::MOVING_STATE[n]];
+        for (auto taken = taken_.rbegin(); taken != taken_.rend(); ++taken) {
+            compute_matrices<V>(*taken, stored_, matrices_);
+            reverse_substep<V>(*taken, matrices_, xb, by_stage);
+        }
+        for (int j = 0; j < model::INPUTS; ++j) {
+            cb[j] = 0.0;
+            for (int i = 0; i < STAGES; ++i) cb[j] = cb[j] + element(by_stage[i / W][j], i % W);
+        }
+        for (int n = 0; n < N; ++n) given[model::MOVING_STATE[n]] = xb[n];
+        for (int i = 0; i < model::CLOCKS; ++i) {
+            given[model::CLOCK_STATE[i]] = cotangent[model::CLOCK_STATE[i]];
+            rateb[i] = settings_.step * cotangent[model::CLOCK_STATE[i]];
+        }
+        model::inputs_reverse<double>(p, u, d, cb, rateb, request_.pb + row * model::PARAMETERS,
+                                      request_.ub + row * model::CONTROLS, request_.db + row * model::DISTURBANCES);
+    }
+};
+
+// Takes rows from `next` until none is left.
+template <class D> void differentiate_rows(const Settings& settings, const Rows& rows, const Request& request,
+                                           std::atomic<int64_t>& next) {
+    const auto worker = std::make_unique<Differentiator<BatchLanes, D>>(settings, rows, request);
+    for (int64_t row = next.fetch_add(1); row < rows.n; row = next.fetch_add(1)) worker->row(row);
+}
+
+}  // namespace glb
+
+// Returns 0, or 1 when there was not enough memory; then nothing of the result is to be used.
+extern "C" int32_t glb_differentiate(const glb::Settings* settings, glb::Rows* rows, const glb::Request* request) {
+    std::atomic<int64_t> next{0};
+    std::atomic<bool> short_of_memory{false};
+    const auto work = [&] {
+        try {
+            if (request->directions > 1) glb::differentiate_rows<BatchLanes>(*settings, *rows, *request, next);
+            else glb::differentiate_rows<double>(*settings, *rows, *request, next);
+        } catch (const std::bad_alloc&) {
+            short_of_memory = true;
+        }
+    };
+    const int64_t threads = settings->threads < rows->n ? settings->threads : rows->n;
+    std::vector<std::thread> others;
+    try {
+        for (int64_t k = 1; k < threads; ++k) others.emplace_back(work);
+    } catch (const std::system_error&) {  // no more threads to be had: those that run take the rows
+    }
+    work();
+    for (auto& thread : others) thread.join();
+    rows->failed = 0;
+    for (int64_t row = 0; row < rows->n; ++row) rows->failed += rows->status[row] != 0;
+    return short_of_memory ? 1 : 0;
+}
+
+// Sizes of this library, compared with the caller's before the first call.
+extern "C" void glb_sensitivity_layout(int64_t* sizes) {
+    sizes[0] = sizeof(glb::Settings);
+    sizes[1] = sizeof(glb::Rows);
+    sizes[2] = sizeof(glb::Request);
+    sizes[3] = glb::model::STATES;
+}

@@ -1,0 +1,219 @@
+"""C++ text of the model's derivatives, from which native/sensitivity.hpp makes those of a control step.
+
+The rates depend on the moving states x and on what is computed once a step from parameters, controls and weather, here called
+the *inputs* c(p, u, d). Written are
+
+- ``derivatives``: the structural nonzeros of df/dx and df/dc at a point;
+- ``curvature``: the derivatives of both along a direction k of the state. As second derivatives are symmetric, the first is also
+  the derivative of J(x) k with respect to x, the second that with respect to c: what differentiating the matrix of a Rosenbrock
+  substep takes;
+- products with these matrices and their transposes, substitutions with the factors of the substep;
+- ``inputs`` with its forward and reverse derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from glbench.kernel.compiled import derivative, lu
+from glbench.kernel.compiled.emit import Emitter, stored_inputs
+from glbench.kernel.compiled.generate import Structure, Traits, analyse
+from glbench.kernel.compiled.graph import Graph, Node
+from glbench.kernel.compiled.regroup import spell_out_logistic
+from glbench.kernel.compiled.reverse import reverse
+
+Entries = list[tuple[int, int]]
+
+_HELPERS = """
+template <class V, class A> GLB_INLINE V in_lanes(A a) {
+    if constexpr (width_of<A> == 1) return broadcast<V>(a);
+    else return a;
+}
+template <class V, int... I> GLB_INLINE void add_multiples(const double* m, V v, V* a, std::integer_sequence<int, I...>) {
+    ((a[I] = fma<V>(broadcast<V>(m[I]), v, a[I])), ...);
+}
+"""
+
+_TANGENT = {"p": "dp", "u": "du", "d": "dd"}
+_SIZES = {"p": "PARAMETERS", "u": "CONTROLS", "d": "DISTURBANCES"}
+
+
+def generate_sensitivities(function: Any, traits: Traits | None = None) -> str:
+    """Header to be included after that of ``generate`` for the same function and traits; arguments and errors as there."""
+    model = analyse(function, traits or Traits())
+    slopes = [model.slopes[i] for i in model.moving]
+    inputs = stored_inputs(model.graph, slopes)
+    parts = [
+        '#pragma once\n#include "model.hpp"\n#define K(a) broadcast<V>(a)\nnamespace glb {\nnamespace model {\n',
+        f"constexpr int PARAMETERS = {int(function.numel_in(3))};\nconstexpr int INPUTS = {len(inputs)};\n",
+        _HELPERS,
+        _rates_text(model, slopes, inputs),
+        _inputs_text(model, inputs, function),
+        lu.solve_directions_text(model.plan),
+        lu.solve_transposed_text(model.plan),
+        "}  // namespace model\n}  // namespace glb\n#undef K\n",
+    ]
+    return "".join(parts)
+
+
+# -- rates as a function of x and c ------------------------------------------------------------------------------------
+def _rates_text(model: Structure, slopes: list[int], inputs: list[int]) -> str:
+    own = model.own
+    graph, rates = _cut(model.graph, slopes, inputs)
+    by_state = derivative.jacobian(graph, rates, "x", guarded=True)
+    by_input = derivative.jacobian(graph, rates, "c", guarded=True)
+    state_nodes = [node for row in by_state for node in row.values()]
+    input_nodes = [node for row in by_input for node in row.values()]
+    state_entries = [(i, own[j]) for i, row in enumerate(by_state) for j in row]
+    input_entries = [(i, j) for i, row in enumerate(by_input) for j in row]
+
+    def along(node: Node) -> int | None:
+        return graph.source("k", node.index) if node.source == "x" else None
+
+    bends = derivative.directional(graph, state_nodes + input_nodes, along)
+    bent = [k for k in range(len(state_nodes)) if not graph.is_constant(bends[k], 0.0)]
+    wanted = state_nodes + input_nodes + [bends[k] for k in bent] + bends[len(state_nodes) :]
+    graph, wanted = spell_out_logistic(graph, wanted)
+    first, second = wanted[: len(bends)], wanted[len(bends) :]
+    place = {number: k for k, number in enumerate(stored_inputs(graph, wanted))}
+
+    def name(number: int) -> str | None:
+        node = graph.nodes[number]
+        if node.op == "input" and node.source in ("x", "k"):
+            return f"{node.source}[{own[node.index]}]"
+        return f"s[{place[number]}]" if number in place else None
+
+    states, count = len(state_nodes), len(input_nodes)
+    derivatives = _targets("by_state", first[:states]) | _targets("by_input", first[states:])
+    curvature = _targets("bend", second[: len(bent)])
+    curvature |= {f"by_input[{k}] = by_input[{k}] +": node for k, node in enumerate(second[len(bent) :])}
+    heads = (
+        "void stored_inputs(const V* c, V* s)",
+        "void derivatives(const V* x, const V* s, V* by_state, V* by_input)",
+        "void curvature(const V* x, const V* k, const V* s, V* bend, V* by_input)",
+    )
+    parts = [
+        f"constexpr int STORED_INPUTS = {len(place)};\nconstexpr int STATE_ENTRIES = {states};\n",
+        f"constexpr int INPUT_ENTRIES = {count};\nconstexpr int BEND_ENTRIES = {len(bent)};\n",
+        _function_text(heads[0], graph, _named("c", graph), _targets("s", list(place))),
+        _function_text(heads[1], graph, name, derivatives),
+        _function_text(heads[2], graph, name, curvature),
+    ]
+    patterns = {"state": state_entries, "input": input_entries, "bend": [state_entries[k] for k in bent]}
+    for label, entries in patterns.items():
+        parts += [_product_text(label, entries), _product_text(f"{label}_transposed", [(j, i) for i, j in entries])]
+    parts += [_products_text(label, patterns[label]) for label in ("bend", "input")]
+    return "".join(parts)
+
+
+def _cut(graph: Graph, outputs: list[int], inputs: Sequence[int]) -> tuple[Graph, list[int]]:
+    """A new graph in which ``inputs`` are the elements of the input "c"."""
+    new = Graph()
+    done = {number: new.source("c", k) for k, number in enumerate(inputs)}
+    for number in graph.needed(outputs):
+        node = graph.nodes[number]
+        if number in done:
+            continue
+        if node.op == "const":
+            done[number] = new.constant(node.value)
+        elif node.op == "input":
+            done[number] = new.source(node.source, node.index)
+        elif all(a in done for a in node.args):  # else it only leads to one of the inputs
+            done[number] = new.make(node.op, *(done[a] for a in node.args))
+    return new, [done[number] for number in outputs]
+
+
+def _product_text(label: str, entries: Entries) -> str:
+    """C++ function that adds M v to ``sum``; entry e of M is ``m[e * Stride]``.
+
+    Either the matrix is one and the vectors have lanes, or the matrices have lanes and the vector is one.
+    """
+    lines = []
+    for row in sorted({i for i, _ in entries}):
+        terms = [(e, j) for e, (i, j) in enumerate(entries) if i == row]
+        steps = [f"a = fma<V>(in_lanes<V>(m[{e} * Stride]), in_lanes<V>(v[{j}]), a);" for e, j in terms]
+        lines.append(f"{{ V a = sum[{row}]; {' '.join(steps)} sum[{row}] = a; }}")
+    body = "\n    ".join(lines)
+    head = f"template <int Stride, class V, class M, class X> void add_{label}_product(const M* m, const X* v, V* sum)"
+    return f"{head} {{\n    {body}\n}}\n"
+
+
+def _products_text(label: str, entries: Entries) -> str:
+    """C++ function that adds M_i v to ``sum[i]`` for ``Count`` matrices in the lanes of M; the vector has lanes of its own."""
+    lines = ["constexpr auto all = std::make_integer_sequence<int, Count>{};"]
+    for row in sorted({i for i, _ in entries}):
+        terms = [(e, j) for e, (i, j) in enumerate(entries) if i == row]
+        steps = [f"add_multiples<V>(m + {e} * Stride, v[{j}], a, all);" for e, j in terms]
+        before, after = f"a[i] = sum[i][{row}];", f"sum[i][{row}] = a[i];"
+        loop = "for (int i = 0; i < Count; ++i)"
+        lines.append(f"{{ V a[Count]; {loop} {before} {' '.join(steps)} {loop} {after} }}")
+    body = "\n    ".join(lines)
+    head = f"template <int Stride, int Count, class V, class S> void add_{label}_products(const double* m, const V* v, S* sum)"
+    return f"{head} {{\n    {body}\n}}\n"
+
+
+# -- inputs as a function of p, u and d ----------------------------------------------------------------------------------
+def _inputs_text(model: Structure, inputs: list[int], function: Any) -> str:
+    graph = model.graph
+    outputs = inputs + [model.slopes[i] for i in model.clocks]
+
+    def tangent(node: Node) -> int | None:
+        return graph.source(_TANGENT[node.source], node.index) if node.source in _TANGENT else None
+
+    tangents = derivative.directional(graph, outputs, tangent)
+    seeds = [graph.source("cb", k) for k in range(len(inputs))]
+    seeds += [graph.source("rateb", k) for k in range(len(model.clocks))]
+    adjoints = reverse(graph, outputs, seeds)
+    sizes = {"p": int(function.numel_in(3)), "u": int(function.numel_in(1)), "d": int(function.numel_in(2))}
+    places = [(source, index) for source, size in sizes.items() for index in range(size)]
+    zero = graph.constant(0.0)
+    backward = [adjoints.get(place, zero) for place in places]
+    graph, nodes = spell_out_logistic(graph, outputs + tangents + backward)
+    count, split = len(outputs), len(inputs)
+    values, forward, backward = nodes[:count], nodes[count : 2 * count], nodes[2 * count :]
+    name = _named("", graph)
+    point = "const V* p, const V* u, const V* d"
+    targets = {f"{source}b[{index}]": node for (source, index), node in zip(places, backward, strict=True)}
+    return "".join(
+        [
+            _function_text(f"void inputs({point}, V* c)", graph, name, _targets("c", values[:split])),
+            _function_text(
+                f"void inputs_forward({point}, const V* dp, const V* du, const V* dd, V* dc, V* drate)",
+                graph,
+                name,
+                _targets("dc", forward[:split]) | _targets("drate", forward[split:]),
+            ),
+            _function_text(
+                f"void inputs_reverse({point}, const V* cb, const V* rateb, V* pb, V* ub, V* db)", graph, name, targets
+            ),
+        ]
+    )
+
+
+# -- text --------------------------------------------------------------------------------------------------------------
+def _targets(array: str, nodes: Sequence[int]) -> dict[str, int]:
+    return {f"{array}[{k}]": node for k, node in enumerate(nodes)}
+
+
+def _named(only: str, graph: Graph) -> Callable[[int], str | None]:
+    """Names of inputs by their source; of one source only, if it is given."""
+
+    def name(number: int) -> str | None:
+        node = graph.nodes[number]
+        return f"{node.source}[{node.index}]" if node.op == "input" and only in ("", node.source) else None
+
+    return name
+
+
+def _function_text(head: str, graph: Graph, name: Callable[[int], str | None], stores: Mapping[str, int]) -> str:
+    """A function that stores every value as soon as it is there: hundreds of results do not fit the registers.
+
+    A target that ends in "+" is the beginning of an assignment that adds the value.
+    """
+    emitter = Emitter(graph, list(stores.values()), name)
+    for target, number in stores.items():
+        value = emitter.value(number)
+        emitter.lines.append(f"{target} {value};" if target.endswith("+") else f"{target} = {value};")
+    body = "\n    ".join(emitter.lines)
+    return f"template <class V> {head} {{\n    {body}\n}}\n"
