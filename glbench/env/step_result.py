@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from glbench.kernel import StepFailure
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """``array``, which nobody can write to any more."""
+    array.flags.writeable = False
+    return array
 
 
 @dataclass(frozen=True, eq=False)

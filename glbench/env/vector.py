@@ -145,7 +145,8 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
             When no episode was started, or in mode ``DISABLED`` a row has ended and was not reset.
         """
         over = self.simulation.ended
-        if over.any():
+        any_over = self.simulation.over > 0
+        if any_over:
             if self.autoreset_mode is not AutoresetMode.NEXT_STEP:
                 rows = np.flatnonzero(over).tolist()
                 msg = f"The episodes of rows {rows} have ended. Reset them with the option 'reset_mask'."
@@ -153,12 +154,12 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
             if over.all():
                 return self._only_reset()
         result = self._result = self.simulation.step(actions)
-        if self.autoreset_mode is AutoresetMode.SAME_STEP and result.terminated.any():
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self.simulation.over:
             observations, info = self._reset_at_once(result)
             terminated = result.terminated.copy()
         else:
             terminated = result.terminated & ~over
-            observations = self._start(np.flatnonzero(over)) if over.any() else result.observations
+            observations = self._start(np.flatnonzero(over)) if any_over else result.observations
             info = self._step_info(result, ~over)
         return observations, result.rewards.copy(), terminated, np.zeros(self.num_envs, dtype=np.bool_), info
 

@@ -30,7 +30,7 @@ _HERE = Path(__file__).resolve().parent
 _NATIVE = _HERE / "native"
 _LOCK_SECONDS = 600.0
 _GENERATOR = ("derivative", "emit", "generate", "graph", "importer", "lu", "regroup")
-_SOURCE = '#include "model.hpp"\n#include "driver.hpp"\n'
+_SOURCE = '#include "model.hpp"\n#include "driver.hpp"\n#include "environment.hpp"\n'
 
 
 @dataclass(frozen=True)
