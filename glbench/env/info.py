@@ -42,6 +42,7 @@ class InfoWriter:
         names = tuple(quantity.name for quantity in info_quantities(task))
         self._of_head = names[2 : len(names) - len(QUANTITIES)]
         self._of_step = names[2:]
+        self._masks = tuple(f"_{name}" for name in names)
         # Filling in a dictionary that has its keys is quicker than making one.
         self._empty = dict.fromkeys(names)
 
@@ -52,6 +53,11 @@ class InfoWriter:
         if result is not None:
             columns.update(result.quantities)
         return columns
+
+    def everywhere(self, columns: dict[str, NDArray[np.generic]], n: int) -> dict[str, Any]:
+        """Columns that hold for all ``n`` rows, with Gymnasium's masks."""
+        masks = self._masks if len(columns) == len(self._masks) else self._masks[: len(columns)]
+        return columns | dict.fromkeys(masks, np.ones(n, dtype=np.bool_))
 
     def standing(self, simulation: Simulation) -> dict[str, object]:
         """The same for the only row of a simulation that was reset, as plain numbers."""

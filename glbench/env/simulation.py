@@ -211,8 +211,10 @@ class Simulation:
         observation, numbers, ended
             ``(columns,)`` float32; the numbers of ``head`` and, after them, the step's quantities; whether the run has ended. ``result`` has the rest.
         """
-        self._check_running()
-        return self._runs.step_single(action)
+        runs = self._runs
+        if not self._begun or runs.over == self.n:
+            self._check_running()
+        return runs.step_single(action)
 
     def step_controls(self, controls: ArrayLike) -> StepResult:
         """Take one step with ``controls`` ``(n, 6)``, fractions applied as they are: no actuation, no rate limit.

@@ -26,7 +26,7 @@ def with_masks(columns: dict[str, NDArray[np.generic]], rows: Mask, stepped: Mas
     for name, values in columns.items():
         mask, everywhere = of_step if name in _OF_STEP else of_row
         info[name] = values if everywhere else np.where(mask, values, np.zeros_like(values))
-        info["_" + name] = mask
+        info[f"_{name}"] = mask
     return info
 
 
