@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glbench.env.actuation import ActionReader
 from glbench.env.program import HEAD
-from glbench.env.quantities import QUANTITY_NAMES, REWARD
+from glbench.env.quantities import REWARD
 from glbench.env.step_result import StepResult, read_only
 from glbench.env.uncertainty import draw_key
 
@@ -94,7 +94,7 @@ class FusedRuns:
                 table[REWARD],
                 self.ended,
                 self._all.failures() if self._failed else [],
-                dict(zip(QUANTITY_NAMES, table, strict=True)),
+                table,
             )
         return found
 

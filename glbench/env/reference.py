@@ -14,7 +14,7 @@ from glbench.env.accounts import make_accounts
 from glbench.env.actuation import ActionReader, make_actuation
 from glbench.env.climate import AIR_STATES, AirReader
 from glbench.env.observations import Observer
-from glbench.env.quantities import EPI, PENALTY, QUANTITY_NAMES, REWARD
+from glbench.env.quantities import EPI, PENALTY, REWARD
 from glbench.env.rewards import StepOutcome, make_reward
 from glbench.env.step_result import StepResult, read_only
 from glbench.env.uncertainty import ParameterDraws
@@ -106,7 +106,7 @@ class ReferenceRuns:
     def step_single(self, action: ArrayLike) -> tuple[NDArray[np.float32], list[float], bool]:
         """One step of the only run."""
         result = self.step(np.asarray(action)[None])
-        numbers = [*self.head[:, 0].tolist(), *(values.item() for values in result.quantities.values())]
+        numbers = [*self.head[:, 0].tolist(), *result.table[:, 0].tolist()]
         return result.observations[0], numbers, bool(result.terminated[0])
 
     @cached_property
@@ -138,13 +138,8 @@ class ReferenceRuns:
             table[[REWARD, EPI, PENALTY], failure.row] = self._charge
         if had_ended is not None:
             table[:, had_ended] = 0.0
-        self.result = StepResult(
-            self._observer(after, controls, air, self.k),
-            table[REWARD],
-            self.ended,
-            failed,
-            dict(zip(QUANTITY_NAMES, table, strict=True)),
-        )
+        observations = self._observer(after, controls, air, self.k)
+        self.result = StepResult(observations, table[REWARD], self.ended, failed, table)
         return self.result
 
     def _flow(self, controls: Floats, had_ended: NDArray[np.bool_] | None) -> tuple[Floats, list[StepFailure]]:
