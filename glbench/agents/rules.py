@@ -98,8 +98,9 @@ def _action(above: Array, steepness: Any, half_band: Any, low: Any, span: Any) -
     z = steepness * (above - half_band)
     # exp only ever sees numbers that are not positive, so no distance from the set point overflows.
     decay = np.exp(-np.abs(z))
-    share: Array = np.where(z >= 0.0, 1.0, decay) / (1.0 + decay)
-    return low + span * share
+    share = np.where(z >= 0.0, 1.0, decay) / (1.0 + decay)
+    action: Array = low + span * share
+    return action
 
 
 def within(start: float, stop: float, value: Array) -> Array:

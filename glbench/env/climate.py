@@ -9,9 +9,8 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.kernel.tape import NotRecordable, Recorder, Value
+from glbench.kernel.tape import Recorder, RecordingError, Value
 from glbench.model import STATE_NAMES, co2_ppm, relative_humidity
-
 
 AIR_STATES = tuple(STATE_NAMES.index(name) for name in ("tAir", "co2Air", "vpAir"))
 """Places of temperature, CO2 density and vapour pressure of the indoor air in the state."""
@@ -56,7 +55,9 @@ class AirReader:
         return air
 
 
-def record_air(temperature: Value, co2_density: Value, vapour_pressure: Value, recorder: Recorder) -> tuple[Value, Value]:
+def record_air(
+    temperature: Value, co2_density: Value, vapour_pressure: Value, recorder: Recorder
+) -> tuple[Value, Value]:
     """CO2 [ppm] and relative humidity [%] of one parcel, recorded for the compiled kernel: CasADi's operations in CasADi's order."""
     function, given = _function(), (temperature, co2_density, vapour_pressure)
     register: dict[int, Any] = {}
@@ -75,7 +76,7 @@ def record_air(temperature: Value, co2_density: Value, vapour_pressure: Value, r
             register[to[0]] = recorder.operation(names[operation], *(register[operand] for operand in operands))
         else:
             msg = f"The air's formulas use CasADi's operation {operation}, which cannot be recorded."
-            raise NotRecordable(msg)
+            raise RecordingError(msg)
     return results[0], results[1]
 
 

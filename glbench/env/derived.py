@@ -49,7 +49,7 @@ class DerivedParameters:
 
         Raises
         ------
-        NotRecordable
+        RecordingError
             When a formula needs more than arithmetic.
         """
         recorder = Recorder()

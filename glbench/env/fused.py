@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 _PLAIN = "fd"
 """Codes of the types that are copied without a look at them: float32 and float64."""
-_AIR = slice(2, 5)
+_AIR = slice(3, 6)
 
 
 class FusedRuns:
@@ -78,7 +78,7 @@ class FusedRuns:
 
     @property
     def head(self) -> Floats:
-        """What ``info`` tells of every run besides the step's quantities, ``(11, n)``."""
+        """What ``info`` tells of every run besides the step's quantities, ``(12, n)``."""
         return self._table()[:HEAD]
 
     @property

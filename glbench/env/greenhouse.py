@@ -83,8 +83,6 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.action_space = action_space(self.task)
         self.simulation = Simulation(self.task, 1, kernel)
         self._info = InfoWriter(self.task)
-        self._seed = 0
-        self._steps = 0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -114,7 +112,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         given = None if seed is None else checked_seed(seed)
         super().reset(seed=given)
         observation = self.simulation.reset([draw_seed(self.np_random) if given is None else given])[0]
-        return observation, self._begin()
+        return observation, self._info.standing(self.simulation)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Take one step.
@@ -132,10 +130,9 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             When the episode has ended or none was started.
         """
         observation, numbers, terminated = self.simulation.step_single(action)
-        self._steps += 1
-        info = self._info.stepped(self._seed, self._steps, numbers)
+        info = self._info.stepped(self.simulation, numbers)
         if terminated:
-            self._conclude(info)
+            self._add_failure(info)
         return observation, info["reward"], terminated, False, info
 
     def render(self) -> str | None:
@@ -157,16 +154,10 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         observation = self.simulation.restore(snapshot)[0]
         if len(snapshot.generators):
             self.np_random = unpack_generator(snapshot.generators[0])
-        return observation, self._begin()
+        return observation, self._info.standing(self.simulation)
 
-    def _begin(self) -> dict[str, Any]:
-        info = self._info.standing(self.simulation)
-        self._seed, self._steps = int(self.simulation.seeds[0]), int(self.simulation.k[0])
-        return info
-
-    def _conclude(self, info: dict[str, Any]) -> None:
-        """Add what there is to say about the end of an episode."""
+    def _add_failure(self, info: dict[str, Any]) -> None:
+        """Say why a step could not be integrated, if that is what ended the episode."""
         result = self.simulation.result
-        info["step"] = self._steps = int(self.simulation.k[0])  # a step that failed is not counted
         if result is not None and result.failed:
             info[FAILURE] = result.failed[0].reason

@@ -40,16 +40,17 @@ class InfoWriter:
 
     def __init__(self, task: TaskSpec) -> None:
         names = tuple(quantity.name for quantity in info_quantities(task))
-        self._of_head = names[2 : len(names) - len(QUANTITIES)]
-        self._of_step = names[2:]
+        self._of_head = names[1 : len(names) - len(QUANTITIES)]
+        self._of_step = names[1:]
         self._masks = tuple(f"_{name}" for name in names)
         # Filling in a dictionary that has its keys is quicker than making one.
         self._empty = dict.fromkeys(names)
 
     def columns(self, simulation: Simulation, result: StepResult | None) -> dict[str, NDArray[np.generic]]:
         """Every quantity of ``info_quantities`` for all rows, each ``(n,)``."""
-        columns: dict[str, NDArray[np.generic]] = {"seed": simulation.seeds, "step": simulation.k}
+        columns: dict[str, NDArray[np.generic]] = {"seed": simulation.seeds}
         columns.update(zip(self._of_head, simulation.head, strict=True))
+        columns["step"] = simulation.k
         if result is not None:
             columns.update(result.quantities)
         return columns
@@ -63,9 +64,9 @@ class InfoWriter:
         """The same for the only row of a simulation that was reset, as plain numbers."""
         return {name: column.item() for name, column in self.columns(simulation, None).items()}
 
-    def stepped(self, seed: int, step: int, numbers: list[float]) -> dict[str, Any]:
+    def stepped(self, simulation: Simulation, numbers: list[float]) -> dict[str, Any]:
         """The same after a step, from its numbers (``Simulation.step_single``)."""
         info: dict[str, Any] = self._empty.copy()
         info.update(zip(self._of_step, numbers, strict=True))
-        info["seed"], info["step"] = seed, step
+        info["seed"], info["step"] = simulation.seeds.item(), int(numbers[0])
         return info

@@ -52,7 +52,7 @@ Source = Literal["states", "air", "controls", "counter"]
 
 @dataclass(frozen=True)
 class Numbers:
-    """Columns that are numbers of the situation times factors; "counter" has one, the number of the weather row shown."""
+    """Columns that are numbers of the situation times factors; "counter" has the steps taken and the number of the weather row shown."""
 
     source: Source
     indices: tuple[int, ...]
@@ -61,8 +61,10 @@ class Numbers:
 
 @dataclass(frozen=True, eq=False)
 class TableRows:
-    """Columns that are ``rows`` whole rows of a float32 table ``(rows, width)`` side by side, from ``ahead`` rows after the row of
-    the clock (``clocked``) or of the weather shown."""
+    """Columns that are ``rows`` whole rows of a float32 table ``(rows, width)``, side by side.
+
+    The first is ``ahead`` rows after that of the clock (``clocked``) or of the weather shown.
+    """
 
     table: NDArray[np.float32]
     rows: int = 1
@@ -160,7 +162,7 @@ _SHOWN: dict[str, Callable[[TaskSpec, WeatherTables], tuple[Shown, ...]]] = {
     "forecast": lambda task, tables: _ahead(task, tables.measured),
     "full_state": lambda task, tables: _numbers("states", *range(len(STATE_NAMES))),
     # The published code counts the step just taken, hence the weather row and not the number of steps.
-    "step_counter": lambda task, tables: _numbers("counter", 0),
+    "step_counter": lambda task, tables: _numbers("counter", 1),
     "control_fractions": lambda task, tables: _numbers("controls", *range(len(CONTROL_NAMES))),
     "published_indoor_climate": lambda task, tables: _numbers("air", 1, 0, 2) + _numbers("states", _PIPE),
     "published_crop": lambda task, tables: _numbers("states", _MEAN_CANOPY, _FRUIT, _CANOPY_SUM),
@@ -190,7 +192,8 @@ def _part(shown: Shown) -> ObservationPart:
             return lambda situation: situation.states.take(indices, axis=1) * factors
         if shown.source == "controls":
             return lambda situation: situation.controls.take(indices, axis=1) * factors
-        return lambda situation: situation.weather_rows[:, None].astype(np.float64)
+        counters = [("steps", "weather_rows")[index] for index in indices]
+        return lambda situation: np.stack([getattr(situation, name) for name in counters], axis=1) * factors
     table, rows, ahead, width = shown.table, shown.rows, shown.ahead, shown.table.shape[1]
     if rows > 1:
         table = np.lib.stride_tricks.sliding_window_view(table.reshape(-1), rows * width)[::width]

@@ -1,7 +1,7 @@
 """A task as a program of the compiled kernel: the same formulas as everywhere, recorded instead of evaluated.
 
-Every part that glbench ships can be recorded. A part that somebody registered is Python, which the compiled kernel cannot run; the whole task
-is then stepped with numpy around the kernel (``glbench.env.reference``), to the same bits.
+Every part that glbench ships can be recorded. A part that somebody registered is Python, which the compiled kernel cannot
+run; the whole task is then stepped with numpy around the kernel (``glbench.env.reference``).
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from glbench.env.quantities import QUANTITY_NAMES
 from glbench.env.rewards import REWARDS, StepOutcome, make_reward
 from glbench.env.weather_tables import WeatherTables
 from glbench.kernel.environment import Draws, Lookup, Program, Reader
-from glbench.kernel.tape import NotRecordable, Recorder, Tape, Value
+from glbench.kernel.tape import Recorder, RecordingError, Tape, Value
 from glbench.model import CONTROL_NAMES
 from glbench.tasks.quantities import LIMITED
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
-HEAD = 2 + len(LIMITED) + len(CONTROL_NAMES)
-"""Columns of the table before the step's quantities: hour of day, day of year, the air inside, controls in physical units."""
+HEAD = 3 + len(LIMITED) + len(CONTROL_NAMES)
+"""Columns of the table before the step's quantities: steps taken, hour of day, day of year, the air inside, controls in physical units."""
 
 
 def make_program(task: TaskSpec) -> Program | None:
@@ -38,7 +38,7 @@ def make_program(task: TaskSpec) -> Program | None:
         return None
     try:
         return _program(task)
-    except NotRecordable:
+    except RecordingError:
         return None
 
 
@@ -112,7 +112,13 @@ def _outcome(task: TaskSpec) -> tuple[Tape, tuple[Lookup, ...], int]:
     clock = [recorder.input("clock", index) for index in range(2)]
     delivered = [control * at_one.at_one for control, at_one in zip(controls, task.capacities(), strict=True)]
     accounts = make_accounts(task)
-    rows = [*clock, *air, *delivered, *_quantities(task, accounts, recorder, controls, air)]
+    rows = [
+        recorder.input("counter", 0),
+        *clock,
+        *air,
+        *delivered,
+        *_quantities(task, accounts, recorder, controls, air),
+    ]
     for column, value in enumerate(rows):
         recorder.output("table", column, value)
     lookups, columns = _observation(task, recorder, controls, air)

@@ -58,9 +58,9 @@ class ReferenceRuns:
 
     @property
     def head(self) -> Floats:
-        """What ``info`` tells of every run besides the step's quantities, ``(11, n)``."""
+        """What ``info`` tells of every run besides the step's quantities, ``(12, n)``."""
         k, weather = self.k, self._weather
-        return np.vstack([weather.hour_of_day[k], weather.day_of_year[k], self.air, self.u.T * self._delivered])
+        return np.vstack([k, weather.hour_of_day[k], weather.day_of_year[k], self.air, self.u.T * self._delivered])
 
     def start(self, rows: NDArray[np.intp], seeds: Sequence[int], state: Floats) -> None:
         """Start the runs in ``rows`` with ``seeds`` from ``state``."""

@@ -53,7 +53,7 @@ class Runs(Protocol):
 
     @property
     def head(self) -> Floats:
-        """What ``info`` tells of every run besides the step's quantities, ``(11, n)``: hour of day, day of year, air, controls in physical units."""
+        """Steps taken, hour of day, day of year, air, controls in physical units: what ``info`` tells without a step, ``(12, n)``."""
 
     @property
     def result(self) -> StepResult | None:
@@ -80,7 +80,7 @@ class Runs(Protocol):
         """One step with controls ``(n, 6)``, without actuation."""
 
     def step_single(self, action: ArrayLike) -> tuple[NDArray[np.float32], list[float], bool]:
-        """One step of the only run with an action ``(m,)``: observation, the numbers of ``head`` and of the step's quantities, whether it has ended."""
+        """One step of the only run with an action ``(m,)``: observation, ``head`` and quantities, whether it has ended."""
 
 
 def check_parts(task: TaskSpec, accounts: Accounts) -> None:
@@ -91,7 +91,7 @@ def check_parts(task: TaskSpec, accounts: Accounts) -> None:
 
 
 def make_runs(task: TaskSpec, n: int, kernel: Stepper, *, fused: bool = True) -> Runs:
-    """``n`` runs of ``task`` around ``kernel``: fused into one call a step where the kernel and all parts of the task allow it, else with numpy."""
+    """``n`` runs of ``task`` around ``kernel``; fused where the kernel and all parts of the task allow it."""
     make = getattr(kernel, "environments", None)  # a kernel of one's own, or a pool of processes, steps states only
     program = make_program(task) if fused and make is not None else None
     environments = make(program, n) if make is not None and program is not None else None

@@ -120,7 +120,7 @@ class Simulation:
 
     @property
     def head(self) -> Floats:
-        """Hour of day [h], day of year, the air and the controls in physical units, ``(11, n)``: what ``info`` tells without a step."""
+        """Steps taken, hour of day [h], day of year, the air, controls in physical units, ``(12, n)``: ``info`` without a step."""
         return self._runs.head
 
     @property
@@ -209,7 +209,8 @@ class Simulation:
         Returns
         -------
         observation, numbers, ended
-            ``(columns,)`` float32; the numbers of ``head`` and, after them, the step's quantities; whether the run has ended. ``result`` has the rest.
+            ``(columns,)`` float32; the numbers of ``head`` and, after them, the step's quantities; whether the run has ended.
+            ``result`` has the rest.
         """
         runs = self._runs
         if not self._begun or runs.over == self.n:

@@ -1,7 +1,7 @@
 """What surrounds a control step, as data that the compiled kernel can work off: a task's program, and environments that run it.
 
-The kernel knows nothing of tasks. A program says where numbers come from, what arithmetic is done with them (``glbench.kernel.tape``) and where
-they go; ``glbench.env`` makes one of a task.
+The kernel knows nothing of tasks. A program says where numbers come from, what arithmetic is done with them
+(``glbench.kernel.tape``) and where they go; ``glbench.env`` makes one of a task.
 """
 
 from __future__ import annotations
@@ -43,7 +43,10 @@ class Lookup:
 
 @dataclass(frozen=True, eq=False)
 class Reader:
-    """Bounds of values from outside, each ``(m,)``: what is accepted (``lowest`` to ``highest``) and what is made of it (``low`` to ``high``)."""
+    """Bounds of values from outside, each ``(m,)``.
+
+    Values from ``lowest`` to ``highest`` are accepted; those between them and ``low`` or ``high`` are taken as these.
+    """
 
     lowest: FloatArray
     highest: FloatArray
@@ -55,8 +58,8 @@ class Reader:
 class Draws:
     """Parameters that are drawn evenly between ``1 - half_width`` and ``1 + half_width`` times their nominal value.
 
-    ``places`` of the parameters ``(count,)``, in the order of the numbers of the generator; ``once`` an episode or in every step; ``followers`` is a tape
-    from ``drawn`` (index: place of the parameter) to ``parameters``.
+    ``places`` of the parameters ``(count,)``, in the order of the generator's numbers; ``once`` an episode or in every step;
+    ``followers`` is a tape from ``drawn`` (index: place of the parameter) to ``parameters``.
     """
 
     places: npt.NDArray[np.int32]
@@ -74,8 +77,8 @@ class Program:
     actuation
         From ``given`` (an action within its bounds) and ``controls`` in force to ``controls``.
     outcome
-        From ``before``, ``after`` (states), ``controls``, ``clock`` (0: hour of day, 1: day of year) and ``counter`` (0: weather row shown) to ``table``
-        and ``observation``.
+        From ``before``, ``after`` (states), ``controls``, ``clock`` (0: hour of day, 1: day of year) and ``counter`` (0: steps
+        taken, 1: weather row shown) to ``table`` and ``observation``.
     actions, controls
         Bounds of actions, and of controls that are given directly.
     steps
@@ -91,8 +94,8 @@ class Program:
     lookups
         Rows of tables that are observed.
     columns, width, head
-        Columns of the observation and of the table; those of the table before ``head`` hold for environments that stand still too, the
-        others are 0 for one that had ended.
+        Columns of the observation and of the table; those of the table before ``head`` hold for environments that stand still
+        too, the others are 0 for one that had ended.
     charges
         Columns of the table with the values that they have for a failed step.
     """
@@ -117,8 +120,9 @@ class Program:
 class Environments(Protocol):
     """``n`` environments that run a program. Not thread-safe.
 
-    A row gives the same bits alone, in any batch and with any number of threads. ``x`` and ``u`` are other arrays after a step; the other attributes
-    stay the same arrays, which the next call overwrites. To start environments, write into ``x``, ``u``, ``k``, ``ended`` and ``keys``, and ``look``.
+    A row gives the same bits alone, in any batch and with any number of threads. ``x`` and ``u`` are other arrays after a step;
+    the other attributes stay the same arrays, which the next call overwrites. To start environments, write into ``x``, ``u``,
+    ``k``, ``ended`` and ``keys``, and ``look``.
 
     Attributes
     ----------

@@ -71,9 +71,9 @@ class Kernel(Stepper):
         }
 
     def environments(self, program: Program, n: int) -> Environments | None:
-        """``n`` environments that run ``program`` around steps of this kernel, in one call a step; see docs/adr/0010-fused-environment-step.md.
+        """``n`` environments that run ``program`` around steps of this kernel, in one call a step.
 
-        None where the backend steps states only, and for a program that is too large for it.
+        See docs/adr/0010-fused-environment-step.md. None where the backend steps states only, and for a program that is too large for it.
         """
         return self._backend.environments(program, n)
 

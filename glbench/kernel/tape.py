@@ -35,7 +35,7 @@ OPERATORS = (
 """In the order of ``glb::Operator`` in native/tape.hpp. ``exp`` is the C library's, which numpy's is not: never recorded from numpy."""
 
 
-class NotRecordable(GlbenchError):
+class RecordingError(GlbenchError):
     """A formula does something that a tape cannot hold."""
 
 
@@ -79,7 +79,7 @@ class Value:
         name = _UFUNCS.get(ufunc)
         if name is None or method != "__call__" or options:
             msg = f"A formula uses {getattr(ufunc, '__name__', ufunc)}, which cannot be recorded."
-            raise NotRecordable(msg)
+            raise RecordingError(msg)
         return self._recorder.operation(name, *operands)
 
     def __add__(self, other: Any) -> Value:
@@ -111,13 +111,13 @@ class Value:
 
     def __pow__(self, other: Any) -> Value:
         msg = "A formula raises to a power, which cannot be recorded."
-        raise NotRecordable(msg)
+        raise RecordingError(msg)
 
     __rpow__ = __pow__
 
     def __bool__(self) -> bool:
         msg = "A formula decides by a number that is known only in the step, which cannot be recorded."
-        raise NotRecordable(msg)
+        raise RecordingError(msg)
 
 
 _UFUNCS: dict[Any, str] = {
@@ -182,7 +182,7 @@ class Recorder:
         if isinstance(operand, int | float | np.floating | np.integer) and not isinstance(operand, bool):
             return self._number("constant", float(operand).hex())  # 0.0 and -0.0 are two constants
         msg = f"A formula mixes a recorded value with a {type(operand).__name__}, which cannot be recorded."
-        raise NotRecordable(msg)
+        raise RecordingError(msg)
 
     def _number(self, *key: Any) -> int:
         return self._numbers.setdefault(key, len(self._numbers))

@@ -33,8 +33,8 @@ class CompiledEnvironments:
     """``n`` environments of ``program``, see ``glbench.kernel.environment.Environments``."""
 
     def __init__(self, library: Library, settings: Settings, program: Program, n: int) -> None:
-        self._program, self._library = program, library
-        self._kept: list[Any] = [settings]  # what the library holds addresses of
+        self._program, self._settings = program, settings
+        self._kept: list[Any] = []  # what the library holds addresses of
         self.x, self._after = np.zeros((n, SIZES["x"])), np.zeros((n, SIZES["x"]))
         self.u, self._next = np.zeros((n, SIZES["u"])), np.zeros((n, SIZES["u"]))
         self.k = np.zeros(n, np.int64)
@@ -105,7 +105,8 @@ class CompiledEnvironments:
         return failed
 
     def _explain(self, row: int) -> str:
-        return explain(int(self._status[row]), float(self._reached[row]), int(self._substeps[row]))
+        reached, substeps = float(self._reached[row]), int(self._substeps[row])
+        return explain(int(self._status[row]), reached, substeps, int(self._settings.most))
 
     def _program_pointers(self, program: Program) -> ProgramPointers:
         draws = program.draws or _NOTHING_DRAWN

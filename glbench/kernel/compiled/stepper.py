@@ -209,7 +209,8 @@ class CompiledStepper:
     def explain(self, row: int) -> str:
         """What went wrong in a row of the last call: which state, when, why."""
         batch = self._batch
-        return explain(int(batch.status[row]), float(batch.reached[row]), int(batch.substeps[row]))
+        reached, substeps = float(batch.reached[row]), int(batch.substeps[row])
+        return explain(int(batch.status[row]), reached, substeps, int(self._settings.most))
 
     def error(self, row: int) -> StepError:
         """The error to raise for a row of the last call that failed."""

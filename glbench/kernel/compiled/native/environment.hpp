@@ -194,6 +194,8 @@ template <class V> class Attendant final : public RowWork {
     }
     int64_t shown(int64_t row) const { return all_.k[row] > program_.lag ? all_.k[row] - program_.lag : 0; }
 
+    double counter(int32_t which, int64_t row) const { return static_cast<double>(which == 0 ? all_.k[row] : shown(row)); }
+
     const double* source(int32_t kind, int64_t row) const {
         switch (kind) {
             case OF_BEFORE: return all_.x + row * model::STATES;
@@ -209,7 +211,7 @@ template <class V> class Attendant final : public RowWork {
             V& to = r_[tape.constants + i];
             for (int lane = 0; lane < W; ++lane) {
                 const int64_t row = pending_[lane];
-                set_element(to, lane, slot.source == OF_COUNTER ? static_cast<double>(shown(row)) : source(slot.source, row)[slot.index]);
+                set_element(to, lane, slot.source == OF_COUNTER ? counter(slot.index, row) : source(slot.source, row)[slot.index]);
             }
         }
     }
