@@ -68,11 +68,10 @@ def privileged_inputs(x: Array, d: Array, hour_of_day: float | Array, day_of_yea
         msg = f"Expected states of shape (n, 28) and disturbances (n, 10) or (10,), got {x.shape} and {d.shape}."
         raise ShapeError(msg)
     # Rows of arrays of their own: numpy may take another path, with another last bit, through the columns of a larger array.
-    states, outside, clock = np.empty((3, n)), np.empty((5, n)), np.empty((2, n))
+    states = np.empty((3, n))
     states[:] = x.T[_STATES]
-    outside[:] = d[_OUTSIDE][:, None] if d.ndim == 1 else d.T[_OUTSIDE]
-    clock[0], clock[1] = hour_of_day, day_of_year
     air_temperature, vapour_pressure, co2_density = states
+    outside = d[_OUTSIDE].tolist() if d.ndim == 1 else np.ascontiguousarray(d.T[_OUTSIDE])
     radiation, outdoor_temperature, day_radiation_sum, is_day, is_day_smooth = outside
     return RuleInputs(
         air_temperature=air_temperature,
@@ -83,6 +82,6 @@ def privileged_inputs(x: Array, d: Array, hour_of_day: float | Array, day_of_yea
         day_radiation_sum=day_radiation_sum,
         is_day=is_day,
         is_day_smooth=is_day_smooth,
-        hour_of_day=clock[0],
-        day_of_year=clock[1],
+        hour_of_day=hour_of_day,
+        day_of_year=day_of_year,
     )

@@ -20,13 +20,18 @@ from numpy.typing import NDArray
 from glbench.agents.rule_settings import RuleSettings
 
 Array = NDArray[np.float64]
+Shared = Any
+"""An array (n,), or one ``float`` for all runs."""
 
 _LOG_100 = math.log(100.0)
 
 
 @dataclass(frozen=True)
 class RuleInputs:
-    """What the rules look at, at the start of a control step: float64 arrays of shape (n,), one value a run."""
+    """What the rules look at, at the start of a control step: float64 arrays of shape (n,), one value a run.
+
+    What is outside may also be one number for all runs: the rules then follow from it for all runs at once, with the same bits.
+    """
 
     air_temperature: Array
     """Air below the screens [degC]."""
@@ -34,31 +39,31 @@ class RuleInputs:
     """Relative humidity of that air [%]."""
     co2: Array
     """CO2 of that air [ppm]."""
-    radiation: Array
+    radiation: Shared
     """Global radiation outside [W m-2]."""
-    outdoor_temperature: Array
+    outdoor_temperature: Shared
     """Air outside [degC]."""
-    day_radiation_sum: Array
+    day_radiation_sum: Shared
     """Radiation sum of the calendar day, the hours to come included [MJ m-2 d-1]."""
-    is_day: Array
+    is_day: Shared
     """1 by day, 0 by night, linear within dusk and dawn [-]."""
-    is_day_smooth: Array
+    is_day_smooth: Shared
     """The same with sigmoid dusk and dawn [-]."""
-    hour_of_day: Array
+    hour_of_day: Shared
     """Clock [h], from 0 to below 24."""
-    day_of_year: Array
+    day_of_year: Shared
     """Day of the year [day], 0 at 1 January 00:00."""
 
 
 @dataclass(frozen=True)
 class _Climate:
-    """Set points and needs that several rules share; shape (n,) each."""
+    """Set points and needs that several rules share; they follow from what is outside."""
 
-    lamps_wanted: Array
+    lamps_wanted: Shared
     """1 when clock, season and radiation call for lamps, whatever the greenhouse climate [-]."""
-    heating: Array
+    heating: Shared
     """Heating set point [degC]."""
-    co2: Array
+    co2: Shared
     """CO2 set point [ppm]."""
 
 
@@ -103,10 +108,18 @@ def _action(above: Array, steepness: Any, half_band: Any, low: Any, span: Any) -
     return action
 
 
-def within(start: float, stop: float, value: Array) -> Array:
+def within(start: float, stop: float, value: Shared) -> Shared:
     """1 where ``value`` lies strictly between ``start`` and ``stop``, else 0; over the turn of day or year when start > stop."""
     inside = (start < value) & (value < stop) if start <= stop else (start < value) | (value < stop)
-    return inside.astype(np.float64)
+    return inside * 1.0
+
+
+def _larger(a: Shared, b: Shared) -> Shared:
+    return max(a, b) if isinstance(a, float) and isinstance(b, float) else np.maximum(a, b)
+
+
+def _smaller(a: Shared, b: Shared) -> Shared:
+    return min(a, b) if isinstance(a, float) and isinstance(b, float) else np.minimum(a, b)
 
 
 def rule_controls(inputs: RuleInputs, settings: RuleSettings) -> Array:
@@ -178,27 +191,27 @@ class Rules:
 
 
 def _shared(inputs: RuleInputs, settings: RuleSettings) -> _Climate:
-    dim_day = (inputs.day_radiation_sum < settings.lamps_off_day_sum).astype(np.float64)
+    dim_day = (inputs.day_radiation_sum < settings.lamps_off_day_sum) * 1.0
     in_season = within(settings.lamp_season_start, settings.lamp_season_end, inputs.day_of_year)
-    dim_now = (inputs.radiation < settings.lamps_off_radiation).astype(np.float64)
+    dim_now = (inputs.radiation < settings.lamps_off_radiation) * 1.0
     in_hours = within(settings.lamps_on, settings.lamps_off, inputs.hour_of_day)
     lamps_wanted = dim_now * dim_day * in_hours * in_season
 
     # The climate of the lamp hours fades in and out within an hour and, unlike the lamps, does not mind a sunny moment.
     lamp_climate = _lamp_ramp(inputs.hour_of_day, settings) * dim_day * in_season
-    day_climate = np.maximum(lamp_climate, inputs.is_day)
+    day_climate = _larger(lamp_climate, inputs.is_day)
     heating = day_climate * settings.heating_day + (1.0 - day_climate) * settings.heating_night
     heating = heating + settings.heating_lamp_shift * lamps_wanted
     return _Climate(lamps_wanted, heating, day_climate * settings.co2_day)
 
 
-def _lamp_ramp(hour: Array, settings: RuleSettings) -> Array:
+def _lamp_ramp(hour: Shared, settings: RuleSettings) -> Shared:
     """The lamp hours with ramps of one hour before and after [-]."""
-    rising = np.minimum(np.maximum(hour - settings.lamps_on + 1.0, 0.0), 1.0)
-    falling = np.minimum(np.maximum(settings.lamps_off - hour + 1.0, 0.0), 1.0)
+    rising = _smaller(_larger(hour - settings.lamps_on + 1.0, 0.0), 1.0)
+    falling = _smaller(_larger(settings.lamps_off - hour + 1.0, 0.0), 1.0)
     if settings.lamps_on == settings.lamps_off:
-        return np.zeros_like(hour)
-    return np.minimum(rising, falling) if settings.lamps_on < settings.lamps_off else np.maximum(rising, falling)
+        return hour * 0.0
+    return _smaller(rising, falling) if settings.lamps_on < settings.lamps_off else _larger(rising, falling)
 
 
 def _thermal_screen(settings: RuleSettings, shares: _Shares) -> Array:

@@ -106,7 +106,7 @@ class CompiledEnvironments:
 
     def _explain(self, row: int) -> str:
         reached, substeps = float(self._reached[row]), int(self._substeps[row])
-        return explain(int(self._status[row]), reached, substeps, int(self._settings.most))
+        return explain(int(self._status[row]), reached, substeps, self._settings)
 
     def _program_pointers(self, program: Program) -> ProgramPointers:
         draws = program.draws or _NOTHING_DRAWN

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from glbench.kernel.compiled.tolerances import SMALLEST_SUBSTEP
+from glbench.kernel.compiled.binding import Settings
 from glbench.model import STATE_NAMES
 
 _NO_STATE = 63
@@ -19,15 +19,15 @@ class Failure(IntEnum):
     EQUIPMENT_PRESENT = 4  # internal: the row goes to the library of the full model
 
 
-def explain(status: int, reached: float, substeps: int, most: int) -> str:
-    """What went wrong: which state, when, why; ``most`` substeps were allowed."""
+def explain(status: int, reached: float, substeps: int, settings: Settings) -> str:
+    """What went wrong in a step under ``settings``: which state, when, why."""
     failure, state = Failure(status // 64), status % 64
     name = STATE_NAMES[state] if state != _NO_STATE else ""
     if failure == Failure.INPUT_NOT_FINITE:
         return f"the state {name} is not finite" if name else "controls, weather or parameters are not usable numbers"
     cause = (
-        f"needed more than {most} substeps"
+        f"needed more than {int(settings.most)} substeps"
         if failure == Failure.TOO_MANY_SUBSTEPS
-        else f"needed substeps below {SMALLEST_SUBSTEP:g} s"
+        else f"needed substeps below {settings.smallest:g} s"
     )
     return f"{name} {cause} to stay within its tolerance, {reached:.4g} s into the step after {substeps} substeps"

@@ -210,7 +210,7 @@ class CompiledStepper:
         """What went wrong in a row of the last call: which state, when, why."""
         batch = self._batch
         reached, substeps = float(batch.reached[row]), int(batch.substeps[row])
-        return explain(int(batch.status[row]), reached, substeps, int(self._settings.most))
+        return explain(int(batch.status[row]), reached, substeps, self._settings)
 
     def error(self, row: int) -> StepError:
         """The error to raise for a row of the last call that failed."""
