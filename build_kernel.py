@@ -54,9 +54,7 @@ class KernelHook(BuildHookInterface[Any]):
         if not levels_to_build():
             return False
         try:
-            made = [
-                one for variant in VARIANTS for one in prebuild(folder, variant, traits_of(absent_equipment()))
-            ]
+            made = [one for variant in VARIANTS for one in prebuild(folder, variant, traits_of(absent_equipment()))]
         except CompiledUnavailable as reason:
             self.app.display_warning(f"The wheel carries no compiled kernel. {reason}")
             return False

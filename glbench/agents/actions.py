@@ -24,24 +24,28 @@ def action_problems(returned: object, task: TaskCard, n_runs: int) -> dict[int, 
     if whole is not None:
         return dict.fromkeys(range(n_runs), whole)
     actions = np.asarray(returned, dtype=np.float64)
-    low = np.array([action.low for action in task.actions]) - ROUNDING
-    high = np.array([action.high for action in task.actions]) + ROUNDING
-    good = (actions >= low) & (actions <= high)  # False for nan too
+    low, high = task.action_bounds
+    good = (actions >= low - ROUNDING) & (actions <= high + ROUNDING)  # False for nan too
+    if good.all():
+        return {}
     return {int(run): _problem_of_row(actions[run], good[run], task) for run in np.flatnonzero(~good.all(axis=1))}
 
 
 def _problem_of_the_whole(returned: object, task: TaskCard, n_runs: int) -> str | None:
-    expected = f"expected ({n_runs}, {len(task.actions)}): one row a run, in it {', '.join(task.action_names)}"
     try:
         array = np.asarray(returned)
     except (TypeError, ValueError):
-        return f"act returned a {type(returned).__name__} of rows that differ in length; {expected}"
+        return f"act returned a {type(returned).__name__} of rows that differ in length; {_expected(task, n_runs)}"
     if array.dtype.kind not in "fiu":
         what = f"an array of {array.dtype}" if isinstance(returned, np.ndarray) else f"a {type(returned).__name__}"
-        return f"act returned {what}, which are no plain numbers; {expected}"
+        return f"act returned {what}, which are no plain numbers; {_expected(task, n_runs)}"
     if array.shape != (n_runs, len(task.actions)):
-        return f"act returned an array of shape {array.shape}; {expected}"
+        return f"act returned an array of shape {array.shape}; {_expected(task, n_runs)}"
     return None
+
+
+def _expected(task: TaskCard, n_runs: int) -> str:
+    return f"expected ({n_runs}, {len(task.actions)}): one row a run, in it {', '.join(task.action_names)}"
 
 
 def _problem_of_row(action: NDArray[np.float64], good: NDArray[np.bool_], task: TaskCard) -> str:

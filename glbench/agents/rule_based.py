@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents.rule_settings import RuleSettings
-from glbench.agents.rules import RuleInputs, rule_controls
+from glbench.agents.rules import RuleInputs, Rules
 from glbench.errors import ShapeError
 from glbench.model import DISTURBANCE_NAMES, STATE_NAMES, co2_ppm, relative_humidity
 
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
 Array = NDArray[np.float64]
+
+_STATES = [STATE_NAMES.index(name) for name in ("tAir", "vpAir", "co2Air")]
+_OUTSIDE = [DISTURBANCE_NAMES.index(name) for name in ("iGlob", "tOut", "dayRadSum", "isDay", "isDaySmooth")]
 
 
 class RuleBasedController:
@@ -29,6 +32,7 @@ class RuleBasedController:
 
     def __init__(self, settings: RuleSettings) -> None:
         self.settings = settings
+        self._rules = Rules(settings)
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """Nothing to forget: the rules look at the present step only."""
@@ -50,7 +54,7 @@ class RuleBasedController:
         ShapeError
             When x or d has another shape.
         """
-        return rule_controls(privileged_inputs(x, d, hour_of_day, day_of_year), self.settings)
+        return self._rules.controls(privileged_inputs(x, d, hour_of_day, day_of_year))
 
 
 def privileged_inputs(x: Array, d: Array, hour_of_day: float | Array, day_of_year: float | Array) -> RuleInputs:
@@ -63,29 +67,21 @@ def privileged_inputs(x: Array, d: Array, hour_of_day: float | Array, day_of_yea
     ):
         msg = f"Expected states of shape (n, 28) and disturbances (n, 10) or (10,), got {x.shape} and {d.shape}."
         raise ShapeError(msg)
-    d = np.broadcast_to(d, (n, len(DISTURBANCE_NAMES)))
-
-    def state(name: str) -> Array:
-        return _column(x, STATE_NAMES.index(name))
-
-    def disturbance(name: str) -> Array:
-        return _column(d, DISTURBANCE_NAMES.index(name))
-
-    air_temperature = state("tAir")
+    # Rows of arrays of their own: numpy may take another path, with another last bit, through the columns of a larger array.
+    states = np.empty((3, n))
+    states[:] = x.T[_STATES]
+    air_temperature, vapour_pressure, co2_density = states
+    outside = d[_OUTSIDE].tolist() if d.ndim == 1 else np.ascontiguousarray(d.T[_OUTSIDE])
+    radiation, outdoor_temperature, day_radiation_sum, is_day, is_day_smooth = outside
     return RuleInputs(
         air_temperature=air_temperature,
-        relative_humidity=np.asarray(relative_humidity(air_temperature, state("vpAir"))),
-        co2=np.asarray(co2_ppm(air_temperature, state("co2Air"))),
-        radiation=disturbance("iGlob"),
-        outdoor_temperature=disturbance("tOut"),
-        day_radiation_sum=disturbance("dayRadSum"),
-        is_day=disturbance("isDay"),
-        is_day_smooth=disturbance("isDaySmooth"),
-        hour_of_day=np.full(n, hour_of_day),
-        day_of_year=np.full(n, day_of_year),
+        relative_humidity=np.asarray(relative_humidity(air_temperature, vapour_pressure)),
+        co2=np.asarray(co2_ppm(air_temperature, co2_density)),
+        radiation=radiation,
+        outdoor_temperature=outdoor_temperature,
+        day_radiation_sum=day_radiation_sum,
+        is_day=is_day,
+        is_day_smooth=is_day_smooth,
+        hour_of_day=hour_of_day,
+        day_of_year=day_of_year,
     )
-
-
-def _column(table: Array, index: int) -> Array:
-    # Contiguous, because numpy may take another path, with another last bit, through the columns of a larger array.
-    return np.array(table[:, index], dtype=np.float64, order="C")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from glbench.agents.daylight import Daylight, DaylightEstimator
 from glbench.agents.rule_settings import RuleSettings
-from glbench.agents.rules import RuleInputs, rule_controls
+from glbench.agents.rules import RuleInputs, Rules
 from glbench.errors import ShapeError, SubmissionError, did_you_mean
 
 if TYPE_CHECKING:
@@ -37,6 +37,8 @@ class _Plan:
     """Where a task's observations are and how its actions act."""
 
     columns: dict[str, int]
+    places: list[int]
+    """The same without names."""
     granted: tuple[int, ...]
     """Of the six controls those that the agent acts on, in the order of its actions."""
     now: tuple[int, ...]
@@ -52,6 +54,7 @@ class FairRuleBasedAgent:
 
     def __init__(self, settings: RuleSettings) -> None:
         self.settings = settings
+        self._rules = Rules(settings)
         self._runs = 0
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
@@ -80,14 +83,15 @@ class FairRuleBasedAgent:
             msg = f"act got observations of {len(observations)} runs, reset was told of {self._runs}. Call reset first."
             raise ShapeError(msg)
         plan = self._plan
-        seen = {name: observations[:, column].astype(np.float64) for name, column in plan.columns.items()}
+        rows = np.array(observations.T[plan.places], dtype=np.float64, order="C")
+        seen = dict(zip(plan.columns, rows, strict=True))
         hour, day = clock_from(seen)
         inputs = fair_inputs(seen, hour, day, self._daylight.observe(hour, seen["global_radiation"]))
-        wanted = rule_controls(inputs, self.settings)[:, plan.granted]
+        wanted = self._rules.controls(inputs)[:, plan.granted]
         if not plan.rate:
             return wanted
-        now = observations[:, plan.now].astype(np.float64) / plan.at_one
-        return np.clip((wanted - now) / plan.max_change, -1.0, 1.0)
+        now = observations.take(plan.now, axis=1).astype(np.float64) / plan.at_one
+        return np.minimum(np.maximum((wanted - now) / plan.max_change, -1.0), 1.0)
 
 
 def clock_from(seen: dict[str, Array]) -> tuple[Array, Array]:
@@ -133,6 +137,7 @@ def _plan(task: TaskCard) -> _Plan:
     at_one = np.array([control.at_one if control.at_one > 0.0 else 1.0 for _, control in granted])
     return _Plan(
         columns={name: columns[name] for name in (*_MEASURED, *_CLOCK)},
+        places=[columns[name] for name in (*_MEASURED, *_CLOCK)],
         granted=tuple(index for index, _ in granted),
         now=tuple(columns[name] for name in acted_on),
         at_one=at_one,

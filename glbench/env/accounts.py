@@ -7,23 +7,14 @@ free. Growth earns when it happens, not when it is picked, which is right as lon
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.quantities import (
-    AMOUNTS,
-    COSTS,
-    EPI,
-    FRUIT,
-    HOURS,
-    PENALTY,
-    QUANTITY_NAMES,
-    REVENUE,
-    VIOLATIONS,
-)
+from glbench.env.quantities import QUANTITY_NAMES
 from glbench.model import CONTROL_NAMES, STATE_NAMES
 from glbench.tasks.quantities import LIMITED
 
@@ -33,8 +24,8 @@ if TYPE_CHECKING:
 JOULES_PER_KWH = 3.6e6
 KG_PER_MG = 1e-6
 
-_PAID = tuple(CONTROL_NAMES.index(name) for name in ("uBoil", "uLamp", "uCo2"))
-_FRUIT_STATE = STATE_NAMES.index("cFruit")
+PAID = tuple(CONTROL_NAMES.index(name) for name in ("uBoil", "uLamp", "uCo2"))
+FRUIT_STATE = STATE_NAMES.index("cFruit")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +47,7 @@ class Accounts:
     full_growth
         Carbohydrate [mg m-2] allocated to fruit in one step at the nominal potential growth rate at 20 degC.
     low, high, scale
-        Limits of air temperature [degC], CO2 [ppm] and relative humidity [%], and their penalty scales, each ``(3, 1)``.
+        Limits of air temperature [degC], CO2 [ppm] and relative humidity [%], and their penalty scales, each ``(3,)``.
     """
 
     step_seconds: float
@@ -72,7 +63,7 @@ class Accounts:
     @property
     def lowest_epi(self) -> float:
         """EPI of a step with every paid control at 1 and no growth [EUR m-2]."""
-        heat, electricity, co2 = (self.full_use * self.unit_costs).ravel().tolist()
+        heat, electricity, co2 = (self.full_use * self.unit_costs).tolist()
         return -float(heat + electricity + co2)
 
     @property
@@ -98,31 +89,46 @@ class Accounts:
         air
             Air temperature, CO2 and relative humidity at the end of the step, ``(3, n)``.
         """
+        rows = self.of_step(before[:, FRUIT_STATE], after[:, FRUIT_STATE], controls.T, air)
         table = np.zeros((len(QUANTITY_NAMES), len(after)))
-        amounts = table[AMOUNTS]
-        for row, control in enumerate(_PAID):
-            amounts[row] = controls[:, control]
-        amounts *= self.full_use
-        np.multiply(amounts, self.unit_costs, out=table[COSTS])
-        np.subtract(after[:, _FRUIT_STATE], before[:, _FRUIT_STATE], out=table[FRUIT])
-        table[FRUIT] *= self.fresh_per_dry
-        np.multiply(table[FRUIT], self.fruit_price, out=table[REVENUE])
-        heat, electricity, co2 = table[COSTS]
-        table[EPI] = table[REVENUE] - heat - electricity - co2
-        self._judge(table, air)
+        for row, name in enumerate(QUANTITY_NAMES):
+            if name in rows:
+                table[row] = rows[name]
         return table
 
-    def _judge(self, table: NDArray[np.float64], air: NDArray[np.float64]) -> None:
-        """Violations, the hours they lasted and the penalty, written into ``table``."""
-        violations, hours = table[VIOLATIONS], table[HOURS]
-        below, above = violations[: len(LIMITED)], violations[len(LIMITED) :]
-        np.subtract(self.low, air, out=below)
-        np.subtract(air, self.high, out=above)
-        np.maximum(violations, 0.0, out=violations)
-        np.sign(violations, out=hours)
-        hours *= self.step_seconds / 3600.0
-        temperature, co2, humidity = (below + above) / self.scale
-        table[PENALTY] = temperature + co2 + humidity
+    def of_step(
+        self, fruit_before: Any, fruit_after: Any, controls: Sequence[Any] | NDArray[np.float64], air: Any
+    ) -> dict[str, Any]:
+        """The same by name, from and as arrays ``(n,)`` or values recorded for the compiled kernel."""
+        used = [controls[control] * float(full) for control, full in zip(PAID, self.full_use, strict=True)]
+        heat, electricity, co2 = (amount * float(cost) for amount, cost in zip(used, self.unit_costs, strict=True))
+        fruit = (fruit_after - fruit_before) * self.fresh_per_dry
+        revenue = fruit * self.fruit_price
+        return {
+            "epi": revenue - heat - electricity - co2,
+            "revenue": revenue,
+            "cost_heat": heat,
+            "cost_electricity": electricity,
+            "cost_co2": co2,
+            **dict(zip(("heat", "electricity", "co2_dosed"), used, strict=True)),
+            "fruit_fresh": fruit,
+            **self._judged(air),
+        }
+
+    def _judged(self, air: Any) -> dict[str, Any]:
+        """Penalty, violations, and the hours they lasted."""
+        below = [np.maximum(low - value, 0.0) for low, value in zip(self.low.tolist(), air, strict=True)]
+        above = [np.maximum(value - high, 0.0) for high, value in zip(self.high.tolist(), air, strict=True)]
+        hours = self.step_seconds / 3600.0
+        temperature, co2, humidity = (
+            (low + high) / scale for low, high, scale in zip(below, above, self.scale.tolist(), strict=True)
+        )
+        judged: dict[str, Any] = {"penalty": temperature + co2 + humidity}
+        for side, violations in (("low", below), ("high", above)):
+            for name, violation in zip(LIMITED, violations, strict=True):
+                judged[f"violation_{name}_{side}"] = violation
+                judged[f"hours_outside_{name}_{side}"] = np.sign(violation) * hours
+        return judged
 
 
 def make_accounts(task: TaskSpec) -> Accounts:
@@ -138,18 +144,18 @@ def make_accounts(task: TaskSpec) -> Accounts:
     limits, scale = dict(task.constraints.items()), dict(task.reward.penalty_scale.items())
     return Accounts(
         step_seconds=seconds,
-        full_use=_column(use),
-        unit_costs=_column([prices.heat, prices.electricity, prices.co2]),
+        full_use=_frozen(use),
+        unit_costs=_frozen([prices.heat, prices.electricity, prices.co2]),
         fresh_per_dry=KG_PER_MG / prices.dry_matter_content,
         fruit_price=prices.fruit,
         full_growth=parameters["rgFruit"] * seconds,
-        low=_column([limits[name].low for name in LIMITED]),
-        high=_column([limits[name].high for name in LIMITED]),
-        scale=_column([scale[name] for name in LIMITED]),
+        low=_frozen([limits[name].low for name in LIMITED]),
+        high=_frozen([limits[name].high for name in LIMITED]),
+        scale=_frozen([scale[name] for name in LIMITED]),
     )
 
 
-def _column(values: list[float]) -> NDArray[np.float64]:
-    column = np.array(values, dtype=np.float64).reshape(-1, 1)
+def _frozen(values: list[float]) -> NDArray[np.float64]:
+    column = np.array(values, dtype=np.float64)
     column.flags.writeable = False
     return column

@@ -11,7 +11,7 @@ The bounds of the actions are those of the task's card.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,15 +73,11 @@ def make_actuation(task: TaskSpec) -> Actuation:
 def _rate(task: TaskSpec) -> Actuation:
     """Control plus max_change times action, kept within 0 and 1 (a valve that is fully open stays open)."""
     max_change = task.actuation.max_change
+    return lambda controls, actions: _moved(controls, actions, max_change)
 
-    def move(controls: Floats, actions: Floats) -> Floats:
-        moved = actions * max_change
-        moved += controls
-        np.maximum(moved, 0.0, out=moved)
-        np.minimum(moved, 1.0, out=moved)
-        return moved
 
-    return move
+def _moved(control: Any, action: Any, max_change: float) -> Any:
+    return np.minimum(np.maximum(action * max_change + control, 0.0), 1.0)
 
 
 def _set_point(task: TaskSpec) -> Actuation:
@@ -91,20 +87,34 @@ def _set_point(task: TaskSpec) -> Actuation:
     """
     max_change = task.actuation.max_change
     low, high = action_bounds(task)
+    return lambda controls, actions: _approached(controls, actions, max_change, low, high)
 
-    def move(controls: Floats, actions: Floats) -> Floats:
-        wanted = (actions - low) / (high - low)
-        moved = np.maximum(wanted, controls - max_change)
-        np.minimum(moved, controls + max_change, out=moved)
-        return moved
 
-    return move
+def _approached(control: Any, action: Any, max_change: float, low: Any, high: Any) -> Any:
+    wanted = (action - low) / (high - low)
+    return np.minimum(np.maximum(wanted, control - max_change), control + max_change)
 
 
 ACTUATIONS.provide("rate", "an action from -1 to 1 moves its control by up to max_change a step", _rate)
 ACTUATIONS.provide(
     "set_point", "an action from 0 to 1 asks for a control, reached by at most max_change a step", _set_point
 )
+
+RecordedActuation = Callable[["TaskSpec", Any, Any, int], Any]
+"""The same for one control and one action, numbers recorded for the compiled kernel, and the action's column."""
+
+
+def _recorded_rate(task: TaskSpec, control: Any, action: Any, column: int) -> Any:
+    return _moved(control, action, task.actuation.max_change)
+
+
+def _recorded_set_point(task: TaskSpec, control: Any, action: Any, column: int) -> Any:
+    low, high = (float(bound[column]) for bound in action_bounds(task))
+    return _approached(control, action, task.actuation.max_change, low, high)
+
+
+ACTUATIONS.record("rate", _recorded_rate)
+ACTUATIONS.record("set_point", _recorded_set_point)
 
 
 def action_bounds(task: TaskSpec) -> tuple[Floats, Floats]:
@@ -118,12 +128,17 @@ class ActionReader:
 
     def __init__(self, what: str, names: tuple[str, ...], low: Floats, high: Floats) -> None:
         self.what, self.names, self.low, self.high = what, names, low, high
-        self._lowest, self._highest = low - ROUNDING, high + ROUNDING
+        self.lowest, self.highest = low - ROUNDING, high + ROUNDING
 
     @classmethod
     def of_task(cls, task: TaskSpec) -> ActionReader:
         """Reader of a task's actions."""
         return cls("action", task.actuation.controls, *action_bounds(task))
+
+    @classmethod
+    def of_controls(cls) -> ActionReader:
+        """Reader of controls that are applied as they are."""
+        return cls("control", CONTROL_NAMES, np.zeros(len(CONTROL_NAMES)), np.ones(len(CONTROL_NAMES)))
 
     def __call__(self, given: object, n: int, ended: NDArray[np.bool_] | None = None) -> Floats:
         """Own copy of ``given`` as ``(n, m)`` float64. Rows that are ``ended`` are not looked at and read as the bound ``low``.
@@ -134,6 +149,25 @@ class ActionReader:
             For a wrong shape or type, a value that is not finite, or one outside its bounds by more than ``ROUNDING``;
             the message names row, action and value.
         """
+        actions = self.read(given, n)
+        if ended is not None:
+            actions[ended] = self.low
+        inside = (actions >= self.lowest) & (actions <= self.highest)  # False for NaN as well
+        if not inside.all():
+            raise ActionError(self._complaint(actions, inside))
+        actions += 0.0  # -0.0 becomes 0.0: which of two zeros is the larger depends on the place in the batch
+        np.maximum(actions, self.low, out=actions)
+        np.minimum(actions, self.high, out=actions)
+        return actions
+
+    def read(self, given: object, n: int) -> Floats:
+        """Own copy of ``given`` as ``(n, m)`` float64, whatever its values are.
+
+        Raises
+        ------
+        ActionError
+            For a wrong shape or type.
+        """
         try:
             actions = np.array(given, dtype=np.float64)
         except (TypeError, ValueError) as error:
@@ -142,14 +176,6 @@ class ActionReader:
         if actions.shape != (n, len(self.names)):
             msg = f"The {self.what}s have shape {actions.shape}. {self._expected(n)}"
             raise ActionError(msg)
-        if ended is not None:
-            actions[ended] = self.low
-        inside = (actions >= self._lowest) & (actions <= self._highest)  # False for NaN as well
-        if not inside.all():
-            raise ActionError(self._complaint(actions, inside))
-        actions += 0.0  # -0.0 becomes 0.0: which of two zeros is the larger depends on the place in the batch
-        np.maximum(actions, self.low, out=actions)
-        np.minimum(actions, self.high, out=actions)
         return actions
 
     def _expected(self, n: int) -> str:

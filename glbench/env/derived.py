@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.kernel.tape import Recorder, Tape, Value
 from glbench.model import PARAMETER_NAMES
 from glbench.model.derived import with_derived
 from glbench.model.parameters import Parameters
@@ -27,7 +30,7 @@ class DerivedParameters:
     """
 
     def __init__(self, nominal: Floats, names: tuple[str, ...]) -> None:
-        self._nominal: list[float | Floats] = list(nominal.tolist())
+        self._nominal: list[Any] = list(nominal.tolist())
         self.uncertain = [PARAMETER_NAMES.index(name) for name in names]
         followers = self._followers(nominal[self.uncertain][:, None])
         self.columns = self.uncertain + [place for place in followers if place not in self.uncertain]
@@ -41,7 +44,20 @@ class DerivedParameters:
             completed[self.columns.index(place)] = value
         return np.moveaxis(completed, 0, -1)
 
-    def _followers(self, values: Floats) -> dict[int, Floats]:
+    def tape(self) -> Tape:
+        """What follows from the uncertain parameters (``drawn``, by place), as a tape for the compiled kernel.
+
+        Raises
+        ------
+        RecordingError
+            When a formula needs more than arithmetic.
+        """
+        recorder = Recorder()
+        for place, value in self._followers([recorder.input("drawn", place) for place in self.uncertain]).items():
+            recorder.output("parameters", place, value)
+        return recorder.tape()
+
+    def _followers(self, values: Any) -> dict[int, Any]:
         """Derived parameters that change with ``values`` ``(uncertain, ...)``, by place."""
         given = self._nominal.copy()
         for place, value in zip(self.uncertain, values, strict=True):
@@ -50,5 +66,5 @@ class DerivedParameters:
         return {
             place: value
             for place, value in enumerate(with_derived(Parameters(*given)))
-            if isinstance(value, np.ndarray) and value is not given[place]
+            if isinstance(value, np.ndarray | Value) and value is not given[place]
         }

@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.info import InfoWriter
+from glbench.env.info import FAILURE, InfoWriter
 from glbench.env.options import STATE, check_names, state_option
 from glbench.env.panel import panel
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
@@ -19,7 +19,6 @@ from glbench.env.spaces import RENDER_MODES, action_space, checked_render_mode, 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
     from glbench.env.snapshot import Snapshot
-    from glbench.env.step_result import StepResult
     from glbench.tasks import TaskSpec
 
 
@@ -84,7 +83,6 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.action_space = action_space(self.task)
         self.simulation = Simulation(self.task, 1, kernel)
         self._info = InfoWriter(self.task)
-        self._result: StepResult | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -113,9 +111,8 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             return self.restore(snapshot)
         given = None if seed is None else checked_seed(seed)
         super().reset(seed=given)
-        self._result = None
         observation = self.simulation.reset([draw_seed(self.np_random) if given is None else given])[0]
-        return observation, self._info.row(self.simulation, None)
+        return observation, self._info.standing(self.simulation)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Take one step.
@@ -132,14 +129,15 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         GlbenchError
             When the episode has ended or none was started.
         """
-        result = self.simulation.step(np.asarray(action)[None])
-        self._result = result
-        info = self._info.row(self.simulation, result)
-        return result.observations[0], float(result.rewards[0]), bool(result.terminated[0]), False, info
+        observation, numbers, terminated = self.simulation.step_single(action)
+        info = self._info.stepped(self.simulation, numbers)
+        if terminated:
+            self._add_failure(info)
+        return observation, info["reward"], terminated, False, info
 
     def render(self) -> str | None:
         """A few lines about climate, controls, crop and money, or ``None`` without a render mode."""
-        return panel(self.simulation, 0, self._result) if self.render_mode == "ansi" else None
+        return panel(self.simulation, 0, self.simulation.result) if self.render_mode == "ansi" else None
 
     def snapshot(self) -> Snapshot:
         """Everything needed to continue this episode, and draw the same seeds for the next, with the same bits."""
@@ -156,5 +154,10 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         observation = self.simulation.restore(snapshot)[0]
         if len(snapshot.generators):
             self.np_random = unpack_generator(snapshot.generators[0])
-        self._result = None
-        return observation, self._info.row(self.simulation, None)
+        return observation, self._info.standing(self.simulation)
+
+    def _add_failure(self, info: dict[str, Any]) -> None:
+        """Say why a step could not be integrated, if that is what ended the episode."""
+        result = self.simulation.result
+        if result is not None and result.failed:
+            info[FAILURE] = result.failed[0].reason

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,29 +36,37 @@ def info_quantities(task: TaskSpec) -> tuple[StepQuantity, ...]:
 
 
 class InfoWriter:
-    """Makes the columns of ``info`` from a simulation and, after a step, its result."""
+    """Makes ``info`` from a simulation and what its last step gave."""
 
     def __init__(self, task: TaskSpec) -> None:
-        self._controls = tuple(capacity.quantity for capacity in task.capacities())
-        self._at_one = np.array([capacity.at_one for capacity in task.capacities()])
+        names = tuple(quantity.name for quantity in info_quantities(task))
+        self._of_head = names[1 : len(names) - len(QUANTITIES)]
+        self._of_step = names[1:]
+        self._masks = tuple(f"_{name}" for name in names)
+        # Filling in a dictionary that has its keys is quicker than making one.
+        self._empty = dict.fromkeys(names)
 
     def columns(self, simulation: Simulation, result: StepResult | None) -> dict[str, NDArray[np.generic]]:
         """Every quantity of ``info_quantities`` for all rows, each ``(n,)``."""
-        columns: dict[str, NDArray[np.generic]] = {
-            "seed": simulation.seeds,
-            "step": simulation.k,
-            "hour_of_day": simulation.hour_of_day,
-            "day_of_year": simulation.day_of_year,
-        }
-        columns.update(zip(LIMITED, simulation.air, strict=True))
-        columns.update(zip(self._controls, (simulation.u * self._at_one).T, strict=True))
+        columns: dict[str, NDArray[np.generic]] = {"seed": simulation.seeds}
+        columns.update(zip(self._of_head, simulation.head, strict=True))
+        columns["step"] = simulation.k
         if result is not None:
             columns.update(result.quantities)
         return columns
 
-    def row(self, simulation: Simulation, result: StepResult | None) -> dict[str, object]:
-        """The same for the only row of a simulation, as plain numbers."""
-        info: dict[str, object] = {name: column.item() for name, column in self.columns(simulation, result).items()}
-        if result is not None and result.failed:
-            info[FAILURE] = result.failed[0].reason
+    def everywhere(self, columns: dict[str, NDArray[np.generic]], n: int) -> dict[str, Any]:
+        """Columns that hold for all ``n`` rows, with Gymnasium's masks."""
+        masks = self._masks if len(columns) == len(self._masks) else self._masks[: len(columns)]
+        return columns | dict.fromkeys(masks, np.ones(n, dtype=np.bool_))
+
+    def standing(self, simulation: Simulation) -> dict[str, object]:
+        """The same for the only row of a simulation that was reset, as plain numbers."""
+        return {name: column.item() for name, column in self.columns(simulation, None).items()}
+
+    def stepped(self, simulation: Simulation, numbers: list[float]) -> dict[str, Any]:
+        """The same after a step, from its numbers (``Simulation.step_single``)."""
+        info: dict[str, Any] = self._empty.copy()
+        info.update(zip(self._of_step, numbers, strict=True))
+        info["seed"], info["step"] = simulation.seeds.item(), int(numbers[0])
         return info

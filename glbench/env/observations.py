@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,33 @@ class Situation:
     steps: NDArray[np.int64]
     weather_rows: NDArray[np.int64]
 
+
+Source = Literal["states", "air", "controls", "counter"]
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Columns that are numbers of the situation times factors; "counter" has the steps taken and the number of the weather row shown."""
+
+    source: Source
+    indices: tuple[int, ...]
+    factors: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class TableRows:
+    """Columns that are ``rows`` whole rows of a float32 table ``(rows, width)``, side by side.
+
+    The first is ``ahead`` rows after that of the clock (``clocked``) or of the weather shown.
+    """
+
+    table: NDArray[np.float32]
+    rows: int = 1
+    clocked: bool = False
+    ahead: int = 0
+
+
+Shown = Numbers | TableRows
 
 ObservationPart = Callable[[Situation], NDArray[np.floating]]
 """Columns of one module, ``(n, columns)``. Row i may depend on row i of the situation only."""
@@ -104,83 +131,76 @@ class Observer:
         return observation
 
 
-def _indoor_climate(order: tuple[int, int, int]) -> MakeObservation:
-    def make(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
-        def part(situation: Situation) -> NDArray[np.float64]:
-            columns = np.empty((len(situation.states), 4))
-            for column, quantity in enumerate(order):
-                columns[:, column] = situation.air[quantity]
-            columns[:, 3] = situation.states[:, _PIPE]
-            return columns
+def shown_by(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Shown, ...] | None:
+    """The columns of a shipped module as data; ``None`` for one that somebody registered."""
+    return _SHOWN[name](task, tables) if name in _SHOWN and _MAKERS.get(name) is _SHIPPED[name] else None
 
-        return part
+
+def _numbers(source: Source, *indices: int) -> tuple[Shown, ...]:
+    return (Numbers(source, indices, (1.0,) * len(indices)),)
+
+
+def _crop(task: TaskSpec, tables: WeatherTables) -> tuple[Shown, ...]:
+    return (Numbers("states", (_FRUIT, _MEAN_CANOPY, _CANOPY_SUM), (KG_PER_MG, 1.0, 1.0)),)
+
+
+def _controls(task: TaskSpec, tables: WeatherTables) -> tuple[Shown, ...]:
+    by_name = {capacity.name: capacity.at_one for capacity in task.capacities()}
+    return (Numbers("controls", tuple(range(len(CONTROL_NAMES))), tuple(by_name[name] for name in CONTROL_NAMES)),)
+
+
+def _ahead(task: TaskSpec, table: NDArray[np.float32]) -> tuple[Shown, ...]:
+    return (TableRows(table, rows=task.observation.forecast_steps, ahead=1),)
+
+
+_SHOWN: dict[str, Callable[[TaskSpec, WeatherTables], tuple[Shown, ...]]] = {
+    "indoor_climate": lambda task, tables: _numbers("air", 0, 1, 2) + _numbers("states", _PIPE),
+    "crop": _crop,
+    "time": lambda task, tables: (TableRows(tables.clock, clocked=True),),
+    "controls": _controls,
+    "weather": lambda task, tables: (TableRows(tables.measured),),
+    "forecast": lambda task, tables: _ahead(task, tables.measured),
+    "full_state": lambda task, tables: _numbers("states", *range(len(STATE_NAMES))),
+    # The published code counts the step just taken, hence the weather row and not the number of steps.
+    "step_counter": lambda task, tables: _numbers("counter", 1),
+    "control_fractions": lambda task, tables: _numbers("controls", *range(len(CONTROL_NAMES))),
+    "published_indoor_climate": lambda task, tables: _numbers("air", 1, 0, 2) + _numbers("states", _PIPE),
+    "published_crop": lambda task, tables: _numbers("states", _MEAN_CANOPY, _FRUIT, _CANOPY_SUM),
+    "published_time": lambda task, tables: (
+        TableRows(np.ascontiguousarray(tables.clock[:, [2, 3, 0, 1]]), clocked=True),
+    ),
+    "published_forecast": lambda task, tables: _ahead(task, tables.published),
+}
+
+
+def _maker(name: str) -> MakeObservation:
+    """Makes the part that shows, with numpy, what ``_SHOWN`` says."""
+
+    def make(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
+        parts = [_part(shown) for shown in _SHOWN[name](task, tables)]
+        return parts[0] if len(parts) == 1 else lambda situation: np.hstack([part(situation) for part in parts])
 
     return make
 
 
-def _crop(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
-    shown = np.array([_FRUIT, _MEAN_CANOPY, _CANOPY_SUM])
-
-    def part(situation: Situation) -> NDArray[np.float64]:
-        columns = situation.states.take(shown, axis=1)
-        columns[:, 0] *= KG_PER_MG
-        return columns
-
-    return part
-
-
-def _published_crop(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
-    return lambda situation: situation.states[:, [_MEAN_CANOPY, _FRUIT, _CANOPY_SUM]]
-
-
-def _controls(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
-    by_name = {capacity.name: capacity.at_one for capacity in task.capacities()}
-    at_one = np.array([by_name[name] for name in CONTROL_NAMES])
-    return lambda situation: situation.controls * at_one
+def _part(shown: Shown) -> ObservationPart:
+    if isinstance(shown, Numbers):
+        indices, factors = list(shown.indices), np.array(shown.factors)
+        if shown.source == "air":
+            return lambda situation: situation.air[indices].T * factors
+        if shown.source == "states":
+            return lambda situation: situation.states.take(indices, axis=1) * factors
+        if shown.source == "controls":
+            return lambda situation: situation.controls.take(indices, axis=1) * factors
+        counters = [("steps", "weather_rows")[index] for index in indices]
+        return lambda situation: np.stack([getattr(situation, name) for name in counters], axis=1) * factors
+    table, rows, ahead, width = shown.table, shown.rows, shown.ahead, shown.table.shape[1]
+    if rows > 1:
+        table = np.lib.stride_tricks.sliding_window_view(table.reshape(-1), rows * width)[::width]
+    if shown.clocked:
+        return lambda situation: table[situation.steps + ahead]
+    return lambda situation: table[situation.weather_rows + ahead]
 
 
-def _weather(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
-    return lambda situation: tables.measured.take(situation.weather_rows, axis=0)
-
-
-def _time(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
-    return lambda situation: tables.clock.take(situation.steps, axis=0)
-
-
-def _published_time(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
-    clock = np.ascontiguousarray(tables.clock[:, [2, 3, 0, 1]])
-    return lambda situation: clock[situation.steps]
-
-
-def _forecast_of(table: NDArray[np.float32], rows_ahead: int) -> ObservationPart:
-    width = table.shape[1]
-    windows = np.lib.stride_tricks.sliding_window_view(table.reshape(-1), rows_ahead * width)[::width]
-    return lambda situation: windows[situation.weather_rows + 1]
-
-
-def _forecast(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
-    return _forecast_of(tables.measured, task.observation.forecast_steps)
-
-
-def _published_forecast(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
-    return _forecast_of(tables.published, task.observation.forecast_steps)
-
-
-_MAKERS.update(
-    {
-        "indoor_climate": _indoor_climate((0, 1, 2)),
-        "crop": _crop,
-        "time": _time,
-        "controls": _controls,
-        "weather": _weather,
-        "forecast": _forecast,
-        "full_state": lambda task, tables: lambda situation: situation.states,
-        # The published code counts the step just taken, hence the weather row and not the number of steps.
-        "step_counter": lambda task, tables: lambda situation: situation.weather_rows[:, None].astype(np.float64),
-        "control_fractions": lambda task, tables: lambda situation: situation.controls,
-        "published_indoor_climate": _indoor_climate((1, 0, 2)),
-        "published_crop": _published_crop,
-        "published_time": _published_time,
-        "published_forecast": _published_forecast,
-    }
-)
+_SHIPPED: dict[str, MakeObservation] = {name: _maker(name) for name in _SHOWN}
+_MAKERS.update(_SHIPPED)

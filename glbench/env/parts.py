@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.tasks.vocabulary import Registry, Word
@@ -22,6 +22,7 @@ class Parts(Generic[Make]):
         self.kind = kind
         self._vocabulary = vocabulary
         self._makers: dict[str, Make] = {}
+        self._recorded: dict[str, Any] = {}
 
     def register(self, name: str, meaning: str, make: Make) -> None:
         """Make a part known under a new name.
@@ -41,6 +42,15 @@ class Parts(Generic[Make]):
         if name not in self._vocabulary:
             self._vocabulary.add(Word(name, meaning))
         self._makers[name] = make
+
+    def record(self, name: str, recorded: Any) -> None:
+        """Say how the part ``name`` is recorded for the compiled kernel (``glbench.env.program``)."""
+        self._recorded[name] = (self._makers[name], recorded)
+
+    def recorded(self, name: str) -> Any:
+        """What ``record`` was told; ``None`` for a part that only numpy knows."""
+        make, recorded = self._recorded.get(name, (None, None))
+        return recorded if make is self[name] else None
 
     def __getitem__(self, name: str) -> Make:
         try:

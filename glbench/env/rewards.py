@@ -13,13 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.parts import Parts
-from glbench.env.quantities import PENALTY, QUANTITY_NAMES, VIOLATIONS
+from glbench.env.quantities import QUANTITY_NAMES, VIOLATIONS
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.tasks.vocabulary import REWARD_MODULES
 
@@ -108,16 +108,17 @@ def _scaled_epi(task: TaskSpec, accounts: Accounts) -> RewardPart:
 
 def _penalties(task: TaskSpec, accounts: Accounts) -> RewardPart:
     def minus_violations(outcome: StepOutcome) -> NDArray[np.float64]:
-        total = np.zeros(outcome.table.shape[1])
+        total: Any = 0.0
         for violation in outcome.table[VIOLATIONS]:  # one by one: the order of the sum must not depend on the batch
-            total -= violation
-        return total
+            total = total - violation
+        minus: NDArray[np.float64] = total
+        return minus
 
     return minus_violations
 
 
 def _scaled_penalty(task: TaskSpec, accounts: Accounts) -> RewardPart:
-    return lambda outcome: -outcome.table[PENALTY]
+    return lambda outcome: -outcome["penalty"]
 
 
 REWARDS.provide("epi", "economic performance of the step [EUR m-2]", _epi)
@@ -126,3 +127,6 @@ REWARDS.provide(
 )
 REWARDS.provide("penalties", "minus the sum of the violations, each in its own unit (degC, ppm, %)", _penalties)
 REWARDS.provide("scaled_penalty", "minus the sum of the violations, each divided by its penalty scale", _scaled_penalty)
+
+for _name in tuple(REWARDS):
+    REWARDS.record(_name, True)  # arithmetic on the step's quantities, and nothing else

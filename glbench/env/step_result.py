@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.quantities import QUANTITY_NAMES
+
 if TYPE_CHECKING:
     from glbench.kernel import StepFailure
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """``array``, which nobody can write to any more."""
+    array.flags.writeable = False
+    return array
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +37,18 @@ class StepResult:
         Runs that could not be integrated in this step, with the reason in words. Such a run keeps its state and ends. Its
         reward, EPI and penalty are what the task counts for one failed step; the other quantities are those of a step
         in which nothing grew.
-    quantities
-        Each ``(n,)``; names and units in ``glbench.env.QUANTITIES``. 0 for a run that had ended before.
+    table
+        The quantities of the step, ``(quantities, n)``; rows, units and meanings in ``glbench.env.QUANTITIES``. 0 for a run that
+        had ended before.
     """
 
     observations: NDArray[np.float32]
     rewards: NDArray[np.float64]
     terminated: NDArray[np.bool_]
     failed: list[StepFailure]
-    quantities: dict[str, NDArray[np.float64]]
+    table: NDArray[np.float64]
+
+    @cached_property
+    def quantities(self) -> dict[str, NDArray[np.float64]]:
+        """The rows of ``table`` by name, each ``(n,)``."""
+        return dict(zip(QUANTITY_NAMES, self.table, strict=True))

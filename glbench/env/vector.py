@@ -144,8 +144,9 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         GlbenchError
             When no episode was started, or in mode ``DISABLED`` a row has ended and was not reset.
         """
+        any_over = self.simulation.over > 0
         over = self.simulation.ended
-        if over.any():
+        if any_over:
             if self.autoreset_mode is not AutoresetMode.NEXT_STEP:
                 rows = np.flatnonzero(over).tolist()
                 msg = f"The episodes of rows {rows} have ended. Reset them with the option 'reset_mask'."
@@ -153,13 +154,13 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
             if over.all():
                 return self._only_reset()
         result = self._result = self.simulation.step(actions)
-        if self.autoreset_mode is AutoresetMode.SAME_STEP and result.terminated.any():
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self.simulation.over:
             observations, info = self._reset_at_once(result)
             terminated = result.terminated.copy()
         else:
-            terminated = result.terminated & ~over
-            observations = self._start(np.flatnonzero(over)) if over.any() else result.observations
-            info = self._step_info(result, ~over)
+            terminated = result.terminated & ~over if any_over else result.terminated.copy()
+            observations = self._start(np.flatnonzero(over)) if any_over else result.observations
+            info = self._step_info(result, ~over if any_over else None)
         return observations, result.rewards.copy(), terminated, np.zeros(self.num_envs, dtype=np.bool_), info
 
     def render(self) -> tuple[str, ...] | None:
@@ -233,10 +234,13 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         info = with_masks(self._info.columns(self.simulation, None), everywhere, everywhere)
         return observations, np.zeros(n), nowhere, nowhere.copy(), info
 
-    def _step_info(self, result: StepResult, stepped: NDArray[np.bool_]) -> dict[str, Any]:
-        """Info of all rows, of which those in ``stepped`` took a step and the others began an episode."""
-        everywhere = np.ones(self.num_envs, dtype=np.bool_)
-        info = with_masks(self._info.columns(self.simulation, result), everywhere, stepped)
+    def _step_info(self, result: StepResult, stepped: NDArray[np.bool_] | None) -> dict[str, Any]:
+        """Info of all rows, of which those in ``stepped`` (by default all) took a step and the others began an episode."""
+        columns = self._info.columns(self.simulation, result)
+        if stepped is None:
+            info = self._info.everywhere(columns, self.num_envs)
+        else:
+            info = with_masks(columns, np.ones(self.num_envs, dtype=np.bool_), stepped)
         add_failures(info, result)
         return info
 

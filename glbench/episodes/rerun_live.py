@@ -84,7 +84,7 @@ class LiveView:
         row = self._row
         states, controls, air, amounts = self._tables
         states[step], controls[step], air[step] = simulation.x[row], simulation.u[row], simulation.air[:, row]
-        amounts[step] = [values[row] for values in outcome.quantities.values()]
+        amounts[step] = outcome.table[:, row]
         self._done = step + 1
         if time.monotonic() - self._sent_at >= _SEND_SECONDS or self._done == self._task.steps:
             self._send()

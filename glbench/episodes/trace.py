@@ -48,13 +48,13 @@ class Trace:
         """Write down the step that was just taken."""
         step = self._steps
         x, u, air = simulation.x, simulation.u, simulation.air
-        table = list(outcome.quantities.values())
+        table = outcome.table
         if self._all:
             self.quantities[step] = table
         else:
             chosen = list(self.rows)
             x, u, air = x[chosen], u[chosen], air[:, chosen]
-            self.quantities[step] = [values[chosen] for values in table]
+            self.quantities[step] = table[:, chosen]
         self.x[step + 1], self.u[step], self.air[step + 1] = x, u, air
         self._steps += 1
 

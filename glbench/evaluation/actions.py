@@ -22,7 +22,8 @@ def read_actions(returned: object, card: TaskCard, n: int) -> tuple[NDArray[np.f
     problems = action_problems(returned, card, n)
     if len(problems) < n:
         actions = np.array(returned, dtype=np.float64)
-        actions[list(problems)] = 0.0
+        if problems:
+            actions[list(problems)] = 0.0
         return actions, problems
     actions = np.zeros((n, len(card.actions)))
     if n == 1 or not isinstance(returned, list | tuple) or len(returned) != n:

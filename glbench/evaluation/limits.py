@@ -9,6 +9,7 @@ from __future__ import annotations
 import signal
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -45,6 +46,11 @@ class TimeLimits:
         return {f"{name}_seconds": value for name, value in asdict(self).items()}
 
 
+# ``signal.signal`` itself turns numbers into enumerations and back, which takes ten times as long as what it does.
+_set_handler: Callable[[int, Any], Any] = getattr(signal.signal, "__wrapped__", signal.signal)
+_ALARM = int(getattr(signal, "SIGALRM", 0))
+
+
 class TimeUp(BaseException):
     """The alarm rang inside an agent's call. No ``Exception``, so that an agent does not catch it by catching errors."""
 
@@ -69,7 +75,7 @@ class Alarm:
         if hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread():
             self._began = time.monotonic()
             self._running = True
-            self._before = signal.signal(signal.SIGALRM, _ring)
+            self._before = _set_handler(_ALARM, _ring)
             self._timer = signal.setitimer(signal.ITIMER_REAL, seconds, _AGAIN_SECONDS)
 
     def stop(self) -> None:
@@ -77,7 +83,7 @@ class Alarm:
         if not self._running:
             return
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, self._before)
+        _set_handler(_ALARM, self._before)
         self._running = False
         delay, interval = self._timer
         if delay > 0.0:

@@ -103,7 +103,7 @@ class Lockstep:
             self._recorder.begin(self._simulation)
         self._report(first_step)
         for step in range(first_step, steps):
-            if not tally.alive.any():
+            if not (tally.all_alive or tally.alive.any()):
                 break
             observations = self._step(step, observations)
             if self._checkpoint.due:
@@ -133,8 +133,10 @@ class Lockstep:
 
     def _overdue(self) -> list[Failure]:
         """Runs whose decisions together took too long."""
-        limit = self._limits.run
-        late = np.flatnonzero(self._tally.seconds > limit)
+        limit, seconds = self._limits.run, self._tally.seconds
+        if np.maximum.reduce(seconds) <= limit:
+            return []
+        late = np.flatnonzero(seconds > limit)
         return [
             Failure(int(row), "timed_out", f"the run's decisions together took longer than their limit of {limit:g} s")
             for row in late

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.quantities import QUANTITY_NAMES
+
 EUR = "EUR m-2"
 KWH = "kWh m-2"
 KG = "kg m-2"
@@ -31,7 +33,7 @@ class Metric:
     """One metric of a run.
 
     ``name`` in result files, ``unit``, ``meaning`` in words, and ``quantity``: the simulation's quantity that is summed over the steps
-    (``None`` for the reward and for what is derived from several quantities).
+    (``None`` for what is derived from several quantities).
     """
 
     name: str
@@ -56,7 +58,7 @@ def _hours_outside() -> tuple[Metric, ...]:
 HOURS_OUTSIDE: tuple[Metric, ...] = _hours_outside()
 
 METRICS: tuple[Metric, ...] = (
-    Metric("reward", ONE, "sum of the task's reward; what the leaderboard ranks by"),
+    Metric("reward", ONE, "sum of the task's reward; what the leaderboard ranks by", "reward"),
     Metric("epi", EUR, "economic performance: revenue minus the costs of heat, electricity and CO2", "epi"),
     Metric("revenue", EUR, "value of the fruit grown, when it grows and not when it is picked", "revenue"),
     Metric("cost_heat", EUR, "price of the heat", "cost_heat"),
@@ -73,19 +75,16 @@ METRICS: tuple[Metric, ...] = (
 METRIC_NAMES: tuple[str, ...] = tuple(metric.name for metric in METRICS)
 UNITS: dict[str, str] = {metric.name: metric.unit for metric in METRICS}
 
-_REWARD = METRIC_NAMES.index("reward")
+# The last metric is derived from others; it takes any quantity's place first.
+_QUANTITIES = np.array([QUANTITY_NAMES.index(metric.quantity or "reward") for metric in METRICS])
 _ANY_LIMIT = METRIC_NAMES.index("hours_outside_limits")
 _FIRST_LIMIT = METRIC_NAMES.index(HOURS_OUTSIDE[0].name)
 
 
-def step_values(rewards: NDArray[np.float64], quantities: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Values of all metrics in one step, shape ``(metrics, n)``, from rewards ``(n,)`` and the step's quantities, each ``(n,)``."""
-    values = np.empty((len(METRICS), rewards.shape[0]))
-    values[_REWARD] = rewards
-    for row, metric in enumerate(METRICS):
-        if metric.quantity is not None:
-            values[row] = quantities[metric.quantity]
-    values[_ANY_LIMIT] = values[_FIRST_LIMIT : _FIRST_LIMIT + len(HOURS_OUTSIDE)].max(axis=0)
+def step_values(quantities: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values of all metrics in one step, shape ``(metrics, n)``, from the step's quantities ``(quantities, n)``."""
+    values: NDArray[np.float64] = quantities.take(_QUANTITIES, axis=0)
+    np.maximum.reduce(values[_FIRST_LIMIT : _FIRST_LIMIT + len(HOURS_OUTSIDE)], axis=0, out=values[_ANY_LIMIT])
     return values
 
 

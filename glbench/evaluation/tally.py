@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -18,7 +19,8 @@ class Tally:
     """Books of ``n`` runs, kept step by step.
 
     ``totals`` has shape ``(metrics, n)``; ``asked`` ``(n,)`` counts the decisions asked for, ``steps`` ``(n,)`` the simulated steps;
-    ``seconds`` ``(n,)`` is the time of the decisions; ``alive`` ``(n,)`` is true for runs that have not failed.
+    ``seconds`` ``(n,)`` is the time of the decisions; ``alive`` ``(n,)`` is true for runs that have not failed,
+    ``all_alive`` while that is all of them.
     """
 
     def __init__(self, seeds: tuple[int, ...]) -> None:
@@ -29,6 +31,7 @@ class Tally:
         self.steps = np.zeros(n, dtype=np.int64)
         self.seconds = np.zeros(n)
         self.alive = np.ones(n, dtype=np.bool_)
+        self.all_alive = True
         self._ends: dict[int, tuple[Status, str]] = {}
 
     def end(self, failures: Iterable[Failure]) -> list[int]:
@@ -38,20 +41,23 @@ class Tally:
             rows = range(len(self.seeds)) if failure.row is None else (failure.row,)
             for row in rows:
                 if self.alive[row]:
-                    self.alive[row] = False
+                    self.alive[row] = self.all_alive = False
                     self._ends[row] = (failure.status, failure.reason)
                     ended.append(row)
         return ended
 
     def add(self, outcome: StepResult) -> list[int]:
         """Book a simulated step; the rows that could not be simulated end and are returned."""
-        values = step_values(outcome.rewards, outcome.quantities)
+        values = step_values(outcome.table)
         failures = [Failure(failure.row, "simulation_failed", failure.reason) for failure in outcome.failed]
-        broken = ~np.isfinite(values).all(axis=0)
-        if broken.any():
+        if not math.isfinite(np.vdot(values, values)):  # one look at all of them; huge values only look broken
+            broken = ~np.isfinite(values).all(axis=0)
             failures += [_not_finite(int(row), values[:, row]) for row in np.flatnonzero(broken)]
         ended = self.end(failures) if failures else []
-        np.add(self.totals, values, out=self.totals, where=self.alive)
+        if self.all_alive:
+            self.totals += values
+        else:
+            np.add(self.totals, values, out=self.totals, where=self.alive)
         self.steps += self.alive
         return ended
 
@@ -85,6 +91,7 @@ class Tally:
         self.totals = arrays["totals"].copy()
         self.asked, self.steps = arrays["asked"].copy(), arrays["steps"].copy()
         self.seconds, self.alive = arrays["seconds"].copy(), arrays["alive"].copy()
+        self.all_alive = bool(self.alive.all())
         self._ends = {int(row): (status, reason) for row, (status, reason) in ends.items()}
 
 

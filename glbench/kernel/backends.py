@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from glbench.errors import UnknownNameError, did_you_mean
+from glbench.kernel.environment import Environments, Program
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure
 from glbench.kernel.sensitivities import Differentiator
 from glbench.kernel.sundials import CvodesBackend
@@ -34,6 +35,10 @@ class Backend(Protocol):
 
     def differentiator(self) -> Differentiator:
         """Return what differentiates the steps; may build a library for some ten seconds."""
+        ...
+
+    def environments(self, program: Program, n: int) -> Environments | None:
+        """``n`` environments that run ``program`` around the step; None where there is no such thing."""
         ...
 
 

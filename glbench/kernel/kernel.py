@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from glbench.kernel.backends import make_backend
+from glbench.kernel.environment import Environments, Program
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure
 from glbench.kernel.sensitivities import Differentiator
 from glbench.kernel.stepping import Stepper, positive_seconds
@@ -76,6 +77,13 @@ class Kernel(Stepper):
             "model_digest": model_digest(self.variant),
             **self._backend.describe(),
         }
+
+    def environments(self, program: Program, n: int) -> Environments | None:
+        """``n`` environments that run ``program`` around steps of this kernel, in one call a step.
+
+        See docs/adr/0010-fused-environment-step.md. None where the backend steps states only, and for a program that is too large for it.
+        """
+        return self._backend.environments(program, n)
 
     def close(self) -> None:
         """Nothing to release; there so that a kernel and a pool can be used alike."""

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from glbench.errors import UnknownNameError, did_you_mean
+from glbench.kernel.environment import Program
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure, inputs_in_words
 from glbench.kernel.reduced import STATE_SCALE, reduce_model
 from glbench.kernel.sensitivities import Differentiator
@@ -133,6 +134,9 @@ class CvodesBackend:
             "substep_limit": float(SUBSTEP_LIMIT),
             "casadi": str(ca.CasadiMeta.version()),
         }
+
+    def environments(self, program: Program, n: int) -> None:
+        """None: CasADi's integrators step states only."""
 
     def _step_row(self, x: FloatArray, u: FloatArray, d: FloatArray, out: FloatArray) -> str:
         """Step one row with the parameters in the buffer; when it fails, give the integrator's own word and keep ``x``."""

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import datetime as dt
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
 
 from glbench.tasks.quantities import LIMITED, Capacity, Quantity
 
@@ -85,6 +89,13 @@ class TaskCard:
     delta: float
     half_width: float
     redraw: str
+
+    @cached_property
+    def action_bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Lowest and highest action, each ``(m,)``."""
+        bounds = np.array([(action.low, action.high) for action in self.actions]).reshape(-1, 2).T
+        bounds.flags.writeable = False
+        return bounds[0], bounds[1]
 
     @property
     def observation_names(self) -> tuple[str, ...]:

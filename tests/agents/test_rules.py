@@ -151,7 +151,15 @@ def test_a_run_gets_the_same_bits_alone_and_in_a_batch(published: RuleSettings) 
 def test_one_disturbance_row_serves_all_runs_of_the_same_weather() -> None:
     shared = privileged_inputs(POINTS["x"][:3], POINTS["d"][0], 5.0, 60.0)
     each = privileged_inputs(POINTS["x"][:3], np.tile(POINTS["d"][0], (3, 1)), 5.0, 60.0)
-    assert all(np.array_equal(getattr(shared, name), getattr(each, name)) for name in FIELDS)
+    assert all((getattr(shared, name) == np.broadcast_to(getattr(each, name), 3)).all() for name in FIELDS)
+
+
+def test_weather_shared_by_all_runs_gives_each_the_bits_of_its_own(published: RuleSettings) -> None:
+    for d, hour, day in zip(POINTS["d"], POINTS["hour"].tolist(), POINTS["day_of_year"].tolist(), strict=True):
+        x = POINTS["x"][:5]
+        shared = rule_controls(privileged_inputs(x, d, hour, day), published)
+        each = privileged_inputs(x, np.tile(d, (5, 1)), np.full(5, hour), np.full(5, day))
+        assert shared.tobytes() == rule_controls(each, published).tobytes()
 
 
 def test_states_of_another_shape_are_refused() -> None:

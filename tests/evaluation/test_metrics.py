@@ -16,11 +16,11 @@ def test_a_metric_has_the_unit_of_the_quantity_it_sums(metric: Metric) -> None:
 
 
 def test_two_limits_broken_at_once_are_one_hour_outside() -> None:
-    quantities = {quantity.name: np.zeros(2) for quantity in QUANTITIES}
+    quantities = {quantity.name: np.zeros(2) for quantity in QUANTITIES} | {"reward": np.array([0.5, 0.25])}
     quantities["hours_outside_air_temperature_low"] = np.array([1.0, 0.0])
     quantities["hours_outside_relative_humidity_high"] = np.array([1.0, 0.0])
 
-    values = step_values(np.array([0.5, 0.25]), quantities)
+    values = step_values(np.stack(list(quantities.values())))
 
     assert values[METRIC_NAMES.index("hours_outside_limits")].tolist() == [1.0, 0.0]
     assert values[METRIC_NAMES.index("reward")].tolist() == [0.5, 0.25]

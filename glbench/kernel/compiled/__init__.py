@@ -6,7 +6,8 @@ be used here, if so. How it works, how accurate and how fast it is: docs/kernel-
 
 from __future__ import annotations
 
-from glbench.kernel.compiled.stepper import CompiledStepper, Failure, absent_equipment, availability
+from glbench.kernel.compiled.failures import Failure
+from glbench.kernel.compiled.stepper import CompiledStepper, absent_equipment, availability
 from glbench.kernel.compiled.tolerances import FAST_STATES, PRESETS, Preset
 from glbench.kernel.compiled.unavailable import CompiledUnavailable
 

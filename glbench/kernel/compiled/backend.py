@@ -5,7 +5,9 @@ from __future__ import annotations
 from functools import cache
 
 from glbench.kernel.compiled.differentiator import CompiledDifferentiator
+from glbench.kernel.compiled.environment import CompiledEnvironments
 from glbench.kernel.compiled.stepper import CompiledStepper, availability
+from glbench.kernel.environment import Program
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure, inputs_in_words
 
 
@@ -42,6 +44,10 @@ class CompiledBackend:
     def describe(self) -> Description:
         """Return method, tolerances and versions."""
         return self.stepper.describe()
+
+    def environments(self, program: Program, n: int) -> CompiledEnvironments | None:
+        """``n`` environments that run ``program`` around the step; None when the program is too large."""
+        return self.stepper.environments(program, n)
 
 
 @cache

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from glbench.errors import StepError
 from glbench.kernel.compiled.batch import Status
 from glbench.kernel.compiled.binding import RowPointers, Settings
+from glbench.kernel.compiled.failures import Failure
 from glbench.kernel.compiled.library import build
-from glbench.kernel.compiled.stepper import CompiledStepper, Failure, absent_equipment, traits_of
+from glbench.kernel.compiled.stepper import CompiledStepper, absent_equipment, traits_of
 from glbench.kernel.compiled.unavailable import CompiledUnavailable
 from glbench.kernel.directions import SIZES, Directions
 from glbench.kernel.records import FloatArray, Rows

@@ -126,6 +126,7 @@ def generate(function: Any, traits: Traits | None = None) -> GeneratedModel:
         "STATES": len(slopes),
         "CONTROLS": int(function.numel_in(1)),
         "DISTURBANCES": int(function.numel_in(2)),
+        "PARAMETERS": int(function.numel_in(3)),
         "MOVING": len(moving),
         "FAST": sum(state in traits.fast for state in moving),
         "CLOCKS": len(clocks),

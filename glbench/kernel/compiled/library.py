@@ -32,7 +32,7 @@ _HERE = Path(__file__).resolve().parent
 _NATIVE = _HERE / "native"
 _LOCK_SECONDS = 600.0
 _GENERATOR = ("derivative", "emit", "generate", "graph", "importer", "lu", "regroup", "reverse", "sensitivity_code")
-_SOURCE = '#include "model.hpp"\n#include "driver.hpp"\n'
+_SOURCE = '#include "model.hpp"\n#include "driver.hpp"\n#include "environment.hpp"\n'
 _SENSITIVITY_SOURCE = '#include "model.hpp"\n#include "sensitivity_model.hpp"\n#include "sensitivity_driver.hpp"\n'
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import ctypes
-from enum import IntEnum
 
 import numpy as np
 
 from glbench.errors import StepError
 from glbench.kernel.compiled.batch import COPIED_ROWS, SHARED, SIZES, Array, Batch, Status, new_batch, wrong_arrays
 from glbench.kernel.compiled.binding import Library, Settings, load
+from glbench.kernel.compiled.environment import CompiledEnvironments, fits
+from glbench.kernel.compiled.failures import Failure, explain
 from glbench.kernel.compiled.generate import Traits
 from glbench.kernel.compiled.library import Build, build
 from glbench.kernel.compiled.tolerances import (
@@ -22,19 +23,10 @@ from glbench.kernel.compiled.tolerances import (
     tolerances,
 )
 from glbench.kernel.compiled.unavailable import CompiledUnavailable
+from glbench.kernel.environment import Program
 from glbench.model import STATE_NAMES, default_parameters
 
-_NO_STATE = 63
 _DOUBLE = np.dtype(np.float64)
-
-
-class Failure(IntEnum):
-    """Why a row was not stepped (``status // 64``)."""
-
-    INPUT_NOT_FINITE = 1
-    TOO_MANY_SUBSTEPS = 2
-    SUBSTEP_TOO_SMALL = 3
-    EQUIPMENT_PRESENT = 4  # internal: the row goes to the library of the full model
 
 
 class CompiledStepper:
@@ -112,11 +104,6 @@ class CompiledStepper:
     def reached(self) -> Array:
         """Time that the rows of the last call reached (n,) [s]."""
         return self._batch.reached
-
-    @property
-    def settings(self) -> Settings:
-        """Settings of the native code; not to be changed."""
-        return self._settings
 
     @property
     def width(self) -> int | None:
@@ -197,32 +184,40 @@ class CompiledStepper:
         rows = np.flatnonzero(batch.status // 64 == Failure.EQUIPMENT_PRESENT)
         if rows.size == 0:
             return
-        if self._full is None:
-            self._full = load(self._library_build(()).path)
+        full = self._full_library()
         parameters = np.broadcast_to(p, (batch.n, SIZES["p"]))[rows]
         part = new_batch(rows.size, copies=True)
         part.x[:], part.u[:], part.d[:], part.p[:] = x[rows], u[rows], d[rows], parameters
         part.pointers.p_stride = SIZES["p"]
-        self._full.step_rows(self._settings_call, part.call)
+        full.step_rows(self._settings_call, part.call)
         out[rows] = part.out
         batch.status[rows], batch.substeps[rows], batch.reached[rows] = part.status, part.substeps, part.reached
 
+    def _full_library(self) -> Library:
+        """Library of the model with all equipment, built when first needed."""
+        if self._full is None:
+            self._full = load(self._library_build(()).path)
+        return self._full
+
+    def environments(self, program: Program, n: int) -> CompiledEnvironments | None:
+        """``n`` environments that run ``program`` around steps of this stepper's length and tolerances.
+
+        None for a program that is too large.
+
+        Raises
+        ------
+        CompiledUnavailable
+            When its greenhouse has equipment that the usual library leaves out, and the other cannot be built.
+        """
+        equipped = bool(program.nominal[list(absent_equipment())].any())
+        library = self._full_library() if equipped else self._library
+        return CompiledEnvironments(library, self.settings, program, n) if fits(library, program) else None
+
     def explain(self, row: int) -> str:
         """What went wrong in a row of the last call: which state, when, why."""
-        status = int(self._batch.status[row])
-        failure, state = Failure(status // 64), status % 64
-        name = STATE_NAMES[state] if state != _NO_STATE else ""
-        if failure == Failure.INPUT_NOT_FINITE:
-            return (
-                f"the state {name} is not finite" if name else "controls, weather or parameters are not usable numbers"
-            )
-        reached, substeps = self._batch.reached[row], self._batch.substeps[row]
-        cause = (
-            f"needed more than {LARGEST_SUBSTEPS} substeps"
-            if failure == Failure.TOO_MANY_SUBSTEPS
-            else f"needed substeps below {SMALLEST_SUBSTEP:g} s"
-        )
-        return f"{name} {cause} to stay within its tolerance, {reached:.4g} s into the step after {substeps} substeps"
+        batch = self._batch
+        reached, substeps = float(batch.reached[row]), int(batch.substeps[row])
+        return explain(int(batch.status[row]), reached, substeps, self.settings)
 
     def error(self, row: int) -> StepError:
         """The error to raise for a row of the last call that failed."""

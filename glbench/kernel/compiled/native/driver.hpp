@@ -37,6 +37,19 @@ struct Rows {
     int64_t failed;     // given back: how many rows have a status other than 0
 };
 
+// Inputs of one row.
+struct Inputs { const double *x, *u, *d, *p; };
+
+// Somebody who gets a row's inputs ready when its turn comes, and is told when the row is done.
+class RowWork {
+  public:
+    virtual bool begin(int64_t row, Inputs& in) = 0;  // false: the row is not stepped
+    virtual void end(int64_t row) = 0;
+
+  protected:
+    ~RowWork() = default;
+};
+
 enum Failure : int32_t { INPUT_NOT_FINITE = 1, TOO_MANY_SUBSTEPS = 2, SUBSTEP_TOO_SMALL = 3, EQUIPMENT_PRESENT = 4 };
 constexpr int NO_STATE = 63;
 
@@ -60,8 +73,8 @@ GLB_INLINE bool finite(double a) { return a - a == 0.0; }
 
 template <class V> class Stepper {
   public:
-    Stepper(const Settings& settings, const Rows& rows, std::atomic<int64_t>& next)
-        : settings_(settings), rows_(rows), next_(next) {
+    Stepper(const Settings& settings, const Rows& rows, std::atomic<int64_t>& next, RowWork* work = nullptr)
+        : settings_(settings), rows_(rows), next_(next), row_work_(work) {
         std::memset(static_cast<void*>(&work_), 0, sizeof work_);
     }
 
@@ -133,6 +146,7 @@ template <class V> class Stepper {
     const Settings& settings_;
     const Rows& rows_;
     std::atomic<int64_t>& next_;
+    RowWork* row_work_;
     Lanes<V> work_;
     V h_{}, remaining_{}, taken_{}, busy_{};  // next substep [s], time to go [s], substeps so far, 1 where a row is at work
     int64_t row_[W];
@@ -175,10 +189,15 @@ template <class V> class Stepper {
                 return false;
             }
             row_[lane] = row;
-            const double *x = rows_.x + row * model::STATES, *p = rows_.p + row * rows_.p_stride;
+            Inputs in;
+            if (row_work_ == nullptr)
+                in = {rows_.x + row * model::STATES, rows_.u + row * model::CONTROLS, rows_.d + row * model::DISTURBANCES,
+                      rows_.p + row * rows_.p_stride};
+            else if (!row_work_->begin(row, in)) continue;
+            const double *x = in.x, *p = in.p;
             alignas(64) double stored[(model::STORED + 7) / 8 * 8];
             double rate[model::CLOCKS + 1];
-            model::prepare<double>(p, rows_.u + row * model::CONTROLS, rows_.d + row * model::DISTURBANCES, stored, rate);
+            model::prepare<double>(p, in.u, in.d, stored, rate);
             const int32_t unusable = first_problem(x, p, stored);
             if (unusable != 0) {
                 report(row, unusable, 0, 0.0);
@@ -234,6 +253,7 @@ template <class V> class Stepper {
             const int64_t first = row * model::STATES;
             std::memcpy(rows_.out + first, rows_.x + first, model::STATES * sizeof(double));
         }
+        if (row_work_ != nullptr) row_work_->end(row);
     }
 
     void finish(int lane) {
@@ -261,7 +281,7 @@ template <class V> class Stepper {
 
     // One row left in many lanes: the one-lane code is twice as fast for it, and gives the same bits.
     void finish_alone() {
-        Stepper<double> alone(settings_, rows_, next_);
+        Stepper<double> alone(settings_, rows_, next_, row_work_);
         for (int lane = 0; lane < W; ++lane)
             if (element(busy_, lane) > 0.0) alone.adopt(*this, lane);
         while (alone.round() == 0) {
@@ -283,19 +303,23 @@ constexpr int BATCH_WIDTH = glb::NATIVE_WIDTH;
 #endif
 using BatchLanes = typename glb::VectorOf<BATCH_WIDTH>::type;
 
+// Runs `task` in as many threads as are worth starting: each should have a vector of rows to itself.
+template <class Task> void in_threads(const glb::Settings& settings, int64_t rows, const Task& task) {
+    const int64_t useful = rows / BATCH_WIDTH;
+    const int64_t threads = settings.threads < useful ? settings.threads : useful;
+    std::vector<std::thread> others;
+    try {
+        for (int64_t k = 1; k < threads; ++k) others.emplace_back([&] { task(); });
+    } catch (const std::system_error&) {  // no more threads to be had: those that run take the rows
+    }
+    task();
+    for (auto& thread : others) thread.join();
+}
+
 static void step_rows(const glb::Settings* settings, const glb::Rows* rows) {
     std::atomic<int64_t> next{0};
     if (rows->n == 1) return glb::run_rows<double>(*settings, *rows, next);
-    // A thread is worth starting when it has a vector of rows to itself.
-    const int64_t useful = rows->n / BATCH_WIDTH;
-    const int64_t threads = settings->threads < useful ? settings->threads : useful;
-    std::vector<std::thread> others;
-    try {
-        for (int64_t k = 1; k < threads; ++k) others.emplace_back([&] { glb::run_rows<BatchLanes>(*settings, *rows, next); });
-    } catch (const std::system_error&) {  // no more threads to be had: those that run take the rows
-    }
-    glb::run_rows<BatchLanes>(*settings, *rows, next);
-    for (auto& thread : others) thread.join();
+    in_threads(*settings, rows->n, [&] { glb::run_rows<BatchLanes>(*settings, *rows, next); });
 }
 
 extern "C" void glb_step_rows(const glb::Settings* settings, glb::Rows* rows) {
