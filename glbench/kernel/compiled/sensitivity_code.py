@@ -46,7 +46,7 @@ def generate_sensitivities(function: Any, traits: Traits | None = None) -> str:
     inputs = stored_inputs(model.graph, slopes)
     parts = [
         '#pragma once\n#include "model.hpp"\n#define K(a) broadcast<V>(a)\nnamespace glb {\nnamespace model {\n',
-        f"constexpr int PARAMETERS = {int(function.numel_in(3))};\nconstexpr int INPUTS = {len(inputs)};\n",
+        f"constexpr int INPUTS = {len(inputs)};\n",
         _HELPERS,
         _rates_text(model, slopes, inputs),
         _inputs_text(model, inputs, function),
