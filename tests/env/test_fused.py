@@ -140,7 +140,7 @@ def impatient() -> Kernel:
 
 
 def allow(kernel: Kernel, substeps: int) -> None:
-    kernel._backend.stepper._settings.most = float(substeps)  # type: ignore[attr-defined]
+    kernel._backend.stepper.settings.most = float(substeps)  # type: ignore[attr-defined]
 
 
 def test_failed_steps_cost_and_say_the_same(make_task: MakeTask, impatient: Kernel) -> None:
