@@ -31,7 +31,8 @@ from glbench.resources import cache_folder, write_atomically
 _HERE = Path(__file__).resolve().parent
 _NATIVE = _HERE / "native"
 _LOCK_SECONDS = 600.0
-_GENERATOR = ("derivative", "emit", "generate", "graph", "importer", "lu", "regroup", "reverse", "sensitivity_code")
+_GENERATOR = ("derivative", "emit", "generate", "graph", "importer", "lu", "regroup")
+_SENSITIVITY_GENERATOR = ("reverse", "sensitivity_code", "substitution")
 _SOURCE = '#include "model.hpp"\n#include "driver.hpp"\n#include "environment.hpp"\n'
 _SENSITIVITY_SOURCE = '#include "model.hpp"\n#include "sensitivity_model.hpp"\n#include "sensitivity_driver.hpp"\n'
 
@@ -209,7 +210,7 @@ def _files_digest() -> str:
     """Digest of the files of the model, the generator and the C++ beside it."""
     model = Path(glbench.model.__file__).resolve().parent
     files = [file for root in (model, _NATIVE) for file in root.rglob("*") if file.suffix in {".py", ".csv", ".hpp"}]
-    files += [_HERE / f"{name}.py" for name in _GENERATOR]
+    files += [_HERE / f"{name}.py" for name in (*_GENERATOR, *_SENSITIVITY_GENERATOR)]
     parts = []
     for file in sorted(files):
         parts += [file.name.encode(), file.read_bytes()]

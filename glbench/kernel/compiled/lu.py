@@ -102,47 +102,6 @@ def solve_text(plan: Elimination) -> str:
     return "template <bool Two, class V> void solve(const V* lu, const V* a, const V* b, V* k) {\n    " + body + "\n}\n"
 
 
-def solve_directions_text(plan: Elimination) -> str:
-    """C++ function ``solve_directions(lu, b, k)``: the same for many right-hand sides of one matrix, one in each lane."""
-    place = _places(plan)
-    lines = []
-    for i in plan.order:
-        text = f"b[{i}]"
-        for j in plan.lower[i]:
-            text = f"fma<V>(broadcast<V>(lu[{place[i, j]}]), y{j}, {text})"
-        lines.append(f"const V y{i} = {text};")
-    for i in reversed(plan.order):
-        text = f"y{i}"
-        for j in reversed(plan.upper[i]):
-            text = f"fma<V>(broadcast<V>(lu[{place[i, j]}]), k{j}, {text})"
-        lines.append(f"const V k{i} = {text} * broadcast<V>(lu[{place[i, i]}]); k[{i}] = k{i};")
-    return _function("template <class V> void solve_directions(const double* lu, const V* b, V* k)", lines)
-
-
-def solve_transposed_text(plan: Elimination) -> str:
-    """C++ function ``solve_transposed(lu, b, s)``: solves with the transposed matrix."""
-    place = _places(plan)
-    lines = []
-    for j in plan.order:
-        text = f"b[{j}]"
-        for i in plan.order:
-            if j in plan.upper[i]:
-                text = f"fma<V>(lu[{place[i, j]}], z{i}, {text})"
-        lines.append(f"const V z{j} = {text} * lu[{place[j, j]}];")
-    for j in reversed(plan.order):
-        text = f"z{j}"
-        for i in reversed(plan.order):
-            if j in plan.lower[i]:
-                text = f"fma<V>(lu[{place[i, j]}], s{i}, {text})"
-        lines.append(f"const V s{j} = {text}; s[{j}] = s{j};")
-    return _function("template <class V> void solve_transposed(const V* lu, const V* b, V* s)", lines)
-
-
-def _function(head: str, lines: list[str]) -> str:
-    body = "\n    ".join(lines)
-    return f"{head} {{\n    {body}\n}}\n"
-
-
 def _entry(
     name: str, i: int, j: int, terms: list[tuple[str, str]], jacobian_index: dict[tuple[int, int], int]
 ) -> list[str]:

@@ -16,12 +16,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from glbench.kernel.compiled import derivative, lu
+from glbench.kernel.compiled import derivative
 from glbench.kernel.compiled.emit import Emitter, stored_inputs
 from glbench.kernel.compiled.generate import Structure, Traits, analyse
 from glbench.kernel.compiled.graph import Graph, Node
 from glbench.kernel.compiled.regroup import spell_out_logistic
 from glbench.kernel.compiled.reverse import reverse
+from glbench.kernel.compiled.substitution import substitution_text
 
 Entries = list[tuple[int, int]]
 
@@ -50,8 +51,6 @@ def generate_sensitivities(function: Any, traits: Traits | None = None) -> str:
         _HELPERS,
         _rates_text(model, slopes, inputs),
         _inputs_text(model, inputs, function),
-        lu.solve_directions_text(model.plan),
-        lu.solve_transposed_text(model.plan),
         "}  // namespace model\n}  // namespace glb\n#undef K\n",
     ]
     return "".join(parts)
@@ -104,6 +103,7 @@ def _rates_text(model: Structure, slopes: list[int], inputs: list[int]) -> str:
     for label, entries in patterns.items():
         parts += [_product_text(label, entries), _product_text(f"{label}_transposed", [(j, i) for i, j in entries])]
     parts += [_products_text(label, patterns[label]) for label in ("bend", "input")]
+    parts.append(substitution_text(model.plan, state_entries))
     return "".join(parts)
 
 

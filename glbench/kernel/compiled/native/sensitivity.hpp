@@ -6,7 +6,7 @@
 //     W dk_i = J(Y_i) dY_i + F(Y_i) dc + sum_j c_ij/h dk_j + J'(x)[k_i] dx + F'(x)[k_i] dc,    F = df/dc
 //
 // where J'(x)[k] and F'(x)[k] are the derivatives of J and F along k: second derivatives are symmetric. All these matrices are
-// computed for the six stages at once, a stage in each lane; what remains is sparse linear algebra with the factors at hand.
+// computed for the six stages at once, a stage in each lane; what remains is sparse linear algebra.
 #pragma once
 #include "driver.hpp"
 
@@ -14,19 +14,19 @@ namespace glb {
 
 constexpr int STAGES = 6;
 
-// An accepted substep: its length, its start, its increments and the factors of W.
+// An accepted substep: its length, its start and its increments.
 struct Taken {
     double h;
-    alignas(64) double x[PADDED], k[STAGES][PADDED];
-    double factors[model::FACTORS];
+    double x[N], k[STAGES][N];
 };
 
-// Matrices of the six stages; entry e of stage i is element e * lanes + i % lanes of group i / lanes.
+// Factors of W, and matrices of the six stages; entry e of stage i is element e * lanes + i % lanes of group i / lanes.
 template <class V> struct alignas(64) Matrices {
     static constexpr int LANES = width_of<V>, GROUPS = (STAGES + LANES - 1) / LANES;
     V state[GROUPS][model::STATE_ENTRIES];  // J(Y_i)
     V input[GROUPS][model::INPUT_ENTRIES];  // F(Y_i) + F'(x)[k_i]
     V bend[GROUPS][model::BEND_ENTRIES];    // J'(x)[k_i]
+    double factors[model::OWN_FACTORS];
 
     static const double* stage(const V* group, int entries, int i) {
         return reinterpret_cast<const double*>(group + (i / LANES) * entries) + i % LANES;
@@ -66,6 +66,7 @@ template <class V> void compute_matrices(const Taken& taken, const V* stored, Ma
         model::derivatives<V>(point, stored, matrices.state[g], matrices.input[g]);
         model::curvature<V>(start, direction, stored, matrices.bend[g], matrices.input[g]);
     }
+    model::own_factors<width_of<V>>(matrices.state_of(0), 1.0 / (GAMMA * taken.h), matrices.factors);
 }
 
 // Room for one value of each moving state; single values in whole vectors, so that loops over states use them.
@@ -118,7 +119,7 @@ GLB_INLINE void forward_stage(const Taken& taken, const Matrices<V>& matrices, d
         sum[n] = total;
     }
     model::add_state_product<width_of<V>>(matrices.state_of(S), dy, sum);
-    model::solve_directions<D>(taken.factors, sum, dk[S]);
+    model::solve_directions<D>(matrices.factors, sum, dk[S]);
 }
 
 // Directions in the lanes of D: dx of the substep's start becomes that of its end. `dc` may be null: inputs held.
@@ -127,7 +128,7 @@ template <class D, class V> void forward_substep(const Taken& taken, const Matri
     alignas(64) States<D> dk[STAGES] = {}, sum[STAGES] = {}, dy;
     add_start_and_inputs<D, V>(matrices, dc, dx, sum);
     model::add_state_product<width_of<V>>(matrices.state_of(0), dx, sum[0]);
-    model::solve_directions<D>(taken.factors, sum[0], dk[0]);
+    model::solve_directions<D>(matrices.factors, sum[0], dk[0]);
     forward_stage<1, D>(taken, matrices, inverse_h, dx, sum[1], dy, dk, std::make_integer_sequence<int, 1>{});
     forward_stage<2, D>(taken, matrices, inverse_h, dx, sum[2], dy, dk, std::make_integer_sequence<int, 2>{});
     forward_stage<3, D>(taken, matrices, inverse_h, dx, sum[3], dy, dk, std::make_integer_sequence<int, 3>{});
@@ -146,7 +147,7 @@ void reverse_substep(const Taken& taken, const Matrices<V>& matrices, double* xb
     std::memset(static_cast<void*>(seeds), 0, sizeof seeds);
     for (int n = 0; n < N; ++n) kb[STAGES - 1][n] = xb[n];
     for (int i = STAGES - 1; i >= 0; --i) {
-        model::solve_transposed<double>(taken.factors, kb[i], s);
+        model::solve_transposed(matrices.factors, kb[i], s);
         for (int n = 0; n < PADDED; ++n) yb[n] = 0.0;
         for (int n = 0; n < N; ++n) {
             put(seeds[i / W][n], i % W, s[n]);

@@ -29,14 +29,14 @@ struct Recorder {
         if (!stepper.refill(0)) return false;
         Taken taken;
         for (;;) {
-            std::memcpy(taken.x, stepper.work_.x, sizeof taken.x);
+            for (int n = 0; n < N; ++n) taken.x[n] = stepper.work_.x[n];
             taken.h = stepper.h_;
             const double left = stepper.remaining_;
             const bool ended = stepper.round() != 0;
             if (ended && *one.status != 0) return false;
             if (ended || stepper.remaining_ != left) {
-                std::memcpy(taken.k, stepper.work_.k, sizeof taken.k);
-                std::memcpy(taken.factors, stepper.work_.factors, sizeof taken.factors);
+                for (int i = 0; i < STAGES; ++i)
+                    for (int n = 0; n < N; ++n) taken.k[i][n] = stepper.work_.k[i][n];
                 visit(taken);
             }
             if (ended) return true;
