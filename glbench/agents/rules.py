@@ -230,4 +230,5 @@ def _lamps(inputs: RuleInputs, settings: RuleSettings, climate: _Climate, shares
         # By day the blackout screen is open, and humidity is no reason; the published code lost this by operator precedence.
         day = inputs.is_day_smooth
         not_humid = day + (1.0 - day) * not_humid
-    return climate.lamps_wanted * shares.lamps_heat * not_humid
+    lamps: Array = climate.lamps_wanted * shares.lamps_heat * not_humid
+    return lamps

@@ -65,7 +65,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     task
         Id, path of a task file, or the task itself.
     kernel
-        What integrates a step; by default one kernel that all environments of this thread share, made at the first step.
+        What integrates a step; by default one kernel that all environments of this thread share, made at the first reset.
     render_mode
         ``None`` or ``"ansi"``: ``render`` then returns a few lines of text.
 

@@ -1,4 +1,4 @@
-"""The kernel that environments share, made when the first step needs it."""
+"""The kernel that environments share, made when the first reset needs it."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -12,6 +13,8 @@ import pytest
 from glbench.env import GreenhouseEnv, Simulation, StepResult, register_reward
 from glbench.errors import ActionError
 from glbench.kernel import Kernel, KernelPool, why_not_compiled
+from glbench.kernel.compiled import CompiledStepper
+from glbench.kernel.compiled.backend import CompiledBackend
 from glbench.registration import task_ids
 from glbench.tasks import TaskSpec, get_task
 from tests.env.stepping import StillKernel, walk
@@ -185,6 +188,39 @@ def test_a_row_has_the_same_bits_in_every_batch_and_thread(day: TaskSpec, n: int
         assert many.observations[row].tobytes() == one.observations[0].tobytes()
         assert many.table[:, row].tobytes() == one.table[:, 0].tobytes()
         assert simulation.x[row].tobytes() == alone.x[0].tobytes()
+
+
+def numbers_of(stepper: CompiledStepper, task: TaskSpec) -> list[bytes]:
+    """Everything about a few fused steps of eleven runs."""
+    kernel = Kernel(900.0, backend="compiled", preset="fast")
+    kernel._backend = CompiledBackend(stepper)
+    simulation = Simulation(task, N, kernel)
+    simulation.reset(SEEDS)
+    results = [simulation.step(actions) for actions in walk(5, 3, N)]
+    assert simulation.fused
+    return [*standing(simulation), *(part for result in results for part in given(result)[:4])]
+
+
+@pytest.mark.parametrize("width", [1, 4])
+def test_any_number_of_lanes(day: TaskSpec, width: int) -> None:
+    usual = numbers_of(CompiledStepper(900.0, preset="fast"), day)
+    assert numbers_of(CompiledStepper(900.0, preset="fast", width=width), day) == usual
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "clang++",
+        pytest.param("g++ -mno-avx512f", marks=pytest.mark.slow),
+        pytest.param("g++ -mno-avx512f -mno-avx2", marks=pytest.mark.slow),
+    ],
+)
+def test_other_compilers_and_instruction_sets(day: TaskSpec, command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if shutil.which(command.split()[0]) is None:
+        pytest.skip(f"{command} is not installed")
+    usual = numbers_of(CompiledStepper(900.0, preset="fast"), day)
+    monkeypatch.setenv("CXX", command)
+    assert numbers_of(CompiledStepper(900.0, preset="fast"), day) == usual
 
 
 def test_one_run_by_itself_has_the_same_numbers(day: TaskSpec, kernel: Kernel) -> None:
