@@ -156,8 +156,9 @@ def _ways_to(bounds: list[Bound]) -> Iterator[list[str]]:
 def _secrets_below(bound: Bound) -> Iterator[Path]:
     """Folders inside that must be covered because ``bound`` brings them along."""
     outside = bound.outside.resolve()
-    for secret in {*_data_folders(), user_data_folder().resolve(), cache_folder().resolve()}:
-        if secret.is_dir() and secret.is_relative_to(outside):
+    secrets = {*_data_folders(), user_data_folder().resolve(), cache_folder().resolve()}
+    for secret in sorted(secrets):
+        if secret.is_dir() and secret.is_relative_to(outside) and secrets.isdisjoint(secret.parents):
             yield bound.inside / secret.relative_to(outside)
 
 
