@@ -127,8 +127,15 @@ def _value(value: Any) -> str:
     if isinstance(value, int | float):
         return repr(value)
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
+        return _text(value)
     return "[" + ", ".join(_value(item) for item in value) + "]"
+
+
+def _text(value: str) -> str:
+    """A string of one line, or of several as they stand when they need no escapes."""
+    if "\n" in value and '"""' not in value and "\\" not in value:
+        return f'"""\n{value}"""'
+    return json.dumps(value, ensure_ascii=False)
 
 
 def _seeds(task: TaskSpec, settings: TrainingSettings) -> list[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from glbench.errors import GlbenchError, TrainingError, UnknownNameError
 from glbench.tasks import TaskSpec
 from glbench.training import read_settings, shipped_settings
 from glbench.training.algorithms import algorithm_class, make_model
+from glbench.training.card import to_toml
 from glbench.training.vec_env import TrainingVecEnv
 
 TASK = "glbench/Schiphol2010-Delta10-v1"
@@ -123,3 +125,14 @@ def test_an_unknown_algorithm_is_named(name: str, said: str) -> None:
 def test_a_class_that_is_no_algorithm_is_refused() -> None:
     with pytest.raises(TrainingError, match="no algorithm"):
         algorithm_class("collections.OrderedDict")
+
+
+def test_what_a_card_says_is_read_back_as_it_was() -> None:
+    content = {
+        "text": 'a "b" \\ c',
+        "lines": "one\ntwo\n",
+        "both": 'a\n"""b',
+        "list": ["a", "b"],
+        "table": {"a-b": 1, "c": 0.1, "d": True},
+    }
+    assert tomllib.loads(to_toml(content)) == content
