@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import messages, output, print_error, print_warning
+from glbench.cli.leaving import INTERRUPTED, leaving_at_once
 from glbench.cli.view import live_view, live_viewer
 from glbench.errors import GlbenchError, SubmissionError, TaskError
 
@@ -74,16 +75,25 @@ def evaluate(
     Results do not depend on --workers. What is interrupted (Ctrl-C, a crash, a power cut) goes on with the same command, and
     what is finished is not done again.
     """
-    from glbench.evaluation import prepare
+    with leaving_at_once():
+        from glbench.evaluation import prepare
 
-    with _quiet_agents(as_json), messages().status("preparing (the first time on a machine the kernel is built, too)"):
-        tasks = _tasks(task or [], suite or [])
-        loaded = _agents(agents)
-        evaluations = [
-            prepare(chosen, agent, runs=runs, first_seed=seed, workers=workers, out=out, fresh=fresh, episodes=episodes)
-            for chosen in tasks
-            for agent in loaded
-        ]
+    try:
+        with _quiet_agents(as_json), messages().status("preparing") as status:
+            tasks = _tasks(task or [], suite or [])
+            loaded = _agents(agents)
+            if _kernel_is_new(tasks):
+                status.update("building the kernel, once on this machine: some seconds")
+            evaluations = [
+                prepare(
+                    chosen, agent, runs=runs, first_seed=seed, workers=workers, out=out, fresh=fresh, episodes=episodes
+                )
+                for chosen in tasks
+                for agent in loaded
+            ]
+    except KeyboardInterrupt:
+        messages().print("\n[bold yellow]Interrupted.[/bold yellow] Nothing was evaluated yet.")
+        raise typer.Exit(INTERRUPTED) from None
     if not as_json:
         _say_if_slow()
     failed = False
@@ -99,6 +109,12 @@ def evaluate(
     if not as_json:
         option = "" if out == Path("reports") else f" --out {out}"
         messages().print(f"Next: glbench leaderboard{option}", markup=False, soft_wrap=True)
+
+
+def _kernel_is_new(tasks: Sequence[TaskSpec]) -> bool:
+    from glbench.kernel import will_compile
+
+    return any(will_compile(task.model.variant) for task in tasks)
 
 
 def _say_if_slow() -> None:
@@ -152,37 +168,50 @@ def _agents(refs: Sequence[str]) -> list[LoadedAgent]:
 
 def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = None) -> None:
     """Run one evaluation, or take its stored result, and show it; ``viewer`` is the address of a live view."""
-    from glbench.cli.evaluation_tables import announcement, print_failures, summary_table
+    from glbench.cli.evaluation_tables import announcement
+    from glbench.evaluation import SavingError
 
     if not as_json:
         messages().print(announcement(evaluation), soft_wrap=True)
     result = evaluation.stored
     if result is None:
-        result = _run(evaluation, as_json=as_json, viewer=viewer)
+        try:
+            result = _run(evaluation, as_json=as_json, viewer=viewer)
+        except SavingError as error:
+            _show(error.result, as_json=as_json)
+            raise
     elif not as_json:
         messages().print(f"Already evaluated on {result.created}: this is the stored result (--fresh evaluates again).")
     if evaluation.stored is not None:
         evaluation.complete_episodes(evaluation.stored)
+    _show(result, as_json=as_json)
+    if evaluation.path is not None and not as_json:
+        messages().print(f"Saved: {_shown(evaluation.path)}", markup=False, soft_wrap=True)
+        messages().print(f"Prove it: glbench verify {_shown(evaluation.path)}", markup=False, soft_wrap=True)
+
+
+def _show(result: Result, *, as_json: bool) -> None:
+    """What was earned, as a table or as one line of JSON."""
+    from glbench.cli.evaluation_tables import print_failures, summary_table
+
     if as_json:
         output().out(result.model_dump_json(by_alias=True), highlight=False)
         return
     output().print(summary_table(result))
     print_failures(result)
-    if evaluation.path is not None:
-        messages().print(f"Saved: {_shown(evaluation.path)}", markup=False, soft_wrap=True)
-        messages().print(f"Prove it: glbench verify {_shown(evaluation.path)}", markup=False, soft_wrap=True)
 
 
 def _run(evaluation: Evaluation, *, as_json: bool, viewer: str | None) -> Result:
     from glbench.cli.evaluation_progress import ProgressBar
+    from glbench.evaluation import SavingError
 
     try:
         with _quiet_agents(as_json), live_view(viewer, evaluation) as watcher, ProgressBar(evaluation) as bar:
             return evaluation.run(bar.update, watcher)
     except KeyboardInterrupt:
         messages().print("\n[bold yellow]Interrupted.[/bold yellow] " + _what_is_kept(evaluation), soft_wrap=True)
-        raise typer.Exit(130) from None
-    except SubmissionError:
+        raise typer.Exit(INTERRUPTED) from None
+    except (SubmissionError, SavingError):
         raise
     except GlbenchError as error:
         if not evaluation.interrupted:

@@ -110,7 +110,9 @@ class Layout:
         heads = (rows["opcode"] == Opcode.MESSAGE) & (rows["channel"] == channel)
         heads &= rows["length"] == self.record.itemsize - _LENGTH_SIZE
         bodies = (
-            (rows[name] == np.void(constant)).all() for part in self.parts for name, constant in part.constants().items()
+            (rows[name] == np.void(constant)).all()
+            for part in self.parts
+            for name, constant in part.constants().items()
         )
         return bool(heads.all()) and all(bodies)
 

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from glbench.evaluation.files import load_result, result_path, save_result
+from glbench.evaluation.files import SavingError, load_result, result_path, save_result
 from glbench.evaluation.job import Evaluation
 from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.lockstep import Progress
@@ -22,6 +22,7 @@ __all__ = [
     "Progress",
     "Result",
     "RunResult",
+    "SavingError",
     "Summary",
     "TimeLimits",
     "evaluate",

@@ -6,7 +6,7 @@ import datetime as dt
 import hashlib
 import logging
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,10 +20,10 @@ from glbench.env import Simulation
 from glbench.episodes import Recorder, actions_path, log_bytes, provenance_of
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import provenance
-from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, read_checkpoint
+from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, holds_checkpoint, read_checkpoint
 from glbench.evaluation.drivers import make_driver
 from glbench.evaluation.episodes import forget_episodes, make_episodes, run_facts, write_episodes
-from glbench.evaluation.files import ensure_writable, result_path, save_result, short_task_id
+from glbench.evaluation.files import SavingError, ensure_writable, result_path, save_result, short_task_id
 from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.lockstep import Lockstep, ProgressCallback, Watcher
 from glbench.evaluation.metrics import UNITS
@@ -72,7 +72,7 @@ class Evaluation:
     @property
     def interrupted(self) -> bool:
         """Whether there is a checkpoint to go on from."""
-        return self._folder is not None and self._folder.is_dir()
+        return self._folder is not None and holds_checkpoint(self._folder)
 
     def forget(self) -> None:
         """Throw the checkpoint away, so that ``run`` starts from the beginning."""
@@ -86,8 +86,10 @@ class Evaluation:
         ------
         SubmissionError
             When the agent cannot be made.
+        SavingError
+            When the runs are over and the result, its record or its episodes cannot be written; it has the result.
         GlbenchError
-            When the result cannot be written, or another process works on the same result.
+            When another process works on the same result.
         """
         with self._alone(), _open_kernel(self.task, self.workers) as kernel:
             simulation = Simulation(self.task, len(self.seeds), kernel=kernel)
@@ -119,12 +121,25 @@ class Evaluation:
         result = result.model_copy(update={"record": RecordReference(file=actions.name, digest=log.digest)})
         # The small result before the large record: a disk that fills up must not take the result down. A record of an
         # earlier evaluation goes first, so that none stands beside a result that it does not belong to.
-        actions.unlink(missing_ok=True)
-        save_result(result, out)
-        write_atomically(actions, log_bytes(log))
-        forget_episodes(path)
-        write_episodes(self.episodes, result, path, self.task, log, recorder.trace)
+        lacking = "Nothing of this evaluation is saved"
+        try:
+            actions.unlink(missing_ok=True)
+            save_result(result, out)
+            lacking = "The result is saved, and not the recorded actions, without which nobody can verify it"
+            write_atomically(actions, log_bytes(log))
+            lacking = "The result and its recorded actions are saved, and not all of the full episodes"
+            forget_episodes(path)
+            write_episodes(self.episodes, result, path, self.task, log, recorder.trace)
+        except (GlbenchError, OSError) as error:
+            msg = f"{error}\n{lacking}: free some space; the same command then {self._what_is_left(actions)}."
+            raise SavingError(msg, result) from error
         return result
+
+    def _what_is_left(self, actions: Path) -> str:
+        """What the same command does after a result could not be saved."""
+        if actions.is_file():
+            return "makes those that are missing"
+        return "goes on from the last checkpoint" if self.interrupted else "evaluates again"
 
     def _from_the_start(
         self, simulation: Simulation, progress: ProgressCallback | None, watcher: Watcher | None
@@ -256,7 +271,12 @@ class Evaluation:
         try:
             yield
         finally:
+            # Removed while it is held, so that nobody else's is; folders that others use are not empty and stay.
+            Path(lock.lock_file).unlink(missing_ok=True)
             lock.release()
+            for left in (folder.parent, folder.parent.parent):
+                with suppress(OSError):
+                    left.rmdir()
 
 
 def agent_record(agent: LoadedAgent) -> AgentRecord:

@@ -73,11 +73,7 @@ def build(variant: str, traits: Traits, width: int | None = None) -> Build:
     CompiledUnavailable
         When it is not in the cache and cannot be built: no compiler, a failing one, a cache that cannot be written.
     """
-    compiler = find_compiler()
-    flags = compiler.flags(width)
-    facts = (variant, traits, compiler.command, compiler.version, flags, machine_digest())
-    name = f"{variant}-{_digest([repr(facts).encode(), _sources().encode()])[:20]}"
-    folder = cache_folder() / "kernel"
+    folder, name, flags = _place(variant, traits, width)
     found = _intact(folder, name)
     if found is not None:
         return found
@@ -101,6 +97,27 @@ def build(variant: str, traits: Traits, width: int | None = None) -> Build:
         if isinstance(error, CompiledUnavailable):
             raise
         raise CompiledUnavailable(str(error)) from error
+
+
+def library_is_built(variant: str, traits: Traits, width: int | None = None) -> bool:
+    """Whether ``build`` with these arguments finds the library in the cache.
+
+    Raises
+    ------
+    CompiledUnavailable
+        When there is no compiler.
+    """
+    folder, name, _ = _place(variant, traits, width)
+    return _intact(folder, name) is not None
+
+
+def _place(variant: str, traits: Traits, width: int | None) -> tuple[Path, str, tuple[str, ...]]:
+    """Folder and name of a library, and the flags that it is compiled with."""
+    compiler = find_compiler()
+    flags = compiler.flags(width)
+    facts = (variant, traits, compiler.command, compiler.version, flags, machine_digest())
+    name = f"{variant}-{_digest([repr(facts).encode(), _sources().encode()])[:20]}"
+    return cache_folder() / "kernel", name, flags
 
 
 def write_source(folder: Path, variant: str, traits: Traits) -> tuple[Path, tuple[Path, ...]]:
