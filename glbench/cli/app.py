@@ -16,6 +16,7 @@ from glbench.cli.compare import compare
 from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_warnings
 from glbench.cli.evaluate import evaluate
 from glbench.cli.leaderboard import leaderboard
+from glbench.cli.leaving import INTERRUPTED, interruptible, leave
 from glbench.cli.report import report
 from glbench.cli.show import show
 from glbench.cli.train import export, sweep, train
@@ -71,14 +72,25 @@ def _options(
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:
-    """Run the command line and leave with 0 (done), 1 (an error, in words), 2 (wrong usage) or 130 (Ctrl-C)."""
-    try:
-        app(arguments)
-    except GlbenchError as error:
-        if debugging():
-            raise
-        print_error(str(error))
-        sys.exit(1)
-    except KeyboardInterrupt:
-        sys.exit(130)
+    """Run the command line and leave with 0 (done), 1 (an error, in words), 2 (wrong usage), 130 (Ctrl-C) or 128 + a signal."""
+    with interruptible() as interruption:
+        try:
+            app(arguments)
+        except GlbenchError as error:
+            if debugging():
+                raise
+            print_error(str(error))
+            sys.exit(1)
+        except KeyboardInterrupt:
+            sys.exit(interruption.exit_code)
+        except SystemExit as left:
+            sys.exit(interruption.exit_code if left.code == INTERRUPTED else left.code)
     sys.exit(0)
+
+
+def run() -> NoReturn:
+    """``main`` as a process of its own, which ends when the command has ended."""
+    try:
+        main()
+    except SystemExit as left:
+        leave(int(left.code or 0))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import messages, output, print_warning
-from glbench.cli.interruption import exit_code, stopping_on_signals
+from glbench.cli.leaving import INTERRUPTED, leaving_at_once
 from glbench.cli.view import live_view, live_viewer
 from glbench.errors import GlbenchError, SubmissionError, TaskError
 
@@ -113,16 +113,23 @@ def evaluate(
     Results depend neither on --workers nor on --engine. What is interrupted (Ctrl-C, a crash, a power cut) goes on with the
     same command, and what is finished is not done again.
     """
-    from glbench.cli.evaluate_many import evaluate_many
-    from glbench.cli.evaluation_tables import print_prints
-    from glbench.evaluation.engines import Job, Options
+    with leaving_at_once():
+        from glbench.cli.evaluate_many import evaluate_many
+        from glbench.cli.evaluation_tables import print_prints
+        from glbench.evaluation.engines import Job, Options
 
-    with _quiet_agents(as_json), messages().status("preparing (the first time on a machine the kernel is built, too)"):
-        tasks = _tasks(task or [], suite or [])
-        usable, unusable = _agents(agents, sandbox.value)
-        options = Options(out, runs, seed, workers, fresh, episodes)
-        jobs = [Job(chosen, ref, agent, options) for chosen in tasks for ref, agent in usable.items()]
-        first = jobs[0].prepare() if len(jobs) == 1 and not unusable and engine is EngineName.LOCAL else None
+    try:
+        with _quiet_agents(as_json), messages().status("preparing") as status:
+            tasks = _tasks(task or [], suite or [])
+            usable, unusable = _agents(agents, sandbox.value)
+            if _kernel_is_new(tasks):
+                status.update("building the kernel, once on this machine: some seconds")
+            options = Options(out, runs, seed, workers, fresh, episodes)
+            jobs = [Job(chosen, ref, agent, options) for chosen in tasks for ref, agent in usable.items()]
+            first = jobs[0].prepare() if len(jobs) == 1 and not unusable and engine is EngineName.LOCAL else None
+    except KeyboardInterrupt:
+        messages().print("\n[bold yellow]Interrupted.[/bold yellow] Nothing was evaluated yet.")
+        raise typer.Exit(INTERRUPTED) from None
     if not as_json:
         _say_if_slow()
     if first is not None:
@@ -153,6 +160,12 @@ def _engine(name: EngineName, address: str | None, workers: int | None) -> Engin
     from glbench.evaluation.engines.ray import RayEngine
 
     return RayEngine(address, workers)
+
+
+def _kernel_is_new(tasks: Sequence[TaskSpec]) -> bool:
+    from glbench.kernel import will_compile
+
+    return any(will_compile(task.model.variant) for task in tasks)
 
 
 def _say_if_slow() -> None:
@@ -216,43 +229,55 @@ def _agents(refs: Sequence[str], sandbox: SandboxChoice) -> tuple[dict[str, Prot
 
 def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = None) -> Result:
     """Run one evaluation, or take its stored result, and show it; ``viewer`` is the address of a live view."""
-    from glbench.cli.evaluation_tables import announcement, print_failures, summary_table
+    from glbench.cli.evaluation_tables import announcement
+    from glbench.evaluation import SavingError
 
     if not as_json:
         messages().print(announcement(evaluation), soft_wrap=True)
     result = evaluation.stored
     if result is None:
-        result = _run(evaluation, as_json=as_json, viewer=viewer)
+        try:
+            result = _run(evaluation, as_json=as_json, viewer=viewer)
+        except SavingError as error:
+            _show(error.result, as_json=as_json)
+            raise
     elif not as_json:
         messages().print(f"Already evaluated on {result.created}: this is the stored result (--fresh evaluates again).")
     if evaluation.stored is not None:
         evaluation.complete_episodes(evaluation.stored)
-    if as_json:
-        output().out(result.model_dump_json(by_alias=True), highlight=False)
-        return result
-    output().print(summary_table(result))
-    print_failures(result)
-    if evaluation.path is not None:
+    _show(result, as_json=as_json)
+    if evaluation.path is not None and not as_json:
         messages().print(f"Saved: {_shown(evaluation.path)}", markup=False, soft_wrap=True)
         messages().print(f"Prove it: glbench verify {_shown(evaluation.path)}", markup=False, soft_wrap=True)
     return result
 
 
+def _show(result: Result, *, as_json: bool) -> None:
+    """What was earned, as a table or as one line of JSON."""
+    from glbench.cli.evaluation_tables import print_failures, summary_table
+
+    if as_json:
+        output().out(result.model_dump_json(by_alias=True), highlight=False)
+        return
+    output().print(summary_table(result))
+    print_failures(result)
+
+
 def _run(evaluation: Evaluation, *, as_json: bool, viewer: str | None) -> Result:
     from glbench.cli.evaluation_progress import ProgressBar
+    from glbench.evaluation import SavingError
 
     try:
         with (
-            stopping_on_signals(),
             _quiet_agents(as_json),
             live_view(viewer, evaluation) as watcher,
             ProgressBar(evaluation) as bar,
         ):
             return evaluation.run(bar.update, watcher)
-    except KeyboardInterrupt as interruption:
+    except KeyboardInterrupt:
         messages().print("\n[bold yellow]Interrupted.[/bold yellow] " + _what_is_kept(evaluation), soft_wrap=True)
-        raise typer.Exit(exit_code(interruption)) from None
-    except SubmissionError:
+        raise typer.Exit(INTERRUPTED) from None
+    except (SubmissionError, SavingError):
         raise
     except GlbenchError as error:
         if not evaluation.interrupted:

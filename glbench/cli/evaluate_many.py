@@ -14,7 +14,7 @@ from rich.table import Table
 
 from glbench.cli.console import messages, output
 from glbench.cli.evaluation_tables import reward_in_words
-from glbench.cli.interruption import exit_code, stopping_on_signals
+from glbench.cli.leaving import INTERRUPTED
 
 if TYPE_CHECKING:
     from glbench.evaluation import Progress as Standing
@@ -41,20 +41,20 @@ def evaluate_many(
     outcomes: list[Outcome] = []
     bar = _Bar(len(jobs))
     try:
-        with stopping_on_signals(), bar:
+        with bar:
             coming = iter(engine.run(jobs, bar.report))
             while (outcome := _next(coming, quiet)) is not None:
                 outcomes.append(outcome)
                 bar.ended(outcome)
                 _print(outcome, len(outcomes), len(jobs), as_json=as_json)
-    except KeyboardInterrupt as interruption:
+    except KeyboardInterrupt:
         done = sum(outcome.result is not None for outcome in outcomes)
         messages().print(
             f"\n[bold yellow]Interrupted.[/bold yellow] {done} of {len(jobs)} evaluations are done and saved. "
             "The same command (without --fresh) goes on: what is done is not done again, what was under way goes on from its checkpoint.",
             soft_wrap=True,
         )
-        raise typer.Exit(exit_code(interruption)) from None
+        raise typer.Exit(INTERRUPTED) from None
     failures = [(f"{o.job.agent_name} on {o.job.task.short_id}", o.reason) for o in outcomes if o.reason is not None]
     failures += list(unusable.items())
     if not as_json:

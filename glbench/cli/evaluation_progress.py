@@ -1,4 +1,4 @@
-"""The progress bar of an evaluation: steps, speed, time left."""
+"""The progress of an evaluation: a bar with steps, speed, time left, or plain lines where standard error is no terminal."""
 
 from __future__ import annotations
 
@@ -15,10 +15,13 @@ if TYPE_CHECKING:
     from glbench.evaluation import Progress as Standing
 
 _REFRESH_SECONDS = 0.1
+_LINE_SHARE = 0.1
+_SHORTEST_LINE_SECONDS, _LONGEST_LINE_SECONDS = 2.0, 30.0
+"""Where there is no bar: a line every tenth of the steps, not more often than this, and one at least so often."""
 
 
 class ProgressBar:
-    """A bar on standard error, shown on a terminal only."""
+    """A bar on standard error; where that is no terminal, a plain line now and then."""
 
     def __init__(self, evaluation: Evaluation) -> None:
         console = messages()
@@ -38,7 +41,9 @@ class ProgressBar:
             disable=not console.is_terminal,
         )
         self._task = self._bar.add_task("starting", total=self._steps, speed="")
+        self._lines = not console.is_terminal
         self._shown = 0.0
+        self._line = (time.monotonic(), 0)
         self._began: tuple[float, int] | None = None
 
     def __enter__(self) -> Self:
@@ -60,9 +65,15 @@ class ProgressBar:
             # What was replayed says nothing about the speed of what is simulated now.
             self._bar.reset(self._task, completed=standing.step, description="running")
             self._began = (now, standing.step)
+            self._line = (now, standing.step)
+            if standing.step > 0:
+                messages().print(f"Going on at step {standing.step} of {standing.steps}, where it was interrupted.")
         self._show(now, standing, "running")
 
     def _show(self, now: float, standing: Standing, description: str) -> None:
+        if self._lines:
+            self._show_line(now, standing, description)
+            return
         if now - self._shown < _REFRESH_SECONDS and standing.step < standing.steps:
             return
         self._shown = now
@@ -73,6 +84,18 @@ class ProgressBar:
             description=description + (f" [red]({lost} of {standing.runs} runs failed)[/red]" if lost else ""),
             speed=self._speed(now, standing),
         )
+
+    def _show_line(self, now: float, standing: Standing, description: str) -> None:
+        when, step = self._line
+        far = standing.step - step >= _LINE_SHARE * standing.steps and now - when >= _SHORTEST_LINE_SECONDS
+        if not far and now - when < _LONGEST_LINE_SECONDS:
+            return
+        self._line = (now, standing.step)
+        share = f"{100.0 * standing.step / standing.steps:.0f} %"
+        words = [f"{description}: step {standing.step} of {standing.steps} ({share})", self._speed(now, standing)]
+        if standing.alive < standing.runs:
+            words.append(f"{standing.runs - standing.alive} of {standing.runs} runs failed")
+        messages().print(", ".join(word for word in words if word), soft_wrap=True)
 
     def _speed(self, now: float, standing: Standing) -> str:
         """Greenhouse steps of all runs together, a second."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from glbench.late import late_names
 
 if TYPE_CHECKING:
-    from glbench.evaluation.files import load_result, result_path, save_result
+    from glbench.evaluation.files import SavingError, load_result, result_path, save_result
     from glbench.evaluation.job import Evaluation
     from glbench.evaluation.limits import TimeLimits
     from glbench.evaluation.lockstep import Progress
@@ -22,7 +22,7 @@ else:
     __getattr__ = late_names(
         __name__,
         {
-            "files": ("load_result", "result_path", "save_result"),
+            "files": ("SavingError", "load_result", "result_path", "save_result"),
             "job": ("Evaluation",),
             "limits": ("TimeLimits",),
             "lockstep": ("Progress",),
@@ -44,6 +44,7 @@ __all__ = [
     "Result",
     "RunResult",
     "SandboxChoice",
+    "SavingError",
     "Summary",
     "TimeLimits",
     "evaluate",

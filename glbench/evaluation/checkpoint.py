@@ -120,6 +120,11 @@ def read_checkpoint(folder: Path) -> Saved | None:
     return Saved(step, arrays, facts, inputs, actions)
 
 
+def holds_checkpoint(folder: Path) -> bool:
+    """Whether a checkpoint was finished in ``folder``; one that found no room on the disk was not."""
+    return (folder / _SNAPSHOT).is_file()
+
+
 def discard(folder: Path) -> None:
     """Remove a checkpoint; one that is not there is no error."""
     shutil.rmtree(folder, ignore_errors=True)

@@ -16,6 +16,14 @@ from glbench.resources import write_atomically
 _SHOWN_PROBLEMS = 3
 
 
+class SavingError(GlbenchError):
+    """An evaluation was finished, and not everything of it could be written. ``result`` is what came out."""
+
+    def __init__(self, message: str, result: Result) -> None:
+        super().__init__(message)
+        self.result = result
+
+
 def short_task_id(task_id: str) -> str:
     """Name of a task's folder: its id without the namespace, ``Schiphol2010-Delta10-v1``."""
     return task_id.rpartition("/")[2]

@@ -19,7 +19,7 @@ from glbench.env import Simulation
 from glbench.episodes import Recorder, provenance_of
 from glbench.errors import ResultError, SubmissionError
 from glbench.evaluation import provenance
-from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, read_checkpoint
+from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, holds_checkpoint, read_checkpoint
 from glbench.evaluation.drivers import Driver, PerRunDriver, make_driver
 from glbench.evaluation.episodes import make_episodes, run_facts
 from glbench.evaluation.files import result_path
@@ -89,7 +89,7 @@ class Evaluation:
     @property
     def interrupted(self) -> bool:
         """Whether there is a checkpoint to go on from."""
-        return self.folder is not None and self.folder.is_dir()
+        return self.folder is not None and holds_checkpoint(self.folder)
 
     def forget(self) -> None:
         """Throw the checkpoint away, so that ``run`` starts from the beginning."""
@@ -105,8 +105,10 @@ class Evaluation:
             When the agent cannot be made.
         SandboxError
             When its sandbox cannot be built.
+        SavingError
+            When the runs are over and the result, its record or its episodes cannot be written; it has the result.
         GlbenchError
-            When the result cannot be written, or another process works on the same result.
+            When another process works on the same result.
         """
         with self.alone():
             computed = self.compute(progress, watcher)
@@ -133,7 +135,7 @@ class Evaluation:
         """
         if self.out is None:
             return computed.result
-        result = save(computed, self.out, self.task, self.episodes)
+        result = save(computed, self.out, self.task, self.episodes, checkpointed=self.interrupted)
         discard(agent_folder(self.out, self.task.id, self.agent.name))
         return result
 

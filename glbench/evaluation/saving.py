@@ -17,7 +17,7 @@ import filelock
 from glbench.episodes import ActionLog, Trace, actions_path, episodes_folder, log_bytes, read_log
 from glbench.errors import EpisodeError, GlbenchError, ResultError
 from glbench.evaluation.episodes import forget_episodes, write_episodes
-from glbench.evaluation.files import ensure_writable, load_result, result_path, save_result, short_task_id
+from glbench.evaluation.files import SavingError, ensure_writable, load_result, result_path, save_result, short_task_id
 from glbench.evaluation.profiles import profile_path, profiled
 from glbench.evaluation.records import RecordReference, Result
 from glbench.resources import write_atomically
@@ -33,30 +33,44 @@ class Computed:
     trace: Trace | None = None
 
 
-def save(computed: Computed, out: Path, task: TaskSpec, selection: Sequence[str]) -> Result:
+def save(computed: Computed, out: Path, task: TaskSpec, selection: Sequence[str], *, checkpointed: bool) -> Result:
     """Write result, profile, record and the episodes wanted below ``out``; the result as it is saved. Needs the lock of ``alone``.
+
+    ``checkpointed`` says whether there is a checkpoint to go on from.
 
     Raises
     ------
-    GlbenchError
-        When something cannot be written. Where there was no result yet, the result is there nevertheless if it fits.
+    SavingError
+        When something cannot be written; it has the result and says what is lacking. Where there was no result yet, the result is
+        there nevertheless if it fits.
     """
     log = computed.log
     path = result_path(out, task.id, computed.result.agent.name)
     actions, waiting = actions_path(path), _waiting(path)
     result = computed.result.model_copy(update={"record": RecordReference(file=actions.name, digest=log.digest)})
     result, profile = profiled(task, result, path, log, computed.trace)
+    lacking = "Nothing of this evaluation is saved"
     try:
-        write_atomically(waiting, log_bytes(log))
-    except GlbenchError:
-        if not path.exists():
-            save_result(result, out)
-        raise
-    save_result(result, out)
-    write_atomically(profile_path(path), profile.to_bytes())
-    waiting.replace(actions)
-    forget_episodes(path)
-    write_episodes(selection, result, path, task, log, computed.trace)
+        try:
+            write_atomically(waiting, log_bytes(log))
+        except GlbenchError:
+            if not path.exists():
+                save_result(result, out)
+                lacking = "The result is saved, and not the recorded actions, without which nobody can verify it"
+            raise
+        save_result(result, out)
+        waiting.replace(actions)
+        lacking = "The result and its recorded actions are saved, and not all of profile and full episodes"
+        write_atomically(profile_path(path), profile.to_bytes())
+        forget_episodes(path)
+        write_episodes(selection, result, path, task, log, computed.trace)
+    except (GlbenchError, OSError) as error:
+        if actions.is_file() and result.record is not None:
+            again = "makes what is missing"
+        else:
+            again = "goes on from the last checkpoint" if checkpointed else "evaluates again"
+        msg = f"{error}\n{lacking}: free some space; the same command then {again}."
+        raise SavingError(msg, result) from error
     return result
 
 
@@ -97,7 +111,12 @@ def alone(out: Path, task_id: str, agent_name: str) -> Iterator[None]:
             leftover.unlink(missing_ok=True)
         yield
     finally:
+        # Removed while it is held, so that nobody else's is; folders that others use are not empty and stay.
+        Path(lock.lock_file).unlink(missing_ok=True)
         lock.release()
+        for left in (folder.parent, folder.parent.parent):
+            with contextlib.suppress(OSError):
+                left.rmdir()
 
 
 def agent_folder(out: Path, task_id: str, agent_name: str) -> Path:

@@ -1,12 +1,12 @@
 """The kernel: one control step of the greenhouse model, for one greenhouse or many, with held inputs.
 
-``make_kernel(900.0)`` gives the fastest kernel that works on this machine; ``make_kernel(900.0, workers=4)`` the same in
-on four cores, with the same bits. Method, accuracy and speed: docs/kernel.md.
+``make_kernel(900.0)`` gives the fastest kernel that works on this machine; ``make_kernel(900.0, workers=4)`` the same on
+four cores, with the same bits. Method, accuracy and speed: docs/kernel.md.
 """
 
 from __future__ import annotations
 
-from glbench.kernel.backends import BACKENDS, Backend, available, why_not_compiled
+from glbench.kernel.backends import BACKENDS, Backend, available, why_not_compiled, will_compile
 from glbench.kernel.kernel import Kernel
 from glbench.kernel.pool import KernelPool, make_kernel
 from glbench.kernel.records import Rows, StepFailure
@@ -28,4 +28,5 @@ __all__ = [
     "available",
     "make_kernel",
     "why_not_compiled",
+    "will_compile",
 ]

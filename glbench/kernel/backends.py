@@ -83,6 +83,13 @@ def make_backend(name: str, *, step_seconds: float, variant: str, preset: str, t
     return CvodesBackend(chosen, step_seconds=step_seconds, variant=variant, preset=preset)
 
 
+def will_compile(variant: str) -> bool:
+    """Whether the next kernel for ``variant`` is going to be compiled, which takes some seconds, once on a machine."""
+    from glbench.kernel.compiled.stepper import is_built
+
+    return not is_built(variant)
+
+
 def why_not_compiled() -> str | None:
     """None where the compiled backend works, else the reason in words. The first call may compile for some seconds."""
     from glbench.kernel.compiled import backend as compiled

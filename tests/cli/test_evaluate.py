@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from glbench.errors import GlbenchError
 from glbench.evaluation import METRICS, load_result
 from tests.cli.command_line import Command
 
@@ -176,3 +177,50 @@ def test_on_a_terminal_a_bar_shows_step_speed_and_time_left(here: Path) -> None:
     os.close(ours)
     text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", seen.decode("utf-8", errors="replace"))
     assert re.search(r"running .*%.* step \d+ of 24 .* steps/s .*left", text)
+
+
+@pytest.mark.parametrize(
+    ("full", "words"),
+    [
+        ("glbench.evaluation.files.write_atomically", "Nothing of this evaluation is saved"),
+        ("glbench.evaluation.job.write_atomically", "The result is saved, and not the recorded actions"),
+        ("glbench.episodes.writing.write_atomically", "saved, and not all of the full episodes"),
+    ],
+)
+def test_a_full_disk_takes_nobody_the_table(
+    glbench: Command, here: Path, monkeypatch: pytest.MonkeyPatch, full: str, words: str
+) -> None:
+    def no_room(path: Path, _data: bytes | str) -> None:
+        msg = f"Cannot write {path}: No space left on device."
+        raise GlbenchError(msg)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(full, no_room)
+        # No checkpoint found room either, so that none may be promised.
+        patch.setattr("glbench.evaluation.checkpoint.write_atomically", no_room)
+        answer = glbench("evaluate", "steady.py", *ARGUMENTS)
+    assert answer.code == 1
+    assert "Reward" in answer.out
+    assert "No space left on device" in answer.err
+    assert words in answer.err
+    assert "checkpoint" not in answer.err.replace("No further checkpoints", "")
+    assert "Saved:" not in answer.err
+    again = glbench("evaluate", "steady.py", *ARGUMENTS)
+    assert again.code == 0
+    assert len(list(here.rglob("seed-*.mcap"))) == 3
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can make a small disk")
+def test_on_a_disk_that_is_really_full_the_table_is_shown(glbench: Command, here: Path) -> None:
+    disk = here / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", disk], check=False).returncode != 0:
+        pytest.skip("no small disk can be mounted here")
+    try:
+        answer = glbench("evaluate", "steady.py", *ARGUMENTS, "--out", disk)
+        assert answer.code == 1
+        assert "Reward" in answer.out
+        assert "No space left on device" in answer.err
+        assert load_result(disk / "results" / "Day-v1" / "steady.json").summary.ok == 3
+    finally:
+        subprocess.run(["umount", disk], check=True)

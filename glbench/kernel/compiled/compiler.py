@@ -83,12 +83,21 @@ def _find(cxx: str, cc: str, path: str) -> Compiler:
         candidates, wish = [_companion(tuple(shlex.split(cc)))], f"CC={cc}"
     else:
         candidates, wish = [("c++",), ("g++",), ("clang++",)], ""
+    broken = []
     for command in candidates:
         version = _version(command)
         if version is not None:
             return Compiler(command, version)
+        place = shutil.which(command[0])
+        if place is not None:
+            broken.append(place)
     if wish:
         msg = f"The compiler that {wish} asks for does not run. Correct the variable, or unset it to use c++, g++ or clang++."
+    elif broken:
+        msg = (
+            f"The C++ compiler here does not run ({', '.join(broken)}: `--version` fails). "
+            "Install gcc or clang anew, or set CXX to one that works."
+        )
     else:
         msg = "There is no C++ compiler here (looked for c++, g++, clang++). Install gcc or clang, or set CXX."
     raise CompiledUnavailable(msg)

@@ -84,12 +84,7 @@ def build(variant: str, traits: Traits, width: int | None = None, *, sensitiviti
         if carried is not None:
             path, facts_of = carried
             return Build(str(path), facts_of.digest, facts_of.compiler, facts_of.flags, 0.0)
-    compiler = find_compiler()
-    flags = compiler.flags(width)
-    facts = (variant, traits, compiler.command, compiler.version, flags, machine_digest())
-    kind = f"{variant}-sensitivities" if sensitivities else variant
-    name = f"{kind}-{_digest([repr(facts).encode(), _sources().encode()])[:20]}"
-    folder = cache_folder() / "kernel"
+    folder, name, flags = _place(variant, traits, width, sensitivities=sensitivities)
     found = _intact(folder, name)
     if found is not None:
         return found
@@ -113,6 +108,32 @@ def build(variant: str, traits: Traits, width: int | None = None, *, sensitiviti
         if isinstance(error, CompiledUnavailable):
             raise
         raise CompiledUnavailable(str(error)) from error
+
+
+def library_is_built(variant: str, traits: Traits, width: int | None = None) -> bool:
+    """Whether ``build`` with these arguments finds the library in the wheel or in the cache.
+
+    Raises
+    ------
+    CompiledUnavailable
+        When there is no compiler.
+    """
+    if width is None and prebuilt.find(prebuilt_key(variant, traits)) is not None:
+        return True
+    folder, name, _ = _place(variant, traits, width)
+    return _intact(folder, name) is not None
+
+
+def _place(
+    variant: str, traits: Traits, width: int | None, *, sensitivities: bool = False
+) -> tuple[Path, str, tuple[str, ...]]:
+    """Folder and name of a library, and the flags that it is compiled with."""
+    compiler = find_compiler()
+    flags = compiler.flags(width)
+    facts = (variant, traits, compiler.command, compiler.version, flags, machine_digest())
+    kind = f"{variant}-sensitivities" if sensitivities else variant
+    name = f"{kind}-{_digest([repr(facts).encode(), _sources().encode()])[:20]}"
+    return cache_folder() / "kernel", name, flags
 
 
 def write_source(

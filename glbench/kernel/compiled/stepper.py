@@ -12,7 +12,7 @@ from glbench.kernel.compiled.binding import Library, Settings, load
 from glbench.kernel.compiled.environment import CompiledEnvironments, fits
 from glbench.kernel.compiled.failures import Failure, explain
 from glbench.kernel.compiled.generate import Traits
-from glbench.kernel.compiled.library import Build, build
+from glbench.kernel.compiled.library import Build, build, library_is_built
 from glbench.kernel.compiled.tolerances import (
     FAST_STATES,
     LARGEST_SUBSTEPS,
@@ -256,6 +256,14 @@ def absent_equipment() -> tuple[int, ...]:
     Interlights, for example: their area is zero. Rows with other parameters are stepped by a library of the full model.
     """
     return tuple(int(i) for i in np.flatnonzero(default_parameters() == 0.0))
+
+
+def is_built(variant: str) -> bool:
+    """Whether there is nothing to build for ``variant``: the library is in the cache, or no compiler is there."""
+    try:
+        return library_is_built(variant, traits_of(absent_equipment()))
+    except CompiledUnavailable:
+        return True
 
 
 def availability() -> str | None:
