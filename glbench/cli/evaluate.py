@@ -110,8 +110,8 @@ def evaluate(
 ) -> None:
     """Evaluate agents on tasks: seeded runs in lockstep, a table with intervals, and a result file each.
 
-    Results depend neither on --workers nor on --engine. What is interrupted (Ctrl-C, a crash, a power cut) goes on with the same command, and
-    what is finished is not done again.
+    Results depend neither on --workers nor on --engine. What is interrupted (Ctrl-C, a crash, a power cut) goes on with the
+    same command, and what is finished is not done again.
     """
     from glbench.cli.evaluate_many import evaluate_many
     from glbench.cli.evaluation_tables import print_prints
