@@ -38,8 +38,8 @@ def test_problems_make_the_check_leave_with_1(glbench: Command, here: Path) -> N
     [
         (("new", "steady.py"), "is there already"),
         (("new", "anna", "--kind", "rules"), "Did you mean 'rule'"),
-        (("check", "rule_based"), "There is no file or folder rule_based"),
-        (("check", "anna"), "There is no file or folder anna"),
+        (("check", "rule_based"), "is a baseline of glbench and no submission"),
+        (("check", "anna"), "'anna' is neither a file or folder here nor a baseline"),
     ],
 )
 def test_mistakes_are_told_in_words(glbench: Command, here: Path, arguments: tuple[str, ...], words: str) -> None:
