@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 _REFRESH_SECONDS = 0.1
 _LONGEST_REASON = 300
+_SIDE_BY_SIDE = 4
 _CAPTION = "* some runs failed; their missing steps count at the task's price"
 
 
@@ -58,7 +59,7 @@ def evaluate_many(
     failures = [(f"{o.job.agent_name} on {o.job.task.short_id}", o.reason) for o in outcomes if o.reason is not None]
     failures += list(unusable.items())
     if not as_json:
-        output().print(_summary(outcomes))
+        output().print(_summary(jobs, outcomes))
     if failures:
         messages().print(f"[bold red]{len(failures)} failed:[/bold red]")
         for what, reason in failures:
@@ -92,28 +93,35 @@ def _runs(result: Result) -> str:
     return f"{runs}, [red]{len(result.failed)} failed[/red]" if result.failed else runs
 
 
-def _summary(outcomes: Sequence[Outcome]) -> Table:
-    """Mean reward of every agent on every task."""
-    tasks = list(dict.fromkeys(outcome.job.task.short_id for outcome in outcomes))
-    agents = list(dict.fromkeys(outcome.job.agent_name for outcome in outcomes))
-    cells = {(outcome.job.agent_name, outcome.job.task.short_id): outcome for outcome in outcomes}
+def _summary(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> Table:
+    """Mean reward of every agent on every task; a few agents side by side, many below each other."""
+    cells = {(outcome.job.agent_name, outcome.job.task.short_id): _cell(outcome) for outcome in outcomes}
+    agents = list(dict.fromkeys(job.agent_name for job in jobs))
+    tasks = list(dict.fromkeys(job.task.short_id for job in jobs))
+    failures = any(outcome.result is not None and outcome.result.failed for outcome in outcomes)
     table = Table(
-        title="Reward [-], mean over the runs", title_justify="left", title_style="bold",
-        caption=_CAPTION if any(outcome.result is not None and outcome.result.failed for outcome in outcomes) else None,
+        title="Reward [-], mean over the runs",
+        title_justify="left",
+        title_style="bold",
+        caption=_CAPTION if failures else None,
         caption_justify="left",
-    )  # fmt: skip
-    # Tasks downwards where they are more than the agents: names of tasks are long.
-    table.add_column("Task")
-    for agent in agents:
-        table.add_column(agent, justify="right")
+    )
+    if len(agents) <= _SIDE_BY_SIDE:
+        table.add_column("Task")
+        for agent in agents:
+            table.add_column(escape(agent), justify="right")
+        for task in tasks:
+            table.add_row(task, *[cells.get((agent, task), "") for agent in agents])
+        return table
+    table.add_column("Agent")
     for task in tasks:
-        table.add_row(task, *[_cell(cells.get((agent, task))) for agent in agents])
+        table.add_column(escape(task.replace("-", "\n")), justify="right")
+    for agent in agents:
+        table.add_row(escape(agent), *[cells.get((agent, task), "") for task in tasks])
     return table
 
 
-def _cell(outcome: Outcome | None) -> str:
-    if outcome is None:
-        return ""
+def _cell(outcome: Outcome) -> str:
     if outcome.result is None:
         return "[red]failed[/red]"
     return f"{outcome.result.summary.mean['reward']:,.1f}" + ("*" if outcome.result.failed else "")

@@ -14,6 +14,8 @@ from typing import Any
 
 from glbench.errors import SubmissionError
 
+_RECURRENT = b"lstm_actor"
+"""Begins the names of some weights of recurrent policies; nothing in their settings tells them apart."""
 _VERSION = "_stable_baselines3_version"
 
 
@@ -48,7 +50,6 @@ ALGORITHMS = {
 }
 # In this order: the first whose settings are all there. What distinguishes an algorithm from those below it comes first.
 _SIGNS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("RecurrentPPO", ("clip_range", "_last_lstm_states")),
     ("TQC", ("top_quantiles_to_drop_per_net", "target_entropy")),
     ("CrossQ", ("target_entropy", "policy_delay")),
     ("SAC", ("target_entropy",)),
@@ -91,11 +92,12 @@ def read_archive(file: Path) -> Archive:
     data = archive_data(file)
     with zipfile.ZipFile(file) as archive:
         names = archive.namelist()
+        recurrent = _RECURRENT in archive.read("policy.pth")
         version = archive.read(_VERSION).decode(errors="replace") if _VERSION in names else "unknown"
     columns, columns_words = _space(data.get("observation_space"))
     actions, actions_words = _space(data.get("action_space"))
     return Archive(
-        algorithm=_algorithm(data, file),
+        algorithm=_algorithm(data, file, recurrent=recurrent),
         columns=columns,
         columns_words=columns_words,
         actions=actions,
@@ -133,7 +135,7 @@ def archive_data(file: Path) -> dict[str, Any]:
     return data
 
 
-def _algorithm(data: dict[str, Any], file: Path) -> Algorithm:
+def _algorithm(data: dict[str, Any], file: Path, *, recurrent: bool) -> Algorithm:
     name = next((name for name, signs in _SIGNS if all(sign in data for sign in signs)), None)
     if name is None:
         msg = (
@@ -143,6 +145,8 @@ def _algorithm(data: dict[str, Any], file: Path) -> Algorithm:
         raise SubmissionError(msg)
     if name == "TD3" and data["policy_delay"] == 1 and data.get("target_noise_clip") == 0.0:
         name = "DDPG"
+    if name == "PPO" and recurrent:
+        name = "RecurrentPPO"
     policy = data.get("policy_class")
     if name == "PPO" and isinstance(policy, dict) and "maskable" in str(policy.get("__module__", "")):
         name = "MaskablePPO"

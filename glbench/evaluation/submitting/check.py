@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
-from glbench.agents.identity import FORM_WORDS, Identity, is_built_in, read_identity
+from glbench.agents.identity import FORM_WORDS, Identity, baseline_names, is_built_in, read_identity
 from glbench.agents.loading import find_submission
 from glbench.errors import SubmissionError
 from glbench.evaluation.submitting import files
@@ -52,6 +52,9 @@ def check_submission(
     """
     began = time.monotonic()
     spec = task if isinstance(task, TaskSpec) else get_task(task)
+    if str(ref) in baseline_names() and not Path(ref).exists():
+        msg = f"'{ref}' is a baseline of glbench and no submission: there is nothing to check. Evaluate it."
+        raise SubmissionError(msg)
     path = find_submission(ref)
     if is_built_in(path):
         msg = f"{path} holds settings for a controller of glbench and no code: there is nothing to check. Evaluate it."

@@ -1,0 +1,128 @@
+"""Several agents on several tasks: nothing stops the others, nothing finished is done again or lost."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from glbench.evaluation import load_result
+from tests.cli.command_line import Command
+
+GLBENCH = (sys.executable, "-c", "from glbench.cli.app import main; main()")
+PLACE = Path("reports/results/Day-v1")
+
+
+def variant(here: Path, name: str, old: str = "0.01", new: str = "0.02") -> str:
+    text = (here / "steady.py").read_text(encoding="utf-8")
+    assert old in text
+    (here / name).write_text(text.replace(old, new), encoding="utf-8")
+    return name
+
+
+def second_task(here: Path) -> str:
+    text = (here / "day.toml").read_text(encoding="utf-8").replace("test/Day-v1", "test/Other-v1")
+    (here / "other.toml").write_text(text, encoding="utf-8")
+    return "other.toml"
+
+
+def test_one_line_for_each_and_a_summary_with_all(glbench: Command, here: Path) -> None:
+    arguments = ("evaluate", "steady.py", variant(here, "quick.py"), "-t", "day.toml", "-t", second_task(here))
+    answer = glbench(*arguments)
+    assert answer.code == 0, answer.err
+    for line in (
+        "1/4 steady on Day-v1: reward",
+        "2/4 quick on Day-v1",
+        "3/4 steady on Other-v1",
+        "4/4 quick on Other-v1",
+    ):
+        assert line in answer.err
+    means = {agent: load_result(PLACE / f"{agent}.json").summary.mean["reward"] for agent in ("steady", "quick")}
+    row = next(line for line in answer.out.splitlines() if "Day-v1" in line)
+    assert [float(cell.replace(",", "")) for cell in row.split("│")[2:4]] == [
+        pytest.approx(mean, abs=0.06) for mean in means.values()
+    ]
+    again = glbench(*arguments)
+    assert again.code == 0
+    assert again.err.count("already there") == 4
+
+
+def test_what_changed_is_evaluated_again_and_nothing_else(glbench: Command, here: Path) -> None:
+    other = variant(here, "quick.py")
+    glbench("evaluate", "steady.py", other, "-t", "day.toml")
+    variant(here, "quick.py", new="0.03")
+    answer = glbench("evaluate", "steady.py", other, "-t", "day.toml")
+    assert "steady on Day-v1" in answer.err
+    assert answer.err.count("already there") == 1
+    assert load_result(PLACE / "quick.json").evaluation.resumed_at_step is None
+
+
+def test_failures_of_all_kinds_stop_no_other_and_stand_in_the_end_with_their_reasons(
+    glbench: Command, here: Path
+) -> None:
+    unmade = variant(here, "unmade.py", "return Steady()", "raise OSError('no weights')")
+    syntax = variant(here, "wrong.py", "class Steady:", "class Steady")
+    crash = variant(here, "crash.py", "return np", "1 / 0; return np")
+    answer = glbench("evaluate", unmade, "nowhere.py", syntax, crash, "steady.py", "-t", "day.toml")
+    assert answer.code == 1
+    assert load_result(PLACE / "steady.json").summary.ok == 3
+    assert "3 runs, 3 failed" in answer.err, "failed runs are a result"
+    assert "3 failed:" in answer.err
+    end = answer.err.rpartition("3 failed:")[2]
+    for words in ("unmade on Day-v1", "no weights", "nowhere.py: There is no file", "wrong.py is no valid Python"):
+        assert words in end
+
+
+def test_json_holds_one_line_a_result_and_the_exit_code_tells_of_failures(glbench: Command, here: Path) -> None:
+    unmade = variant(here, "unmade.py", "return Steady()", "print('hm'); raise OSError('no weights')")
+    answer = glbench("evaluate", unmade, "steady.py", variant(here, "quick.py"), "-t", "day.toml", "--json")
+    assert answer.code == 1
+    assert [json.loads(line)["agent"]["name"] for line in answer.out.splitlines()] == ["steady", "quick"]
+    assert "no weights" in answer.err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["INT", "TERM", "KILL"])
+def test_whatever_ends_it_the_same_command_goes_on_and_repeats_nothing(here: Path, how: str) -> None:
+    slow = variant(
+        here, "slow.py", "return np", "import os, time; time.sleep(0 if os.path.exists('hurry') else 0.3); return np"
+    )
+    command = [*GLBENCH, "evaluate", "steady.py", slow, variant(here, "quick.py"), "--task", "day.toml"]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    deadline = time.monotonic() + 120
+    while not list(here.rglob("snapshot.npz")) and time.monotonic() < deadline and process.poll() is None:
+        time.sleep(0.05)
+    os.killpg(process.pid, getattr(signal, f"SIG{how}"))
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == {"INT": 130, "TERM": 143, "KILL": -9}[how]
+    if how != "KILL":
+        assert "1 of 3 evaluations are done and saved" in err
+        assert "The same command (without --fresh) goes on" in err
+        assert "Traceback" not in err
+    first = (PLACE / "steady.json").read_bytes()
+    (here / "hurry").touch()
+    rest = subprocess.run(command, capture_output=True, text=True, check=False, timeout=240)
+    assert rest.returncode == 0, rest.stderr
+    assert rest.stderr.count("already there") == 1
+    assert (PLACE / "steady.json").read_bytes() == first
+    resumed = load_result(PLACE / "slow.json").evaluation.resumed_at_step
+    assert resumed is not None
+    assert 0 < resumed < 24
+    assert list(here.rglob("*.partial")) == []
+
+
+def test_a_cluster_wants_its_engine_and_live_views_one_evaluation(glbench: Command, here: Path) -> None:
+    assert (
+        "add --engine ray" in glbench("evaluate", "steady.py", "rule_based", "--address", "auto", "-t", "day.toml").err
+    )
+    assert (
+        "--live shows one evaluation" in glbench("evaluate", "steady.py", "rule_based", "--live", "-t", "day.toml").err
+    )

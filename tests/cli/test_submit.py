@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.command_line import Command
+
+
+def test_a_new_submission_passes_its_check_and_is_evaluated(glbench: Command, here: Path) -> None:
+    written = glbench("submit", "new", "anna")
+    assert written.code == 0
+    assert "Next: glbench submit check anna" in written.err
+    checked = glbench("submit", "check", "anna", "--task", "day.toml")
+    assert checked.code == 0, checked.out + checked.err
+    assert "Nothing has to be mended." in checked.out
+    assert "A run is decided alone as among others" in checked.out
+    assert glbench("evaluate", "anna", "--task", "day.toml").code == 0
+    result = json.loads(Path("reports/results/Day-v1/anna.json").read_text(encoding="utf-8"))
+    assert result["agent"]["card"]["name"] == "anna"
+
+
+def test_problems_make_the_check_leave_with_1(glbench: Command, here: Path) -> None:
+    broken = (here / "steady.py").read_text(encoding="utf-8").replace("return np", "1 / 0; return np")
+    (here / "broken.py").write_text(broken, encoding="utf-8")
+    answer = glbench("submit", "check", "broken.py", "--task", "day.toml", "--json")
+    assert answer.code == 1
+    report = json.loads(answer.out)
+    problems = [finding for finding in report["findings"] if finding["level"] == "problem"]
+    assert [finding["subject"] for finding in problems] == ["decisions"]
+    assert "ZeroDivisionError" in problems[0]["text"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("new", "steady.py"), "is there already"),
+        (("new", "anna", "--kind", "rules"), "Did you mean 'rule'"),
+        (("check", "rule_based"), "is a baseline of glbench and no submission"),
+        (("check", "anna"), "'anna' is neither a file or folder here nor a baseline"),
+    ],
+)
+def test_mistakes_are_told_in_words(glbench: Command, here: Path, arguments: tuple[str, ...], words: str) -> None:
+    answer = glbench("submit", *arguments)
+    assert answer.code == 1
+    assert words in answer.err
+    assert "Traceback" not in answer.err
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("stable_baselines3") is None, reason="Stable-Baselines3 is not installed")
+def test_the_template_of_a_model_comes_with_one_that_runs(glbench: Command, here: Path) -> None:
+    written = glbench("submit", "new", "learner", "--kind", "sb3")
+    assert "learner/model.zip" in written.err
+    answer = glbench("evaluate", "learner", "--task", "day.toml", "--json")
+    assert answer.code == 0, answer.err
+    assert json.loads(answer.out)["summary"]["ok"] == 3

@@ -1,0 +1,86 @@
+"""Saving survives a full disk and a kill at any place: never half a file, never a result with another one's record."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from glbench.episodes import read_log
+from glbench.errors import GlbenchError
+from glbench.evaluation import evaluate, load_result, prepare, saving
+from glbench.tasks import TaskSpec
+from tests.evaluation.agent_files import GOOD, AgentWriter
+
+PLACE = Path("results") / "Day-v1"
+OTHER = GOOD.replace("50.0", "40.0")
+
+
+class KilledError(BaseException):
+    """Stands for kill -9: nothing after it is done."""
+
+
+def full(path: Path, _data: bytes) -> None:
+    msg = f"Cannot write {path}: No space left on device."
+    raise GlbenchError(msg)
+
+
+def test_a_full_disk_leaves_the_earlier_result_with_its_record(
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = evaluate(day_task, write_agent(), out=tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(saving, "write_atomically", full)
+        with pytest.raises(GlbenchError, match="No space left"):
+            evaluate(day_task, write_agent(OTHER), out=tmp_path)
+    stored = load_result(tmp_path / PLACE / "agent_under_test.json")
+    assert stored == before
+    assert stored.record is not None
+    assert read_log(tmp_path / PLACE / stored.record.file).digest == stored.record.digest
+
+
+@pytest.mark.parametrize("moment", ["before the result", "after the result"])
+def test_a_kill_while_saving_is_mended_by_the_next_evaluation(
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
+) -> None:
+    agent = write_agent()
+    evaluate(day_task, agent, out=tmp_path)
+    agent = write_agent(OTHER)
+
+    def killed(*_: object) -> None:
+        raise KilledError
+
+    with monkeypatch.context() as patch:
+        if moment == "before the result":
+            patch.setattr(saving, "save_result", killed)
+        else:
+            patch.setattr(
+                Path, "replace", lambda self, target: killed() if self.suffix == ".waiting" else rename(self, target)
+            )
+        with pytest.raises(KilledError):
+            evaluate(day_task, agent, out=tmp_path)
+    assert list((tmp_path / PLACE).glob(".*.waiting"))
+    stored = prepare(day_task, agent, out=tmp_path).stored
+    assert (stored is not None) == (moment == "after the result")
+    assert list((tmp_path / PLACE).glob(".*.waiting")) == []
+    result = evaluate(day_task, agent, out=tmp_path)
+    assert result.record is not None
+    assert read_log(tmp_path / PLACE / result.record.file).digest == result.record.digest
+
+
+def test_leftovers_of_killed_processes_are_removed(
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
+) -> None:
+    place = tmp_path / PLACE
+    place.mkdir(parents=True)
+    for name in (
+        ".agent_under_test.json.x1.partial",
+        ".agent_under_test.actions.mcap.x2.partial",
+        ".other.json.x.partial",
+    ):
+        (place / name).touch()
+    evaluate(day_task, write_agent(), out=tmp_path)
+    assert [path.name for path in place.glob("*.partial")] == [".other.json.x.partial"], "that of another agent stays"
+
+
+rename = Path.replace

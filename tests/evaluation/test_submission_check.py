@@ -1,0 +1,122 @@
+"""``check_submission`` finds what an evaluation would find, at once and in words."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from glbench.agents.templates import new_submission
+from glbench.errors import SubmissionError
+from glbench.evaluation.submitting import CHECKS, Report, check_submission
+
+SECONDS = 6.0
+CARD = 'name = "x"\nauthors = ["A"]\nlicence = "MIT"\ninformation = ["observations"]\n'
+HEAD = """
+import os, time
+import numpy as np
+class Agent:
+    def reset(self, task, n_runs): self.n, self.calls = n_runs, 0
+    def act(self, observations):
+        self.calls += 1
+        actions = np.zeros((self.n, 6))
+"""
+TAIL = """
+        return actions
+def make_agent(task):
+    return Agent()
+"""
+
+
+def looked_at(folder: Path, task: Path, act: str, *, before: str = "", seconds: float = SECONDS) -> Report:
+    file = folder / "mine.py"
+    lines = "".join(f"        {line}\n" for line in act.splitlines())
+    file.write_text(before + HEAD + lines + TAIL, encoding="utf-8")
+    file.with_suffix(".toml").write_text(CARD, encoding="utf-8")
+    return check_submission(file, task, seconds=seconds)
+
+
+def test_a_good_submission_passes_every_check(tmp_path: Path, day_task_file: Path) -> None:
+    new_submission(tmp_path / "mine", "rule")
+    report = check_submission(tmp_path / "mine", day_task_file, seconds=SECONDS)
+    assert report.findings == ()
+    assert report.ok
+    assert report.checked == set(CHECKS)
+    assert report.facts["files"].startswith("3 files")
+    assert "ms a decision of one run" in report.facts["time"]
+
+
+@pytest.mark.parametrize(
+    ("act", "subject", "words"),
+    [
+        ("if self.calls == 5: actions[2, 3] = np.nan", "decisions", "In step 5, run 3 of 4: the action for uVent is nan"),
+        ("actions = actions[:, :5]", "decisions", "In step 1, every run: act returned an array of shape (4, 5)"),
+        ("if self.calls == 3: actions += 1.5", "decisions", "outside its bounds -1 to 1"),
+        ("if self.calls == 4: raise ValueError('no idea')", "decisions", "act fails in step 4: ValueError: no idea (mine.py:"),
+        ("if self.calls == 4:\n    print('the end', flush=True)\n    os._exit(3)", "decisions", 'exit code 3. Its last words: "the end"'),
+        ("actions += np.random.uniform()", "repeatable", "decided differently in step 1"),
+        ("actions += observations[:, :1].mean() / 100", "rows", "rows learn of each other"),
+        ("self.kept = getattr(self, 'kept', []) + [np.ones(2**18)]", "memory", "Memory grows by"),
+        ("open('notes.txt', 'a').close()", "surroundings", "It writes to notes.txt"),
+        ("import socket\nsocket.socket().connect_ex(('127.0.0.1', 9))", "surroundings", "It connects to 127.0.0.1:9"),
+        ("print('x' * 9000)", "printing", "KiB in this short run"),
+    ],
+    ids=["nan", "shape", "bounds", "raises", "exits", "random", "rows", "leak", "writes", "network", "prints"],
+)  # fmt: skip
+def test_what_is_wrong_is_told_under_its_subject(
+    tmp_path: Path, day_task_file: Path, monkeypatch: pytest.MonkeyPatch, act: str, subject: str, words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    task = day_task_file
+    if subject == "memory":  # a day of 24 steps cannot grow beyond any limit; a season can
+        task = tmp_path / "season.toml"
+        text = day_task_file.read_text(encoding="utf-8")
+        task.write_text(text.replace("days = 1", "days = 300").replace("Day-v1", "Season-v1"), encoding="utf-8")
+    report = looked_at(tmp_path, task, act)
+    assert not report.ok
+    assert [finding.subject for finding in report.problems] == [subject]
+    assert words in report.problems[0].text
+
+
+def test_an_agent_that_hangs_costs_its_time_and_no_more(tmp_path: Path, day_task_file: Path) -> None:
+    began = time.monotonic()
+    before = "while True:\n    try: __import__('time').sleep(9)\n    except BaseException: pass\n"
+    report = looked_at(tmp_path, day_task_file, "pass", before=before, seconds=2.0)
+    assert [finding.subject for finding in report.problems] == ["time"]
+    assert "It did not come back while its file was loaded" in report.problems[0].text
+    assert time.monotonic() - began < 60
+
+
+def test_findings_of_all_files_come_together(tmp_path: Path, day_task_file: Path) -> None:
+    folder = tmp_path / "mine"
+    new_submission(folder, "rule")
+    card = (folder / "submission.toml").read_text(encoding="utf-8")
+    (folder / "submission.toml").write_text(card.replace("licence", "license"), encoding="utf-8")
+    report = check_submission(folder, day_task_file)
+    assert {finding.subject for finding in report.problems} == {"card"}
+    assert len(report.problems) == 2, "the missing key and the unknown one"
+    (folder / "submission.toml").write_text(card, encoding="utf-8")
+    (folder / "helper.py").write_text(
+        "import no_such_library\ntry:\n    import another_one\nexcept ImportError:\n    pass\n"
+    )
+    report = check_submission(folder, day_task_file)
+    texts = [finding.text for finding in report.of("packages")]
+    assert any("helper.py:1 imports 'no_such_library', which is not installed here" in text for text in texts)
+    assert any("'another_one'" in text and "within try" in text for text in texts)
+
+
+def test_without_a_card_the_report_says_what_is_lost_and_is_good_nevertheless(
+    tmp_path: Path, day_task_file: Path
+) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(HEAD + TAIL, encoding="utf-8")
+    report = check_submission(file, day_task_file, seconds=SECONDS)
+    assert report.ok
+    assert [(finding.subject, finding.level) for finding in report.findings] == [("card", "note")]
+    assert "There is no card (mine.toml beside the file)" in report.findings[0].text
+
+
+def test_what_is_no_submission_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SubmissionError, match="There is no file or folder"):
+        check_submission(tmp_path / "nothing.py")
