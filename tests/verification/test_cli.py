@@ -102,5 +102,5 @@ def test_the_table_on_the_terminal_marks_what_is_verified_within_80_columns(repo
     save_proof(verify(result_path(reports, day_task.id, "wavy")))
     lines = run("leaderboard", "--out", reports, "--task", day_task.id).stdout.splitlines()
     assert sum("✓" in line for line in lines) == 2  # the row, and the note that explains the mark
-    assert any("wavy✓" in line for line in lines)
+    assert any("wavy ‡✓" in line for line in lines)  # evaluated in this process, hence unsandboxed
     assert max(len(line) for line in lines) <= 80
