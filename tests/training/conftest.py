@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("stable_baselines3", reason="training needs the extra 'train'")
-
 from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, get_task
 from glbench.training import TrainingSettings
