@@ -1,12 +1,17 @@
-"""docs/submit.md tells the truth: names, numbers and the snippet that runs."""
+"""docs/submit.md and docs/scale.md tell the truth: names, numbers, and the snippets that run."""
 
 from __future__ import annotations
 
+import importlib.util
 import re
+import warnings
 from pathlib import Path
 
 import pytest
 
+from glbench.agents import load_agent, read_card
+from glbench.agents.formats.policy import PolicyAgent
+from glbench.agents.templates import KINDS
 from glbench.evaluation.limits import TimeLimits
 from glbench.tasks import TaskCard
 
@@ -38,3 +43,47 @@ def test_the_guides_check_of_actions_runs_and_finds_nothing_wrong_with_the_templ
     monkeypatch.chdir(ROOT)
     exec(compile(snippet, "docs/submit.md", "exec"), {})
     assert capsys.readouterr().out == "{}\n"
+
+
+def snippet(guide: str, language: str, word: str) -> str:
+    return next(code for code in re.findall(rf"```{language}\n(.*?)```", guide, re.DOTALL) if word in code)
+
+
+def test_the_guides_card_is_one(tmp_path: Path) -> None:
+    (tmp_path / "submission.toml").write_text(snippet(GUIDE, "toml", "authors"), encoding="utf-8")
+    assert read_card(tmp_path / "submission.toml").model == "model.zip"
+
+
+def test_the_guide_names_every_template() -> None:
+    assert [kind for kind in KINDS if f"| `{kind}`" not in GUIDE] == []
+
+
+@pytest.mark.parametrize(
+    ("word", "saved", "packages"),
+    [
+        ("model.save", "learner", ("stable_baselines3",)),
+        ("torch.jit.script", "policy.pt", ("torch",)),
+    ],
+)
+def test_the_guides_ways_to_save_a_policy_make_submissions(
+    card: TaskCard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, word: str, saved: str, packages: tuple[str, ...]
+) -> None:
+    for package in packages:
+        if importlib.util.find_spec(package) is None:
+            pytest.skip(f"{package} is not installed")
+    monkeypatch.chdir(tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        exec(compile(snippet(GUIDE, "python", word), "docs/submit.md", "exec"), {})
+    assert isinstance(load_agent(tmp_path / saved).make(card), PolicyAgent)
+
+
+def test_the_example_of_the_page_on_scale_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (ROOT / "docs" / "scale.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(snippet(page, "python", "LocalEngine"), "docs/scale.md", "exec"), {})
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == ["rule_based", "rule_based_fair"]
+    assert all(float(line.split()[1]) > 1000 for line in lines)

