@@ -1,4 +1,4 @@
-"""``glbench leaderboard``: rank all stored results, show them, and write the tables."""
+"""``glbench leaderboard``: rank all stored results and show them; on request, write the tables."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, output
+from glbench.cli.console import messages, output, print_warning
 from glbench.errors import ResultError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from rich.table import Table
-
     from glbench.leaderboard import StoredResult, TaskTable
+
+_REPORTS = Path("reports")
 
 
 def leaderboard(
@@ -25,28 +25,28 @@ def leaderboard(
         typer.Option("--task", "-t", help="Show this task (repeatable). Default: the one evaluated last."),
     ] = None,
     show_all: Annotated[bool, typer.Option("--all", help="Show every task that has results.")] = False,
-    out: Annotated[
-        Path,
-        typer.Option("--out", help="Folder with results/ in it; leaderboard.md, .csv and .parquet are written there."),
-    ] = Path("reports"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder with results/ in it.")] = _REPORTS,
+    write: Annotated[
+        bool, typer.Option("--write", help="Write leaderboard.md, .csv and .parquet into that folder, too.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the rows as JSON and nothing else.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit code 1 when a result file cannot be used.")] = False,
 ) -> None:
-    """Rank all results, with 95 % intervals, and write leaderboard.md, .csv and .parquet.
+    """Rank all results, with 95 % intervals. Nothing is written unless you ask for it (--write).
 
     Results are read from OUT/results and from the released results of the rule-based controllers that come with glbench.
     """
-    from glbench.leaderboard import collect_results, rank, to_frame, write_leaderboard
+    from glbench.leaderboard import collect_readable, rank, to_frame, write_leaderboard
     from glbench.leaderboard.published import published_expectations
     from glbench.resources import data_folder
     from glbench.tasks import list_suites
 
+    _check_folder(out)
     # In a checkout the released results lie where one's own are made: of those only the baselines' are released.
     own = (out / "results").resolve()
-    stored = [
-        item
-        for item in collect_results([out / "results", data_folder("reports/results")])
-        if item.result.agent.kind == "baseline" or item.path.resolve().is_relative_to(own)
-    ]
+    found, problems = collect_readable([out / "results", data_folder("reports/results")])
+    _warn(problems)
+    stored = [item for item in found if item.result.agent.kind == "baseline" or item.path.resolve().is_relative_to(own)]
     if not stored:
         msg = (
             f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."
@@ -54,12 +54,32 @@ def leaderboard(
         raise ResultError(msg)
     tables = rank(stored, published_expectations())
     shown = _chosen(tables, stored, task or [], show_all)
-    paths = write_leaderboard(tables, list_suites(), out)
+    paths = write_leaderboard(tables, list_suites(), out) if write else ()
     if as_json:
         rows = to_frame(shown).to_json(orient="records", double_precision=15)
         output().out(json.dumps(json.loads(rows), indent=2), highlight=False)
+    else:
+        _print(shown, len(tables), paths)
+    if strict and problems:
+        raise typer.Exit(1)
+
+
+def _check_folder(out: Path) -> None:
+    """Refuse a folder that was asked for and is not there: a mistyped name must not look like an empty leaderboard."""
+    if out == _REPORTS or out.is_dir():
         return
-    _print(shown, len(tables), paths)
+    around = out.absolute().parent
+    near = did_you_mean(out.name, [path.name for path in around.iterdir() if path.is_dir()] if around.is_dir() else [])
+    msg = f"There is no folder {out}.{near} `glbench evaluate ... --out FOLDER` makes one."
+    raise ResultError(msg)
+
+
+def _warn(problems: Sequence[ResultError]) -> None:
+    """List the result files that are left out, and why."""
+    if problems:
+        one = len(problems) == 1
+        lines = "\n".join(f"  {problem}" for problem in problems)
+        print_warning(f"{len(problems)} result file{' is' if one else 's are'} left out:\n{lines}")
 
 
 def _chosen(
@@ -82,16 +102,21 @@ def _chosen(
 
 
 def _print(shown: Sequence[TaskTable], total: int, paths: Sequence[Path]) -> None:
-    from glbench.leaderboard.tables import FOOTNOTES
+    from glbench.cli.leaderboard_tables import resource_table, score_table
+    from glbench.leaderboard.tables import FOOTNOTES, kernel_note
 
     for table in shown:
-        output().print(_score_table(table))
-        output().print(_resource_table(table))
+        for view, dropped in (score_table(table, output()), resource_table(table, output())):
+            output().print(view)
+            if dropped:
+                output().print(f"No room for: {', '.join(dropped)}. A wider terminal or --json has them.", style="dim")
         for row in table.rows:
             if row.failed:
                 output().print(f"{row.agent}: {row.failed} of {row.runs} runs failed.")
             if row.remark:
                 output().print(f"{row.agent} is {row.remark}.")
+        if kernel_note(table):
+            output().print(kernel_note(table), style="yellow")
     for note in FOOTNOTES:
         output().print(note, style="dim")
     hidden = total - len(shown)
@@ -99,50 +124,5 @@ def _print(shown: Sequence[TaskTable], total: int, paths: Sequence[Path]) -> Non
         messages().print(
             f"{hidden} more {'task has' if hidden == 1 else 'tasks have'} results: glbench leaderboard --all"
         )
-    messages().print("Written: " + ", ".join(str(path) for path in paths), soft_wrap=True)
-
-
-def _score_table(table: TaskTable) -> Table:
-    """Ranks and what they rest on, within 80 columns."""
-    from rich import box
-    from rich.table import Table
-
-    from glbench.leaderboard.tables import VERIFIED_MARK, agent_label
-
-    title = f"{table.title}\n[dim]{table.task_id}[/dim]"
-    view = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, collapse_padding=True)
-    view.add_column("#", justify="right")
-    view.add_column("Agent", overflow="fold", min_width=16)
-    for heading in ("Reward", "95 % interval", "IQM", "EPI\n[EUR/m²]", "Penalty", "Runs"):
-        view.add_column(heading.replace("[", r"\["), justify="right", no_wrap=True)
-    for row in table.rows:
-        reward = row.estimates["reward"]
-        view.add_row(
-            "–" if row.rank is None else str(row.rank),
-            agent_label(row) + (VERIFIED_MARK if row.verified else ""),
-            f"{reward.mean:.1f}",
-            f"{reward.low:.1f} to {reward.high:.1f}" if reward.low < reward.high else "–",
-            f"{reward.iqm:.1f}",
-            f"{row.estimates['epi'].mean:.3f}",
-            f"{row.estimates['penalty'].mean:.1f}",
-            str(row.runs) if row.failed == 0 else f"{row.runs - row.failed}/{row.runs}",
-            style="dim" if row.rank is None else None,
-        )
-    return view
-
-
-def _resource_table(table: TaskTable) -> Table:
-    """What each agent grew and used, within 80 columns."""
-    from rich import box
-    from rich.table import Table
-
-    from glbench.leaderboard.tables import COLUMNS, agent_label, format_estimate
-
-    view = Table(title="Harvest, resources, climate", title_justify="left", box=box.SIMPLE_HEAD, collapse_padding=True)
-    view.add_column("Agent", overflow="fold", min_width=16)
-    columns = [column for column in COLUMNS if not column.interval]
-    for column in columns:
-        view.add_column(column.heading.replace(" ", "\n").replace("[", r"\["), justify="right")
-    for row in table.rows:
-        view.add_row(agent_label(row), *(format_estimate(row.estimates[column.metric], column) for column in columns))
-    return view
+    if paths:
+        messages().print("Written: " + ", ".join(str(path) for path in paths), soft_wrap=True)

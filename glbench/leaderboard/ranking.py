@@ -44,6 +44,8 @@ class Row:
     remark: str
     verified: bool = False
     """Whether ``glbench verify`` proved the result from its records."""
+    kernel: str = ""
+    """What stepped the model: backend and preset, as in ``compiled/reference``."""
 
 
 @dataclass(frozen=True)
@@ -55,12 +57,27 @@ class TaskTable:
     digest: str
     rows: tuple[Row, ...]
 
+    @property
+    def kernels(self) -> dict[str, tuple[str, ...]]:
+        """Agents by the kernel that stepped the model for them; the kernel of most of them first."""
+        by_kernel: dict[str, list[str]] = {}
+        for row in self.rows:
+            by_kernel.setdefault(row.kernel, []).append(row.agent)
+        ordered = sorted(by_kernel.items(), key=lambda item: (-len(item[1]), item[0]))
+        return {kernel: tuple(agents) for kernel, agents in ordered}
+
 
 def estimate(values: Iterable[float]) -> Estimate:
     """Mean, interquartile mean and 95 % interval of one metric over runs."""
     sample = np.fromiter(values, dtype=np.float64)
     low, high = bootstrap_interval(sample)
     return Estimate(float(mean(sample)), float(interquartile_mean(sample)), low, high)
+
+
+def kernel_label(result: Result) -> str:
+    """What stepped the model: ``backend/preset``."""
+    kernel = result.evaluation.kernel
+    return "/".join(str(kernel[key]) for key in ("backend", "preset") if key in kernel)
 
 
 def estimates_of(result: Result) -> dict[str, Estimate]:
@@ -130,4 +147,5 @@ def _row(
         results_digest=result.results_digest,
         remark=remark,
         verified=result.results_digest in verified,
+        kernel=kernel_label(result),
     )
