@@ -1,4 +1,4 @@
-"""``glbench leaderboard``: rank all stored results, show them, and write the tables."""
+"""``glbench leaderboard``: rank all stored results and show them; on request, write the tables."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import messages, output
+from glbench.cli.stored import warn_of
 from glbench.errors import ResultError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from rich.table import Table
-
     from glbench.leaderboard import StoredResult, TaskTable
+
+_REPORTS = Path("reports")
 
 
 def leaderboard(
@@ -25,13 +26,15 @@ def leaderboard(
         typer.Option("--task", "-t", help="Show this task (repeatable). Default: the one evaluated last."),
     ] = None,
     show_all: Annotated[bool, typer.Option("--all", help="Show every task that has results.")] = False,
-    out: Annotated[
-        Path,
-        typer.Option("--out", help="Folder with results/ in it; leaderboard.md, .csv and .parquet are written there."),
-    ] = Path("reports"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder with results/ in it.")] = _REPORTS,
+    write: Annotated[
+        bool,
+        typer.Option("--write", help="Write leaderboard.md, .csv, .parquet, .json and .tex into that folder, too."),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the rows as JSON and nothing else.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit code 1 when a result file cannot be used.")] = False,
 ) -> None:
-    """Rank all results, with 95 % intervals, and write leaderboard.md, .csv and .parquet.
+    """Rank all results, with 95 % intervals. Nothing is written unless you ask for it (--write).
 
     Results are read from OUT/results and from the released results of the rule-based controllers that come with glbench.
     """
@@ -41,7 +44,9 @@ def leaderboard(
     from glbench.tasks import list_suites
     from glbench.tasks.references import read_references
 
-    stored = own_and_released_results(out)
+    _check_folder(out)
+    stored, problems = own_and_released_results(out)
+    warn_of(problems)
     if not stored:
         msg = (
             f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."
@@ -53,12 +58,24 @@ def leaderboard(
     scores, references = scores_by_task(stored, expected), read_references()
     scored = [suite_table(name, tuple(ids), scores, references) for name, ids in suites.items()]
     aggregated = [table for table in scored if table is not None]
-    paths = write_leaderboard(tables, suites, out, aggregated)
+    paths = write_leaderboard(tables, suites, out, aggregated) if write else ()
     if as_json:
         rows = to_frame(shown).to_json(orient="records", double_precision=15)
         output().out(json.dumps(json.loads(rows), indent=2), highlight=False)
+    else:
+        _print(shown, len(tables), paths, out)
+    if strict and problems:
+        raise typer.Exit(1)
+
+
+def _check_folder(out: Path) -> None:
+    """Refuse a folder that was asked for and is not there: a mistyped name must not look like an empty leaderboard."""
+    if out == _REPORTS or out.is_dir():
         return
-    _print(shown, len(tables), paths)
+    around = out.absolute().parent
+    near = did_you_mean(out.name, [path.name for path in around.iterdir() if path.is_dir()] if around.is_dir() else [])
+    msg = f"There is no folder {out}.{near} `glbench evaluate ... --out FOLDER` makes one."
+    raise ResultError(msg)
 
 
 def _chosen(
@@ -80,17 +97,22 @@ def _chosen(
     return list({by_name[name].task_id: by_name[name] for name in wanted}.values())
 
 
-def _print(shown: Sequence[TaskTable], total: int, paths: Sequence[Path]) -> None:
-    from glbench.leaderboard.tables import FOOTNOTES
+def _print(shown: Sequence[TaskTable], total: int, paths: Sequence[Path], out: Path) -> None:
+    from glbench.cli.leaderboard_tables import resource_table, score_table
+    from glbench.leaderboard.tables import FOOTNOTES, kernel_note
 
     for table in shown:
-        output().print(_score_table(table))
-        output().print(_resource_table(table))
+        for view, dropped in (score_table(table, output()), resource_table(table, output())):
+            output().print(view)
+            if dropped:
+                output().print(f"No room for: {', '.join(dropped)}. A wider terminal or --json has them.", style="dim")
         for row in table.rows:
             if row.failed:
                 output().print(f"{row.agent}: {row.failed} of {row.runs} runs failed.")
             if row.remark:
                 output().print(f"{row.agent} is {row.remark}.")
+        if kernel_note(table):
+            output().print(kernel_note(table), style="yellow")
     for note in FOOTNOTES:
         output().print(note, style="dim")
     hidden = total - len(shown)
@@ -98,53 +120,7 @@ def _print(shown: Sequence[TaskTable], total: int, paths: Sequence[Path]) -> Non
         messages().print(
             f"{hidden} more {'task has' if hidden == 1 else 'tasks have'} results: glbench leaderboard --all"
         )
-    messages().print("Written: " + ", ".join(str(path) for path in paths), soft_wrap=True)
-    folder = paths[0].parent
-    option = "" if folder == Path("reports") else f" --out {folder}"
+    if paths:
+        messages().print("Written: " + ", ".join(str(path) for path in paths), soft_wrap=True)
+    option = "" if out == _REPORTS else f" --out {out}"
     messages().print(f"As a page to look into: glbench report{option}", markup=False, soft_wrap=True)
-
-
-def _score_table(table: TaskTable) -> Table:
-    """Ranks and what they rest on, within 80 columns."""
-    from rich import box
-    from rich.table import Table
-
-    from glbench.leaderboard.tables import VERIFIED_MARK, agent_label
-
-    title = f"{table.title}\n[dim]{table.task_id}[/dim]"
-    view = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, collapse_padding=True)
-    view.add_column("#", justify="right")
-    view.add_column("Agent", overflow="fold", min_width=16)
-    for heading in ("Reward", "95 % interval", "IQM", "EPI\n[EUR/m²]", "Penalty", "Runs"):
-        view.add_column(heading.replace("[", r"\["), justify="right", no_wrap=True)
-    for row in table.rows:
-        reward = row.estimates["reward"]
-        view.add_row(
-            "–" if row.rank is None else str(row.rank),
-            agent_label(row) + (VERIFIED_MARK if row.verified else ""),
-            f"{reward.mean:.1f}",
-            f"{reward.low:.1f} to {reward.high:.1f}" if reward.low < reward.high else "–",
-            f"{reward.iqm:.1f}",
-            f"{row.estimates['epi'].mean:.3f}",
-            f"{row.estimates['penalty'].mean:.1f}",
-            str(row.runs) if row.failed == 0 else f"{row.runs - row.failed}/{row.runs}",
-            style="dim" if row.rank is None else None,
-        )
-    return view
-
-
-def _resource_table(table: TaskTable) -> Table:
-    """What each agent grew and used, within 80 columns."""
-    from rich import box
-    from rich.table import Table
-
-    from glbench.leaderboard.tables import COLUMNS, agent_label, format_estimate
-
-    view = Table(title="Harvest, resources, climate", title_justify="left", box=box.SIMPLE_HEAD, collapse_padding=True)
-    view.add_column("Agent", overflow="fold", min_width=16)
-    columns = [column for column in COLUMNS if not column.interval]
-    for column in columns:
-        view.add_column(column.heading.replace(" ", "\n").replace("[", r"\["), justify="right")
-    for row in table.rows:
-        view.add_row(agent_label(row), *(format_estimate(row.estimates[column.metric], column) for column in columns))
-    return view

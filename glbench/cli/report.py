@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import messages, output, print_warning
+from glbench.cli.stored import warn_of
 
 if TYPE_CHECKING:
     from glbench.report import Completion
@@ -45,6 +46,7 @@ def report(
         _complete(out, workers or os.cpu_count() or 1)
     with messages().status("making the page"):
         path, page = write_report(out)
+    warn_of(page.left_out)
     size = path.stat().st_size / 1e6
     output().print(f"{path} ({page.results} results, {size:.1f} MB)", markup=False, soft_wrap=True)
     if page.without_profile and not complete:

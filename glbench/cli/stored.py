@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from glbench.cli.console import print_warning
 from glbench.errors import ResultError, did_you_mean
 
 if TYPE_CHECKING:
@@ -45,3 +46,11 @@ def find_results(wanted: str, tasks: Sequence[str], reports: Path) -> list[Resul
             msg = f"'{wanted}' has no result on {', '.join(tasks)}.{did_you_mean(tasks[0], known)} It has: {', '.join(known)}."
             raise ResultError(msg)
     return chosen
+
+
+def warn_of(problems: Sequence[ResultError]) -> None:
+    """List the result files that are left out, and why."""
+    if problems:
+        one = len(problems) == 1
+        lines = "\n".join(f"  {problem}" for problem in problems)
+        print_warning(f"{len(problems)} result file{' is' if one else 's are'} left out:\n{lines}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from glbench.leaderboard.collect import Expectation, StoredResult, collect_results
+from glbench.leaderboard.collect import Expectation, StoredResult, collect_readable, collect_results
 from glbench.leaderboard.files import write_leaderboard
 from glbench.leaderboard.ranking import Estimate, Row, TaskTable, estimate, estimates_of, rank
 from glbench.leaderboard.statistics import bootstrap_interval, interquartile_mean, mean
@@ -15,6 +15,7 @@ __all__ = [
     "StoredResult",
     "TaskTable",
     "bootstrap_interval",
+    "collect_readable",
     "collect_results",
     "estimate",
     "estimates_of",

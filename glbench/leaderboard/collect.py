@@ -41,13 +41,32 @@ def collect_results(folders: Iterable[Path]) -> tuple[StoredResult, ...]:
     ResultError
         When a file is no valid result, or when one folder holds two results of one agent and task.
     """
+    results, problems = collect_readable(folders)
+    if problems:
+        raise problems[0]
+    return results
+
+
+def collect_readable(folders: Iterable[Path]) -> tuple[tuple[StoredResult, ...], tuple[ResultError, ...]]:
+    """As ``collect_results``, but files that are no valid result are left out, and the errors that say why returned beside the rest.
+
+    Raises
+    ------
+    ResultError
+        When one folder holds two results of one agent and task.
+    """
     chosen: dict[tuple[str, str], StoredResult] = {}
+    problems = []
     for folder in _distinct(folders):
         here: dict[tuple[str, str], StoredResult] = {}
         for path in sorted(folder.rglob("*.json")):
             if path.name.endswith(SUFFIX):
                 continue
-            stored = StoredResult(path, load_result(path), verified=read_proof(path) is not None)
+            try:
+                stored = StoredResult(path, load_result(path), verified=read_proof(path) is not None)
+            except ResultError as error:
+                problems.append(error)
+                continue
             key = (stored.result.task.id, stored.result.agent.name)
             if key in here:
                 msg = (
@@ -57,7 +76,7 @@ def collect_results(folders: Iterable[Path]) -> tuple[StoredResult, ...]:
                 raise ResultError(msg)
             here[key] = stored
         chosen = {**here, **chosen}
-    return tuple(chosen[key] for key in sorted(chosen))
+    return tuple(chosen[key] for key in sorted(chosen)), tuple(problems)
 
 
 def refuse_mixed_digests(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> None:

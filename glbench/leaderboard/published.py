@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from glbench.leaderboard.collect import Expectation, StoredResult, collect_results
+from glbench.errors import ResultError
+from glbench.leaderboard.collect import Expectation, StoredResult, collect_readable
 from glbench.resources import data_folder
 from glbench.tasks import list_tasks, read_lock
 
@@ -22,18 +23,23 @@ def published_expectations() -> dict[str, Expectation]:
     }
 
 
-def own_and_released_results(out: Path) -> tuple[StoredResult, ...]:
+def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple[ResultError, ...]]:
     """The results in ``<out>/results``, and those of the baselines that come with glbench where there are none of one's own.
+
+    Returns
+    -------
+    stored, problems
+        Results, and an error for every file that is no valid result.
 
     Raises
     ------
     ResultError
-        When a file is no valid result.
+        When one folder holds two results of one agent and task.
     """
     # In a checkout the released results lie where one's own are made: of those only the baselines' are released.
     own = (out / "results").resolve()
-    return tuple(
-        item
-        for item in collect_results([out / "results", data_folder("reports/results")])
-        if item.result.agent.kind == "baseline" or item.path.resolve().is_relative_to(own)
+    found, problems = collect_readable([out / "results", data_folder("reports/results")])
+    stored = tuple(
+        item for item in found if item.result.agent.kind == "baseline" or item.path.resolve().is_relative_to(own)
     )
+    return stored, problems

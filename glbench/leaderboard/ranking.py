@@ -52,6 +52,8 @@ class Row:
     """What the agent sees, in words."""
     unsandboxed: bool = False
     """Whether a submission ran with all rights of the evaluation, so that only a reader of its code knows what it saw."""
+    kernel: str = ""
+    """What stepped the model: backend and preset, as in ``compiled/reference``."""
 
 
 @dataclass(frozen=True)
@@ -63,12 +65,27 @@ class TaskTable:
     digest: str
     rows: tuple[Row, ...]
 
+    @property
+    def kernels(self) -> dict[str, tuple[str, ...]]:
+        """Agents by the kernel that stepped the model for them; the kernel of most of them first."""
+        by_kernel: dict[str, list[str]] = {}
+        for row in self.rows:
+            by_kernel.setdefault(row.kernel, []).append(row.agent)
+        ordered = sorted(by_kernel.items(), key=lambda item: (-len(item[1]), item[0]))
+        return {kernel: tuple(agents) for kernel, agents in ordered}
+
 
 def estimate(values: Iterable[float]) -> Estimate:
     """Mean, interquartile mean and 95 % interval of one metric over runs."""
     sample = np.fromiter(values, dtype=np.float64)
     low, high = bootstrap_interval(sample)
     return Estimate(float(mean(sample)), float(interquartile_mean(sample)), low, high)
+
+
+def kernel_label(result: Result) -> str:
+    """What stepped the model: ``backend/preset``."""
+    kernel = result.evaluation.kernel
+    return "/".join(str(kernel[key]) for key in ("backend", "preset") if key in kernel)
 
 
 def estimates_of(result: Result) -> dict[str, Estimate]:
@@ -140,4 +157,5 @@ def _row(
         decision_milliseconds=result.evaluation.decision_milliseconds,
         information=result.agent.information,
         unsandboxed=result.agent.kind == "submission" and result.evaluation.sandbox not in ("bubblewrap", "built-in"),
+        kernel=kernel_label(result),
     )

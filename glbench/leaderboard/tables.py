@@ -80,6 +80,7 @@ def to_markdown(
             "",
             *_task_rows(table),
             "",
+            *(line for note in [kernel_note(table)] if note for line in (note, "")),
         ]
     parts += [line for note in FOOTNOTES for line in (note, "")]
     return "\n".join(parts).rstrip() + "\n"
@@ -104,6 +105,7 @@ def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
                 "information": row.information,
                 "decision [ms]": row.decision_milliseconds,
                 "remark": row.remark,
+                "kernel": row.kernel,
             }
             for metric in METRICS:
                 estimate = row.estimates[metric.name]
@@ -167,6 +169,18 @@ def _task_rows(table: TaskTable) -> list[str]:
     heads = ["#", "Agent", *(column.heading for column in COLUMNS), "Reward, IQM", "Runs", "Verified"]
     lines = ["| " + " | ".join(heads) + " |", "|---:|---|" + "---:|" * (len(heads) - 2)]
     return lines + ["| " + " | ".join(_cells(row)) + " |" for row in table.rows]
+
+
+def kernel_note(table: TaskTable) -> str:
+    """Which rows were stepped by another kernel than most; empty when all had the same."""
+    (usual, *_), others = table.kernels, list(table.kernels.items())[1:]
+    if not others:
+        return ""
+    exceptions = "; ".join(f"{', '.join(agents)}: {kernel}" for kernel, agents in others)
+    return (
+        f"Not all of these were stepped by the same kernel ({exceptions}; the others: {usual}). Kernels agree closely in a step, but a "
+        "closed loop can amplify the difference: do not read much into small gaps between such rows."
+    )
 
 
 def agent_label(row: Row) -> str:

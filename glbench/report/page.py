@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -33,6 +33,8 @@ class Report:
     data: dict[str, Any]
     results: int
     without_profile: tuple[Path, ...]
+    left_out: tuple[ResultError, ...] = ()
+    """Why result files are left out."""
 
 
 def write_report(out: Path) -> tuple[Path, Report]:
@@ -41,17 +43,17 @@ def write_report(out: Path) -> tuple[Path, Report]:
     Raises
     ------
     ResultError
-        When there are no results, one is invalid, or results of different tasks stand under one id.
+        When there are no results, or results of different tasks stand under one id.
     GlbenchError
         When the packages of the extra ``report`` are missing, or the folder cannot be written.
     """
-    stored = own_and_released_results(out)
+    stored, problems = own_and_released_results(out)
     if not stored:
         msg = (
             f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."
         )
         raise ResultError(msg)
-    report = build_report(stored)
+    report = replace(build_report(stored), left_out=problems)
     write_atomically(out / PAGE, report.html)
     return out / PAGE, report
 

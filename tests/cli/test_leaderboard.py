@@ -49,8 +49,27 @@ def test_the_table_fits_80_columns_and_names_units_and_remarks(reports, monkeypa
     assert result.stdout.index("better") < result.stdout.index("worse")
 
 
-def test_the_tables_are_written_beside_the_results(reports):
-    run("--out", reports)
+@pytest.mark.parametrize("width", [30, 60, 120])
+def test_numbers_are_never_cut_and_what_finds_no_room_is_named(reports, monkeypatch, width):
+    long = "an_agent_with_a_name_that_nobody_can_remember"
+    save_result(make_result(long, [123456.75, 123457.25, 123458.0, 123459.0]), reports)
+    monkeypatch.setenv("COLUMNS", str(width))
+    console.output.cache_clear()
+    shown = run("--out", reports, "--task", "Meadow-v1").stdout
+    assert max(len(line) for line in shown.splitlines()) <= width
+    assert "123457.8" in shown
+    assert "…" not in shown
+    assert ("No room for: " in shown) == (width < 120)
+    assert (long in shown) == (width == 120)
+
+
+def test_nothing_is_written_unless_it_is_asked_for(reports):
+    assert run("--out", reports).exit_code == 0
+    assert not list(reports.glob("leaderboard.*"))
+
+
+def test_the_tables_are_written_beside_the_results_when_asked_for(reports):
+    run("--out", reports, "--write")
     assert {path.name for path in reports.glob("leaderboard.*")} == {
         "leaderboard.md",
         "leaderboard.csv",
@@ -79,12 +98,43 @@ def test_an_unknown_task_is_answered_with_the_nearest(reports):
     assert "Did you mean 'glbench/Meadow-v1'?" in str(result.exception)
 
 
-def test_a_spoiled_result_file_is_named(reports):
-    spoiled = next(reports.rglob("worse.json"))
-    spoiled.write_text(spoiled.read_text()[:-50])
-    result = run("--out", reports)
+def test_spoiled_result_files_are_listed_and_the_others_ranked(reports):
+    cut, foreign = next(reports.rglob("worse.json")), reports / "results" / "notes.json"
+    cut.write_text(cut.read_text()[:-50])
+    foreign.write_text("{}")
+    result = run("--out", reports, "--task", "Meadow-v1")
+    assert result.exit_code == 0, result.output
+    assert "2 result files are left out" in result.stderr
+    assert f"{cut} is no valid JSON" in result.stderr
+    assert f"{foreign} is no result of glbench" in result.stderr
+    assert "better" in result.stdout
+    assert "worse" not in result.stdout
+    assert run("--out", reports, "--strict").exit_code == 1
+    for spoiled in (cut, foreign):
+        spoiled.unlink()
+    assert run("--out", reports, "--strict").exit_code == 0
+
+
+def test_a_folder_that_is_not_there_is_not_made(reports):
+    result = run("--out", reports.with_name("report"))
     assert isinstance(result.exception, ResultError)
-    assert str(spoiled) in str(result.exception)
+    assert "Did you mean 'reports'?" in str(result.exception)
+    assert not reports.with_name("report").exists()
+
+
+def test_rows_of_another_kernel_are_named(reports):
+    assert "same kernel" not in run("--out", reports, "--task", "Meadow-v1").stdout
+    other = make_result("patient", [5.0, 6.0, 7.0, 8.5])
+    kernel = {"backend": "casadi", "preset": "reference"}
+    save_result(
+        other.model_copy(update={"evaluation": other.evaluation.model_copy(update={"kernel": kernel})}), reports
+    )
+    shown = " ".join(run("--out", reports, "--task", "Meadow-v1").stdout.split())
+    assert "Not all of these were stepped by the same kernel (patient: casadi/reference; the others: none)" in shown
+    run("--out", reports, "--write")
+    assert "patient: casadi/reference" in (reports / "leaderboard.md").read_text()
+    rows = json.loads(run("--out", reports, "--task", "Meadow-v1", "--json").stdout)
+    assert {row["agent"]: row["kernel"] for row in rows}["patient"] == "casadi/reference"
 
 
 def test_another_folder_shows_its_own_agents_and_the_released_baselines_only(reports, tmp_path, monkeypatch):

@@ -163,7 +163,7 @@ def test_a_newcomers_agent_is_evaluated_and_ranked_from_the_installed_package(in
         installed, tmp_path, "evaluate", "my_agent.py", "rule_based", "--task", "one-day.toml", "--runs", "2"
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    ranked = run_installed(installed, tmp_path, "leaderboard", "--task", "mine/OneDay-v1", "--json")
+    ranked = run_installed(installed, tmp_path, "leaderboard", "--task", "mine/OneDay-v1", "--json", "--write")
     assert ranked.returncode == 0, ranked.stdout + ranked.stderr
     rows = json.loads(ranked.stdout)
     assert {row["agent"] for row in rows} == {"my_agent", "rule_based"}

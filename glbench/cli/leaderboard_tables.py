@@ -1,0 +1,126 @@
+"""The leaderboard's tables on a terminal, as wide as it is: columns that find no room are left out, numbers are never cut."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rich import box
+from rich.cells import cell_len
+from rich.markup import escape
+from rich.measure import Measurement
+from rich.table import Table
+
+from glbench.leaderboard.tables import COLUMNS, VERIFIED_MARK, agent_label, format_estimate
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from glbench.leaderboard import Row, TaskTable
+
+_NARROWEST_AGENT = 8
+_NARROW_AGENT = 16
+"""Agents' names are folded to this width before a column is left out, and further only when nothing is left to leave out."""
+
+
+@dataclass(frozen=True)
+class _Figures:
+    """A column: heading, one text a row, and how willingly it is left out (0: never; the highest goes first)."""
+
+    heading: str
+    texts: tuple[str, ...]
+    dispensable: int
+
+    @property
+    def name(self) -> str:
+        return self.heading.replace("\n", " ")
+
+
+def score_table(table: TaskTable, console: Console) -> tuple[Table, tuple[str, ...]]:
+    """Ranks and what they rest on, and the names of the columns that found no room."""
+    rows = table.rows
+    columns = [
+        _Figures("Reward", tuple(f"{row.estimates['reward'].mean:.1f}" for row in rows), 0),
+        _Figures("95 % interval", tuple(_interval(row) for row in rows), 2),
+        _Figures("IQM", tuple(f"{row.estimates['reward'].iqm:.1f}" for row in rows), 5),
+        _Figures("EPI\n[EUR/m²]", tuple(f"{row.estimates['epi'].mean:.3f}" for row in rows), 1),
+        _Figures("Penalty", tuple(f"{row.estimates['penalty'].mean:.1f}" for row in rows), 3),
+        _Figures("Runs", tuple(_runs(row) for row in rows), 4),
+    ]
+    title = f"{escape(table.title)}\n[dim]{escape(table.task_id)}[/dim]"
+    ranks = ["–" if row.rank is None else str(row.rank) for row in rows]
+    names = [agent_label(row) + (VERIFIED_MARK if row.verified else "") for row in rows]
+    styles = ["dim" if row.rank is None else None for row in rows]
+    return _fitting(title, ranks, names, columns, styles, console)
+
+
+def resource_table(table: TaskTable, console: Console) -> tuple[Table, tuple[str, ...]]:
+    """What each agent grew and used, and the names of the columns that found no room."""
+    wanted = [column for column in COLUMNS if not column.interval]
+    columns = [
+        _Figures(
+            column.heading.replace(" ", "\n"),
+            tuple(format_estimate(row.estimates[column.metric], column) for row in table.rows),
+            place,
+        )
+        for place, column in enumerate(wanted)
+    ]
+    names = [agent_label(row) for row in table.rows]
+    return _fitting("Harvest, resources, climate", None, names, columns, [None] * len(names), console)
+
+
+def _interval(row: Row) -> str:
+    reward = row.estimates["reward"]
+    return f"{reward.low:.1f} to {reward.high:.1f}" if reward.low < reward.high else "–"
+
+
+def _runs(row: Row) -> str:
+    return str(row.runs) if row.failed == 0 else f"{row.runs - row.failed}/{row.runs}"
+
+
+def _fitting(
+    title: str,
+    ranks: Sequence[str] | None,
+    names: Sequence[str],
+    columns: Sequence[_Figures],
+    styles: Sequence[str | None],
+    console: Console,
+) -> tuple[Table, tuple[str, ...]]:
+    """The table with as many columns as the console has room for, and the names of the others."""
+    longest = max((cell_len(name) for name in names), default=0)
+    kept = list(columns)
+    while True:
+        narrow = min(longest, _NARROW_AGENT if any(column.dispensable for column in kept) else _NARROWEST_AGENT)
+        narrow = max(narrow, len("Agent"))
+        unlimited = console.options.update(max_width=10_000)
+        taken = Measurement.get(console, unlimited, _table(title, ranks, names, kept, styles, narrow)).minimum
+        room = console.width - taken
+        most = max(kept, key=lambda column: column.dispensable)
+        if room >= 0 or most.dispensable == 0:
+            break
+        kept.remove(most)
+    view = _table(title, ranks, names, kept, styles, min(max(longest, narrow), narrow + max(room, 0)))
+    return view, tuple(column.name for column in columns if column not in kept)
+
+
+def _table(
+    title: str,
+    ranks: Sequence[str] | None,
+    names: Sequence[str],
+    columns: Sequence[_Figures],
+    styles: Sequence[str | None],
+    agent_width: int,
+) -> Table:
+    view = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    if ranks is not None:
+        view.add_column("#", justify="right", no_wrap=True)
+    view.add_column("Agent", overflow="fold", width=agent_width)
+    for column in columns:
+        # A column is as wide as its longest number: rich would cut it otherwise, when the terminal is narrow.
+        width = max(cell_len(line) for text in (column.heading, *column.texts) for line in text.split("\n"))
+        view.add_column(escape(column.heading), justify="right", no_wrap=True, min_width=width)
+    for place, name in enumerate(names):
+        head = [] if ranks is None else [ranks[place]]
+        view.add_row(*head, escape(name), *(column.texts[place] for column in columns), style=styles[place])
+    return view
