@@ -15,6 +15,7 @@ from glbench.env.panel import panel
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
 from glbench.env.simulation import Simulation
 from glbench.env.spaces import RENDER_MODES, action_space, checked_render_mode, observation_space, the_task
+from glbench.errors import ActionError
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
@@ -132,7 +133,12 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         GlbenchError
             When the episode has ended or none was started.
         """
-        result = self.simulation.step(np.asarray(action)[None])
+        given = np.asarray(action)
+        if given.shape != self.action_space.shape:
+            names = ", ".join(self.task.actuation.controls)
+            msg = f"The action has shape {given.shape}. Expected shape {self.action_space.shape}: {names}."
+            raise ActionError(msg)
+        result = self.simulation.step(given[None])
         self._result = result
         info = self._info.row(self.simulation, result)
         return result.observations[0], float(result.rewards[0]), bool(result.terminated[0]), False, info

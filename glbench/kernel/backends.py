@@ -11,6 +11,7 @@ from typing import Protocol
 from glbench.errors import UnknownNameError, did_you_mean
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure
 from glbench.kernel.sundials import CvodesBackend
+from glbench.model.variants import get_variant
 
 BACKENDS = ("compiled", "casadi", "cvodes")
 
@@ -65,6 +66,7 @@ def make_backend(name: str, *, step_seconds: float, variant: str, preset: str, t
     GlbenchError
         When the backend does not work on this machine, with the reason.
     """
+    get_variant(variant)
     chosen = choose(name)
     if chosen == "compiled":
         from glbench.kernel.compiled import backend as compiled

@@ -124,7 +124,9 @@ def test_rows_of_another_kernel_are_named(reports):
     assert "same kernel" not in run("--out", reports, "--task", "Meadow-v1").stdout
     other = make_result("patient", [5.0, 6.0, 7.0, 8.5])
     kernel = {"backend": "casadi", "preset": "reference"}
-    save_result(other.model_copy(update={"evaluation": other.evaluation.model_copy(update={"kernel": kernel})}), reports)
+    save_result(
+        other.model_copy(update={"evaluation": other.evaluation.model_copy(update={"kernel": kernel})}), reports
+    )
     shown = " ".join(run("--out", reports, "--task", "Meadow-v1").stdout.split())
     assert "Not all of these were stepped by the same kernel (patient: casadi/reference; the others: none)" in shown
     run("--out", reports, "--write")
