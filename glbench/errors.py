@@ -7,6 +7,7 @@ programs catch ``GlbenchError``.
 from __future__ import annotations
 
 import difflib
+import operator
 from collections.abc import Iterable
 
 
@@ -62,6 +63,20 @@ class EpisodeError(GlbenchError):
     """An episode record is missing, damaged, or of another kind than expected."""
 
 
+def whole_number(value: object, what: str) -> int:
+    """``value`` as an int.
+
+    Raises
+    ------
+    GlbenchError
+        When it is none, with ``what`` it is of: ``"The number of runs"``.
+    """
+    if isinstance(value, bool) or not hasattr(type(value), "__index__"):
+        msg = f"{what} is a whole number; got {value!r}."
+        raise GlbenchError(msg)
+    return operator.index(value)  # type: ignore[arg-type]
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Sentence that points to the known names nearest to ``name``; lists all of them when they are few.
 
@@ -72,7 +87,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """
     names = [str(k) for k in known]
     by_lower = {k.lower(): k for k in names}
-    near = [by_lower[m] for m in difflib.get_close_matches(name.lower(), list(by_lower), n=3, cutoff=0.6)]
+    near = [by_lower[m] for m in difflib.get_close_matches(str(name).lower(), list(by_lower), n=3, cutoff=0.6)]
     if near:
         return " Did you mean " + " or ".join(f"'{k}'" for k in near) + "?"
     if 0 < len(names) <= 12:

@@ -9,7 +9,7 @@ from playwright.sync_api import sync_playwright
 TASK = "Schiphol2010-Delta10-v1"
 PICTURES = {
     "report-leaderboard": (f"#/{TASK}", (1240, 1400), "light", 0),
-    "report-compare": (f"#/compare/my_agent/rule_based/{TASK}", (1240, 840), "light", 1060),
+    "report-compare": (f"#/compare/my_agent/rule_based/{TASK}", (1240, 780), "light", 1030),
     "report-phone": (f"#/agent/my_agent/{TASK}", (390, 1000), "dark", 0),
 }
 """Name, view, size in pixels, colours, and how far down it is scrolled."""

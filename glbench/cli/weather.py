@@ -140,6 +140,9 @@ def fetch(
         str | None, typer.Option("--url", help="Address of the service.", envvar="GLBENCH_KNMI_URL", show_envvar=True)
     ] = None,
     timeout: Annotated[float, typer.Option("--timeout", min=0.1, help="Longest silence of the service [s].")] = 60.0,
+    total_timeout: Annotated[
+        float, typer.Option("--total-timeout", min=0.1, help="Longest time of the whole download [s].")
+    ] = 600.0,
     refresh: Annotated[
         bool, typer.Option("--refresh", help="Ask the service even if the answer is in the cache.")
     ] = False,
@@ -163,6 +166,7 @@ def fetch(
             name=chosen,
             url=url,
             timeout_seconds=timeout,
+            total_seconds=total_timeout,
             refresh=refresh,
             fill_gaps=fill_gaps,
             progress=lambda received, total: bar.update(task, completed=received, total=total),

@@ -15,6 +15,7 @@ from glbench.env.panel import panel
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
 from glbench.env.simulation import Simulation
 from glbench.env.spaces import RENDER_MODES, action_space, checked_render_mode, observation_space, the_task
+from glbench.errors import ActionError
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
@@ -129,11 +130,22 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         GlbenchError
             When the episode has ended or none was started.
         """
-        observation, numbers, terminated = self.simulation.step_single(action)
+        try:
+            observation, numbers, terminated = self.simulation.step_single(action)
+        except ActionError:
+            self._check_shape(action)
+            raise
         info = self._info.stepped(self.simulation, numbers)
         if terminated:
             self._add_failure(info)
         return observation, info["reward"], terminated, False, info
+
+    def _check_shape(self, action: NDArray[np.float32]) -> None:
+        """Words for a wrong shape that speak of one action and not of a row of a batch."""
+        if np.shape(action) != self.action_space.shape:
+            names = ", ".join(self.task.actuation.controls)
+            msg = f"The action has shape {np.shape(action)}. Expected shape {self.action_space.shape}: {names}."
+            raise ActionError(msg) from None
 
     def render(self) -> str | None:
         """A few lines about climate, controls, crop and money, or ``None`` without a render mode."""

@@ -52,8 +52,8 @@ class Simulation:
     """
 
     def __init__(self, task: TaskSpec, n: int, kernel: Stepper | None = None, *, fused: bool = True) -> None:
-        if n < 1:
-            msg = f"A simulation needs at least one run, not {n}."
+        if not isinstance(n, int | np.integer) or isinstance(n, bool) or n < 1:
+            msg = f"A simulation has a whole number of runs, at least one; got {n!r}."
             raise ShapeError(msg)
         self.task = task
         self.n = n

@@ -9,7 +9,7 @@ from glbench import __version__
 from glbench.agents import LoadedAgent
 from glbench.env.kernels import shared_kernel
 from glbench.episodes import chosen_rows, parse_selection
-from glbench.errors import GlbenchError, ResultError
+from glbench.errors import GlbenchError, ResultError, whole_number
 from glbench.evaluation.files import ensure_writable, load_result, result_path
 from glbench.evaluation.job import Evaluation
 from glbench.evaluation.limits import TimeLimits
@@ -56,6 +56,7 @@ def prepare(
     seeds = _seeds(task, runs, first_seed)
     selection = parse_selection(episodes)
     chosen_rows(selection, seeds, [0.0] * len(seeds))  # a seed that no run has is told now, not after the evaluation
+    workers = None if workers is None else whole_number(workers, "The number of workers")
     if workers is not None and workers < 1:
         msg = f"An evaluation needs at least one worker; got {workers}."
         raise GlbenchError(msg)
@@ -165,8 +166,8 @@ def evaluate(
 
 
 def _seeds(task: TaskSpec, runs: int | None, first_seed: int | None) -> tuple[int, ...]:
-    runs = task.evaluation.runs if runs is None else runs
-    first = task.evaluation.first_seed if first_seed is None else first_seed
+    runs = task.evaluation.runs if runs is None else whole_number(runs, "The number of runs")
+    first = task.evaluation.first_seed if first_seed is None else whole_number(first_seed, "The seed of the first run")
     if runs < 1:
         msg = f"An evaluation needs at least one run; got {runs}."
         raise GlbenchError(msg)

@@ -13,6 +13,7 @@ from glbench.kernel.environment import Environments, Program
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure
 from glbench.kernel.sensitivities import Differentiator
 from glbench.kernel.sundials import CvodesBackend
+from glbench.model.variants import get_variant
 
 BACKENDS = ("compiled", "casadi", "cvodes")
 
@@ -75,6 +76,7 @@ def make_backend(name: str, *, step_seconds: float, variant: str, preset: str, t
     GlbenchError
         When the backend does not work on this machine, with the reason.
     """
+    get_variant(variant)
     chosen = choose(name)
     if chosen == "compiled":
         from glbench.kernel.compiled import backend as compiled

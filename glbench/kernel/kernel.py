@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from glbench.errors import whole_number
 from glbench.kernel.backends import make_backend
 from glbench.kernel.environment import Environments, Program
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure
@@ -47,6 +48,7 @@ class Kernel(Stepper):
         threads: int = 1,
     ) -> None:
         self.step_seconds = positive_seconds(step_seconds)
+        threads = whole_number(threads, "The number of threads")
         self.variant = variant
         self.preset = preset
         self._backend = make_backend(

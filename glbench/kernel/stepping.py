@@ -103,7 +103,10 @@ class Stepper(Differentiable):
 
 def positive_seconds(step_seconds: float) -> float:
     """Check the length of a control step [s]."""
-    seconds = float(step_seconds)
+    try:
+        seconds = float(step_seconds)
+    except (TypeError, ValueError):
+        seconds = math.nan
     if not (math.isfinite(seconds) and seconds > 0.0):
         msg = f"The control step lasts {step_seconds!r} s; it must be a positive, finite number (usual: 300 or 900 s)."
         raise ShapeError(msg)

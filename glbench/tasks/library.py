@@ -36,6 +36,9 @@ def get_task(id_or_path: str | Path) -> TaskSpec:
         When the definition is invalid, when a published task was changed, or when a file uses a published id for another
         task.
     """
+    if not isinstance(id_or_path, str | Path):
+        msg = f"A task is asked for by its id, such as '{DEFAULT_TASK}', or by its file (.toml); got {id_or_path!r}."
+        raise UnknownNameError(msg)
     path = Path(id_or_path)
     if isinstance(id_or_path, Path) or path.suffix == ".toml":
         return _load(path)

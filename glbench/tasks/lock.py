@@ -127,6 +127,12 @@ def check_against_lock(task: TaskSpec, entry: LockEntry) -> None:
         reasons.append(
             f"the observed columns have other names, units or bounds ({_change(locked.observation, found.observation)})"
         )
+    if not reasons:
+        msg = (
+            f"{LOCK_WORDS} contradicts itself about {task.id}: its parts are as locked, the digest over them is not "
+            f"({_change(locked.digest, found.digest)}). The entry was edited: restore the file, or install glbench again."
+        )
+        raise TaskError(msg)
     msg = (
         f"{task.source} is as it was published, but {'; '.join(reasons)}. Results would not be comparable with published "
         "ones: install the glbench version that the task was locked with, or, if the change is meant, publish new "

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glbench.errors import WeatherError
 from glbench.weather.clock import time_zone
@@ -23,6 +24,9 @@ from glbench.weather.record import (
     WeatherRecord,
     utc_text,
 )
+
+LONGEST_FILL = 48
+"""Most hours in a row that may be filled on request: beyond two days a straight line says nothing about the weather."""
 
 
 @dataclass(frozen=True)
@@ -145,10 +149,22 @@ def _check_gaps(rows: Rows) -> None:
         hours = int(rows.slot_ends[i + 1] - rows.slot_ends[i]) // SLOT_SECONDS - 1
         msg = (
             f"{rows.file}, row {rows.row_numbers[i + 1]}: {hours} h are missing between {utc_text(int(rows.slot_ends[i]))} and "
-            f"{utc_text(int(rows.slot_ends[i + 1]))} UTC ({gaps.size} gap{'s' if gaps.size > 1 else ''} in all). Nothing is "
-            f"filled unasked: choose another period, or import with --fill-gaps {hours}."
+            f"{utc_text(int(rows.slot_ends[i + 1]))} UTC ({gaps.size} gap{'s' if gaps.size > 1 else ''} in all). {_remedy(hours)}"
         )
         raise WeatherError(msg)
+
+
+def _remedy(hours: int) -> str:
+    """What to do about ``hours`` missing hours in a row."""
+    if hours > LONGEST_FILL:
+        return f"That is more than the {LONGEST_FILL} h in a row that --fill-gaps may fill: choose another period, or another station."
+    return f"Nothing is filled unasked: choose another period, or import with --fill-gaps {hours}."
+
+
+def _longest_run(present: NDArray[np.bool_]) -> int:
+    """Length of the longest run of false values."""
+    edges = np.flatnonzero(np.concatenate([[True], present, [True]]))
+    return int(np.diff(edges).max()) - 1
 
 
 def _complete_columns(rows: Rows) -> tuple[list[str], tuple[str, ...]]:
@@ -165,8 +181,8 @@ def _complete_columns(rows: Rows) -> tuple[list[str], tuple[str, ...]]:
             i = int(missing[name][0])
             msg = (
                 f"{rows.file}, row {rows.row_numbers[i]}: no value for {name.replace('_', ' ')} in the hour ending "
-                f"{utc_text(int(rows.slot_ends[i]))} UTC ({missing[name].size} missing in all). Nothing is filled unasked: "
-                "choose another period, or import with --fill-gaps N."
+                f"{utc_text(int(rows.slot_ends[i]))} UTC ({missing[name].size} missing in all). "
+                f"{_remedy(_longest_run(~np.isnan(rows.columns[name])))}"
             )
             raise WeatherError(msg)
     if not sky:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import http.client
 import os
+import time
 import urllib.error
 import urllib.parse
 import urllib.request
@@ -17,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from glbench.errors import WeatherError
+from glbench.errors import WeatherError, whole_number
 from glbench.resources import cache_folder, write_atomically
 from glbench.weather.knmi import parse_knmi, record_from_knmi
 from glbench.weather.record import WeatherRecord
@@ -26,6 +27,7 @@ KNMI_URL = "https://www.daggegevens.knmi.nl/klimatologie/uurgegevens"
 URL_VARIABLE = "GLBENCH_KNMI_URL"
 FIRST_YEAR = 1951  # KNMI's hourly observations begin here
 TIMEOUT_SECONDS = 60.0
+TOTAL_SECONDS = 600.0
 _BLOCK_BYTES = 65536
 _LARGEST_BYTES = 64 * 2**20
 
@@ -40,6 +42,7 @@ def fetch_knmi(
     name: str | None = None,
     url: str | None = None,
     timeout_seconds: float = TIMEOUT_SECONDS,
+    total_seconds: float = TOTAL_SECONDS,
     refresh: bool = False,
     fill_gaps: int = 0,
     progress: Progress | None = None,
@@ -55,7 +58,9 @@ def fetch_knmi(
     url : str, optional
         Address of the service; by default ``GLBENCH_KNMI_URL`` from the environment, else KNMI's own.
     timeout_seconds : float
-        Longest silence of the service.
+        Longest silence of the service [s].
+    total_seconds : float
+        Longest time that the whole answer may take [s], however busily it drips.
     refresh : bool
         Ask the service although the cache has the answer.
     fill_gaps : int
@@ -69,6 +74,7 @@ def fetch_knmi(
         When the service cannot be reached, refuses, is out of order, breaks off, or lacks a part of the year. Nothing of a
         bad answer is kept.
     """
+    station, year = whole_number(station, "The number of a KNMI station"), whole_number(year, "A year")
     if year < FIRST_YEAR:
         msg = (
             f"KNMI's hourly observations begin in {FIRST_YEAR}: the year {year} cannot be fetched. Choose a later year."
@@ -86,7 +92,7 @@ def fetch_knmi(
     content = None if refresh else _read_cache(cached)
     fresh = content is None
     if content is None:
-        content = _download(address, form, timeout_seconds, progress)
+        content = _download(address, form, timeout_seconds, total_seconds, progress)
     record = _year_of(content, f"KNMI's answer for station {station}, {year}", station, year, name, fill_gaps)
     if fresh:
         # The checksum goes in front of the text: one file, so that there is no moment with one and not the other.
@@ -108,7 +114,9 @@ def _read_cache(path: Path) -> bytes | None:
     return content if hashlib.sha256(content).hexdigest().encode() == checksum else None
 
 
-def _download(address: str, form: dict[str, str], timeout_seconds: float, progress: Progress | None) -> bytes:
+def _download(
+    address: str, form: dict[str, str], timeout_seconds: float, total_seconds: float, progress: Progress | None
+) -> bytes:
     """The service's whole answer to the POST of ``form``."""
     if urllib.parse.urlsplit(address).scheme not in ("http", "https"):
         msg = (
@@ -117,12 +125,19 @@ def _download(address: str, form: dict[str, str], timeout_seconds: float, progre
         raise WeatherError(msg)
     request = urllib.request.Request(address, data=urllib.parse.urlencode(form).encode(), method="POST")
     received = bytearray()
+    began = time.monotonic()
     try:
         with urllib.request.urlopen(request, timeout=timeout_seconds) as answer:
             announced = answer.headers.get("Content-Length")
             total = int(announced) if announced and announced.isdigit() else None
-            while block := answer.read(_BLOCK_BYTES):
+            while block := answer.read1(_BLOCK_BYTES):  # what is there, and not a whole block: a trickle is noticed
                 received += block
+                if time.monotonic() - began > total_seconds:
+                    msg = (
+                        f"KNMI's service {address} is too slow: {len(received)} bytes in {total_seconds:g} s. "
+                        "Try again later, or wait longer with --total-timeout."
+                    )
+                    raise WeatherError(msg)
                 if len(received) > _LARGEST_BYTES:
                     msg = f"{address} sends more than {_LARGEST_BYTES // 2**20} MiB, too much for a year of hours. Check the address."
                     raise WeatherError(msg)

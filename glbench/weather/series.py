@@ -90,6 +90,12 @@ def disturbances(
     if preprocessing not in PREPROCESSINGS:
         msg = f"There is no weather preprocessing '{preprocessing}'.{did_you_mean(preprocessing, PREPROCESSINGS)}"
         raise UnknownNameError(msg)
+    if not isinstance(record, WeatherRecord):
+        msg = f"Disturbances are made of a weather record; got {record!r}. `load_weather` takes one by its name."
+        raise WeatherError(msg)
+    if not isinstance(start, dt.date):
+        msg = f"The start is a datetime.date or datetime.datetime; got {start!r}."
+        raise WeatherError(msg)
     clock = "UTC" if preprocessing == "paper" else record.timezone
     window = _window(start, steps, step_seconds, co2_ppm, clock)
     _check_period(record, window)

@@ -56,6 +56,9 @@ def load_weather(name: str) -> WeatherRecord:
     WeatherError
         When the record's file is damaged or was changed.
     """
+    if not isinstance(name, str):
+        msg = f"A weather record is asked for by its name, such as 'schiphol'; got {name!r}."
+        raise UnknownNameError(msg)
     shipped = _manifest(data_folder("weather"))
     if name in shipped:
         return _load_shipped(name, data_folder("weather"))
@@ -170,11 +173,11 @@ def _manifest(folder: Path) -> Mapping[str, dict[str, Any]]:
 def _load_shipped(name: str, folder: Path) -> WeatherRecord:
     entry = _manifest(folder)[name]
     path = folder / entry["file"]
-    table = _parquet_table(path)
     try:
+        table = _parquet_table(path)
         columns = {field: _integers(table, field) for field in table.column_names}
-    except (ValueError, TypeError, NotImplementedError) as error:
-        raise _changed(path, folder, f"unreadable values: {error}") from error
+    except (ValueError, TypeError, NotImplementedError, WeatherError) as error:
+        raise _changed(path, folder, f"unreadable: {error.__cause__ or error}") from error
     place = Place(entry["station"], entry["latitude"], entry["longitude"], entry["altitude"], entry["timezone"])
     origin = Origin(name, place, entry["source"], entry["licence"])
     record = assemble(native_rows(str(path), columns), origin)

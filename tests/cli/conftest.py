@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import pytest
 
 from glbench.cli.app import main
-from glbench.resources import data_folder
 from tests.cli.command_line import Answer, Command
+from tests.support import write_day_task
 
 
 @pytest.fixture
@@ -31,16 +30,7 @@ def glbench(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) 
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The current folder: empty but for ``day.toml`` (24 steps, three runs) and ``steady.py``, which runs unsandboxed."""
     monkeypatch.setenv("GLBENCH_SANDBOX", "none")
-    text = (data_folder("tasks") / "schiphol2010-delta10-v1.toml").read_text(encoding="utf-8")
-    for old, new in {
-        'id = "glbench/Schiphol2010-Delta10-v1"': 'id = "test/Day-v1"',
-        "days = 60": "days = 1",
-        "step_seconds = 900": "step_seconds = 3600",
-        "runs = 30": "runs = 3",
-    }.items():
-        assert old in text
-        text = re.sub(re.escape(old), new, text, count=1)
-    (tmp_path / "day.toml").write_text(text, encoding="utf-8")
+    write_day_task(tmp_path)
     (tmp_path / "steady.py").write_text(
         "import numpy as np\n"
         "class Steady:\n"

@@ -9,8 +9,9 @@ import pytest
 from glbench.episodes import episode_path, episodes_folder
 from glbench.evaluation import Result, evaluate, result_path
 from glbench.tasks import TaskSpec, get_task
-from tests.episodes.day import RANDOM, write_day_task
+from tests.episodes.day import RANDOM
 from tests.evaluation.agent_files import AgentWriter, agent_writer
+from tests.support import write_day_task
 
 
 @pytest.fixture(scope="session")

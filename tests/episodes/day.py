@@ -1,11 +1,6 @@
-"""A task of one day in hourly steps with three runs, and agents for it: what the tests of records and proofs work with."""
+"""Agents for the task of one day: what the tests of records and proofs work with."""
 
 from __future__ import annotations
-
-import re
-from pathlib import Path
-
-from glbench.resources import data_folder
 
 RANDOM = """
     def act(self, observations):
@@ -29,19 +24,3 @@ FAILING = """
             raise RuntimeError("the pump broke")
         return actions
 """
-
-
-def write_day_task(folder: Path) -> Path:
-    """The default task, cut to one day of 24 steps and three runs, under an id of its own."""
-    text = (data_folder("tasks") / "schiphol2010-delta10-v1.toml").read_text(encoding="utf-8")
-    for pattern, replacement in {
-        r'id = "glbench/.*"': 'id = "test/Day-v1"',
-        r"days = 60": "days = 1",
-        r"step_seconds = 900": "step_seconds = 3600",
-        r"runs = 30": "runs = 3",
-    }.items():
-        text, count = re.subn(pattern, replacement, text, count=1)
-        assert count == 1, pattern
-    path = folder / "day.toml"
-    path.write_text(text, encoding="utf-8")
-    return path

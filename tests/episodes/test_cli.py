@@ -15,7 +15,8 @@ from glbench.cli.console import messages, output
 from glbench.errors import EpisodeError
 from glbench.evaluation import result_path
 from glbench.verification import verify
-from tests.episodes.day import RANDOM, write_day_task
+from tests.episodes.day import RANDOM
+from tests.support import write_day_task
 
 RUNNER = CliRunner()
 

@@ -2,32 +2,20 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import pytest
 
 from glbench.evaluation import Result, TimeLimits, evaluate
-from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, get_task
 from tests.evaluation.agent_files import AgentWriter, agent_writer
+from tests.support import write_day_task
 
 
 @pytest.fixture(scope="session")
 def day_task_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The default task, cut to one day of 24 steps and three runs, under an id of its own."""
-    text = (data_folder("tasks") / "schiphol2010-delta10-v1.toml").read_text(encoding="utf-8")
-    for pattern, replacement in {
-        r'id = "glbench/.*"': 'id = "test/Day-v1"',
-        r"days = 60": "days = 1",
-        r"step_seconds = 900": "step_seconds = 3600",
-        r"runs = 30": "runs = 3",
-    }.items():
-        text, count = re.subn(pattern, replacement, text, count=1)
-        assert count == 1, pattern
-    path = tmp_path_factory.mktemp("task") / "day.toml"
-    path.write_text(text, encoding="utf-8")
-    return path
+    return write_day_task(tmp_path_factory.mktemp("task"))
 
 
 @pytest.fixture(scope="session")

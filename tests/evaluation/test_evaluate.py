@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -252,3 +253,18 @@ def test_a_disk_too_full_for_the_record_keeps_the_result(
     with pytest.raises(GlbenchError, match="No space left"):
         evaluate(day_task, write_agent(), out=tmp_path)
     assert load_result(tmp_path / "results" / "Day-v1" / "agent_under_test.json").summary.ok == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"runs": 1.5}, "The number of runs is a whole number; got 1.5"),
+        ({"first_seed": "1"}, "The seed of the first run is a whole number; got '1'"),
+        ({"workers": True}, "The number of workers is a whole number; got True"),
+    ],
+)
+def test_numbers_of_the_wrong_kind_are_told_in_words(
+    day_task: TaskSpec, write_agent: AgentWriter, arguments: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(GlbenchError, match=re.escape(words)):
+        evaluate(day_task, write_agent(), **arguments)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from glbench.errors import ActionError, ShapeError, UnknownNameError
+from glbench.errors import ActionError, GlbenchError, ShapeError, UnknownNameError
 from glbench.kernel import Kernel, KernelPool, backends, make_kernel
 from tests.kernel.known_steps import Array, KnownSteps
 
@@ -151,3 +151,16 @@ def test_make_kernel_makes_a_pool_for_more_than_one_worker() -> None:
 def test_a_pool_needs_a_whole_number_of_workers(workers: Any) -> None:
     with pytest.raises(ShapeError, match="whole number of workers"):
         KernelPool(workers)
+
+
+@pytest.mark.parametrize("backend", ["auto", "casadi"])
+def test_an_unknown_variant_is_answered_with_the_nearest(backend: str) -> None:
+    with pytest.raises(UnknownNameError, match=r"no model variant 'autor'\. Did you mean 'author'"):
+        Kernel(900.0, variant="autor", backend=backend)
+
+
+def test_numbers_of_the_wrong_kind_are_told_in_words() -> None:
+    with pytest.raises(ShapeError, match="The control step lasts 'long' s"):
+        Kernel("long")  # type: ignore[arg-type]
+    with pytest.raises(GlbenchError, match="The number of threads is a whole number; got '2'"):
+        Kernel(900.0, threads="2")  # type: ignore[arg-type]

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from glbench.kernel import will_compile
 from glbench.kernel.compiled import CompiledStepper, CompiledUnavailable, availability
 from glbench.kernel.compiled.compiler import find_compiler
 
@@ -132,3 +133,25 @@ def test_cc_names_the_compiler_when_cxx_does_not(monkeypatch: pytest.MonkeyPatch
         assert find_compiler().command == ("g++",)
     except CompiledUnavailable:
         pytest.skip("g++ is not installed")
+
+
+def test_whether_there_is_something_to_build_is_known(empty_cache: Path, quick_compiler: Path) -> None:
+    assert will_compile("author")
+    CompiledStepper(900.0)
+    assert not will_compile("author")
+
+
+def test_a_compiler_that_does_not_run_is_not_called_absent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_cache: Path
+) -> None:
+    for name in ("c++", "g++"):
+        (tmp_path / name).write_text("#!/bin/sh\nexit 1\n", encoding="utf-8")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    for variable in ("CXX", "CC"):
+        monkeypatch.delenv(variable, raising=False)
+    with pytest.raises(
+        CompiledUnavailable, match=rf"does not run \({tmp_path}/c\+\+, {tmp_path}/g\+\+: `--version` fails\)"
+    ):
+        find_compiler()
+    assert not will_compile("author")

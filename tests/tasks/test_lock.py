@@ -10,7 +10,7 @@ import pytest
 
 import glbench.model
 import glbench.tasks.digest
-from glbench.errors import TaskError
+from glbench.errors import TaskError, UnknownNameError
 from glbench.tasks import Quantity, get_task, list_tasks, lock_new_tasks, read_lock
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
 from tests.tasks.names import FILE, SHORT_ID
@@ -147,3 +147,19 @@ def test_a_broken_file_does_not_hide_the_other_tasks(published: Path) -> None:
     assert get_task("Schiphol2010Code-Delta30-v1").locked
     with pytest.raises(TaskError, match=f"tasks/{FILE} is no valid TOML"):
         get_task(SHORT_ID)
+
+
+def test_a_digest_edited_in_the_lock_is_told_as_that(published: Path, forget: Callable[[], None]) -> None:
+    path = published / "lock.toml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(re.sub(r'^digest = "....', 'digest = "0000', text, flags=re.MULTILINE), encoding="utf-8")
+    forget()
+    with pytest.raises(TaskError, match=r"lock.toml contradicts itself about glbench/.*locked 0000") as refused:
+        get_task("Schiphol2010-Delta10-v1")
+    assert "but ." not in str(refused.value)
+
+
+@pytest.mark.parametrize("wrong", [5, None, 2.5])
+def test_a_task_is_asked_for_by_id_or_file(wrong: object) -> None:
+    with pytest.raises(UnknownNameError, match="A task is asked for by its id"):
+        get_task(wrong)  # type: ignore[arg-type]

@@ -9,8 +9,9 @@ import pytest
 
 from glbench.evaluation import evaluate, result_path
 from glbench.tasks import TaskSpec, get_task
-from tests.episodes.day import FAILING, NARROW, RANDOM, write_day_task
+from tests.episodes.day import FAILING, NARROW, RANDOM
 from tests.evaluation.agent_files import AgentWriter, agent_writer
+from tests.support import write_day_task
 
 
 @pytest.fixture(scope="session")

@@ -16,6 +16,7 @@ from glbench.cli.console import messages, output
 from glbench.cli.weather import app
 from glbench.errors import GlbenchError, UnknownNameError, WeatherError
 from glbench.weather import load_weather
+from glbench.weather.assemble import LONGEST_FILL
 from tests.weather.files import csv_rows, csv_text, knmi_days, knmi_line, knmi_text, write_epw
 
 
@@ -228,3 +229,17 @@ def test_a_taken_name_is_refused_before_anything_is_fetched() -> None:
 def test_errors_are_ours_so_that_the_command_line_can_say_them() -> None:
     result = CliRunner().invoke(app, ["show", "nowhere"])
     assert isinstance(result.exception, UnknownNameError)
+
+
+def test_a_gap_too_long_to_fill_is_not_advised_to_be_filled(tmp_path: Path) -> None:
+    rows = knmi_days(dt.date(2019, 6, 1), 5)
+    path = tmp_path / "knmi.txt"
+    path.write_text(knmi_text(rows[:20] + rows[80:]))
+    said = refused("import", path, "--name", "june")
+    assert "60 h are missing" in said
+    assert "more than the 48 h in a row that --fill-gaps may fill" in said
+    assert "--fill-gaps 60" not in said
+
+
+def test_the_command_takes_what_the_library_fills() -> None:
+    assert f"<={LONGEST_FILL}" in " ".join(run("import", "--help").split())

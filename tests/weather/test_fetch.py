@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from glbench.errors import WeatherError
+from glbench.errors import GlbenchError, WeatherError
 from glbench.weather import WeatherRecord, fetch_knmi
 from glbench.weather.fetch import KNMI_URL, URL_VARIABLE
 from tests.weather.files import KNMI_COMMENTS, KNMI_HEADER, knmi_days, knmi_line, knmi_text
@@ -279,3 +279,14 @@ def test_gaps_can_be_filled_on_the_way(service: Service) -> None:
     record = fetch_knmi(240, YEAR, url=service.url, fill_gaps=1)
     assert record.hours == 8760
     assert record.notes == ("cloud_cover: 1 h filled linearly, the first of them ending 2013-01-02 07:00 UTC",)
+
+
+def test_a_service_that_drips_for_ever_is_given_up(service: Service, cache: Path) -> None:
+    with pytest.raises(WeatherError, match=r"too slow: \d+ bytes in 0 s.*--total-timeout"):
+        fetch_knmi(240, YEAR, url=service.url, total_seconds=0.0)
+    assert not files(cache)
+
+
+def test_station_and_year_are_numbers() -> None:
+    with pytest.raises(GlbenchError, match="A year is a whole number; got '2013'"):
+        fetch_knmi(240, "2013")  # type: ignore[arg-type]

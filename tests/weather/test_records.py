@@ -124,8 +124,9 @@ def test_the_digest_is_over_values_not_over_parquet_bytes(tmp_path: Path) -> Non
 def test_a_damaged_shipped_file_is_refused(tmp_path: Path) -> None:
     path = _copy_of_shipped(tmp_path / "weather")
     path.write_bytes(path.read_bytes()[:5000])
-    with pytest.raises(WeatherError, match="not a usable weather record"):
+    with pytest.raises(WeatherError, match="restore the file or install glbench again") as refused:
         store._load_shipped("schiphol", tmp_path / "weather")
+    assert "Delete it" not in str(refused.value)  # advice for a record of one's own
 
 
 def test_a_missing_column_in_the_shipped_file_is_refused(tmp_path: Path) -> None:
@@ -202,3 +203,8 @@ def test_every_quantity_has_a_unit_and_limits() -> None:
     for quantity in QUANTITIES.values():
         assert quantity.unit
         assert quantity.low < quantity.high
+
+
+def test_a_record_is_asked_for_by_name() -> None:
+    with pytest.raises(UnknownNameError, match="by its name, such as 'schiphol'; got None"):
+        load_weather(None)  # type: ignore[arg-type]

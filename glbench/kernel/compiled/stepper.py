@@ -25,6 +25,7 @@ from glbench.kernel.compiled.tolerances import (
 from glbench.kernel.compiled.unavailable import CompiledUnavailable
 from glbench.kernel.environment import Program
 from glbench.model import STATE_NAMES, default_parameters
+from glbench.model.variants import get_variant
 
 _DOUBLE = np.dtype(np.float64)
 
@@ -72,6 +73,7 @@ class CompiledStepper:
         width: int | None = None,
     ) -> None:
         self.preset = get_preset(preset)
+        get_variant(variant)
         self.step_seconds = float(step_seconds)
         self.variant = variant
         self.threads = threads
