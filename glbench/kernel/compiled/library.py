@@ -29,7 +29,7 @@ from glbench.resources import cache_folder, write_atomically
 _HERE = Path(__file__).resolve().parent
 _NATIVE = _HERE / "native"
 _LOCK_SECONDS = 600.0
-_GENERATOR = ("derivative", "emit", "generate", "graph", "importer", "lu", "regroup")
+_GENERATOR = ("derivative", "emit", "generate", "graph", "importer", "lu", "regroup", "schedule")
 _SOURCE = '#include "model.hpp"\n#include "driver.hpp"\n'
 
 

@@ -89,6 +89,7 @@ template <class V> class Stepper {
         set_element(h_, 0, element(other.h_, lane));
         set_element(remaining_, 0, element(other.remaining_, lane));
         set_element(taken_, 0, element(other.taken_, lane));
+        set_element(right_, 0, element(other.right_, lane));
         set_element(busy_, 0, 1.0);
         for (int i = 0; i < model::CLOCKS; ++i) clock_[0][i] = other.clock_[lane][i];
         row_[0] = other.row_[lane];
@@ -105,8 +106,10 @@ template <class V> class Stepper {
         const MaskOf<V> finished = accepted & (h >= remaining_);
         remaining_ = select<V>(accepted, remaining_ - h, remaining_);
         taken_ = taken_ + one;
+        const V root = inverse_eighth_root(error), right = h * root;  // with this length the error would have been one
         // Not a number gives the strongest reduction.
-        V factor = max_of(broadcast<V>(0.9) * inverse_eighth_root(error), broadcast<V>(0.15));
+        V factor = max_of(broadcast<V>(0.9) * root * select<V>(accepted, trend(right), one), broadcast<V>(0.15));
+        right_ = select<V>(accepted, right, right_);
         factor = min_of(factor, select<V>(accepted, broadcast<V>(6.0), broadcast<V>(0.8)));
         const V proposed = h * factor;
         h_ = next_length(proposed, remaining_);
@@ -133,6 +136,7 @@ template <class V> class Stepper {
     std::atomic<int64_t>& next_;
     Lanes<V> work_;
     V h_{}, remaining_{}, taken_{}, busy_{};  // next substep [s], time to go [s], substeps so far, 1 where a row is at work
+    V right_{};  // the length that would have been right for the last accepted substep [s], 0 before the first
     int64_t row_[W];
     double clock_[W][model::CLOCKS + 1];  // clocks at the end of the step
     bool exhausted_ = false;
@@ -141,6 +145,14 @@ template <class V> class Stepper {
     // the step is forgotten at the end, so their errors count less until then.
     GLB_INLINE V relaxation(V left) const {
         return select<V>(left > broadcast<V>(settings_.memory), broadcast<V>(settings_.forgotten), broadcast<V>(1.0));
+    }
+
+    // After a change of the inputs the solution becomes smoother from substep to substep, so the right length grows: half of
+    // the growth seen last is expected to go on.
+    GLB_INLINE V trend(V right) const {
+        const V half = sqrt_of(right / right_);
+        const V limited = min_of(broadcast<V>(1.5), max_of(broadcast<V>(0.7), half));
+        return select<V>(right_ > broadcast<V>(0.0), limited, broadcast<V>(1.0));
     }
 
     // Air passes the screens like a root of the temperature difference, whose derivative has no bound. Error estimates know
@@ -194,6 +206,7 @@ template <class V> class Stepper {
             set_element(h_, lane, settings_.first < settings_.step ? settings_.first : settings_.step);
             set_element(remaining_, lane, settings_.step);
             set_element(taken_, lane, 0.0);
+            set_element(right_, lane, 0.0);
             set_element(busy_, lane, 1.0);
             return true;
         }
