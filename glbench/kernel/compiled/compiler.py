@@ -19,7 +19,7 @@ from glbench.kernel.compiled.unavailable import CompiledUnavailable
 # floating-point exceptions, neither of which has a value.
 _EXACT = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
 # The generator has put the statements into a good order; gcc would move each to where its value is used.
-_IN_ORDER = ("-fno-tree-ter",)
+_IN_ORDER = ("-fno-tree-ter", "-fschedule-insns", "-fsched-pressure")
 _TIMEOUT_SECONDS = 300.0
 
 

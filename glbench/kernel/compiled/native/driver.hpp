@@ -63,6 +63,10 @@ template <class V> class Stepper {
     Stepper(const Settings& settings, const Rows& rows, std::atomic<int64_t>& next)
         : settings_(settings), rows_(rows), next_(next) {
         std::memset(static_cast<void*>(&work_), 0, sizeof work_);
+        for (int i = 0; i < N; ++i) {
+            absolute_[i] = settings.absolute[model::MOVING_STATE[i]];
+            relative_[i] = settings.relative[model::MOVING_STATE[i]];
+        }
     }
 
     void run() {
@@ -102,7 +106,11 @@ template <class V> class Stepper {
         const V error = fma<V>(part.fast, relaxation(remaining_ - h), part.slow) * near_singularity();
         const MaskOf<V> busy = busy_ > broadcast<V>(0.0);
         const MaskOf<V> accepted = (error <= one) & busy;
-        for (int i = 0; i < N; ++i) work_.x[i] = select<V>(accepted, work_.y[i], work_.x[i]);
+        if constexpr (W == 1) {
+            if (accepted) std::memcpy(work_.x, work_.y, sizeof work_.x);
+        } else {
+            for (int i = 0; i < N; ++i) work_.x[i] = select<V>(accepted, work_.y[i], work_.x[i]);
+        }
         const MaskOf<V> finished = accepted & (h >= remaining_);
         remaining_ = select<V>(accepted, remaining_ - h, remaining_);
         taken_ = taken_ + one;
@@ -130,6 +138,12 @@ template <class V> class Stepper {
   private:
     template <class Other> friend class Stepper;
     static constexpr int W = width_of<V>;
+    static constexpr int STORED_ROOM = (model::STORED + 7) / 8 * 8;
+
+    // What is done for a single row works through its values in vectors.
+    using Pack = typename VectorOf<NATIVE_WIDTH>::type;
+    static GLB_INLINE Pack* pack(double* a) { return reinterpret_cast<Pack*>(a); }
+    static GLB_INLINE const Pack* pack(const double* a) { return reinterpret_cast<const Pack*>(a); }
 
     const Settings& settings_;
     const Rows& rows_;
@@ -137,6 +151,7 @@ template <class V> class Stepper {
     Lanes<V> work_;
     V h_{}, remaining_{}, taken_{}, busy_{};  // next substep [s], time to go [s], substeps so far, 1 where a row is at work
     V right_{};  // the length that would have been right for the last accepted substep [s], 0 before the first
+    alignas(64) double absolute_[PADDED] = {}, relative_[PADDED] = {};  // tolerances of the moving states
     int64_t row_[W];
     double clock_[W][model::CLOCKS + 1];  // clocks at the end of the step
     bool exhausted_ = false;
@@ -186,7 +201,7 @@ template <class V> class Stepper {
             }
             row_[lane] = row;
             const double *x = rows_.x + row * model::STATES, *p = rows_.p + row * rows_.p_stride;
-            alignas(64) double stored[(model::STORED + 7) / 8 * 8];
+            alignas(64) double stored[STORED_ROOM] = {}, moving[PADDED] = {}, weight[PADDED];
             double rate[model::CLOCKS + 1];
             model::prepare<double>(p, rows_.u + row * model::CONTROLS, rows_.d + row * model::DISTURBANCES, stored, rate);
             const int32_t unusable = first_problem(x, p, stored);
@@ -195,11 +210,14 @@ template <class V> class Stepper {
                 continue;
             }
             for (int i = 0; i < model::STORED; ++i) set_element(work_.stored[i], lane, stored[i]);
+            for (int i = 0; i < N; ++i) moving[i] = x[model::MOVING_STATE[i]];
+            for (int i = 0; i < PADDED; i += NATIVE_WIDTH) {
+                const Pack a = *pack(absolute_ + i), r = *pack(relative_ + i), size = abs_of(*pack(moving + i));
+                *pack(weight + i) = inv_of(a + r * size);
+            }
             for (int i = 0; i < N; ++i) {
-                const int state = model::MOVING_STATE[i];
-                set_element(work_.x[i], lane, x[state]);
-                set_element(work_.weight[i], lane,
-                            1.0 / (settings_.absolute[state] + settings_.relative[state] * __builtin_fabs(x[state])));
+                set_element(work_.x[i], lane, moving[i]);
+                set_element(work_.weight[i], lane, weight[i]);
             }
             for (int i = 0; i < model::CLOCKS; ++i)
                 clock_[lane][i] = __builtin_fma(settings_.step, rate[i], x[model::CLOCK_STATE[i]]);
@@ -214,14 +232,12 @@ template <class V> class Stepper {
 
     // 0 when a row can be stepped, else the status to report.
     static int32_t first_problem(const double* x, const double* p, const double* stored) {
-        double sum = 0.0;
-        for (int i = 0; i < model::STATES; ++i) sum += x[i] - x[i];
-        if (sum != 0.0)
-            for (int i = 0; i < model::STATES; ++i)
-                if (!finite(x[i])) return INPUT_NOT_FINITE * 64 + i;
-        double rest[4] = {0.0, 0.0, 0.0, 0.0};
-        for (int i = 0; i < model::STORED; ++i) rest[i % 4] += stored[i] - stored[i];
-        if ((rest[0] + rest[1]) + (rest[2] + rest[3]) != 0.0) return INPUT_NOT_FINITE * 64 + NO_STATE;
+        for (int i = 0; i < model::STATES; ++i)
+            if (!finite(x[i])) return INPUT_NOT_FINITE * 64 + i;
+        Pack rest = broadcast<Pack>(0.0);
+        for (int i = 0; i < STORED_ROOM; i += NATIVE_WIDTH) rest = rest + (*pack(stored + i) - *pack(stored + i));
+        for (int i = 0; i < NATIVE_WIDTH; ++i)
+            if (rest[i] != 0.0) return INPUT_NOT_FINITE * 64 + NO_STATE;
         for (int i = 0; i < model::ABSENT; ++i)
             if (p[model::ABSENT_PARAMETER[i]] != 0.0) return EQUIPMENT_PRESENT * 64 + NO_STATE;
         return 0;

@@ -90,6 +90,14 @@ template <class V, int S> GLB_INLINE void stage(Lanes<V>& w, V inverse_h) {
 // model::FAST states are summed apart, see `relaxation` in driver.hpp.
 template <class V> struct Error { V fast, slow; };
 
+// Four sums at a time: a single one would be a chain of N dependent operations. `scaled` is error/tolerance.
+template <class V, int... I> GLB_INLINE Error<V> squares(const V* scaled, std::integer_sequence<int, I...>) {
+    V sum[2][4];
+    for (int k = 0; k < 4; ++k) sum[0][k] = sum[1][k] = broadcast<V>(0.0);
+    ((sum[I >= model::FAST][I % 4] = fma<V>(scaled[I], scaled[I], sum[I >= model::FAST][I % 4])), ...);
+    return {(sum[0][0] + sum[0][1]) + (sum[0][2] + sum[0][3]), (sum[1][0] + sum[1][1]) + (sum[1][2] + sum[1][3])};
+}
+
 // Advances by h from w.x: the result is in w.y, k[5] is the error estimate.
 template <class V> Error<V> substep(Lanes<V>& w, V h) {
     const V inverse_h = inv_of(h);
@@ -101,14 +109,12 @@ template <class V> Error<V> substep(Lanes<V>& w, V h) {
     stage<V, 3>(w, inverse_h);
     stage<V, 4>(w, inverse_h);
     stage<V, 5>(w, inverse_h);
-    Error<V> error = {broadcast<V>(0.0), broadcast<V>(0.0)};
-    for (int i = 0; i < N; ++i) {
-        const V scaled = w.k[5][i] * w.weight[i];
-        V& sum = i < model::FAST ? error.fast : error.slow;
-        sum = fma<V>(scaled, scaled, sum);
-        w.y[i] = w.y[i] + w.k[5][i];
+    for (int i = 0; i < CHUNKS<V>; ++i) {
+        const Chunk<V> error = load(w.k[5], i);
+        store(w.y, i, load(w.y, i) + error);
+        store(w.slope, i, error * load(w.weight, i));
     }
-    return error;
+    return squares(w.slope, std::make_integer_sequence<int, N>{});
 }
 
 }  // namespace glb
