@@ -20,6 +20,8 @@ template <class V> static void call(int which, const double* a, const double* b,
         case 3: return map<V>([](V x, V y) { return glb::pow_of_positive(x, y); }, a, b, r, n);
         case 4: return map<V>([](V x, V) { return glb::tanh_of(x); }, a, b, r, n);
         case 5: return map<V>([](V x, V) { return glb::cos_of(x); }, a, b, r, n);
+        case 6: return map<V>([](V x, V) { return glb::exp16_of(x); }, a, b, r, n);
+        case 7: return map<V>([](V x, V y) { return glb::pow16_of_root(x, y); }, a, b, r, n);
     }
 }
 extern "C" void probe(int wide, int which, const double* a, const double* b, double* r, int64_t n) {

@@ -29,6 +29,7 @@ _MEANING: dict[str, Callable[..., Array]] = {
     "log": np.log, "sqrt": np.sqrt, "abs": np.abs, "sign": np.sign, "tanh": np.tanh, "cos": np.cos, "pow": np.power,
     "min": np.minimum, "max": np.maximum, "lt": np.less, "le": np.less_equal, "eq": np.equal, "ne": np.not_equal,
     "and": np.logical_and, "or": np.logical_or, "not": np.logical_not, "select": np.where,
+    "exp16": lambda t: np.exp2(t / 16.0), "pow16": lambda x, y: np.power(x, y / 16.0),
     "logistic": lambda z: 1.0 / (1.0 + np.exp(np.minimum(-z, 300.0))),
 }  # fmt: skip
 

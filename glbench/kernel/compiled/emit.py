@@ -11,13 +11,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
+from glbench.kernel.compiled import schedule
 from glbench.kernel.compiled.graph import CONDITIONS, Graph, Level
 
-# Slow operations, packed in groups; "pow_positive" is pow with a base that cannot be zero or negative, "exp_limited" is exp
-# with an argument that cannot overflow.
-_SLOW = frozenset({"exp", "exp_limited", "log", "pow", "pow_positive", "inv", "sqrt", "tanh"})
+# Slow operations, packed in groups; "pow_positive" is pow with a base that cannot be zero or negative, "exp16_limited" is
+# exp16 with an argument that cannot overflow.
+_SLOW = frozenset({"exp16", "exp16_limited", "log", "pow", "pow_positive", "pow16_root", "inv", "sqrt", "tanh"})
+_POWERS = frozenset({"pow", "pow_positive", "pow16_root"})
+_FUNCTIONS = {"pow_positive": "pow_of_positive", "pow16_root": "pow16_of_root", "exp16_limited": "exp16_of_limited"}
 _LARGEST_GROUP = 8
-_LARGEST_EXPONENT = 700.0
+_LARGEST_EXPONENT = 16_000.0
 
 
 class Emitter:
@@ -31,13 +34,18 @@ class Emitter:
         C++ expression of a node that need not be computed (an input, a stored value), or None.
     """
 
-    def __init__(self, graph: Graph, outputs: Sequence[int], name_of_input: Callable[[int], str | None]) -> None:
+    def __init__(
+        self, graph: Graph, outputs: Sequence[int], name_of_input: Callable[[int], str | None], *, packed: bool = True
+    ) -> None:
         self.graph = graph
         self.lines: list[str] = []
+        self.reads: dict[int, list[int]] = {}
         self._names: dict[int, str] = {}
+        self._open: list[int] = []  # statements being written
         self._name_of_input = name_of_input
         self._uses = self._count_uses(outputs)
-        self._emit_slow_groups(outputs)
+        if packed:
+            self._emit_slow_groups(outputs)
 
     # -- what is needed --------------------------------------------------------------------------------------------
     def _count_uses(self, outputs: Sequence[int]) -> dict[int, int]:
@@ -64,10 +72,12 @@ class Emitter:
 
     def _kind(self, number: int) -> str:
         node = self.graph.nodes[number]
-        if node.op == "pow" and self._is_positive(node.args[0]):
+        if node.op == "pow" and self.graph.is_positive(node.args[0]):
             return "pow_positive"
-        if node.op == "exp" and self._is_limited(node.args[0]):
-            return "exp_limited"
+        if node.op == "pow16":
+            return "pow16_root"
+        if node.op == "exp16" and self._is_limited(node.args[0]):
+            return "exp16_limited"
         return node.op
 
     def _is_limited(self, number: int) -> bool:
@@ -76,20 +86,6 @@ class Emitter:
         return node.op == "min" and any(
             self.graph.is_constant(a) and self.graph.value(a) <= _LARGEST_EXPONENT for a in node.args
         )
-
-    def _is_positive(self, number: int) -> bool:
-        """Whether a value is positive by its form: a positive constant, or the sum of one and squares."""
-        node = self.graph.nodes[number]
-        if node.op == "add":
-            first, second = node.args
-            return (self._is_positive(first) and self._is_square(second)) or (
-                self._is_positive(second) and self._is_square(first)
-            )
-        return node.op == "const" and node.value > 0.0
-
-    def _is_square(self, number: int) -> bool:
-        node = self.graph.nodes[number]
-        return self._is_positive(number) or (node.op == "mul" and node.args[0] == node.args[1])
 
     # -- order -----------------------------------------------------------------------------------------------------
     def _emit_slow_groups(self, outputs: Sequence[int]) -> None:
@@ -111,7 +107,7 @@ class Emitter:
                 self._emit_group(kind, numbers[start : start + _LARGEST_GROUP])
 
     def _emit_group(self, kind: str, numbers: list[int]) -> None:
-        if kind in ("pow", "pow_positive"):
+        if kind in _POWERS:
             arguments = [self.value(self.graph.nodes[n].args[0]) for n in numbers]
             arguments += [self.value(self.graph.nodes[n].args[1]) for n in numbers]
         else:
@@ -133,10 +129,19 @@ class Emitter:
                     known = f"select<V>({self._condition(number)}, K(1.0), K(0.0))"
                 else:
                     known = f"v{number}"
+                    self.reads[number] = []
+                    self._open.append(number)
                     text = self._expression(number)
+                    self._open.pop()
                     self.lines.append(f"const V {known} = {text};")
             self._names[number] = known
+        if self._open and number in self.reads:
+            self.reads[self._open[-1]].append(number)
         return known
+
+    def kind(self, number: int) -> str:
+        """What the statement of a node does: its operation, or the form of a slow one."""
+        return self._kind(number)
 
     def _alone(self, number: int) -> bool:
         """A product that only its one reader needs, so that it can be fused."""
@@ -167,7 +172,8 @@ class Emitter:
             return f"-{self.value(a)}"
         if node.op in ("min", "max"):
             return f"{node.op}_of<V>({self.value(a)}, {self.value(b)})"
-        return f"{node.op}_of<V>({self.value(a)})"
+        arguments = ", ".join(self.value(argument) for argument in node.args)
+        return f"{_FUNCTIONS.get(self._kind(number), node.op + '_of')}<V>({arguments})"
 
     def _condition(self, number: int) -> str:
         node = self.graph.nodes[number]
@@ -191,12 +197,44 @@ def _literal(value: float) -> str:
 
 def function_text(head: str, emitter: Emitter, stores: Mapping[str, int]) -> str:
     """A whole C++ function template: computes and stores ``stores`` (C++ left-hand side -> node)."""
-    body = []
-    for target, number in stores.items():
-        value = emitter.value(number)
-        body.append(f"{target} = {value};")
+    body = [f"{target} = {emitter.value(number)};" for target, number in stores.items()]
     inner = "\n    ".join(emitter.lines + body)
     return f"template <class V> {head} {{\n    {inner}\n}}\n"
+
+
+def function_in_two_orders(
+    head: str, graph: Graph, stores: Mapping[str, int], name_of_input: Callable[[int], str | None]
+) -> str:
+    """The same as ``function_text`` with two bodies of the same statements.
+
+    One lane packs slow operations; many lanes need an order in which few values are alive at a time, see ``schedule``.
+    """
+    packed = Emitter(graph, list(stores.values()), name_of_input)
+    body = [f"{target} = {packed.value(number)};" for target, number in stores.items()]
+    one = "\n        ".join(packed.lines + body)
+    many = "\n        ".join(_in_order(graph, stores, name_of_input))
+    return (
+        f"template <class V> {head} {{\n    if constexpr (width_of<V> == 1) {{\n        {one}\n"
+        f"    }} else {{\n        {many}\n    }}\n}}\n"
+    )
+
+
+def _in_order(graph: Graph, stores: Mapping[str, int], name_of_input: Callable[[int], str | None]) -> list[str]:
+    outputs = list(stores.values())
+    trial = Emitter(graph, outputs, name_of_input, packed=False)
+    for number in outputs:
+        trial.value(number)
+    kinds = {number: trial.kind(number) for number in trial.reads}
+    targets: dict[int, list[str]] = {}
+    for target, number in stores.items():
+        targets.setdefault(number, []).append(target)
+    emitter = Emitter(graph, outputs, name_of_input, packed=False)
+    for number in schedule.order(trial.reads, kinds, [n for n in outputs if n in kinds]):
+        value = emitter.value(number)
+        emitter.lines += [f"{target} = {value};" for target in targets.pop(number, ())]
+    for number, names in targets.items():
+        emitter.lines += [f"{target} = {emitter.value(number)};" for target in names]
+    return emitter.lines
 
 
 def stored_inputs(graph: Graph, outputs: Sequence[int]) -> list[int]:

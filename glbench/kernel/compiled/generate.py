@@ -13,7 +13,7 @@ from typing import Any
 
 from glbench.kernel.compiled import derivative, importer, lu
 from glbench.kernel.compiled.derivative import Gradient
-from glbench.kernel.compiled.emit import Emitter, function_text, stored_inputs
+from glbench.kernel.compiled.emit import function_in_two_orders, stored_inputs
 from glbench.kernel.compiled.graph import Graph, Level
 from glbench.kernel.compiled.regroup import regroup, spell_out_logistic
 
@@ -121,7 +121,9 @@ def generate(function: Any, traits: Traits | None = None) -> GeneratedModel:
     graph, outputs = spell_out_logistic(graph, wanted)
     at_state = outputs[: len(moving) + len(entries)]
     text = _Text(graph, moving, stored_inputs(graph, at_state))
+    text.number_by_use([at_state[: len(moving)], at_state])
     own, plan = model.own, model.plan
+    place, own_entries = lu.places(plan), [(own[i], own[j]) for i, j in entries]
     sizes = {
         "STATES": len(slopes),
         "CONTROLS": int(function.numel_in(1)),
@@ -146,8 +148,8 @@ def generate(function: Any, traits: Traits | None = None) -> GeneratedModel:
         ),
         text.prepare(outputs[len(at_state) :]),
         text.slopes(at_state[: len(moving)]),
-        text.slopes_and_jacobian(at_state),
-        lu.factorise_text(plan, {(own[i], own[j]): k for k, (i, j) in enumerate(entries)}),
+        text.slopes_and_jacobian(at_state, [place[entry] for entry in own_entries]),
+        lu.factorise_text(plan, own_entries),
         lu.solve_text(plan),
         "}  // namespace model\n}  // namespace glb\n#undef K\n",
     ]
@@ -167,6 +169,19 @@ class _Text:
         self.own = {state: k for k, state in enumerate(moving)}
         self.place = {number: k for k, number in enumerate(stored)}
 
+    def number_by_use(self, functions: list[list[int]]) -> None:
+        """Gives the stored values the places in which the functions of these outputs read them: memory is read in sequence."""
+        order: dict[int, None] = {}
+
+        def name(number: int) -> str | None:
+            if number in self.place:
+                order.setdefault(number)
+            return self._of_state(number)
+
+        for outputs in functions:
+            function_in_two_orders("", self.graph, {str(k): number for k, number in enumerate(outputs)}, name)
+        self.place = {number: k for k, number in enumerate(order)}
+
     def _of_state(self, number: int) -> str | None:
         node = self.graph.nodes[number]
         if node.op == "input" and node.source == "x":
@@ -178,7 +193,7 @@ class _Text:
         return f"{node.source}[{node.index}]" if node.op == "input" else None
 
     def _function(self, head: str, names: Callable[[int], str | None], stores: dict[str, int]) -> str:
-        return function_text(head, Emitter(self.graph, list(stores.values()), names), stores)
+        return function_in_two_orders(head, self.graph, stores, names)
 
     def prepare(self, clock_rates: list[int]) -> str:
         """Everything that depends on parameters, controls and disturbances only, and the rates of the clocks."""
@@ -192,10 +207,11 @@ class _Text:
         stores = {f"f[{k}]": number for k, number in enumerate(outputs)}
         return self._function("void rhs(const V* x, const V* c, V* f)", self._of_state, stores)
 
-    def slopes_and_jacobian(self, outputs: list[int]) -> str:
-        """The same with the structural nonzeros of the Jacobian."""
+    def slopes_and_jacobian(self, outputs: list[int], places: list[int]) -> str:
+        """The same with the structural nonzeros of the Jacobian, which are stored where their factors will stand."""
         count = len(self.own)
-        stores = {(f"f[{k}]" if k < count else f"jac[{k - count}]"): number for k, number in enumerate(outputs)}
+        stores = {f"f[{k}]": number for k, number in enumerate(outputs[:count])}
+        stores |= {f"jac[{k}]": number for k, number in zip(places, outputs[count:], strict=True)}
         return self._function("void rhs_and_jacobian(const V* x, const V* c, V* f, V* jac)", self._of_state, stores)
 
 

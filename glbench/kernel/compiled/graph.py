@@ -21,8 +21,8 @@ class Level(IntEnum):
     STATE = 2
 
 
-ONE_ARGUMENT = ("neg", "inv", "exp", "log", "sqrt", "abs", "sign", "tanh", "logistic", "cos", "not")
-TWO_ARGUMENTS = ("add", "sub", "mul", "pow", "min", "max", "lt", "le", "eq", "ne", "and", "or")
+ONE_ARGUMENT = ("neg", "inv", "exp", "log", "sqrt", "abs", "sign", "tanh", "logistic", "cos", "not", "exp16")
+TWO_ARGUMENTS = ("add", "sub", "mul", "pow", "pow16", "min", "max", "lt", "le", "eq", "ne", "and", "or")
 COMMUTATIVE = frozenset({"add", "mul", "min", "max", "eq", "ne", "and", "or"})
 CONDITIONS = frozenset({"lt", "le", "eq", "ne", "and", "or", "not"})
 STATE_SOURCES = frozenset({"x", "k"})
@@ -40,6 +40,11 @@ class Node:
     index: int = -1
 
 
+def _key(node: Node) -> tuple[object, ...]:
+    # The sign of zero and the bits of a constant matter, so constants are keyed by their hexadecimal form.
+    return (node.op, node.args, node.value.hex(), node.source, node.index)
+
+
 @dataclass
 class Graph:
     """Nodes in an order in which every argument stands before its user."""
@@ -49,8 +54,7 @@ class Graph:
     _known: dict[tuple[object, ...], int] = field(default_factory=dict)
 
     def _intern(self, node: Node, level: Level) -> int:
-        # The sign of zero and the bits of a constant matter, so constants are keyed by their hexadecimal form.
-        key = (node.op, node.args, node.value.hex(), node.source, node.index)
+        key = _key(node)
         number = self._known.get(key)
         if number is None:
             number = len(self.nodes)
@@ -106,6 +110,20 @@ class Graph:
             args = (difference, difference)
         return self._intern(Node(op, args), Level(max(self.levels[a] for a in args)))
 
+    def is_positive(self, number: int) -> bool:
+        """Whether a value is positive by its form: a positive constant, or the sum of one and squares."""
+        node = self.nodes[number]
+        if node.op == "add":
+            first, second = node.args
+            return (self.is_positive(first) and self._is_square(second)) or (
+                self.is_positive(second) and self._is_square(first)
+            )
+        return node.op == "const" and node.value > 0.0
+
+    def _is_square(self, number: int) -> bool:
+        node = self.nodes[number]
+        return self.is_positive(number) or (node.op == "mul" and node.args[0] == node.args[1])
+
     def _add(self, a: int, b: int) -> int | None:
         if self.is_constant(a) and self.is_constant(b):
             return self.constant(self.value(a) + self.value(b))
@@ -130,7 +148,11 @@ class Graph:
             return self.constant(0.0)
         if self.nodes[b].op == "neg":
             return self.make("add", a, self.nodes[b].args[0])
-        return None
+        if self.nodes[a].op == "neg":
+            return self.make("neg", self.make("add", self.nodes[a].args[0], b))
+        # a - b and b - a are one node and its negative, which products and sums take in for nothing.
+        reverse = self._known.get(_key(Node("sub", (b, a))))
+        return None if reverse is None else self.make("neg", reverse)
 
     def _mul(self, a: int, b: int) -> int | None:
         if self.is_constant(a) and self.is_constant(b):
@@ -144,16 +166,15 @@ class Graph:
                 return self.make("neg", other)
             if self.nodes[one].op == "neg":
                 return self.make("neg", self.make("mul", self.nodes[one].args[0], other))
-        # Constants come together: (2 a)(2 b) is 4 (a b).
-        (c, rest_a), (d, rest_b) = self._without_constant(a), self._without_constant(b)
-        if c is None or d is None:
+        # Constants come together, and go to the inputs or to the front: (2 a)(2 b) is 4 (a b), (2 x) p is (2 p) x.
+        low, high = sorted((a, b), key=lambda number: self.levels[number])
+        (c, rest_low), (d, rest_high) = self._without_constant(low), self._without_constant(high)
+        if rest_low is None or self.levels[low] < self.levels[high]:
+            return None if d is None or rest_high is None else self.make("mul", self.make("mul", d, low), rest_high)
+        if (c is None and d is None) or rest_high is None:
             return None
-        both = self.constant(self.value(c) * self.value(d))
-        if rest_a is None or rest_b is None:
-            rest = rest_a if rest_b is None else rest_b
-            assert rest is not None  # two constants were folded above
-            return self.make("mul", both, rest)
-        return self.make("mul", both, self.make("mul", rest_a, rest_b))
+        constant = self.constant((1.0 if c is None else self.value(c)) * (1.0 if d is None else self.value(d)))
+        return self.make("mul", constant, self.make("mul", rest_low, rest_high))
 
     def _without_constant(self, number: int) -> tuple[int | None, int | None]:
         """(constant, rest) of a constant or of a product with one; the constant is None where there is none."""
@@ -170,11 +191,7 @@ class Graph:
         node = self.nodes[a]
         if node.op == "const":
             return self.constant(-node.value)
-        if node.op == "neg":
-            return node.args[0]
-        if node.op == "sub":
-            return self.make("sub", node.args[1], node.args[0])
-        return None
+        return node.args[0] if node.op == "neg" else None
 
     def _inv(self, a: int) -> int | None:
         node = self.nodes[a]

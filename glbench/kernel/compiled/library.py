@@ -31,7 +31,7 @@ from glbench.resources import cache_folder, write_atomically
 _HERE = Path(__file__).resolve().parent
 _NATIVE = _HERE / "native"
 _LOCK_SECONDS = 600.0
-_GENERATOR = ("derivative", "emit", "generate", "graph", "importer", "lu", "regroup")
+_GENERATOR = ("derivative", "emit", "generate", "graph", "importer", "lu", "regroup", "schedule")
 _SENSITIVITY_GENERATOR = ("reverse", "sensitivity_code", "substitution")
 _SOURCE = '#include "model.hpp"\n#include "driver.hpp"\n#include "environment.hpp"\n'
 _SENSITIVITY_SOURCE = '#include "model.hpp"\n#include "sensitivity_model.hpp"\n#include "sensitivity_driver.hpp"\n'

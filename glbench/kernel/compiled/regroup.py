@@ -7,6 +7,7 @@ the same operations in the same order.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from glbench.kernel.compiled.graph import Graph, Level, Node
@@ -14,6 +15,8 @@ from glbench.kernel.compiled.graph import Graph, Level, Node
 LOGISTIC_LIMIT = 300.0
 """Largest argument of the exponential in ``1/(1 + exp(-z))``: the function is 5e-131 there, and squares stay finite."""
 
+_SIXTEEN_LOG2_E = 16.0 / math.log(2.0)
+_SMALL_EXPONENT = 0.9
 _SUM = frozenset({"add", "sub"})
 _PRODUCT = frozenset({"mul", "inv"})
 
@@ -25,7 +28,10 @@ def regroup(graph: Graph, outputs: Sequence[int]) -> tuple[Graph, list[int]]:
 
 
 def spell_out_logistic(graph: Graph, outputs: Sequence[int]) -> tuple[Graph, list[int]]:
-    """A new graph with ``logistic(z)`` as ``1/(1 + exp(-z))``; done after differentiation, which has a better form of its slope.
+    """A new graph in the operations of native/math.hpp; done after differentiation, which has better forms of the slopes.
+
+    ``logistic(z)`` becomes ``1/(1 + exp(-z))``; ``exp(z)`` becomes ``exp16(k z) = 2^(k z/16)`` with the factor ``k`` taken into
+    the constants and inputs of ``z``; a power of a positive base with a small fixed exponent becomes ``pow16``.
 
     Nothing is regrouped here: the derivatives would each pull their own products of inputs out of the substeps, and
     reading all of those back costs more than the multiplications saved.
@@ -39,13 +45,42 @@ def spell_out_logistic(graph: Graph, outputs: Sequence[int]) -> tuple[Graph, lis
             done[number] = new.constant(node.value)
         elif node.op == "input":
             done[number] = new.source(node.source, node.index)
+        elif node.op == "exp":
+            done[number] = new.make("exp16", _scaled(new, args[0], _SIXTEEN_LOG2_E))
         elif node.op == "logistic":
             limited = new.make("min", new.constant(LOGISTIC_LIMIT), new.make("neg", args[0]))
-            exponential = new.make("exp", limited)
+            exponential = new.make("exp16", _scaled(new, limited, _SIXTEEN_LOG2_E))
             done[number] = new.make("inv", new.make("add", new.constant(1.0), exponential))
+        elif node.op == "pow" and new.is_positive(args[0]) and _is_small_constant(new, args[1]):
+            done[number] = new.make("pow16", args[0], _scaled(new, args[1], 16.0))
         else:
             done[number] = new.make(node.op, *args)
     return new, [done[number] for number in outputs]
+
+
+def _is_small_constant(graph: Graph, number: int) -> bool:
+    """Whether a value is a constant of size below 0.9, or one of two."""
+    node = graph.nodes[number]
+    if node.op == "select":
+        return all(_is_small_constant(graph, a) for a in node.args[1:])
+    return node.op == "const" and abs(node.value) < _SMALL_EXPONENT
+
+
+def _scaled(graph: Graph, number: int, factor: float) -> int:
+    """``factor`` times a value, with the factor taken into a constant or an input of the value where there is one."""
+    node = graph.nodes[number]
+    if node.op == "neg":
+        return _scaled(graph, node.args[0], -factor)
+    if node.op in ("min", "max") and any(graph.is_constant(a) for a in node.args):
+        turned = {"min": "max", "max": "min"}[node.op] if factor < 0.0 else node.op
+        return graph.make(turned, *(_scaled(graph, a, factor) for a in node.args))
+    if node.op == "select":
+        return graph.make("select", node.args[0], *(_scaled(graph, a, factor) for a in node.args[1:]))
+    if node.op == "mul":
+        first, second = sorted(node.args, key=lambda a: graph.levels[a])
+        if graph.levels[first] < Level.STATE:
+            return graph.make("mul", _scaled(graph, first, factor), second)
+    return graph.make("mul", graph.constant(factor), number)
 
 
 class _Regroup:

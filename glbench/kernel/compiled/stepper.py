@@ -235,6 +235,7 @@ class CompiledStepper:
             "forgotten": preset.forgotten,
             "memory_seconds": preset.memory,
             "guard": preset.guard,
+            "weights": "balanced" if preset.balanced else "even",
             "lanes": float(self._library.width),
             "compiler": self._build.compiler,
             "compiler_flags": self._build.flags,

@@ -76,6 +76,10 @@ template <class V> class Stepper {
     Stepper(const Settings& settings, const Rows& rows, std::atomic<int64_t>& next, RowWork* work = nullptr)
         : settings_(settings), rows_(rows), next_(next), row_work_(work) {
         std::memset(static_cast<void*>(&work_), 0, sizeof work_);
+        for (int i = 0; i < N; ++i) {
+            absolute_[i] = settings.absolute[model::MOVING_STATE[i]];
+            relative_[i] = settings.relative[model::MOVING_STATE[i]];
+        }
     }
 
     void run() {
@@ -102,6 +106,7 @@ template <class V> class Stepper {
         set_element(h_, 0, element(other.h_, lane));
         set_element(remaining_, 0, element(other.remaining_, lane));
         set_element(taken_, 0, element(other.taken_, lane));
+        set_element(right_, 0, element(other.right_, lane));
         set_element(busy_, 0, 1.0);
         for (int i = 0; i < model::CLOCKS; ++i) clock_[0][i] = other.clock_[lane][i];
         row_[0] = other.row_[lane];
@@ -114,13 +119,19 @@ template <class V> class Stepper {
         const V error = fma<V>(part.fast, relaxation(remaining_ - h), part.slow) * near_singularity();
         const MaskOf<V> busy = busy_ > broadcast<V>(0.0);
         const MaskOf<V> accepted = (error <= one) & busy;
-        for (int i = 0; i < N; ++i) work_.x[i] = select<V>(accepted, work_.y[i], work_.x[i]);
+        if constexpr (W == 1) {
+            if (accepted) std::memcpy(work_.x, work_.y, sizeof work_.x);
+        } else {
+            for (int i = 0; i < N; ++i) work_.x[i] = select<V>(accepted, work_.y[i], work_.x[i]);
+        }
         const MaskOf<V> finished = accepted & (h >= remaining_);
         remaining_ = select<V>(accepted, remaining_ - h, remaining_);
         taken_ = taken_ + one;
         // Not a number shortens to 0.8, below. Its own bits decide nothing: processors disagree about its sign.
-        const V root = select<V>(error == error, inverse_eighth_root(error), broadcast<V>(1.0));
-        V factor = max_of(broadcast<V>(0.9) * root, broadcast<V>(0.15));
+        const V root = select<V>(error == error, inverse_eighth_root(error), one);
+        const V right = h * root;  // with this length the error would have been one
+        V factor = max_of(broadcast<V>(0.9) * root * select<V>(accepted, trend(right), one), broadcast<V>(0.15));
+        right_ = select<V>(accepted, right, right_);
         factor = min_of(factor, select<V>(accepted, broadcast<V>(6.0), broadcast<V>(0.8)));
         const V proposed = h * factor;
         h_ = next_length(proposed, remaining_);
@@ -142,6 +153,12 @@ template <class V> class Stepper {
     template <class Other> friend class Stepper;
     friend struct Recorder;  // of the sensitivities: reads the accepted substeps
     static constexpr int W = width_of<V>;
+    static constexpr int STORED_ROOM = (model::STORED + 7) / 8 * 8;
+
+    // What is done for a single row works through its values in vectors.
+    using Pack = typename VectorOf<NATIVE_WIDTH>::type;
+    static GLB_INLINE Pack* pack(double* a) { return reinterpret_cast<Pack*>(a); }
+    static GLB_INLINE const Pack* pack(const double* a) { return reinterpret_cast<const Pack*>(a); }
 
     const Settings& settings_;
     const Rows& rows_;
@@ -149,6 +166,8 @@ template <class V> class Stepper {
     RowWork* row_work_;
     Lanes<V> work_;
     V h_{}, remaining_{}, taken_{}, busy_{};  // next substep [s], time to go [s], substeps so far, 1 where a row is at work
+    V right_{};  // the length that would have been right for the last accepted substep [s], 0 before the first
+    alignas(64) double absolute_[PADDED] = {}, relative_[PADDED] = {};  // tolerances of the moving states
     int64_t row_[W];
     double clock_[W][model::CLOCKS + 1];  // clocks at the end of the step
     bool exhausted_ = false;
@@ -157,6 +176,14 @@ template <class V> class Stepper {
     // the step is forgotten at the end, so their errors count less until then.
     GLB_INLINE V relaxation(V left) const {
         return select<V>(left > broadcast<V>(settings_.memory), broadcast<V>(settings_.forgotten), broadcast<V>(1.0));
+    }
+
+    // After a change of the inputs the solution becomes smoother from substep to substep, so the right length grows: half of
+    // the growth seen last is expected to go on.
+    GLB_INLINE V trend(V right) const {
+        const V half = sqrt_of(right / right_);
+        const V limited = min_of(broadcast<V>(1.5), max_of(broadcast<V>(0.7), half));
+        return select<V>(right_ > broadcast<V>(0.0), limited, broadcast<V>(1.0));
     }
 
     // Air passes the screens like a root of the temperature difference, whose derivative has no bound. Error estimates know
@@ -195,7 +222,7 @@ template <class V> class Stepper {
                       rows_.p + row * rows_.p_stride};
             else if (!row_work_->begin(row, in)) continue;
             const double *x = in.x, *p = in.p;
-            alignas(64) double stored[(model::STORED + 7) / 8 * 8];
+            alignas(64) double stored[STORED_ROOM] = {}, moving[PADDED] = {}, weight[PADDED];
             double rate[model::CLOCKS + 1];
             model::prepare<double>(p, in.u, in.d, stored, rate);
             const int32_t unusable = first_problem(x, p, stored);
@@ -204,17 +231,21 @@ template <class V> class Stepper {
                 continue;
             }
             for (int i = 0; i < model::STORED; ++i) set_element(work_.stored[i], lane, stored[i]);
+            for (int i = 0; i < N; ++i) moving[i] = x[model::MOVING_STATE[i]];
+            for (int i = 0; i < PADDED; i += NATIVE_WIDTH) {
+                const Pack a = *pack(absolute_ + i), r = *pack(relative_ + i), size = abs_of(*pack(moving + i));
+                *pack(weight + i) = inv_of(a + r * size);
+            }
             for (int i = 0; i < N; ++i) {
-                const int state = model::MOVING_STATE[i];
-                set_element(work_.x[i], lane, x[state]);
-                set_element(work_.weight[i], lane,
-                            1.0 / (settings_.absolute[state] + settings_.relative[state] * __builtin_fabs(x[state])));
+                set_element(work_.x[i], lane, moving[i]);
+                set_element(work_.weight[i], lane, weight[i]);
             }
             for (int i = 0; i < model::CLOCKS; ++i)
                 clock_[lane][i] = __builtin_fma(settings_.step, rate[i], x[model::CLOCK_STATE[i]]);
             set_element(h_, lane, settings_.first < settings_.step ? settings_.first : settings_.step);
             set_element(remaining_, lane, settings_.step);
             set_element(taken_, lane, 0.0);
+            set_element(right_, lane, 0.0);
             set_element(busy_, lane, 1.0);
             return true;
         }
@@ -222,14 +253,12 @@ template <class V> class Stepper {
 
     // 0 when a row can be stepped, else the status to report.
     static int32_t first_problem(const double* x, const double* p, const double* stored) {
-        double sum = 0.0;
-        for (int i = 0; i < model::STATES; ++i) sum += x[i] - x[i];
-        if (sum != 0.0)
-            for (int i = 0; i < model::STATES; ++i)
-                if (!finite(x[i])) return INPUT_NOT_FINITE * 64 + i;
-        double rest[4] = {0.0, 0.0, 0.0, 0.0};
-        for (int i = 0; i < model::STORED; ++i) rest[i % 4] += stored[i] - stored[i];
-        if ((rest[0] + rest[1]) + (rest[2] + rest[3]) != 0.0) return INPUT_NOT_FINITE * 64 + NO_STATE;
+        for (int i = 0; i < model::STATES; ++i)
+            if (!finite(x[i])) return INPUT_NOT_FINITE * 64 + i;
+        Pack rest = broadcast<Pack>(0.0);
+        for (int i = 0; i < STORED_ROOM; i += NATIVE_WIDTH) rest = rest + (*pack(stored + i) - *pack(stored + i));
+        for (int i = 0; i < NATIVE_WIDTH; ++i)
+            if (rest[i] != 0.0) return INPUT_NOT_FINITE * 64 + NO_STATE;
         for (int i = 0; i < model::ABSENT; ++i)
             if (p[model::ABSENT_PARAMETER[i]] != 0.0) return EQUIPMENT_PRESENT * 64 + NO_STATE;
         return 0;

@@ -61,7 +61,8 @@ template <int Start, class P, int N> GLB_INLINE void unpack(P value, double (&r)
         }                                                                                                      \
     }
 GLB_MANY_OF_ONE(many_exp, exp_of)
-GLB_MANY_OF_ONE(many_exp_limited, exp_of_limited)
+GLB_MANY_OF_ONE(many_exp16, exp16_of)
+GLB_MANY_OF_ONE(many_exp16_limited, exp16_of_limited)
 GLB_MANY_OF_ONE(many_log, log_of)
 GLB_MANY_OF_ONE(many_inv, inv_of)
 GLB_MANY_OF_ONE(many_sqrt, sqrt_of)
@@ -100,7 +101,12 @@ template <class V, int N, int... I>
 GLB_INLINE void many_pow_positive_each(const V* in, Many<V, N>& out, std::integer_sequence<int, I...>) {
     ((out.v[I] = pow_of_positive<V>(in[I], in[N + I])), ...);
 }
+template <class V, int N, int... I>
+GLB_INLINE void many_pow16_root_each(const V* in, Many<V, N>& out, std::integer_sequence<int, I...>) {
+    ((out.v[I] = pow16_of_root<V>(in[I], in[N + I])), ...);
+}
 GLB_MANY_OF_TWO(many_pow, pow_of)
+GLB_MANY_OF_TWO(many_pow16_root, pow16_of_root)
 GLB_MANY_OF_TWO(many_pow_positive, pow_of_positive)
 #undef GLB_MANY_OF_TWO
 

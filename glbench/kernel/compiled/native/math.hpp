@@ -7,7 +7,7 @@
 
 namespace glb {
 
-constexpr double SIXTEEN_LOG2_E = 0x1.71547652b82fep+4, SIXTEEN_LOG2_E_REST = 0x1.777d0ffda0d24p-52;
+constexpr double SIXTEEN_LOG2_E = 0x1.71547652b82fep+4;
 constexpr double LN_2 = 0x1.62e42fefa39efp-1, LN_2_REST = 0x1.abc9e3b39803fp-56;
 constexpr double ROUNDER = 0x1.8p52;  // adding it leaves the nearest integer in the lowest bits
 constexpr double SMALLEST_NORMAL = 0x1p-1022;
@@ -43,7 +43,7 @@ template <class V, class T> GLB_INLINE V lookup(const T (&table)[16], IntOf<V> i
     }
 }
 
-// 2^((n + r)/16) for |r| <= 0.5 and `shifted` = n + ROUNDER. The polynomial is (2^(r/16) - 1)/r, error 7e-18.
+// 2^(n/16) 2^(r/16) for |r| <= 0.5 and `shifted` = n + ROUNDER. The polynomial is (2^(r/16) - 1)/r, error 7e-18.
 template <class V> GLB_INLINE V power_of_two(V shifted, V r) {
     V p = broadcast<V>(0x1.430a992fc77d4p-37);
     p = fma(p, r, broadcast<V>(0x1.5d89bdfe6a276p-30));
@@ -53,33 +53,35 @@ template <class V> GLB_INLINE V power_of_two(V shifted, V r) {
     p = fma(p, r, broadcast<V>(0x1.62e42fefa39fdp-5));
     const IntOf<V> count = bits_of(shifted);
     const V power = from_bits<V>(bits_of(lookup<V>(SIXTEENTHS, count)) + (count << 48));
-    return fma<V>(power, r * p, power);
+    return fma<V>(power * r, p, power);
 }
 
-// e^x for x <= 709, error below 1.1 ulp; below -708 the result stays at 3.3e-308. Not a number gives not a number.
-template <class V> GLB_INLINE V exp_of_limited(V x) {
-    x = max_of(broadcast<V>(-708.0), x);
+// 2^(t/16) for t <= 16384, error below 1.1 ulp; below -16000 the result stays at 2^-1000. Not a number gives not a number.
+//
+// This is how every exponential of the model is evaluated: the factor 16 log2(e) is part of the constants in its argument.
+// Rounding t to an integer takes additions only, which have execution units of their own.
+template <class V> GLB_INLINE V exp16_of_limited(V t) {
+    t = max_of(broadcast<V>(-16000.0), t);
     const V rounder = broadcast<V>(ROUNDER);
-    const V shifted = fma(x, broadcast<V>(SIXTEEN_LOG2_E), rounder);
-    const V n = shifted - rounder;
-    const V r = fma(x, broadcast<V>(SIXTEEN_LOG2_E_REST), fms(x, broadcast<V>(SIXTEEN_LOG2_E), n));
-    return power_of_two(shifted, r);
+    const V shifted = t + rounder;
+    return power_of_two(shifted, t - (shifted - rounder));
 }
 
-// The same for any x: beyond 709 the result stays at 8.2e307.
-template <class V> GLB_INLINE V exp_of(V x) { return exp_of_limited(min_of(broadcast<V>(709.0), x)); }
+// The same for any t: beyond 16368 the result stays at 2^1023.
+template <class V> GLB_INLINE V exp16_of(V t) { return exp16_of_limited(min_of(broadcast<V>(16368.0), t)); }
 
-// x^y for positive normal x, error below 1.3 ulp while |y| <= 1/2, 2.3 ulp at |y| = 2.
-// The integer part of log2(x) times y is kept exactly, so the error does not grow with log(x). Powers beyond 2^+-1021 stay there.
-template <class V> GLB_INLINE V pow_of_positive(V x, V y) {
-    const V rounder = broadcast<V>(ROUNDER);
+// e^x, an error of at most 1.6 + 1.2 |x| ulp: that of rounding the product.
+template <class V> GLB_INLINE V exp_of(V x) { return exp16_of(x * broadcast<V>(SIXTEEN_LOG2_E)); }
+
+// Binary logarithm of positive normal x, absolute error below 3e-17 plus half a unit in the last place of the result.
+template <class V> GLB_INLINE V log2_of_positive(V x) {
     const IntOf<V> bits = bits_of(x);
     // Exponents become doubles through the low bits of ROUNDER: exact, and the same on every machine.
-    const V k = from_bits<V>((bits >> 52) + bits_of(rounder)) - broadcast<V>(ROUNDER + 1023.0);
+    const V k = from_bits<V>((bits >> 52) + bits_of(broadcast<V>(ROUNDER))) - broadcast<V>(ROUNDER + 1023.0);
     const V m = from_bits<V>((bits & INT64_C(0x000fffffffffffff)) | INT64_C(0x3ff0000000000000));
     const IntOf<V> interval = bits >> 48;
     const V f = fms(m, lookup<V>(RECIPROCALS, interval), broadcast<V>(1.0));
-    V p = broadcast<V>(-0x1.72329949ab8f4p-3);  // log2(1 + f)/f, absolute error of the logarithm 3e-17
+    V p = broadcast<V>(-0x1.72329949ab8f4p-3);  // log2(1 + f)/f
     p = fma(p, f, broadcast<V>(0x1.a6e2ebc875d58p-3));
     p = fma(p, f, broadcast<V>(-0x1.ec70631faa9bap-3));
     p = fma(p, f, broadcast<V>(0x1.2776b02313a27p-2));
@@ -87,14 +89,18 @@ template <class V> GLB_INLINE V pow_of_positive(V x, V y) {
     p = fma(p, f, broadcast<V>(0x1.ec709dc534283p-2));
     p = fma(p, f, broadcast<V>(-0x1.71547652b821fp-1));
     p = fma(p, f, broadcast<V>(0x1.71547652b82dep+0));
-    const V log2_m = fma(p, f, lookup<V>(LOGARITHMS, interval));
-    const V y16 = broadcast<V>(16.0) * y;
-    V whole = y16 * k;
-    const V rest = fma(y16, log2_m, fms(y16, k, whole));
-    whole = max_of(broadcast<V>(-16336.0), min_of(broadcast<V>(16336.0), whole));
-    const V shifted = (whole + rest) + rounder;
-    return power_of_two(shifted, (whole - (shifted - rounder)) + rest);
+    return fma(p, f, lookup<V>(LOGARITHMS, interval)) + k;
 }
+
+// x^(y/16) for positive normal x and y with |y| < 15: an error of at most 1.5 + 0.1 |log2(x) y| ulp: that of rounding log2(x) and the product.
+template <class V> GLB_INLINE V pow16_of_root(V x, V y) {
+    const V t = y * log2_of_positive(x), rounder = broadcast<V>(ROUNDER);
+    const V shifted = t + rounder;
+    return power_of_two(shifted, t - (shifted - rounder));
+}
+
+// x^y for positive normal x, the error as above. Powers stay between 2^-1000 and 2^1023.
+template <class V> GLB_INLINE V pow_of_positive(V x, V y) { return exp16_of(broadcast<V>(16.0) * y * log2_of_positive(x)); }
 
 // x^y as above; 0 for x below the smallest normal number (and positive y), not a number for negative x.
 template <class V> GLB_INLINE V pow_of(V x, V y) {

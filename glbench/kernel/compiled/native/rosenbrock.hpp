@@ -29,20 +29,22 @@ constexpr double COUPLING[5][5] = {
 
 constexpr int N = model::MOVING;
 constexpr int PADDED = (N + 7) / 8 * 8;  // one lane works through its states in vectors
+// Many lanes have their arrays close together: all of them barely fit into the first-level cache.
+template <class V> constexpr int SPAN = width_of<V> == 1 ? PADDED : N;
 
 // What one substep reads and writes; all arrays hold one value in each lane.
 template <class V> struct alignas(64) Lanes {
-    V x[PADDED];                 // state at the start of the substep
-    V weight[PADDED];            // 1/(tolerance of the state)
+    V x[SPAN<V>];                 // state at the start of the substep
+    V weight[SPAN<V>];            // 1/(tolerance of the state)
     V stored[model::STORED];     // everything that depends on the inputs only
-    V slope[PADDED], y[PADDED], coupled[PADDED];
-    V k[6][PADDED];
-    V jacobian[model::NONZEROS], factors[model::FACTORS];
+    V slope[SPAN<V>], y[SPAN<V>], coupled[SPAN<V>];
+    V k[6][SPAN<V>];
+    V factors[model::FACTORS];   // first the Jacobian, then its factors in the same places
 };
 
 // Element-wise work on arrays of states: lanes are used as they are, one lane is read in vectors across the states.
 template <class V> using Chunk = std::conditional_t<width_of<V> == 1, typename VectorOf<NATIVE_WIDTH>::type, V>;
-template <class V> constexpr int CHUNKS = width_of<V> == 1 ? PADDED / NATIVE_WIDTH : N;
+template <class V> constexpr int CHUNKS = width_of<V> == 1 ? SPAN<V> / NATIVE_WIDTH : N;
 template <class V> GLB_INLINE Chunk<V> load(const V* a, int i) {
     Chunk<V> r;
     std::memcpy(&r, a + i * (width_of<V> == 1 ? NATIVE_WIDTH : 1), sizeof r);
@@ -88,25 +90,31 @@ template <class V, int S> GLB_INLINE void stage(Lanes<V>& w, V inverse_h) {
 // model::FAST states are summed apart, see `relaxation` in driver.hpp.
 template <class V> struct Error { V fast, slow; };
 
+// Four sums at a time: a single one would be a chain of N dependent operations. `scaled` is error/tolerance.
+template <class V, int... I> GLB_INLINE Error<V> squares(const V* scaled, std::integer_sequence<int, I...>) {
+    V sum[2][4];
+    for (int k = 0; k < 4; ++k) sum[0][k] = sum[1][k] = broadcast<V>(0.0);
+    ((sum[I >= model::FAST][I % 4] = fma<V>(scaled[I], scaled[I], sum[I >= model::FAST][I % 4])), ...);
+    return {(sum[0][0] + sum[0][1]) + (sum[0][2] + sum[0][3]), (sum[1][0] + sum[1][1]) + (sum[1][2] + sum[1][3])};
+}
+
 // Advances by h from w.x: the result is in w.y, k[5] is the error estimate.
 template <class V> Error<V> substep(Lanes<V>& w, V h) {
     const V inverse_h = inv_of(h);
-    model::rhs_and_jacobian<V>(w.x, w.stored, w.slope, w.jacobian);
-    model::factorise<V>(w.jacobian, broadcast<V>(1.0 / GAMMA) * inverse_h, broadcast<V>(GAMMA) * h, w.factors);
+    model::rhs_and_jacobian<V>(w.x, w.stored, w.slope, w.factors);
+    model::factorise<V>(w.factors, broadcast<V>(1.0 / GAMMA) * inverse_h, broadcast<V>(GAMMA) * h, w.factors);
     model::solve<false, V>(w.factors, w.slope, w.slope, w.k[0]);
     stage<V, 1>(w, inverse_h);
     stage<V, 2>(w, inverse_h);
     stage<V, 3>(w, inverse_h);
     stage<V, 4>(w, inverse_h);
     stage<V, 5>(w, inverse_h);
-    Error<V> error = {broadcast<V>(0.0), broadcast<V>(0.0)};
-    for (int i = 0; i < N; ++i) {
-        const V scaled = w.k[5][i] * w.weight[i];
-        V& sum = i < model::FAST ? error.fast : error.slow;
-        sum = fma<V>(scaled, scaled, sum);
-        w.y[i] = w.y[i] + w.k[5][i];
+    for (int i = 0; i < CHUNKS<V>; ++i) {
+        const Chunk<V> error = load(w.k[5], i);
+        store(w.y, i, load(w.y, i) + error);
+        store(w.slope, i, error * load(w.weight, i));
     }
-    return error;
+    return squares(w.slope, std::make_integer_sequence<int, N>{});
 }
 
 }  // namespace glb
