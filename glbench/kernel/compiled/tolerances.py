@@ -73,7 +73,7 @@ class Preset:
 
 PRESETS = {
     "reference": Preset(relative=4e-8, first_substep=2.0, forgotten=1e-2),
-    "standard": Preset(relative=4e-6, first_substep=3.0, forgotten=2e-4, memory=140.0, guard=400.0, balanced=True),
+    "standard": Preset(relative=2e-6, first_substep=3.0, forgotten=2e-4, memory=140.0, guard=400.0, balanced=True),
     "fast": Preset(relative=8e-5, first_substep=8.0, forgotten=1e-3, balanced=True),
     "tight": Preset(relative=1e-10, first_substep=0.1, forgotten=1.0, guard=1.0),
 }
