@@ -271,7 +271,9 @@ def test_a_step_that_cannot_be_integrated_ends_its_run(
         return stepped, [*failed, StepFailure(2, "substeps exhausted at model time 0.3 days")]
 
     monkeypatch.setattr(kernel, "try_step", fails_once)
-    monkeypatch.setattr(kernel, "environments", lambda program, n: None)  # else nobody would ask for a step of states only
+    monkeypatch.setattr(
+        kernel, "environments", lambda program, n: None
+    )  # else nobody would ask for a step of states only
     result = evaluate(day_task, write_agent(GOOD))
 
     assert ends(result) == [("ok", 24), ("ok", 24), ("simulation_failed", 7)]

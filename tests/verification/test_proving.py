@@ -51,7 +51,9 @@ def test_a_step_that_cannot_be_simulated_is_proved_to_fail_again(day_task, write
         return after, [*failed, *(StepFailure(int(row), "too hot") for row in rows)]
 
     monkeypatch.setattr(Kernel, "try_step", brittle)
-    monkeypatch.setattr(Kernel, "environments", lambda kernel, program, n: None)  # a fused step does not ask for this one
+    monkeypatch.setattr(
+        Kernel, "environments", lambda kernel, program, n: None
+    )  # a fused step does not ask for this one
     result = evaluate(
         day_task, write_agent("def act(self, observations):\n    return np.full((self.n, 6), 1.0)"), out=tmp_path
     )
