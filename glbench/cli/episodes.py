@@ -159,10 +159,11 @@ def _columns(episode: Episode) -> Table:
     from rich.text import Text
 
     view = Table(title="Columns", title_justify="left", box=box.SIMPLE_HEAD)
-    for heading in ("Topic", "Column", "Unit"):
+    for heading in ("Column", "Unit"):
         view.add_column(heading, no_wrap=True)
     view.add_column("Meaning")
     for group in episode.groups:
-        for index, column in enumerate(group.columns):
-            view.add_row("" if index else group.path, column.name, Text(column.unit), Text(column.meaning))
+        view.add_row(Text(group.path, style="bold"))
+        for column in group.columns:
+            view.add_row(f"  {column.name}", Text(column.unit), Text(column.meaning))
     return view
