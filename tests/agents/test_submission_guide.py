@@ -78,6 +78,7 @@ def test_the_guides_ways_to_save_a_policy_make_submissions(
     assert isinstance(load_agent(tmp_path / saved).make(card), PolicyAgent)
 
 
+@pytest.mark.slow
 def test_the_example_of_the_page_on_scale_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
