@@ -41,7 +41,8 @@ def check(
 ) -> None:
     """Find everything that will be wrong in an evaluation, within 20 seconds.
 
-    The files are read, then the agent runs for a day in a process of its own. Leaves with 0 when nothing has to be mended, else with 1.
+    The files are read, then the agent runs for a day in a process of its own, with your rights and not in the sandbox: for
+    submissions that you wrote or have read. Leaves with 0 when nothing has to be mended, else with 1.
     """
     from glbench.evaluation.submitting import check_submission
     from glbench.tasks import DEFAULT_TASK

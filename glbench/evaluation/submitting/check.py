@@ -17,6 +17,7 @@ from typing import IO, Any
 from glbench.agents.identity import FORM_WORDS, Identity, baseline_names, is_built_in, read_identity
 from glbench.agents.loading import find_submission
 from glbench.errors import SubmissionError
+from glbench.evaluation.sandbox.limits import SandboxLimits
 from glbench.evaluation.submitting import files
 from glbench.evaluation.submitting.findings import Finding, Report, Subject, note, problem
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task, task_card
@@ -27,7 +28,7 @@ _GRACE = 2.0
 _STARTING = 90.0
 """Time for Python, glbench and large packages to be there [s], on however busy a machine."""
 _LOOK = 0.02
-_PRINTED_NOTE, _PRINTED_KEPT, _SAID_KEPT = 4096, 65536, 2**20
+_PRINTED_NOTE, _PRINTED_KEPT, _SAID_KEPT = 4096, SandboxLimits().printed, 2**20
 _SHOWN = 160
 
 

@@ -7,8 +7,9 @@ import resource
 import sys
 from pathlib import Path
 
-MIB = 2**20
-MEMORY_LIMIT = 4096 * MIB
+from glbench.evaluation.sandbox.limits import MIB, SandboxLimits
+
+MEMORY_LIMIT = SandboxLimits().memory
 """What an agent may take, in bytes."""
 
 _STATM = Path("/proc/self/statm")

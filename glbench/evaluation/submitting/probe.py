@@ -54,7 +54,7 @@ class Probe:
         self._ref, self._deadline, self._channel = ref, deadline, channel
         self._task = get_task(task)
         self._card = task_card(self._task)
-        self._limits = TimeLimits()
+        self._limits = TimeLimits.of_table(self._task.evaluation.time_limits)
         self._dialogue: list[tuple[NDArray[np.float32], NDArray[np.float64]]] = []
         self._listener = Listener()
         self._memory = Memory()
