@@ -15,12 +15,12 @@ from glbench.agents.formats.sb3_archive import read_archive
 from glbench.agents.formats.torchscript import torchscript_complaint
 from glbench.agents.identity import FORM_WORDS, Identity, find_card
 from glbench.errors import SubmissionError
+from glbench.evaluation.sandbox.limits import MIB
 from glbench.evaluation.submitting.findings import Finding, note, problem
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
-MIB = 2**20
 LARGEST_SUBMISSION = 512 * MIB
 """Size of all files together above which a submission is refused by the check."""
 MANY_FILES = 1000

@@ -7,7 +7,7 @@ import resource
 import sys
 from pathlib import Path
 
-from glbench.evaluation.sandbox.limits import MIB, SandboxLimits
+from glbench.evaluation.sandbox.limits import SandboxLimits
 
 MEMORY_LIMIT = SandboxLimits().memory
 """What an agent may take, in bytes."""

@@ -26,9 +26,10 @@ from glbench.errors import GlbenchError, SubmissionError
 from glbench.evaluation.acting import Answer, guarded
 from glbench.evaluation.actions import read_actions
 from glbench.evaluation.limits import TimeLimits
+from glbench.evaluation.sandbox.limits import MIB
 from glbench.evaluation.submitting import words
 from glbench.evaluation.submitting.findings import Finding, problem
-from glbench.evaluation.submitting.memory import MEMORY_LIMIT, MIB, Memory
+from glbench.evaluation.submitting.memory import MEMORY_LIMIT, Memory
 from glbench.evaluation.submitting.surroundings import Listener
 from glbench.tasks import get_task, task_card
 

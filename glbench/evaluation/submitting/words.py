@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from glbench.evaluation.limits import TimeLimits
+from glbench.evaluation.sandbox.limits import MIB
 from glbench.evaluation.submitting.findings import Finding, note, problem
-from glbench.evaluation.submitting.memory import MEMORY_LIMIT, MIB
+from glbench.evaluation.submitting.memory import MEMORY_LIMIT
 
 _SAME = 1e-4
 """Differences of an action that rounding explains; what is larger is information from other runs."""
