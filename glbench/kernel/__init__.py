@@ -7,6 +7,7 @@ on four cores, with the same bits. Method, accuracy and speed: docs/kernel.md.
 from __future__ import annotations
 
 from glbench.kernel.backends import BACKENDS, Backend, available, why_not_compiled
+from glbench.kernel.bound import BoundStep
 from glbench.kernel.kernel import Kernel
 from glbench.kernel.pool import KernelPool, make_kernel
 from glbench.kernel.records import Rows, StepFailure
@@ -17,6 +18,7 @@ __all__ = [
     "BACKENDS",
     "STATE_SCALE",
     "Backend",
+    "BoundStep",
     "Kernel",
     "KernelPool",
     "Rows",

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from glbench.errors import UnknownNameError, did_you_mean
+from glbench.kernel.bound import PlainBoundStep
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure, inputs_in_words
 from glbench.kernel.reduced import STATE_SCALE, reduce_model
 from glbench.kernel.signals import signals_wait
@@ -122,6 +123,10 @@ class CvodesBackend:
                         failures.append(StepFailure(row, self._in_words(reason, rows, row)))
                     row += 1
         return failures
+
+    def bind(self, rows: Rows, out: FloatArray) -> PlainBoundStep:
+        """A step of these very rows without checks; see ``Kernel.bind``."""
+        return PlainBoundStep(self, rows, out)
 
     def describe(self) -> Description:
         """Return method, tolerances and versions, as recorded in results."""

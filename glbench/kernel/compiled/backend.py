@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+from glbench.kernel.compiled.bound import CompiledBoundStep
 from glbench.kernel.compiled.stepper import CompiledStepper, availability
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure, inputs_in_words
 
@@ -27,6 +28,10 @@ class CompiledBackend:
             StepFailure(row, f"{self.stepper.explain(row)} ({inputs_in_words(rows, row)})")
             for row in map(int, status.nonzero()[0])
         ]
+
+    def bind(self, rows: Rows, out: FloatArray) -> CompiledBoundStep:
+        """A step of these very rows without checks; see ``Kernel.bind``."""
+        return self.stepper.bind(*rows, out)
 
     def describe(self) -> Description:
         """Return method, tolerances and versions."""
