@@ -7,6 +7,7 @@ four cores, with the same bits. Method, accuracy and speed: docs/kernel.md.
 from __future__ import annotations
 
 from glbench.kernel.backends import BACKENDS, Backend, available, why_not_compiled, will_compile
+from glbench.kernel.bound import BoundStep
 from glbench.kernel.kernel import Kernel
 from glbench.kernel.pool import KernelPool, make_kernel
 from glbench.kernel.records import Rows, StepFailure
@@ -19,6 +20,7 @@ __all__ = [
     "STATE_SCALE",
     "Adjoint",
     "Backend",
+    "BoundStep",
     "Kernel",
     "KernelPool",
     "Linearisation",

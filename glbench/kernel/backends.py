@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from glbench.errors import UnknownNameError, did_you_mean
+from glbench.kernel.bound import BoundStep
 from glbench.kernel.environment import Environments, Program
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure
 from glbench.kernel.sensitivities import Differentiator
@@ -28,6 +29,10 @@ class Backend(Protocol):
 
     def advance(self, rows: Rows, out: FloatArray) -> list[StepFailure]:
         """Write x(t + h) of all rows to ``out`` (n, 28); failed rows keep their old state and are reported."""
+        ...
+
+    def bind(self, rows: Rows, out: FloatArray) -> BoundStep:
+        """A step of these very rows, which are not checked again."""
         ...
 
     def describe(self) -> Description:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
-from glbench.errors import whole_number
+from glbench.errors import StepError, whole_number
 from glbench.kernel.backends import make_backend
+from glbench.kernel.bound import BoundStep, bound_rows
 from glbench.kernel.environment import Environments, Program
-from glbench.kernel.records import Description, FloatArray, Rows, StepFailure
+from glbench.kernel.records import Description, FloatArray, Rows, StepFailure, as_rows
 from glbench.kernel.sensitivities import Differentiator
 from glbench.kernel.stepping import Stepper, positive_seconds
 from glbench.model import MODEL_VERSION, model_digest
@@ -67,6 +69,55 @@ class Kernel(Stepper):
         if self._differentiator is None:
             self._differentiator = self._backend.differentiator()
         return self._differentiator
+
+    def step_into(
+        self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike, out: FloatArray
+    ) -> None:
+        """The same as ``step``, with the result in an array of the caller's.
+
+        Parameters
+        ----------
+        x, u, d, p : array_like
+            As for ``step``.
+        out : ndarray
+            States after the step, in the shape of ``x``: C-contiguous float64; may be ``x``. Rows that fail keep their state.
+
+        Raises
+        ------
+        ShapeError, ActionError, StepError
+            As for ``step``; ShapeError also for an ``out`` that does not fit.
+        """
+        rows = as_rows(x, u, d, p)
+        _, result = bound_rows(rows.x, rows.u, rows.d, rows.p, out)
+        failures = self._backend.advance(rows, result)
+        if failures:
+            raise StepError(self._failure(failures, rows.x.shape[0]))
+
+    def bind(self, x: FloatArray, u: FloatArray, d: FloatArray, p: FloatArray, out: FloatArray) -> BoundStep:
+        """A step of these very arrays, for loops in which every microsecond counts.
+
+        ``step = kernel.bind(x, u, d, p, out)`` looks at shapes once; each ``step()`` then takes the values that the arrays hold
+        at that time. Controls outside 0..1 are not refused: whoever binds a step keeps them inside.
+
+        Parameters
+        ----------
+        x, u, d, p : ndarray
+            As for ``step``, C-contiguous float64; ``u`` and ``d`` have as many rows as ``x``.
+        out : ndarray
+            States after the step, in the shape of ``x``; may be ``x``: then every call goes on from the last.
+
+        Returns
+        -------
+        BoundStep
+            Call it without arguments. It raises StepError when a row fails; the other rows have been stepped then.
+
+        Raises
+        ------
+        ShapeError
+            When an array has another shape, type or layout.
+        """
+        rows, result = bound_rows(x, u, d, p, out)
+        return self._backend.bind(rows, result)
 
     def describe(self) -> Description:
         """What made the numbers; see ``Stepper.describe``."""

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from glbench.errors import UnknownNameError, did_you_mean
+from glbench.kernel.bound import PlainBoundStep
 from glbench.kernel.environment import Program
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure, inputs_in_words
 from glbench.kernel.reduced import STATE_SCALE, reduce_model
@@ -122,6 +123,10 @@ class CvodesBackend:
         from glbench.kernel.sundials_sensitivities import CvodesDifferentiator
 
         return CvodesDifferentiator(self._model, _options(self._settings), self._step_seconds, self.advance)
+
+    def bind(self, rows: Rows, out: FloatArray) -> PlainBoundStep:
+        """A step of these very rows without checks; see ``Kernel.bind``."""
+        return PlainBoundStep(self, rows, out)
 
     def describe(self) -> Description:
         """Return method, tolerances and versions, as recorded in results."""

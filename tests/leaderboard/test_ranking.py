@@ -142,8 +142,8 @@ def test_runs_that_are_all_alike_have_no_interval(store):
 
 @pytest.mark.parametrize("sandbox", ["unsandboxed", None])
 def test_a_submission_that_ran_without_a_sandbox_is_marked(store, sandbox):
-    tables = rank([store("free", [2.0] * 4, sandbox=sandbox), store("held", [1.0] * 4)], published())
+    tables = rank([store("free", [2.0] * 4, sandbox=sandbox), store("held", [-21.0] * 4)], published())
     text = to_markdown(tables, {})
     assert "| 1 | free ‡ | 2.0" in text
-    assert "| 2 | held | 1.0" in text
+    assert "| 2 | held | -21.0" in text
     assert [row.unsandboxed for row in tables[0].rows] == [True, False]

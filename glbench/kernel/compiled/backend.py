@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+from glbench.kernel.compiled.bound import CompiledBoundStep
 from glbench.kernel.compiled.differentiator import CompiledDifferentiator
 from glbench.kernel.compiled.environment import CompiledEnvironments
 from glbench.kernel.compiled.stepper import CompiledStepper, availability
@@ -40,6 +41,10 @@ class CompiledBackend:
             When it can be neither loaded nor built.
         """
         return CompiledDifferentiator(self.stepper)
+
+    def bind(self, rows: Rows, out: FloatArray) -> CompiledBoundStep:
+        """A step of these very rows without checks; see ``Kernel.bind``."""
+        return self.stepper.bind(*rows, out)
 
     def describe(self) -> Description:
         """Return method, tolerances and versions."""

@@ -164,7 +164,7 @@ class Library:
         except (OSError, AttributeError) as error:
             msg = f"The kernel library {path} cannot be loaded: {error}. Delete {Path(path).parent} and try again."
             raise CompiledUnavailable(msg) from error
-        self.step_rows.restype = None
+        self.step_rows.restype = ctypes.c_int64  # how many rows have a status other than 0
         self.step_rows.argtypes = (ctypes.POINTER(Settings), ctypes.POINTER(RowPointers))
         sizes = (ctypes.c_int64 * 4)()
         layout(sizes)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 
 import numpy as np
 
 from glbench.errors import StepError
 from glbench.kernel.compiled.batch import COPIED_ROWS, SHARED, SIZES, Array, Batch, Status, new_batch, wrong_arrays
-from glbench.kernel.compiled.binding import Library, Settings, load
+from glbench.kernel.compiled.binding import Library, RowPointers, Settings, load
+from glbench.kernel.compiled.bound import CompiledBoundStep
 from glbench.kernel.compiled.environment import CompiledEnvironments, fits
 from glbench.kernel.compiled.failures import Failure, explain
 from glbench.kernel.compiled.generate import Traits
@@ -152,6 +154,30 @@ class CompiledStepper:
         if batch.any_failed():
             self._step_with_full_model(batch, x, u, d, p, out)
         return batch.status
+
+    def bind(self, x: Array, u: Array, d: Array, p: Array, out: Array) -> CompiledBoundStep:
+        """A step of these very arrays, for many calls: ``step()`` steps what they hold then, without any overhead.
+
+        Parameters
+        ----------
+        x, u, d, p, out : ndarray
+            As for ``step_rows``, all of them tables and C-contiguous: (n, 28), (n, 6), (n, 10), (1, 208) or (n, 208), (n, 28).
+            ``out`` may be ``x``.
+
+        Raises
+        ------
+        ShapeError
+            When an array has another shape, type or layout.
+        """
+        n = len(x)
+        shapes = ((n, SIZES["x"]), (n, SIZES["u"]), (n, SIZES["d"]), (len(p), SIZES["p"]), (n, SIZES["x"]))
+        arrays = (x, u, d, p, out)
+        fits = all(a.shape == shape and a.dtype == _DOUBLE for a, shape in zip(arrays, shapes, strict=True))
+        if not (fits and len(p) in (1, n) and all(a.flags.c_contiguous for a in arrays)):
+            raise wrong_arrays(x, u, d, p, out)
+        pointers = RowPointers()
+        call = functools.partial(self._library.step_rows, self._settings_call, ctypes.byref(pointers))
+        return CompiledBoundStep(self, call, pointers, arrays)
 
     def _step_copies(self, batch: Batch, x: Array, u: Array, d: Array, p: Array, out: Array) -> None:
         batch.x[...] = x

@@ -30,12 +30,12 @@ _SHARPER = {"tThScr": 0.3, "tBlScr": 0.3}
 # Weights with which all states come about equally close to the errors of CVODES: found by search over 20 runs of 60 days of
 # walking and of jumping controls. Vapour and the integrals of the canopy's temperature are what CVODES is best at.
 _BALANCED = {
-    "tAir": 2.5,
+    "tAir": 1.5,
     "tTop": 0.6,
     "vpAir": 0.4,
     "tPipe": 0.6,
     "tThScr": 0.3,
-    "tBlScr": 0.45,
+    "tBlScr": 0.15,
     "cBuf": 0.2,
     "tCan24": 1e-3,
     "tCanSum": 1e-3,
@@ -53,9 +53,9 @@ class Preset:
     first_substep : float
         Length of the first substep of every control step [s]; fixed, so that a step depends on its inputs only.
     forgotten : float
-        Factor on the squared errors of the fast states until ``memory`` seconds before the end of the step.
+        The least factor on the squared errors of the fast states, long before the end of the step.
     memory : float
-        [s]
+        Time in which an error of a fast state is taken to fade to 1/e of itself [s].
     guard : float
         Factor on the squared errors of a substep that changes the difference of the singular states by more than half of its
         size. Very tight tolerances do without: with it they would ask for less than rounding.
@@ -66,14 +66,14 @@ class Preset:
     relative: float
     first_substep: float
     forgotten: float
-    memory: float = 120.0
+    memory: float = 70.0
     guard: float = 1e3
     balanced: bool = False
 
 
 PRESETS = {
-    "reference": Preset(relative=4e-8, first_substep=2.0, forgotten=1e-2),
-    "standard": Preset(relative=2e-6, first_substep=3.0, forgotten=2e-4, memory=140.0, guard=400.0, balanced=True),
+    "reference": Preset(relative=1.8e-8, first_substep=1.0, forgotten=3e-3, guard=1e2),
+    "standard": Preset(relative=3.6e-6, first_substep=3.0, forgotten=3e-4, balanced=True),
     "fast": Preset(relative=8e-5, first_substep=8.0, forgotten=1e-3, balanced=True),
     "tight": Preset(relative=1e-10, first_substep=0.1, forgotten=1.0, guard=1.0),
 }

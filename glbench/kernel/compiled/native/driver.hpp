@@ -15,9 +15,9 @@ namespace glb {
 struct Settings {
     double step;                     // length of the control step [s]
     double first;                    // first substep [s]
-    double forgotten;                // factor on the squared errors of fast states while they will be forgotten
+    double forgotten;                // the least factor on the squared errors of fast states
     double guard;                    // factor on the squared errors of a substep near the singular difference
-    double memory;                   // time that fast states take to forget an error [s]
+    double memory;                   // time in which an error of a fast state fades to 1/e [s]
     double smallest;                 // a substep below this fails the step [s]
     double most;                     // more substeps than this fail the step
     double absolute[model::STATES];  // tolerance of a state is absolute + relative |x| [unit of the state]
@@ -64,10 +64,7 @@ template <class V> GLB_INLINE V next_length(V proposed, V remaining) {
     return select<V>(remaining <= proposed, remaining, shared);
 }
 
-template <class V> GLB_INLINE double element(V a, int lane) {
-    if constexpr (width_of<V> == 1) return a;
-    else return a[lane];
-}
+template <class V> GLB_INLINE double element(const V& a, int lane) { return reinterpret_cast<const double*>(&a)[lane]; }
 template <class V> GLB_INLINE void set_element(V& a, int lane, double value) { reinterpret_cast<double*>(&a)[lane] = value; }
 GLB_INLINE bool finite(double a) { return a - a == 0.0; }
 
@@ -172,10 +169,11 @@ template <class V> class Stepper {
     double clock_[W][model::CLOCKS + 1];  // clocks at the end of the step
     bool exhausted_ = false;
 
-    // Lamps, covers, screens and the top air settle within a minute or so: what is wrong with them long before the end of
-    // the step is forgotten at the end, so their errors count less until then.
+    // Lamps, covers, screens and the top air settle within a minute or two: what is wrong with them long before the end of the
+    // step is forgotten at the end, so their errors count less the more time is left.
     GLB_INLINE V relaxation(V left) const {
-        return select<V>(left > broadcast<V>(settings_.memory), broadcast<V>(settings_.forgotten), broadcast<V>(1.0));
+        const V fading = exp16_of_limited(left * broadcast<V>(-2.0 * SIXTEEN_LOG2_E / settings_.memory));
+        return max_of(broadcast<V>(settings_.forgotten), fading);
     }
 
     // After a change of the inputs the solution becomes smoother from substep to substep, so the right length grows: half of
@@ -351,10 +349,12 @@ static void step_rows(const glb::Settings* settings, const glb::Rows* rows) {
     in_threads(*settings, rows->n, [&] { glb::run_rows<BatchLanes>(*settings, *rows, next); });
 }
 
-extern "C" void glb_step_rows(const glb::Settings* settings, glb::Rows* rows) {
+// Gives the number of rows that have a status other than 0.
+extern "C" int64_t glb_step_rows(const glb::Settings* settings, glb::Rows* rows) {
     step_rows(settings, rows);
     rows->failed = 0;
     for (int64_t row = 0; row < rows->n; ++row) rows->failed += rows->status[row] != 0;
+    return rows->failed;
 }
 
 // Sizes of this library, compared with the caller's before the first call.
