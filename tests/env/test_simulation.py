@@ -265,7 +265,7 @@ def test_misuse_says_what_to_do(day: TaskSpec, still: StillKernel) -> None:
         simulation.reset([1], rows=[0])
     with pytest.raises(ShapeError, match="3 seeds for 2 runs"):
         simulation.reset([1, 2, 3])
-    with pytest.raises(ShapeError, match="at least one run, not 0"):
+    with pytest.raises(ShapeError, match="at least one; got 0"):
         Simulation(day, 0)
 
 
