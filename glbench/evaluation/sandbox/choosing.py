@@ -18,6 +18,7 @@ Protection = Literal["bubblewrap", "unsandboxed", "built-in"]
 
 EXAMPLES: Final = {
     "constant_setpoints": "c5778deb9e96998d9bf25b3d69352d45fec6043365b0cdf9d85d44599dbc2699",
+    "do_nothing": "e34b67062b3766e7a1b86cda789d2c914d3dd79903644492001428d24363ba7f",
     "my_agent": "aeea2b2067baa53d60f7cce7c373cb6e003f3cc0d2f5b5d10447e184a20eab80",
     "pi_controller": "5dc7c819766dfdaa818e9ad939e5852b9a82a9aa233aa8321f9cb6ff7b578c1a",
 }
