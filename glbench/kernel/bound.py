@@ -22,13 +22,15 @@ class BoundStep(Protocol):
         When a row could not be integrated, or an input is not finite.
     """
 
-    def __call__(self) -> None: ...
+    def __call__(self) -> None:
+        """Step the rows."""
 
 
 class Advances(Protocol):
     """A backend, as far as it matters here."""
 
-    def advance(self, rows: Rows, out: FloatArray) -> list[StepFailure]: ...
+    def advance(self, rows: Rows, out: FloatArray) -> list[StepFailure]:
+        """Write x(t + h) of all rows to ``out``; failed rows keep their old state and are reported."""
 
 
 class PlainBoundStep:
@@ -47,9 +49,7 @@ class PlainBoundStep:
             raise StepError(msg)
 
 
-def bound_rows(
-    x: FloatArray, u: FloatArray, d: FloatArray, p: FloatArray, out: FloatArray
-) -> tuple[Rows, FloatArray]:
+def bound_rows(x: FloatArray, u: FloatArray, d: FloatArray, p: FloatArray, out: FloatArray) -> tuple[Rows, FloatArray]:
     """The same memory as rows (n, ·) and results (n, 28).
 
     Raises

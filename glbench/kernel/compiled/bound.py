@@ -31,7 +31,9 @@ class CompiledBoundStep:
         Time within the step that each row reached (n,) [s].
     """
 
-    def __init__(self, stepper: CompiledStepper, call: Callable[[], int], pointers: RowPointers, arrays: Arrays) -> None:
+    def __init__(
+        self, stepper: CompiledStepper, call: Callable[[], int], pointers: RowPointers, arrays: Arrays
+    ) -> None:
         self._stepper = stepper
         self._call = call
         self._arrays = arrays

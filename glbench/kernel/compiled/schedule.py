@@ -83,9 +83,7 @@ def _missing(output: int, reads: Mapping[int, Sequence[int]], done: Mapping[int,
     return found
 
 
-def _descend(
-    output: int, reads: Mapping[int, Sequence[int]], kinds: Mapping[int, str], done: dict[int, None]
-) -> None:
+def _descend(output: int, reads: Mapping[int, Sequence[int]], kinds: Mapping[int, str], done: dict[int, None]) -> None:
     """Appends a statement after everything it needs, the most expensive operand first."""
     stack = [(output, False)]
     while stack:
