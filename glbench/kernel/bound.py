@@ -24,15 +24,13 @@ class BoundStep(Protocol):
 
     def __call__(self) -> None:
         """Step the rows."""
-        ...
 
 
 class Advances(Protocol):
     """A backend, as far as it matters here."""
 
     def advance(self, rows: Rows, out: FloatArray) -> list[StepFailure]:
-        """Write the states after the step to ``out``; the rows that failed."""
-        ...
+        """Write x(t + h) of all rows to ``out``; failed rows keep their old state and are reported."""
 
 
 class PlainBoundStep:
