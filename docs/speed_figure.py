@@ -1,4 +1,4 @@
-"""Draws docs/images/speed.svg from a speed record: ``python docs/images/speed_figure.py docs/measurements/speed.json``.
+"""Draws docs/images/speed.svg and fills the tables of docs/speed.md: ``python docs/speed_figure.py docs/measurements/speed.json``.
 
 The chart continues the one of the benchmark's paper: steps of 300 s in a second of one core, ten days from October 2009. What the paper
 states and what was measured of published packages is written here; everything of glbench comes from the record.
@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 from glbench.speed import SpeedRecord, read_record
+from glbench.speed.subjects import GROUPS
 
 PAPER_RATE = 1800.0  # steps/s, "over 1,800 steps per second"
 # Name, steps/s, and where the figure is from.
@@ -26,10 +27,63 @@ LOWEST, HIGHEST = 10.0, 1e6
 
 
 def main(arguments: list[str]) -> int:
-    """Write the picture beside this script."""
+    """Write picture and tables."""
     record = read_record(Path(arguments[0]))
-    Path(__file__).with_name("speed.svg").write_text(picture(record), encoding="utf-8")
+    here = Path(__file__).parent
+    (here / "images" / "speed.svg").write_text(picture(record), encoding="utf-8")
+    page = here / "speed.md"
+    page.write_text(filled(page.read_text(encoding="utf-8"), record), encoding="utf-8")
     return 0
+
+
+def filled(text: str, record: SpeedRecord) -> str:
+    """The page with the record's figures between its marks."""
+    text = between(text, "figures", "\n".join(tables(record)))
+    return between(text, "machine", "\n".join(machine_lines(record)))
+
+
+def between(text: str, mark: str, content: str) -> str:
+    """``text`` with ``content`` between the comments of that name."""
+    before, rest = text.split(f"<!-- {mark} -->\n", 1)
+    _, after = rest.split("<!-- end -->", 1)
+    return f"{before}<!-- {mark} -->\n{content}\n<!-- end -->{after}"
+
+
+def tables(record: SpeedRecord) -> list[str]:
+    """A Markdown table a group."""
+    lines: list[str] = []
+    for group, title in GROUPS.items():
+        rows = [one for one in record.measurements if one.group == group]
+        if not rows:
+            continue
+        heads = f"| {title} | us a step | steps/s | times CVODES | rounds |"
+        lines += ["", heads, "|---|---:|---:|---:|---:|"] if lines else [heads, "|---|---:|---:|---:|---:|"]
+        lines += [
+            f"| {one.title} | {one.microseconds:,.2f} | {one.steps_per_second:,.0f} | **{one.ratio:,.1f}** | "
+            f"{one.ratio_low:,.1f} to {one.ratio_high:,.1f} |"
+            for one in rows
+        ]
+    return lines
+
+
+def machine_lines(record: SpeedRecord) -> list[str]:
+    """What it was measured on, and what happens once."""
+    machine, kernel, reference = record.machine, record.kernel, record.find("step/standard/walk")
+    cost = f", {reference.reference_microseconds:,.0f} us a step of 900 s" if reference is not None else ""
+    lines = [
+        f"{machine.processor}, {machine.cores} cores, {kernel.get('lanes', 1):.0f} lanes, {kernel.get('compiler', '')}; "
+        f"{record.created[:10]}, glbench {record.versions.glbench}. Reference: {record.reference}{cost}."
+    ]
+    if record.first_use is not None:
+        lines.append(
+            f"First use on an empty cache: {record.first_use.seconds:.1f} s, at most {record.first_use.megabytes:,.0f} MB."
+        )
+    if record.memory is not None:
+        memory = record.memory
+        lines.append(
+            f"Memory: {memory.megabytes:,.0f} MB with {memory.environments:,} environments, {memory.megabytes_of_one:,.0f} MB with one."
+        )
+    return lines
 
 
 def bars(record: SpeedRecord) -> list[tuple[str, float, str]]:
