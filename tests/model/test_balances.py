@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 from hypothesis import given, settings
 
 from glbench.model import VARIANTS
@@ -25,8 +27,8 @@ def evaluate(inputs: Inputs, variant: str) -> tuple[State, Fluxes, Parameters]:
 
 
 def closes(stored: list[float], exchanged: list[float]) -> bool:
-    """Whether two sums agree, up to the rounding of their largest terms."""
-    return abs(sum(stored) - sum(exchanged)) <= ROUNDING * max(map(abs, stored + exchanged))
+    """Whether two sums agree, up to the rounding of their largest terms; below the smallest normal number rounding is absolute."""
+    return abs(sum(stored) - sum(exchanged)) <= ROUNDING * max(map(abs, stored + exchanged)) + sys.float_info.min
 
 
 @given(conditions)
