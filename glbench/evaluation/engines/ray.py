@@ -7,10 +7,12 @@ with them; a disk that happens to be shared is used for checkpoints.
 from __future__ import annotations
 
 import os
+import signal
+import threading
 import time
 import uuid
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -35,6 +37,20 @@ _TELL_SECONDS = 0.5
 _PACKAGE = Path(__file__).resolve().parents[3]
 
 
+@contextmanager
+def _own_signals() -> Iterator[None]:
+    """Take back the handlers of signals that Ray replaces when it starts: with its own, TERM would abort this process."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 class RayEngine:
     """Does jobs on the cluster at ``address``, or on one that is started on this machine with ``cores`` and stopped afterwards."""
 
@@ -50,7 +66,8 @@ class RayEngine:
         GlbenchError
             When the cluster cannot be reached or started.
         """
-        self._begin()
+        with _own_signals():
+            self._begin()
         try:
             yield from _Session(self._ray, report).run(jobs)
         finally:
