@@ -82,9 +82,13 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             print_error(str(error))
             sys.exit(1)
         except KeyboardInterrupt:
+            interruption.tell()
             sys.exit(interruption.exit_code)
         except SystemExit as left:
-            sys.exit(interruption.exit_code if left.code == INTERRUPTED else left.code)
+            if left.code != INTERRUPTED:
+                raise
+            interruption.tell()
+            sys.exit(interruption.exit_code)
     sys.exit(0)
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import messages, output, print_warning
-from glbench.cli.leaving import INTERRUPTED, leaving_at_once
+from glbench.cli.leaving import INTERRUPTED, leaving_at_once, tell_interrupted
 from glbench.cli.view import live_view, live_viewer
 from glbench.errors import GlbenchError, SubmissionError, TaskError
 
@@ -128,7 +128,7 @@ def evaluate(
             jobs = [Job(chosen, ref, agent, options) for chosen in tasks for ref, agent in usable.items()]
             first = jobs[0].prepare() if len(jobs) == 1 and not unusable and engine is EngineName.LOCAL else None
     except KeyboardInterrupt:
-        messages().print("\n[bold yellow]Interrupted.[/bold yellow] Nothing was evaluated yet.")
+        tell_interrupted("Nothing was evaluated yet.")
         raise typer.Exit(INTERRUPTED) from None
     if not as_json:
         _say_if_slow()
@@ -275,7 +275,7 @@ def _run(evaluation: Evaluation, *, as_json: bool, viewer: str | None) -> Result
         ):
             return evaluation.run(bar.update, watcher)
     except KeyboardInterrupt:
-        messages().print("\n[bold yellow]Interrupted.[/bold yellow] " + _what_is_kept(evaluation), soft_wrap=True)
+        tell_interrupted(_what_is_kept(evaluation))
         raise typer.Exit(INTERRUPTED) from None
     except (SubmissionError, SavingError):
         raise

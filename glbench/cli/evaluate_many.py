@@ -14,7 +14,7 @@ from rich.table import Table
 
 from glbench.cli.console import messages, output
 from glbench.cli.evaluation_tables import reward_in_words
-from glbench.cli.leaving import INTERRUPTED
+from glbench.cli.leaving import INTERRUPTED, tell_interrupted
 
 if TYPE_CHECKING:
     from glbench.evaluation import Progress as Standing
@@ -50,10 +50,9 @@ def evaluate_many(
                 _print(outcome, len(outcomes), len(jobs), as_json=as_json)
     except KeyboardInterrupt:
         done = sum(outcome.result is not None for outcome in outcomes)
-        messages().print(
-            f"\n[bold yellow]Interrupted.[/bold yellow] {done} of {len(jobs)} evaluations are done and saved. "
-            "The same command (without --fresh) goes on: what is done is not done again, what was under way goes on from its checkpoint.",
-            soft_wrap=True,
+        tell_interrupted(
+            f"{done} of {len(jobs)} evaluations are done and saved. The same command (without --fresh) goes on: what is done is not "
+            "done again, what was under way goes on from its checkpoint."
         )
         raise typer.Exit(INTERRUPTED) from None
     failures = [(f"{o.job.agent_name} on {o.job.task.short_id}", o.reason) for o in outcomes if o.reason is not None]

@@ -20,11 +20,27 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _PATIENCE_SECONDS = 2.0
 
 
+_told: list[str] = []
+"""What was said about interruptions, so that nothing is said twice, and none ends without a word."""
+
+
+def tell_interrupted(what_follows: str = "") -> None:
+    """Say that work was interrupted, and what that means for it."""
+    _told.append(what_follows)
+    messages().print(f"\n[bold yellow]Interrupted.[/bold yellow] {what_follows}".rstrip(), soft_wrap=True)
+
+
 class Interruption:
     """While it is entered, the signals TERM and HUP interrupt as Ctrl-C does; ``exit_code`` tells which one it was."""
 
     def __init__(self) -> None:
         self._number = int(signal.SIGINT)
+        self._told_before = len(_told)
+
+    def tell(self) -> None:
+        """Say that it was interrupted, unless the command has said so."""
+        if len(_told) == self._told_before:
+            tell_interrupted()
 
     @property
     def exit_code(self) -> int:

@@ -78,12 +78,12 @@ def _alone(preset: str, controls: Controls, seconds: float) -> Callable[[], Time
     def make() -> Timed:
         kernel = Kernel(seconds, preset=preset)
         chosen, p = points(controls, seconds), default_parameters()
-        rows = [tuple(np.ascontiguousarray(a[i]) for a in (chosen.x, chosen.u, chosen.d)) for i in range(256)]
+        steps = [kernel.bind(chosen.x[i], chosen.u[i], chosen.d[i], p, np.empty(28)) for i in range(256)]
 
         def work() -> int:
-            for x, u, d in rows:
-                kernel.step(x, u, d, p)
-            return len(rows)
+            for step in steps:
+                step()
+            return len(steps)
 
         return timed(work)
 
