@@ -60,11 +60,12 @@ def eliminate(pattern: Pattern) -> Elimination:
 
 
 def factorise_text(plan: Elimination, entries: Iterable[tuple[int, int]]) -> str:
-    """C++ function ``factorise<V, InPlace>(jac, s, gamma_h, lu)`` for a Jacobian with those structural nonzeros.
+    """C++ function ``factorise(jac, s, gamma_h, lu)`` for a Jacobian with those structural nonzeros; ``lu`` may be ``jac``.
 
-    Stored are the negated multipliers m = -l, the entries u of the upper triangle of -W, and the reciprocal pivots of W:
-    with these signs elimination and substitution are fused multiply-adds only. The Jacobian's entries stand where the factors
-    will stand, see ``places``; ``InPlace`` means that ``lu`` is ``jac``: what elimination does not change stays where it is.
+    ``W = L D U`` with ones on the diagonals of L and U. Stored are the negated entries of L and U and the reciprocal
+    pivots: with these signs elimination and substitution are fused multiply-adds only, and scaling the rows of U here
+    shortens the chain of operations in each of the six substitutions. The Jacobian's entries stand where the factors will
+    stand, see ``places``.
     """
     place = places(plan)
     known = set(entries)
@@ -74,18 +75,17 @@ def factorise_text(plan: Elimination, entries: Iterable[tuple[int, int]]) -> str
             terms = [k for k in plan.lower[i] if j in plan.upper[k]]
             lines.append(_entry(f"t{i}_{j}", (i, j), [(f"m{i}_{k}", f"u{k}_{j}") for k in terms], known, place))
             lines.append(f"const V m{i}_{j} = t{i}_{j} * r{j}; lu[{place[i, j]}] = m{i}_{j};")
-        for j in plan.upper[i]:
-            terms = [k for k in plan.lower[i] if j in plan.upper[k]]
-            lines.append(_entry(f"u{i}_{j}", (i, j), [(f"m{i}_{k}", f"u{k}_{j}") for k in terms], known, place))
-            lines.append(f"{'' if terms else 'if constexpr (!InPlace) '}lu[{place[i, j]}] = u{i}_{j};")
         if i in plan.trivial:
             lines.append(f"const V r{i} = gamma_h; lu[{place[i, i]}] = r{i};")
         else:
             terms = [k for k in plan.lower[i] if i in plan.upper[k]]
             lines.append(_entry(f"d{i}", (i, i), [(f"m{i}_{k}", f"u{k}_{i}") for k in terms], known, place))
             lines.append(f"const V r{i} = inv_of<V>(s - d{i}); lu[{place[i, i]}] = r{i};")
-    head = "template <class V, bool InPlace = false> void factorise(const V* jac, const V s, const V gamma_h, V* lu)"
-    return _function(head, lines)
+        for j in plan.upper[i]:
+            terms = [k for k in plan.lower[i] if j in plan.upper[k]]
+            lines.append(_entry(f"u{i}_{j}", (i, j), [(f"m{i}_{k}", f"u{k}_{j}") for k in terms], known, place))
+            lines.append(f"lu[{place[i, j]}] = u{i}_{j} * r{i};")
+    return _function("template <class V> void factorise(const V* jac, const V s, const V gamma_h, V* lu)", lines)
 
 
 def solve_text(plan: Elimination) -> str:
@@ -99,12 +99,13 @@ def solve_text(plan: Elimination) -> str:
             text = f"fma<V>(lu[{place[i, j]}], y{j}, {text})"
         ready[i] = _ready(ready[j] for j in plan.lower[i])
         lines.append(f"const V y{i} = {text};")
+    known: dict[int, int] = {}
     for i in reversed(plan.order):
-        text = f"y{i}"
-        for j in sorted(plan.upper[i], key=ready.__getitem__):
+        text = f"y{i} * lu[{place[i, i]}]"
+        for j in sorted(plan.upper[i], key=known.__getitem__):
             text = f"fma<V>(lu[{place[i, j]}], k{j}, {text})"
-        ready[i] = max(_ready(ready[j] for j in plan.upper[i]), ready[i]) + 1
-        lines.append(f"const V k{i} = {text} * lu[{place[i, i]}]; k[{i}] = k{i};")
+        known[i] = max(_ready(known[j] for j in plan.upper[i]), ready[i] + 1)
+        lines.append(f"const V k{i} = {text}; k[{i}] = k{i};")
     return _function("template <bool Two, class V> void solve(const V* lu, const V* a, const V* b, V* k)", lines)
 
 

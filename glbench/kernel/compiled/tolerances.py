@@ -73,7 +73,7 @@ class Preset:
 
 PRESETS = {
     "reference": Preset(relative=1.8e-8, first_substep=1.0, forgotten=3e-3, guard=1e2),
-    "standard": Preset(relative=3.6e-6, first_substep=3.0, forgotten=3e-4, balanced=True),
+    "standard": Preset(relative=3e-6, first_substep=3.0, forgotten=3e-4, balanced=True),
     "fast": Preset(relative=8e-5, first_substep=8.0, forgotten=1e-3, balanced=True),
     "tight": Preset(relative=1e-10, first_substep=0.1, forgotten=1.0, guard=1.0),
 }

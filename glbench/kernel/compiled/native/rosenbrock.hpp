@@ -102,7 +102,7 @@ template <class V, int... I> GLB_INLINE Error<V> squares(const V* scaled, std::i
 template <class V> Error<V> substep(Lanes<V>& w, V h) {
     const V inverse_h = inv_of(h);
     model::rhs_and_jacobian<V>(w.x, w.stored, w.slope, w.factors);
-    model::factorise<V, true>(w.factors, broadcast<V>(1.0 / GAMMA) * inverse_h, broadcast<V>(GAMMA) * h, w.factors);
+    model::factorise<V>(w.factors, broadcast<V>(1.0 / GAMMA) * inverse_h, broadcast<V>(GAMMA) * h, w.factors);
     model::solve<false, V>(w.factors, w.slope, w.slope, w.k[0]);
     stage<V, 1>(w, inverse_h);
     stage<V, 2>(w, inverse_h);
