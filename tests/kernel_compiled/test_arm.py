@@ -38,7 +38,7 @@ def on_arm(tmp_path_factory: pytest.TempPathFactory) -> ArmRun:
             pytest.skip(f"{program} is not installed (Debian and Ubuntu: apt-get install {package})")
     folder = tmp_path_factory.mktemp("arm")
     _, include = write_source(folder, "author", traits_of(absent_equipment()))
-    here = {"-march=native", "-mcpu=native", "-fPIC", "-shared"}
+    here = {"-march=native", "-mtune=haswell", "-mcpu=native", "-fPIC", "-shared"}
     flags = (*(flag for flag in Compiler((CROSS,), "").flags() if flag not in here), "-static")
     program = folder / "arm_driver"
     Compiler((CROSS,), "cross").compile(Path(__file__).with_name("arm_driver.cpp"), program, include, flags)

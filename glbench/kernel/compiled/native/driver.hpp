@@ -112,12 +112,13 @@ template <class V> class Stepper {
     // One substep in every lane; returns how many lanes have run out of rows.
     int round() {
         const V h = h_, one = broadcast<V>(1.0);
-        const Error<V> part = substep(work_, h);
+        const Error<V> part = substep(work_, h, again_);
         const V error = fma<V>(part.fast, relaxation(remaining_ - h), part.slow) * near_singularity();
         const MaskOf<V> busy = busy_ > broadcast<V>(0.0);
         const MaskOf<V> accepted = (error <= one) & busy;
         if constexpr (W == 1) {
             if (accepted) std::memcpy(work_.x, work_.y, sizeof work_.x);
+            again_ = !accepted;
         } else {
             for (int i = 0; i < N; ++i) work_.x[i] = select<V>(accepted, work_.y[i], work_.x[i]);
         }
@@ -168,6 +169,7 @@ template <class V> class Stepper {
     int64_t row_[W];
     double clock_[W][model::CLOCKS + 1];  // clocks at the end of the step
     bool exhausted_ = false;
+    bool again_ = false;  // of one lane: the last substep was rejected, the next one starts from the same state
 
     // Lamps, covers, screens and the top air settle within a minute or two: what is wrong with them long before the end of the
     // step is forgotten at the end, so their errors count less the more time is left.
@@ -245,6 +247,7 @@ template <class V> class Stepper {
             set_element(taken_, lane, 0.0);
             set_element(right_, lane, 0.0);
             set_element(busy_, lane, 1.0);
+            again_ = false;
             return true;
         }
     }

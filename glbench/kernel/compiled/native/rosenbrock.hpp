@@ -40,6 +40,9 @@ template <class V> struct alignas(64) Lanes {
     V slope[SPAN<V>], y[SPAN<V>], coupled[SPAN<V>];
     V k[6][SPAN<V>];
     V factors[model::FACTORS];   // first the Jacobian, then its factors in the same places
+    // One lane keeps what belongs to the start of the substep: after a rejected one the next begins from the same state.
+    static constexpr bool KEEPS = width_of<V> == 1;
+    V start_slope[KEEPS ? SPAN<V> : 1], jacobian[KEEPS ? model::FACTORS : 1];
 };
 
 // Element-wise work on arrays of states: lanes are used as they are, one lane is read in vectors across the states.
@@ -98,12 +101,15 @@ template <class V, int... I> GLB_INLINE Error<V> squares(const V* scaled, std::i
     return {(sum[0][0] + sum[0][1]) + (sum[0][2] + sum[0][3]), (sum[1][0] + sum[1][1]) + (sum[1][2] + sum[1][3])};
 }
 
-// Advances by h from w.x: the result is in w.y, k[5] is the error estimate.
-template <class V> Error<V> substep(Lanes<V>& w, V h) {
+// Advances by h from w.x: the result is in w.y, k[5] is the error estimate. `again`: the substep before, from the same state,
+// was rejected; with many lanes that saves nothing.
+template <class V> Error<V> substep(Lanes<V>& w, V h, bool again) {
     const V inverse_h = inv_of(h);
-    model::rhs_and_jacobian<V>(w.x, w.stored, w.slope, w.factors);
-    model::factorise<V>(w.factors, broadcast<V>(1.0 / GAMMA) * inverse_h, broadcast<V>(GAMMA) * h, w.factors);
-    model::solve<false, V>(w.factors, w.slope, w.slope, w.k[0]);
+    V *slope = w.slope, *jacobian = w.factors;
+    if constexpr (Lanes<V>::KEEPS) slope = w.start_slope, jacobian = w.jacobian;
+    if (!Lanes<V>::KEEPS || !again) model::rhs_and_jacobian<V>(w.x, w.stored, slope, jacobian);
+    model::factorise<V>(jacobian, broadcast<V>(1.0 / GAMMA) * inverse_h, broadcast<V>(GAMMA) * h, w.factors);
+    model::solve<false, V>(w.factors, slope, slope, w.k[0]);
     stage<V, 1>(w, inverse_h);
     stage<V, 2>(w, inverse_h);
     stage<V, 3>(w, inverse_h);
