@@ -40,9 +40,8 @@ def leaderboard(
     """
     from glbench.leaderboard import rank, to_frame, write_leaderboard
     from glbench.leaderboard.published import own_and_released_results, published_expectations
-    from glbench.leaderboard.suites import scores_by_task, suite_table
+    from glbench.leaderboard.suites import suite_tables
     from glbench.tasks import list_suites
-    from glbench.tasks.references import read_references
 
     _check_folder(out)
     stored, problems = own_and_released_results(out)
@@ -55,9 +54,7 @@ def leaderboard(
     expected, suites = published_expectations(), list_suites()
     tables = rank(stored, expected)
     shown = _chosen(tables, stored, task or [], show_all)
-    scores, references = scores_by_task(stored, expected), read_references()
-    scored = [suite_table(name, tuple(ids), scores, references) for name, ids in suites.items()]
-    aggregated = [table for table in scored if table is not None]
+    aggregated = suite_tables(stored, expected, tables)
     paths = write_leaderboard(tables, suites, out, aggregated) if write else ()
     if as_json:
         rows = to_frame(shown).to_json(orient="records", double_precision=15)
