@@ -31,7 +31,10 @@ bit spread the reward of the rule-based controller over 6 to 8 units (docs/resul
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two agents on the same seeds: mean of A minus B, p-value of the paired test, the same after Holm's correction, and whom the ranks favour."""
+    """Two agents on the same seeds: mean of A minus B, p-value of the paired test, the same after Holm's correction.
+
+    ``favours`` says whom the ranks of the test favour: 1 the first, -1 the second, 0 neither.
+    """
 
     first: str
     second: str
@@ -51,12 +54,14 @@ def told_apart(p_value: float, favours: int, difference: float) -> bool:
     return p_value < SIGNIFICANCE and favours * difference > 0.0
 
 
-def paired_test(first: Sequence[Array], second: Sequence[Array], resolutions: Sequence[float] = (RESOLUTION,)) -> SignedRank:
+def paired_test(
+    first: Sequence[Array], second: Sequence[Array], resolutions: Sequence[float] = (RESOLUTION,)
+) -> SignedRank:
     """Signed-rank test of paired values, one array ``(n_i,)`` a task.
 
-    A task on which all differences are one and the same number draws nothing: its runs are one observation and not many, so it counts as one
-    pair, and as no difference within its resolution. Where no task draws anything there is no chance to test against: the p-value is 0
-    when the mean difference is beyond the mean resolution, else 1.
+    A task on which all differences are one and the same number draws nothing: its runs are one observation and not many, so it
+    counts as one pair, and as no difference within its resolution. Where no task draws anything there is no chance to test against:
+    the p-value is 0 when the mean difference is beyond the mean resolution, else 1.
 
     Parameters
     ----------
@@ -131,8 +136,8 @@ def tiers(
 ) -> tuple[tuple[str, ...], ...]:
     """Agents in tiers, best first: those that cannot be told apart from the first of their tier.
 
-    Within a tier agents stand by their mean; equal means by name. "Cannot be told apart" is not transitive: neighbours of different tiers may be hard to
-    tell apart, and only the first of a tier is sure to be told apart from the first of the tier above.
+    Within a tier agents stand by their mean; equal means by name. "Cannot be told apart" is not transitive: neighbours of different
+    tiers may be hard to tell apart, and only the first of a tier is sure to be told apart from the first of the tier above.
 
     Raises
     ------

@@ -28,7 +28,7 @@ from glbench.tasks.references import References, read_references
 NOTHING = "do_nothing"
 """Name of the agent whose reward is the zero of normalised scores."""
 
-_THRESHOLDS = 201
+_THRESHOLDS = 101
 _LOWEST_THRESHOLD = -0.25
 """Profiles begin here at the lowest: how far below doing nothing a failed run lies is not worth the room."""
 
@@ -204,7 +204,10 @@ def _profiles(whole: Mapping[str, Mapping[str, Array]], tasks: Sequence[str]) ->
     every = np.concatenate([runs for each in lists.values() for runs in each])
     low, high = max(_LOWEST_THRESHOLD, min(0.0, float(every.min()))), max(1.0, float(every.max()))
     margin = 0.02 * (high - low)
-    thresholds = np.linspace(low - margin, high + margin, _THRESHOLDS)
+    even = np.linspace(low - margin, high + margin, _THRESHOLDS)
+    # As many again where the runs are, so that agents that lie close together keep their shape.
+    dense = np.quantile(every[every >= low], np.linspace(0.0, 1.0, _THRESHOLDS))
+    thresholds = np.unique(np.round(np.concatenate([even, dense]), 4))
     return {agent: performance_profile(each, thresholds) for agent, each in lists.items()}
 
 

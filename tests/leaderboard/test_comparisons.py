@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -136,5 +136,5 @@ def test_the_first_of_a_tier_is_told_apart_from_the_first_of_the_tier_above():
         assert means == sorted(means, reverse=True)
         for tier in found:
             assert not any(frozenset((tier[0], agent)) in apart for agent in tier[1:])
-        for above, below in zip(found, found[1:], strict=False):
+        for above, below in pairwise(found):
             assert frozenset((above[0], below[0])) in apart

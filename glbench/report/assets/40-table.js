@@ -55,5 +55,5 @@ const plainTable = (caption, heads, rows, left = [0]) => h("div", { class: "scro
     h("thead", {}, h("tr", {}, heads.map((head, i) => h("th", { scope: "col", class: left.includes(i) ? "left" : null }, head)))),
     h("tbody", {}, rows.map((row) => h("tr", {}, row.map((cell, i) => (i ? h("td", { class: left.includes(i) ? "left wrap" : null }, cell) : h("th", { scope: "row" }, cell))))))));
 
-const swatch = (agent) => h("span", { class: "swatch", "aria-hidden": "true", "data-agent": agent, style: { "--colour": colourOf(agent) } });
+const swatch = (agent) => h("span", { class: `swatch round-${cycleOf(agent)}`, "aria-hidden": "true", "data-agent": agent, style: { "--colour": colourOf(agent) } });
 const tag = (text, kind = "") => h("span", { class: `tag ${kind}`.trim() }, text);
