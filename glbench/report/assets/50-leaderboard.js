@@ -1,7 +1,9 @@
 // The leaderboard of a task, and the figure of its family.
 
 const rankState = { key: "rank", direction: "ascending" };
-const hidden = new Set();
+// Doing nothing lies so far away that all others would look alike beside it.
+const NOTHING = "do_nothing";
+const hidden = new Set(D.agents.length > 2 ? [NOTHING] : []);
 
 const rankColumns = (task, rows) => {
   const hours = (task.steps * task.step_seconds) / 3600;
@@ -9,7 +11,7 @@ const rankColumns = (task, rows) => {
     const of = (row) => estimate(row.result, metric.name);
     const shown = rows.filter((row) => row.rank !== null);
     const spread = (shown.length ? shown : rows).map(of);
-    const range = [Math.min(...spread.map((one) => one.low)), Math.max(...spread.map((one) => one.high))];
+    const range = barRange(spread);
     return {
       key: metric.name, label: metric.label, unit: metric.unit || "\u00a0", value: (row) => of(row).mean,
       start: metric.better === "low" ? "ascending" : "descending",
@@ -84,7 +86,7 @@ const familyFigure = (family) => {
   })]);
   return [
     h("h2", {}, "How each agent copes with a crop it does not know"),
-    h("p", { class: "soft" }, `${suiteTitle(family.name)}: mean over the runs with its 95 % interval, against delta, the share by which the crop\u2019s properties may be off. Choose agents below.`),
+    h("p", { class: "soft" }, `${suiteTitle(family.name)}: mean over the runs with its 95 % interval, against delta, the share by which the crop\u2019s properties may be off. Choose agents below.${names.includes(NOTHING) && hidden.has(NOTHING) ? ` ${NOTHING} is switched off at first: beside it all others would look alike.` : ""}`),
     legend, h("div", { class: "grid three" }, figures),
     h("details", { class: "data" }, h("summary", {}, "These figures as tables"), ["reward", "epi", "penalty"].map((metric) =>
       plainTable(`${METRICS[metric].label}${METRICS[metric].unit ? `, ${METRICS[metric].unit}` : ""}, mean, by delta`, ["Agent", ...tasks.map((task) => `${task.delta} %`)], rows(metric)))),
@@ -95,7 +97,7 @@ const leaderboardPage = (short) => {
   const task = BY_SHORT[short] ?? TASKS[D.start], rows = ranked(task.id), family = familyOf(task.id);
   const best = rows[0].result;
   const table = sortable({
-    caption: `${task.title}: mean over ${plural(best.runs, "seeded run")}${pricesDiffer(task) ? ", at other prices" : ""}. Bars show 95 % intervals.`,
+    caption: `${task.title}: mean over ${plural(best.runs, "seeded run")}${pricesDiffer(task) ? ", at other prices" : ""}. Bars show 95 % intervals, an arrow what is off their scale.`,
     columns: rankColumns(task, rows), rows, state: rankState, className: "ranks", rowClass: (row) => (row.rank === null ? "unranked" : null),
   });
   return {

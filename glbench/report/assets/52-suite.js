@@ -15,7 +15,7 @@ const scoreTable = (suite) => {
   const shown = suite.rows.filter((row) => row.rank !== null), rows = suite.rows;
   const column = ([key, label, word]) => {
     const all = (shown.length ? shown : rows).map((row) => row[key]);
-    const range = [Math.min(...all.map((one) => one[1])), Math.max(...all.map((one) => one[2]))];
+    const range = barRange(all.map(([center, low, high]) => ({ mean: center, low, high })));
     return {
       key, label, unit: "\u00a0", value: (row) => row[key][0], start: key === "optimality_gap" ? "ascending" : "descending", explain: otherWords(word),
       cell: (row) => h("td", {}, score(row[key][0]), scoreBar(row[key], range, row.agent), h("span", { class: "of" }, `${number(row[key][1], 4)} to ${number(row[key][2], 4)}`)),
