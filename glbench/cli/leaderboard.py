@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import messages, output, print_warning
-from glbench.cli.stored import warn_of
+from glbench.cli.stored import check_folder, warn_of
 from glbench.errors import ResultError, did_you_mean
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def leaderboard(
     from glbench.leaderboard.suites import suite_tables
     from glbench.tasks import list_suites
 
-    _check_folder(out)
+    check_folder(out)
     stored, problems = own_and_released_results(out)
     warn_of(problems)
     if not stored:
@@ -77,16 +77,6 @@ def leaderboard(
         _print(shown, suites_shown, len(tables), paths, out)
     if strict and problems:
         raise typer.Exit(1)
-
-
-def _check_folder(out: Path) -> None:
-    """Refuse a folder that was asked for and is not there: a mistyped name must not look like an empty leaderboard."""
-    if out == _REPORTS or out.is_dir():
-        return
-    around = out.absolute().parent
-    near = did_you_mean(out.name, [path.name for path in around.iterdir() if path.is_dir()] if around.is_dir() else [])
-    msg = f"There is no folder {out}.{near} `glbench evaluate ... --out FOLDER` makes one."
-    raise ResultError(msg)
 
 
 def _chosen(
@@ -126,10 +116,10 @@ def _print(
 
     for scores in suites:
         _print_fitted(suite_score_table(scores, output()), suite_resource_table(scores, output()))
-        for row in scores.rows:
-            if row.missing:
-                names = ", ".join(task.rpartition("/")[2] for task in row.missing)
-                output().print(f"{row.aggregate.agent} is not ranked: it lacks {names}.", style="dim")
+        for scored in scores.rows:
+            if scored.missing:
+                names = ", ".join(task.rpartition("/")[2] for task in scored.missing)
+                output().print(f"{scored.aggregate.agent} is not ranked: it lacks {names}.", style="dim")
     for table in shown:
         _print_fitted(score_table(table, output()), resource_table(table, output()))
         for row in table.rows:

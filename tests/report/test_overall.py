@@ -95,6 +95,7 @@ def test_the_overall_page_shows_scores_profiles_and_odds(visit):
     page.locator(".legend button").first.click()
     assert page.locator(".drawing path.line").count() == 1
     assert "100 %" in page.locator("table.odds tbody tr").first.inner_text().replace("\u00a0", " ")
+    page.locator("#choose-improver").focus()
     page.select_option("#choose-improver", "rule_based_fair")
     page.wait_for_function("location.hash.includes('rule_based_fair')")
     assert "worse" in page.locator("table.odds tbody tr").first.inner_text()
