@@ -17,7 +17,7 @@ const scoreTable = (suite) => {
     const all = (shown.length ? shown : rows).map((row) => row[key]);
     const range = barRange(all.map(([center, low, high]) => ({ mean: center, low, high })));
     return {
-      key, label, unit: "\u00a0", value: (row) => row[key][0], start: key === "optimality_gap" ? "ascending" : "descending", explain: otherWords(word),
+      key, label, value: (row) => row[key][0], start: key === "optimality_gap" ? "ascending" : "descending", explain: otherWords(word),
       cell: (row) => h("td", {}, score(row[key][0]), scoreBar(row[key], range, row.agent), h("span", { class: "of" }, `${number(row[key][1], 4)} to ${number(row[key][2], 4)}`)),
     };
   };
@@ -29,7 +29,7 @@ const scoreTable = (suite) => {
       { key: "agent", label: "Agent", value: (row) => row.agent, left: true, start: "ascending", className: "agent", explain: [h("b", {}, "Agent"), ": open one to see its days, its season and its money."],
         cell: (row) => agentHead(row.agent, row.missing.length ? [" ", tag(`lacks ${plural(row.missing.length, "task")}`)] : null) },
       ...SCORE_COLUMNS.map(column),
-      { key: "runs", label: "Runs", unit: "\u00a0", value: (row) => row.runs, explain: [h("b", {}, "Runs"), ": of all tasks together. Failed ones count."], cell: (row) => h("td", {}, number(row.runs, 0), row.figures?.failed ? h("span", { class: "of" }, `${row.figures.failed} failed`) : null) },
+      { key: "runs", label: "Runs", value: (row) => row.runs, explain: [h("b", {}, "Runs"), ": of all tasks together. Failed ones count."], cell: (row) => h("td", {}, number(row.runs, 0), row.figures?.failed ? h("span", { class: "of" }, `${row.figures.failed} failed`) : null) },
     ],
   });
 };
