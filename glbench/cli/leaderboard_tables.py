@@ -61,7 +61,12 @@ def score_table(table: TaskTable, console: Console) -> tuple[Table, tuple[str, .
     ]
     title = f"{escape(table.title)}\n[dim]{escape(table.task_id)}[/dim]"
     ranks = ["–" if row.rank is None else str(row.rank) for row in rows]
-    names = [agent_label(row) + (VERIFIED_MARK if row.verified else "") for row in rows]
+    marked = [row.privileged or row.unsandboxed for row in rows]
+    proved = [
+        (VERIFIED_MARK if mark else f" {VERIFIED_MARK}") if row.verified else ""
+        for row, mark in zip(rows, marked, strict=True)
+    ]
+    names = [agent_label(row) + mark for row, mark in zip(rows, proved, strict=True)]
     styles = ["dim" if row.rank is None else None for row in rows]
     return _fitting(title, ranks, names, columns, styles, console)
 
