@@ -1,18 +1,27 @@
-"""The pictures of docs/report.md, from a page: ``python docs/images/report_pictures.py reports/index.html``. Needs chromium."""
+"""The pictures of docs/report.md, of the released results: ``glbench report`` first, then this. Needs chromium and Pillow.
+
+``python docs/images/report_pictures.py reports/index.html``
+"""
 
 import shutil
 import sys
 from pathlib import Path
 
+from PIL import Image
 from playwright.sync_api import sync_playwright
 
 TASK = "Schiphol2010-Delta10-v1"
 PICTURES = {
-    "report-leaderboard": (f"#/{TASK}", (1240, 1400), "light", 0),
-    "report-compare": (f"#/compare/my_agent/rule_based/{TASK}", (1240, 780), "light", 1030),
-    "report-phone": (f"#/agent/my_agent/{TASK}", (390, 1000), "dark", 0),
+    "report-leaderboard": (f"#/{TASK}", (1250, 1340), "light", 0),
+    "report-overall": ("#/overall", (1250, 960), "light", 1085),
+    "report-compare": (f"#/compare/ppo/rule_based/{TASK}", (1250, 790), "light", 1040),
+    "report-phone": (f"#/agent/ppo/{TASK}", (390, 1000), "dark", 0),
 }
 """Name, view, size in pixels, colours, and how far down it is scrolled."""
+IN_VIEW = """[...document.querySelectorAll('.chart')].filter((one) => {
+    const { top, bottom, height } = one.getBoundingClientRect();
+    return height > 0 && top < innerHeight && bottom > 0;
+}).every((one) => one.dataset.drawn === 'yes')"""
 
 page_file = Path(sys.argv[1]).resolve().as_uri()
 with sync_playwright() as playwright:
@@ -22,7 +31,10 @@ with sync_playwright() as playwright:
         page.goto(page_file + view)
         page.wait_for_function("document.querySelector('h1') && !document.querySelector('[aria-busy]')")
         page.evaluate("(down) => scrollTo({ top: down, behavior: 'instant' })", down)
-        page.wait_for_function("document.querySelector('.chart').dataset.drawn || scrollY === 0", timeout=60_000)
-        page.wait_for_timeout(8_000)  # charts further down are drawn as they come into view
-        page.screenshot(path=Path(__file__).with_name(f"{name}.png"))
+        page.wait_for_timeout(1_000)
+        page.wait_for_function(IN_VIEW, timeout=120_000)
+        file = Path(__file__).with_name(f"{name}.png")
+        page.screenshot(path=file)
+        with Image.open(file) as picture:  # flat colours: a palette says the same in a third of the bytes
+            picture.convert("RGB").quantize(128, dither=Image.Dither.NONE).save(file, optimize=True)
     browser.close()

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from glbench.cli.console import messages
+from glbench.cli.stored import check_folder
 from glbench.errors import ResultError, did_you_mean
 
 
@@ -24,6 +25,7 @@ def badge(
     from glbench.resources import data_folder, write_atomically
     from glbench.tasks import DEFAULT_TASK
 
+    check_folder(out)
     wanted = task or DEFAULT_TASK
     tables = rank(collect_results([out / "results", data_folder("reports/results")]), published_expectations())
     names = {name: table for table in tables for name in (table.task_id, table.task_id.rpartition("/")[2])}

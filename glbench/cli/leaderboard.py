@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, output
-from glbench.cli.stored import warn_of
+from glbench.cli.console import messages, output, print_warning
+from glbench.cli.stored import check_folder, warn_of
 from glbench.errors import ResultError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from rich.table import Table
+
     from glbench.leaderboard import StoredResult, TaskTable
+    from glbench.leaderboard.suites import SuiteTable
 
 _REPORTS = Path("reports")
 
@@ -25,7 +28,11 @@ def leaderboard(
         list[str] | None,
         typer.Option("--task", "-t", help="Show this task (repeatable). Default: the one evaluated last."),
     ] = None,
-    show_all: Annotated[bool, typer.Option("--all", help="Show every task that has results.")] = False,
+    suite: Annotated[
+        list[str] | None,
+        typer.Option("--suite", "-s", help="Show agents over all tasks of this suite: normalised scores (repeatable)."),
+    ] = None,
+    show_all: Annotated[bool, typer.Option("--all", help="Show every task and suite that has results.")] = False,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder with results/ in it.")] = _REPORTS,
     write: Annotated[
         bool,
@@ -40,11 +47,11 @@ def leaderboard(
     """
     from glbench.leaderboard import rank, to_frame, write_leaderboard
     from glbench.leaderboard.published import own_and_released_results, published_expectations
-    from glbench.leaderboard.suites import scores_by_task, suite_table
+    from glbench.leaderboard.suite_views import suite_frame
+    from glbench.leaderboard.suites import suite_tables
     from glbench.tasks import list_suites
-    from glbench.tasks.references import read_references
 
-    _check_folder(out)
+    check_folder(out)
     stored, problems = own_and_released_results(out)
     warn_of(problems)
     if not stored:
@@ -54,28 +61,22 @@ def leaderboard(
         raise ResultError(msg)
     expected, suites = published_expectations(), list_suites()
     tables = rank(stored, expected)
-    shown = _chosen(tables, stored, task or [], show_all)
-    scores, references = scores_by_task(stored, expected), read_references()
-    scored = [suite_table(name, tuple(ids), scores, references) for name, ids in suites.items()]
-    aggregated = [table for table in scored if table is not None]
+    shown = _chosen(tables, stored, task or [], show_all) if task or show_all or not suite else []
+    _check_suites(suite or [])
+    aggregated = suite_tables(stored, expected, tables) if write or suite or show_all else ()
+    suites_shown = aggregated if show_all else [table for table in aggregated if table.suite in (suite or [])]
+    for name in suite or []:
+        if name not in {table.suite for table in aggregated}:
+            print_warning(f"No task of the suite '{name}' has both results and a best known one yet.")
     paths = write_leaderboard(tables, suites, out, aggregated) if write else ()
     if as_json:
-        rows = to_frame(shown).to_json(orient="records", double_precision=15)
+        frame = to_frame(shown) if shown else suite_frame(suites_shown)
+        rows = frame.to_json(orient="records", double_precision=15)
         output().out(json.dumps(json.loads(rows), indent=2), highlight=False)
     else:
-        _print(shown, len(tables), paths, out)
+        _print(shown, suites_shown, len(tables), paths, out)
     if strict and problems:
         raise typer.Exit(1)
-
-
-def _check_folder(out: Path) -> None:
-    """Refuse a folder that was asked for and is not there: a mistyped name must not look like an empty leaderboard."""
-    if out == _REPORTS or out.is_dir():
-        return
-    around = out.absolute().parent
-    near = did_you_mean(out.name, [path.name for path in around.iterdir() if path.is_dir()] if around.is_dir() else [])
-    msg = f"There is no folder {out}.{near} `glbench evaluate ... --out FOLDER` makes one."
-    raise ResultError(msg)
 
 
 def _chosen(
@@ -97,15 +98,30 @@ def _chosen(
     return list({by_name[name].task_id: by_name[name] for name in wanted}.values())
 
 
-def _print(shown: Sequence[TaskTable], total: int, paths: Sequence[Path], out: Path) -> None:
-    from glbench.cli.leaderboard_tables import resource_table, score_table
+def _check_suites(wanted: Sequence[str]) -> None:
+    from glbench.tasks import list_suites
+
+    known = list_suites()
+    for name in wanted:
+        if name not in known:
+            msg = f"There is no suite '{name}'.{did_you_mean(name, known)} There are: {', '.join(known)}."
+            raise ResultError(msg)
+
+
+def _print(
+    shown: Sequence[TaskTable], suites: Sequence[SuiteTable], total: int, paths: Sequence[Path], out: Path
+) -> None:
+    from glbench.cli.leaderboard_tables import resource_table, score_table, suite_resource_table, suite_score_table
     from glbench.leaderboard.tables import FOOTNOTES, kernel_note
 
+    for scores in suites:
+        _print_fitted(suite_score_table(scores, output()), suite_resource_table(scores, output()))
+        for scored in scores.rows:
+            if scored.missing:
+                names = ", ".join(task.rpartition("/")[2] for task in scored.missing)
+                output().print(f"{scored.aggregate.agent} is not ranked: it lacks {names}.", style="dim")
     for table in shown:
-        for view, dropped in (score_table(table, output()), resource_table(table, output())):
-            output().print(view)
-            if dropped:
-                output().print(f"No room for: {', '.join(dropped)}. A wider terminal or --json has them.", style="dim")
+        _print_fitted(score_table(table, output()), resource_table(table, output()))
         for row in table.rows:
             if row.failed:
                 output().print(f"{row.agent}: {row.failed} of {row.runs} runs failed.")
@@ -115,12 +131,20 @@ def _print(shown: Sequence[TaskTable], total: int, paths: Sequence[Path], out: P
             output().print(kernel_note(table), style="yellow")
     for note in FOOTNOTES:
         output().print(note, style="dim")
-    hidden = total - len(shown)
+    hidden = total - len(shown) if shown else 0
     if hidden > 0:
         messages().print(
-            f"{hidden} more {'task has' if hidden == 1 else 'tasks have'} results: glbench leaderboard --all"
+            f"{hidden} more {'task has' if hidden == 1 else 'tasks have'} results: glbench leaderboard --all; over a suite: --suite paper"
         )
     if paths:
         messages().print("Written: " + ", ".join(str(path) for path in paths), soft_wrap=True)
     option = "" if out == _REPORTS else f" --out {out}"
     messages().print(f"As a page to look into: glbench report{option}", markup=False, soft_wrap=True)
+
+
+def _print_fitted(*views: tuple[Table, tuple[str, ...]]) -> None:
+    for view, dropped in views:
+        output().print(view)
+        if dropped:
+            words = f"No room for: {', '.join(dropped)}. A wider terminal or --json has them."
+            output().print(words, style="dim", markup=False)

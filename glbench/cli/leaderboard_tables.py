@@ -12,12 +12,23 @@ from rich.markup import escape
 from rich.measure import Measurement
 from rich.table import Table
 
-from glbench.leaderboard.tables import COLUMNS, VERIFIED_MARK, agent_label, format_estimate
+from glbench.leaderboard.suite_views import score_text
+from glbench.leaderboard.tables import (
+    COLUMNS,
+    PRIVILEGED_MARK,
+    UNSANDBOXED_MARK,
+    VERIFIED_MARK,
+    agent_label,
+    format_estimate,
+    steps_text,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from glbench.leaderboard import Row, TaskTable
+    from glbench.leaderboard.aggregates import Interval
+    from glbench.leaderboard.suites import SuiteRow, SuiteTable
 
 _NARROWEST_AGENT = 8
 _NARROW_AGENT = 16
@@ -50,7 +61,12 @@ def score_table(table: TaskTable, console: Console) -> tuple[Table, tuple[str, .
     ]
     title = f"{escape(table.title)}\n[dim]{escape(table.task_id)}[/dim]"
     ranks = ["–" if row.rank is None else str(row.rank) for row in rows]
-    names = [agent_label(row) + (VERIFIED_MARK if row.verified else "") for row in rows]
+    marked = [row.privileged or row.unsandboxed for row in rows]
+    proved = [
+        (VERIFIED_MARK if mark else f" {VERIFIED_MARK}") if row.verified else ""
+        for row, mark in zip(rows, marked, strict=True)
+    ]
+    names = [agent_label(row) + mark for row, mark in zip(rows, proved, strict=True)]
     styles = ["dim" if row.rank is None else None for row in rows]
     return _fitting(title, ranks, names, columns, styles, console)
 
@@ -66,8 +82,73 @@ def resource_table(table: TaskTable, console: Console) -> tuple[Table, tuple[str
         )
         for place, column in enumerate(wanted)
     ]
+    rows = table.rows
+    columns += [
+        _Figures("Decision\n[ms]", tuple(f"{row.decision_milliseconds:.3f}" for row in rows), len(wanted)),
+        _Figures("Training\n[steps]", tuple(steps_text(row.training_steps) for row in rows), len(wanted) - 1),
+    ]
     names = [agent_label(row) for row in table.rows]
     return _fitting("Harvest, resources, climate", None, names, columns, [None] * len(names), console)
+
+
+def suite_score_table(table: SuiteTable, console: Console) -> tuple[Table, tuple[str, ...]]:
+    """Agents over a suite: normalised scores, and the names of the columns that found no room."""
+    rows = table.rows
+    columns = [
+        _Figures("Mean", tuple(score_text(row.aggregate.mean.value) for row in rows), 0),
+        _Figures("95 % interval", tuple(_span(row.aggregate.mean) for row in rows), 3),
+        _Figures("IQM", tuple(score_text(row.aggregate.iqm.value) for row in rows), 1),
+        _Figures("of the IQM", tuple(_span(row.aggregate.iqm) for row in rows), 4),
+        _Figures("Median", tuple(score_text(row.aggregate.median.value) for row in rows), 6),
+        _Figures("Optimality\ngap", tuple(score_text(row.aggregate.optimality_gap.value) for row in rows), 2),
+        _Figures("Runs", tuple(str(row.aggregate.runs) for row in rows), 5),
+    ]
+    title = (
+        f"Suite {escape(table.suite)}, {len(table.tasks)} tasks: normalised scores\n"
+        "[dim]0 is doing nothing, 1 the best known result of each task[/dim]"
+    )
+    ranks = ["–" if row.rank is None else str(row.rank) for row in rows]
+    styles = ["dim" if row.rank is None else None for row in rows]
+    return _fitting(title, ranks, [_suite_label(row) for row in rows], columns, styles, console)
+
+
+def suite_resource_table(table: SuiteTable, console: Console) -> tuple[Table, tuple[str, ...]]:
+    """What agents earned, grew and used: means over the tasks; and the names of the columns that found no room."""
+    rows = [row for row in table.rows if row.figures is not None]
+    figures = [row.figures for row in rows if row.figures is not None]
+    wanted = [column for column in COLUMNS if column.metric != "reward"]
+    columns = [
+        _Figures(
+            column.heading.replace(" ", "\n"),
+            tuple(f"{one.metrics[column.metric]:.{column.decimals}f}" for one in figures),
+            place,
+        )
+        for place, column in enumerate(wanted)
+    ]
+    columns += [
+        _Figures("Decision\n[ms]", tuple(f"{one.decision_milliseconds:.3f}" for one in figures), len(wanted) + 1),
+        _Figures("Training\n[steps]", tuple(steps_text(one.training_steps) for one in figures), len(wanted)),
+    ]
+    names = [_suite_label(row) for row in rows]
+    return _fitting(
+        "Money, harvest, resources, climate: means over the tasks", None, names, columns, [None] * len(names), console
+    )
+
+
+def _suite_label(row: SuiteRow) -> str:
+    figures = row.figures
+    if figures is None:
+        return row.aggregate.agent
+    marks = (PRIVILEGED_MARK if figures.privileged else "") + (
+        UNSANDBOXED_MARK if figures.sandbox == "unsandboxed" else ""
+    )
+    marks += VERIFIED_MARK if figures.verified else ""
+    return f"{row.aggregate.agent} {marks}" if marks else row.aggregate.agent
+
+
+def _span(interval: Interval) -> str:
+    low, high = score_text(interval.low), score_text(interval.high)
+    return f"{low} to {high}" if low != high else "–"
 
 
 def _interval(row: Row) -> str:

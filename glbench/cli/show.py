@@ -89,10 +89,15 @@ def money_lines(result: Result) -> list[str]:
         signed = means[name] if name == "revenue" else -means[name]
         colour = "green" if signed >= 0.0 else "red"
         bar = "█" * round(_BAR_WIDTH * abs(signed) / scale)
-        lines.append(f"  {words:<6}{signed:>+9.3f} EUR/m²  [{colour}]{bar}[/]")
+        lines.append(f"  {words:<6}{_signed(signed):>9} EUR/m²  [{colour}]{bar}[/]")
     left = sum(result.values("epi")) / len(result.runs)
     unit = "EUR/m²" if UNITS["epi"] == "EUR m-2" else UNITS["epi"]
-    return [*lines, f"  [bold]{'EPI':<6}{left:>+9.3f} {unit}[/]"]
+    return [*lines, f"  [bold]{'EPI':<6}{_signed(left):>9} {unit}[/]"]
+
+
+def _signed(value: float) -> str:
+    """With sign and three decimals; what rounds to zero has no sign."""
+    return f"{value:+.3f}" if abs(value) >= 0.0005 else "0.000"
 
 
 def sparkline(values: Sequence[float]) -> str:

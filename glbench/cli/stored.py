@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 from glbench.cli.console import print_warning
 from glbench.errors import ResultError, did_you_mean
 
+REPORTS = Path("reports")
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -28,6 +30,7 @@ def find_results(wanted: str, tasks: Sequence[str], reports: Path) -> list[Resul
     from glbench.leaderboard import collect_results
     from glbench.resources import data_folder
 
+    check_folder(reports)
     if wanted.endswith(".json") or Path(wanted).is_file():
         return [load_result(Path(wanted))]
     stored = [item.result for item in collect_results([reports / "results", data_folder("reports/results")])]
@@ -42,10 +45,21 @@ def find_results(wanted: str, tasks: Sequence[str], reports: Path) -> list[Resul
     if tasks:
         chosen = [one for one in chosen if one.task.id in tasks or one.task.id.rpartition("/")[2] in tasks]
         if not chosen:
-            known = [result.task.id for result in stored if result.agent.name == wanted]
-            msg = f"'{wanted}' has no result on {', '.join(tasks)}.{did_you_mean(tasks[0], known)} It has: {', '.join(known)}."
+            known = [result.task.id.rpartition("/")[2] for result in stored if result.agent.name == wanted]
+            near = did_you_mean(tasks[0].rpartition("/")[2], known)
+            msg = f"'{wanted}' has no result on {', '.join(tasks)}.{near} It has: {', '.join(known)}."
             raise ResultError(msg)
     return chosen
+
+
+def check_folder(out: Path) -> None:
+    """Refuse a folder that was asked for and is not there: a mistyped name must not look like an empty leaderboard."""
+    if out == REPORTS or out.is_dir():
+        return
+    around = out.absolute().parent
+    near = did_you_mean(out.name, [path.name for path in around.iterdir() if path.is_dir()] if around.is_dir() else [])
+    msg = f"There is no folder {out}.{near} `glbench evaluate ... --out FOLDER` makes one."
+    raise ResultError(msg)
 
 
 def warn_of(problems: Sequence[ResultError]) -> None:

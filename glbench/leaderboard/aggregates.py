@@ -14,7 +14,7 @@ import numpy as np
 from scipy import stats
 
 from glbench.errors import ResultError
-from glbench.leaderboard.resampling import CONFIDENCE, RESAMPLES, Array, resampled, stratified_interval
+from glbench.leaderboard.resampling import CONFIDENCE, RESAMPLES, Array, resampling_indices, stratified_interval
 from glbench.leaderboard.statistics import QUARTER
 
 TARGET = 1.0
@@ -119,13 +119,13 @@ def performance_profile(tasks: Sequence[Array], thresholds: Array, *, resamples:
     if not tasks or any(runs.size == 0 for runs in tasks):
         msg = "A performance profile needs at least one task, and runs in each of them."
         raise ResultError(msg)
-    drawn = resampled(tasks, resamples, seed)
-    share, low, high = (np.empty(thresholds.size) for _ in range(3))
+    above = [(runs[:, None] > thresholds).astype(np.float64) for runs in tasks]
+    again = np.mean(
+        [(_times_drawn(one.shape[0], resamples, seed + i) @ one) / one.shape[0] for i, one in enumerate(above)], axis=0
+    )
     tail = 100.0 * (1.0 - CONFIDENCE) / 2.0
-    for i, threshold in enumerate(thresholds):
-        share[i] = mean_score([(runs > threshold).astype(np.float64) for runs in tasks])
-        again = mean_score([(runs > threshold).astype(np.float64) for runs in drawn])
-        low[i], high[i] = np.percentile(again, [tail, 100.0 - tail])
+    low, high = np.percentile(again, [tail, 100.0 - tail], axis=0)
+    share = np.mean([one.mean(axis=0) for one in above], axis=0)
     return Profile(np.asarray(thresholds, dtype=np.float64), share, low, high)
 
 
@@ -150,16 +150,26 @@ def probability_of_improvement(
     if not common:
         msg = "The two agents have no task in common, so neither can be said to improve on the other."
         raise ResultError(msg)
-    a, b = [ours[task] for task in common], [theirs[task] for task in common]
-    value = float(np.mean([_above(x, y) for x, y in zip(a, b, strict=True)]))
-    drawn_a, drawn_b = resampled(a, resamples, seed), resampled(b, resamples, seed + len(a))
-    again = np.mean([_above(x, y) for x, y in zip(drawn_a, drawn_b, strict=True)], axis=0)
+    values, again = [], []
+    for number, task in enumerate(common):
+        x, y = ours[task], theirs[task]
+        above = _above(x, y)
+        values.append(above.mean())
+        drawn_x = _times_drawn(x.size, resamples, seed + number)
+        drawn_y = _times_drawn(y.size, resamples, seed + len(common) + number)
+        again.append(((drawn_x @ above) * drawn_y).sum(axis=-1) / above.size)
     tail = 100.0 * (1.0 - CONFIDENCE) / 2.0
-    low, high = np.percentile(again, [tail, 100.0 - tail])
-    return Interval(value, float(low), float(high))
+    low, high = np.percentile(np.mean(again, axis=0), [tail, 100.0 - tail])
+    return Interval(float(np.mean(values)), float(low), float(high))
 
 
 def _above(x: Array, y: Array) -> Array:
-    """Share of pairs with x above y, ties half: ``(..., n)`` and ``(..., m)`` to ``(...)``."""
-    difference = x[..., :, None] - y[..., None, :]
-    return np.asarray(((difference > 0.0) + 0.5 * (difference == 0.0)).mean(axis=(-2, -1)), dtype=np.float64)
+    """1 where a run of x is above a run of y, ties half: ``(n,)`` and ``(m,)`` to ``(n, m)``."""
+    difference = x[:, None] - y[None, :]
+    return np.asarray((difference > 0.0) + 0.5 * (difference == 0.0), dtype=np.float64)
+
+
+def _times_drawn(size: int, resamples: int, seed: int) -> Array:
+    """How often each run is in each resample ``(resamples, size)``: pairs of resampled runs are then counted, not gone through."""
+    indices = resampling_indices(size, resamples, seed) + size * np.arange(resamples)[:, None]
+    return np.bincount(indices.ravel(), minlength=resamples * size).reshape(resamples, size).astype(np.float64)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from glbench.errors import ResultError
+from glbench.errors import ResultError, did_you_mean
 from glbench.leaderboard.ranking import RANKING_METRIC, TaskTable
 
 _CHARACTER = 6.6  # px, about the mean width of a character at 11 px
@@ -23,7 +23,8 @@ def badge(table: TaskTable, agent: str) -> str:
     """
     row = next((one for one in table.rows if one.agent == agent), None)
     if row is None:
-        msg = f"'{agent}' is not in the table of {table.task_id}. It has: {', '.join(one.agent for one in table.rows)}."
+        agents = [one.agent for one in table.rows]
+        msg = f"'{agent}' is not in the table of {table.task_id}.{did_you_mean(agent, agents)} It has: {', '.join(agents)}."
         raise ResultError(msg)
     ranked = sum(one.rank is not None for one in table.rows)
     rank = f"rank {row.rank} of {ranked}" if row.rank is not None else "not ranked"

@@ -1,8 +1,10 @@
 """Which agents can be told apart: paired tests on shared seeds, corrected for their number, and the tiers they make.
 
 Runs of two agents with the same seed meet the same weather and the same draws of the crop's parameters, so their difference is
-judged pair by pair (Wilcoxon signed-rank test). All pairs of a task are corrected together (Holm, 1979). Agents that cannot be told
-apart from the best of their tier share its rank.
+judged pair by pair (Wilcoxon signed-rank test). All pairs of agents are corrected together (Holm, 1979). Two agents are told apart when
+the test says so and the ranks favour the one with the higher mean: an agent that is a little better in most runs and fails in some has
+the lower mean and the higher ranks, and calling it worse *because of the test* would be wrong. Agents that cannot be told apart from the
+first of their tier share its rank.
 """
 
 from __future__ import annotations
@@ -12,10 +14,10 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy import stats
 
 from glbench.errors import ResultError
 from glbench.leaderboard.resampling import Array
+from glbench.leaderboard.signed_rank import SignedRank, signed_rank
 
 SIGNIFICANCE = 0.05
 
@@ -29,38 +31,68 @@ bit spread the reward of the rule-based controller over 6 to 8 units (docs/resul
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two agents on the same seeds: mean of A minus B, p-value of the paired test, and the same after Holm's correction."""
+    """Two agents on the same seeds: mean of A minus B, p-value of the paired test, the same after Holm's correction.
+
+    ``favours`` says whom the ranks of the test favour: 1 the first, -1 the second, 0 neither.
+    """
 
     first: str
     second: str
     difference: float
     p_value: float
     corrected: float
+    favours: int
 
     @property
     def differ(self) -> bool:
-        """Whether they can be told apart at the 5 % level."""
-        return self.corrected < SIGNIFICANCE
+        """Whether they can be told apart at the 5 % level: the test says so, of the agent that has the higher mean."""
+        return told_apart(self.corrected, self.favours, self.difference)
 
 
-def paired_p_value(first: Array, second: Array) -> float:
-    """Two-sided p-value of the Wilcoxon signed-rank test for paired values ``(n,)``.
+def told_apart(p_value: float, favours: int, difference: float) -> bool:
+    """Whether a corrected p-value is significant and ranks and mean point the same way."""
+    return p_value < SIGNIFICANCE and favours * difference > 0.0
 
-    Where all differences are one and the same number (a task that draws nothing) there is no chance to test against: 0 beyond
-    ``RESOLUTION``, else 1.
+
+def paired_test(
+    first: Sequence[Array], second: Sequence[Array], resolutions: Sequence[float] = (RESOLUTION,)
+) -> SignedRank:
+    """Signed-rank test of paired values, one array ``(n_i,)`` a task.
+
+    A task on which all differences are one and the same number draws nothing: its runs are one observation and not many, so it
+    counts as one pair, and as no difference within its resolution. Where no task draws anything there is no chance to test against:
+    the p-value is 0 when the mean difference is beyond the mean resolution, else 1.
+
+    Parameters
+    ----------
+    first, second
+        Values of the two agents by task, in the order of the same seeds.
+    resolutions
+        For each task the difference that rounding can make where it draws nothing, in the unit of the values.
 
     Raises
     ------
     ResultError
-        When the two do not have the same number of runs, or none.
+        When the two do not have the same runs, or none.
     """
+    differences = [_difference(x, y) for x, y in zip(first, second, strict=True)]
+    drawn = [bool(np.ptp(one) > 0.0) for one in differences]
+    if not any(drawn):
+        mean, resolution = float(np.mean([one[0] for one in differences])), float(np.mean(resolutions))
+        favours = int(mean > resolution) - int(mean < -resolution)
+        return SignedRank(0.0 if favours else 1.0, favours)
+    pairs = [
+        one if by_chance else np.where(np.abs(one[:1]) > resolution, one[:1], 0.0)
+        for one, by_chance, resolution in zip(differences, drawn, resolutions, strict=True)
+    ]
+    return signed_rank(np.concatenate(pairs))
+
+
+def _difference(first: Array, second: Array) -> Array:
     if first.shape != second.shape or first.size == 0:
         msg = f"A paired test needs the same runs of both agents; got {first.size} and {second.size}."
         raise ResultError(msg)
-    difference = first - second
-    if np.ptp(difference) == 0.0:
-        return 0.0 if abs(difference[0]) > RESOLUTION else 1.0
-    return float(stats.wilcoxon(difference, zero_method="wilcox", method="auto").pvalue)
+    return first - second
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -74,39 +106,51 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return corrected
 
 
-def compare_all(scores: Mapping[str, Array]) -> tuple[Comparison, ...]:
-    """Every pair of agents, from their run values ``(n,)`` in the order of the same seeds.
+def compare_all(
+    scores: Mapping[str, Sequence[Array]], resolutions: Sequence[float] = (RESOLUTION,)
+) -> tuple[Comparison, ...]:
+    """Every pair of agents, from their run values: one array ``(n_i,)`` a task, in the order of the same seeds.
 
     Raises
     ------
     ResultError
-        When the agents do not all have the same number of runs.
+        When the agents do not all have the same runs.
     """
     pairs = list(combinations(sorted(scores), 2))
-    raw = [paired_p_value(scores[a], scores[b]) for a, b in pairs]
+    found = [paired_test(scores[a], scores[b], resolutions) for a, b in pairs]
+    corrected = holm([one.p_value for one in found])
+    means = {agent: mean_of(values) for agent, values in scores.items()}
     return tuple(
-        Comparison(a, b, float((scores[a] - scores[b]).mean()), p, corrected)
-        for (a, b), p, corrected in zip(pairs, raw, holm(raw), strict=True)
+        Comparison(a, b, means[a] - means[b], one.p_value, p, one.favours)
+        for (a, b), one, p in zip(pairs, found, corrected, strict=True)
     )
 
 
-def tiers(scores: Mapping[str, Array]) -> tuple[tuple[str, ...], ...]:
+def mean_of(values: Sequence[Array]) -> float:
+    """Mean over tasks of the mean over runs."""
+    return float(np.mean([runs.mean() for runs in values]))
+
+
+def tiers(
+    scores: Mapping[str, Sequence[Array]], resolutions: Sequence[float] = (RESOLUTION,)
+) -> tuple[tuple[str, ...], ...]:
     """Agents in tiers, best first: those that cannot be told apart from the first of their tier.
 
-    Within a tier agents stand by their mean; equal means by name.
+    Within a tier agents stand by their mean; equal means by name. "Cannot be told apart" is not transitive: neighbours of different
+    tiers may be hard to tell apart, and only the first of a tier is sure to be told apart from the first of the tier above.
 
     Raises
     ------
     ResultError
-        When the agents do not all have the same number of runs.
+        When the agents do not all have the same runs.
     """
     if not scores:
         return ()
-    told_apart = {frozenset((one.first, one.second)) for one in compare_all(scores) if one.differ}
-    order = sorted(scores, key=lambda agent: (-float(scores[agent].mean()), agent))
+    apart = {frozenset((one.first, one.second)) for one in compare_all(scores, resolutions) if one.differ}
+    order = sorted(scores, key=lambda agent: (-mean_of(scores[agent]), agent))
     found: list[list[str]] = []
     for agent in order:
-        if found and frozenset((found[-1][0], agent)) not in told_apart:
+        if found and frozenset((found[-1][0], agent)) not in apart:
             found[-1].append(agent)
         else:
             found.append([agent])

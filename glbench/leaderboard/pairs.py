@@ -11,7 +11,7 @@ from glbench.errors import ResultError
 from glbench.evaluation import Result
 from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.leaderboard.aggregates import Interval, probability_of_improvement
-from glbench.leaderboard.comparisons import holm, paired_p_value
+from glbench.leaderboard.comparisons import holm, paired_test, told_apart
 from glbench.leaderboard.statistics import bootstrap_interval
 
 MONEY = {"revenue": 1.0, "cost_heat": -1.0, "cost_electricity": -1.0, "cost_co2": -1.0}
@@ -43,8 +43,14 @@ class Pair:
     runs: int
     metrics: Mapping[str, MetricPair]
     p_value: float
+    favours: int
+    """Whom the ranks of the paired test favour: 1 the first, -1 the second, 0 neither."""
     improvement: Interval
     money: Mapping[str, float]
+
+    def told_apart(self, corrected: float) -> bool:
+        """Whether the rewards differ beyond chance, at the p-value corrected for the number of tasks."""
+        return told_apart(corrected, self.favours, self.metrics["reward"].difference.value)
 
 
 def compare_results(first: Result, second: Result) -> Pair:
@@ -72,6 +78,7 @@ def compare_results(first: Result, second: Result) -> Pair:
     ]
     metrics = {name: _metric(name, values[0][name], values[1][name]) for name in METRIC_NAMES}
     rewards = values[0]["reward"], values[1]["reward"]
+    test = paired_test([rewards[0]], [rewards[1]])
     return Pair(
         task_id=first.task.id,
         title=first.task.title,
@@ -79,7 +86,8 @@ def compare_results(first: Result, second: Result) -> Pair:
         second=second.agent.name,
         runs=len(seeds),
         metrics=metrics,
-        p_value=paired_p_value(*rewards),
+        p_value=test.p_value,
+        favours=test.favours,
         improvement=probability_of_improvement({"": rewards[0]}, {"": rewards[1]}),
         money={name: sign * metrics[name].difference.value for name, sign in MONEY.items()},
     )

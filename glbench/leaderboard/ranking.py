@@ -9,6 +9,7 @@ import numpy as np
 
 from glbench.evaluation import Result
 from glbench.evaluation.metrics import METRIC_NAMES
+from glbench.leaderboard.budget import budget_of
 from glbench.leaderboard.collect import Expectation, StoredResult, refuse_mixed_digests
 from glbench.leaderboard.comparisons import tiers
 from glbench.leaderboard.statistics import bootstrap_interval, interquartile_mean, mean
@@ -54,6 +55,12 @@ class Row:
     """Whether a submission ran with all rights of the evaluation, so that only a reader of its code knows what it saw."""
     kernel: str = ""
     """What stepped the model: backend and preset, as in ``compiled/reference``."""
+    training_steps: int | None = None
+    """Control steps that the agent was trained for; 0 when nothing was learnt, ``None`` when nobody says."""
+    training_hours: float | None = None
+    """Hours that the training took on its machine [h]."""
+    sandbox: str | None = None
+    """How the agent ran: ``bubblewrap``, ``unsandboxed``, ``built-in`` (part of glbench), or ``None`` when it is not known."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +135,7 @@ def _expected_seeds(task_id: str, results: list[Result], expected: Mapping[str, 
 def _table(task_id: str, results: list[Result], seeds: tuple[int, ...], verified: frozenset[str]) -> TaskTable:
     complete = {result.agent.name: result for result in results if result.evaluation.seeds == seeds}
     rows: list[Row] = []
-    for tier in tiers({agent: np.array(result.values(RANKING_METRIC)) for agent, result in complete.items()}):
+    for tier in tiers({agent: (np.array(result.values(RANKING_METRIC)),) for agent, result in complete.items()}):
         shared = len(rows) + 1
         rows += [_row(complete[agent], estimates_of(complete[agent]), shared, "", verified) for agent in tier]
     for result in sorted((r for r in results if r.evaluation.seeds != seeds), key=lambda r: r.agent.name):
@@ -142,6 +149,7 @@ def _table(task_id: str, results: list[Result], seeds: tuple[int, ...], verified
 def _row(
     result: Result, estimates: Mapping[str, Estimate], rank_: int | None, remark: str, verified: frozenset[str]
 ) -> Row:
+    budget = budget_of(result)
     return Row(
         task_id=result.task.id,
         agent=result.agent.name,
@@ -158,4 +166,7 @@ def _row(
         information=result.agent.information,
         unsandboxed=result.agent.kind == "submission" and result.evaluation.sandbox not in ("bubblewrap", "built-in"),
         kernel=kernel_label(result),
+        training_steps=budget.steps,
+        training_hours=budget.hours,
+        sandbox=result.evaluation.sandbox,
     )

@@ -2,19 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 
-from glbench.leaderboard.aggregates import Aggregate, aggregate, normalise
+from glbench.evaluation.metrics import METRIC_NAMES
+from glbench.leaderboard.aggregates import (
+    Aggregate,
+    Interval,
+    Profile,
+    aggregate,
+    normalise,
+    performance_profile,
+    probability_of_improvement,
+)
 from glbench.leaderboard.collect import Expectation, StoredResult
-from glbench.leaderboard.comparisons import tiers
+from glbench.leaderboard.comparisons import RESOLUTION, tiers
+from glbench.leaderboard.ranking import Row, TaskTable
 from glbench.leaderboard.resampling import Array
-from glbench.tasks.references import References
+from glbench.tasks import list_suites
+from glbench.tasks.references import References, read_references
 
 NOTHING = "do_nothing"
 """Name of the agent whose reward is the zero of normalised scores."""
+
+_THRESHOLDS = 101
+_LOWEST_THRESHOLD = -0.25
+"""Profiles begin here at the lowest: how far below doing nothing a failed run lies is not worth the room."""
+
+
+@dataclass(frozen=True)
+class SuiteFigures:
+    """What an agent earned, grew and used over a suite: means over the tasks of the means over the runs, in the metrics' units.
+
+    ``training_steps`` is that of the task with the longest training; ``None`` when nobody says.
+    """
+
+    metrics: Mapping[str, float]
+    runs: int
+    failed: int
+    decision_milliseconds: float
+    training_steps: int | None
+    privileged: bool
+    information: str
+    sandbox: str
+    """``bubblewrap``, ``unsandboxed``, ``built-in`` or ``unknown``; of several the one that says least."""
+    verified: bool
 
 
 @dataclass(frozen=True)
@@ -24,15 +59,30 @@ class SuiteRow:
     rank: int | None
     aggregate: Aggregate
     missing: tuple[str, ...]
+    figures: SuiteFigures | None = None
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """Probability that a run of ``first`` scores above a run of ``second`` on the same task."""
+
+    first: str
+    second: str
+    probability: Interval
 
 
 @dataclass(frozen=True)
 class SuiteTable:
-    """Agents over the tasks of a suite, best first; agents that lack tasks last."""
+    """Agents over the tasks of a suite, best first by mean normalised score; agents that lack tasks last.
+
+    ``improvements`` holds every ordered pair of ranked agents, ``profiles`` their performance profiles over the same thresholds.
+    """
 
     suite: str
     tasks: tuple[str, ...]
     rows: tuple[SuiteRow, ...]
+    improvements: tuple[Improvement, ...] = ()
+    profiles: Mapping[str, Profile] = field(default_factory=dict)
 
 
 def scores_by_task(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, dict[str, Array]]:
@@ -51,6 +101,7 @@ def suite_table(
     tasks: tuple[str, ...],
     scores: Mapping[str, Mapping[str, Array]],
     references: Mapping[str, References],
+    tables: Sequence[TaskTable] = (),
 ) -> SuiteTable | None:
     """Aggregates of every agent over the tasks of a suite.
 
@@ -62,6 +113,8 @@ def suite_table(
         Rewards by task and agent, see ``scores_by_task``.
     references
         Zero and one of each task's normalised score.
+    tables
+        Ranked rows of the tasks, for what agents earned, grew and used.
 
     Returns
     -------
@@ -77,18 +130,85 @@ def suite_table(
         for agent, rewards in scores[task].items():
             normalised.setdefault(agent, {})[task] = normalise(rewards, reference.nothing, reference.best)
     whole = {agent: by_task for agent, by_task in normalised.items() if len(by_task) == len(usable)}
-    # All runs of all tasks side by side: pairs of equal task and seed.
-    order = tiers({agent: np.concatenate([by_task[task] for task in usable]) for agent, by_task in whole.items()})
+    resolutions = [RESOLUTION / (references[task].best - references[task].nothing) for task in usable]
+    order = tiers({agent: [by_task[task] for task in usable] for agent, by_task in whole.items()}, resolutions)
+    shown = _rows_of_agents(usable, tables)
     rows: list[SuiteRow] = []
-    ahead = 0
     for tier in order:
-        rows += [SuiteRow(ahead + 1, aggregate(agent, [whole[agent][task] for task in usable]), ()) for agent in tier]
-        ahead += len(tier)
+        rank = len(rows) + 1
+        for agent in tier:
+            found = aggregate(agent, [whole[agent][task] for task in usable])
+            rows.append(SuiteRow(rank, found, (), _figures(shown.get(agent, ()))))
     for agent in sorted(set(normalised) - set(whole)):
         by_task = normalised[agent]
         missing = tuple(task for task in usable if task not in by_task)
-        rows.append(SuiteRow(None, aggregate(agent, list(by_task.values())), missing))
-    return SuiteTable(suite, usable, tuple(rows))
+        some = [row for row in shown.get(agent, ()) if row.task_id in by_task]
+        rows.append(SuiteRow(None, aggregate(agent, list(by_task.values())), missing, _figures(some)))
+    return SuiteTable(suite, usable, tuple(rows), _improvements(whole, order), _profiles(whole, usable))
+
+
+def suite_tables(
+    stored: Sequence[StoredResult], expected: Mapping[str, Expectation], tables: Sequence[TaskTable]
+) -> tuple[SuiteTable, ...]:
+    """Tables of all published suites that have results and references."""
+    scores, references = scores_by_task(stored, expected), read_references()
+    found = [suite_table(name, tuple(ids), scores, references, tables) for name, ids in list_suites().items()]
+    return tuple(table for table in found if table is not None)
+
+
+def _rows_of_agents(tasks: Sequence[str], tables: Sequence[TaskTable]) -> dict[str, list[Row]]:
+    """Complete rows of the tasks by agent."""
+    found: dict[str, list[Row]] = {}
+    for table in tables:
+        if table.task_id in tasks:
+            for row in table.rows:
+                if row.rank is not None:
+                    found.setdefault(row.agent, []).append(row)
+    return found
+
+
+def _figures(rows: Sequence[Row]) -> SuiteFigures | None:
+    if not rows:
+        return None
+    steps = [row.training_steps for row in rows]
+    sandboxes = {row.sandbox or "unknown" for row in rows}
+    return SuiteFigures(
+        metrics={name: float(np.mean([row.estimates[name].mean for row in rows])) for name in METRIC_NAMES},
+        runs=sum(row.runs for row in rows),
+        failed=sum(row.failed for row in rows),
+        decision_milliseconds=float(np.mean([row.decision_milliseconds for row in rows])),
+        training_steps=None if None in steps else max(step for step in steps if step is not None),
+        privileged=any(row.privileged for row in rows),
+        information=rows[0].information,
+        sandbox=next(kind for kind in ("unknown", "unsandboxed", "bubblewrap", "built-in") if kind in sandboxes),
+        verified=all(row.verified for row in rows),
+    )
+
+
+def _improvements(whole: Mapping[str, Mapping[str, Array]], order: Sequence[Sequence[str]]) -> tuple[Improvement, ...]:
+    """Both directions of every pair: what one has above the other is what the other has below it."""
+    agents = [agent for tier in order for agent in tier]
+    found = []
+    for one, other in combinations(agents, 2):
+        p = probability_of_improvement(whole[one], whole[other])
+        found.append(Improvement(one, other, p))
+        found.append(Improvement(other, one, Interval(1.0 - p.value, 1.0 - p.high, 1.0 - p.low)))
+    return tuple(found)
+
+
+def _profiles(whole: Mapping[str, Mapping[str, Array]], tasks: Sequence[str]) -> dict[str, Profile]:
+    """Profiles over thresholds from the lowest score that matters to a little above the best."""
+    if not whole:
+        return {}
+    lists = {agent: [by_task[task] for task in tasks] for agent, by_task in whole.items()}
+    every = np.concatenate([runs for each in lists.values() for runs in each])
+    low, high = max(_LOWEST_THRESHOLD, min(0.0, float(every.min()))), max(1.0, float(every.max()))
+    margin = 0.02 * (high - low)
+    even = np.linspace(low - margin, high + margin, _THRESHOLDS)
+    # As many again where the runs are, so that agents that lie close together keep their shape.
+    dense = np.quantile(every[every >= low], np.linspace(0.0, 1.0, _THRESHOLDS))
+    thresholds = np.unique(np.round(np.concatenate([even, dense]), 4))
+    return {agent: performance_profile(each, thresholds) for agent, each in lists.items()}
 
 
 def references_from(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, References]:

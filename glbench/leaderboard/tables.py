@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from glbench.evaluation.metrics import METRICS, UNITS
-from glbench.leaderboard.aggregates import Interval
 from glbench.leaderboard.comparisons import RESOLUTION
 from glbench.leaderboard.ranking import Estimate, Row, TaskTable
-from glbench.leaderboard.suites import SuiteTable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,6 +26,8 @@ FOOTNOTES = (
     f"amplify rounding, so a reward that differs by less than {RESOLUTION:g} counts as the same there.",
     f"{PRIVILEGED_MARK} privileged: sees more than the observations, or acts without the rate limit.",
     f"{UNSANDBOXED_MARK} unsandboxed: ran with all rights of the evaluation, so that nothing but its code tells what it used.",
+    "Decision: time of one decision of one run on the machine of the evaluation. Training: control steps, as the agent's makers say; "
+    "0 when nothing was learnt, – when nobody says.",
     f"{VERIFIED_MARK} verified: `glbench verify` simulated every run again from its recorded actions and found what the result says.",
 )
 
@@ -63,15 +63,18 @@ def format_estimate(estimate: Estimate, column: Column) -> str:
 
 
 def to_markdown(
-    tables: Sequence[TaskTable], suites: Mapping[str, Sequence[str]], aggregated: Sequence[SuiteTable] = ()
+    tables: Sequence[TaskTable],
+    suites: Mapping[str, Sequence[str]],
+    of_suites: Mapping[str, Sequence[str]] | None = None,
 ) -> str:
-    """The whole leaderboard: an overview of every suite that has results, then one table a task."""
+    """The whole leaderboard: an overview of every suite that has results, then one table a task.
+
+    ``of_suites`` holds lines by suite that follow its overview, see ``suite_views.suite_markdown``.
+    """
     parts = ["# Leaderboard", ""]
-    scored = {table.suite: table for table in aggregated}
     for name, task_ids in suites.items():
         parts += _overview(name, [table for task_id in task_ids for table in tables if table.task_id == task_id])
-        if name in scored:
-            parts += _suite_rows(scored[name])
+        parts += (of_suites or {}).get(name, ())
     for table in tables:
         parts += [
             f"## {table.title}",
@@ -104,6 +107,9 @@ def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
                 "verified": row.verified,
                 "information": row.information,
                 "decision [ms]": row.decision_milliseconds,
+                "training [steps]": row.training_steps,
+                "training [h]": row.training_hours,
+                "sandbox": row.sandbox or "unknown",
                 "remark": row.remark,
                 "kernel": row.kernel,
             }
@@ -112,7 +118,11 @@ def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
                 for part in ("mean", "iqm", "low", "high"):
                     record[f"{metric.name}_{part} [{UNITS[metric.name]}]"] = getattr(estimate, part)
             records.append({**record, "task_digest": row.task_digest, "results_digest": row.results_digest})
-    return pd.DataFrame(records).astype({"rank": "Int64"}) if records else pd.DataFrame()
+    return (
+        pd.DataFrame(records).astype({"rank": "Int64", "training [steps]": "Int64", "training [h]": "Float64"})
+        if records
+        else pd.DataFrame()
+    )
 
 
 def _overview(suite: str, tables: Sequence[TaskTable]) -> list[str]:
@@ -131,33 +141,6 @@ def _overview(suite: str, tables: Sequence[TaskTable]) -> list[str]:
     return lines
 
 
-def _suite_rows(table: SuiteTable) -> list[str]:
-    """Normalised scores of every agent over a suite."""
-    lines = [
-        f"Normalised score over the {len(table.tasks)} tasks: 0 is doing nothing, 1 the best known result of each task.",
-        "",
-        "| # | Agent | IQM | Mean | Median | Optimality gap | Runs |",
-        "|---:|---|---:|---:|---:|---:|---:|",
-    ]
-    for row in table.rows:
-        one = row.aggregate
-        cells = ["–" if row.rank is None else str(row.rank), one.agent]
-        cells += [format_interval(interval) for interval in (one.iqm, one.mean, one.median, one.optimality_gap)]
-        lines.append(
-            "| "
-            + " | ".join([*cells, f"{one.runs}" + (f", lacks {len(row.missing)} tasks" if row.missing else "")])
-            + " |"
-        )
-    return [*lines, ""]
-
-
-def format_interval(interval: Interval) -> str:
-    """``0.912 [0.910, 0.914]``, without unit."""
-    if interval.low < interval.high:
-        return f"{interval.value:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
-    return f"{interval.value:.3f}"
-
-
 def _mean_of(agent: str, table: TaskTable, column: Column) -> str:
     for row in table.rows:
         if row.agent == agent and row.rank is not None:
@@ -166,8 +149,19 @@ def _mean_of(agent: str, table: TaskTable, column: Column) -> str:
 
 
 def _task_rows(table: TaskTable) -> list[str]:
-    heads = ["#", "Agent", *(column.heading for column in COLUMNS), "Reward, IQM", "Runs", "Verified"]
-    lines = ["| " + " | ".join(heads) + " |", "|---:|---|" + "---:|" * (len(heads) - 2)]
+    words = ["Sees", "Sandboxed", "Verified"]
+    heads = [
+        "#",
+        "Agent",
+        *(column.heading for column in COLUMNS),
+        "Reward, IQM",
+        "Decision [ms]",
+        "Training [steps]",
+        "Runs",
+        *words,
+    ]
+    numbers = len(heads) - 2 - len(words)
+    lines = ["| " + " | ".join(heads) + " |", "|---:|---|" + "---:|" * numbers + "---|" * len(words)]
     return lines + ["| " + " | ".join(_cells(row)) + " |" for row in table.rows]
 
 
@@ -199,6 +193,36 @@ def verified_label(row: Row) -> str:
     return VERIFIED_MARK if row.verified else "–"
 
 
+def steps_text(steps: int | None) -> str:
+    """Steps of a training as people write them: ``2.02M``; 0 when nothing was learnt, a dash when nobody says."""
+    if steps is None:
+        return "–"
+    for size, letter in ((1_000_000, "M"), (1_000, "k")):
+        if steps >= size:
+            return f"{steps / size:.3g}{letter}"
+    return str(steps)
+
+
+def sandbox_word(sandbox: str | None) -> str:
+    """How an agent was kept apart, in a word."""
+    return {"bubblewrap": "yes", "unsandboxed": "no", "built-in": "part of glbench"}.get(sandbox or "", "–")
+
+
+def latex_text(text: str) -> str:
+    """Text with LaTeX's special characters escaped."""
+    for plain, latex in (
+        ("\\", r"\textbackslash "),
+        ("_", r"\_"),
+        ("%", r"\%"),
+        ("&", r"\&"),
+        ("#", r"\#"),
+        ("²", "$^2$"),
+        ("–", "--"),
+    ):
+        text = text.replace(plain, latex)
+    return text
+
+
 def _cells(row: Row) -> list[str]:
     """Texts of a row in the order of the headings."""
     return [
@@ -206,6 +230,10 @@ def _cells(row: Row) -> list[str]:
         agent_label(row),
         *(format_estimate(row.estimates[column.metric], column) for column in COLUMNS),
         f"{row.estimates['reward'].iqm:.1f}",
+        f"{row.decision_milliseconds:.3f}",
+        steps_text(row.training_steps),
         f"{runs_label(row)}; {row.remark}" if row.remark else runs_label(row),
+        "privileged" if row.privileged else "observations",
+        sandbox_word(row.sandbox),
         verified_label(row),
     ]

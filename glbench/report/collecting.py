@@ -10,6 +10,9 @@ from glbench.episodes.definition import task_of
 from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.evaluation.profiles import Profile
 from glbench.leaderboard import Row, StoredResult, TaskTable
+from glbench.leaderboard.aggregates import Interval
+from glbench.leaderboard.suite_views import SCORES
+from glbench.leaderboard.suites import SuiteRow, SuiteTable
 from glbench.report.task_words import clock_of, definition_in_words, figures
 from glbench.tasks import TaskSpec, list_suites, list_tasks, read_lock
 
@@ -100,6 +103,48 @@ def families(tables: Sequence[TaskTable], specs: Mapping[str, TaskSpec]) -> list
     return found
 
 
+def suite_facts(table: SuiteTable) -> dict[str, Any]:
+    """Agents over a suite: scores with intervals, means over the tasks, profiles and probabilities of improvement."""
+    profiles = list(table.profiles.values())
+    return {
+        "name": table.suite,
+        "tasks": list(table.tasks),
+        "rows": [_suite_row(row) for row in table.rows],
+        "thresholds": [round(float(x), 4) for x in profiles[0].thresholds] if profiles else [],
+        "profiles": {
+            agent: [[round(1000 * float(x)) for x in line] for line in (one.share, one.low, one.high)]
+            for agent, one in table.profiles.items()
+        },
+        "improvements": [[one.first, one.second, *_interval(one.probability)] for one in table.improvements],
+    }
+
+
+def _suite_row(row: SuiteRow) -> dict[str, Any]:
+    one, figures = row.aggregate, row.figures
+    return {
+        "agent": one.agent,
+        "rank": row.rank,
+        "runs": one.runs,
+        "missing": list(row.missing),
+        **{name: _interval(getattr(one, name)) for name in SCORES},
+        "figures": None
+        if figures is None
+        else {
+            **{name: _short(value) for name, value in figures.metrics.items()},
+            "failed": figures.failed,
+            "decision": figures.decision_milliseconds,
+            "training": figures.training_steps,
+            "privileged": figures.privileged,
+            "sandbox": figures.sandbox,
+            "verified": figures.verified,
+        },
+    }
+
+
+def _interval(interval: Interval) -> list[float]:
+    return [_short(part) for part in (interval.value, interval.low, interval.high)]
+
+
 def agent_facts(known: Sequence[Known]) -> list[dict[str, Any]]:
     """Agents by name, baselines last, so that colours of submissions do not change when a baseline is added."""
     agents = {item.row.agent: item.stored.result.agent for item in known}
@@ -110,7 +155,7 @@ def agent_facts(known: Sequence[Known]) -> list[dict[str, Any]]:
 
 
 def result_facts(item: Known) -> dict[str, Any]:
-    """A result as the page shows it: estimates as on the leaderboard, and all metrics of all runs."""
+    """A result as the page shows it, with estimates as on the leaderboard, and all metrics of all runs."""
     result, row = item.stored.result, item.row
     return {
         "task": row.task_id,
@@ -125,13 +170,18 @@ def result_facts(item: Known) -> dict[str, Any]:
         "seeds": list(result.evaluation.seeds),
         "reasons": [[run.seed, run.status, run.reason, run.steps] for run in result.failed],
         "decision": result.evaluation.decision_milliseconds,
+        "training": None
+        if row.training_steps is None
+        else {"steps": row.training_steps, "wall_hours": row.training_hours},
         "digest": result.results_digest,
         "agent_digest": result.agent.digest,
         "created": result.created,
         "glbench": result.versions.glbench,
-        "estimates": {name: [e.mean, e.low, e.high, e.iqm] for name, e in row.estimates.items()},
-        "values": {name: [_short(value) for value in result.values(name)] for name in METRIC_NAMES},
+        "estimates": {
+            name: [_short(part) for part in (e.mean, e.low, e.high, e.iqm)] for name, e in row.estimates.items()
+        },
         "steps": None if not row.failed else [run.steps for run in result.runs],
+        "values": {name: [_short(value) for value in result.values(name)] for name in METRIC_NAMES},
         **optional_facts(result.model_dump(mode="json")),
     }
 
@@ -140,7 +190,7 @@ def optional_facts(document: Mapping[str, Any]) -> dict[str, Any]:
     """What only some results say: how the agent was kept apart, and what its card tells of it."""
     card = document["agent"].get("card") or {}
     told = {key: card[key] for key in _OF_CARD if card.get(key)}
-    return {"sandbox": document["evaluation"].get("sandbox"), "card": told or None, "training": told.get("training")}
+    return {"sandbox": document["evaluation"].get("sandbox"), "card": told or None}
 
 
 def _short(value: float) -> float:

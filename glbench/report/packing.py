@@ -1,18 +1,33 @@
-"""Profiles inside the page: compressed as in their files, the weather of a task only once."""
+"""Profiles inside the page: the columns that it draws, no finer than a screen can show, the weather of a task only once.
+
+A profile holds more, and finer, than a page draws. What is embedded is rounded to a share of the largest value of its column (``LEVELS``
+steps between 0 and it) and written as differences from the number before, which compresses better. So 200 results stay one file of a
+size that can be sent by mail; the tests hold every number to half a step of what the profile says.
+"""
 
 from __future__ import annotations
 
 import base64
 import gzip
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from glbench.evaluation.profiles import Profile
 from glbench.report.collecting import Known
 
-_EMBEDDED = ("seeds", "day", "season", "calendar", "worst", "hours")
+_CONTROLS = ("uBoil", "uCo2", "uThScr", "uVent", "uLamp", "uBlScr")
+_USED = ("fruit_fresh", "heat", "electricity", "co2_dosed", "penalty")
+COLUMNS: Mapping[str, frozenset[str]] = {
+    "day": frozenset(("air_temperature", "relative_humidity", "co2", "pipe_temperature", "epi", *_CONTROLS, *_USED)),
+    "season": frozenset(("air_temperature", "relative_humidity", "epi", *_USED)),
+    "worst": frozenset(("air_temperature", "relative_humidity", "co2", "uBoil", "uLamp", "uVent", "uThScr", "penalty")),
+    "hours": frozenset(_USED),
+}
+"""Columns of each part of a profile that the page draws; of the calendar all."""
+LEVELS: Mapping[str, int] = {"day": 400, "season": 1000, "worst": 160, "hours": 3000, "calendar": 120, "weather": 400}
+"""Steps between 0 and the largest value of a column: charts of a day are 140 pixels high, sums by hour of the day are money."""
 
 
 @dataclass
@@ -42,11 +57,62 @@ def profile_blocks(known: Sequence[Known], blocks: Blocks) -> tuple[dict[str, st
         if item.profile is None:
             continue
         document = item.profile.document
-        profiles[item.row.results_digest] = blocks.add("profile", {key: document[key] for key in _EMBEDDED})
+        profiles[item.row.results_digest] = blocks.add("profile", embedded_profile(item.profile))
         if item.row.task_id not in weather:
-            weather[item.row.task_id] = blocks.add("weather", document["weather"] | _clock(item.profile))
+            weather[item.row.task_id] = blocks.add("weather", _weather(document))
     return profiles, weather
 
 
-def _clock(profile: Profile) -> dict[str, Any]:
-    return {"slot_seconds": profile.document["day"]["slot_seconds"]}
+def embedded_profile(profile: Profile) -> dict[str, Any]:
+    """What the page holds of a profile."""
+    document = profile.document
+    return {
+        "seeds": document["seeds"],
+        "day": {
+            "slot_seconds": document["day"]["slot_seconds"],
+            "columns": _columns("day", document["day"]["columns"]),
+        },
+        "season": {"columns": _columns("season", document["season"]["columns"])},
+        "calendar": {name: _coarse(one, LEVELS["calendar"]) for name, one in document["calendar"].items()},
+        "worst": _columns("worst", document["worst"]),
+        "hours": _columns("hours", document["hours"]),
+    }
+
+
+def _weather(document: Mapping[str, Any]) -> dict[str, Any]:
+    weather, levels = document["weather"], LEVELS["weather"]
+    return {
+        "slot_seconds": document["day"]["slot_seconds"],
+        "day": {name: _coarse(one, levels) for name, one in weather["day"].items()},
+        "season": {"columns": {name: _coarse(one, levels) for name, one in weather["season"]["columns"].items()}},
+        "hours": {name: _coarse(one, levels) for name, one in weather["hours"].items()},
+    }
+
+
+def _columns(part: str, columns: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: _coarse(one, LEVELS[part]) for name, one in columns.items() if name in COLUMNS[part]}
+
+
+def _coarse(packed: Mapping[str, Any], levels: int) -> dict[str, Any]:
+    """Whole numbers times a coarser ``resolution``, each as the difference from the known one before it in its row."""
+    factor = max(1, _largest(packed["values"]) // levels)
+    return {"resolution": packed["resolution"] * factor, "differences": _differences(packed["values"], factor)}
+
+
+def _largest(cells: Sequence[Any]) -> int:
+    return max((_largest(cell) if isinstance(cell, list) else abs(cell or 0) for cell in cells), default=0)
+
+
+def _differences(cells: Sequence[Any], factor: int) -> list[Any]:
+    if any(isinstance(cell, list) for cell in cells):
+        return [_differences(row, factor) for row in cells]
+    found: list[int | None] = []
+    before = 0
+    for cell in cells:
+        if cell is None:
+            found.append(None)
+            continue
+        value = (2 * cell + factor) // (2 * factor)
+        found.append(value - before)
+        before = value
+    return found

@@ -14,7 +14,9 @@ from glbench import __version__
 from glbench.errors import ResultError
 from glbench.evaluation.profiles import Profile, load_profile
 from glbench.leaderboard import StoredResult, TaskTable, rank
+from glbench.leaderboard.comparisons import RESOLUTION
 from glbench.leaderboard.published import own_and_released_results, published_expectations
+from glbench.leaderboard.suites import SuiteTable, suite_tables
 from glbench.report import collecting
 from glbench.report.packages import load_jinja, plotly_script
 from glbench.report.packing import Blocks, profile_blocks, squeezed
@@ -61,15 +63,19 @@ def write_report(out: Path) -> tuple[Path, Report]:
 def build_report(stored: Sequence[StoredResult]) -> Report:
     """The page of ``stored``. The same results give the same bytes."""
     profiles = _profiles(stored)
-    tables = rank(stored, published_expectations())
+    expected = published_expectations()
+    tables = rank(stored, expected)
+    suites = suite_tables(stored, expected, tables)
     known = collecting.known_results(stored, tables, profiles)
     blocks = Blocks()
-    data = page_data(known, tables, blocks)
+    data = page_data(known, tables, suites, blocks)
     missing = tuple(item.stored.path for item in known if item.profile is None)
     return Report(_html(data, blocks), data, len(known), missing)
 
 
-def page_data(known: Sequence[collecting.Known], tables: Sequence[TaskTable], blocks: Blocks) -> dict[str, Any]:
+def page_data(
+    known: Sequence[collecting.Known], tables: Sequence[TaskTable], suites: Sequence[SuiteTable], blocks: Blocks
+) -> dict[str, Any]:
     """Everything that the page's script reads, but the ``blocks``, which it opens when they are needed."""
     specs = collecting.task_specs(known)
     profiles, weather = profile_blocks(known, blocks)
@@ -89,6 +95,8 @@ def page_data(known: Sequence[collecting.Known], tables: Sequence[TaskTable], bl
         "other_words": [list(pair) for pair in words().others],
         "tasks": tasks,
         "families": collecting.families(tables, specs),
+        "resolution": RESOLUTION,
+        "suites": [collecting.suite_facts(table) for table in suites],
         "agents": collecting.agent_facts(known),
         "results": [
             {**collecting.result_facts(item), "profile": profiles.get(item.row.results_digest)} for item in known
@@ -108,7 +116,7 @@ def _html(data: dict[str, Any], blocks: Blocks) -> str:
     )
     template = environment.from_string(_asset("page.html.j2"))
     page: str = template.render(
-        data=_script_json(data),
+        data=packed_data(data),
         blocks=blocks.by_name,
         plotly=_squeezed_plotly(),
         style=_asset("style.css"),
@@ -123,9 +131,9 @@ def _squeezed_plotly() -> str:
     return squeezed(plotly_script())
 
 
-def _script_json(data: dict[str, Any]) -> str:
-    """JSON that cannot end the script element it stands in."""
-    return json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
+def packed_data(data: dict[str, Any]) -> str:
+    """What the page's script reads first, compressed: letters and digits that cannot end the element they stand in."""
+    return squeezed(json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode())
 
 
 def _scripts() -> list[str]:

@@ -76,6 +76,8 @@ def test_the_tables_are_written_beside_the_results_when_asked_for(reports):
         "leaderboard.parquet",
         "leaderboard.json",
         "leaderboard.tex",
+        "leaderboard.suites.csv",
+        "leaderboard.suites.parquet",
     }
 
 
@@ -143,3 +145,19 @@ def test_another_folder_shows_its_own_agents_and_the_released_baselines_only(rep
     shown = run("--out", tmp_path / "other", "--task", "Meadow-v1").stdout
     assert "elsewhere" in shown
     assert "better" not in shown
+
+
+def test_agents_over_a_suite_are_shown_with_scores_and_resources(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    console.output.cache_clear()
+    result = run("--suite", "paper")
+    assert result.exit_code == 0, result.output
+    assert max(len(line) for line in result.stdout.splitlines()) <= 80
+    for words in ("Suite paper, 7 tasks", "IQM", "rule_based_fair", "0 is doing nothing", "means over the tasks"):
+        assert words in result.stdout
+
+
+def test_an_unknown_suite_is_answered_with_the_nearest():
+    result = run("--suite", "papre")
+    assert result.exit_code == 1
+    assert "'paper'" in str(result.exception)

@@ -39,15 +39,25 @@ def test_compare_gives_the_same_numbers_as_json(glbench):
     assert sum(pair["money [EUR m-2]"].values()) == pytest.approx(metric["difference"])
 
 
-def test_an_agent_compared_with_itself_cannot_be_told_apart(glbench):
+def test_an_agent_is_not_compared_with_itself(glbench):
     done = glbench("compare", "rule_based", "rule_based", "--task", TASK)
-    assert "cannot be told apart" in done.out
+    assert done.code == 1
+    assert "one and the same result" in done.err
+
+
+def test_a_folder_that_is_not_there_is_no_empty_one(glbench, tmp_path):
+    for command in (("show", "rule_based"), ("compare", "rule_based", "rule_based_fair"), ("badge", "rule_based")):
+        done = glbench(*command, "--out", tmp_path / "reprots")
+        assert done.code == 1
+        assert "There is no folder" in done.err
 
 
 def test_agents_are_compared_over_all_tasks_that_both_have(glbench):
     done = glbench("compare", "rule_based", "rule_based_fair")
     assert done.code == 0
     assert "task by task" in done.out
+    assert "rule_based has the higher reward on 14 of 14 tasks" in done.out
+    assert "nothing is drawn here" in done.out
 
 
 def test_a_sparkline_rises_with_its_values():

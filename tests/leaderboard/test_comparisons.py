@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -10,7 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glbench.errors import ResultError
-from glbench.leaderboard.comparisons import RESOLUTION, compare_all, holm, paired_p_value, tiers
+from glbench.leaderboard.comparisons import RESOLUTION, compare_all, holm, paired_test, tiers
+
+
+def p_of(first: np.ndarray, second: np.ndarray) -> float:
+    return paired_test([first], [second]).p_value
 
 
 def exact_signed_rank_p(difference: np.ndarray) -> float:
@@ -26,19 +30,19 @@ def exact_signed_rank_p(difference: np.ndarray) -> float:
 def test_the_paired_test_is_the_exact_signed_rank_test(seed):
     generator = np.random.default_rng(seed)
     first, second = generator.normal(0.4, 1.0, 10), generator.normal(0.0, 1.0, 10)
-    assert paired_p_value(first, second) == pytest.approx(exact_signed_rank_p(first - second))
+    assert p_of(first, second) == pytest.approx(exact_signed_rank_p(first - second))
 
 
 def test_pairing_sees_a_small_difference_that_runs_of_different_luck_would_hide():
     luck = np.random.default_rng(0).normal(0.0, 100.0, 30)
     jitter = np.random.default_rng(1).normal(0.0, 0.1, 30)
-    assert paired_p_value(luck + 1.0 + jitter, luck) < 1e-6
+    assert p_of(luck + 1.0 + jitter, luck) < 1e-6
 
 
 def test_where_nothing_is_drawn_differences_within_rounding_count_as_none():
     alike = np.full(30, 3100.0)
-    assert paired_p_value(alike, alike - 0.9 * RESOLUTION) == 1.0
-    assert paired_p_value(alike, alike - 1.1 * RESOLUTION) == 0.0
+    assert p_of(alike, alike - 0.9 * RESOLUTION) == 1.0
+    assert p_of(alike, alike - 1.1 * RESOLUTION) == 0.0
 
 
 def test_holm_by_hand():
@@ -60,28 +64,77 @@ def test_agents_that_cannot_be_told_apart_share_a_tier():
     luck = np.random.default_rng(3).normal(0.0, 5.0, 30)
     noise = np.random.default_rng(4).normal(0.0, 1.0, 30)
     noise -= noise.mean()
-    scores = {"low": luck - 50.0 + noise, "high": luck + 0.01, "also_high": luck + noise}
+    scores = {"low": (luck - 50.0 + noise,), "high": (luck + 0.01,), "also_high": (luck + noise,)}
     assert tiers(scores) == (("high", "also_high"), ("low",))
 
 
 def test_tiers_hold_every_agent_once_the_best_first():
     generator = np.random.default_rng(5)
-    scores = {f"agent{i}": generator.normal(i, 0.5, 30) for i in range(6)}
+    scores = {f"agent{i}": (generator.normal(i, 0.5, 30),) for i in range(6)}
     found = tiers(scores)
     assert sorted(agent for tier in found for agent in tier) == sorted(scores)
     assert found[0][0] == "agent5"
 
 
 def test_one_agent_is_a_tier_of_its_own():
-    assert tiers({"only": np.ones(30)}) == (("only",),)
+    assert tiers({"only": (np.ones(30),)}) == (("only",),)
 
 
 def test_every_pair_is_compared_with_its_mean_difference():
-    found = compare_all({"a": np.array([1.0, 2.0, 4.0]), "b": np.array([1.0, 1.0, 1.0]), "c": np.zeros(3)})
+    found = compare_all({"a": (np.array([1.0, 2.0, 4.0]),), "b": (np.array([1.0, 1.0, 1.0]),), "c": (np.zeros(3),)})
     assert [(one.first, one.second) for one in found] == [("a", "b"), ("a", "c"), ("b", "c")]
     assert found[0].difference == pytest.approx(4.0 / 3.0)
 
 
 def test_agents_with_different_runs_are_not_compared():
     with pytest.raises(ResultError, match="same runs"):
-        compare_all({"a": np.ones(3), "b": np.ones(4)})
+        compare_all({"a": (np.ones(3),), "b": (np.ones(4),)})
+
+
+def test_an_agent_that_fails_sometimes_is_not_called_worse_by_a_test_that_favours_it():
+    luck = np.random.default_rng(6).normal(0.0, 5.0, 30)
+    steady = luck
+    brilliant = luck + np.random.default_rng(7).uniform(1.0, 2.0, 30)
+    brilliant[:3] -= 1000.0  # three failed runs: the lower mean, and the higher ranks
+    (one,) = compare_all({"brilliant": (brilliant,), "steady": (steady,)})
+    assert one.difference < 0.0
+    assert one.corrected < 0.05
+    assert one.favours == 1
+    assert not one.differ
+    assert tiers({"brilliant": (brilliant,), "steady": (steady,)}) == (("steady", "brilliant"),)
+
+
+def test_a_task_that_draws_nothing_is_one_pair_among_those_of_a_suite():
+    generator = np.random.default_rng(8)
+    noise = generator.normal(0.0, 1.0, 30)
+    by_chance = noise - noise.mean()
+    zero, alike = np.zeros(30), np.full(30, 3000.0)
+    resolutions = (RESOLUTION, RESOLUTION)
+    within = paired_test([alike + 0.9 * RESOLUTION, by_chance], [alike, zero], resolutions)
+    beyond = paired_test([alike + 50.0, by_chance], [alike, zero], resolutions)
+    assert within.p_value == p_of(by_chance, zero), "rounding is no difference, and 30 equal runs are no evidence"
+    assert beyond.p_value == p_of(np.append(by_chance, 50.0), np.zeros(31))
+    assert beyond.p_value > 0.3
+
+
+def test_where_no_task_of_a_suite_draws_anything_the_mean_difference_decides():
+    alike = np.ones(30)
+    small, large = [alike * 0.01, alike * 0.01], [alike * 0.2, alike * 0.2]
+    assert paired_test(small, [0 * alike, 0 * alike], (0.02, 0.02)).p_value == 1.0
+    assert paired_test(large, [0 * alike, 0 * alike], (0.02, 0.02)).favours == 1
+
+
+def test_the_first_of_a_tier_is_told_apart_from_the_first_of_the_tier_above():
+    for seed in range(20):
+        generator = np.random.default_rng(seed)
+        luck = generator.normal(0.0, 3.0, 30)
+        spreads = generator.uniform(0.1, 6.0, 8)
+        scores = {f"a{i}": (luck + 0.5 * i + generator.normal(0.0, spread, 30),) for i, spread in enumerate(spreads)}
+        apart = {frozenset((one.first, one.second)) for one in compare_all(scores) if one.differ}
+        found = tiers(scores)
+        means = [scores[agent][0].mean() for tier in found for agent in tier]
+        assert means == sorted(means, reverse=True)
+        for tier in found:
+            assert not any(frozenset((tier[0], agent)) in apart for agent in tier[1:])
+        for above, below in pairwise(found):
+            assert frozenset((above[0], below[0])) in apart

@@ -56,4 +56,6 @@ def test_latex_escapes_names_marks_the_privileged_and_has_units(tables):
     assert r"first\_agent" in text
     assert r"second\dag" in text
     assert "EPI [EUR/m$^2$]" in text
-    assert text.count(r"\\") == 3
+    assert text.count(r"\\") == 6, "a table of scores and one of resources"
+    assert "Yield, fresh [kg/m$^2$]" in text
+    assert "Training [steps]" in text

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from glbench.errors import TaskError
-from glbench.leaderboard import Expectation
+from glbench.leaderboard import Expectation, rank
+from glbench.leaderboard.suite_views import suite_frame, suite_markdown
 from glbench.leaderboard.suites import references_from, scores_by_task, suite_table
 from glbench.tasks import references as references_module
 from glbench.tasks.references import References, read_references, write_references
@@ -88,3 +89,36 @@ def test_references_in_the_wrong_order_are_refused(tmp_path, monkeypatch):
     with pytest.raises(TaskError, match="not above that of doing nothing"):
         read_references()
     read_references.cache_clear()
+
+
+def test_every_ordered_pair_has_a_probability_of_improvement_and_the_two_add_up_to_one(stored):
+    table = suite_table("s", TASKS, scores_by_task(stored, EXPECTED), REFERENCES)
+    odds = {(one.first, one.second): one.probability for one in table.improvements}
+    assert set(odds) == {("good", "poor"), ("poor", "good")}
+    assert odds["good", "poor"].value + odds["poor", "good"].value == 1.0
+    assert odds["good", "poor"].value == 1.0
+
+
+def test_profiles_fall_from_all_runs_to_none_over_the_same_thresholds(stored):
+    table = suite_table("s", TASKS, scores_by_task(stored, EXPECTED), REFERENCES)
+    assert set(table.profiles) == {"good", "poor"}
+    for profile in table.profiles.values():
+        assert np.array_equal(profile.thresholds, table.profiles["good"].thresholds)
+        assert (profile.share[0], profile.share[-1]) == (1.0, 0.0)
+        assert (np.diff(profile.share) <= 0.0).all()
+
+
+def test_resources_are_means_over_the_tasks(stored):
+    tables = rank(stored, EXPECTED)
+    table = suite_table("s", TASKS, scores_by_task(stored, EXPECTED), REFERENCES, tables)
+    good = table.rows[0].figures
+    means = [row.estimates["heat"].mean for one in tables for row in one.rows if row.agent == "good"]
+    assert good.metrics["heat"] == pytest.approx(np.mean(means))
+    assert (good.runs, good.failed, good.sandbox, good.training_steps) == (60, 0, "bubblewrap", None)
+    frame = suite_frame([table])
+    assert list(frame["agent"]) == ["good", "poor", "patchy"]
+    assert frame.loc[0, "heat_mean [kWh m-2]"] == pytest.approx(np.mean(means))
+    text = "\n".join(suite_markdown(table))
+    assert "| patchy |" in text
+    assert "lacks 1 task" in text
+    assert "Probability of improvement" in text

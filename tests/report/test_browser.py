@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from glbench.report.page import _script_json
+from glbench.report.page import packed_data
 from tests.report.conftest import OTHER_PRICES
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: no browser test")
@@ -27,6 +27,7 @@ PHONE, DESK = {"width": 390, "height": 844}, {"width": 1280, "height": 900}
 VIEWS = (
     "#/",
     "#/Days-v1",
+    "#/overall",
     "#/agents",
     "#/agent/thrifty/Days-v1",
     "#/agent/doomed/Days-v1",
@@ -282,13 +283,13 @@ def test_sandbox_training_and_card_are_columns_and_words_where_results_hold_them
         **made.report.data,
         "results": [{**one, **told.get(one["agent"], {})} for one in made.report.data["results"]],
     }
-    before, _, rest = made.report.html.partition('id="data">')
+    before, _, rest = made.report.html.partition('id="block-data">')
     file = tmp_path / "told.html"
-    file.write_text(before + 'id="data">' + _script_json(data) + rest[rest.index("</script>") :], encoding="utf-8")
+    file.write_text(before + 'id="block-data">' + packed_data(data) + rest[rest.index("</script>") :], encoding="utf-8")
     page = visit("#/Days-v1", file=file)
     rows = page.locator("table.ranks tbody tr")
-    assert "2,000,000" in rows.filter(has_text="thrifty").inner_text()
-    assert "not sandboxed" in rows.filter(has_text="lavish").inner_text()
+    assert "2.00\u00a0M" in rows.filter(has_text="thrifty").inner_text()
+    assert rows.filter(has_text="lavish").locator(".tag.bad").inner_text() == "no"
     page.goto(file.as_uri() + "#/agent/thrifty/Days-v1")
     words = page.locator("main").inner_text()
     assert "Heats little." in words

@@ -8,6 +8,7 @@ import json
 import re
 from base64 import b64decode
 
+import numpy as np
 import pytest
 
 from glbench.errors import GlbenchError
@@ -16,14 +17,27 @@ from glbench.evaluation.profiles import load_profile, profile_path
 from glbench.leaderboard import StoredResult, collect_results
 from glbench.report import build_report, complete_profiles, packages
 from glbench.report.collecting import optional_facts
+from glbench.report.packing import LEVELS
 from glbench.report.page import _asset, _scripts
 from glbench.report.words import words
 
 
+def blocks_of(html: str) -> dict:
+    """The compressed pieces of a page by name."""
+    found = re.findall(r'<script type="text/plain" id="block-([a-z0-9-]+)">([^<]*)</script>', html)
+    return {name: gzip.decompress(b64decode(packed)) for name, packed in found}
+
+
 def embedded(made) -> dict:
-    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', made.report.html, re.DOTALL)
-    assert found is not None
-    return json.loads(found.group(1))
+    return json.loads(blocks_of(made.report.html)["data"])
+
+
+def unpacked(packed: dict) -> np.ndarray:
+    """The numbers of a column of the page: sums of differences along each row, times the resolution."""
+    rows = np.atleast_2d(np.array(packed["differences"], dtype=float))
+    known = np.isfinite(rows)
+    added = np.where(known, np.cumsum(np.where(known, rows, 0.0), axis=1), np.nan)
+    return np.squeeze(added * packed["resolution"])
 
 
 def test_estimates_and_ranks_are_those_of_the_leaderboard(made):
@@ -35,7 +49,7 @@ def test_estimates_and_ranks_are_those_of_the_leaderboard(made):
         assert (result["rank"], result["failed"], result["verified"]) == (row.rank, row.failed, row.verified)
         for name in METRIC_NAMES:
             one = row.estimates[name]
-            assert result["estimates"][name] == [one.mean, one.low, one.high, one.iqm], name
+            assert result["estimates"][name] == pytest.approx([one.mean, one.low, one.high, one.iqm], rel=1e-6), name
 
 
 def test_values_of_the_runs_are_those_of_the_results(made):
@@ -46,17 +60,32 @@ def test_values_of_the_runs_are_those_of_the_results(made):
             assert given == pytest.approx(item.result.values(name), rel=1e-6, abs=1e-12)
 
 
-def test_profiles_are_embedded_as_they_lie_beside_the_results(made):
+def columns_of(document: dict) -> dict:
+    """Packed columns of a profile, of its file or of the page, by part and name."""
+    parts = {"day": document["day"]["columns"], "season": document["season"]["columns"]}
+    parts |= {part: document[part] for part in ("worst", "hours", "calendar")}
+    return {(part, name): packed for part, columns in parts.items() for name, packed in columns.items()}
+
+
+def test_the_page_shows_profiles_to_half_a_step_of_what_lies_beside_the_results(made):
     shown = {result["digest"]: result for result in embedded(made)["results"]}
-    blocks = dict(re.findall(r'<script type="text/plain" id="block-([a-z0-9-]+)">([^<]*)</script>', made.report.html))
+    blocks = blocks_of(made.report.html)
     seen = 0
     for item in made.stored:
         profile = load_profile(item.result, item.path)
         name = shown[item.result.results_digest]["profile"]
         assert (name is None) == (profile is None)
         if profile is not None:
-            document = json.loads(gzip.decompress(b64decode(blocks[name])))
-            assert document == {key: profile.document[key] for key in document}
+            document = json.loads(blocks[name])
+            assert document["seeds"] == profile.document["seeds"]
+            genuine = columns_of(profile.document)
+            for (part, column), packed in columns_of(document).items():
+                kept = np.squeeze(np.atleast_2d(np.array(genuine[part, column]["values"], dtype=float)))
+                kept = kept * genuine[part, column]["resolution"]
+                largest = np.nanmax(np.abs(kept), initial=0.0)
+                np.testing.assert_allclose(unpacked(packed), kept, rtol=0.0, atol=0.5001 * packed["resolution"])
+                fine = max(genuine[part, column]["resolution"], largest / LEVELS[part])
+                assert packed["resolution"] <= 1.001 * fine, (part, column)
             seen += 1
     assert seen == 6
     assert set(made.report.without_profile) == {
@@ -96,14 +125,13 @@ def test_text_of_a_result_cannot_end_the_script_that_holds_it(made):
 
 def test_what_only_some_results_say_is_shown_where_it_is_said():
     plain = {"agent": {"name": "a"}, "evaluation": {}}
-    assert optional_facts(plain) == {"sandbox": None, "card": None, "training": None}
+    assert optional_facts(plain) == {"sandbox": None, "card": None}
     training = {"steps": 2_000_000, "wall_hours": 1.5, "hardware": None, "tasks": []}
     card = {"name": "a", "authors": ["A. Nother"], "link": None, "description": "", "training": training}
     told = optional_facts({"agent": {"name": "a", "card": card}, "evaluation": {"sandbox": "bubblewrap"}})
     assert told == {
         "sandbox": "bubblewrap",
         "card": {"authors": ["A. Nother"], "training": training},
-        "training": training,
     }
 
 

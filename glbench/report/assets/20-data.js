@@ -1,6 +1,18 @@
 // What the page knows: results, the pieces that are opened when needed, and money at other prices.
 
-const D = JSON.parse(document.getElementById("data").textContent);
+// Pieces of the page are compressed; each is opened when it is needed, the one with all results at once.
+const opened = new Map();
+const unzip = async (name) => {
+  const packed = Uint8Array.from(atob(document.getElementById(`block-${name}`).textContent), (letter) => letter.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Response(stream).text();
+};
+const block = (name) => {
+  if (!opened.has(name)) opened.set(name, unzip(name).then(JSON.parse));
+  return opened.get(name);
+};
+
+const D = await block("data");
 const METRICS = Object.fromEntries(D.metrics.map((metric) => [metric.name, metric]));
 const TASKS = Object.fromEntries(D.tasks.map((task) => [task.id, task]));
 const BY_SHORT = Object.fromEntries(D.tasks.map((task) => [task.short, task]));
@@ -70,22 +82,16 @@ const ranked = (taskId) => {
   if (!pricesDiffer(TASKS[taskId])) return results.map((result) => ({ result, rank: result.rank }));
   const reward = (result) => estimate(result, "reward").mean;
   const complete = results.filter((result) => result.rank !== null).sort((a, b) => reward(b) - reward(a));
-  return [...complete.map((result, i) => ({ result, rank: i + 1 })), ...results.filter((result) => result.rank === null).map((result) => ({ result, rank: null }))];
+  const ranks = tierRanks(complete.map((result) => ({ values: valuesOf(result, "reward"), mean: reward(result) })));
+  return [...complete.map((result, i) => ({ result, rank: ranks[i] })), ...results.filter((result) => result.rank === null).map((result) => ({ result, rank: null }))];
 };
 
-const opened = new Map();
-const unzip = async (name) => {
-  const packed = Uint8Array.from(atob(document.getElementById(`block-${name}`).textContent), (letter) => letter.charCodeAt(0));
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  return new Response(stream).text();
-};
-const block = (name) => {
-  if (!opened.has(name)) opened.set(name, unzip(name).then(JSON.parse));
-  return opened.get(name);
-};
 
-// Whole numbers times a resolution, as profiles keep them; null where nothing is known.
-const unpack = ({ resolution, values }) => {
-  const scaled = (cells) => cells.map((cell) => (Array.isArray(cell) ? scaled(cell) : cell === null ? null : cell * resolution));
-  return scaled(values);
+// Whole numbers times a resolution, each as the difference from the known one before it in its row; null where nothing is known.
+const unpack = ({ resolution, differences }) => {
+  const added = (cells) => {
+    let total = 0;
+    return cells.map((cell) => (Array.isArray(cell) ? added(cell) : cell === null ? null : (total += cell) * resolution));
+  };
+  return added(differences);
 };

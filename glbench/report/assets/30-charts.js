@@ -1,10 +1,15 @@
 // Charts: plotly.js is opened when the first chart comes into view, and drawn in the colours of the theme.
 
 const COLOURS = {
-  light: ["#1d6b47", "#c2452a", "#2f64ad", "#a86b00", "#7a4fa3", "#0f7f86", "#b23a77", "#5b655f"],
+  light: ["#1d6b47", "#c2452a", "#2f64ad", "#966000", "#7a4fa3", "#0f7f86", "#b23a77", "#5b655f"],
   dark: ["#7fd1a5", "#ff8f70", "#8fb8f5", "#e8b44f", "#c5a1ee", "#63c9cf", "#f08fbd", "#b3beb7"],
 };
-const SYMBOLS = ["circle", "square", "diamond", "triangle-up", "circle-open", "square-open", "diamond-open", "triangle-down"];
+const SYMBOLS = ["circle", "square", "diamond", "triangle-up", "cross", "x", "triangle-down", "star"];
+// More agents than colours: those of the second and third round have open symbols and broken lines.
+const DASHES = ["", "7 4", "2 3"];
+const cycleOf = (agent) => Math.floor(AGENTS[agent].index / 8) % 3;
+const symbolOf = (agent) => SYMBOLS[AGENTS[agent].index % 8] + (cycleOf(agent) ? "-open" : "");
+const dashOf = (agent) => ["solid", "dash", "dot"][cycleOf(agent)];
 const darkNow = () => {
   const chosen = document.documentElement.dataset.theme;
   return chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;

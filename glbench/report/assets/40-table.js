@@ -42,9 +42,21 @@ const sortable = ({ caption, columns, rows, state, className = "", rowClass = ()
 };
 
 // The interval of a mean as a bar on an axis that all rows share.
+// From where to where bars are drawn. One in four at most that lies far from the others would press these together: it gets an arrow instead.
+const barRange = (estimates) => {
+  const kept = [...estimates].sort((a, b) => a.mean - b.mean), span = (list) => list.at(-1).mean - list[0].mean;
+  for (let spare = Math.floor(kept.length / 4); spare > 0; spare--) {
+    const [lower, upper] = [kept.slice(1), kept.slice(0, -1)], rest = span(lower) < span(upper) ? lower : upper;
+    if (!(span(rest) > 0) || span(kept) < 3 * span(rest)) break;
+    kept.splice(0, kept.length, ...rest);
+  }
+  return [Math.min(...kept.map((one) => one.low)), Math.max(...kept.map((one) => one.high))];
+};
+
 const bar = ({ mean: center, low, high }, [from, to], agent) => {
   const place = (value) => `${to > from ? 5 + (90 * (value - from)) / (to - from) : 50}%`;
   const width = to > from ? `${(90 * (high - low)) / (to - from)}%` : "0";
+  if (to > from && (center < from || center > to)) return h("span", { class: `bar off ${center < from ? "below" : "above"}`, "aria-hidden": "true", "data-agent": agent, style: { "--colour": colourOf(agent) } }, h("b", {}));
   return h("span", { class: "bar", "aria-hidden": "true", "data-agent": agent, style: { "--colour": colourOf(agent) } },
     high > low ? h("i", { style: { left: place(low), width } }) : null, h("b", { style: { left: place(center) } }));
 };
@@ -55,5 +67,5 @@ const plainTable = (caption, heads, rows, left = [0]) => h("div", { class: "scro
     h("thead", {}, h("tr", {}, heads.map((head, i) => h("th", { scope: "col", class: left.includes(i) ? "left" : null }, head)))),
     h("tbody", {}, rows.map((row) => h("tr", {}, row.map((cell, i) => (i ? h("td", { class: left.includes(i) ? "left wrap" : null }, cell) : h("th", { scope: "row" }, cell))))))));
 
-const swatch = (agent) => h("span", { class: "swatch", "aria-hidden": "true", "data-agent": agent, style: { "--colour": colourOf(agent) } });
+const swatch = (agent) => h("span", { class: `swatch round-${cycleOf(agent)}`, "aria-hidden": "true", "data-agent": agent, style: { "--colour": colourOf(agent) } });
 const tag = (text, kind = "") => h("span", { class: `tag ${kind}`.trim() }, text);

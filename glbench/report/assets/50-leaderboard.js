@@ -1,7 +1,9 @@
 // The leaderboard of a task, and the figure of its family.
 
 const rankState = { key: "rank", direction: "ascending" };
-const hidden = new Set();
+// Doing nothing lies so far away that all others would look alike beside it.
+const NOTHING = "do_nothing";
+const hidden = new Set(D.agents.length > 2 ? [NOTHING] : []);
 
 const rankColumns = (task, rows) => {
   const hours = (task.steps * task.step_seconds) / 3600;
@@ -9,7 +11,7 @@ const rankColumns = (task, rows) => {
     const of = (row) => estimate(row.result, metric.name);
     const shown = rows.filter((row) => row.rank !== null);
     const spread = (shown.length ? shown : rows).map(of);
-    const range = [Math.min(...spread.map((one) => one.low)), Math.max(...spread.map((one) => one.high))];
+    const range = barRange(spread);
     return {
       key: metric.name, label: metric.label, unit: metric.unit || "\u00a0", value: (row) => of(row).mean,
       start: metric.better === "low" ? "ascending" : "descending",
@@ -22,28 +24,33 @@ const rankColumns = (task, rows) => {
       },
     };
   };
-  const held = (key) => rows.some((row) => row.result[key] !== null && row.result[key] !== undefined);
   return [
     { key: "rank", label: "#", value: (row) => row.rank, start: "ascending", className: "rank", explain: otherWords("Rank"), cell: (row) => h("td", { class: "rank" }, row.rank ?? "\u2013") },
     { key: "agent", label: "Agent", value: (row) => row.result.agent, left: true, start: "ascending", className: "agent",
       explain: [h("b", {}, "Agent"), ": open one to see where it earns its money, a typical day, the season and its worst run."],
-      cell: (row) => h("th", { scope: "row", class: "agent" }, swatch(row.result.agent), h("a", { href: link("agent", row.result.agent, task.short) }, row.result.agent),
+      cell: (row) => h("th", { scope: "row", class: "agent" }, swatch(row.result.agent), h("a", { href: link("agent", row.result.agent, task.short) }, breakable(row.result.agent)),
         row.result.failed ? [" ", tag(`${row.result.failed} of ${row.result.runs} failed`, "bad")] : null, row.result.remark ? [" ", tag(row.result.remark)] : null) },
     ...D.metrics.filter((metric) => metric.column).map(metricColumn),
-    { key: "decision", label: "Decision", unit: "ms", value: (row) => row.result.decision, start: "ascending", explain: otherWords("Decision"),
-      cell: (row) => h("td", {}, row.result.decision < 0.1 ? number(row.result.decision, 3) : number(row.result.decision, 2)) },
-    held("training") ? { key: "training", label: "Training", unit: "steps", value: (row) => row.result.training?.steps ?? null, start: "ascending", explain: otherWords("Training"),
-      cell: (row) => h("td", { title: trainingWords(row.result.training) || null }, row.result.training?.steps ? number(row.result.training.steps, 0) : "\u2013") } : null,
-    { key: "sees", label: "Sees", value: (row) => (row.result.privileged ? "privileged" : "observations"), start: "ascending", left: true, explain: otherWords("Sees"),
-      cell: (row) => h("td", { class: "left", title: row.result.sees }, row.result.privileged ? tag("privileged") : "observations") },
-    held("sandbox") ? { key: "sandbox", label: "Sandboxed", value: (row) => SANDBOX_WORDS[row.result.sandbox]?.[0] ?? "", left: true, start: "ascending", explain: otherWords("Sandboxed"),
-      cell: (row) => h("td", { class: "left" }, SANDBOX_WORDS[row.result.sandbox] ? tag(...SANDBOX_WORDS[row.result.sandbox]) : "\u2013") } : null,
-    { key: "verified", label: "Verified", value: (row) => (row.result.verified ? 1 : 0), left: true, explain: otherWords("Verified"),
-      cell: (row) => h("td", { class: "left" }, row.result.verified ? tag("\u2713 verified", "ok") : "\u2013") },
+    ...aboutColumns((row) => ({ ...row.result, steps: row.result.training?.steps, hours: trainingWords(row.result.training), name: row.result.agent })),
   ].filter(Boolean);
 };
 
-const SANDBOX_WORDS = { bubblewrap: ["sandboxed", "ok"], unsandboxed: ["not sandboxed", "bad"], "built-in": ["part of glbench"] };
+// How an agent came to its decisions, and how far one can trust the result: the same columns for a task and for a suite.
+const aboutColumns = (of) => [
+  { key: "decision", label: "Decision", unit: "ms", value: (row) => of(row).decision, start: "ascending", explain: otherWords("Decision"),
+    cell: (row) => h("td", {}, number(of(row).decision, of(row).decision < 0.1 ? 3 : of(row).decision < 10 ? 2 : 0)) },
+  { key: "training", label: "Training", unit: "steps", value: (row) => of(row).steps ?? null, start: "ascending", explain: otherWords("Training"),
+    cell: (row) => { const { steps, hours } = of(row); return h("td", { title: hours || null }, steps === null || steps === undefined ? "\u2013" : millions(steps)); } },
+  { key: "sees", label: "Sees", value: (row) => (of(row).privileged ? "privileged" : "observations"), start: "ascending", left: true, explain: otherWords("Sees"),
+    cell: (row) => h("td", { class: "left", title: of(row).sees ?? null }, of(row).privileged ? tag("privileged") : "observed") },
+  { key: "sandbox", label: "Sandbox", value: (row) => SANDBOX_WORDS[of(row).sandbox]?.[0] ?? "", left: true, start: "ascending", explain: otherWords("Sandbox"),
+    cell: (row) => { const [words, kind] = SANDBOX_WORDS[of(row).sandbox] ?? ["\u2013", ""]; return h("td", { class: "left" }, kind === "bad" ? tag(words, kind) : words); } },
+  { key: "verified", label: "Verified", value: (row) => (of(row).verified ? 1 : 0), left: true, explain: otherWords("Verified"),
+    cell: (row) => h("td", { class: "left" }, of(row).verified ? h("span", { class: "ok" }, "\u2713 yes") : "no") },
+];
+const millions = (steps) => (steps >= 1e6 ? `${number(steps / 1e6, 2)}\u00a0M` : steps >= 1e3 ? `${number(steps / 1e3, 0)}\u00a0k` : number(steps, 0));
+
+const SANDBOX_WORDS = { bubblewrap: ["yes", "ok"], unsandboxed: ["no", "bad"], "built-in": ["built in", ""] };
 const trainingWords = (training) => (training ? [training.steps ? `${number(training.steps, 0)} control steps` : "", training.wall_hours ? `${number(training.wall_hours, 1)} hours` : "", training.hardware ? `on ${training.hardware}` : ""].filter(Boolean).join(", ") : "");
 
 const otherWords = (name) => { const [word, meaning] = D.other_words.find(([one]) => one === name); return [h("b", {}, word), `: ${meaning}`]; };
@@ -56,9 +63,8 @@ const familyFigure = (family) => {
     traces: names.filter((name) => !hidden.has(name)).map((name) => {
       const points = tasks.filter((task) => resultOf(task.id, name)?.rank).map((task) => ({ x: task.delta, ...estimate(resultOf(task.id, name), metric) }));
       const column = (key) => points.map((point) => point[key]);
-      const symbol = SYMBOLS[AGENTS[name].index % 8];
       return line(column("x"), column("mean"), colourOf(name), {
-        mode: "lines+markers", name, marker: { size: 7, symbol }, hovertemplate: `%{y:,.${METRICS[metric].decimals + 1}f}`,
+        mode: "lines+markers", name, marker: { size: 7, symbol: symbolOf(name) }, line: { dash: dashOf(name) }, hovertemplate: `%{y:,.${METRICS[metric].decimals + 1}f}`,
         error_y: { type: "data", symmetric: false, array: points.map((p) => p.high - p.mean), arrayminus: points.map((p) => p.mean - p.low), thickness: 1.5, width: 0, color: colourOf(name) },
       });
     }),
@@ -80,7 +86,7 @@ const familyFigure = (family) => {
   })]);
   return [
     h("h2", {}, "How each agent copes with a crop it does not know"),
-    h("p", { class: "soft" }, `${suiteTitle(family.name)}: mean over the runs with its 95 % interval, against delta, the share by which the crop\u2019s properties may be off. Choose agents below.`),
+    h("p", { class: "soft" }, `${suiteTitle(family.name)}: mean over the runs with its 95 % interval, against delta, the share by which the crop\u2019s properties may be off. Choose agents below.${names.includes(NOTHING) && hidden.has(NOTHING) ? ` ${NOTHING} is switched off at first: beside it all others would look alike.` : ""}`),
     legend, h("div", { class: "grid three" }, figures),
     h("details", { class: "data" }, h("summary", {}, "These figures as tables"), ["reward", "epi", "penalty"].map((metric) =>
       plainTable(`${METRICS[metric].label}${METRICS[metric].unit ? `, ${METRICS[metric].unit}` : ""}, mean, by delta`, ["Agent", ...tasks.map((task) => `${task.delta} %`)], rows(metric)))),
@@ -91,7 +97,7 @@ const leaderboardPage = (short) => {
   const task = BY_SHORT[short] ?? TASKS[D.start], rows = ranked(task.id), family = familyOf(task.id);
   const best = rows[0].result;
   const table = sortable({
-    caption: `${task.title}: mean over ${plural(best.runs, "seeded run")}${pricesDiffer(task) ? ", at other prices" : ""}. Bars show 95 % intervals.`,
+    caption: `${task.title}: mean over ${plural(best.runs, "seeded run")}${pricesDiffer(task) ? ", at other prices" : ""}. Bars show 95 % intervals, an arrow what is off their scale.`,
     columns: rankColumns(task, rows), rows, state: rankState, className: "ranks", rowClass: (row) => (row.rank === null ? "unranked" : null),
   });
   return {

@@ -31,6 +31,9 @@ const captionOf = (label, unit) => [label, unit ? h("span", {}, ` ${unit}`) : nu
 // Prices that were changed do not change what was recorded at the task's prices.
 const atTaskPrices = (task, name) => (name === "epi" && pricesDiffer(task) ? " at the task\u2019s prices" : "");
 
+// Amounts begin at 0; where nothing was used there is no scale to find.
+const fromZero = (name, values) => (!["heat", "electricity", "co2_dosed", "penalty"].includes(name) ? {} : values.some((value) => value > 0) ? { rangemode: "tozero" } : { range: [0, 1], tickvals: [0] });
+
 // One quantity by time of day: the band of nine in ten, the band of half, and the median; for several agents at once.
 const dayChart = (task, name, courses, slotSeconds) => {
   const words = SERIES[name], limit = limitOf(task, name);
@@ -47,7 +50,7 @@ const dayChart = (task, name, courses, slotSeconds) => {
         name: agent ?? "median", hovertemplate: `%{y:,.${words.decimals}f}`, line: { dash: courses[0].agent === agent ? "solid" : "dash" },
       }));
     }
-    return { traces, layout: layout({ xaxis: HOUR_AXIS, yaxis: words.range ? { range: words.range, tickvals: [0, 50, 100] } : {}, shapes: limitShapes(limit) }) };
+    return { traces, layout: layout({ xaxis: HOUR_AXIS, yaxis: words.range ? { range: words.range, tickvals: [0, 50, 100] } : fromZero(name, courses.flatMap(({ packed }) => unpack(packed)[4])), shapes: limitShapes(limit) }) };
   };
   const says = courses.map(({ agent, packed }) => {
     const median = scaled(unpack(packed), words.factor)[2].filter((value) => value !== null);
@@ -73,7 +76,7 @@ const seasonChart = (task, name, packed, agent, { add = false } = {}) => {
         one("best run", best, { colour: variable("soft"), line: { width: 1.2, dash: "dash" } }),
         one("median", median, { colour, line: { width: 2.2 } }),
       ],
-      layout: layout({ xaxis: { nticks: 4, tickangle: 0, tickvals: x.filter((_, day) => day % Math.max(1, Math.ceil(days / 4)) === 0) }, yaxis: name === "penalty" ? { rangemode: "tozero" } : {}, shapes: limitShapes(limit && limitShown(limit, median) ? limit : null) }),
+      layout: layout({ xaxis: { nticks: 4, tickangle: 0, tickvals: x.filter((_, day) => day % Math.max(1, Math.ceil(days / 4)) === 0) }, yaxis: fromZero(add ? "" : name, [...median, ...best, ...worst]), shapes: limitShapes(limit && limitShown(limit, median) ? limit : null) }),
     };
   };
   return chart(captionOf(words.label, unit + atTaskPrices(task, name)), build, { height: 180, says: `${words.label} by day of the season, ${unit}: median over the runs, best and worst run.` });

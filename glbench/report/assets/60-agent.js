@@ -45,13 +45,17 @@ const story = (result, task) => {
   const of = (metric) => estimate(result, metric).mean, days = (task.steps * task.step_seconds) / 86400;
   const row = ranked(task.id).find((one) => one.result === result), profit = of("epi");
   const costs = [["heat", of("cost_heat")], ["light", of("cost_electricity")], ["CO\u2082", of("cost_co2")]].sort((a, b) => b[1] - a[1]);
+  const unused = [["heat", "heat"], ["electricity", "light"], ["co2", "CO\u2082"]].filter(([metric]) => of(metric) < 5e-3).map(([, words]) => words);
+  const best = ranked(task.id)[0].result, gap = (metric) => estimate(best, metric).mean - of(metric);
   const outside = of("hours_outside_limits"), hours = (task.steps * task.step_seconds) / 3600;
   const limits = D.metrics.filter((metric) => /^hours_(air|co2|rel)/.test(metric.name)).map((metric) => [lower(metric.label), of(metric.name)]).sort((a, b) => b[1] - a[1]);
   return [
     `In ${number(days, 0)} days it grew ${withUnit(of("yield"), 1, "kg/m\u00b2")} of tomatoes worth ${withUnit(of("revenue"), 2, "EUR/m\u00b2")} and ${profit >= 0 ? "earned" : "lost"} `,
     h("b", { class: profit >= 0 ? "gain" : "loss" }, withUnit(Math.abs(profit), 2, "EUR/m\u00b2")),
-    costs[0][1] > 0 ? `. Most of the cost was ${costs[0][0]} (${withUnit(costs[0][1], 2, "EUR/m\u00b2")}). ` : ". It used nothing. ",
+    costs[0][1] > 0 ? `. Most of the cost was ${costs[0][0]} (${withUnit(costs[0][1], 2, "EUR/m\u00b2")}). ` : ". ",
     outside > 0 ? `The climate was outside its limits for ${withUnit(outside, 0, "h")}, ${number((100 * outside) / hours, 0)} % of the time, above all ${limits[0][0]} (${withUnit(limits[0][1], 0, "h")}).` : "The climate never left its limits.",
+    unused.length ? ` It used no ${sentence(unused).replace(" and ", " and no ")}.` : "",
+    best && best !== result && row.rank ? [" The best here, ", h("a", { href: link("agent", best.agent, task.short) }, best.agent), `, gets ${number(gap("reward"), 0)} more reward with ${withUnit(Math.abs(gap("epi")), 2, "EUR/m\u00b2")} ${gap("epi") >= 0 ? "more" : "less"} profit and a penalty ${number(Math.abs(gap("penalty")), 0)} ${gap("penalty") > 0 ? "higher" : "lower"}.`] : "",
     row.rank ? ` Rank ${row.rank} of ${ranked(task.id).filter((one) => one.rank !== null).length} on this task.` : "",
   ];
 };
@@ -123,7 +127,7 @@ const later = (height, make) => {
 
 const profileParts = (result, task) => later(2400, async () => {
   const [profile, weather] = await Promise.all([block(result.profile), block(task.weather)]);
-  const day = (names) => h("div", { class: "grid" }, names.map((name) => dayChart(task, name, [{ agent: result.agent, packed: profile.day.columns[name] }], profile.day.slot_seconds)));
+  const day = (names) => h("div", { class: names.length % 3 ? "grid" : "grid three" }, names.map((name) => dayChart(task, name, [{ agent: result.agent, packed: profile.day.columns[name] }], profile.day.slot_seconds)));
   const season = (name, options) => seasonChart(task, name, profile.season.columns[name], result.agent, options);
   return [
     h("h2", {}, "A typical day"),

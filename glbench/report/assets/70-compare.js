@@ -43,7 +43,7 @@ const verdict = (one, two) => {
 const byItem = (one, two, task) => {
   const items = [["revenue", 1], ["cost_heat", -1], ["cost_electricity", -1], ["cost_co2", -1], ["epi", 1]];
   const gaps = items.map(([name, sign]) => { const d = difference(one, two, name); return { name, label: name === "epi" ? "Profit" : METRICS[name].label, value: sign * d.mean, low: sign > 0 ? d.low : -d.high, high: sign > 0 ? d.high : -d.low }; });
-  const ends = [Math.min(0, ...gaps.map((gap) => gap.value)), Math.max(0, ...gaps.map((gap) => gap.value))], room = 0.2 * (ends[1] - ends[0] || 1);
+  const ends = [Math.min(0, ...gaps.map((gap) => gap.value)), Math.max(0, ...gaps.map((gap) => gap.value))], room = 0.3 * (ends[1] - ends[0] || 1);
   const build = () => ({
     traces: [{
       type: "bar", orientation: "h", y: gaps.map((gap) => gap.label), x: gaps.map((gap) => gap.value), text: gaps.map((gap) => ` ${number(gap.value, 2, true)} `), textposition: "outside", cliponaxis: false, hoverinfo: "skip",

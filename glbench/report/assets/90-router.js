@@ -3,8 +3,8 @@
 const link = (...parts) => `#/${parts.filter((part) => part !== "" && part !== undefined).map(encodeURIComponent).join("/")}`;
 const go = (...parts) => { location.hash = link(...parts); };
 
-const PAGES = { "": leaderboardPage, agents: agentsPage, agent: agentPage, compare: comparePage, tasks: tasksPage, task: taskPage, guide: guidePage };
-const NAVIGATION = [["Leaderboard", "", [""]], ["Agents", "agents", ["agents", "agent"]], ["Compare", "compare", ["compare"]], ["Tasks", "tasks", ["tasks", "task"]], ["Guide", "guide", ["guide"]]];
+const PAGES = { "": leaderboardPage, overall: suitePage, agents: agentsPage, agent: agentPage, compare: comparePage, tasks: tasksPage, task: taskPage, guide: guidePage };
+const NAVIGATION = [["Leaderboard", "", [""]], ["Overall", "overall", ["overall"]], ["Agents", "agents", ["agents", "agent"]], ["Compare", "compare", ["compare"]], ["Tasks", "tasks", ["tasks", "task"]], ["Guide", "guide", ["guide"]]];
 
 const address = () => location.hash.replace(/^#\/?/, "").split("/").map(decodeURIComponent);
 const parse = () => {

@@ -1,0 +1,73 @@
+"""What a result's agent was trained for: from the card of a submission, or from the trainings that a shipped baseline keeps.
+
+A baseline that ships several policies acts with the one trained under the nearest uncertainty, so that one's training counts. What
+nobody says is ``None`` and not 0.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from glbench.agents.baselines import read_baseline
+from glbench.agents.identity import baseline_names
+from glbench.errors import GlbenchError
+from glbench.evaluation import Result
+from glbench.resources import data_folder
+from glbench.tasks import list_tasks
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Control steps of all environments together, and hours on the machine that trained; 0 steps where nothing was learnt."""
+
+    steps: int | None
+    hours: float | None
+
+
+UNKNOWN = Budget(None, None)
+
+
+def budget_of(result: Result) -> Budget:
+    """Training of the agent that made ``result``."""
+    agent = result.agent
+    if agent.card is not None and agent.card.training is not None:
+        return Budget(agent.card.training.steps, agent.card.training.wall_hours)
+    if agent.kind != "baseline" or _digest_of_baseline(agent.name) != agent.digest:
+        return UNKNOWN
+    trained = _trainings(data_folder("baselines") / agent.name / "training")
+    if not trained:
+        return Budget(0, 0.0)
+    delta = _deltas().get(result.task.id)
+    return UNKNOWN if delta is None else trained[min(trained, key=lambda level: (abs(level - delta), level))]
+
+
+@cache
+def _digest_of_baseline(name: str) -> str | None:
+    """Digest of the baseline as it is shipped today; of another one nothing is known."""
+    if name not in baseline_names():
+        return None
+    try:
+        return read_baseline(name).digest
+    except GlbenchError:
+        return None
+
+
+@cache
+def _deltas() -> Mapping[str, float]:
+    return {task.id: task.uncertainty.delta for task in list_tasks()}
+
+
+@cache
+def _trainings(folder: Path) -> Mapping[float, Budget]:
+    """Budgets by the uncertainty of the task that they were trained on."""
+    found = {}
+    for path in sorted(folder.glob("*.toml")):
+        card = tomllib.loads(path.read_text(encoding="utf-8"))
+        delta = _deltas().get(card["task"]["id"])
+        if delta is not None:
+            found[delta] = Budget(int(card["training"]["steps"]), float(card["wall_seconds"]["total"]) / 3600.0)
+    return found

@@ -1,0 +1,45 @@
+"""What an agent was trained for: from its card, from the trainings of a shipped baseline, or nobody says."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+
+from glbench.agents.card import SubmissionCard
+from glbench.evaluation import load_result
+from glbench.leaderboard.budget import UNKNOWN, Budget, budget_of
+from glbench.resources import data_folder
+from tests.leaderboard.synthetic import make_result
+
+RESULTS = data_folder("reports/results")
+
+
+def released(agent: str, task: str = "Schiphol2010-Delta10-v1"):
+    return load_result(RESULTS / task / f"{agent}.json")
+
+
+def test_a_rule_learnt_nothing():
+    assert budget_of(released("rule_based")) == Budget(0, 0.0)
+
+
+def test_a_submission_without_a_card_says_nothing():
+    assert budget_of(make_result("quiet", [1.0])) == UNKNOWN
+
+
+def test_a_card_is_believed():
+    card = SubmissionCard(
+        name="A", authors=("B",), licence="MIT", information=("observations",), training={"steps": 7, "wall_hours": 0.5}
+    )
+    result = make_result("told", [1.0])
+    told = result.model_copy(update={"agent": result.agent.model_copy(update={"card": card})})
+    assert budget_of(told) == Budget(7, 0.5)
+
+
+def test_of_a_shipped_policy_the_training_at_the_nearest_uncertainty_counts():
+    result = released("ppo", "Schiphol2010-Delta10-v1")
+    card = tomllib.loads((data_folder("baselines") / "ppo/training/delta10.toml").read_text(encoding="utf-8"))
+    expected = Budget(card["training"]["steps"], pytest.approx(card["wall_seconds"]["total"] / 3600.0))
+    assert budget_of(result) == expected
+    stranger = result.model_copy(update={"agent": result.agent.model_copy(update={"digest": "0" * 64})})
+    assert budget_of(stranger) == UNKNOWN, "of another policy of that name nothing is known"
