@@ -31,6 +31,7 @@ from glbench.agents.protocol import PerRunAgent
 from glbench.errors import ActionError, SubmissionError
 from glbench.evaluation.acting import guarded, in_words
 from glbench.evaluation.actions import read_actions
+from glbench.evaluation.sandbox.domain import enter_domain
 from glbench.evaluation.sandbox.frames import HEADER, ROW, STATUSES, Kind, Order, encoded, packed_problems
 from glbench.evaluation.sandbox.limits import SandboxLimits
 
@@ -201,6 +202,7 @@ def _plain(returned: object, shape: tuple[int, int]) -> NDArray[np.float64] | No
 
 def main(descriptor: int) -> NoReturn:
     """Say hello and serve."""
+    enter_domain()
     os.closerange(3, descriptor)
     os.closerange(descriptor + 1, 1024)
     # When the machine runs out of memory, this process goes before the evaluation.

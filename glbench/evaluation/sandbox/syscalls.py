@@ -42,7 +42,7 @@ _REFUSED: Final = {
     "settimeofday": (164, 170), "clock_settime": (227, 112), "clock_adjtime": (305, 266), "adjtimex": (159, 171),
     "sethostname": (170, 161), "setdomainname": (171, 162), "personality": (135, 92), "vhangup": (153, 58),
 }  # fmt: skip
-_CLONE, _CLONE3, _SOCKET = (56, 220), (435, 435), (41, 198)
+_CLONE, _CLONE3, _SOCKET, _LIMITS = (56, 220), (435, 435), (41, 198), (302, 261)
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,9 @@ def system_call_filter() -> bytes | None:
     program.append(_block(_CLONE[column], clone))
     families = b"".join(_if(_EQUAL, family, _ALLOW) for family in _FAMILIES)
     program.append(_block(_SOCKET[column], _load(_FIRST_ARGUMENT) + families + _return(_ERROR | errno.EAFNOSUPPORT)))
+    # Limits of other processes: bubblewrap's own may belong to the same user. Process 0 is whoever asks.
+    own = _if(_EQUAL, 0, _ALLOW) + _return(_ERROR | errno.EPERM)
+    program.append(_block(_LIMITS[column], _load(_FIRST_ARGUMENT) + own))
     return b"".join(program) + _return(_ALLOW)
 
 
