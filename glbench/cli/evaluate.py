@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from glbench.cli.choices import Sandbox
 from glbench.cli.console import messages, output, print_warning
 from glbench.cli.leaving import INTERRUPTED, leaving_at_once, tell_interrupted
 from glbench.cli.view import live_view, live_viewer
@@ -21,14 +22,6 @@ if TYPE_CHECKING:
     from glbench.evaluation import Evaluation, Protected, Result, SandboxChoice
     from glbench.evaluation.engines import Engine
     from glbench.tasks import TaskSpec
-
-
-class Sandbox(StrEnum):
-    """The choices of ``--sandbox``, repeated here so that ``--help`` need not load the evaluation."""
-
-    AUTO = "auto"
-    BUBBLEWRAP = "bubblewrap"
-    NONE = "none"
 
 
 class EngineName(StrEnum):

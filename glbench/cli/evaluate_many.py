@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskProgressColumn, TextColumn
 from rich.table import Table
 
-from glbench.cli.console import messages, output
+from glbench.cli.console import harmless, messages, output
 from glbench.cli.evaluation_tables import reward_in_words
 from glbench.cli.leaving import INTERRUPTED, tell_interrupted
 
@@ -62,7 +62,7 @@ def evaluate_many(
     if failures:
         messages().print(f"[bold red]{len(failures)} failed:[/bold red]")
         for what, reason in failures:
-            messages().print(f"  [red]{escape(what)}[/red]: {escape(_short(reason or ''))}", soft_wrap=True)
+            messages().print(f"  [red]{escape(harmless(what))}[/red]: {escape(_short(reason or ''))}", soft_wrap=True)
     return not failures
 
 
@@ -127,7 +127,7 @@ def _cell(outcome: Outcome) -> str:
 
 
 def _short(reason: str) -> str:
-    words = " ".join(reason.split())
+    words = harmless(" ".join(reason.split()))
     return words if len(words) <= _LONGEST_REASON else words[: _LONGEST_REASON - 4] + " ..."
 
 

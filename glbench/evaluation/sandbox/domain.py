@@ -20,5 +20,7 @@ def enter_domain() -> bool:
     """Put this process and all that it starts into a domain; false where the kernel has none. Needs ``no_new_privs``."""
     library = ctypes.CDLL(None, use_errno=True)
     forbidden = ctypes.c_uint64(_MAKE_DEVICES)
-    ruleset: int = library.syscall(_CREATE_RULESET, ctypes.byref(forbidden), ctypes.c_size_t(ctypes.sizeof(forbidden)), 0)
+    ruleset: int = library.syscall(
+        _CREATE_RULESET, ctypes.byref(forbidden), ctypes.c_size_t(ctypes.sizeof(forbidden)), 0
+    )
     return ruleset >= 0 and library.syscall(_RESTRICT_SELF, ruleset, 0) == 0

@@ -32,9 +32,22 @@ class Watch:
         self._next = now + _LOOK_SECONDS
         return self._look()
 
+    def memory(self) -> int:
+        """Memory of all processes now [bytes]."""
+        return self._taken()[1]
+
     def _look(self) -> str | None:
+        tasks, memory = self._taken()
+        if tasks > self._sizes.tasks + _SOME_MORE:
+            return f"the agent started more than {self._sizes.tasks} processes and threads, which is its limit"
+        if memory > self._sizes.memory:
+            return f"the agent's processes took more than {self._sizes.memory / GIB:.3g} GiB of memory together, which is their limit"
+        return None
+
+    def _taken(self) -> tuple[int, int]:
+        """Processes and threads, and the memory of all [bytes]; not counted on where there are too many already."""
         waiting, tasks, memory = [self._root], 0, 0
-        while waiting:
+        while waiting and tasks <= self._sizes.tasks + _SOME_MORE:
             place = Path("/proc") / str(waiting.pop())
             try:
                 threads = list((place / "task").iterdir())
@@ -43,11 +56,7 @@ class Watch:
             except OSError:  # it ended while we looked
                 continue
             tasks += len(threads)
-            if tasks > self._sizes.tasks + _SOME_MORE:
-                return f"the agent started more than {self._sizes.tasks} processes and threads, which is its limit"
-        if memory > self._sizes.memory:
-            return f"the agent's processes took more than {self._sizes.memory / GIB:g} GiB of memory together, which is their limit"
-        return None
+        return tasks, memory
 
 
 def _memory(place: Path) -> int:
