@@ -154,7 +154,8 @@ class SandboxedCandidate:
         took = time.perf_counter() - began
         for failure in decision.failures:
             if failure.row is None or failure.status != "invalid_action":
-                return Answer(None, failure, took)
+                # Agents for single runs have one clock each; what the others took does not matter.
+                return Answer(None, failure, took if failure.row is None else min(took, self._guest.time.step))
         wrong = {failure.row: failure.reason for failure in decision.failures if failure.row is not None}
         return Answer((decision.actions, wrong), None, took)
 
@@ -187,6 +188,7 @@ class SandboxedCandidate:
 
     def _made(self, runs: int, seconds: float) -> tuple[Guest, bool]:
         limits = self._guest.time
-        hasty = TimeLimits(start=min(limits.start, seconds), step=min(limits.step, seconds / runs), run=limits.run)
+        start, step = min(limits.start, round(seconds, 1)), min(limits.step, round(seconds / runs, 1))
+        hasty = TimeLimits(start=start, step=step, run=limits.run)
         guest = replace(self._guest, runs=runs, time=hasty)
         return guest, guest.made_in(self._process)

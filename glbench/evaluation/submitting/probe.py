@@ -36,6 +36,7 @@ from glbench.tasks import TaskCard, TaskSpec, get_task, task_card
 STEPS = 96
 """Steps of the short run: a day in steps of a quarter of an hour, with its night."""
 RUNS = 4
+_SHOWN = 160
 _LEAST = 0.6
 """Share of the time that is the agent's, however long packages took to be imported."""
 _SHARE_RUN, _SHARE_REPEAT, _SHARE_ALONE = 0.5, 0.4, 0.4
@@ -64,8 +65,7 @@ class Probe:
                 self._find(*words.surroundings(*self._candidate.overheard()))
         except GlbenchError as error:
             self._find(problem("decisions", str(error)))
-        size, last = self._candidate.printed()
-        self._say(stage="", printed=size, last=last)
+        self._say(stage="", printed=self._candidate.printed()[0])
 
     def _loaded(self) -> bool:
         self._say(stage="while its file was loaded")
@@ -125,11 +125,12 @@ class Probe:
     def _accepted(self, answer: Answer[Decided], step: int) -> NDArray[np.float64] | None:
         """The actions, or ``None`` after telling why they are none."""
         if answer.failure is not None and answer.failure.status == "timed_out":
-            self._find(words.no_answer(answer.seconds, RUNS, step, self._task.steps, self._limits))
+            together = RUNS if answer.failure.row is None else 1
+            self._find(words.no_answer(answer.seconds, together, step, self._task.steps, self._limits))
             return None
         self._say(checked="decisions")
         if answer.value is None:
-            text = f"act fails in step {step}: {_why_not(answer)}. The runs it decides for would end there."
+            text = f"act fails in step {step}: {_why_not(answer)}.{self._last_words(answer)} The runs it decides for would end there."
             self._find(problem("decisions", text))
             return None
         actions, wrong = answer.value
@@ -140,6 +141,11 @@ class Probe:
             self._find(problem("decisions", text))
             return None
         return actions
+
+    def _last_words(self, answer: Answer[Decided]) -> str:
+        """What a process that ended has printed last."""
+        last = self._candidate.printed()[1] if answer.failure is not None and answer.failure.status == "crashed" else ""
+        return f' Its last words: "{last[:_SHOWN]}"' if last else ""
 
     def _measured(self, seconds: list[float]) -> None:
         self._say(checked="time")
