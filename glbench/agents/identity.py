@@ -108,7 +108,8 @@ def identify(ref: str | Path) -> Identity | None:
     if isinstance(ref, str) and ref in baseline_names():
         return None
     path = Path(ref).expanduser()
-    return read_identity(path) if path.exists() and not is_built_in(path) else None
+    is_there = path.is_file() or path.is_dir()  # a pipe would be waited for
+    return read_identity(path) if is_there and not is_built_in(path) else None
 
 
 def is_built_in(path: Path) -> bool:

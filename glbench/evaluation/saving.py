@@ -27,11 +27,15 @@ from glbench.tasks import TaskSpec
 
 @dataclass(frozen=True)
 class Computed:
-    """What an evaluation computed, before it is saved; ``trace`` is what episodes are made from without replaying, if it was kept."""
+    """What an evaluation computed, before it is saved.
+
+    ``trace`` is what episodes are made from without replaying, if it was kept; ``printed`` what a sandboxed agent printed.
+    """
 
     result: Result
     log: ActionLog
     trace: Trace | None = None
+    printed: str = ""
 
 
 def save(computed: Computed, out: Path, task: TaskSpec, selection: Sequence[str], *, checkpointed: bool) -> Result:

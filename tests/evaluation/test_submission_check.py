@@ -79,7 +79,13 @@ def test_a_good_submission_passes_every_check(tmp_path: Path, day_task_file: Pat
     ids=["nan", "shape", "bounds", "raises", "exits", "random", "rows", "leak", "writes", "network", "prints"],
 )  # fmt: skip
 def test_what_is_wrong_is_told_under_its_subject(
-    tmp_path: Path, day_task_file: Path, monkeypatch: pytest.MonkeyPatch, sandbox: str, act: str, subject: str, words: str
+    tmp_path: Path,
+    day_task_file: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    sandbox: str,
+    act: str,
+    subject: str,
+    words: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     task = day_task_file
@@ -141,7 +147,9 @@ def test_where_there_is_no_sandbox_files_are_looked_at_and_nothing_is_run(
 ) -> None:
     file = tmp_path / "mine.py"
     file.write_text("import no_such_library\nraise SystemExit('it was run')\n", encoding="utf-8")
-    monkeypatch.setattr(bubblewrap, "_tried", lambda: ("There is no bubblewrap: install it, or give --sandbox none.", None))
+    monkeypatch.setattr(
+        bubblewrap, "_tried", lambda: ("There is no bubblewrap: install it, or give --sandbox none.", None)
+    )
     report = check_submission(file, day_task_file)
     assert {finding.subject for finding in report.problems} == {"packages"}
     file.write_text("raise SystemExit('it was run')\n", encoding="utf-8")

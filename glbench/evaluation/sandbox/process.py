@@ -287,9 +287,12 @@ class GuestProcess:
 
     def _kill(self) -> None:
         if self._pidfd >= 0:
-            # The first process of the sandbox takes all others with it.
+            # The first process of the sandbox takes all others with it, and has ended when they have.
             with contextlib.suppress(ProcessLookupError):
                 signal.pidfd_send_signal(self._pidfd, signal.SIGKILL)
+            ended = select.poll()
+            ended.register(self._pidfd, select.POLLIN)
+            ended.poll(_END_SECONDS * 1e3)
             os.close(self._pidfd)
             self._pidfd = -1
         if self._facts >= 0:

@@ -207,7 +207,7 @@ class Probe:
             self._say(finding=asdict(finding))
 
     def _say(self, **said: Any) -> None:
-        os.write(self._channel, (json.dumps(said) + "\n").encode())
+        _tell(self._channel, **said)
 
 
 def _why_not(answer: Answer[Decided]) -> str:
@@ -225,11 +225,20 @@ def main(arguments: list[str]) -> None:
     began = time.time()
     task = get_task(task_ref)
     card = task_card(task)
-    with closing(_candidate(ref, task, card, protection, tuple(packages))) as candidate:
+    try:
+        candidate = _candidate(ref, task, card, protection, tuple(packages))
+    except GlbenchError as error:
+        _tell(int(channel), stage="", finding=asdict(problem("loading", str(error))))
+        return
+    with closing(candidate):
         # Large packages take their time on a busy machine, which is not the agent's.
         deadline = max(began + float(seconds), time.time() + _LEAST * float(seconds))
-        os.write(int(channel), (json.dumps({"deadline": deadline}) + "\n").encode())
+        _tell(int(channel), deadline=deadline)
         Probe(candidate, task, card, deadline, int(channel)).run()
+
+
+def _tell(channel: int, **said: Any) -> None:
+    os.write(channel, (json.dumps(said) + "\n").encode())
 
 
 def _candidate(ref: str, task: TaskSpec, card: TaskCard, protection: str, packages: tuple[str, ...]) -> Candidate:
