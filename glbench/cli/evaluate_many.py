@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from glbench.evaluation.engines import Engine, Job, Outcome
 
 _REFRESH_SECONDS = 0.1
-_LONGEST_REASON = 300
+_LONGEST_REASON = 500
 _SIDE_BY_SIDE = 4
 _SHOWN_REASONS, _SHOWN_LINES = 2, 3
 _CAPTION = "* some runs failed; their missing steps count at the task's price"

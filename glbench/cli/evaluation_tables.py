@@ -38,7 +38,7 @@ _LABELS = {
 }
 _SECTIONS = {"penalty", "yield", "hours_outside_limits"}
 _SHOWN_FAILURES = 5
-_SHOWN_LINES = 20
+_SHOWN_LINES, _LONGEST_LINE = 20, 300
 _PROTECTIONS = {
     "bubblewrap": "in a sandbox (bubblewrap)",
     "unsandboxed": "[yellow]unsandboxed[/yellow]",
@@ -134,7 +134,8 @@ def print_prints(name: str, printed: str, *, everything: bool, last: int = _SHOW
     console = messages()
     console.print(f"{indent}What {escape(name)} printed{which}:", soft_wrap=True)
     for line in shown:
-        console.print(f"{indent}  {line}", markup=False, soft_wrap=True)
+        short = line if everything or len(line) <= _LONGEST_LINE else f"{line[: _LONGEST_LINE - 4]} ..."
+        console.print(f"{indent}  {short}", markup=False, soft_wrap=True)
 
 
 def label_of(metric: str) -> str:
