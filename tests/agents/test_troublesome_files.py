@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from glbench.agents import load_agent
 from glbench.agents.card import check_card
 from glbench.agents.formats.sb3_archive import read_archive
 from glbench.agents.formats.torchscript import torchscript_complaint
@@ -163,3 +164,10 @@ def test_a_card_with_the_mark_of_windows_editors_is_read(tmp_path: Path) -> None
     card, problems = check_card(file)
     assert problems == []
     assert card is not None
+
+
+def test_a_source_nested_without_end_is_told_in_words(tmp_path: Path) -> None:
+    file = tmp_path / "anna.py"
+    file.write_text("x = " + "-" * 200_000 + "1\n", encoding="utf-8")
+    with pytest.raises(SubmissionError, match=r"anna.py is no valid Python: it is nested too deeply"):
+        load_agent(file)

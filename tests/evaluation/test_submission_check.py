@@ -73,7 +73,7 @@ def test_a_good_submission_passes_every_check(tmp_path: Path, day_task_file: Pat
         ("actions += 0.5 * (observations[:, 2:3] > observations[:, 2].mean())", "rows", "rows learn of each other"),
         ("self.kept = getattr(self, 'kept', []) + [np.ones(2**18)]", "memory", "Memory grows by"),
         ("open('notes.txt', 'a').close()", "surroundings", "It writes to notes.txt"),
-        ("import socket\nsocket.socket().connect_ex(('127.0.0.1', 9))", "surroundings", "It connects to 127.0.0.1:9"),
+        ("import socket\ntry: socket.socket().connect(('127.0.0.1', 9))\nexcept OSError: pass", "surroundings", "It connects to "),
         ("print('x' * 9000)", "printing", "KiB in this short run"),
     ],
     ids=["nan", "shape", "bounds", "raises", "exits", "random", "rows", "leak", "writes", "network", "prints"],
@@ -157,3 +157,53 @@ def test_where_there_is_no_sandbox_files_are_looked_at_and_nothing_is_run(
     assert [finding.text for finding in report.problems] == [
         "'mine' was not run. There is no bubblewrap: install it, or give --sandbox none."
     ]
+
+
+SHARED = """
+import numpy as np
+MADE = []
+class Agent:
+    single_run = True
+    def reset(self, task): MADE.append(self); self.number = len(MADE)
+    def act(self, observation): {act}
+def make_agent(task): return Agent()
+"""
+
+
+@pytest.mark.parametrize(
+    ("act", "subject", "words"),
+    [
+        ("return np.full(6, 0.01 * self.number)", "rows", "rows learn of each other"),
+        ("return np.full(6, np.nan if self.number == 3 else 0.0)", "decisions", "In step 1, run 3 of 4"),
+    ],
+    ids=["counts", "one fails"],
+)
+def test_agents_for_single_runs_are_told_from_each_other(
+    tmp_path: Path, day_task_file: Path, sandbox: str, act: str, subject: str, words: str
+) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(SHARED.format(act=act), encoding="utf-8")
+    report = check_submission(file, day_task_file, seconds=SECONDS, sandbox=sandbox)  # type: ignore[arg-type]
+    assert [finding.subject for finding in report.problems] == [subject]
+    assert words in report.problems[0].text
+
+
+def test_one_slow_run_is_told_by_its_own_limit(tmp_path: Path, day_task_file: Path) -> None:
+    if why_no_sandbox() is not None:
+        pytest.skip(str(why_no_sandbox()))
+    file = tmp_path / "mine.py"
+    act = "__import__('time').sleep(60.0 * (self.number == 2)); return np.zeros(6)"
+    file.write_text(SHARED.format(act=act), encoding="utf-8")
+    report = check_submission(file, day_task_file, seconds=8.0)
+    assert any("for one run in step 1" in finding.text for finding in report.of("time")), report.findings
+
+
+def test_a_link_out_of_the_folder_is_a_finding_and_no_crash(tmp_path: Path, day_task_file: Path) -> None:
+    if why_no_sandbox() is not None:
+        pytest.skip(str(why_no_sandbox()))
+    folder = tmp_path / "mine"
+    new_submission(folder, "rule")
+    (folder / "link.txt").symlink_to(day_task_file)
+    report = check_submission(folder, day_task_file)
+    assert [finding.subject for finding in report.problems] == ["loading"]
+    assert "link.txt is a link that leads out of the submission's folder" in report.problems[0].text

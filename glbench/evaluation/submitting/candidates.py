@@ -10,7 +10,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.agents import Agent, Identity, LoadedAgent, load_agent
+from glbench.agents import Agent, Identity, load_agent
 from glbench.errors import GlbenchError, SubmissionError
 from glbench.evaluation.acting import Answer, Failure, guarded
 from glbench.evaluation.actions import read_actions
@@ -62,22 +62,18 @@ class LocalCandidate:
     def __init__(self, ref: str, card: TaskCard) -> None:
         self._ref, self._card = ref, card
         self._listener = Listener()
-        self._loaded: LoadedAgent | None = None
         self._agent: Agent | None = None
 
     def load(self, seconds: float) -> None:
         """Run its file; who started this process looks at the clock."""
         with self._listener.listening():
-            self._loaded = load_agent(self._ref)
+            load_agent(self._ref)
 
     def make(self, runs: int, seconds: float) -> Failure | None:
-        """Make a fresh agent of the file that was loaded."""
-        loaded = self._loaded
-        if loaded is None:
-            msg = "The submission was not loaded yet."
-            raise GlbenchError(msg)
+        """Run its file again and make an agent, as a new evaluation would."""
 
         def make() -> Agent:
+            loaded = load_agent(self._ref)
             agent = loaded.make(self._card)
             agent.reset(self._card, runs)
             if not isinstance(agent, Agent):
