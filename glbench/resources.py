@@ -35,21 +35,37 @@ def data_folder(name: DataFolder) -> Path:
 
 
 def user_data_folder() -> Path:
-    """Folder for data the user adds (imported weather); ``GLBENCH_DATA`` overrides the platform's default."""
+    """Folder for data the user adds (imported weather); ``GLBENCH_DATA`` overrides the platform's default.
+
+    Raises
+    ------
+    GlbenchError
+        When it is not set and the user has no home folder.
+    """
     override = os.environ.get("GLBENCH_DATA")
     if override:
         return Path(override).expanduser()
-    base = os.environ.get("XDG_DATA_HOME") or str(Path.home() / ".local" / "share")
+    base = os.environ.get("XDG_DATA_HOME") or str(_home("GLBENCH_DATA") / ".local" / "share")
     return Path(base) / "glbench"
 
 
 def cache_folder() -> Path:
-    """Folder for things that can be made again; ``GLBENCH_CACHE`` overrides the platform's default."""
+    """Folder for things that can be made again; ``GLBENCH_CACHE`` overrides the platform's default. Errors as for ``user_data_folder``."""
     override = os.environ.get("GLBENCH_CACHE")
     if override:
         return Path(override).expanduser()
-    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    base = os.environ.get("XDG_CACHE_HOME") or str(_home("GLBENCH_CACHE") / ".cache")
     return Path(base) / "glbench"
+
+
+def _home(variable: str) -> Path:
+    """The user's home folder; ``variable`` is what may be set instead."""
+    try:
+        return Path.home()
+    except RuntimeError as error:
+        # A folder for all users, such as /tmp, will not do: compiled kernels are loaded from there.
+        msg = f"This user has no home folder: set HOME, or {variable}, to a folder that only this user may write to."
+        raise GlbenchError(msg) from error
 
 
 def write_atomically(path: Path, data: bytes | str) -> None:

@@ -10,10 +10,12 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from glbench.errors import SubmissionError, did_you_mean
 
+_LARGEST_CARD = 64 * 1024
+_LONGEST_QUOTE = 80
 Information = Literal["observations", "forecast", "weather", "model", "privileged"]
 INFORMATION: dict[Information, str] = {
     "observations": "observations and the public task card",
@@ -30,10 +32,22 @@ def _as_tuple(given: object) -> object:
     return tuple(given) if isinstance(given, list) else given
 
 
-Words = Annotated[str, Field(min_length=1, max_length=200)]
+def _shown_as_written(text: str) -> str:
+    """Names stand in terminals and on pages: none may hold characters that steer them."""
+    strange = next((letter for letter in text if not (letter.isprintable() or letter in _HARMLESS)), None)
+    if strange is not None:
+        msg = f"the character U+{ord(strange):04X} cannot be shown"
+        raise ValueError(msg)
+    return text
+
+
+_HARMLESS = "\n\t\u200c\u200d"
+"""Ends of lines and tabulators, and the joiners that some scripts are written with."""
+Shown = Annotated[str, AfterValidator(_shown_as_written)]
+Words = Annotated[Shown, Field(min_length=1, max_length=200)]
 Names = Annotated[tuple[Words, ...], BeforeValidator(_as_tuple)]
 Numbers = Annotated[tuple[float, ...], BeforeValidator(_as_tuple)]
-FileName = Annotated[str, Field(pattern=r"^[^/\\.][^\\]*$", max_length=200)]
+FileName = Annotated[Shown, Field(pattern=r"^[^/\\.][^\\]*$", max_length=200)]
 
 
 class _Table(BaseModel):
@@ -75,8 +89,8 @@ class SubmissionCard(_Table):
     name: Words
     authors: Annotated[Names, Field(min_length=1)]
     licence: Words
-    link: Annotated[str, Field(pattern=r"^https?://\S+$", max_length=500)] | None = None
-    description: Annotated[str, Field(max_length=4000)] = ""
+    link: Annotated[Shown, Field(pattern=r"^https?://\S+$", max_length=500)] | None = None
+    description: Annotated[Shown, Field(max_length=4000)] = ""
     information: Annotated[tuple[Information, ...], BeforeValidator(_as_tuple), Field(min_length=1)]
     algorithm: Words | None = None
     seed: Annotated[int, Field(ge=0)] | None = None
@@ -123,11 +137,15 @@ def read_card(file: Path) -> SubmissionCard:
 def check_card(file: Path) -> tuple[SubmissionCard | None, list[str]]:
     """The card in ``file``, or ``None`` and everything that is wrong with it, one sentence each."""
     try:
-        document = tomllib.loads(file.read_text(encoding="utf-8"))
+        if file.stat().st_size > _LARGEST_CARD:
+            return None, [f"it is larger than {_LARGEST_CARD // 1024} KiB, and holds a few lines where it is right"]
+        document = tomllib.loads(file.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         return None, [f"it cannot be read ({error})"]
     except tomllib.TOMLDecodeError as error:
         return None, [f"it is no valid TOML ({error})"]
+    except RecursionError:
+        return None, ["it is no valid TOML (its tables or lists are nested without end)"]
     try:
         return SubmissionCard.model_validate(document), []
     except ValidationError as error:
@@ -162,10 +180,16 @@ def _in_words(problem: Any, document: dict[str, Any]) -> str:
         return f"'{problem['loc'][-1]}' is missing{example}"
     if problem["type"] == "extra_forbidden":
         unknown = str(problem["loc"][-1])
-        return f"'{unknown}' is no key of a card.{did_you_mean(unknown, _KEYS)}".rstrip(".")
+        return f"{_quoted(unknown)} is no key of a card.{did_you_mean(unknown, _KEYS)}".rstrip(".")
     if problem["type"] == "literal_error":
-        return f"'{where}' is {problem['input']!r}, expected one of {', '.join(get_args(Information))}"
+        return f"'{where}' is {_quoted(problem['input'])}, expected one of {', '.join(get_args(Information))}"
     if problem["type"] == "value_error":
         said = str(problem["ctx"]["error"])
         return f"'{where}': {said}" if where else said
-    return f"'{where}' is {problem['input']!r}: {problem['msg'][:1].lower()}{problem['msg'][1:]}{example}"
+    return f"'{where}' is {_quoted(problem['input'])}: {problem['msg'][:1].lower()}{problem['msg'][1:]}{example}"
+
+
+def _quoted(given: object) -> str:
+    """What was given as Python would write it, not too long."""
+    text = repr(given)
+    return text if len(text) <= _LONGEST_QUOTE else f"{text[: _LONGEST_QUOTE - 4]} ..."

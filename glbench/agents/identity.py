@@ -46,6 +46,11 @@ FORM_WORDS: dict[Form, str] = {
     "onnx": "ONNX policy",
 }
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+_LONGEST_NAME = 100
+_MIB = 2**20
+LARGEST_SUBMISSION = 512 * _MIB
+"""Size of all files of a submission together [bytes]."""
+MOST_FILES = 10_000
 EXPECTED = (
     f"A submission is a .py file with make_agent(task), a saved policy (.zip of Stable-Baselines3, .pt or .ts of TorchScript, .onnx), "
     f"or a folder with {AGENT_FILE} or a saved policy"
@@ -103,7 +108,8 @@ def identify(ref: str | Path) -> Identity | None:
     if isinstance(ref, str) and ref in baseline_names():
         return None
     path = Path(ref).expanduser()
-    return read_identity(path) if path.exists() and not is_built_in(path) else None
+    is_there = path.is_file() or path.is_dir()  # a pipe would be waited for
+    return read_identity(path) if is_there and not is_built_in(path) else None
 
 
 def is_built_in(path: Path) -> bool:
@@ -129,12 +135,29 @@ def read_identity(path: Path) -> Identity:
     statistics = _statistics(entry, form, folder, card)
     try:
         files = files_of_folder(folder) if folder is not None else _single(entry, form, statistics, card_file)
+        _check_sizes(files, folder or entry.parent)
         digest = sha256_of_files(folder or entry.parent, list(files))
     except OSError as error:
         msg = f"The submission {name} cannot be read: {error}. Check that its files exist and may be read."
         raise SubmissionError(msg) from error
     own = () if folder is not None else files
     return Identity(name, given, own, digest, OBSERVATIONS_ONLY, form, entry, statistics, card)
+
+
+def _check_sizes(files: tuple[Path, ...], root: Path) -> None:
+    """Refuse what is too large before it is read for the digest, which would take long or fill the memory."""
+    if len(files) > MOST_FILES:
+        msg = f"The submission in {root} has {len(files):,} files, more than {MOST_FILES:,}. Leave out what the agent does not need."
+        raise SubmissionError(msg)
+    sizes = {file: file.stat().st_size for file in files}
+    total = sum(sizes.values())
+    if total > LARGEST_SUBMISSION:
+        largest = max(files, key=sizes.__getitem__)
+        msg = (
+            f"The submission has {total / _MIB:,.0f} MiB, more than {LARGEST_SUBMISSION / _MIB:,.0f} MiB; the largest file is "
+            f"{largest.relative_to(root)} ({sizes[largest] / _MIB:,.0f} MiB). Leave out what the agent does not need."
+        )
+        raise SubmissionError(msg)
 
 
 def baseline_names() -> tuple[str, ...]:
@@ -152,6 +175,9 @@ def name_of(place: Path) -> str:
     """
     resolved = place.resolve()
     name = resolved.stem if resolved.is_file() else resolved.name
+    if len(name) > _LONGEST_NAME:
+        msg = f"The name '{name[:40]}...' has {len(name)} characters, more than {_LONGEST_NAME}: results are filed under it. Shorten it."
+        raise SubmissionError(msg)
     if not _NAME.fullmatch(name):
         msg = (
             f"'{name}' cannot be the name of an agent, because results are filed under it. "
@@ -268,11 +294,14 @@ def files_of_folder(folder: Path) -> tuple[Path, ...]:
     Raises
     ------
     SubmissionError
-        When a link leads to a folder or to nothing.
+        When a link leads to a folder or to nothing, or there is a pipe, a socket or a device.
     """
     items = [item for item in sorted(folder.rglob("*")) if is_part_of_submission(item, folder)]
     for item in items:
         if item.is_symlink() and not item.is_file():
             msg = f"{item} is a link to a folder or to nothing, so the digest would not cover what it holds. Copy the files."
+            raise SubmissionError(msg)
+        if not (item.is_file() or item.is_dir()):
+            msg = f"{item} is neither file nor folder, but a pipe, a socket or a device, which may lead out of the sandbox. Remove it."
             raise SubmissionError(msg)
     return tuple(item for item in items if item.is_file())

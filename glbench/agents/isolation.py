@@ -17,6 +17,7 @@ from types import ModuleType
 from glbench.errors import SubmissionError
 
 _CACHE = "__pycache__"
+_LONGEST_LINE = 120
 _NEVER_SHADOWED = sys.stdlib_module_names | {"glbench"}
 
 
@@ -35,6 +36,9 @@ def import_file(file: Path, name: str, folder: Path | None) -> ModuleType:
         code = compile(file.read_bytes(), str(file), "exec", dont_inherit=True)
     except (SyntaxError, ValueError) as error:
         msg = f"{file.name} is no valid Python: {last_line(error)}{_place_of_syntax_error(error, file)}."
+        raise SubmissionError(msg) from error
+    except (MemoryError, RecursionError) as error:
+        msg = f"{file.name} is no valid Python: it is nested too deeply, or too large ({last_line(error)})."
         raise SubmissionError(msg) from error
     spec = ModuleSpec(name, loader=None, origin=str(file), is_package=folder is not None)
     if folder is not None:
@@ -116,7 +120,8 @@ def _place_of_syntax_error(error: SyntaxError | ValueError, file: Path) -> str:
     if not isinstance(error, SyntaxError) or error.lineno is None:
         return ""
     line = (error.text or "").strip()
-    return f" ({file.name}:{error.lineno}" + (f": {line})" if line else ")")
+    shown = line if len(line) <= _LONGEST_LINE else f"{line[: _LONGEST_LINE - 4]} ..."
+    return f" ({file.name}:{error.lineno}" + (f": {shown})" if shown else ")")
 
 
 def _hint_about_neighbours(error: BaseException, file: Path, folder: Path | None) -> str:

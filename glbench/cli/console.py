@@ -29,18 +29,23 @@ def messages() -> Console:
     return Console(stderr=True, highlight=False)
 
 
+def harmless(text: str) -> str:
+    """``text`` without characters that steer a terminal: names of files and words of strangers may hold them."""
+    return "".join(letter if letter.isprintable() or letter in "\n\t" else "?" for letter in text)
+
+
 def print_error(text: str) -> None:
     """``Error: ...`` in red on standard error. Long lines are left to the terminal, so that paths can be copied."""
     from rich.text import Text
 
-    messages().print(Text.assemble(("Error: ", "bold red"), text), soft_wrap=True)
+    messages().print(Text.assemble(("Error: ", "bold red"), harmless(text)), soft_wrap=True)
 
 
 def print_warning(text: str) -> None:
     """``Note: ...`` in yellow on standard error."""
     from rich.text import Text
 
-    messages().print(Text.assemble(("Note: ", "bold yellow"), text), soft_wrap=True)
+    messages().print(Text.assemble(("Note: ", "bold yellow"), harmless(text)), soft_wrap=True)
 
 
 def debugging() -> bool:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from glbench.cli.choices import Sandbox
 from glbench.cli.console import messages, output, print_warning
 from glbench.cli.leaving import INTERRUPTED, leaving_at_once, tell_interrupted
 from glbench.cli.view import live_view, live_viewer
@@ -21,14 +22,6 @@ if TYPE_CHECKING:
     from glbench.evaluation import Evaluation, Protected, Result, SandboxChoice
     from glbench.evaluation.engines import Engine
     from glbench.tasks import TaskSpec
-
-
-class Sandbox(StrEnum):
-    """The choices of ``--sandbox``, repeated here so that ``--help`` need not load the evaluation."""
-
-    AUTO = "auto"
-    BUBBLEWRAP = "bubblewrap"
-    NONE = "none"
 
 
 class EngineName(StrEnum):
@@ -114,7 +107,7 @@ def evaluate(
     same command, and what is finished is not done again.
     """
     with leaving_at_once():
-        from glbench.cli.evaluate_many import evaluate_many
+        from glbench.cli.evaluate_many import Told, evaluate_many
         from glbench.cli.evaluation_tables import print_prints
         from glbench.evaluation.engines import Job, Options
 
@@ -136,13 +129,14 @@ def evaluate(
         with live_viewer() if live else contextlib.nullcontext() as viewer:
             result = _evaluate(first, as_json=as_json, viewer=viewer)
         if show_prints or result.failed:
-            print_prints(first, everything=show_prints)
+            print_prints(first.agent.name, first.prints.text(), everything=show_prints)
     else:
         if live:
             msg = "--live shows one evaluation on this machine: name one agent and one task, without --engine."
             raise GlbenchError(msg)
         chosen_engine = _engine(engine, address, workers)
-        if not evaluate_many(jobs, chosen_engine, unusable, quiet=lambda: _quiet_agents(as_json), as_json=as_json):
+        told = Told(as_json=as_json, prints=show_prints)
+        if not evaluate_many(jobs, chosen_engine, unusable, quiet=lambda: _quiet_agents(as_json), told=told):
             raise typer.Exit(1)
     if not as_json:
         option = "" if out == Path("reports") else f" --out {out}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import typer
@@ -12,8 +13,8 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskProgressColumn, TextColumn
 from rich.table import Table
 
-from glbench.cli.console import messages, output
-from glbench.cli.evaluation_tables import reward_in_words
+from glbench.cli.console import harmless, messages, output
+from glbench.cli.evaluation_tables import print_prints, print_reasons, reward_in_words
 from glbench.cli.leaving import INTERRUPTED, tell_interrupted
 
 if TYPE_CHECKING:
@@ -22,9 +23,18 @@ if TYPE_CHECKING:
     from glbench.evaluation.engines import Engine, Job, Outcome
 
 _REFRESH_SECONDS = 0.1
-_LONGEST_REASON = 300
+_LONGEST_REASON = 500
 _SIDE_BY_SIDE = 4
+_SHOWN_REASONS, _SHOWN_LINES = 2, 3
 _CAPTION = "* some runs failed; their missing steps count at the task's price"
+
+
+@dataclass(frozen=True)
+class Told:
+    """What is told of the outcomes: results as JSON and no words, or words, with all that agents print or a little of those that fail."""
+
+    as_json: bool = False
+    prints: bool = False
 
 
 def evaluate_many(
@@ -33,7 +43,7 @@ def evaluate_many(
     unusable: dict[str, str],
     *,
     quiet: Callable[[], AbstractContextManager[None]],
-    as_json: bool,
+    told: Told,
 ) -> bool:
     """Do all ``jobs`` and say how each ended; whether none failed.
 
@@ -47,7 +57,7 @@ def evaluate_many(
             while (outcome := _next(coming, quiet)) is not None:
                 outcomes.append(outcome)
                 bar.ended(outcome)
-                _print(outcome, len(outcomes), len(jobs), as_json=as_json)
+                _print(outcome, len(outcomes), len(jobs), told)
     except KeyboardInterrupt:
         done = sum(outcome.result is not None for outcome in outcomes)
         tell_interrupted(
@@ -57,12 +67,12 @@ def evaluate_many(
         raise typer.Exit(INTERRUPTED) from None
     failures = [(f"{o.job.agent_name} on {o.job.task.short_id}", o.reason) for o in outcomes if o.reason is not None]
     failures += list(unusable.items())
-    if not as_json:
+    if not told.as_json:
         output().print(_summary(jobs, outcomes))
     if failures:
         messages().print(f"[bold red]{len(failures)} failed:[/bold red]")
         for what, reason in failures:
-            messages().print(f"  [red]{escape(what)}[/red]: {escape(_short(reason or ''))}", soft_wrap=True)
+            messages().print(f"  [red]{escape(harmless(what))}[/red]: {escape(_short(reason or ''))}", soft_wrap=True)
     return not failures
 
 
@@ -71,20 +81,24 @@ def _next(coming: Iterator[Outcome], quiet: Callable[[], AbstractContextManager[
         return next(coming, None)
 
 
-def _print(outcome: Outcome, number: int, of: int, *, as_json: bool) -> None:
-    """One line a job; with ``as_json`` the result as one line on standard output, and the words beside it."""
-    if as_json:
-        if outcome.result is not None:
-            output().out(outcome.result.model_dump_json(by_alias=True), highlight=False)
+def _print(outcome: Outcome, number: int, of: int, told: Told) -> None:
+    """A line a job, and why runs failed; with ``as_json`` the result as one line on standard output, and the words beside it."""
+    result, name = outcome.result, outcome.job.agent_name
+    if told.as_json:
+        if result is not None:
+            output().out(result.model_dump_json(by_alias=True), highlight=False)
         return
     width = len(str(of))
-    begin = f"[dim]{number:{width}}/{of}[/dim] [bold]{escape(outcome.job.agent_name)}[/bold] on {escape(outcome.job.task.short_id)}: "
-    if outcome.result is None:
+    begin = f"[dim]{number:{width}}/{of}[/dim] [bold]{escape(name)}[/bold] on {escape(outcome.job.task.short_id)}: "
+    if result is None:
         said = f"[red]failed[/red] after {outcome.seconds:.1f} s: {escape(_short(outcome.reason or ''))}"
     else:
         took = "already there" if outcome.stored else f"{outcome.seconds:.1f} s"
-        said = f"{reward_in_words(outcome.result)}, {_runs(outcome.result)}, {took}"
+        said = f"{reward_in_words(result)}, {_runs(result)}, {took}"
     messages().print(begin + said, soft_wrap=True)
+    if result is not None and (told.prints or result.failed):
+        print_reasons(result, _SHOWN_REASONS, indent="    ")
+        print_prints(name, outcome.printed, everything=told.prints, last=_SHOWN_LINES, indent="    ")
 
 
 def _runs(result: Result) -> str:
@@ -127,7 +141,7 @@ def _cell(outcome: Outcome) -> str:
 
 
 def _short(reason: str) -> str:
-    words = " ".join(reason.split())
+    words = harmless(" ".join(reason.split()))
     return words if len(words) <= _LONGEST_REASON else words[: _LONGEST_REASON - 4] + " ..."
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 from rich.table import Table
 
-from glbench.cli.console import messages
+from glbench.cli.console import harmless, messages
 from glbench.evaluation.metrics import HOURS_OUTSIDE, METRICS, UNITS
 from glbench.leaderboard.ranking import Estimate, estimates_of
 
@@ -38,7 +38,7 @@ _LABELS = {
 }
 _SECTIONS = {"penalty", "yield", "hours_outside_limits"}
 _SHOWN_FAILURES = 5
-_SHOWN_LINES = 20
+_SHOWN_LINES, _LONGEST_LINE = 20, 300
 _PROTECTIONS = {
     "bubblewrap": "in a sandbox (bubblewrap)",
     "unsandboxed": "[yellow]unsandboxed[/yellow]",
@@ -103,33 +103,39 @@ def print_failures(result: Result) -> None:
         f"[bold red]{len(failed)} of {_count(len(result.runs), 'run')} failed.[/bold red] Each of their missing steps counts as the task's "
         "price of a failed step, so these numbers are low."
     )
+    print_reasons(result, _SHOWN_FAILURES)
+
+
+def print_reasons(result: Result, most: int, indent: str = "  ") -> None:
+    """Why runs failed, the same reason once, and at most so many."""
     groups: dict[tuple[str, str | None, int], list[RunResult]] = {}
-    for run in failed:
+    for run in result.failed:
         groups.setdefault((run.status, run.reason, run.steps), []).append(run)
-    for (status, reason, steps), members in list(groups.items())[:_SHOWN_FAILURES]:
+    for (status, reason, steps), members in list(groups.items())[:most]:
         seeds = ", ".join(str(run.seed) for run in members[:3]) + (", ..." if len(members) > 3 else "")
-        console.print(
-            f"  [red]{status}[/red] after {steps} steps ({_count(len(members), 'run')}: seed {seeds}): {escape(reason or '')}",
+        messages().print(
+            f"{indent}[red]{status}[/red] after {_count(steps, 'step')} ({_count(len(members), 'run')}: seed {seeds}): "
+            f"{escape(harmless(reason or ''))}",
             soft_wrap=True,
         )
-    if len(groups) > _SHOWN_FAILURES:
-        console.print(f"  and {len(groups) - _SHOWN_FAILURES} more kinds of failure; the result file has them all.")
+    if len(groups) > most:
+        messages().print(f"{indent}and {len(groups) - most} more kinds of failure; the result file has them all.")
 
 
-def print_prints(evaluation: Evaluation, *, everything: bool) -> None:
-    """What a sandboxed agent printed: all that was kept of it, or its last lines."""
-    said = evaluation.prints.text().rstrip()
-    if not said:
+def print_prints(name: str, printed: str, *, everything: bool, last: int = _SHOWN_LINES, indent: str = "") -> None:
+    """What the sandboxed agent ``name`` printed: all that was kept of it, or its last lines."""
+    lines = printed.rstrip().splitlines()
+    if not lines:
         return
-    lines = said.splitlines()
-    shown = lines if everything else lines[-_SHOWN_LINES:]
+    shown = lines if everything else lines[-last:]
     which = (
         "" if len(shown) == len(lines) else f" (the last {len(shown)} of {len(lines)} lines; --show-prints shows more)"
     )
     console = messages()
-    console.print(f"What {escape(evaluation.agent.name)} printed{which}:", soft_wrap=True)
+    console.print(f"{indent}What {escape(name)} printed{which}:", soft_wrap=True)
     for line in shown:
-        console.print(f"  {line}", markup=False, soft_wrap=True)
+        short = line if everything or len(line) <= _LONGEST_LINE else f"{line[: _LONGEST_LINE - 4]} ..."
+        console.print(f"{indent}  {short}", markup=False, soft_wrap=True)
 
 
 def label_of(metric: str) -> str:

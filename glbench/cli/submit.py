@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, output, print_warning
+from glbench.cli.choices import Sandbox
+from glbench.cli.console import harmless, messages, output, print_warning
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -35,24 +36,35 @@ def check(
     task: Annotated[
         str | None, typer.Option("--task", "-t", help="Task id or task file (.toml). Default: the benchmark's.")
     ] = None,
+    sandbox: Annotated[
+        Sandbox,
+        typer.Option(
+            "--sandbox",
+            envvar="GLBENCH_SANDBOX",
+            help="Where it runs, as for evaluate: bubblewrap, or none (with your rights: for code that you wrote or have read). "
+            "auto: bubblewrap; where there is none, it is not run.",
+        ),
+    ] = Sandbox.AUTO,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the report as one line of JSON and nothing else.")
     ] = False,
 ) -> None:
     """Find everything that will be wrong in an evaluation, within 20 seconds.
 
-    The files are read, then the agent runs for a day in a process of its own, with your rights and not in the sandbox: for
-    submissions that you wrote or have read. Leaves with 0 when nothing has to be mended, else with 1.
+    The files are read, then the agent runs for a day, in the sandbox as in an evaluation. Leaves with 0 when nothing has to be
+    mended, else with 1.
     """
+    from rich.markup import escape
+
     from glbench.evaluation.submitting import check_submission
     from glbench.tasks import DEFAULT_TASK
 
-    with messages().status(f"checking {path}"):
-        report = check_submission(path, task or DEFAULT_TASK)
+    with messages().status(f"checking {escape(path)}"):
+        report = check_submission(path, task or DEFAULT_TASK, sandbox=sandbox.value)
     if as_json:
         output().out(json.dumps(_plain(report)), highlight=False)
     else:
-        _show(report)
+        _show(report, path)
     raise typer.Exit(0 if report.ok else 1)
 
 
@@ -107,18 +119,18 @@ def _untrained_model(folder: Path) -> tuple[Path, ...]:
     return (folder / "model.zip", folder / "vecnormalize.pkl")
 
 
-def _show(report: Report) -> None:
+def _show(report: Report, path: str) -> None:
     from rich.markup import escape
 
     output().print(_table(report))
     for finding in report.findings:
         style, word = ("bold red", "Problem") if finding.level == "problem" else ("bold yellow", "Note")
-        output().print(f"[{style}]{word}[/] ({finding.subject}) {escape(finding.text)}", soft_wrap=True)
+        output().print(f"[{style}]{word}[/] ({finding.subject}) {escape(harmless(finding.text))}", soft_wrap=True)
     count = len(report.problems)
     said = "Nothing has to be mended." if report.ok else f"{count} problem{'s' if count > 1 else ''} to mend."
     output().print(f"[bold]{said}[/] Checked in {report.seconds:.1f} s.", soft_wrap=True)
     if report.ok:
-        messages().print("Next: glbench evaluate PATH --runs 2, then without --runs.", markup=False, soft_wrap=True)
+        messages().print(f"Next: glbench evaluate {path} --runs 2, then without --runs.", markup=False, soft_wrap=True)
 
 
 def _table(report: Report) -> Table:

@@ -56,12 +56,14 @@ def verify(
 
     Leaves with 0 when all are proved, 1 when one is refuted, 2 when (none is refuted and) one cannot be told.
     """
+    from rich.markup import escape
+
     from glbench.verification import save_proof
     from glbench.verification import verify as verify_result
 
     codes = []
     for path in _files(results):
-        with messages().status(f"simulating {path.name} again"):
+        with messages().status(f"simulating {escape(path.name)} again"):
             verdict = verify_result(path, episodes=episodes, task=task, workers=workers)
         codes.append(verdict.exit_code)
         if proof:

@@ -80,8 +80,17 @@ def _too_slow(seconds: float, what: str) -> Failure:
 def in_words(error: BaseException) -> str:
     """``ValueError: message (my_agent.py:42 in act)``: the last line of a traceback and the place in the agent's own code.
 
-    Free of folders and memory addresses, so that the same failure has the same words on every machine.
+    Free of folders and memory addresses, so that the same failure has the same words on every machine. Where the words of the error
+    themselves fail, as they may in a stranger's class or without memory, its kind alone.
     """
+    try:
+        return _in_words(error)
+    except Exception:
+        # Past whatever a metaclass makes of looking at its name.
+        return str(type.__getattribute__(type(error), "__name__"))
+
+
+def _in_words(error: BaseException) -> str:
     said = "".join(traceback.format_exception_only(error)).strip()
     said = _ADDRESS.sub("0x...", " ".join(said.split()))
     if len(said) > _LONGEST_REASON:

@@ -19,9 +19,10 @@ def read_actions(returned: object, card: TaskCard, n: int) -> tuple[NDArray[np.f
     Rows with a problem are zero in the copy. Something of the wrong shape as a whole is wrong in every row; a list of rows of which one
     has another length is wrong in that row only.
     """
-    problems = action_problems(returned, card, n)
+    once = _converted(returned)
+    problems = action_problems(once, card, n)
     if len(problems) < n:
-        actions = np.array(returned, dtype=np.float64)
+        actions = np.array(once, dtype=np.float64)
         if problems:
             actions[list(problems)] = 0.0
         return actions, problems
@@ -30,9 +31,21 @@ def read_actions(returned: object, card: TaskCard, n: int) -> tuple[NDArray[np.f
         return actions, problems
     by_row: dict[int, str] = {}
     for row, given in enumerate(returned):
-        reason = action_problems([given], card, 1).get(0)
+        once = _converted([given])
+        reason = action_problems(once, card, 1).get(0)
         if reason is None:
-            actions[row] = given
+            actions[row] = np.asarray(once, dtype=np.float64)[0]
         else:
             by_row[row] = reason
     return actions, by_row
+
+
+def _converted(returned: object) -> object:
+    """``returned`` as an array of numbers, if it is one: what converts itself may look different every time."""
+    if isinstance(returned, np.ndarray):
+        return returned
+    try:
+        array = np.asarray(returned)
+    except (TypeError, ValueError):  # told in words by who looks at it
+        return returned
+    return array if array.dtype.kind in "fiu" else returned

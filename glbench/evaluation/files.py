@@ -84,7 +84,7 @@ def ensure_writable(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=".can-write-", suffix=".partial", dir=folder)
         os.close(handle)
-        Path(name).unlink()
+        Path(name).unlink(missing_ok=True)  # who begins beside us may have cleared it away
     except OSError as error:
         msg = (
             f"Cannot write into {folder}: {error.strerror or error}. "

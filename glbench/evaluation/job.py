@@ -123,7 +123,7 @@ class Evaluation:
             )
             provenance = provenance_of(self.task, self.agent, self.kernel)
             log = recorder.log(simulation, provenance, run_facts(result.runs))
-        return Computed(result, log, recorder.trace)
+        return Computed(result, log, recorder.trace, self.prints.text())
 
     def save(self, computed: Computed) -> Result:
         """Save what was computed, if there is a folder for it, and remove the checkpoint.

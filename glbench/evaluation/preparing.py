@@ -17,7 +17,7 @@ from glbench.evaluation.lockstep import ProgressCallback
 from glbench.evaluation.provenance import usable_cores
 from glbench.evaluation.records import Result
 from glbench.evaluation.sandbox.choosing import Protected, Protection, SandboxChoice, protect
-from glbench.evaluation.saving import settle
+from glbench.evaluation.saving import settle, tidy
 from glbench.tasks import TaskSpec, get_task
 
 logger = logging.getLogger(__name__)
@@ -87,6 +87,8 @@ def prepare(
     )
     if fresh:
         evaluation.forget()
+    if stored is not None and folder is not None and evaluation.folder is not None:
+        tidy(folder, task.id, agent.name, evaluation.folder)
     return evaluation
 
 

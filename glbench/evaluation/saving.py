@@ -16,6 +16,7 @@ import filelock
 
 from glbench.episodes import ActionLog, Trace, actions_path, episodes_folder, log_bytes, read_log
 from glbench.errors import EpisodeError, GlbenchError, ResultError
+from glbench.evaluation.checkpoint import discard
 from glbench.evaluation.episodes import forget_episodes, write_episodes
 from glbench.evaluation.files import SavingError, ensure_writable, load_result, result_path, save_result, short_task_id
 from glbench.evaluation.profiles import profile_path, profiled
@@ -26,11 +27,15 @@ from glbench.tasks import TaskSpec
 
 @dataclass(frozen=True)
 class Computed:
-    """What an evaluation computed, before it is saved; ``trace`` is what episodes are made from without replaying, if it was kept."""
+    """What an evaluation computed, before it is saved.
+
+    ``trace`` is what episodes are made from without replaying, if it was kept; ``printed`` what a sandboxed agent printed.
+    """
 
     result: Result
     log: ActionLog
     trace: Trace | None = None
+    printed: str = ""
 
 
 def save(computed: Computed, out: Path, task: TaskSpec, selection: Sequence[str], *, checkpointed: bool) -> Result:
@@ -82,6 +87,19 @@ def settle(out: Path, task_id: str, agent_name: str) -> None:
         return
     with contextlib.suppress(GlbenchError), alone(out, task_id, agent_name):  # who holds the lock is saving just now
         _finish(path, waiting)
+
+
+def tidy(out: Path, task_id: str, agent_name: str, checkpoint: Path) -> None:
+    """Remove what a kill at the very end of ``save`` left beside a finished result: its ``checkpoint`` and files half written."""
+    folder = agent_folder(out, task_id, agent_name)
+    if checkpoint.exists() or any(_leftovers(result_path(out, task_id, agent_name), folder)):
+        with (
+            contextlib.suppress(GlbenchError),
+            alone(out, task_id, agent_name),
+        ):  # who holds the lock is at work just now
+            discard(checkpoint)
+            with contextlib.suppress(OSError):  # unfinished work with other seeds stays
+                folder.rmdir()
 
 
 @contextlib.contextmanager
@@ -144,7 +162,8 @@ def _finish(path: Path, waiting: Path) -> None:
 
 def _leftovers(path: Path, checkpoints: Path) -> Iterator[Path]:
     """Files that a process was writing when it was killed."""
-    for name in (path.name, actions_path(path).name, _waiting(path).name):
+    for name in (path.name, profile_path(path).name, actions_path(path).name, _waiting(path).name):
         yield from path.parent.glob(f".{name}.*.partial")
+    yield from path.parent.glob(".can-write-*.partial")
     yield from episodes_folder(path).glob(".seed-*.partial")
     yield from checkpoints.glob("*/.*.partial")

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from glbench.evaluation import load_result
+from glbench.evaluation.sandbox.bubblewrap import why_no_sandbox
 from tests.cli.command_line import Command
 
 GLBENCH = (sys.executable, "-c", "from glbench.cli.app import main; main()")
@@ -126,3 +127,32 @@ def test_a_cluster_wants_its_engine_and_live_views_one_evaluation(glbench: Comma
     assert (
         "--live shows one evaluation" in glbench("evaluate", "steady.py", "rule_based", "--live", "-t", "day.toml").err
     )
+
+
+def test_why_runs_failed_and_what_was_printed_is_shown_for_each(glbench: Command, here: Path) -> None:
+    text = (here / "steady.py").read_text(encoding="utf-8")
+    (here / "broken.py").write_text(
+        text.replace("return np", "print('on my [bold]way\\x1b[2J'); 1 / 0; return np"), encoding="utf-8"
+    )
+    sandbox = ("--sandbox", "none") if why_no_sandbox() is not None else ("--sandbox", "bubblewrap")
+    answer = glbench("evaluate", "broken.py", "steady.py", "-t", "day.toml", *sandbox)
+
+    assert answer.code == 0
+    assert (
+        "crashed after 0 steps (3 runs: seed 666, 667, 668): ZeroDivisionError: division by zero (broken.py:"
+        in answer.err
+    )
+    assert "\x1b" not in answer.out + answer.err
+    if sandbox[1] == "bubblewrap":
+        assert "    What broken printed:\n      on my [bold]way[2J\n" in answer.err
+
+
+def test_names_that_would_steer_the_terminal_do_not(glbench: Command, here: Path) -> None:
+    answer = glbench("evaluate", "\x1b[2J[/bold].py", "-t", "day.toml")
+    assert answer.code == 1
+    assert "\x1b" not in answer.err
+    assert "?[2J[/bold].py" in answer.err
+    assert "Traceback" not in answer.err
+    checked = glbench("submit", "check", "[/nothing].py", "--task", "day.toml")
+    assert checked.code == 1
+    assert "There is no file or folder [/nothing].py" in checked.err

@@ -25,7 +25,9 @@ def with_bubblewrap(here: Path) -> None:
 
 @pytest.fixture
 def without_bubblewrap(here: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(shutil, "which", lambda _name: None)
+    # Only bubblewrap: without a compiler, this process would keep the slow kernel for all tests to come.
+    which = shutil.which
+    monkeypatch.setattr(shutil, "which", lambda name, *rest: None if name == "bwrap" else which(name, *rest))
     bubblewrap._tried.cache_clear()
     yield
     bubblewrap._tried.cache_clear()

@@ -339,3 +339,37 @@ def test_an_agent_that_changes_the_working_directory_does_not_move_the_result(
     evaluate(day_task, path, out="reports")
 
     assert (tmp_path / "reports" / "results" / "Day-v1" / "agent_under_test.json").is_file()
+
+
+def test_an_error_whose_class_breaks_when_it_is_looked_at_is_named(
+    day_task: TaskSpec, write_agent: AgentWriter
+) -> None:
+    hostile = """
+        def act(self, observations):
+            class Meta(type):
+                def __getattribute__(cls, name): raise RuntimeError(name)
+            class Hostile(Exception, metaclass=Meta): pass
+            raise Hostile
+        """
+    result = evaluate(day_task, write_agent(hostile))
+
+    assert ends(result) == [("crashed", 0)] * 3
+    assert reason(result, 0) == "Hostile"
+
+
+def test_what_looks_different_every_time_is_looked_at_once(day_task: TaskSpec, write_agent: AgentWriter) -> None:
+    """Otherwise it could show zeros to who checks and something else to who simulates."""
+    turning = """
+        def act(self, observations):
+            class Turning:
+                looks = 0
+                def __array__(self, dtype=None, copy=None):
+                    self.looks += 1
+                    return np.full((3, 6), 0.0 if self.looks == 1 else np.nan)
+            return Turning()
+        """
+    still = "def act(self, observations):\n    return np.zeros((3, 6))\n"
+    result = evaluate(day_task, write_agent(turning))
+
+    assert ends(result) == [("ok", 24)] * 3
+    assert result.runs == evaluate(day_task, write_agent(still)).runs

@@ -84,3 +84,23 @@ def test_leftovers_of_killed_processes_are_removed(
 
 
 rename = Path.replace
+
+
+def test_what_a_kill_left_beside_a_finished_result_goes_with_the_next_look_at_it(
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
+) -> None:
+    """The result is there, so that nothing is evaluated any more; its checkpoint was not removed yet."""
+    agent = write_agent()
+    result = evaluate(day_task, agent, out=tmp_path)
+    evaluation = prepare(day_task, agent, out=tmp_path)
+    assert evaluation.stored is not None
+    assert evaluation.folder is not None
+    evaluation.folder.mkdir(parents=True)
+    (evaluation.folder / "snapshot.npz").write_bytes(b"x")
+    leftover = tmp_path / PLACE / ".agent_under_test.profile.json.gz.abc.partial"
+    leftover.write_bytes(b"half")
+
+    again = prepare(day_task, agent, out=tmp_path)
+    assert again.stored == result == load_result(tmp_path / PLACE / "agent_under_test.json")
+    assert not (tmp_path / ".partial").exists()
+    assert not leftover.exists()

@@ -7,15 +7,22 @@ algorithm it was is not written there; each has settings that the others lack.
 from __future__ import annotations
 
 import json
+import lzma
 import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from glbench.errors import SubmissionError
 
 _RECURRENT = b"lstm_actor"
 """Begins the names of some weights of recurrent policies; nothing in their settings tells them apart."""
+_HOW = 'A model is saved with: model.save("model.zip").'
+_PIECE, _LONGEST_VERSION, _LONGEST_SETTINGS, _LONGEST_WEIGHTS = 2**20, 2**20, 2**26, 2**29
+"""Bytes: what is read at once, and what of an archive is read at most."""
 _VERSION = "_stable_baselines3_version"
 
 
@@ -90,12 +97,16 @@ def read_archive(file: Path) -> Archive:
         When it is no model of Stable-Baselines3, or of an algorithm that cannot be told.
     """
     data = archive_data(file)
-    with zipfile.ZipFile(file) as archive:
-        names = archive.namelist()
-        recurrent = _RECURRENT in archive.read("policy.pth")
-        version = archive.read(_VERSION).decode(errors="replace") if _VERSION in names else "unknown"
-    columns, columns_words = _space(data.get("observation_space"))
-    actions, actions_words = _space(data.get("action_space"))
+    with _opened(file) as archive:
+        recurrent = _holds(archive, "policy.pth", _RECURRENT)
+        version = _content(archive, _VERSION, _LONGEST_VERSION) if _VERSION in archive.namelist() else b"unknown"
+    try:
+        columns, columns_words = _space(data.get("observation_space"))
+        actions, actions_words = _space(data.get("action_space"))
+        steps = int(data.get("num_timesteps") or 0)
+    except (TypeError, ValueError, OverflowError) as error:
+        msg = f"{file.name} cannot be read as a model of Stable-Baselines3: what it says of its spaces is no number ({error}). {_HOW}"
+        raise SubmissionError(msg) from error
     return Archive(
         algorithm=_algorithm(data, file, recurrent=recurrent),
         columns=columns,
@@ -104,8 +115,8 @@ def read_archive(file: Path) -> Archive:
         actions_words=actions_words,
         # The last observation as it was before normalisation is kept if and only if there was one.
         normalised=data.get("_last_original_obs") is not None,
-        steps=int(data.get("num_timesteps") or 0),
-        version=version,
+        steps=steps,
+        version=version.decode(errors="replace"),
     )
 
 
@@ -117,22 +128,57 @@ def archive_data(file: Path) -> dict[str, Any]:
     SubmissionError
         When it is no model of Stable-Baselines3.
     """
-    how = 'A model is saved with: model.save("model.zip").'
-    try:
-        with zipfile.ZipFile(file) as archive:
-            lacking = {"data", "policy.pth"} - set(archive.namelist())
-            if lacking:
-                what = "is an archive, but no model of Stable-Baselines3: it lacks"
-                msg = f"{file.name} {what} {' and '.join(sorted(lacking))}. {how}"
-                raise SubmissionError(msg)
-            data = json.loads(archive.read("data"))
-    except (OSError, zipfile.BadZipFile, ValueError) as error:
-        msg = f"{file.name} cannot be read as a model of Stable-Baselines3 ({error}). It may have been cut. {how}"
-        raise SubmissionError(msg) from error
+    with _opened(file) as archive:
+        lacking = {"data", "policy.pth"} - set(archive.namelist())
+        if lacking:
+            what = "is an archive, but no model of Stable-Baselines3: it lacks"
+            msg = f"{file.name} {what} {' and '.join(sorted(lacking))}. {_HOW}"
+            raise SubmissionError(msg)
+        data = json.loads(_content(archive, "data", _LONGEST_SETTINGS))
     if not isinstance(data, dict):
-        msg = f"{file.name} cannot be read as a model of Stable-Baselines3 (its settings are no table). {how}"
+        msg = f"{file.name} cannot be read as a model of Stable-Baselines3 (its settings are no table). {_HOW}"
         raise SubmissionError(msg)
     return data
+
+
+@contextmanager
+def _opened(file: Path) -> Iterator[zipfile.ZipFile]:
+    """The archive; whatever is wrong with it while it is read becomes a ``SubmissionError``."""
+    try:
+        with zipfile.ZipFile(file) as archive:
+            yield archive
+    except (OSError, EOFError, zipfile.BadZipFile, zlib.error, lzma.LZMAError, ValueError, RuntimeError) as error:
+        # RuntimeError: encrypted, packed in an unknown way, or settings that are nested without end.
+        said = str(error).rstrip(".") or type(error).__name__
+        msg = f"{file.name} cannot be read as a model of Stable-Baselines3 ({said}). It may have been cut. {_HOW}"
+        raise SubmissionError(msg) from error
+
+
+def _content(archive: zipfile.ZipFile, name: str, longest: int) -> bytes:
+    """A file of the archive, which may be packed so that it would fill the memory."""
+    with archive.open(name) as stream:
+        content = b"".join(_pieces(stream, longest + 1))
+    if len(content) > longest:
+        msg = f"'{name}' in it is longer than {longest / 2**20:,.0f} MiB"
+        raise ValueError(msg)
+    return content
+
+
+def _holds(archive: zipfile.ZipFile, name: str, word: bytes) -> bool:
+    """Whether ``word`` stands somewhere in a file of the archive."""
+    before = b""
+    with archive.open(name) as stream:
+        for piece in _pieces(stream, _LONGEST_WEIGHTS):
+            if word in before + piece:
+                return True
+            before = piece[-len(word) :]
+    return False
+
+
+def _pieces(stream: IO[bytes], most: int) -> Iterator[bytes]:
+    while most > 0 and (piece := stream.read(min(_PIECE, most))):
+        most -= len(piece)
+        yield piece
 
 
 def _algorithm(data: dict[str, Any], file: Path, *, recurrent: bool) -> Algorithm:

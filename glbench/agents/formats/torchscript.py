@@ -56,10 +56,11 @@ def torchscript_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
 
 def torchscript_complaint(file: Path) -> str | None:
     """Why ``file`` is no TorchScript, in words, found out without loading it; ``None`` when it looks like it."""
-    if not zipfile.is_zipfile(file):
+    try:
+        with zipfile.ZipFile(file) as archive:
+            names = archive.namelist()
+    except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError):
         return f"{file.name} is no TorchScript file: it is no archive at all. {_HOW}"
-    with zipfile.ZipFile(file) as archive:
-        names = archive.namelist()
     if any(name.endswith("/constants.pkl") for name in names) and any("/code/" in name for name in names):
         return None
     if any(name.endswith("/data.pkl") for name in names):

@@ -64,13 +64,17 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a job ended: with a ``result`` (``stored``: it was there already), or with the reason in words why there is none."""
+    """How a job ended: with a ``result`` (``stored``: it was there already), or with the reason in words why there is none.
+
+    ``printed`` is what a sandboxed agent printed, as far as it is kept.
+    """
 
     job: Job
     result: Result | None
     reason: str | None
     seconds: float
     stored: bool = False
+    printed: str = ""
 
 
 Report = Callable[[Job, Progress], None]

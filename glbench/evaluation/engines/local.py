@@ -28,4 +28,4 @@ def _done(job: Job, report: Report, began: float) -> Outcome:
         evaluation.complete_episodes(evaluation.stored)
         return Outcome(job, evaluation.stored, None, time.monotonic() - began, stored=True)
     result = evaluation.run(lambda standing: report(job, standing))
-    return Outcome(job, result, None, time.monotonic() - began)
+    return Outcome(job, result, None, time.monotonic() - began, printed=evaluation.prints.text())

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from tempfile import TemporaryDirectory
 
 from glbench.agents.identity import baseline_names, files_of_folder, identify
 from glbench.errors import SubmissionError
+from glbench.evaluation.scratch import Scratch
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,13 @@ class Parcel:
         if not self.files:
             yield self.name
             return
-        with TemporaryDirectory(prefix="glbench-") as folder:
-            root = Path(folder) / self.name if self.is_folder else Path(folder)
+        scratch = Scratch()
+        try:
+            root = scratch.folder() / self.name if self.is_folder else scratch.folder()
             for name, content in self.files:
                 file = root / PurePosixPath(name)
                 file.parent.mkdir(parents=True, exist_ok=True)
                 file.write_bytes(content)
-            yield str(Path(folder) / self.name)
+            yield str(scratch.folder() / self.name)
+        finally:
+            scratch.remove()

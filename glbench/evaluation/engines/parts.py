@@ -54,7 +54,8 @@ def put_together(evaluation: Evaluation, parts: Sequence[Computed]) -> Computed:
         }
     )
     # Copying checks nothing; what is put together must be as consistent as what was computed in one piece.
-    return Computed(Result.model_validate_json(whole.to_json()), log)
+    printed = "\n".join(part.printed for part in parts if part.printed)
+    return Computed(Result.model_validate_json(whole.to_json()), log, printed=printed)
 
 
 def _evaluation_record(evaluation: Evaluation, results: Sequence[Result]) -> EvaluationRecord:

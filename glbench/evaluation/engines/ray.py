@@ -214,7 +214,7 @@ class _Session:
             return None
         whole = put_together(running.evaluation, [running.done[index] for index in range(len(running.parts))])
         result = running.evaluation.save(whole)
-        return Outcome(running.job, result, None, time.monotonic() - running.began)
+        return Outcome(running.job, result, None, time.monotonic() - running.began, printed=whole.printed)
 
     def _forget(self, number: int) -> None:
         running = self._running.pop(number)

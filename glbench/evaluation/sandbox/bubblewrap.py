@@ -7,6 +7,7 @@ import platform
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -41,12 +42,12 @@ class Mode(Enum):
 
 
 def command(
-    submission: Identity, staging: Path, sizes: SandboxLimits, descriptors: tuple[int, int | None, int]
+    submission: Identity, staging: Callable[[], Path], sizes: SandboxLimits, descriptors: tuple[int, int | None, int]
 ) -> tuple[list[str], list[str]]:
     """The program to start inside, and the arguments that bubblewrap reads from the file that ``--args`` is to name.
 
-    ``descriptors`` are those of the agent's socket, of the filter of system calls (``None`` where there is none) and of the file for
-    facts about the sandbox.
+    ``staging`` makes a folder for copies, where some are needed. ``descriptors`` are those of the agent's socket, of the filter of system
+    calls (``None`` where there is none) and of the file for facts about the sandbox.
 
     Raises
     ------

@@ -48,25 +48,43 @@ def protect(agent: LoadedAgent | str | Path, choice: SandboxChoice) -> Protected
     SubmissionError
         When there is no such agent, or it was loaded into this process already.
     """
-    if choice not in CHOICES:
-        msg = f"There is no sandbox '{choice}'.{did_you_mean(choice, CHOICES)}"
-        raise GlbenchError(msg)
+    _check_choice(choice)
     if isinstance(agent, LoadedAgent):
         return _loaded(agent, choice)
     submission = identify(agent)
-    if submission is None or choice == "none":
+    if submission is None or protection_of(submission, choice) != "bubblewrap":
         return _loaded(load_agent(agent), "none")
+    outside = LoadedAgent(
+        submission.name, "submission", submission.digest, False, submission.information, _not_here, submission
+    )
+    return Protected(outside, "bubblewrap", submission)
+
+
+def protection_of(submission: Identity, choice: SandboxChoice) -> Protection:
+    """How ``submission`` runs by this choice on this machine; see ``protect``.
+
+    Raises
+    ------
+    SandboxError
+        When there can be no sandbox and one is needed; it says why and what to do.
+    """
+    _check_choice(choice)
+    if choice == "none":
+        return "unsandboxed"
     if choice == "auto" and why_no_sandbox() is not None and EXAMPLES.get(submission.name) == submission.digest:
-        return _loaded(load_agent(agent), "none")
+        return "unsandboxed"
     try:
         usable_mode()
     except SandboxError as error:
         msg = f"'{submission.name}' was not run. {error}"
         raise SandboxError(msg) from error
-    outside = LoadedAgent(
-        submission.name, "submission", submission.digest, False, submission.information, _not_here, submission
-    )
-    return Protected(outside, "bubblewrap", submission)
+    return "bubblewrap"
+
+
+def _check_choice(choice: str) -> None:
+    if choice not in CHOICES:
+        msg = f"There is no sandbox '{choice}'.{did_you_mean(choice, CHOICES)}"
+        raise GlbenchError(msg)
 
 
 def _loaded(agent: LoadedAgent, choice: SandboxChoice) -> Protected:

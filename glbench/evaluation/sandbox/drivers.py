@@ -53,15 +53,32 @@ class Guest:
         SandboxError
             When the sandbox does not start.
         """
-        n, m = self.runs, len(self.card.actions)
-        process = GuestProcess(self.submission, self.sizes, self.prints, n * (8 * m + ROW.size + LONGEST_TEXT))
+        process = self.process()
         try:
-            return process, self._made(process)
+            return process, self.made_in(process)
         except BaseException:
             process.close()
             raise
 
-    def _made(self, process: GuestProcess) -> bool:
+    def process(self) -> GuestProcess:
+        """A process with nothing in it yet.
+
+        Raises
+        ------
+        SandboxError
+            When the sandbox does not start.
+        """
+        n, m = self.runs, len(self.card.actions)
+        return GuestProcess(self.submission, self.sizes, self.prints, n * (8 * m + ROW.size + LONGEST_TEXT))
+
+    def made_in(self, process: GuestProcess) -> bool:
+        """Load the submission in ``process`` and make the agent; whether it is one agent a run.
+
+        Raises
+        ------
+        SubmissionError
+            When the agent cannot be made.
+        """
         limit = self.time.start
         until = time.monotonic() + limit
         order = Order(str(place_inside(self.submission)), self.card, self.runs, self.time, self.sizes)

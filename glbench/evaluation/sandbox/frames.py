@@ -30,7 +30,7 @@ LONGEST_TEXT = 1024
 
 
 class Kind(IntEnum):
-    """Kinds of frames; the first three are questions."""
+    """Kinds of frames; those before ``HELLO`` are questions."""
 
     LOAD = 1
     """Load and make the agent. Body: pickle of an ``Order``."""
@@ -38,6 +38,11 @@ class Kind(IntEnum):
     """Reset it. Body: mask of the rows, one byte each."""
     ACT = 3
     """Decide. Body: mask of the rows, one byte each, then observations (n, d) float32."""
+
+    REHEARSE = 4
+    """Make ready for a check: import packages, and listen to what the agent does besides. Body: their names, with zeros between them."""
+    HEARD = 5
+    """Tell what was overheard."""
 
     HELLO = 16
     """The process is there; sent once, unasked."""
@@ -55,6 +60,8 @@ class Kind(IntEnum):
     """One row of an answer of agents for single runs. Body: ``ROW``, then actions (m,) float64, nothing, or the reason."""
     FAILED = 23
     """The call failed for all rows. Body: index into ``STATUSES``, one byte, then the reason."""
+    TOLD = 24
+    """What was overheard. Body: lines, ``c`` for a connection or ``w`` for a file written, a space, where to."""
 
 
 @dataclass(frozen=True)

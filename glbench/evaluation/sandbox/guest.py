@@ -6,6 +6,9 @@ be trusted; from then on nothing can, and whoever reads the answers knows that.
 
 from __future__ import annotations
 
+import contextlib
+import gc
+import importlib
 import os
 import pickle
 import resource
@@ -31,14 +34,18 @@ from glbench.agents.protocol import PerRunAgent
 from glbench.errors import ActionError, SubmissionError
 from glbench.evaluation.acting import guarded, in_words
 from glbench.evaluation.actions import read_actions
+from glbench.evaluation.sandbox.domain import enter_domain
 from glbench.evaluation.sandbox.frames import HEADER, ROW, STATUSES, Kind, Order, encoded, packed_problems
 from glbench.evaluation.sandbox.limits import SandboxLimits
 
 if TYPE_CHECKING:
     from glbench.agents.protocol import Agent
+    from glbench.evaluation.sandbox.listening import Listener
 
 _FIRST_TO_DIE = "1000"
 _NOBODY_ASKS_ANY_MORE = 0
+_LETTING_GO_SECONDS = 0.25
+"""Less than the patience of who asked, on top of a call that took all of its time."""
 
 
 class Line:
@@ -94,26 +101,57 @@ def limit_this_process(sizes: SandboxLimits) -> None:
         resource.setrlimit(what, (size, size))
 
 
-def serve(line: Line) -> NoReturn:
-    """Answer questions until nobody asks any more."""
-    order: Order
-    agents: list[Any] = []
-    single = False
-    while True:
-        kind, body = line.question()
-        if kind == Kind.LOAD:
-            order = pickle.loads(body)
-            limit_this_process(order.sizes)
-            agents = make_agents(line, order)
-            single = bool(agents) and isinstance(agents[0], PerRunAgent)
-            if agents:
-                line.answer(Kind.MADE, bytes([single]))
-        elif single:
-            answer_by_row(line, order, agents, kind, body)
-        elif kind == Kind.RESET:
-            reset(line, order, agents[0])
+class Host:
+    """Has the agents and does what is asked for, one question after the other."""
+
+    def __init__(self, line: Line) -> None:
+        self._line = line
+        self._agents: list[Any] = []
+        self._single = False
+        self._order: Order
+        self._listener: Listener | None = None
+
+    def do(self, kind: int, body: memoryview) -> None:
+        """Answer a question."""
+        if kind == Kind.REHEARSE:
+            self._listener = rehearse(bytes(body).decode())
+            self._line.answer(Kind.DONE)
+        elif kind == Kind.HEARD and self._listener is not None:
+            heard = [f"c {where}" for where in self._listener.connections] + [
+                f"w {what}" for what in self._listener.written
+            ]
+            self._line.answer(Kind.TOLD, encoded("\n".join(heard)))
+        elif self._listener is not None:
+            with self._listener.listening():
+                self._ask_agent(kind, body)
         else:
-            act(line, order, agents[0], body)
+            self._ask_agent(kind, body)
+
+    def _ask_agent(self, kind: int, body: memoryview) -> None:
+        line = self._line
+        if kind == Kind.LOAD:
+            order = self._order = pickle.loads(body)
+            limit_this_process(order.sizes)
+            self._agents = make_agents(line, order)
+            self._single = bool(self._agents) and isinstance(self._agents[0], PerRunAgent)
+            if self._agents:
+                line.answer(Kind.MADE, bytes([self._single]))
+        elif self._single:
+            answer_by_row(line, self._order, self._agents, kind, body)
+        elif kind == Kind.RESET:
+            reset(line, self._order, self._agents[0])
+        else:
+            act(line, self._order, self._agents[0], body)
+
+
+def rehearse(packages: str) -> Listener:
+    """Import packages whose time is not the agent's, and begin to listen."""
+    from glbench.evaluation.sandbox.listening import Listener
+
+    for package in filter(None, packages.split("\0")):
+        with contextlib.suppress(ImportError):  # told when the agent itself imports it
+            importlib.import_module(package)
+    return Listener()
 
 
 def make_agents(line: Line, order: Order) -> list[Any]:
@@ -159,21 +197,22 @@ def act(line: Line, order: Order, agent: Agent, body: memoryview) -> None:
         line.failed("crashed", described(error))
 
 
-def answer_by_row(line: Line, order: Order, agents: list[PerRunAgent], kind: int, body: memoryview) -> None:
+def answer_by_row(line: Line, order: Order, agents: list[Any], kind: int, body: memoryview) -> None:
     """Reset or ask one agent after the other, and answer row by row, so that one who never returns is known by its place."""
     card, n = order.card, order.runs
     rows = np.flatnonzero(np.frombuffer(body[:n], dtype=np.uint8))
     observations = np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy() if kind == Kind.ACT else None
     for row in rows.tolist():
-        agent = agents[row]
         if observations is None:
-            failure = guarded(lambda a=agent: a.reset(card, 1), order.time.start, "reset", through=()).failure  # type: ignore[misc]
+            failure = guarded(lambda r=row: agents[r].reset(card, 1), order.time.start, "reset", through=()).failure  # type: ignore[misc]
             given: NDArray[np.float64] = np.empty(0)
         else:
             shown = observations[row : row + 1]
-            answer = guarded(lambda a=agent, o=shown: a.act(o)[0], order.time.step, "act", through=())  # type: ignore[misc]
+            answer = guarded(lambda r=row, o=shown: agents[r].act(o)[0], order.time.step, "act", through=())  # type: ignore[misc]
             failure, given = answer.failure, np.asarray(answer.value)
         if failure is not None:
+            # It is not asked again. What it holds is the others' to have, and the time in which it lets go is its own.
+            guarded(lambda r=row: let_go(agents, r), _LETTING_GO_SECONDS, "letting go", through=())  # type: ignore[misc]
             # The adapter counts its own runs, of which it has one here.
             reason = failure.reason.replace(" in run 0", "")
             line.answer(Kind.ROW, ROW.pack(row, STATUSES.index(failure.status)), encoded(reason))
@@ -184,12 +223,18 @@ def answer_by_row(line: Line, order: Order, agents: list[PerRunAgent], kind: int
             line.answer(Kind.ROW, ROW.pack(row, 0), given.tobytes())
 
 
+def let_go(agents: list[Any], row: int) -> None:
+    """Forget the agent of a run that has failed."""
+    agents[row] = None
+    gc.collect()
+
+
 def described(error: BaseException) -> str:
     """The error in words; its kind alone where the words themselves fail, as they do without memory."""
     try:
         return in_words(error)
     except BaseException:
-        return type(error).__name__
+        return str(type.__getattribute__(type(error), "__name__"))
 
 
 def _plain(returned: object, shape: tuple[int, int]) -> NDArray[np.float64] | None:
@@ -201,13 +246,16 @@ def _plain(returned: object, shape: tuple[int, int]) -> NDArray[np.float64] | No
 
 def main(descriptor: int) -> NoReturn:
     """Say hello and serve."""
+    enter_domain()
     os.closerange(3, descriptor)
     os.closerange(descriptor + 1, 1024)
     # When the machine runs out of memory, this process goes before the evaluation.
     Path("/proc/self/oom_score_adj").write_text(_FIRST_TO_DIE, encoding="ascii")
     line = Line(socket.socket(fileno=descriptor))
     line.answer(Kind.HELLO)
-    serve(line)
+    host = Host(line)
+    while True:
+        host.do(*line.question())
 
 
 if __name__ == "__main__":

@@ -22,5 +22,9 @@ class SandboxLimits:
     """Processes and threads together."""
     files: int = 256
     """Open files of one process."""
+    open_files: int = 1024
+    """Open files, pipes and sockets of all processes together: each may hold memory of the kernel."""
+    made: int = 65536
+    """Files and folders in /tmp and /dev/shm."""
     printed: int = 64 * 1024
     """What is kept of its output: the first half and the last."""

@@ -19,6 +19,11 @@ class Prints:
         self._head += said[:room]
         self._tail = (self._tail + said[room:])[-self._half :] if len(said) > room else self._tail
 
+    @property
+    def size(self) -> int:
+        """Bytes of all that was printed, kept or not."""
+        return self._total
+
     def text(self) -> str:
         """The output with a note where some of it was left out; free of control characters, which could forge what a terminal shows."""
         left_out = self._total - len(self._head) - len(self._tail)

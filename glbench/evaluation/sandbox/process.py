@@ -13,9 +13,7 @@ import select
 import signal
 import socket
 import subprocess
-import tempfile
 import time
-from pathlib import Path
 from typing import Final, NoReturn
 
 from glbench.agents import Identity
@@ -27,6 +25,7 @@ from glbench.evaluation.sandbox.limits import SandboxLimits
 from glbench.evaluation.sandbox.prints import Prints
 from glbench.evaluation.sandbox.size import Watch
 from glbench.evaluation.sandbox.syscalls import system_call_filter
+from glbench.evaluation.scratch import Scratch
 
 _START_SECONDS: Final = 60.0
 """For Python and numpy to come up; the agent's own time begins afterwards."""
@@ -69,7 +68,7 @@ class GuestProcess:
         self._longest = max(largest_answer, 2 * LONGEST_TEXT)
         self._inbox = memoryview(bytearray(2 * (HEADER.size + self._longest)))
         self._from, self._to = 0, 0
-        self._staging = tempfile.TemporaryDirectory(prefix="glbench-sandbox-", ignore_cleanup_errors=True)
+        self._staging = Scratch()
         self._pidfd = -1
         self._watch: Watch | None = None
         self._lost: LostError | None = None
@@ -77,7 +76,7 @@ class GuestProcess:
         try:
             self._start(submission, sizes)
         except BaseException:
-            self._staging.cleanup()
+            self._staging.remove()
             raise
         try:
             self._await_hello(sizes)
@@ -137,6 +136,10 @@ class GuestProcess:
         self._from = start + length
         return kind, self._inbox[start : self._from]
 
+    def memory(self) -> int:
+        """Memory of the process and all that it started [bytes]; 0 once it has ended."""
+        return self._watch.memory() if self._watch is not None and self._lost is None else 0
+
     def refuse(self, what: str) -> NoReturn:
         """End the process, because it answered something that is no answer.
 
@@ -158,7 +161,7 @@ class GuestProcess:
         self._sock.close()
         self._read_output()
         os.close(self._output)
-        self._staging.cleanup()
+        self._staging.remove()
 
     def _start(self, submission: Identity, sizes: SandboxLimits) -> None:
         call_filter = system_call_filter()
@@ -174,7 +177,7 @@ class GuestProcess:
             stack.callback(os.close, facts_writing)
             filter_file = _readable(call_filter, stack) if call_filter is not None else None
             inside, arguments = command(
-                submission, Path(self._staging.name), sizes, (theirs.fileno(), filter_file, facts_writing)
+                submission, self._staging.folder, sizes, (theirs.fileno(), filter_file, facts_writing)
             )
             words = _readable("\0".join(arguments).encode() + b"\0", stack)
             inherited = [theirs.fileno(), facts_writing, words, *([filter_file] if filter_file is not None else [])]
@@ -284,9 +287,12 @@ class GuestProcess:
 
     def _kill(self) -> None:
         if self._pidfd >= 0:
-            # The first process of the sandbox takes all others with it.
+            # The first process of the sandbox takes all others with it, and has ended when they have.
             with contextlib.suppress(ProcessLookupError):
                 signal.pidfd_send_signal(self._pidfd, signal.SIGKILL)
+            ended = select.poll()
+            ended.register(self._pidfd, select.POLLIN)
+            ended.poll(_END_SECONDS * 1e3)
             os.close(self._pidfd)
             self._pidfd = -1
         if self._facts >= 0:

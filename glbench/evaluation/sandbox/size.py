@@ -1,11 +1,14 @@
 """How large the processes of a sandbox have grown.
 
-The kernel limits each process by itself (``guest.limit_this_process``); what many of them take together is found out by looking.
+The kernel limits each process by itself (``guest.limit_this_process``); what many of them take together is found out by looking. So is
+what stands in nobody's account: the kernel's own memory behind sockets and empty files.
 """
 
 from __future__ import annotations
 
+import os
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 from glbench.evaluation.sandbox.limits import GIB, SandboxLimits
@@ -32,22 +35,55 @@ class Watch:
         self._next = now + _LOOK_SECONDS
         return self._look()
 
+    def memory(self) -> int:
+        """Memory of all processes now [bytes]."""
+        return self._taken().memory
+
     def _look(self) -> str | None:
-        waiting, tasks, memory = [self._root], 0, 0
-        while waiting:
+        taken, sizes = self._taken(), self._sizes
+        if taken.tasks > sizes.tasks + _SOME_MORE:
+            return f"the agent started more than {sizes.tasks} processes and threads, which is its limit"
+        if taken.memory > sizes.memory:
+            return f"the agent's processes took more than {sizes.memory / GIB:.3g} GiB of memory together, which is their limit"
+        if taken.open_files > sizes.open_files:
+            return f"the agent's processes opened more than {sizes.open_files:,} files, pipes and sockets together, which is their limit"
+        if sum(map(self._made, ("tmp", "dev/shm"))) > sizes.made:
+            return f"the agent made more than {sizes.made:,} files in /tmp and /dev/shm, which is its limit"
+        return None
+
+    def _taken(self) -> _Taken:
+        """What all processes take; not counted on where there are too many already."""
+        waiting, taken = [self._root], _Taken()
+        while waiting and taken.tasks <= self._sizes.tasks + _SOME_MORE:
             place = Path("/proc") / str(waiting.pop())
+            threads: list[Path] = []
             try:
                 threads = list((place / "task").iterdir())
-                memory += _memory(place)
+                taken.memory += _memory(place)
                 waiting += [int(child) for thread in threads for child in _children(thread)]
+                taken.open_files += sum(1 for _ in (place / "fd").iterdir())
             except OSError:  # it ended while we looked
                 continue
-            tasks += len(threads)
-            if tasks > self._sizes.tasks + _SOME_MORE:
-                return f"the agent started more than {self._sizes.tasks} processes and threads, which is its limit"
-        if memory > self._sizes.memory:
-            return f"the agent's processes took more than {self._sizes.memory / GIB:g} GiB of memory together, which is their limit"
-        return None
+            finally:
+                taken.tasks += len(threads)
+        return taken
+
+    def _made(self, place: str) -> int:
+        """Files in a folder of the sandbox that lies in memory: each takes some of it, which no size limits."""
+        try:
+            told = os.statvfs(f"/proc/{self._root}/root/{place}")
+        except OSError:  # it has ended
+            return 0
+        return told.f_files - told.f_ffree
+
+
+@dataclass
+class _Taken:
+    """What the processes of a sandbox take together; ``memory`` in bytes."""
+
+    tasks: int = 0
+    memory: int = 0
+    open_files: int = 0
 
 
 def _memory(place: Path) -> int:

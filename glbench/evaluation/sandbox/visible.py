@@ -10,7 +10,7 @@ import os
 import shutil
 import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -50,8 +50,8 @@ def libraries() -> tuple[Path, ...]:
     return tuple(path for path in map(Path, sys.path) if path.name in _LIBRARIES and path.is_dir())
 
 
-def arguments(submission: Identity, staging: Path) -> list[str]:
-    """Arguments for bubblewrap that make the files visible; ``staging`` is an empty folder for copies, where some are needed."""
+def arguments(submission: Identity, staging: Callable[[], Path]) -> list[str]:
+    """Arguments for bubblewrap that make the files visible; ``staging`` makes an empty folder for copies, where some are needed."""
     own = _own_files(submission, staging)
     bounds = [*_python(), Bound(_PACKAGE, CODE / "glbench"), *own]
     covered = [inside for bound in bounds for inside in _secrets_below(bound)]
@@ -107,7 +107,7 @@ def _data() -> Iterator[list[str]]:
     yield ["--ro-bind", str(data_folder("baselines")), str(root / "baselines")]
 
 
-def _own_files(submission: Identity, staging: Path) -> list[Bound]:
+def _own_files(submission: Identity, staging: Callable[[], Path]) -> list[Bound]:
     inside = place_inside(submission)
     if not submission.files:
         _refuse_links_out(submission.path)
@@ -122,11 +122,11 @@ def _refuse_links_out(folder: Path) -> None:
             raise SubmissionError(msg)
 
 
-def _readable(path: Path, staging: Path) -> Path:
+def _readable(path: Path, staging: Callable[[], Path]) -> Path:
     """``path``, or a copy of it that another user may read: an evaluation that runs as root starts its agents as somebody else."""
     if os.geteuid() != 0 or all(_others_may_read(item) for item in (path, *path.rglob("*"))):
         return path
-    copy = staging / path.name
+    copy = staging() / path.name
     try:
         if path.is_dir():
             shutil.copytree(path, copy, symlinks=True)

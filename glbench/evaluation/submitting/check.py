@@ -1,4 +1,4 @@
-"""``check_submission``: the files first, then the agent for a day in a process of its own, all within seconds."""
+"""``check_submission``: the files first, then the agent for a day as an evaluation would run it, all within seconds."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from typing import IO, Any
 
 from glbench.agents.identity import FORM_WORDS, Identity, baseline_names, is_built_in, read_identity
 from glbench.agents.loading import find_submission
-from glbench.errors import SubmissionError
+from glbench.errors import SandboxError, SubmissionError
+from glbench.evaluation.sandbox.choosing import Protection, SandboxChoice, protection_of
 from glbench.evaluation.sandbox.limits import SandboxLimits
 from glbench.evaluation.submitting import files
 from glbench.evaluation.submitting.findings import Finding, Report, Subject, note, problem
@@ -30,10 +31,18 @@ _STARTING = 90.0
 _LOOK = 0.02
 _PRINTED_NOTE, _PRINTED_KEPT, _SAID_KEPT = 4096, SandboxLimits().printed, 2**20
 _SHOWN = 160
+_WHERE: dict[Protection, str] = {
+    "bubblewrap": "in a sandbox (bubblewrap)",
+    "unsandboxed": "unsandboxed, with your rights",
+}
 
 
 def check_submission(
-    ref: str | Path, task: str | Path | TaskSpec = DEFAULT_TASK, *, seconds: float = SECONDS
+    ref: str | Path,
+    task: str | Path | TaskSpec = DEFAULT_TASK,
+    *,
+    seconds: float = SECONDS,
+    sandbox: SandboxChoice = "auto",
 ) -> Report:
     """Find out what will be wrong with a submission in an evaluation on ``task``.
 
@@ -45,6 +54,9 @@ def check_submission(
         Task, its id, or the path of a task file.
     seconds
         Time for the whole check.
+    sandbox
+        Where the agent runs, as for ``glbench.evaluation.evaluate``. Where it wants a sandbox and there can be none, only files are
+        looked at, and the report says so.
 
     Raises
     ------
@@ -73,7 +85,10 @@ def check_submission(
         if not book.hopeless:
             task_ref = str(task) if not isinstance(task, TaskSpec) else spec.id
             left = max(2.0, seconds - (time.monotonic() - began))
-            _probe(path, task_ref, left, files.large_packages(identity), book)
+            protection = _protection(identity, sandbox, book)
+            if protection is not None:
+                book.facts["loading"] = _WHERE[protection]
+                _probe(path, (task_ref, str(left)), (protection, *files.large_packages(identity)), book)
     return Report(
         name,
         what,
@@ -113,6 +128,15 @@ def _identity(path: Path, book: _Book) -> Identity | None:
         return None
 
 
+def _protection(identity: Identity, choice: SandboxChoice, book: _Book) -> Protection | None:
+    """How the agent runs; ``None`` when it may not, which is told."""
+    try:
+        return protection_of(identity, choice)
+    except SandboxError as error:
+        book.add([problem("loading", str(error))])
+        return None
+
+
 def _look_at_files(identity: Identity, task: TaskSpec, book: _Book) -> None:
     book.add(files.card_notes(identity))
     book.add(files.size_findings(identity), "files")
@@ -121,10 +145,13 @@ def _look_at_files(identity: Identity, task: TaskSpec, book: _Book) -> None:
     book.add(files.policy_findings(identity, task_card(task)))
 
 
-def _probe(path: Path, task: str, seconds: float, packages: tuple[str, ...], book: _Book) -> None:
-    """Run the agent in a process of its own and book what that says, and how it ended."""
+def _probe(path: Path, task: tuple[str, str], how: tuple[str, ...], book: _Book) -> None:
+    """Run the agent in a process of its own and book what that says, and how it ended.
+
+    ``task`` holds the task and the seconds, ``how`` the protection and the packages to import beforehand.
+    """
     reading, writing = os.pipe()
-    arguments = [str(path), task, str(seconds), str(writing), *packages]
+    arguments = [str(path), *task, str(writing), *how]
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     process = subprocess.Popen(
         [sys.executable, "-m", "glbench.evaluation.submitting.probe", *arguments],
@@ -141,9 +168,10 @@ def _probe(path: Path, task: str, seconds: float, packages: tuple[str, ...], boo
         hung = _outlives(process, said)
     finally:
         _end(process)
-    stage = _book_lines(said.text(), book)
-    _book_end(process.returncode, stage, hung=hung, printed=printed, book=book)
-    _book_printing(printed, book)
+    told = _book_lines(said.text(), book)
+    _book_end(process.returncode, told.stage, hung=hung, printed=printed, book=book)
+    # What comes out of a sandbox is counted there; outside of one it is the output of this process.
+    _book_printing(max(printed.size, told.printed), book)
 
 
 def _outlives(process: subprocess.Popen[bytes], said: _Reader) -> bool:
@@ -166,21 +194,29 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def _book_lines(text: str, book: _Book) -> str:
-    """Book what the probe said; the stage that it was in last, empty when it came to its end."""
-    stage = "before it began"
+@dataclass
+class _Told:
+    """What the probe said besides its findings: the stage that it was in last (empty at its end), and bytes printed in the sandbox."""
+
+    stage: str = "before it began"
+    printed: int = 0
+
+
+def _book_lines(text: str, book: _Book) -> _Told:
+    """Book what the probe said."""
+    told = _Told()
     for line in text.splitlines():
         try:
             said: dict[str, Any] = json.loads(line)
         except ValueError:  # cut off by the end of the process
             continue
-        stage = said.get("stage", stage)
+        told.stage, told.printed = said.get("stage", told.stage), said.get("printed", told.printed)
         if "finding" in said:
             book.add([Finding(**said["finding"])])
         if "checked" in said:
             book.checked.add(said["checked"])
         book.facts.update(said.get("fact", {}))
-    return stage
+    return told
 
 
 def _book_end(code: int, stage: str, *, hung: bool, printed: _Reader, book: _Book) -> None:
@@ -203,16 +239,16 @@ def _book_end(code: int, stage: str, *, hung: bool, printed: _Reader, book: _Boo
         book.add([problem(subject, f"The process of the agent ended {stage}, with exit code {code}.{heard}")])
 
 
-def _book_printing(printed: _Reader, book: _Book) -> None:
+def _book_printing(size: int, book: _Book) -> None:
     book.checked.add("printing")
-    size = f"It prints {printed.size / 1024:,.0f} KiB in this short run"
-    if printed.size > _PRINTED_KEPT:
-        text = f"{size}. Of an evaluation only the beginning and the end are kept, and printing takes time."
+    said = f"It prints {size / 1024:,.0f} KiB in this short run"
+    if size > _PRINTED_KEPT:
+        text = f"{said}. Of an evaluation only the beginning and the end are kept, and printing takes time."
         book.add([problem("printing", text)])
-    elif printed.size > _PRINTED_NOTE:
-        book.add([note("printing", f"{size}. Of an evaluation only the beginning and the end are kept.")])
-    if printed.size:
-        book.facts["printing"] = f"{printed.size} bytes"
+    elif size > _PRINTED_NOTE:
+        book.add([note("printing", f"{said}. Of an evaluation only the beginning and the end are kept.")])
+    if size:
+        book.facts["printing"] = f"{size} bytes"
 
 
 class _Reader:

@@ -21,9 +21,9 @@ from glbench.evaluation.submitting.findings import Finding, note, problem
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
-LARGEST_SUBMISSION = 512 * MIB
-"""Size of all files together above which a submission is refused by the check."""
 MANY_FILES = 1000
+_LARGEST_LOOK, _LARGEST_SOURCE = 64 * MIB, 2 * MIB
+"""Sizes up to which a saved policy is opened and a source file parsed before the agent runs."""
 _ALWAYS_THERE = frozenset({"numpy", "glbench"})
 _NEEDS = {"sb3": ("torch", "stable_baselines3"), "torchscript": ("torch",), "onnx": ("onnxruntime",), "python": ()}
 _LARGE = frozenset(
@@ -76,22 +76,11 @@ def card_notes(identity: Identity) -> list[Finding]:
 
 
 def size_findings(identity: Identity) -> list[Finding]:
-    """Whether the files are few and small enough."""
-    files = identity.all_files()
-    size = sum(file.stat().st_size for file in files)
-    found = []
-    if size > LARGEST_SUBMISSION:
-        largest = max(files, key=lambda file: file.stat().st_size)
-        text = (
-            f"The submission has {size / MIB:,.0f} MiB, more than {LARGEST_SUBMISSION / MIB:,.0f} MiB; the largest file is "
-            f"{largest.relative_to(identity.root)} ({largest.stat().st_size / MIB:,.0f} MiB). Leave out what the agent does not need."
-        )
-        found.append(problem("files", text))
-    if len(files) > MANY_FILES:
-        found.append(
-            note("files", f"The folder holds {len(files)} files. Is all of it needed? Each is part of the digest.")
-        )
-    return found
+    """Whether the files are few; those that are too large have no identity at all."""
+    count = len(identity.all_files())
+    if count > MANY_FILES:
+        return [note("files", f"The folder holds {count} files. Is all of it needed? Each is part of the digest.")]
+    return []
 
 
 def size_in_words(identity: Identity) -> str:
@@ -144,7 +133,9 @@ def large_packages(identity: Identity) -> tuple[str, ...]:
 
 
 def policy_findings(identity: Identity, task: TaskCard) -> list[Finding]:
-    """What a saved policy says about itself that does not fit."""
+    """What a saved policy says about itself that does not fit; of a huge file its loading will tell, where it can do no harm."""
+    if identity.entry.stat().st_size > _LARGEST_LOOK:
+        return []
     if identity.form == "torchscript":
         complaint = torchscript_complaint(identity.entry)
         return [problem("loading", complaint)] if complaint is not None else []
@@ -173,9 +164,11 @@ def _own_modules(identity: Identity) -> set[str]:
 
 def _imported(file: Path) -> Iterator[tuple[str, int, bool]]:
     """Top-level name, line, and whether it stands within ``try``, of every import that is not relative."""
+    if file.stat().st_size > _LARGEST_SOURCE:
+        return
     try:
         tree = ast.parse(file.read_bytes())
-    except (SyntaxError, ValueError, RecursionError):  # told by the loading, with the line
+    except (SyntaxError, ValueError, RecursionError, MemoryError):  # told by the loading, with the line
         return
     guarded = {id(inner) for outer in ast.walk(tree) if isinstance(outer, ast.Try) for inner in ast.walk(outer)}
     for node in ast.walk(tree):

@@ -1,4 +1,4 @@
-"""How much memory the probing process takes, and whether that grows from step to step."""
+"""How much memory an agent takes, and whether that grows from step to step."""
 
 from __future__ import annotations
 
@@ -16,35 +16,37 @@ _STATM = Path("/proc/self/statm")
 
 
 class Memory:
-    """Looks at this process's memory after every step; where the system does not tell, growth is 0."""
+    """What was taken after every step [bytes]; where the system does not tell, growth is 0."""
 
     def __init__(self) -> None:
         self._seen: list[int] = []
+        self.peak = 0
 
-    def look(self) -> None:
-        """Remember what is taken now."""
-        self._seen.append(resident())
+    def add(self, now: int, most: int) -> None:
+        """Remember what is taken now, and the most that ever was."""
+        self._seen.append(now)
+        self.peak = most
 
     @property
     def last(self) -> int:
         """Bytes at the last look."""
         return self._seen[-1] if self._seen else 0
 
-    @property
-    def peak(self) -> int:
-        """Most bytes ever."""
-        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        return most if sys.platform == "darwin" else most * 1024
-
     def growth_a_step(self) -> float:
         """Bytes a step over the second half of what was seen; the first half warms up."""
         half = self._seen[len(self._seen) // 2 :]
         return max(0.0, (half[-1] - half[0]) / (len(half) - 1)) if len(half) > 1 else 0.0
 
-    @staticmethod
-    def own() -> int:
-        """Address space that was taken before the agent came [bytes]."""
-        return _pages(0)
+
+def address_space() -> int:
+    """Address space of this process [bytes]; 0 where the system does not tell."""
+    return _pages(0)
+
+
+def peak() -> int:
+    """Most resident memory that this process ever had [bytes]."""
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return most if sys.platform == "darwin" else most * 1024
 
 
 def resident() -> int:

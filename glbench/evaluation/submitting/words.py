@@ -40,7 +40,8 @@ def unrepeatable(step: int, difference: float | None, reason: str) -> Finding:
 
 def no_answer(seconds: float, runs: int, step: int, steps: int, limits: TimeLimits) -> Finding:
     """``act`` was stopped after so many ``seconds`` for that many runs."""
-    began = f"act did not come back within {seconds:.0f} s for {runs} runs in step {step}"
+    whom = "one run" if runs == 1 else f"{runs} runs"
+    began = f"act did not come back within {duration(seconds)} for {whom} in step {step}"
     each, whole = seconds / runs, seconds / runs * steps
     if each >= limits.step:
         return problem("time", f"{began}. The limit is {limits.step:g} s for one decision of one run.")

@@ -22,7 +22,9 @@ from tests.evaluation.agent_files import AgentWriter
 @pytest.fixture
 def without_bubblewrap(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A machine on which bubblewrap is not installed."""
-    monkeypatch.setattr(shutil, "which", lambda _name: None)
+    # Only bubblewrap: without a compiler, this process would keep the slow kernel for all tests to come.
+    which = shutil.which
+    monkeypatch.setattr(shutil, "which", lambda name, *rest: None if name == "bwrap" else which(name, *rest))
     bubblewrap._tried.cache_clear()
     yield
     bubblewrap._tried.cache_clear()

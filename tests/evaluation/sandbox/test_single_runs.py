@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from glbench.evaluation import TimeLimits, evaluate
+from glbench.evaluation.sandbox.limits import GIB, SandboxLimits
 from glbench.tasks import TaskSpec
 from tests.evaluation.agent_files import AgentWriter
 from tests.evaluation.sandbox.conftest import Prepare, ends
@@ -107,3 +110,32 @@ def test_an_interrupted_evaluation_with_a_lost_process_goes_on(
     assert resumed.evaluation.resumed_at_step == 11
     assert resumed.runs == sandboxed(path).run().runs
     assert ends(resumed) == [("ok", 24), ("crashed", 4), ("ok", 24)]
+
+
+LEAKING = """
+def reset(self, task):
+    Agent.made = getattr(Agent, "made", 0) + 1
+    self.number, self.calls, self.kept, self.me = Agent.made, 0, [], self
+def act(self, observation):
+    self.calls += 1
+    if self.number == 2: self.kept.append(np.ones(4 << 20))
+    elif self.calls > 20: np.ones(16 << 20)
+    return np.zeros(6)
+"""
+
+
+def test_what_a_failed_run_held_is_the_others_to_have(write_agent: AgentWriter, sandboxed: Prepare) -> None:
+    evaluation = sandboxed(write_agent(LEAKING, single=True))
+    result = dataclasses.replace(evaluation, sizes=SandboxLimits(memory=GIB // 2)).run()
+
+    assert [run.status for run in result.runs] == ["ok", "crashed", "ok"]
+    assert "MemoryError" in (result.runs[1].reason or "")
+
+
+def test_an_agent_that_does_not_let_go_delays_nobody(write_agent: AgentWriter, sandboxed: Prepare) -> None:
+    body = agent("(self.number, self.calls) == (2, 9)", "raise ValueError('enough')")
+    body += "def __del__(self):\n    while self.number == 2: time.sleep(1)\n"
+    result = sandboxed(write_agent(body, single=True), limits=LIMITS).run()
+
+    assert ends(result) == [("ok", 24), ("crashed", 8), ("ok", 24)]
+    assert (result.runs[1].reason or "").startswith("ValueError: enough")

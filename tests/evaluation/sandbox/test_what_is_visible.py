@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import dataclasses
+import errno
 import json
 import sys
 from pathlib import Path
@@ -12,6 +14,7 @@ import pytest
 import glbench
 from glbench.errors import SubmissionError
 from glbench.evaluation import TimeLimits
+from glbench.evaluation.sandbox import bubblewrap
 from glbench.evaluation.sandbox.prints import Prints
 from glbench.evaluation.sandbox.visible import libraries
 from glbench.resources import data_folder
@@ -212,3 +215,26 @@ def test_a_link_out_of_the_folder_is_refused(sandboxed: Prepare, tmp_path: Path)
 
     with pytest.raises(SubmissionError, match=r"weights.npz is a link that leads out of the submission's folder"):
         sandboxed(folder, runs=1).run()
+
+
+def test_in_a_user_namespace_the_first_process_is_out_of_reach(
+    write_agent: AgentWriter, sandboxed: Prepare, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """There it belongs to the same user as the agent, as it does for everybody who is not root."""
+    if bubblewrap._complaint(bubblewrap.Mode.USER_NAMESPACE):
+        pytest.skip("there are no user namespaces here")
+    if not Path("/sys/kernel/security").exists() or ctypes.CDLL(None).syscall(444, None, 0, 1) < 1:
+        pytest.skip("this kernel has no Landlock")
+    monkeypatch.setattr(bubblewrap, "_tried", lambda: ("", bubblewrap.Mode.USER_NAMESPACE))
+    body = """
+seen = []
+for name in ("mem", "environ", "maps"):
+    try: seen.append(open("/proc/1/" + name).read(1))
+    except OSError as error: seen.append(error.errno)
+for name in ("fd/0", "root"):
+    try: seen.append(os.readlink("/proc/1/" + name))
+    except OSError as error: seen.append(error.errno)
+seen.append(os.getuid())
+"""
+
+    assert seen(write_agent, sandboxed, body) == [*[errno.EACCES] * 5, 65534]

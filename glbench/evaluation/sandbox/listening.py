@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from pathlib import Path
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _MOST = 5
 _REMOVING = frozenset({"os.remove", "os.rename", "os.mkdir", "os.rmdir"})
+_NETWORK = (socket.AF_INET, socket.AF_INET6)
 _DEVICES = ("/dev/", "/proc/")
 
 
@@ -22,11 +24,17 @@ class Listener:
     """
 
     def __init__(self) -> None:
-        self.connections: list[str] = []
+        self._addresses: list[str] = []
+        self._network = False
         self.written: list[str] = []
         self._on = False
         self._free = (str(Path(tempfile.gettempdir()).resolve()), "/tmp", *_DEVICES)
         sys.addaudithook(self._hear)
+
+    @property
+    def connections(self) -> list[str]:
+        """Where it connected to, or wanted to."""
+        return self._addresses or (["the network"] if self._network else [])
 
     @contextmanager
     def listening(self) -> Iterator[None]:
@@ -41,7 +49,9 @@ class Listener:
         if not self._on:
             return
         if event in {"socket.connect", "socket.getaddrinfo"}:
-            self._add(self.connections, _address(event, arguments))
+            self._add(self._addresses, _address(event, arguments))
+        elif event == "socket.__new__" and arguments[1] in _NETWORK:
+            self._network = True  # a sandbox refuses here, before any address is named
         elif event in _REMOVING or (event == "open" and isinstance(arguments[2], int) and arguments[2] & _WRITING):
             self._write(arguments[0])
 
