@@ -49,6 +49,9 @@ class Driver(Protocol):
     def inputs(self, simulation: Simulation, observations: NDArray[np.float32]) -> Inputs:
         """What the agent is shown in this step, one row a run; an array of its own."""
 
+    def ask(self, step: int, inputs: Inputs, alive: Mask) -> None:
+        """Put the question of ``decide`` to the agent already, where it thinks elsewhere; the call to ``decide`` follows."""
+
     def decide(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
         """Ask the agent. Rows that are not alive keep their place; their answers are ignored."""
 
@@ -92,6 +95,9 @@ class Observing:
     def inputs(self, simulation: Simulation, observations: NDArray[np.float32]) -> Inputs:
         """Show the observations."""
         return observations.copy()
+
+    def ask(self, step: int, inputs: Inputs, alive: Mask) -> None:
+        """Nothing yet: the agent lives in this process."""
 
     def apply(self, simulation: Simulation, actions: Array) -> StepResult:
         """Take a step with actions, through the actuation."""
@@ -179,6 +185,9 @@ class PrivilegedDriver:
     def inputs(self, simulation: Simulation, observations: NDArray[np.float32]) -> Inputs:
         """Show the states."""
         return np.array(simulation.x, dtype=np.float64)
+
+    def ask(self, step: int, inputs: Inputs, alive: Mask) -> None:
+        """Nothing yet: the controller lives in this process."""
 
     def decide(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
         """Ask for the actions of all runs."""

@@ -67,6 +67,7 @@ class Lockstep:
         self._watcher = watcher
         self._earlier_seconds = 0.0
         self._began = time.perf_counter()
+        self._unbooked: tuple[NDArray[np.float64], StepResult] | None = None
 
     @property
     def wall_seconds(self) -> float:
@@ -107,12 +108,16 @@ class Lockstep:
                 break
             observations = self._step(step, observations)
             if self._checkpoint.due:
+                self._keep_books()
                 self._save(step + 1)
             self._report(step + 1)
+        self._keep_books()
 
     def _step(self, step: int, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         tally, simulation = self._tally, self._simulation
         inputs = self._driver.inputs(simulation, observations)
+        self._driver.ask(step, inputs, tally.alive)
+        self._keep_books()
         decision = self._driver.decide(step, inputs, tally.alive)
         tally.asked += tally.alive
         tally.seconds += decision.seconds
@@ -123,13 +128,22 @@ class Lockstep:
             if not tally.alive.any():
                 return observations
         outcome = self._driver.apply(simulation, decision.actions)
-        self._recorder.add(decision.actions, simulation, outcome)
-        if self._watcher is not None:
-            self._watcher.add(simulation, outcome)
+        self._unbooked = decision.actions, outcome
         ended = tally.add(outcome)
         if ended:
+            self._keep_books()
             simulation.end(ended)
         return outcome.observations
+
+    def _keep_books(self) -> None:
+        """Record and show the last step, if that was not done: an agent in a process of its own is thinking meanwhile."""
+        if self._unbooked is None:
+            return
+        actions, outcome = self._unbooked
+        self._unbooked = None
+        self._recorder.add(actions, self._simulation, outcome)
+        if self._watcher is not None:
+            self._watcher.add(self._simulation, outcome)
 
     def _overdue(self) -> list[Failure]:
         """Runs whose decisions together took too long."""

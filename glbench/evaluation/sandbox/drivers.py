@@ -7,9 +7,11 @@ ends, and a new process brings the others back by showing them again what they h
 
 from __future__ import annotations
 
+import contextlib
 import pickle
 import time
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,6 +126,7 @@ class SandboxedBatch(Observing):
         self._process = process
         self._shape = (guest.runs, len(guest.card.actions))
         self._number = 0
+        self._asked_at: float | None = None  # of the question that waits for its answer
         self._low = np.array([action.low for action in guest.card.actions]) - ROUNDING
         self._high = np.array([action.high for action in guest.card.actions]) + ROUNDING
 
@@ -131,7 +134,9 @@ class SandboxedBatch(Observing):
         """Reset the agent."""
         limit = self._guest.time.start
         try:
-            kind, body = self._asked(Kind.RESET, (bytes([1]) * self._guest.runs,), limit, "reset")
+            until = time.monotonic() + limit
+            self._put(Kind.RESET, (bytes([1]) * self._guest.runs,), limit)
+            kind, body = self._answer(until, limit, "reset")
             if kind == Kind.FAILED:
                 return (self._failure(body),)
             if kind != Kind.DONE:
@@ -140,29 +145,39 @@ class SandboxedBatch(Observing):
             return (Failure(None, lost.status, lost.reason),)
         return ()
 
+    def ask(self, step: int, inputs: Inputs, alive: Mask) -> None:
+        """Send the observations; the answer is waited for in ``decide``."""
+        parts = (alive.tobytes(), inputs.astype(np.float32, copy=False).tobytes())
+        self._asked_at = time.monotonic()
+        with contextlib.suppress(LostError):  # raised again when the answer is waited for
+            self._put(Kind.ACT, parts, self._guest.time.step * int(np.count_nonzero(alive)))
+
     def decide(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
         """Ask for the actions of all runs."""
-        began = time.perf_counter()
+        if self._asked_at is None:
+            self.ask(step, inputs, alive)
+        began, self._asked_at = cast(float, self._asked_at), None
         deciding = int(np.count_nonzero(alive))
-        parts = (alive.tobytes(), inputs.astype(np.float32, copy=False).tobytes())
+        limit = self._guest.time.step * deciding
         actions: Array = np.zeros(self._shape)
         failures: tuple[Failure, ...]
         try:
-            kind, body = self._asked(Kind.ACT, parts, self._guest.time.step * deciding, "act (for all runs)")
+            kind, body = self._answer(began + limit, limit, "act (for all runs)")
             actions, failures = self._read(kind, body, alive)
         except LostError as lost:
             failures = (Failure(None, lost.status, lost.reason),)
-        seconds: Array = np.where(alive, (time.perf_counter() - began) / deciding, 0.0)
+        seconds: Array = np.where(alive, (time.monotonic() - began) / deciding, 0.0)
         return Decision(actions, failures, seconds)
 
     def close(self) -> None:
         """End the process."""
         self._process.close()
 
-    def _asked(self, kind: Kind, parts: tuple[bytes, ...], seconds: float, what: str) -> tuple[int, memoryview]:
+    def _put(self, kind: Kind, parts: tuple[bytes, ...], seconds: float) -> None:
         self._number += 1
-        until = time.monotonic() + seconds
         self._process.ask(kind, self._number, *parts, seconds=seconds)
+
+    def _answer(self, until: float, seconds: float, what: str) -> tuple[int, memoryview]:
         return self._process.answer(self._number, until, f"{what} took longer than its limit of {seconds:g} s")
 
     def _read(self, kind: int, body: memoryview, alive: Mask) -> tuple[Array, tuple[Failure, ...]]:
