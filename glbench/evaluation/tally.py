@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -13,6 +12,7 @@ from glbench.env import StepResult
 from glbench.evaluation.acting import Failure
 from glbench.evaluation.metrics import METRIC_NAMES, METRICS, step_values, with_missing_steps
 from glbench.evaluation.records import RunResult, Status
+from glbench.kernel.finite import all_finite
 
 
 class Tally:
@@ -50,7 +50,7 @@ class Tally:
         """Book a simulated step; the rows that could not be simulated end and are returned."""
         values = step_values(outcome.table)
         failures = [Failure(failure.row, "simulation_failed", failure.reason) for failure in outcome.failed]
-        if not math.isfinite(np.vdot(values, values)):  # one look at all of them; huge values only look broken
+        if not all_finite(values):  # huge values only look broken
             broken = ~np.isfinite(values).all(axis=0)
             failures += [_not_finite(int(row), values[:, row]) for row in np.flatnonzero(broken)]
         ended = self.end(failures) if failures else []

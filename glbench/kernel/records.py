@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
@@ -10,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glbench.errors import ActionError, ShapeError
+from glbench.kernel.finite import all_finite
 from glbench.model import CONTROL_NAMES, DISTURBANCE_NAMES, PARAMETER_NAMES, STATE_NAMES
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
@@ -73,8 +73,7 @@ def as_rows(x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLi
     if rows.p.shape[0] not in (1, count):
         raise ShapeError(_wrong_rows("p", rows.p.shape[0], count))
     for key, values in (("x", rows.x), ("u", rows.u), ("d", rows.d), ("p", rows.p)):
-        # A sum of squares is not finite as soon as one value is not: one pass, no temporary array.
-        if not math.isfinite(np.vdot(values, values)):
+        if not all_finite(values):
             _refuse_non_finite(key, values)
     if count and not (np.minimum.reduce(rows.u, axis=None) >= 0.0 and np.maximum.reduce(rows.u, axis=None) <= 1.0):
         row, column = np.argwhere((rows.u < 0.0) | (rows.u > 1.0))[0]

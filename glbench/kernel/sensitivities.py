@@ -6,7 +6,6 @@ minimum, a maximum, a condition) they belong to the branch that the step took. M
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,6 +25,7 @@ from glbench.kernel.directions import (
     parameter_numbers,
     widths,
 )
+from glbench.kernel.finite import all_finite
 from glbench.kernel.records import FloatArray, Rows, StepFailure, as_rows
 
 
@@ -252,8 +252,7 @@ class Differentiable(ABC):
         """Raise StepError for rows that failed, or whose derivatives are not finite."""
         if failed.any():
             self._refuse(rows)
-        # A sum of squares is not finite as soon as one value is not; huge finite values only overflow this cheap test.
-        if all(math.isfinite(np.vdot(table, table)) for table in derivatives):
+        if all(map(all_finite, derivatives)):
             return
         bad = [~np.isfinite(table).all(axis=tuple(range(1, table.ndim))) for table in derivatives]
         rows_without = np.flatnonzero(np.logical_or.reduce(bad))

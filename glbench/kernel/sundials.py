@@ -7,7 +7,6 @@ Figures and reasons: docs/kernel.md and docs/adr/0004-stepping-method.md.
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +17,7 @@ import numpy as np
 from glbench.errors import UnknownNameError, did_you_mean
 from glbench.kernel.bound import PlainBoundStep
 from glbench.kernel.environment import Program
+from glbench.kernel.finite import all_finite
 from glbench.kernel.records import Description, FloatArray, Rows, StepFailure, inputs_in_words
 from glbench.kernel.reduced import STATE_SCALE, reduce_model
 from glbench.kernel.sensitivities import Differentiator
@@ -155,7 +155,7 @@ class CvodesBackend:
             self._integrate()
         except RuntimeError as error:
             return str(error)
-        if not math.isfinite(np.vdot(self._end, self._end)):
+        if not all_finite(self._end):
             return "the result is not finite"
         out[moving] = self._end * self._scale
         out[clocks] += self._step_seconds * self._clock_rate
