@@ -93,11 +93,14 @@ def _alone(preset: str, controls: Controls, seconds: float) -> Callable[[], Time
 def _many(preset: str, controls: Controls, seconds: float, rows: int, threads: int = 1) -> Callable[[], Timed]:
     def make() -> Timed:
         kernel = make_kernel(seconds, preset=preset, workers=threads)
-        chosen, p = points(controls, seconds).resized(rows), default_parameters()
+        chosen, p = points(controls, seconds), default_parameters()
+        # Every size steps the same points, those of one call at a time, or more of them than there are.
+        parts = chosen.parts(rows) if rows < len(chosen.x) else (chosen.resized(rows),)
 
         def work() -> int:
-            kernel.step(chosen.x, chosen.u, chosen.d, p)
-            return rows
+            for part in parts:
+                kernel.step(part.x, part.u, part.d, p)
+            return rows * len(parts)
 
         return timed(work, processor_time if threads == 1 else wall_time)
 
@@ -116,10 +119,13 @@ def _along(followed: Callable[[], Course], seconds: float, preset: str) -> Calla
     def make() -> Timed:
         kernel, one, p = Kernel(seconds, preset=preset), followed(), default_parameters()
 
+        x, u, d = np.empty(one.start.shape), one.controls[0].copy(), one.weather[0].copy()
+        step = kernel.bind(x, u, d, p, x)
+
         def work() -> int:
-            x = one.start
-            for u, d in zip(one.controls, one.weather, strict=True):
-                x = kernel.step(x, u, d, p)
+            x[...] = one.start
+            for u[...], d[...] in zip(one.controls, one.weather, strict=True):
+                step()
             return len(one.controls)
 
         return timed(work)
@@ -139,11 +145,13 @@ def _environment(preset: str) -> Callable[[], Timed]:
         generator = np.random.default_rng(0)
         actions = generator.uniform(-1.0, 1.0, (960, *(env.action_space.shape or ()))).astype(np.float32)
         seeds = iter(range(10**6))
+        env.reset(seed=next(seeds))
 
         def work() -> int:
-            env.reset(seed=next(seeds))
             for action in actions:
-                env.step(action)
+                _, _, terminated, truncated, _ = env.step(action)
+                if terminated or truncated:
+                    env.reset(seed=next(seeds))
             return len(actions)
 
         return timed(work)
@@ -158,12 +166,11 @@ def _vector(count: int, preset: str, threads: int = 1) -> Callable[[], Timed]:
         kernel = make_kernel(STEP_SECONDS, preset=preset, workers=threads)
         envs = GreenhouseVectorEnv(TASK, count, kernel=kernel)
         generator = np.random.default_rng(0)
-        steps = max(4, min(192, 8192 // count))
+        steps = max(16, min(192, 8192 // count))
         actions = generator.uniform(-1.0, 1.0, (steps, *envs.action_space.shape)).astype(np.float32)  # type: ignore[misc]
-        seeds = iter(range(10**6))
+        envs.reset(seed=0)
 
         def work() -> int:
-            envs.reset(seed=next(seeds))
             for action in actions:
                 envs.step(action)
             return steps * count

@@ -40,6 +40,11 @@ class Points:
     u: Array
     d: Array
 
+    def parts(self, rows: int) -> tuple[Points, ...]:
+        """The same points, ``rows`` at a time; what is left over is left out."""
+        starts = range(0, len(self.x) - rows + 1, rows)
+        return tuple(Points(self.x[i : i + rows], self.u[i : i + rows], self.d[i : i + rows]) for i in starts)
+
     def resized(self, rows: int) -> Points:
         """``rows`` of them, repeated when there are fewer."""
         x, u, d = (np.ascontiguousarray(np.resize(a, (rows, a.shape[1]))) for a in (self.x, self.u, self.d))

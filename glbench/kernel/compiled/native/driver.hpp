@@ -83,30 +83,17 @@ template <class V> class Stepper {
         int active = 0;
         for (int lane = 0; lane < W; ++lane) active += refill(lane);
         if (active == 0) return;
-        for (int lane = 0; lane < W; ++lane)
-            if (row_[lane] < 0) copy_lane(0, lane);  // compute something usual there
-        while (active > 0) {
-            if constexpr (W > 1) {
-                if (active == 1 && exhausted_) return finish_alone();
-            }
-            active -= round();
-        }
+        advance(active);
     }
 
-    // Takes over a row in progress from a lane of another stepper.
-    template <class Other> void adopt(const Stepper<Other>& other, int lane) {
-        for (int i = 0; i < N; ++i) {
-            set_element(work_.x[i], 0, element(other.work_.x[i], lane));
-            set_element(work_.weight[i], 0, element(other.work_.weight[i], lane));
-        }
-        for (int i = 0; i < model::STORED; ++i) set_element(work_.stored[i], 0, element(other.work_.stored[i], lane));
-        set_element(h_, 0, element(other.h_, lane));
-        set_element(remaining_, 0, element(other.remaining_, lane));
-        set_element(taken_, 0, element(other.taken_, lane));
-        set_element(right_, 0, element(other.right_, lane));
-        set_element(busy_, 0, 1.0);
-        for (int i = 0; i < model::CLOCKS; ++i) clock_[0][i] = other.clock_[lane][i];
-        row_[0] = other.row_[lane];
+    // Takes over the rows in progress of another stepper, which has no more to begin, and finishes them.
+    template <class Other> void take_over(const Stepper<Other>& other) {
+        int active = 0;
+        for (int lane = 0; lane < W; ++lane) row_[lane] = -1;
+        for (int lane = 0; lane < width_of<Other>; ++lane)
+            if (element(other.busy_, lane) > 0.0) adopt(other, lane, active++);
+        exhausted_ = true;
+        advance(active);
     }
 
     // One substep in every lane; returns how many lanes have run out of rows.
@@ -152,6 +139,10 @@ template <class V> class Stepper {
     friend struct Recorder;  // of the sensitivities: reads the accepted substeps
     static constexpr int W = width_of<V>;
     static constexpr int STORED_ROOM = (model::STORED + 7) / 8 * 8;
+
+    // When no row is left to begin and so few are in progress, half as many lanes, or one, take half the time, for the same bits.
+    static constexpr int FEW = W == 8 ? 4 : 1;
+    using Narrower = std::conditional_t<W == 8, Double4, double>;
 
     // What is done for a single row works through its values in vectors.
     using Pack = typename VectorOf<NATIVE_WIDTH>::type;
@@ -203,6 +194,33 @@ template <class V> class Stepper {
             for (int lane = 0; lane < W; ++lane) sum |= mask[lane];
             return sum != 0;
         }
+    }
+
+    // Substeps until the rows in `active` lanes, and all that follow them there, are done.
+    void advance(int active) {
+        for (int lane = 0; lane < W; ++lane)
+            if (row_[lane] < 0) copy_lane(0, lane);  // compute something usual there
+        while (active > 0) {
+            if constexpr (W > 1) {
+                if (exhausted_ && active <= FEW) return Stepper<Narrower>(settings_, rows_, next_, row_work_).take_over(*this);
+            }
+            active -= round();
+        }
+    }
+
+    template <class Other> void adopt(const Stepper<Other>& other, int from, int to) {
+        for (int i = 0; i < N; ++i) {
+            set_element(work_.x[i], to, element(other.work_.x[i], from));
+            set_element(work_.weight[i], to, element(other.work_.weight[i], from));
+        }
+        for (int i = 0; i < model::STORED; ++i) set_element(work_.stored[i], to, element(other.work_.stored[i], from));
+        set_element(h_, to, element(other.h_, from));
+        set_element(remaining_, to, element(other.remaining_, from));
+        set_element(taken_, to, element(other.taken_, from));
+        set_element(right_, to, element(other.right_, from));
+        set_element(busy_, to, 1.0);
+        for (int i = 0; i < model::CLOCKS; ++i) clock_[to][i] = other.clock_[from][i];
+        row_[to] = other.row_[from];
     }
 
     // Loads the next row into a lane; rows that cannot be stepped are reported on the way. False when none is left.
@@ -307,15 +325,6 @@ template <class V> class Stepper {
         const int32_t failure = proposed < settings_.smallest ? SUBSTEP_TOO_SMALL : TOO_MANY_SUBSTEPS;
         report(row_[lane], failure * 64 + model::MOVING_STATE[worst], static_cast<int32_t>(element(taken_, lane)),
                settings_.step - element(remaining_, lane));
-    }
-
-    // One row left in many lanes: the one-lane code is twice as fast for it, and gives the same bits.
-    void finish_alone() {
-        Stepper<double> alone(settings_, rows_, next_, row_work_);
-        for (int lane = 0; lane < W; ++lane)
-            if (element(busy_, lane) > 0.0) alone.adopt(*this, lane);
-        while (alone.round() == 0) {
-        }
     }
 };
 
