@@ -9,6 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from glbench.kernel.compiled import availability
+from glbench.kernel.compiled.compiler import find_compiler
+from glbench.kernel.compiled.unavailable import CompiledUnavailable
 from glbench.model import default_parameters
 
 Array = NDArray[np.float64]
@@ -17,10 +19,14 @@ GOLDEN = Path(__file__).parent.parent / "golden"
 
 @pytest.fixture(scope="session")
 def compiled() -> None:
-    """Skip a test that needs a compiled library where none can be made."""
-    reason = availability()
-    if reason is not None:
-        pytest.skip(reason)
+    """Skip a test that needs a compiled library where there is no compiler; one that fails on the kernel fails the test."""
+    try:
+        find_compiler()
+    except CompiledUnavailable as reason:
+        pytest.skip(str(reason))
+    reason_why_not = availability()
+    if reason_why_not is not None:
+        pytest.fail(reason_why_not)
 
 
 @pytest.fixture(scope="session")

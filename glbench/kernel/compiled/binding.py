@@ -13,7 +13,7 @@ STATES, PARAMETERS = len(STATE_NAMES), len(PARAMETER_NAMES)
 
 
 class Settings(ctypes.Structure):
-    """``glb::Settings`` of native/driver.hpp."""
+    """``glb::Settings`` of native/rows.hpp."""
 
     _fields_ = (
         ("step", ctypes.c_double),
@@ -30,7 +30,7 @@ class Settings(ctypes.Structure):
 
 
 class RowPointers(ctypes.Structure):
-    """``glb::Rows`` of native/driver.hpp."""
+    """``glb::Rows`` of native/rows.hpp."""
 
     _fields_ = (
         ("n", ctypes.c_int64),

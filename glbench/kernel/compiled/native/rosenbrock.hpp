@@ -90,7 +90,7 @@ template <class V, int S> GLB_INLINE void stage(Lanes<V>& w, V inverse_h) {
 }
 
 // Sums over the states of (error estimate/tolerance)^2, not a number when anything went wrong on the way. The first
-// model::FAST states are summed apart, see `relaxation` in driver.hpp.
+// model::FAST states are summed apart, see `relaxation` in stepper.hpp.
 template <class V> struct Error { V fast, slow; };
 
 // Four sums at a time: a single one would be a chain of N dependent operations. `scaled` is error/tolerance.

@@ -8,7 +8,7 @@
 // where J'(x)[k] and F'(x)[k] are the derivatives of J and F along k: second derivatives are symmetric. All these matrices are
 // computed for the six stages at once, a stage in each lane; what remains is sparse linear algebra.
 #pragma once
-#include "driver.hpp"
+#include "stepper.hpp"
 
 namespace glb {
 

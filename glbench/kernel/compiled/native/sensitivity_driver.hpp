@@ -1,4 +1,4 @@
-// Control steps of rows with their derivatives: the primal step is that of driver.hpp, one row in one lane, and every accepted
+// Control steps of rows with their derivatives: the primal step is that of stepper.hpp, one row in one lane, and every accepted
 // substep is differentiated (forward) or kept (reverse).
 //
 // A row's derivatives depend on that row alone, so their bits depend neither on the batch nor on the number of threads.
