@@ -10,15 +10,20 @@ from glbench.resources import data_folder
 
 def write_day_task(folder: Path) -> Path:
     """The default task, cut to one day of 24 steps and three runs, under an id of its own."""
+    return write_short_task(folder, "Day", days=1)
+
+
+def write_short_task(folder: Path, name: str, *, days: int) -> Path:
+    """The default task, cut to some days of 24 steps and three runs, as ``test/NAME-v1`` in the file ``name.toml``."""
     text = (data_folder("tasks") / "schiphol2010-delta10-v1.toml").read_text(encoding="utf-8")
     for pattern, replacement in {
-        r'id = "glbench/.*"': 'id = "test/Day-v1"',
-        r"days = 60": "days = 1",
+        r'id = "glbench/.*"': f'id = "test/{name}-v1"',
+        r"days = 60": f"days = {days}",
         r"step_seconds = 900": "step_seconds = 3600",
         r"runs = 30": "runs = 3",
     }.items():
         text, count = re.subn(pattern, replacement, text, count=1)
         assert count == 1, pattern
-    path = folder / "day.toml"
+    path = folder / f"{name.lower()}.toml"
     path.write_text(text, encoding="utf-8")
     return path

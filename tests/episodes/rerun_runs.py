@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +13,8 @@ from numpy.typing import NDArray
 from glbench.episodes import Episode, read_episode
 from glbench.evaluation import evaluate
 from glbench.evaluation.files import result_path
-from glbench.resources import data_folder
 from glbench.tasks import get_task
+from tests.support import write_short_task
 
 STEADY = (
     "import numpy as np\n"
@@ -46,17 +45,7 @@ class Runs:
 
 def make_runs(folder: Path) -> Runs:
     """Four days in hourly steps, three runs each."""
-    text = (data_folder("tasks") / "schiphol2010-delta10-v1.toml").read_text(encoding="utf-8")
-    for pattern, replacement in {
-        r'id = "glbench/.*"': 'id = "test/Short-v1"',
-        r"days = 60": "days = 4",
-        r"step_seconds = 900": "step_seconds = 3600",
-        r"runs = 30": "runs = 3",
-    }.items():
-        text, count = re.subn(pattern, replacement, text, count=1)
-        assert count == 1, pattern
-    task_file, agent = folder / "short.toml", folder / "steady.py"
-    task_file.write_text(text, encoding="utf-8")
+    task_file, agent = write_short_task(folder, "Short", days=4), folder / "steady.py"
     agent.write_text(STEADY, encoding="utf-8")
     task = get_task(task_file)
     evaluate(task, "rule_based", out=folder, episodes="all")
