@@ -27,7 +27,7 @@ from glbench.tasks import DEFAULT_TASK, TaskCard, get_task, task_card
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(why_no_sandbox() is not None, reason=str(why_no_sandbox()))]
 RUNS = 30
-FULL_EVALUATIONS = 3
+FULL_EVALUATIONS = 7
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
 from pathlib import Path
 from typing import Literal
 
@@ -76,6 +75,8 @@ def write_atomically(path: Path, data: bytes | str) -> None:
     GlbenchError
         When the folder cannot be made or written to (missing permission, full disk, a file in the way).
     """
+    import tempfile  # not at the top: sandboxed agents, who write nothing, would wait for it
+
     payload = data.encode("utf-8") if isinstance(data, str) else data
     temporary: Path | None = None
     try:

@@ -10,38 +10,57 @@ import hashlib
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from glbench.agents.identity import baseline_names
-from glbench.agents.network_agent import NetworkAgent, PolicyFiles
 from glbench.agents.protocol import Agent, PrivilegedController
-from glbench.agents.rule_based import RuleBasedController
-from glbench.agents.rule_based_fair import FairRuleBasedAgent
-from glbench.agents.rule_settings import RuleSettings, read_rule_settings
 from glbench.errors import SubmissionError, did_you_mean
 from glbench.resources import data_folder, sha256_of_files
 
 if TYPE_CHECKING:
+    from glbench.agents.network_agent import PolicyFiles
+    from glbench.agents.rule_settings import RuleSettings
     from glbench.tasks import TaskCard
 
 _HERE = Path(__file__).resolve().parent
 
-Settings = RuleSettings | PolicyFiles
-
 
 @dataclass(frozen=True)
 class _Controller:
-    """A built-in controller: what it sees, how it is made, and the modules of this room that decide what it does."""
+    """A built-in controller: what it sees, how it is made, and the modules of this room that decide what it does.
+
+    ``reader`` and ``maker`` are places (module, name): a process loads what the controller needs that it was asked for.
+    """
 
     privileged: bool
     information: str
-    read: Callable[[Path], Settings]
-    """Reads what the card calls its settings: rules from YAML, or trained policies."""
-    make: Callable[[Any], Agent | PrivilegedController]
+    reader: tuple[str, str]
+    maker: tuple[str, str]
     modules: tuple[str, ...]
+
+    def read(self, place: Path) -> RuleSettings | PolicyFiles:
+        """Read what the card calls the controller's settings: rules from YAML, or trained policies."""
+        settings: RuleSettings | PolicyFiles = _found(self.reader)(place)
+        return settings
+
+    def make(self, settings: RuleSettings | PolicyFiles) -> Agent | PrivilegedController:
+        """A new controller with these settings."""
+        controller: Agent | PrivilegedController = _found(self.maker)(settings)
+        return controller
+
+
+def _found(place: tuple[str, str]) -> Callable[..., Any]:
+    module, name = place
+    found: Callable[..., Any] = attrgetter(name)(import_module(f"glbench.agents.{module}"))
+    return found
+
+
+_RULE_SETTINGS = ("rule_settings", "read_rule_settings")
 
 
 _CONTROLLERS = {
@@ -51,22 +70,22 @@ _CONTROLLERS = {
             "privileged: true state, weather of the coming step, radiation sum of the whole day, dawn and dusk in advance; "
             "sets controls directly, without rate limit"
         ),
-        read=read_rule_settings,
-        make=RuleBasedController,
+        reader=_RULE_SETTINGS,
+        maker=("rule_based", "RuleBasedController"),
         modules=("rules.py", "rule_settings.py", "rule_based.py"),
     ),
     "rule_based_fair": _Controller(
         privileged=False,
         information="observations and the public task card",
-        read=read_rule_settings,
-        make=FairRuleBasedAgent,
+        reader=_RULE_SETTINGS,
+        maker=("rule_based_fair", "FairRuleBasedAgent"),
         modules=("rules.py", "rule_settings.py", "rule_based_fair.py", "daylight.py"),
     ),
     "network": _Controller(
         privileged=False,
         information="observations and the public task card",
-        read=PolicyFiles.at,
-        make=NetworkAgent,
+        reader=("network_agent", "PolicyFiles.at"),
+        maker=("network_agent", "NetworkAgent"),
         modules=("exact_math.py", "network_policy.py", "network_agent.py"),
     ),
 }
@@ -93,7 +112,7 @@ class Baseline:
     """A baseline read from its folder."""
 
     card: Card
-    settings: Settings
+    settings: RuleSettings | PolicyFiles
     digest: str
     """SHA-256 (hex) over the controller's name, its settings and its modules. The card's words may change."""
 
@@ -120,6 +139,9 @@ def read_baseline(ref: str | Path) -> Baseline:
     SubmissionError
         When there is none of that name, or card or settings cannot be used.
     """
+    if not isinstance(ref, Path | str):
+        msg = f"A baseline is named by its name or its folder; got {ref!r}. Baselines: {', '.join(baseline_names())}."
+        raise SubmissionError(msg)
     folder = data_folder("baselines") / ref if isinstance(ref, str) else ref
     if not (folder / "card.toml").is_file():
         msg = f"There is no baseline '{ref}'.{did_you_mean(str(ref), baseline_names())}"
@@ -130,12 +152,14 @@ def read_baseline(ref: str | Path) -> Baseline:
     return Baseline(card, settings, _digest(card.controller, place, settings))
 
 
-def _digest(controller: str, place: Path, settings: Settings) -> str:
+def _digest(controller: str, place: Path, settings: Any) -> str:
     code = sha256_of_files(_HERE, [_HERE / module for module in _CONTROLLERS[controller].modules])
-    if isinstance(settings, PolicyFiles) and place.is_dir():
-        data = sha256_of_files(place, list(settings.files))
-    else:
-        data = hashlib.sha256(place.read_bytes()).hexdigest()
+    folder_of_policies = place.is_dir()
+    data = (
+        sha256_of_files(place, list(settings.files))
+        if folder_of_policies
+        else hashlib.sha256(place.read_bytes()).hexdigest()
+    )
     return hashlib.sha256(f"{controller} {code} {data}".encode()).hexdigest()
 
 

@@ -107,9 +107,23 @@ def identify(ref: str | Path) -> Identity | None:
     """
     if isinstance(ref, str) and ref in baseline_names():
         return None
-    path = Path(ref).expanduser()
+    path = path_of(ref)
     is_there = path.is_file() or path.is_dir()  # a pipe would be waited for
     return read_identity(path) if is_there and not is_built_in(path) else None
+
+
+def path_of(ref: str | Path) -> Path:
+    """The path that names an agent.
+
+    Raises
+    ------
+    SubmissionError
+        When it is neither text nor a path.
+    """
+    if not isinstance(ref, Path | str):
+        msg = f"An agent is named by a baseline's name or a path; got {ref!r}. {EXPECTED}."
+        raise SubmissionError(msg)
+    return Path(ref).expanduser()
 
 
 def is_built_in(path: Path) -> bool:

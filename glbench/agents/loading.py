@@ -19,6 +19,7 @@ from glbench.agents.identity import (
     baseline_names,
     is_built_in,
     name_of,
+    path_of,
     read_identity,
 )
 from glbench.agents.protocol import Agent, PrivilegedController
@@ -91,7 +92,7 @@ def find_submission(ref: str | Path) -> Path:
     SubmissionError
         When there is no such thing.
     """
-    path = Path(ref).expanduser()
+    path = path_of(ref)
     if not path.is_dir() and not path.is_file():
         raise SubmissionError(_nothing_there(str(ref), path))
     return path

@@ -15,6 +15,7 @@ from glbench.env.kernels import Stepper, shared_kernel
 from glbench.env.runs import Runs, check_parts, make_runs
 from glbench.env.seeds import checked_seed, no_generators
 from glbench.env.snapshot import Snapshot
+from glbench.env.spaces import the_task
 from glbench.env.step_result import StepResult, read_only
 from glbench.errors import GlbenchError, ShapeError, TaskError
 
@@ -22,6 +23,19 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
+
+
+def check_runs(n: int) -> None:
+    """Refuse what is no number of runs.
+
+    Raises
+    ------
+    ShapeError
+        When it is no whole number, or less than one.
+    """
+    if not isinstance(n, int | np.integer) or isinstance(n, bool) or n < 1:
+        msg = f"A simulation has a whole number of runs, at least one; got {n!r}."
+        raise ShapeError(msg)
 
 
 class Simulation:
@@ -33,7 +47,7 @@ class Simulation:
     Parameters
     ----------
     task
-        The task.
+        The task, or its id.
     n
         Number of runs, 1 or more.
     kernel
@@ -51,11 +65,9 @@ class Simulation:
         Nominal parameters ``(208,)``.
     """
 
-    def __init__(self, task: TaskSpec, n: int, kernel: Stepper | None = None, *, fused: bool = True) -> None:
-        if not isinstance(n, int | np.integer) or isinstance(n, bool) or n < 1:
-            msg = f"A simulation has a whole number of runs, at least one; got {n!r}."
-            raise ShapeError(msg)
-        self.task = task
+    def __init__(self, task: TaskSpec | str, n: int, kernel: Stepper | None = None, *, fused: bool = True) -> None:
+        check_runs(n)
+        self.task = task = the_task(task)
         self.n = n
         self.p_nominal = task.parameters()
         self.accounts = make_accounts(task)

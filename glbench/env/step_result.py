@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.quantities import QUANTITY_NAMES
+from glbench.kernel.finite import all_finite
 
 if TYPE_CHECKING:
     from glbench.kernel import StepFailure
@@ -47,6 +48,11 @@ class StepResult:
     terminated: NDArray[np.bool_]
     failed: list[StepFailure]
     table: NDArray[np.float64]
+
+    @property
+    def whole(self) -> bool:
+        """Whether no run failed and every number is finite; huge ones (1e150) may count as infinite."""
+        return not self.failed and all_finite(self.table)
 
     @cached_property
     def quantities(self) -> dict[str, NDArray[np.float64]]:

@@ -17,7 +17,7 @@ from glbench.env.info import InfoWriter
 from glbench.env.options import RESET_MASK, STATE, check_names, mask_option, state_option
 from glbench.env.panel import panel
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
-from glbench.env.simulation import Simulation
+from glbench.env.simulation import Simulation, check_runs
 from glbench.env.spaces import action_space, checked_render_mode, observation_space, the_task
 from glbench.env.vector_info import add_failures, add_objects, with_masks
 from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean
@@ -80,6 +80,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         if kernel is not None and workers != 1:
             msg = "Give the vector environment a kernel or a number of workers, not both."
             raise GlbenchError(msg)
+        check_runs(num_envs)
         self.task = the_task(task)
         self.num_envs = num_envs
         self.render_mode = checked_render_mode(render_mode)

@@ -55,6 +55,9 @@ def load_result(path: Path | str) -> Result:
     ResultError
         When the file is missing, is no JSON, has another schema, lacks runs, or does not match its own digest.
     """
+    if not isinstance(path, Path | str):
+        msg = f"A result is read from its file (a path); got {path!r}."
+        raise ResultError(msg)
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")

@@ -129,21 +129,24 @@ class Lockstep:
                 return observations
         outcome = self._driver.apply(simulation, decision.actions)
         self._unbooked = decision.actions, outcome
-        ended = tally.add(outcome)
-        if ended:
-            self._keep_books()
-            simulation.end(ended)
+        if not outcome.whole:
+            simulation.end(self._keep_books())
         return outcome.observations
 
-    def _keep_books(self) -> None:
-        """Record and show the last step, if that was not done: an agent in a process of its own is thinking meanwhile."""
+    def _keep_books(self) -> list[int]:
+        """Count, record and show the last step, if that was not done; the rows that could not be simulated end and are returned.
+
+        A step in which none failed is booked when the next question has been put: an agent in a process of its own is thinking then.
+        """
         if self._unbooked is None:
-            return
+            return []
         actions, outcome = self._unbooked
         self._unbooked = None
+        ended = self._tally.add(outcome)
         self._recorder.add(actions, self._simulation, outcome)
         if self._watcher is not None:
             self._watcher.add(self._simulation, outcome)
+        return ended
 
     def _overdue(self) -> list[Failure]:
         """Runs whose decisions together took too long."""

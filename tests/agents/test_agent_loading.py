@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from glbench.agents import Agent, PerRunAgent, PrivilegedController, load_agent
+from glbench.agents import Agent, PerRunAgent, PrivilegedController, identify, load_agent, read_baseline
 from glbench.errors import SubmissionError
 from glbench.resources import data_folder
 from glbench.tasks import TaskCard
@@ -135,6 +137,13 @@ def test_a_word_that_is_no_baseline_is_answered_with_the_baselines() -> None:
     message = refusal("rule_base")
     assert "neither a file or folder here nor a baseline" in message
     assert "Did you mean 'rule_based'" in message
+
+
+@pytest.mark.parametrize("ref", [None, 3, ["rule_based"]])
+@pytest.mark.parametrize("load", [load_agent, identify, read_baseline])
+def test_what_is_no_name_is_refused(load: Callable[[Any], object], ref: object) -> None:
+    with pytest.raises(SubmissionError, match=re.escape(f"got {ref!r}")):
+        load(ref)
 
 
 def test_a_folder_without_agent_file_is_refused(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from glbench.env import QUANTITIES, Simulation, StepResult
 from glbench.env.quantities import QUANTITY_NAMES
-from glbench.errors import ActionError, GlbenchError, ShapeError
+from glbench.errors import ActionError, GlbenchError, ShapeError, UnknownNameError
 from glbench.kernel import Kernel
 from glbench.tasks import TaskSpec, get_task
 from tests.env.stepping import StillKernel, run, walk
@@ -241,6 +241,12 @@ def test_a_result_holds_every_quantity(day: TaskSpec, still: StillKernel) -> Non
     assert list(result.quantities) == [quantity.name for quantity in QUANTITIES]
     assert all(values.shape == (2,) and values.dtype == np.float64 for values in result.quantities.values())
     assert (result.quantities["reward"] == result.rewards).all()
+
+
+def test_a_task_may_be_named_by_its_id() -> None:
+    assert Simulation("Schiphol2010-Delta10-v1", 2).task is get_task("Schiphol2010-Delta10-v1")
+    with pytest.raises(UnknownNameError, match="got None"):
+        Simulation(None, 2)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("seed", [-1, 2**64, 1.5, "1", None, True])

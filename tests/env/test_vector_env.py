@@ -146,6 +146,12 @@ def test_in_mode_disabled_the_user_resets_by_a_mask(day: TaskSpec, still: StillK
     assert environment.step(np.zeros((2, 6)))[2].tolist() == [True, False]
 
 
+@pytest.mark.parametrize("number", [0, -1, 2.5, "2", None, True])
+def test_an_impossible_number_of_environments_is_refused(day: TaskSpec, number: object) -> None:
+    with pytest.raises(ShapeError, match="a whole number of runs, at least one"):
+        GreenhouseVectorEnv(day, number)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("mask", [np.array([1, 0]), np.array([True]), np.array([False, False]), [True, False]])
 def test_an_impossible_mask_is_refused(day: TaskSpec, still: StillKernel, mask: object) -> None:
     environment = GreenhouseVectorEnv(day, 2, kernel=still)

@@ -112,6 +112,12 @@ def test_a_missing_file_says_how_to_make_one(tmp_path: Path) -> None:
         load_result(tmp_path / "nowhere.json")
 
 
+@pytest.mark.parametrize("path", [None, 3])
+def test_what_is_no_path_is_refused_in_words(path: object) -> None:
+    with pytest.raises(ResultError, match=f"got {path}"):
+        load_result(path)  # type: ignore[arg-type]
+
+
 def test_a_file_that_is_no_text_is_refused_in_words(tmp_path: Path) -> None:
     path = tmp_path / "picture.json"
     path.write_bytes(b"\xff\xd8\xff\xe0")

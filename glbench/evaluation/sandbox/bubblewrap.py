@@ -176,6 +176,7 @@ def _environment() -> list[str]:
     variables = {
         "PATH": "/usr/bin:/bin", "HOME": "/tmp", "TMPDIR": "/tmp", "USER": "agent", "LOGNAME": "agent", "LANG": "C.UTF-8",
         "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONUNBUFFERED": "1", "PYTHONHASHSEED": "0",
+        "PYDANTIC_DISABLE_PLUGINS": "1",
         **dict.fromkeys(_THREAD_VARIABLES, "1"),
     }  # fmt: skip
     return ["--clearenv", *(word for name, value in variables.items() for word in ("--setenv", name, value))]
