@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from glbench.agents.baselines import read_baseline
 from glbench.agents.identity import baseline_names
@@ -69,5 +70,16 @@ def _trainings(folder: Path) -> Mapping[float, Budget]:
         card = tomllib.loads(path.read_text(encoding="utf-8"))
         delta = _deltas().get(card["task"]["id"])
         if delta is not None:
-            found[delta] = Budget(int(card["training"]["steps"]), float(card["wall_seconds"]["total"]) / 3600.0)
+            found[delta] = _spent(card)
     return found
+
+
+def _spent(card: Mapping[str, Any]) -> Budget:
+    """Steps and time of a training, with those of the policy that it started from, if it did."""
+    steps, seconds = int(card["training"]["steps"]), float(card["wall_seconds"]["total"])
+    start = card.get("start")
+    if start is None:
+        return Budget(steps, seconds / 3600.0)
+    if "steps" not in start:
+        return UNKNOWN
+    return Budget(steps + int(start["steps"]), (seconds + float(start["wall_seconds"])) / 3600.0)

@@ -29,14 +29,25 @@ _PACKAGES = ("torch", "stable-baselines3", "sb3-contrib", "numpy", "gymnasium", 
 
 def settings_digest(settings: TrainingSettings) -> str:
     """SHA-256 (hex) over all settings but the number of steps, which may be raised to train on."""
-    content = settings.model_dump(mode="json", exclude={"n_timesteps"})
+    content = settings.model_dump(mode="json", exclude={"n_timesteps", "start_from"})
+    if settings.start_from is not None:
+        content["start"] = sha256(settings.start_from.read_bytes()).hexdigest()  # its place does not matter
     return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def write_card(
-    folder: Path, task: TaskSpec, settings: TrainingSettings, seed: int, history: History, steps: int
+    folder: Path,
+    task: TaskSpec,
+    settings: TrainingSettings,
+    seed: int,
+    history: History,
+    steps: int,
+    start: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write the card of a finished training to ``folder/card.toml``, with which the folder can be evaluated as an agent."""
+    """Write the card of a finished training to ``folder/card.toml``, with which the folder can be evaluated as an agent.
+
+    ``start`` tells of the policy that it started from.
+    """
     spent = history.time
     shares = {name: round(seconds / spent.training, 4) for name, seconds in spent.as_dict().items() if name in _SHARED}
     where = machine()
@@ -77,6 +88,8 @@ def write_card(
         },
         "machine": {"processor": where.processor, "cores": where.cores, "system": where.system},
     }
+    if start is not None:
+        content["start"] = dict(start)
     if git is not None:
         content["git"] = {"commit": git.commit, "dirty": git.dirty}
     write_atomically(folder / CARD, to_toml(content))

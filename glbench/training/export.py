@@ -71,7 +71,7 @@ def export_policy(
         When its actor is no plain multilayer perceptron (recurrent, with state-dependent exploration, an unknown
         activation), or the model is of another task.
     """
-    layers, activation, output = _actor_of(model)
+    layers, activation, output = actor_of(model)
     card = task_card(task)
     columns = len(card.observation_names)
     if layers[0].in_features != columns or layers[-1].out_features != len(card.actions):
@@ -124,7 +124,14 @@ def export_model(file: Path, algorithm: str, normalization: Path | None, task: T
     write_atomically(folder / CARD, to_toml(card))
 
 
-def _actor_of(model: BaseAlgorithm) -> tuple[list[nn.Linear], str, Output]:
+def actor_of(model: BaseAlgorithm) -> tuple[list[nn.Linear], str, Output]:
+    """Layers of a model's actor, the activation between them, and what is made of the last one.
+
+    Raises
+    ------
+    TrainingError
+        When it is no plain multilayer perceptron.
+    """
     policy = model.policy
     if type(policy).__name__.startswith("Recurrent"):
         msg = f"{type(model).__name__} has a memory; only policies without one can be exported. Submit the model itself (docs/submit.md)."

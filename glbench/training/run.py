@@ -22,6 +22,7 @@ from glbench.training.checkpoint import MODEL, NORMALIZATION, History, find_chec
 from glbench.training.export import export_policy, load_model
 from glbench.training.probe import Probe
 from glbench.training.progress import Listener
+from glbench.training.starting import begin_with, start_of
 from glbench.training.vec_env import TrainingVecEnv
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def train(
         task, settings.n_envs, first_seed=settings.first_env_seed, kernel_preset=settings.kernel_preset
     )
     try:
-        model, normalization, history = _begin_or_continue(env, settings, folder, seed, identity, tensorboard)
+        model, normalization, history = _begin_or_continue(env, task, settings, folder, seed, identity, tensorboard)
         callback = TrainingCallback(
             folder,
             env,
@@ -113,7 +114,8 @@ def train(
             callback.finish()
     finally:
         env.close()
-    write_card(folder, task, settings, seed, history, model.num_timesteps)
+    start = start_of(settings.start_from) if settings.start_from is not None else None
+    write_card(folder, task, settings, seed, history, model.num_timesteps, start)
     reason = export_best(folder, task)
     return Trained(
         folder, model.num_timesteps, history.best_reward, history.best_steps, already_done=False, not_exported=reason
@@ -156,6 +158,7 @@ def export_best(folder: Path, task: TaskSpec | None = None) -> str | None:
 
 def _begin_or_continue(
     env: TrainingVecEnv,
+    task: TaskSpec,
     settings: TrainingSettings,
     folder: Path,
     seed: int,
@@ -177,7 +180,10 @@ def _begin_or_continue(
         clip_reward=norm.clip_rewards,
         gamma=settings.gamma,
     )
-    return make_model(settings, normalization, seed, log), normalization, History()
+    model = make_model(settings, normalization, seed, log)
+    if settings.start_from is not None:
+        begin_with(settings.start_from, model, normalization, task)
+    return model, normalization, History()
 
 
 def _done(folder: Path, identity: dict[str, Any], settings: TrainingSettings, resume: bool) -> Trained | None:

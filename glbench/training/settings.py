@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from glbench.errors import TrainingError
 from glbench.resources import data_folder
@@ -51,6 +51,9 @@ class TrainingSettings(_Part):
         Greenhouses stepped together.
     first_env_seed
         Seed of the first greenhouse's first episode; the next ones count up.
+    start_from
+        Policy file (``policy.npz``, ``baselines/*/weights/*.npz``) whose actor and statistics the training begins with; in a
+        settings file relative to it.
     policy
         Name of the policy, as the algorithm knows it.
     policy_kwargs
@@ -65,6 +68,7 @@ class TrainingSettings(_Part):
     n_timesteps: int = Field(default=2_000_000, gt=0)
     n_envs: int = Field(default=8, gt=0)
     first_env_seed: int = Field(default=666, ge=0)
+    start_from: Path | None = None
     policy: str = "MlpPolicy"
     policy_kwargs: dict[str, Any] = Field(default_factory=dict)
     action_noise_std: float | None = Field(default=None, gt=0)
@@ -72,6 +76,14 @@ class TrainingSettings(_Part):
     evaluation: EvaluationPlan = EvaluationPlan()
     kernel_preset: Literal["fast", "reference"] = "fast"
     hyperparameters: dict[str, Any] = Field(default_factory=dict)
+
+    @field_validator("start_from")
+    @classmethod
+    def _is_there(cls, file: Path | None) -> Path | None:
+        if file is not None and not file.is_file():
+            msg = f"there is no policy file {file}"
+            raise ValueError(msg)
+        return file
 
     @property
     def gamma(self) -> float:
@@ -109,6 +121,8 @@ def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
     sections = _sections(file)
     merged = {**sections.get("default", {}), **sections.get(task_id, sections.get(task_id.rpartition("/")[2], {}))}
     own = {key: value for key, value in merged.items() if key in _OWN}
+    if isinstance(own.get("start_from"), str):
+        own["start_from"] = (file.parent / own["start_from"]).resolve()
     rest = {key: _number(value, key, file) for key, value in merged.items() if key not in _OWN}
     try:
         return TrainingSettings(algorithm=algorithm, **own, hyperparameters=rest)

@@ -1,0 +1,82 @@
+"""Beginning with a trained policy instead of random weights.
+
+The policy file gives the actor and the statistics of the observations; what judges actions (critics) and explores begins anew.
+"""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.vec_env import VecNormalize
+
+from glbench.agents.network_policy import NetworkPolicy, read_policy
+from glbench.errors import TrainingError
+from glbench.tasks import task_card
+from glbench.training.card import CARD, read_card
+from glbench.training.export import actor_of
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+_UNKNOWN_STEPS = 1_000_000
+
+
+def begin_with(file: Path, model: BaseAlgorithm, normalization: VecNormalize, task: TaskSpec) -> None:
+    """Give ``model`` and ``normalization``, which are untrained, the actor and the statistics of the policy in ``file``.
+
+    Raises
+    ------
+    SubmissionError
+        When there is no policy in ``file``.
+    TrainingError
+        When it is of another task's kind, or its network is another than the settings ask for.
+    """
+    policy = read_policy(file)
+    reason = policy.why_not(task_card(task))
+    if reason is not None:
+        msg = f"The training cannot start from {file}: {reason}."
+        raise TrainingError(msg)
+    layers, activation, output = actor_of(model)
+    shapes = [(layer.in_features, layer.out_features) for layer in layers]
+    found = [matrix.shape for matrix in policy.weights]
+    if (shapes, activation, output) != (found, policy.activation, policy.output):
+        msg = (
+            f"The training cannot start from {file}: its actor has layers {_sizes(found)} with {policy.activation} and output "
+            f"'{policy.output}', the settings ask for {_sizes(shapes)} with {activation} and '{output}'. Change policy_kwargs."
+        )
+        raise TrainingError(msg)
+    with torch.no_grad():
+        for layer, matrix, bias in zip(layers, policy.weights, policy.biases, strict=True):
+            layer.weight.copy_(torch.from_numpy(matrix.T.copy()))
+            layer.bias.copy_(torch.from_numpy(bias.copy()))
+    if normalization.norm_obs:
+        _take_statistics(normalization, policy)
+
+
+def _take_statistics(normalization: VecNormalize, policy: NetworkPolicy) -> None:
+    statistics = normalization.obs_rms
+    assert isinstance(statistics, RunningMeanStd)  # the tasks have one kind of observations
+    statistics.mean = policy.mean.copy()
+    statistics.var = np.maximum(policy.scale**2 - normalization.epsilon, 0.0)
+    statistics.count = float(policy.about.get("steps", _UNKNOWN_STEPS))
+
+
+def start_of(file: Path) -> dict[str, Any]:
+    """What a card says of the policy that a training started from: file, digest, and the steps and seconds spent on it, if known."""
+    content: dict[str, Any] = {"file": file.name, "digest": sha256(file.read_bytes()).hexdigest()}
+    # A training's own folder, or a baseline's, which keeps policies and cards apart.
+    for place in (file.with_name(CARD), file.parents[1] / "training" / f"{file.stem}.toml"):
+        card = read_card(place) if place.is_file() else None
+        if card is not None and "wall_seconds" in card:
+            return content | {"steps": card["training"]["steps"], "wall_seconds": card["wall_seconds"]["total"]}
+    return content
+
+
+def _sizes(shapes: list[Any]) -> str:
+    return " - ".join(map(str, [shapes[0][0], *(shape[1] for shape in shapes)]))

@@ -1,0 +1,88 @@
+"""A training may begin with a trained policy: it acts as that one did, and the card says so."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from stable_baselines3.common.vec_env import VecNormalize
+
+from glbench.agents.network_policy import read_policy
+from glbench.errors import TrainingError
+from glbench.tasks import TaskSpec
+from glbench.training import TrainingSettings, read_settings, train
+from glbench.training.algorithms import make_model
+from glbench.training.card import settings_digest
+from glbench.training.export import torch_action
+from glbench.training.starting import begin_with
+from glbench.training.vec_env import TrainingVecEnv
+from tests.training.conftest import PPO
+
+pytestmark = pytest.mark.train
+
+
+@pytest.fixture(scope="module")
+def first(day: TaskSpec, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a finished training of PPO."""
+    folder = tmp_path_factory.mktemp("first")
+    (folder / "tiny.yml").write_text(PPO, encoding="utf-8")
+    train(day, read_settings(folder / "tiny.yml", "ppo", day.id), folder / "run", tensorboard=False)
+    return folder / "run"
+
+
+def settings_with(folder: Path, task: TaskSpec, start: str | Path, text: str = PPO) -> TrainingSettings:
+    file = folder / "more.yml"
+    file.write_text(f"{text}  start_from: {start}\n", encoding="utf-8")
+    return read_settings(file, "ppo", task.id)
+
+
+def test_it_acts_at_once_as_the_policy_did(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
+    train(day, tiny, tmp_path / "first", tensorboard=False)
+    file = tmp_path / "first" / "policy.npz"
+    env = TrainingVecEnv(day, 2, first_seed=0, kernel_preset="fast")
+    normalization = VecNormalize(env)
+    model = make_model(tiny, normalization, 7, None)
+    observations = np.array([env.observation_space.sample() for _ in range(50)])
+
+    assert np.abs(torch_action(model, normalization, observations) - read_policy(file).act(observations)).max() > 0.01
+    begin_with(file, model, normalization, day)
+    np.testing.assert_allclose(
+        torch_action(model, normalization, observations), read_policy(file).act(observations), atol=1e-6
+    )
+
+
+def test_the_card_says_from_what_it_started(day: TaskSpec, first: Path, tmp_path: Path) -> None:
+    settings = settings_with(tmp_path, day, first / "policy.npz")
+    train(day, settings, tmp_path / "run", tensorboard=False)
+
+    card = tomllib.loads((tmp_path / "run" / "card.toml").read_text(encoding="utf-8"))
+    before = tomllib.loads((first / "card.toml").read_text(encoding="utf-8"))
+    assert card["start"]["file"] == "policy.npz"
+    assert card["start"]["steps"] == before["training"]["steps"]
+    assert card["start"]["wall_seconds"] == before["wall_seconds"]["total"]
+    assert len(card["start"]["digest"]) == 64
+
+
+def test_the_place_of_the_policy_does_not_matter_and_its_content_does(
+    day: TaskSpec, first: Path, tmp_path: Path
+) -> None:
+    policy = (first / "policy.npz").read_bytes()
+    digests = []
+    for name, content in (("a", policy), ("b", policy), ("c", policy + b"0")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "policy.npz").write_bytes(content)
+        digests.append(settings_digest(settings_with(tmp_path / name, day, "policy.npz")))  # relative to the settings
+    assert digests[0] == digests[1] != digests[2]
+
+
+def test_a_network_of_another_size_is_refused(day: TaskSpec, first: Path, tmp_path: Path) -> None:
+    settings = settings_with(tmp_path, day, first / "policy.npz", PPO.replace("[16, 16]", "[16, 8]"))
+    with pytest.raises(TrainingError, match=r"layers 22 - 16 - 16 - 6 .* the settings ask for 22 - 16 - 8 - 6"):
+        train(day, settings, tmp_path / "run", tensorboard=False)
+
+
+def test_a_policy_that_is_not_there_is_named(day: TaskSpec, tmp_path: Path) -> None:
+    with pytest.raises(TrainingError, match=r"'start_from': .*there is no policy file .*nowhere\.npz"):
+        settings_with(tmp_path, day, "nowhere.npz")
