@@ -24,6 +24,8 @@ from glbench.tasks import get_task
 from glbench.training import CurvePoint, Progress, read_settings, train
 from glbench.training.card import CARD, POLICY, read_card, to_toml
 from glbench.training.run import export_best
+from glbench.training.season_search import read_search, search
+from glbench.training.settings import PAPER
 
 HERE = Path(__file__).resolve().parent
 LEVELS = ("00", "10", "30", "05", "15", "20", "25")
@@ -35,7 +37,10 @@ log = logging.getLogger("train_all")
 
 @dataclass(frozen=True)
 class Job:
-    """One training: settings in ``baselines/RECIPE/RECIPE.yml``, uncertainty level and seed."""
+    """One training: settings in ``baselines/RECIPE/RECIPE.yml``, uncertainty level and seed.
+
+    ``ppo`` and ``sac`` are trained as in the paper, ``ppo_tuned`` goes on where PPO ended.
+    """
 
     recipe: str
     level: str
@@ -61,7 +66,7 @@ def plan() -> list[Job]:
     """Every training, in order."""
     paper = [Job(recipe, level, 0) for level in LEVELS for recipe in ("ppo", "sac")]
     seeds = [Job(recipe, level, seed) for seed in (1, 2) for level in SEEDED_LEVELS for recipe in ("ppo", "sac")]
-    return paper + seeds
+    return [*paper, Job("ppo_tuned", "10", 0), *seeds]
 
 
 class LogLines:
@@ -120,8 +125,14 @@ def main() -> int:
 
 def _train(job: Job, folder: Path) -> None:
     task = get_task(f"Schiphol2010-Delta{job.level}-v1")
-    settings = read_settings(job.settings, job.recipe, task.id)
-    trained = train(task, settings, folder, seed=job.seed, resume=True, listeners=[LogLines(job.name)])
+    listeners = [LogLines(job.name)]
+    if job.recipe in PAPER:
+        settings = read_settings(job.settings, job.recipe, task.id)
+        trained = train(task, settings, folder, seed=job.seed, resume=True, listeners=listeners)
+    else:
+        trained = search(
+            task, read_search(job.settings, task.id), folder, seed=job.seed, resume=True, listeners=listeners
+        )
     if not trained.already_done:
         log.info("%s: done, best reward %.1f at %d steps", job.name, trained.best_reward, trained.best_steps)
 

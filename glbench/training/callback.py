@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,13 +10,13 @@ from typing import Any
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecNormalize
 
-from glbench.resources import write_atomically
 from glbench.training.checkpoint import MODEL, NORMALIZATION, History, save_checkpoint
+from glbench.training.curve import add_point, write_curve
 from glbench.training.probe import Probe
-from glbench.training.progress import CurvePoint, Listener, Pace, Progress
+from glbench.training.progress import Listener, Pace, Progress
 from glbench.training.vec_env import TrainingVecEnv
 
-CURVE, BEST, CHECKPOINT = "learning_curve.csv", "best", "checkpoint"
+BEST, CHECKPOINT = "best", "checkpoint"
 _PROGRESS_SECONDS = 1.0
 
 
@@ -96,17 +94,12 @@ class TrainingCallback(BaseCallback):
         result = self.probe.run(self.model, self.normalization)
         history.time.evaluation += self._lap()
         history.next_evaluation = self.num_timesteps + self._evaluate_every
-        is_best = result.reward > history.best_reward
-        if is_best:
-            history.best_reward, history.best_steps = result.reward, self.num_timesteps
+        point = add_point(history, self.num_timesteps, result)
+        if point.is_best:
             self._keep_best()
-        history.curve.append(
-            {"steps": self.num_timesteps, "seconds": round(history.time.total, 1), "best": int(is_best), **result.sums}
-        )
-        self._write_curve()
+        write_curve(self.folder, history)
         for name, value in result.sums.items():
             self.logger.record(f"evaluation/{name}", value)
-        point = CurvePoint(self.num_timesteps, history.time.total, result, is_best)
         for listener in self._listeners:
             listener.on_evaluation(point)
 
@@ -115,13 +108,6 @@ class TrainingCallback(BaseCallback):
         folder.mkdir(parents=True, exist_ok=True)
         self.model.save(folder / MODEL)
         self.normalization.save(str(folder / NORMALIZATION))
-
-    def _write_curve(self) -> None:
-        text = io.StringIO()
-        writer = csv.DictWriter(text, list(self.history.curve[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows({key: f"{value:.10g}" for key, value in point.items()} for point in self.history.curve)
-        write_atomically(self.folder / CURVE, text.getvalue())
 
     def _save(self) -> None:
         save_checkpoint(

@@ -6,6 +6,7 @@ import json
 import platform
 import tomllib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
@@ -21,10 +22,10 @@ from glbench.training.checkpoint import History
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
-    from glbench.training.settings import TrainingSettings
+    from glbench.training.settings import EvaluationPlan, TrainingSettings
 
 CARD, POLICY = "card.toml", "policy.npz"
-_PACKAGES = ("torch", "stable-baselines3", "sb3-contrib", "numpy", "gymnasium", "casadi")
+_PACKAGES = ("torch", "stable-baselines3", "sb3-contrib", "cmaes", "numpy", "gymnasium", "casadi")
 
 
 def settings_digest(settings: TrainingSettings) -> str:
@@ -35,13 +36,48 @@ def settings_digest(settings: TrainingSettings) -> str:
     return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
+@dataclass(frozen=True)
+class Making:
+    """How an agent was made, in words and in figures.
+
+    ``training`` is the card's table of that name: algorithm, seed, steps, settings and whatever else its kind of training has to tell.
+    """
+
+    title: str
+    description: str
+    made: str
+    sources: tuple[str, ...]
+    training: Mapping[str, Any]
+
+
+def making_of(task: TaskSpec, settings: TrainingSettings, seed: int, steps: int) -> Making:
+    """What the card of a training with Stable-Baselines3 says."""
+    name = settings.algorithm.rpartition(".")[2]
+    return Making(
+        title=f"{name.upper() if name == settings.algorithm else name} trained on {task.id}, seed {seed}",
+        description=f"The best model of {steps:,} steps by evaluation return, without the noise of exploration.",
+        made="glbench train, with the settings in settings.yml; the tables below tell the rest.",
+        sources=("Stable-Baselines3 (Raffin et al., 2021)",),
+        training={
+            "algorithm": settings.algorithm,
+            "seed": seed,
+            "first_env_seed": settings.first_env_seed,
+            "n_envs": settings.n_envs,
+            "steps": steps,
+            "kernel_preset": settings.kernel_preset,
+            "settings": "settings.yml",
+            "settings_digest": settings_digest(settings),
+            "learning_curve": "learning_curve.csv",
+        },
+    )
+
+
 def write_card(
     folder: Path,
     task: TaskSpec,
-    settings: TrainingSettings,
-    seed: int,
+    making: Making,
+    evaluation: EvaluationPlan,
     history: History,
-    steps: int,
     start: Mapping[str, Any] | None = None,
 ) -> None:
     """Write the card of a finished training to ``folder/card.toml``, with which the folder can be evaluated as an agent.
@@ -52,31 +88,19 @@ def write_card(
     shares = {name: round(seconds / spent.training, 4) for name, seconds in spent.as_dict().items() if name in _SHARED}
     where = machine()
     git = git_state()
-    name = settings.algorithm.rpartition(".")[2]
     content: dict[str, Any] = {
-        "title": f"{name.upper() if name == settings.algorithm else name} trained on {task.id}, seed {seed}",
+        "title": making.title,
         "controller": "network",
         "settings": POLICY,
-        "description": f"The best model of {steps:,} steps by evaluation return, without the noise of exploration.",
-        "made": "glbench train, with the settings in settings.yml; the tables below tell the rest.",
-        "sources": ["Stable-Baselines3 (Raffin et al., 2021)"],
+        "description": making.description,
+        "made": making.made,
+        "sources": list(making.sources),
         "task": {"id": task.id, "digest": task.digest},
-        "training": {
-            "algorithm": settings.algorithm,
-            "seed": seed,
-            "first_env_seed": settings.first_env_seed,
-            "n_envs": settings.n_envs,
-            "steps": steps,
-            "kernel_preset": settings.kernel_preset,
-            "settings": "settings.yml",
-            "settings_digest": settings_digest(settings),
-            "learning_curve": "learning_curve.csv",
-            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-        },
+        "training": {**making.training, "finished": datetime.now(UTC).isoformat(timespec="seconds")},
         "best": {
             "steps": history.best_steps,
             "reward": history.best_reward,
-            "evaluation_seeds": _seeds(task, settings),
+            "evaluation_seeds": evaluation.seeds(task),
         },
         "wall_seconds": {"total": round(spent.total, 1), **{k: round(v, 1) for k, v in spent.as_dict().items()}},
         "share_of_training_time": shares,
@@ -149,11 +173,6 @@ def _text(value: str) -> str:
     if "\n" in value and '"""' not in value and "\\" not in value:
         return f'"""\n{value}"""'
     return json.dumps(value, ensure_ascii=False)
-
-
-def _seeds(task: TaskSpec, settings: TrainingSettings) -> list[int]:
-    plan = settings.evaluation
-    return [plan.first_seed + run for run in range(plan.runs if task.uncertainty.delta else 1)]
 
 
 def _version(package: str) -> str | None:

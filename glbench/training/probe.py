@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
@@ -32,34 +34,50 @@ class ProbeResult:
         return self.sums["reward"]
 
 
+Act = Callable[[NDArray[np.float32]], NDArray[np.floating[Any]]]
+"""Actions ``(n, m)`` for observations ``(n, columns)``, within their bounds."""
+
+
+def season_sums(simulation: Simulation, seeds: Sequence[int], act: Act) -> dict[str, NDArray[np.float64]]:
+    """Sums over one season of every run ``(n,)``; a run that fails counts what it had reached, and the task's charge for the rest."""
+    observations = simulation.reset(seeds)
+    sums = {name: np.zeros(len(seeds)) for name in SUMS}
+    charge = simulation.task.evaluation.failed_step
+    while simulation.over < simulation.n:
+        running = ~simulation.ended
+        result = simulation.step(act(observations))
+        observations = result.observations
+        for name in SUMS:
+            sums[name] += np.where(running, result.quantities[name], 0.0)
+    missing = simulation.task.steps - simulation.k
+    sums["reward"] += missing * charge.reward
+    sums["penalty"] += missing * charge.penalty
+    return sums
+
+
 class Probe:
     """Evaluates a model on seeds of its own; leaves its random numbers and its normalisation as they are."""
 
     def __init__(self, task: TaskSpec, plan: EvaluationPlan, kernel_preset: str) -> None:
-        runs = plan.runs if task.uncertainty.delta else 1
-        self.seeds = [plan.first_seed + run for run in range(runs)]
+        self.seeds = plan.seeds(task)
         kernel = make_kernel(task.step_seconds, variant=task.model.variant, preset=kernel_preset)
-        self._simulation = Simulation(task, runs, kernel)
-        self._steps = task.steps
+        self._simulation = Simulation(task, len(self.seeds), kernel)
 
     def run(self, model: BaseAlgorithm, normalization: VecNormalize) -> ProbeResult:
-        """Mean sums over one season a seed; a run that fails counts what it had reached, and the task's charge for the rest."""
-        simulation = self._simulation
-        observations = simulation.reset(self.seeds)
-        sums = {name: np.zeros(len(self.seeds)) for name in SUMS}
+        """Mean sums over one season a seed."""
         memory, first = None, np.ones(len(self.seeds), dtype=np.bool_)
-        charge = simulation.task.evaluation.failed_step
-        while not simulation.ended.all():
-            running = ~simulation.ended
+
+        def act(observations: NDArray[np.float32]) -> NDArray[np.floating[Any]]:
+            nonlocal memory, first
             actions, memory = model.predict(
                 normalization.normalize_obs(observations), state=memory, episode_start=first, deterministic=True
             )
             first = np.zeros(len(self.seeds), dtype=np.bool_)
-            result = simulation.step(actions)
-            observations = result.observations
-            for name in SUMS:
-                sums[name] += np.where(running, result.quantities[name], 0.0)
-        missing = self._steps - simulation.k
-        sums["reward"] += missing * charge.reward
-        sums["penalty"] += missing * charge.penalty
+            return actions
+
+        return self.of(act)
+
+    def of(self, act: Act) -> ProbeResult:
+        """The same of whatever acts."""
+        sums = season_sums(self._simulation, self.seeds, act)
         return ProbeResult({name: float(values.mean()) for name, values in sums.items()})

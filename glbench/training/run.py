@@ -17,7 +17,7 @@ from glbench.resources import write_atomically
 from glbench.tasks import get_task
 from glbench.training.algorithms import make_model
 from glbench.training.callback import BEST, CHECKPOINT, TrainingCallback
-from glbench.training.card import CARD, POLICY, read_card, settings_digest, write_card
+from glbench.training.card import CARD, POLICY, making_of, read_card, settings_digest, write_card
 from glbench.training.checkpoint import MODEL, NORMALIZATION, History, find_checkpoint, load_checkpoint
 from glbench.training.export import export_policy, load_model
 from glbench.training.probe import Probe
@@ -115,7 +115,8 @@ def train(
     finally:
         env.close()
     start = start_of(settings.start_from) if settings.start_from is not None else None
-    write_card(folder, task, settings, seed, history, model.num_timesteps, start)
+    making = making_of(task, settings, seed, model.num_timesteps)
+    write_card(folder, task, making, settings.evaluation, history, start)
     reason = export_best(folder, task)
     return Trained(
         folder, model.num_timesteps, history.best_reward, history.best_steps, already_done=False, not_exported=reason

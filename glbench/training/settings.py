@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
@@ -11,15 +13,20 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from glbench.errors import TrainingError
 from glbench.resources import data_folder
 
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
 PAPER = {"ppo": "ppo/ppo.yml", "sac": "sac/sac.yml"}
 """Shipped settings of the paper's algorithms, in ``baselines``."""
 
 
-class _Part(BaseModel):
+class Part(BaseModel):
+    """A part of settings: fixed, and without entries that nobody knows."""
+
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Normalization(_Part):
+class Normalization(Part):
     """Running mean and standard deviation of observations and rewards (``VecNormalize``)."""
 
     observations: bool = True
@@ -28,7 +35,7 @@ class Normalization(_Part):
     clip_rewards: float = Field(default=10.0, gt=0)
 
 
-class EvaluationPlan(_Part):
+class EvaluationPlan(Part):
     """Evaluation between the steps of training, on seeds that no score is made with."""
 
     every: int = Field(default=100_000, gt=0)
@@ -37,8 +44,12 @@ class EvaluationPlan(_Part):
     """Runs an evaluation; 1 is enough, and is taken, where the task draws nothing."""
     first_seed: int = Field(default=10_000, ge=0)
 
+    def seeds(self, task: TaskSpec) -> list[int]:
+        """Seeds of the runs."""
+        return [self.first_seed + run for run in range(self.runs if task.uncertainty.delta else 1)]
 
-class TrainingSettings(_Part):
+
+class TrainingSettings(Part):
     """Settings of one training.
 
     Attributes
@@ -118,14 +129,32 @@ def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
     TrainingError
         When the file cannot be read, or a value is impossible.
     """
-    sections = _sections(file)
-    merged = {**sections.get("default", {}), **sections.get(task_id, sections.get(task_id.rpartition("/")[2], {}))}
+    merged = section(file, task_id)
     own = {key: value for key, value in merged.items() if key in _OWN}
     if isinstance(own.get("start_from"), str):
         own["start_from"] = (file.parent / own["start_from"]).resolve()
     rest = {key: _number(value, key, file) for key, value in merged.items() if key not in _OWN}
-    try:
+    with in_words(file):
         return TrainingSettings(algorithm=algorithm, **own, hyperparameters=rest)
+
+
+def section(file: Path, task_id: str) -> dict[str, Any]:
+    """Entries for a task: ``default:``, overlaid with those under the task's id. Errors as for ``read_settings``."""
+    sections = _sections(file)
+    return {**sections.get("default", {}), **sections.get(task_id, sections.get(task_id.rpartition("/")[2], {}))}
+
+
+@contextmanager
+def in_words(file: Path) -> Iterator[None]:
+    """Say what is wrong with the settings in ``file``.
+
+    Raises
+    ------
+    TrainingError
+        Instead of pydantic's error.
+    """
+    try:
+        yield
     except ValidationError as error:
         problems = "; ".join(f"'{'.'.join(map(str, p['loc']))}': {p['msg']}" for p in error.errors())
         msg = f"The settings in {file} cannot be used: {problems}."

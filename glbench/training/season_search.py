@@ -1,0 +1,350 @@
+"""Adapting the last layer of a trained policy by the rewards of whole seasons.
+
+Gradients of a policy look a few hours ahead; what pays days later, or what a policy has given up, they do not find. Here nothing is
+differentiated: the covariance matrix adaptation evolution strategy (CMA-ES, Hansen 2016, arXiv:1604.00772; package ``cmaes``) varies
+the last layer of the actor, and the sum of the rewards of a season says which variation is better. That takes a simulator that steps
+many greenhouses at once: a generation of 64 is 64 seasons.
+
+A variation adds to each action's output a linear function of the main directions (principal components) in which the last hidden layer
+varies over a season, and scales it: ``directions + 2`` numbers for each action.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from cmaes import CMA
+from numpy.typing import NDArray
+from pydantic import Field
+
+from glbench.agents.network_policy import NetworkPolicy, read_policy
+from glbench.env import Simulation
+from glbench.errors import TrainingError, did_you_mean
+from glbench.kernel import make_kernel
+from glbench.resources import write_atomically
+from glbench.tasks import task_card
+from glbench.training.batched_policy import BatchedPolicy
+from glbench.training.card import CARD, POLICY, Making, read_card, write_card
+from glbench.training.checkpoint import History
+from glbench.training.curve import add_point, write_curve
+from glbench.training.probe import Probe, season_sums
+from glbench.training.progress import Listener, Pace, Progress, TimeAccount
+from glbench.training.run import Trained
+from glbench.training.settings import EvaluationPlan, Part, in_words, section
+from glbench.training.starting import start_of
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+Floats = NDArray[np.float64]
+_STATE = "search.npz"
+_LOOKED_AT = 5
+"""Every fifth step of the seasons from which the directions are taken is enough."""
+
+
+class SearchSettings(Part):
+    """Settings of a search.
+
+    Attributes
+    ----------
+    start_from
+        Policy file to adapt; in a settings file relative to it.
+    begin_anew
+        Actions, by name, whose output begins with that value instead, whatever is observed.
+    directions
+        Principal components of the last hidden layer that a variation works with.
+    population, generations
+        Variations a generation, each rewarded with a season, and how many generations.
+    sigma
+        Size of the first variations; 1 moves an action by its bound, along a typical deviation of a direction.
+    first_seed
+        Seed of the seasons of the first generation; each generation has the next one, the same for all its variations.
+    evaluation
+        Evaluation of the mean of all variations, on seeds of its own; the best one is kept.
+    """
+
+    start_from: Path
+    begin_anew: dict[str, float] = Field(default_factory=dict)
+    directions: int = Field(default=12, gt=0)
+    population: int = Field(default=64, gt=3)
+    generations: int = Field(default=150, gt=0)
+    sigma: float = Field(default=0.08, gt=0)
+    first_seed: int = Field(default=20_000, ge=0)
+    evaluation: EvaluationPlan = EvaluationPlan()
+    kernel_preset: Literal["fast", "reference"] = "fast"
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 (hex) over all settings but the number of generations, and over the policy."""
+        content = self.model_dump(mode="json", exclude={"generations", "start_from"})
+        content["start"] = sha256(self.start_from.read_bytes()).hexdigest()
+        return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def read_search(file: Path, task_id: str) -> SearchSettings:
+    """Settings of a search for a task, from a YAML file with a section ``default:``.
+
+    Raises
+    ------
+    TrainingError
+        When the file cannot be read, or a value is impossible.
+    """
+    content = section(file, task_id)
+    if isinstance(content.get("start_from"), str):
+        content["start_from"] = (file.parent / content["start_from"]).resolve()
+    with in_words(file):
+        return SearchSettings(**content)
+
+
+class Variations:
+    """The policies that a search chooses from: numbers to last layers and back to a policy."""
+
+    def __init__(self, policy: NetworkPolicy, hidden: NDArray[np.float32], directions: int) -> None:
+        self._policy = policy
+        self._mean = hidden.mean(axis=0, dtype=np.float64)
+        _, sizes, axes = np.linalg.svd(hidden - self._mean, full_matrices=False)
+        kept = min(directions, int(np.count_nonzero(sizes > 1e-6 * sizes[0])))
+        self._axes = axes[:kept] / (sizes[:kept, None] / np.sqrt(len(hidden)))
+        self.shape = (len(policy.action_names), kept + 2)
+
+    @property
+    def size(self) -> int:
+        """Numbers of a variation."""
+        return self.shape[0] * self.shape[1]
+
+    def layer(self, numbers: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Weights ``(hidden, actions)`` and biases ``(actions,)`` of the last layer."""
+        along, shift, gain = np.split(numbers.reshape(self.shape), [-2, -1], axis=1)
+        added = along @ self._axes
+        weights = self._policy.weights[-1] * (1.0 + gain[:, 0]) + added.T
+        biases = self._policy.biases[-1] * (1.0 + gain[:, 0]) + shift[:, 0] - added @ self._mean
+        return weights.astype(np.float32), biases.astype(np.float32)
+
+    def policy(self, numbers: Floats, about: dict[str, str | int | float]) -> NetworkPolicy:
+        """The policy of a variation."""
+        weights, biases = self.layer(numbers)
+        kept = self._policy
+        return replace(kept, weights=(*kept.weights[:-1], weights), biases=(*kept.biases[:-1], biases), about=about)
+
+
+class _Search:
+    """A search from its beginning or from what was kept of it."""
+
+    def __init__(self, task: TaskSpec, settings: SearchSettings, seed: int) -> None:
+        self.task, self.settings = task, settings
+        kernel = make_kernel(task.step_seconds, variant=task.model.variant, preset=settings.kernel_preset)
+        self._simulation = Simulation(task, settings.population, kernel)
+        self._probe = Probe(task, settings.evaluation, settings.kernel_preset)
+        start = _begun_anew(read_policy(settings.start_from), settings, task)
+        self._batched = BatchedPolicy(start)
+        self.variations = Variations(start, self._hidden_of_a_season(start), settings.directions)
+        self._strategy = CMA(
+            mean=np.zeros(self.variations.size), sigma=settings.sigma, population_size=settings.population, seed=seed
+        )
+        self.rewards: list[Floats] = []
+        """Of each generation so far."""
+        self.history = History()
+
+    @property
+    def steps(self) -> int:
+        """Environment steps so far."""
+        return len(self.rewards) * self.settings.population * self.task.steps
+
+    @property
+    def mean(self) -> Floats:
+        """The middle of the variations."""
+        mean: Floats = self._strategy.mean
+        return mean
+
+    def repeat(self, rewards: Floats, history: History) -> None:
+        """Go on after generations with these rewards: the strategy asks for the same variations again."""
+        for given in rewards:
+            self._strategy.tell([(self._strategy.ask(), -float(reward)) for reward in given])
+            self.rewards.append(given)
+        self.history = history
+
+    def generation(self) -> None:
+        """Ask for variations, let each have a season, and tell what came of it."""
+        clock = self.history.time
+        began = time.perf_counter()
+        asked = [self._strategy.ask() for _ in range(self.settings.population)]
+        self._batched.take([self.variations.layer(numbers) for numbers in asked])
+        clock.learning += time.perf_counter() - began
+        seconds = self._batched.seconds
+        began = time.perf_counter()
+        seeds = [self.settings.first_seed + len(self.rewards)] * self.settings.population
+        rewards = season_sums(self._simulation, seeds, self._batched.act)["reward"]
+        clock.policy += self._batched.seconds - seconds
+        clock.simulator += time.perf_counter() - began - (self._batched.seconds - seconds)
+        began = time.perf_counter()
+        self._strategy.tell([(numbers, -float(reward)) for numbers, reward in zip(asked, rewards, strict=True)])
+        self.rewards.append(rewards)
+        clock.learning += time.perf_counter() - began
+
+    def evaluate(self) -> Any:
+        """A point of the learning curve: the middle of the variations."""
+        began = time.perf_counter()
+        self._batched.take([self.variations.layer(self.mean)] * len(self._probe.seeds))
+        result = self._probe.of(self._batched.act)
+        self.history.time.evaluation += time.perf_counter() - began
+        self.history.next_evaluation = self.steps + self.settings.evaluation.every
+        return add_point(self.history, self.steps, result)
+
+    def _hidden_of_a_season(self, policy: NetworkPolicy) -> NDArray[np.float32]:
+        batched = BatchedPolicy(policy)
+        layer = policy.weights[-1], policy.biases[-1]
+        batched.take([layer] * len(self._probe.seeds))
+        seen: list[NDArray[np.float32]] = []
+
+        def act(observations: NDArray[np.float32]) -> Floats:
+            seen.append(batched.hidden(observations))
+            return batched.act(observations)
+
+        self._probe.of(act)
+        return np.concatenate(seen[::_LOOKED_AT])
+
+
+def search(
+    task: TaskSpec,
+    settings: SearchSettings,
+    folder: Path,
+    *,
+    seed: int = 0,
+    resume: bool = False,
+    listeners: Sequence[Listener] = (),
+) -> Trained:
+    """Adapt a policy in ``folder``; the same task, settings and seed give the same policy on the same machine.
+
+    Parameters
+    ----------
+    task, settings, seed
+        What is searched for. The seed is the strategy's.
+    folder
+        Where it is kept: rewards so far, the best policy, the learning curve, the card.
+    resume
+        Go on from what ``folder`` holds, to the same bits as without the interruption; begin when it holds nothing.
+    listeners
+        Who is told how it goes.
+
+    Raises
+    ------
+    TrainingError
+        When ``folder`` holds another search, or one that was begun and is not to be resumed; when the policy does not fit the task.
+    SubmissionError
+        When there is no policy to start from.
+    """
+    identity = {"task_digest": task.digest, "settings_digest": settings.digest, "seed": seed}
+    card = read_card(folder / CARD)
+    if card is not None and _same(card, identity) and card["training"]["generations"] >= settings.generations:
+        return Trained(folder, card["training"]["steps"], card["best"]["reward"], card["best"]["steps"], True)
+    under_way = _Search(task, settings, seed)
+    _continue(under_way, folder / _STATE, identity, resume)
+    total = settings.generations * settings.population * task.steps
+    pace = Pace(under_way.steps)
+    while len(under_way.rewards) < settings.generations:
+        if under_way.steps >= under_way.history.next_evaluation:
+            _evaluate(under_way, folder, listeners, identity, seed)
+        under_way.generation()
+        mean = float(under_way.rewards[-1].mean())
+        for listener in listeners:
+            listener.on_progress(Progress(under_way.steps, total, pace.rate(under_way.steps), mean))
+    _evaluate(under_way, folder, listeners, identity, seed)
+    history = under_way.history
+    write_card(folder, task, _making(under_way, seed), settings.evaluation, history, start_of(settings.start_from))
+    return Trained(folder, under_way.steps, history.best_reward, history.best_steps, already_done=False)
+
+
+def _evaluate(
+    under_way: _Search, folder: Path, listeners: Sequence[Listener], identity: dict[str, Any], seed: int
+) -> None:
+    point = under_way.evaluate()
+    if point.is_best:
+        about: dict[str, str | int | float] = {
+            "algorithm": "CMA-ES", "seed": seed, "steps": under_way.steps, "task_digest": under_way.task.digest,
+        }  # fmt: skip
+        policy = under_way.variations.policy(under_way.mean, about)
+        write_atomically(
+            folder / POLICY,
+            replace(policy, task_id=under_way.task.id, delta=under_way.task.uncertainty.delta).to_bytes(),
+        )
+    write_curve(folder, under_way.history)
+    _keep(under_way, folder / _STATE, identity)
+    for listener in listeners:
+        listener.on_evaluation(point)
+        listener.on_saved(under_way.steps)
+
+
+def _keep(under_way: _Search, file: Path, identity: dict[str, Any]) -> None:
+    """The rewards are all it takes: asked again, the strategy says the same."""
+    content = io.BytesIO()
+    facts = json.dumps({"identity": identity, "history": asdict(under_way.history)})
+    rewards = np.array(under_way.rewards).reshape(len(under_way.rewards), under_way.settings.population)
+    np.savez(content, allow_pickle=False, rewards=rewards, facts=np.frombuffer(facts.encode(), dtype=np.uint8))
+    write_atomically(file, content.getvalue())
+
+
+def _continue(under_way: _Search, file: Path, identity: dict[str, Any], resume: bool) -> None:
+    if not file.is_file():
+        return
+    if not resume:
+        msg = f"{file.parent} holds a search that was begun. Resume it, or choose another folder."
+        raise TrainingError(msg)
+    with np.load(file, allow_pickle=False) as kept:
+        rewards, facts = kept["rewards"], json.loads(kept["facts"].tobytes())
+    if facts["identity"] != identity:
+        msg = f"{file.parent} holds another search: task, settings, policy or seed differ. Choose another folder."
+        raise TrainingError(msg)
+    past = facts["history"]
+    under_way.repeat(rewards, History(**{**past, "time": TimeAccount(**past["time"])}))
+
+
+def _same(card: dict[str, Any], identity: dict[str, Any]) -> bool:
+    found = {
+        "task_digest": card["task"]["digest"],
+        "settings_digest": card["training"]["settings_digest"],
+        "seed": card["training"]["seed"],
+    }
+    return found == identity
+
+
+def _begun_anew(policy: NetworkPolicy, settings: SearchSettings, task: TaskSpec) -> NetworkPolicy:
+    reason = policy.why_not(task_card(task))
+    if reason is not None:
+        msg = f"The search cannot start from {settings.start_from}: {reason}."
+        raise TrainingError(msg)
+    weights, biases = policy.weights[-1].copy(), policy.biases[-1].copy()
+    for name, value in settings.begin_anew.items():
+        if name not in policy.action_names:
+            msg = f"'begin_anew' names '{name}', which is no action of {task.id}.{did_you_mean(name, policy.action_names)}"
+            raise TrainingError(msg)
+        column = policy.action_names.index(name)
+        weights[:, column], biases[column] = 0.0, value
+    return replace(policy, weights=(*policy.weights[:-1], weights), biases=(*policy.biases[:-1], biases))
+
+
+def _making(under_way: _Search, seed: int) -> Making:
+    settings, steps = under_way.settings, under_way.steps
+    return Making(
+        title=f"The last layer of {settings.start_from.name} adapted to {under_way.task.id} by CMA-ES, seed {seed}",
+        description=f"The best mean of {len(under_way.rewards)} generations of {settings.population} seasons, {steps:,} steps.",
+        made="glbench.training.season_search; the tables below tell the rest.",
+        sources=("Hansen (2016). The CMA evolution strategy: a tutorial. arXiv:1604.00772",),
+        training={
+            "algorithm": "CMA-ES",
+            "seed": seed,
+            "steps": steps,
+            "generations": len(under_way.rewards),
+            "population": settings.population,
+            "kernel_preset": settings.kernel_preset,
+            "settings_digest": settings.digest,
+            "learning_curve": "learning_curve.csv",
+        },
+    )

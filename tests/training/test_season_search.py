@@ -1,0 +1,161 @@
+"""Searching the last layer of a policy: what it finds, that it can be repeated and continued, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from glbench.agents import load_agent
+from glbench.agents.network_policy import read_policy
+from glbench.errors import TrainingError
+from glbench.tasks import TaskSpec
+from glbench.training import CurvePoint, Progress, read_settings, train
+from glbench.training.batched_policy import BatchedPolicy
+from glbench.training.season_search import SearchSettings, read_search, search
+from tests.training.conftest import PPO, SAC
+
+pytestmark = pytest.mark.train
+
+SEARCH = """
+default:
+  start_from: {start}
+  directions: 3
+  population: 8
+  generations: 6
+  first_seed: 20_000
+  evaluation: {{every: 400, runs: 2, first_seed: 10_000}}
+"""
+
+
+class PowerCutError(Exception):
+    """Stands for the power cut."""
+
+
+class Watching:
+    """Keeps what it is told, and pulls the plug after some generations."""
+
+    def __init__(self, generations: int | None = None) -> None:
+        self.points: list[CurvePoint] = []
+        self.told: list[Progress] = []
+        self._left = generations
+
+    def on_progress(self, progress: Progress) -> None:
+        self.told.append(progress)
+        if len(self.told) == self._left:
+            raise PowerCutError
+
+    def on_evaluation(self, point: CurvePoint) -> None:
+        self.points.append(point)
+
+    def on_saved(self, steps: int) -> None: ...
+
+
+@pytest.fixture(scope="module", params=["ppo", "sac"])
+def start(request: pytest.FixtureRequest, day: TaskSpec, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Policy of a short training."""
+    folder = tmp_path_factory.mktemp(request.param)
+    (folder / "tiny.yml").write_text(PPO if request.param == "ppo" else SAC, encoding="utf-8")
+    train(day, read_settings(folder / "tiny.yml", request.param, day.id), folder / "run", tensorboard=False)
+    return folder / "run" / "policy.npz"
+
+
+def settings_for(start: Path, folder: Path, more: str = "") -> SearchSettings:
+    file = folder / "search.yml"
+    file.write_text(SEARCH.format(start=start) + more, encoding="utf-8")
+    return read_search(file, "test/Day-v1")
+
+
+def test_it_finds_better_policies_that_differ_in_the_last_layer_only(
+    day: TaskSpec, start: Path, tmp_path: Path
+) -> None:
+    watching = Watching()
+    found = search(day, settings_for(start, tmp_path), tmp_path / "run", listeners=[watching])
+
+    assert found.best_reward == max(point.result.reward for point in watching.points) > watching.points[0].result.reward
+    assert found.steps == 6 * 8 * 24 == watching.told[-1].steps == watching.told[-1].total_steps
+    before, after = read_policy(start), read_policy(tmp_path / "run" / "policy.npz")
+    for old, new in zip(before.weights[:-1], after.weights[:-1], strict=True):
+        np.testing.assert_array_equal(old, new)
+    assert (before.weights[-1] != after.weights[-1]).any()
+    assert (after.task_id, after.delta) == (day.id, day.uncertainty.delta)
+    assert load_agent(tmp_path / "run").privileged is False
+
+
+def test_its_card_and_curve_say_what_was_spent(day: TaskSpec, start: Path, tmp_path: Path) -> None:
+    search(day, settings_for(start, tmp_path), tmp_path / "run", seed=3)
+
+    card = tomllib.loads((tmp_path / "run" / "card.toml").read_text(encoding="utf-8"))
+    assert (card["task"]["id"], card["training"]["steps"], card["training"]["generations"]) == (day.id, 6 * 8 * 24, 6)
+    assert card["training"]["seed"] == 3
+    assert card["start"]["steps"] >= 600
+    assert card["wall_seconds"]["total"] > 0.0
+    with (tmp_path / "run" / "learning_curve.csv").open(encoding="utf-8") as curve:
+        rows = list(csv.DictReader(curve))
+    assert [int(row["steps"]) for row in rows] == [0, 576, 1152]
+    assert max(float(row["reward"]) for row in rows) == pytest.approx(card["best"]["reward"], rel=1e-9)
+
+
+def test_the_same_seed_finds_the_same_and_another_seed_another(day: TaskSpec, start: Path, tmp_path: Path) -> None:
+    settings = settings_for(start, tmp_path)
+    for name, seed in (("a", 0), ("b", 0), ("c", 1)):
+        search(day, settings, tmp_path / name, seed=seed)
+    a, b, c = ((tmp_path / name / "policy.npz").read_bytes() for name in "abc")
+    assert a == b != c
+
+
+def test_a_search_that_was_killed_goes_on_to_the_same_policy(day: TaskSpec, start: Path, tmp_path: Path) -> None:
+    settings = settings_for(start, tmp_path)
+    search(day, settings, tmp_path / "whole")
+    with pytest.raises(PowerCutError):
+        search(day, settings, tmp_path / "cut", listeners=[Watching(generations=4)])
+    with pytest.raises(TrainingError, match="holds a search that was begun"):
+        search(day, settings, tmp_path / "cut")
+    watching = Watching()
+    search(day, settings, tmp_path / "cut", resume=True, listeners=[watching])
+
+    assert len(watching.told) < 6  # what was kept is not done again
+    assert (tmp_path / "cut" / "policy.npz").read_bytes() == (tmp_path / "whole" / "policy.npz").read_bytes()
+    assert search(day, settings, tmp_path / "cut", resume=True).already_done
+
+
+def test_another_search_is_not_continued(day: TaskSpec, start: Path, tmp_path: Path) -> None:
+    with pytest.raises(PowerCutError):
+        search(day, settings_for(start, tmp_path), tmp_path / "run", listeners=[Watching(generations=4)])
+    with pytest.raises(TrainingError, match="holds another search"):
+        search(day, settings_for(start, tmp_path, "  sigma: 0.2\n"), tmp_path / "run", resume=True)
+
+
+def test_an_action_may_begin_anew(day: TaskSpec, start: Path, tmp_path: Path) -> None:
+    more = "  begin_anew: {uCo2: 0.25}\n  sigma: 1.0e-9\n"
+    search(day, settings_for(start, tmp_path, more), tmp_path / "run")
+    policy = read_policy(tmp_path / "run" / "policy.npz")
+    np.testing.assert_allclose(policy.weights[-1][:, 1], 0.0, atol=1e-6)
+    assert policy.biases[-1][1] == pytest.approx(0.25, abs=1e-6)
+    with pytest.raises(TrainingError, match=r"'begin_anew' names 'uCO2', .* Did you mean 'uCo2'"):
+        search(day, settings_for(start, tmp_path, "  begin_anew: {uCO2: 0.0}\n"), tmp_path / "other")
+
+
+def test_impossible_settings_are_named(tmp_path: Path) -> None:
+    with pytest.raises(TrainingError, match=r"'population': .*; 'generation': "):
+        settings_for(tmp_path / "policy.npz", tmp_path, "  population: 1\n  generation: 5\n")
+
+
+def test_many_policies_at_once_act_as_each_alone(day: TaskSpec, start: Path) -> None:
+    policy = read_policy(start)
+    batched = BatchedPolicy(policy)
+    rng = np.random.default_rng(0)
+    layers = [(policy.weights[-1] * np.float32(factor), policy.biases[-1]) for factor in (1.0, -0.5, 2.0)]
+    batched.take(layers)
+    low, high = np.array([(column.low, column.high) for column in day.observed()]).T
+    seen = rng.uniform(low, high, (3, len(low))).astype(np.float32)
+
+    actions = batched.act(seen)
+
+    for row, (weights, biases) in enumerate(layers):
+        alone = replace(policy, weights=(*policy.weights[:-1], weights), biases=(*policy.biases[:-1], biases))
+        np.testing.assert_allclose(actions[row], alone.act(seen[row : row + 1])[0], atol=2e-6)
