@@ -24,7 +24,7 @@ from glbench.tasks import get_task
 from glbench.training import CurvePoint, Progress, read_settings, train
 from glbench.training.card import CARD, POLICY, read_card, to_toml
 from glbench.training.run import export_best
-from glbench.training.season_search import read_search, search
+from glbench.training.season_search import read_season_search, search
 from glbench.training.settings import PAPER
 
 HERE = Path(__file__).resolve().parent
@@ -131,7 +131,7 @@ def _train(job: Job, folder: Path) -> None:
         trained = train(task, settings, folder, seed=job.seed, resume=True, listeners=listeners)
     else:
         trained = search(
-            task, read_search(job.settings, task.id), folder, seed=job.seed, resume=True, listeners=listeners
+            task, read_season_search(job.settings, task.id), folder, seed=job.seed, resume=True, listeners=listeners
         )
     if not trained.already_done:
         log.info("%s: done, best reward %.1f at %d steps", job.name, trained.best_reward, trained.best_steps)

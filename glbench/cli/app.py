@@ -20,6 +20,7 @@ from glbench.cli.leaving import INTERRUPTED, interruptible, leave
 from glbench.cli.report import report
 from glbench.cli.show import show
 from glbench.cli.train import export, sweep, train
+from glbench.cli.tune import tune
 from glbench.cli.verify import verify
 from glbench.cli.view import view
 from glbench.errors import GlbenchError
@@ -44,6 +45,7 @@ app.command("view")(view)
 app.command("bench")(bench)
 app.add_typer(submit.app, name="submit")
 app.command("train")(train)
+app.command("tune")(tune)
 app.command("export")(export)
 app.command("sweep")(sweep)
 app.add_typer(episodes.app, name="episodes")

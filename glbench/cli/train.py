@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from glbench.cli.console import messages, output
+from glbench.cli.training_support import Task, needs_the_extra, say_what_came_out, the_task
 from glbench.errors import TrainingError
 
 if TYPE_CHECKING:
@@ -18,10 +18,6 @@ if TYPE_CHECKING:
     from glbench.training.sweep import TrialReport
 
 _TRIALS_SHOWN = 20
-
-Task = Annotated[
-    str | None, typer.Option("--task", "-t", help="Task id or task file (.toml). Default: the benchmark's.")
-]
 
 
 def train(
@@ -52,11 +48,11 @@ def train(
     The folder then holds the policy (policy.npz, evaluated with numpy alone), the learning curve, the settings and card.toml,
     and is an agent itself: glbench evaluate FOLDER.
     """
-    with _needs_the_extra("train"):
+    with needs_the_extra("train"):
         from glbench.training import read_settings, shipped_settings
         from glbench.training.algorithms import algorithm_class
     algorithm_class(algorithm)
-    chosen = _task(task)
+    chosen = the_task(task)
     settings = read_settings(config or shipped_settings(algorithm), algorithm, chosen.id)
     if steps is not None:
         settings = settings.model_copy(update={"n_timesteps": steps})
@@ -69,14 +65,7 @@ def train(
     trained = _trained(chosen, settings, folder, seed=seed, resume=resume, wandb=wandb, tensorboard=tensorboard)
     if trained.already_done:
         messages().print("Already trained with these settings. More steps: --steps N --resume.")
-    output().print(
-        f"Best policy: reward {trained.best_reward:,.1f} after {trained.best_steps:,} of {trained.steps:,} steps."
-    )
-    if trained.not_exported is not None:
-        messages().print(f"No policy.npz was written: {trained.not_exported}", soft_wrap=True, markup=False)
-        return
-    option = "" if task is None else f" --task {task}"
-    messages().print(f"Next: glbench evaluate {folder}{option}", markup=False, soft_wrap=True)
+    say_what_came_out(trained, task)
 
 
 def export(
@@ -96,7 +85,7 @@ def export(
 
     Loading a model.zip runs code from it: export only files you trust.
     """
-    with _needs_the_extra("train"):
+    with needs_the_extra("train"):
         from glbench.training.card import POLICY
         from glbench.training.export import export_model
         from glbench.training.run import export_best
@@ -106,7 +95,7 @@ def export(
             raise TrainingError(reason)
     else:
         folder = out or model.with_suffix("")
-        export_model(model, algorithm, normalization, _task(task), folder)
+        export_model(model, algorithm, normalization, the_task(task), folder)
     size = (folder / POLICY).stat().st_size
     output().print(f"{folder / POLICY}: {size / 1000:,.0f} kB", soft_wrap=True)
     messages().print(f"Next: glbench evaluate {folder}", markup=False, soft_wrap=True)
@@ -123,7 +112,7 @@ def sweep(
     ] = False,
 ) -> None:
     """Search hyperparameters: an Optuna study in a local file. The same command goes on with an interrupted search."""
-    with _needs_the_extra("train"):
+    with needs_the_extra("train"):
         from glbench.training.search_space import read_search
         from glbench.training.sweep import sweep as run_sweep
         from glbench.training.wandb_log import wandb_sweep
@@ -172,21 +161,6 @@ def _trained(
                 "\n[bold yellow]Interrupted.[/bold yellow] The same command with --resume goes on from the last checkpoint."
             )
             raise typer.Exit(130) from None
-
-
-def _task(name: str | None) -> TaskSpec:
-    from glbench.tasks import DEFAULT_TASK, get_task
-
-    return get_task(name or DEFAULT_TASK)
-
-
-@contextlib.contextmanager
-def _needs_the_extra(extra: str) -> Iterator[None]:
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        msg = f"This needs packages that are not installed ({error.name}). Install them with: uv sync --extra {extra}"
-        raise TrainingError(msg) from error
 
 
 def _say_trial(trial: TrialReport) -> None:

@@ -38,7 +38,7 @@ from glbench.training.curve import add_point, write_curve
 from glbench.training.probe import Probe, season_sums
 from glbench.training.progress import Listener, Pace, Progress, TimeAccount
 from glbench.training.run import Trained
-from glbench.training.settings import EvaluationPlan, Part, in_words, section
+from glbench.training.settings import EvaluationPlan, Part, PolicyFile, in_words, section
 from glbench.training.starting import start_of
 
 if TYPE_CHECKING:
@@ -71,15 +71,27 @@ class SearchSettings(Part):
         Evaluation of the mean of all variations, on seeds of its own; the best one is kept.
     """
 
-    start_from: Path
+    start_from: PolicyFile
     begin_anew: dict[str, float] = Field(default_factory=dict)
     directions: int = Field(default=12, gt=0)
     population: int = Field(default=64, gt=3)
     generations: int = Field(default=150, gt=0)
     sigma: float = Field(default=0.08, gt=0)
     first_seed: int = Field(default=20_000, ge=0)
-    evaluation: EvaluationPlan = EvaluationPlan()
+    evaluation: EvaluationPlan = EvaluationPlan(every=4_000_000)
     kernel_preset: Literal["fast", "reference"] = "fast"
+
+    @classmethod
+    def of(cls, policy: Path) -> SearchSettings:
+        """The usual settings for a policy file.
+
+        Raises
+        ------
+        TrainingError
+            When there is none.
+        """
+        with in_words(policy):
+            return cls(start_from=policy)
 
     @property
     def digest(self) -> str:
@@ -89,8 +101,8 @@ class SearchSettings(Part):
         return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def read_search(file: Path, task_id: str) -> SearchSettings:
-    """Settings of a search for a task, from a YAML file with a section ``default:``.
+def read_season_search(file: Path, task_id: str, start_from: Path | None = None) -> SearchSettings:
+    """Settings of a search for a task, from a YAML file with a section ``default:``; ``start_from`` instead of the file's.
 
     Raises
     ------
@@ -98,7 +110,9 @@ def read_search(file: Path, task_id: str) -> SearchSettings:
         When the file cannot be read, or a value is impossible.
     """
     content = section(file, task_id)
-    if isinstance(content.get("start_from"), str):
+    if start_from is not None:
+        content["start_from"] = start_from
+    elif isinstance(content.get("start_from"), str):
         content["start_from"] = (file.parent / content["start_from"]).resolve()
     with in_words(file):
         return SearchSettings(**content)
@@ -295,7 +309,7 @@ def _continue(under_way: _Search, file: Path, identity: dict[str, Any], resume: 
     if not file.is_file():
         return
     if not resume:
-        msg = f"{file.parent} holds a search that was begun. Resume it, or choose another folder."
+        msg = f"{file.parent} holds a search that was begun. Go on with --resume, or choose another folder."
         raise TrainingError(msg)
     with np.load(file, allow_pickle=False) as kept:
         rewards, facts = kept["rewards"], json.loads(kept["facts"].tobytes())
@@ -335,7 +349,7 @@ def _making(under_way: _Search, seed: int) -> Making:
     return Making(
         title=f"The last layer of {settings.start_from.name} adapted to {under_way.task.id} by CMA-ES, seed {seed}",
         description=f"The best mean of {len(under_way.rewards)} generations of {settings.population} seasons, {steps:,} steps.",
-        made="glbench.training.season_search; the tables below tell the rest.",
+        made="glbench tune; the tables below tell the rest.",
         sources=("Hansen (2016). The CMA evolution strategy: a tutorial. arXiv:1604.00772",),
         training={
             "algorithm": "CMA-ES",

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from glbench.errors import TrainingError
 from glbench.resources import data_folder
@@ -18,6 +18,17 @@ if TYPE_CHECKING:
 
 PAPER = {"ppo": "ppo/ppo.yml", "sac": "sac/sac.yml"}
 """Shipped settings of the paper's algorithms, in ``baselines``."""
+
+
+def _that_is_there(file: Path) -> Path:
+    if not file.is_file():
+        msg = f"there is no policy file {file}"
+        raise ValueError(msg)
+    return file
+
+
+PolicyFile = Annotated[Path, AfterValidator(_that_is_there)]
+"""Path of a policy file that exists."""
 
 
 class Part(BaseModel):
@@ -79,7 +90,7 @@ class TrainingSettings(Part):
     n_timesteps: int = Field(default=2_000_000, gt=0)
     n_envs: int = Field(default=8, gt=0)
     first_env_seed: int = Field(default=666, ge=0)
-    start_from: Path | None = None
+    start_from: PolicyFile | None = None
     policy: str = "MlpPolicy"
     policy_kwargs: dict[str, Any] = Field(default_factory=dict)
     action_noise_std: float | None = Field(default=None, gt=0)
@@ -87,14 +98,6 @@ class TrainingSettings(Part):
     evaluation: EvaluationPlan = EvaluationPlan()
     kernel_preset: Literal["fast", "reference"] = "fast"
     hyperparameters: dict[str, Any] = Field(default_factory=dict)
-
-    @field_validator("start_from")
-    @classmethod
-    def _is_there(cls, file: Path | None) -> Path | None:
-        if file is not None and not file.is_file():
-            msg = f"there is no policy file {file}"
-            raise ValueError(msg)
-        return file
 
     @property
     def gamma(self) -> float:

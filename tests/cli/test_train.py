@@ -80,6 +80,23 @@ def test_an_exported_model_is_an_agent(glbench: Command, settings: Path) -> None
 
 
 @pytest.mark.train
+def test_a_tuned_folder_is_an_agent(glbench: Command, settings: Path) -> None:
+    glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "run", "--no-tensorboard")
+    (settings / "tune.yml").write_text(
+        "default: {population: 6, directions: 2, evaluation: {runs: 2}}", encoding="utf-8"
+    )
+    command = ("tune", "run", "--task", "day.toml", "--config", "tune.yml", "--generations", "3", "--out", "tuned")
+    tuned = glbench(*command)
+    assert tuned.code == 0, tuned.err
+    assert "3 generations of 6 seasons" in tuned.err
+    assert "Best policy: reward" in tuned.out
+    card = tomllib.loads((settings / "tuned" / "card.toml").read_text(encoding="utf-8"))
+    assert card["training"]["generations"] == 3
+    assert glbench("evaluate", "tuned", "--task", "day.toml").code == 0
+    assert "Already tuned" in glbench(*command).err
+
+
+@pytest.mark.train
 def test_a_search_is_continued_and_its_best_trial_shown_first(glbench: Command, settings: Path) -> None:
     first = glbench("sweep", "--config", "sweep.yml")
     assert first.code == 0, first.err
@@ -101,6 +118,8 @@ def test_a_search_is_continued_and_its_best_trial_shown_first(glbench: Command, 
         (("train", "ppo", "--config", "nowhere.yml"), "Cannot read the settings"),
         (("train", "ppo", "--config", "sweep.yml"), "no settings file"),
         (("sweep", "--config", "tiny.yml"), "cannot be used"),
+        (("tune", "nowhere.npz"), "there is no policy file"),
+        (("tune", "nowhere.npz", "--config", "tiny.yml"), "cannot be used"),
         (("export", "nowhere.zip"), "Cannot read the model"),
         (("export", "."), "no finished training"),
     ],

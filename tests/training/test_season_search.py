@@ -16,7 +16,7 @@ from glbench.errors import TrainingError
 from glbench.tasks import TaskSpec
 from glbench.training import CurvePoint, Progress, read_settings, train
 from glbench.training.batched_policy import BatchedPolicy
-from glbench.training.season_search import SearchSettings, read_search, search
+from glbench.training.season_search import SearchSettings, read_season_search, search
 from tests.training.conftest import PPO, SAC
 
 pytestmark = pytest.mark.train
@@ -67,7 +67,7 @@ def start(request: pytest.FixtureRequest, day: TaskSpec, tmp_path_factory: pytes
 def settings_for(start: Path, folder: Path, more: str = "") -> SearchSettings:
     file = folder / "search.yml"
     file.write_text(SEARCH.format(start=start) + more, encoding="utf-8")
-    return read_search(file, "test/Day-v1")
+    return read_season_search(file, "test/Day-v1")
 
 
 def test_it_finds_better_policies_that_differ_in_the_last_layer_only(

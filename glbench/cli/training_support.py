@@ -1,0 +1,55 @@
+"""What the commands that train have in common."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from glbench.cli.console import messages, output
+from glbench.errors import TrainingError
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+    from glbench.training import Trained
+
+Task = Annotated[
+    str | None, typer.Option("--task", "-t", help="Task id or task file (.toml). Default: the benchmark's.")
+]
+
+
+def the_task(name: str | None) -> TaskSpec:
+    """The task of that name, or the benchmark's."""
+    from glbench.tasks import DEFAULT_TASK, get_task
+
+    return get_task(name or DEFAULT_TASK)
+
+
+@contextlib.contextmanager
+def needs_the_extra(extra: str) -> Iterator[None]:
+    """Say what to install when packages are missing.
+
+    Raises
+    ------
+    TrainingError
+        Instead of the import's own error.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        msg = f"This needs packages that are not installed ({error.name}). Install them with: uv sync --extra {extra}"
+        raise TrainingError(msg) from error
+
+
+def say_what_came_out(trained: Trained, task: str | None) -> None:
+    """The best policy of a training, and what to do with it."""
+    output().print(
+        f"Best policy: reward {trained.best_reward:,.1f} after {trained.best_steps:,} of {trained.steps:,} steps."
+    )
+    if trained.not_exported is not None:
+        messages().print(f"No policy.npz was written: {trained.not_exported}", soft_wrap=True, markup=False)
+        return
+    option = "" if task is None else f" --task {task}"
+    messages().print(f"Next: glbench evaluate {trained.folder}{option}", markup=False, soft_wrap=True)
