@@ -1,4 +1,4 @@
-"""The compiled backend of the kernel: the model as generated C++, stepped by Rodas4P2 in SIMD lanes.
+"""The compiled backend of the kernel: the model as generated C++, stepped by Rosenbrock methods in SIMD lanes.
 
 ``CompiledStepper(900.0).step_rows(x, u, d, p, out)`` steps a batch in place; ``availability()`` says in words why it cannot
 be used here, if so. How it works, how accurate and how fast it is: docs/kernel-compiled.md.

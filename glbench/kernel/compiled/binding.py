@@ -21,11 +21,13 @@ class Settings(ctypes.Structure):
         ("forgotten", ctypes.c_double),
         ("guard", ctypes.c_double),
         ("memory", ctypes.c_double),
+        ("last", ctypes.c_double),
         ("smallest", ctypes.c_double),
         ("most", ctypes.c_double),
         ("absolute", ctypes.c_double * STATES),
         ("relative", ctypes.c_double * STATES),
         ("threads", ctypes.c_int32),
+        ("method", ctypes.c_int32),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import math
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from glbench.kernel.compiled.library import Build, build, library_is_built
 from glbench.kernel.compiled.tolerances import (
     FAST_STATES,
     LARGEST_SUBSTEPS,
+    METHODS,
     SINGULAR_STATES,
     SMALLEST_SUBSTEP,
     Preset,
@@ -33,7 +35,7 @@ _DOUBLE = np.dtype(np.float64)
 
 
 class CompiledStepper:
-    """Rodas4P2 in generated C++, see docs/kernel-compiled.md. Not thread-safe: one stepper a Python thread.
+    """Rosenbrock methods in generated C++, see docs/kernel-compiled.md. Not thread-safe: one stepper a Python thread.
 
     Parameters
     ----------
@@ -90,11 +92,13 @@ class CompiledStepper:
             forgotten=self.preset.forgotten,
             guard=self.preset.guard,
             memory=self.preset.memory,
+            last=self.preset.last_stretch,
             smallest=SMALLEST_SUBSTEP,
             most=float(LARGEST_SUBSTEPS),
             absolute=(ctypes.c_double * len(absolute))(*absolute),
             relative=(ctypes.c_double * len(relative))(*relative),
             threads=threads,
+            method=METHODS.index(self.preset.method),
         )
         self._settings_call = ctypes.byref(self.settings)
         self._batch = new_batch(1)
@@ -255,12 +259,13 @@ class CompiledStepper:
         """Method, tolerances and the compiler; recorded in results."""
         preset = self.preset
         return {
-            "method": "Rodas4P2",
+            "method": preset.method,
             "relative_tolerance": preset.relative,
             "first_substep_seconds": preset.first_substep,
             "forgotten": preset.forgotten,
             "memory_seconds": preset.memory,
             "guard": preset.guard,
+            **({"last_stretch_seconds": preset.last_stretch} if math.isfinite(preset.last_stretch) else {}),
             "weights": "balanced" if preset.balanced else "even",
             "lanes": float(self._library.width),
             "compiler": self._build.compiler,

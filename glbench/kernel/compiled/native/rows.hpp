@@ -6,17 +6,21 @@
 
 namespace glb {
 
+enum Method : int32_t { RODAS4P2 = 0, GRK4T = 1 };
+
 struct Settings {
     double step;                     // length of the control step [s]
     double first;                    // first substep [s]
     double forgotten;                // the least factor on the squared errors of fast states
     double guard;                    // factor on the squared errors of a substep near the singular difference
     double memory;                   // time in which an error of a fast state fades to 1/e [s]
+    double last;                     // no substep goes on from before these last seconds of the step into them [s]
     double smallest;                 // a substep below this fails the step [s]
     double most;                     // more substeps than this fail the step
     double absolute[model::STATES];  // tolerance of a state is absolute + relative |x| [unit of the state]
     double relative[model::STATES];
     int32_t threads;
+    int32_t method;                  // a Method
 };
 
 // Rows of the caller, all C-contiguous; stride 0 shares one parameter vector among the rows.

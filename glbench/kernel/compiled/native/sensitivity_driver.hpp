@@ -60,9 +60,9 @@ template <class D> class Tangents {
         }
     }
 
-    template <class V> void substep(const Taken& taken, const Matrices<V>& matrices) {
+    template <class M, class V> void substep(const Taken& taken, const Matrices<V>& matrices) {
         for (int64_t chunk = 0; chunk < chunks_; ++chunk)
-            forward_substep<D, V>(taken, matrices, inputs_move_[chunk] ? &dc_[chunk * model::INPUTS] : nullptr,
+            forward_substep<M, D, V>(taken, matrices, inputs_move_[chunk] ? &dc_[chunk * model::INPUTS] : nullptr,
                                   &dx_[chunk * ROOM<D>]);
     }
 
@@ -131,8 +131,8 @@ template <class D> class Tangents {
     }
 };
 
-// `V`: lanes of the stages; `D`: lanes of the directions.
-template <class V, class D> class Differentiator {
+// `M`: method; `V`: lanes of the stages; `D`: lanes of the directions.
+template <class M, class V, class D> class Differentiator {
   public:
     Differentiator(const Settings& settings, const Rows& rows, const Request& request)
         : settings_(settings), rows_(rows), request_(request), tangents_(settings, request) {}
@@ -151,8 +151,8 @@ template <class V, class D> class Differentiator {
         const bool stepped = Recorder::run(settings_, one, [&](const Taken& taken) {
             if (request_.cotangents != nullptr) taken_.push_back(taken);
             if (request_.directions > 0) {
-                compute_matrices<V>(taken, stored_, matrices_);
-                tangents_.substep(taken, matrices_);
+                compute_matrices<M, V>(taken, stored_, matrices_);
+                tangents_.template substep<M>(taken, matrices_);
             }
         });
         if (!stepped) return;
@@ -179,12 +179,12 @@ template <class V, class D> class Differentiator {
         std::memset(static_cast<void*>(by_stage), 0, sizeof by_stage);
         for (int n = 0; n < N; ++n) xb[n] = cotangent[model::MOVING_STATE[n]];
         for (auto taken = taken_.rbegin(); taken != taken_.rend(); ++taken) {
-            compute_matrices<V>(*taken, stored_, matrices_);
-            reverse_substep<V>(*taken, matrices_, xb, by_stage);
+            compute_matrices<M, V>(*taken, stored_, matrices_);
+            reverse_substep<M, V>(*taken, matrices_, xb, by_stage);
         }
         for (int j = 0; j < model::INPUTS; ++j) {
             cb[j] = 0.0;
-            for (int i = 0; i < STAGES; ++i) cb[j] = cb[j] + element(by_stage[i / W][j], i % W);
+            for (int i = 0; i < M::STAGES; ++i) cb[j] = cb[j] + element(by_stage[i / W][j], i % W);
         }
         for (int n = 0; n < N; ++n) given[model::MOVING_STATE[n]] = xb[n];
         for (int i = 0; i < model::CLOCKS; ++i) {
@@ -197,10 +197,16 @@ template <class V, class D> class Differentiator {
 };
 
 // Takes rows from `next` until none is left.
-template <class D> void differentiate_rows(const Settings& settings, const Rows& rows, const Request& request,
-                                           std::atomic<int64_t>& next) {
-    const auto worker = std::make_unique<Differentiator<BatchLanes, D>>(settings, rows, request);
+template <class M, class D>
+void differentiate_rows(const Settings& settings, const Rows& rows, const Request& request, std::atomic<int64_t>& next) {
+    const auto worker = std::make_unique<Differentiator<M, BatchLanes, D>>(settings, rows, request);
     for (int64_t row = next.fetch_add(1); row < rows.n; row = next.fetch_add(1)) worker->row(row);
+}
+
+template <class M>
+void differentiate_rows_of(const Settings& settings, const Rows& rows, const Request& request, std::atomic<int64_t>& next) {
+    if (request.directions > 1) differentiate_rows<M, BatchLanes>(settings, rows, request, next);
+    else differentiate_rows<M, double>(settings, rows, request, next);
 }
 
 }  // namespace glb
@@ -211,8 +217,8 @@ extern "C" int32_t glb_differentiate(const glb::Settings* settings, glb::Rows* r
     std::atomic<bool> short_of_memory{false};
     const auto work = [&] {
         try {
-            if (request->directions > 1) glb::differentiate_rows<BatchLanes>(*settings, *rows, *request, next);
-            else glb::differentiate_rows<double>(*settings, *rows, *request, next);
+            if (settings->method == glb::GRK4T) glb::differentiate_rows_of<glb::Grk4t>(*settings, *rows, *request, next);
+            else glb::differentiate_rows_of<glb::Rodas4P2>(*settings, *rows, *request, next);
         } catch (const std::bad_alloc&) {
             short_of_memory = true;
         }

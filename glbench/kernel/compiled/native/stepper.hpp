@@ -15,10 +15,13 @@ template <class V> GLB_INLINE V inverse_eighth_root(V error) {
     return from_bits<V>(INT64_C(0x47ed24dd00000000) - (bits_of(error) >> 3));
 }
 
-// The end is met exactly, and two equal substeps are taken rather than a long one and a splinter.
-template <class V> GLB_INLINE V next_length(V proposed, V remaining) {
-    const V shared = min_of(proposed, broadcast<V>(0.5) * remaining);
-    return select<V>(remaining <= proposed, remaining, shared);
+// The end is met exactly, and so is the start of the last stretch of `last` seconds; two equal substeps are taken rather than a long one
+// and a splinter.
+template <class V> GLB_INLINE V next_length(V proposed, V remaining, double last) {
+    const V before = remaining - broadcast<V>(last);
+    const V stretch = select<V>(before > broadcast<V>(0.0), before, remaining);
+    const V shared = min_of(proposed, broadcast<V>(0.5) * stretch);
+    return select<V>(stretch <= proposed, stretch, shared);
 }
 
 template <class V> GLB_INLINE double element(const V& a, int lane) { return reinterpret_cast<const double*>(&a)[lane]; }
@@ -55,7 +58,7 @@ template <class V> class Stepper {
     // One substep in every lane; returns how many lanes have run out of rows.
     int round() {
         const V h = h_, one = broadcast<V>(1.0);
-        const Error<V> part = substep(work_, h, again_);
+        const Error<V> part = settings_.method == GRK4T ? substep<Grk4t>(work_, h, again_) : substep<Rodas4P2>(work_, h, again_);
         const V error = fma<V>(part.fast, relaxation(remaining_ - h), part.slow) * near_singularity();
         const MaskOf<V> busy = busy_ > broadcast<V>(0.0);
         const MaskOf<V> accepted = (error <= one) & busy;
@@ -75,7 +78,7 @@ template <class V> class Stepper {
         right_ = select<V>(accepted, right, right_);
         factor = min_of(factor, select<V>(accepted, broadcast<V>(6.0), broadcast<V>(0.8)));
         const V proposed = h * factor;
-        h_ = next_length(proposed, remaining_);
+        h_ = next_length(proposed, remaining_, settings_.last);
         const MaskOf<V> failed = busy & not_of<V>(finished) &
                                  ((proposed < broadcast<V>(settings_.smallest)) | (taken_ >= broadcast<V>(settings_.most)));
         int ended = 0;
