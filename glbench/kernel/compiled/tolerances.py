@@ -71,8 +71,8 @@ class Preset:
     method : str
         ``"Rodas4P2"`` or ``"GRK4T"``, see native/rosenbrock.hpp.
     last_stretch : float
-        The end of the control step that no substep enters from before [s]. GRK4T looks at nothing beyond 0.88 of a substep: where water begins
-        to condense on a screen after that, the next substep mends it, and there must be one.
+        The end of the control step that no substep enters from before [s]. GRK4T looks at nothing beyond 0.88 of a substep:
+        where water begins to condense on a screen after that, the next substep mends it, and there must be one.
     balanced : bool
         Whether the states are weighted for the comparison with CVODES, or all alike but for the screens.
     """
