@@ -93,7 +93,7 @@ def test_its_card_and_curve_say_what_was_spent(day: TaskSpec, start: Path, tmp_p
     assert (card["task"]["id"], card["training"]["steps"], card["training"]["generations"]) == (day.id, 6 * 8 * 24, 6)
     assert card["training"]["seed"] == 3
     assert card["start"]["steps"] >= 600
-    assert card["wall_seconds"]["total"] > 0.0
+    assert sum(card["share_of_training_time"].values()) == pytest.approx(1.0, abs=0.001)  # of seconds that round to 0
     with (tmp_path / "run" / "learning_curve.csv").open(encoding="utf-8") as curve:
         rows = list(csv.DictReader(curve))
     assert [int(row["steps"]) for row in rows] == [0, 576, 1152]
