@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+import yaml
 from cmaes import CMA
 from numpy.typing import NDArray
 from pydantic import Field
@@ -36,8 +37,8 @@ from glbench.training.card import CARD, POLICY, Making, read_card, write_card
 from glbench.training.checkpoint import History
 from glbench.training.curve import add_point, write_curve
 from glbench.training.probe import Probe, season_sums
-from glbench.training.progress import Listener, Pace, Progress, TimeAccount
-from glbench.training.run import Trained
+from glbench.training.progress import CurvePoint, Listener, Pace, Progress, TimeAccount
+from glbench.training.run import SETTINGS, Trained
 from glbench.training.settings import EvaluationPlan, Part, PolicyFile, in_words, section
 from glbench.training.starting import start_of
 
@@ -203,7 +204,7 @@ class _Search:
         self.rewards.append(rewards)
         clock.learning += time.perf_counter() - began
 
-    def evaluate(self) -> Any:
+    def evaluate(self) -> CurvePoint:
         """A point of the learning curve: the middle of the variations."""
         began = time.perf_counter()
         self._batched.take([self.variations.layer(self.mean)] * len(self._probe.seeds))
@@ -261,6 +262,8 @@ def search(
         return Trained(folder, card["training"]["steps"], card["best"]["reward"], card["best"]["steps"], True)
     under_way = _Search(task, settings, seed)
     _continue(under_way, folder / _STATE, identity, resume)
+    content = settings.model_dump(mode="json")
+    write_atomically(folder / SETTINGS, yaml.safe_dump({"default": content}, sort_keys=False))
     total = settings.generations * settings.population * task.steps
     pace = Pace(under_way.steps)
     while len(under_way.rewards) < settings.generations:
@@ -358,6 +361,7 @@ def _making(under_way: _Search, seed: int) -> Making:
             "generations": len(under_way.rewards),
             "population": settings.population,
             "kernel_preset": settings.kernel_preset,
+            "settings": SETTINGS,
             "settings_digest": settings.digest,
             "learning_curve": "learning_curve.csv",
         },

@@ -71,7 +71,7 @@ def start_of(file: Path) -> dict[str, Any]:
     """What a card says of the policy that a training started from: file, digest, and the steps and seconds spent on it, if known."""
     content: dict[str, Any] = {"file": file.name, "digest": sha256(file.read_bytes()).hexdigest()}
     # A training's own folder, or a baseline's, which keeps policies and cards apart.
-    for place in (file.with_name(CARD), file.parents[1] / "training" / f"{file.stem}.toml"):
+    for place in (file.with_name(CARD), file.parent.parent / "training" / f"{file.stem}.toml"):
         card = read_card(place) if place.is_file() else None
         if card is not None and "wall_seconds" in card:
             return content | {"steps": card["training"]["steps"], "wall_seconds": card["wall_seconds"]["total"]}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -255,9 +256,9 @@ def test_making_an_agent_has_a_time_limit(day_task: TaskSpec, write_agent: Agent
         evaluate(day_task, path, limits=hasty)
 
 
-def test_a_step_that_cannot_be_integrated_ends_its_run(
-    day_task: TaskSpec, write_agent: AgentWriter, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def stepped_rows(day_task: TaskSpec, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many runs each call stepped, by a kernel that cannot integrate the eighth step of the third run."""
     kernel = shared_kernel(day_task.step_seconds, day_task.model.variant)
     whole = kernel.try_step
     calls: list[int] = []
@@ -274,11 +275,33 @@ def test_a_step_that_cannot_be_integrated_ends_its_run(
     monkeypatch.setattr(
         kernel, "environments", lambda program, n: None
     )  # else nobody would ask for a step of states only
+    return calls
+
+
+@pytest.mark.usefixtures("stepped_rows")
+def test_a_run_that_ended_in_the_simulation_is_not_asked_again(
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
+) -> None:
+    asked = tmp_path / "asked.txt"
+    act = f"""
+    def act(self, observation):
+        with open({str(asked)!r}, "a") as file:
+            print(id(self), file=file)
+        return np.zeros(6)
+    """
+    result = evaluate(day_task, write_agent(act, single=True))
+    assert ends(result) == [("ok", 24), ("ok", 24), ("simulation_failed", 7)]
+    assert sorted(Counter(asked.read_text(encoding="utf-8").split()).values()) == [8, 24, 24]
+
+
+def test_a_step_that_cannot_be_integrated_ends_its_run(
+    day_task: TaskSpec, write_agent: AgentWriter, stepped_rows: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
     result = evaluate(day_task, write_agent(GOOD))
 
     assert ends(result) == [("ok", 24), ("ok", 24), ("simulation_failed", 7)]
     assert reason(result, 2) == "substeps exhausted at model time 0.3 days"
-    assert calls == [3] * 8 + [2] * 16, "a run that ended is not simulated any further"
+    assert stepped_rows == [3] * 8 + [2] * 16, "a run that ended is not simulated any further"
 
     # It is priced like a run that ended after the same seven steps for another reason.
     monkeypatch.undo()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -9,7 +12,7 @@ from numpy.typing import NDArray
 from glbench.errors import ShapeError, UnknownNameError
 from glbench.kernel import STATE_SCALE, Rows
 from glbench.kernel.compiled import CompiledStepper, Failure, tolerances
-from glbench.kernel.compiled.accuracy import compare, errors, make_cvodes
+from glbench.kernel.compiled.accuracy import EXACT, compare, errors, make_cvodes, make_inputs
 from glbench.kernel.compiled.backend import make_backend
 from glbench.model import PARAMETER_NAMES, STATE_NAMES, VARIANTS, default_parameters, rhs
 
@@ -44,6 +47,34 @@ def test_standard_is_at_least_as_accurate_as_cvodes(kind: str) -> None:
     largest, mean_square = found["standard"][0].ratio(cvodes)
     assert dict(zip(STATE_NAMES, mean_square, strict=True)) == pytest.approx(dict.fromkeys(STATE_NAMES, 0.0), abs=1.0)
     assert dict(zip(STATE_NAMES, largest, strict=True)) == pytest.approx(dict.fromkeys(STATE_NAMES, 0.0), abs=1.0)
+
+
+@pytest.mark.parametrize("method", tolerances.METHODS)
+def test_both_methods_have_order_four(rows: RowArrays, parameters: Array, method: tolerances.Method) -> None:
+    x, u, d = (a[:12] for a in rows)
+    exact = step(CompiledStepper(900.0, preset="tight"), x, u, d, parameters)
+    substeps, found = [], []
+    for relative in (1e-4, 1e-8):
+        preset = replace(tolerances.PRESETS["standard"], method=method, relative=relative, forgotten=1.0)
+        stepper = CompiledStepper(900.0, preset=preset)
+        found.append(float(np.sqrt(np.mean(((step(stepper, x, u, d, parameters) - exact) / STATE_SCALE) ** 2))))
+        substeps.append(float(stepper.substeps.mean()))
+    assert np.log(found[0] / found[1]) / np.log(substeps[1] / substeps[0]) > 2.8  # kinks cost some of the four
+
+
+def test_condensation_at_the_end_of_a_step_is_seen() -> None:
+    """Water begins to condense on the blackout screen in what GRK4T does not look at of a last substep without the last stretch."""
+    inputs = make_inputs("jump", [8], days=5)
+    before, screen = 418, STATE_NAMES.index("tBlScr")
+    p, exact, x = default_parameters(), CompiledStepper(900.0, preset=EXACT), inputs.initial
+    for k in range(before):
+        x = step(exact, x, inputs.controls[k], inputs.weather[k], p)
+    point = x, inputs.controls[before], inputs.weather[before], p
+    truth = step(exact, *point)[0, screen]
+    standard = tolerances.PRESETS["standard"]
+    without = replace(standard, last_stretch=math.inf)
+    assert abs(step(CompiledStepper(900.0, preset=without), *point)[0, screen] - truth) > 1e-3  # K
+    assert abs(step(CompiledStepper(900.0, preset=standard), *point)[0, screen] - truth) < 1e-5
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

@@ -43,3 +43,11 @@ def test_of_a_shipped_policy_the_training_at_the_nearest_uncertainty_counts():
     assert budget_of(result) == expected
     stranger = result.model_copy(update={"agent": result.agent.model_copy(update={"digest": "0" * 64})})
     assert budget_of(stranger) == UNKNOWN, "of another policy of that name nothing is known"
+
+
+def test_a_policy_that_another_one_was_made_of_counts_with_it():
+    card = tomllib.loads((data_folder("baselines") / "ppo_tuned/training/delta10.toml").read_text(encoding="utf-8"))
+    steps = card["training"]["steps"] + card["start"]["steps"]
+    seconds = card["wall_seconds"]["total"] + card["start"]["wall_seconds"]
+    assert steps > card["training"]["steps"]
+    assert budget_of(released("ppo_tuned")) == Budget(steps, pytest.approx(seconds / 3600.0))

@@ -92,6 +92,8 @@ def test_its_card_and_curve_say_what_was_spent(day: TaskSpec, start: Path, tmp_p
     card = tomllib.loads((tmp_path / "run" / "card.toml").read_text(encoding="utf-8"))
     assert (card["task"]["id"], card["training"]["steps"], card["training"]["generations"]) == (day.id, 6 * 8 * 24, 6)
     assert card["training"]["seed"] == 3
+    again = read_season_search(tmp_path / "run" / "settings.yml", day.id)
+    assert again.digest == card["training"]["settings_digest"]
     assert card["start"]["steps"] >= 600
     assert sum(card["share_of_training_time"].values()) == pytest.approx(1.0, abs=0.001)  # of seconds that round to 0
     with (tmp_path / "run" / "learning_curve.csv").open(encoding="utf-8") as curve:

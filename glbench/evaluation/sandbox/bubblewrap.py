@@ -172,6 +172,7 @@ def _becoming_another_user(mode: Mode) -> list[str]:
 
 
 def _environment() -> list[str]:
+    # Pydantic looks for plugins by reading the descriptions of all installed packages, which an agent would wait for.
     path = os.pathsep.join(map(str, [visible.CODE, *visible.libraries()]))
     variables = {
         "PATH": "/usr/bin:/bin", "HOME": "/tmp", "TMPDIR": "/tmp", "USER": "agent", "LOGNAME": "agent", "LANG": "C.UTF-8",
