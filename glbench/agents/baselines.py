@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
 _HERE = Path(__file__).resolve().parent
+_SAVED_MODEL = "best/model.zip"
+"""Where ``glbench train`` leaves its best model in a training's folder."""
 
 
 @dataclass(frozen=True)
@@ -148,6 +150,10 @@ def read_baseline(ref: str | Path) -> Baseline:
         raise SubmissionError(msg)
     card = _read_card(folder / "card.toml")
     place = (folder / card.settings).resolve()
+    if not place.exists() and (folder / _SAVED_MODEL).is_file():
+        model = folder / _SAVED_MODEL
+        msg = f"The policy in {folder} could not be exported to {card.settings}. Evaluate the model itself: glbench evaluate {model}"
+        raise SubmissionError(msg)
     settings = _CONTROLLERS[card.controller].read(place)
     return Baseline(card, settings, _digest(card.controller, place, settings))
 

@@ -48,8 +48,9 @@ def say_what_came_out(trained: Trained, task: str | None) -> None:
     output().print(
         f"Best policy: reward {trained.best_reward:,.1f} after {trained.best_steps:,} of {trained.steps:,} steps."
     )
+    agent = trained.folder
     if trained.not_exported is not None:
         messages().print(f"No policy.npz was written: {trained.not_exported}", soft_wrap=True, markup=False)
-        return
+        agent = trained.model
     option = "" if task is None else f" --task {task}"
-    messages().print(f"Next: glbench evaluate {trained.folder}{option}", markup=False, soft_wrap=True)
+    messages().print(f"Next: glbench evaluate {agent}{option}", markup=False, soft_wrap=True)

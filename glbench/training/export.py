@@ -134,7 +134,7 @@ def actor_of(model: BaseAlgorithm) -> tuple[list[nn.Linear], str, Output]:
     """
     policy = model.policy
     if type(policy).__name__.startswith("Recurrent"):
-        msg = f"{type(model).__name__} has a memory; only policies without one can be exported. Submit the model itself (docs/submit.md)."
+        msg = f"{type(model).__name__} has a memory; only policies without one can be exported."
         raise TrainingError(msg)
     if isinstance(policy, ActorCriticPolicy) and not policy.use_sde:
         parts: list[nn.Module] = [*policy.mlp_extractor.policy_net, policy.action_net]

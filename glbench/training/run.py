@@ -43,6 +43,12 @@ class Trained:
     already_done: bool
     """Whether it had been finished before, so that nothing was done."""
     not_exported: str | None = None
+
+    @property
+    def model(self) -> Path:
+        """The best policy as Stable-Baselines3 saves it."""
+        return self.folder / BEST / MODEL
+
     """Why its policy could not be exported to a file for numpy; ``None`` when it was."""
 
 

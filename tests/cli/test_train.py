@@ -80,6 +80,21 @@ def test_an_exported_model_is_an_agent(glbench: Command, settings: Path) -> None
 
 
 @pytest.mark.train
+def test_a_policy_with_a_memory_is_evaluated_as_it_was_saved(glbench: Command, settings: Path) -> None:
+    recurrent = TINY.replace("policy_kwargs: {net_arch: [8], activation_fn: SiLU}", "policy: MlpLstmPolicy")
+    (settings / "recurrent.yml").write_text(recurrent, encoding="utf-8")
+    trained = glbench(
+        "train", "sb3_contrib.RecurrentPPO", "--task", "day.toml", "--config", "recurrent.yml", "--out", "run"
+    )
+    assert trained.code == 0, trained.err
+    assert "No policy.npz was written: RecurrentPPO has a memory" in trained.err
+    assert "Next: glbench evaluate run/best/model.zip --task day.toml" in trained.err
+    folder = glbench("evaluate", "run", "--task", "day.toml")
+    assert (folder.code, "glbench evaluate" in folder.err, "best/model.zip" in folder.err) == (1, True, True)
+    assert glbench("evaluate", "run/best/model.zip", "--task", "day.toml").code == 0
+
+
+@pytest.mark.train
 def test_a_tuned_folder_is_an_agent(glbench: Command, settings: Path) -> None:
     glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "run", "--no-tensorboard")
     (settings / "tune.yml").write_text(
