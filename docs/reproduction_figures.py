@@ -27,6 +27,9 @@ AGENTS = {
     "ppo_tuned": "#009e73",
 }
 CURVES = (("reward", "cumulative reward [-]"), ("epi", "EPI [EUR/m²]"), ("penalty", "penalty [-]"))
+TRAININGS = {"ppo": ("ppo", "ppo_seed1", "ppo_seed2"), "sac": ("sac", "sac_seed1", "sac_seed2")}
+"""Agents of one recipe trained with seeds 0, 1 and 2."""
+SEEDED_LEVELS = (0, 10, 30)
 MONEY = (
     ("revenue", "revenue", "#7fbf7b", 1),
     ("cost_heat", "heat", "#d7301f", -1),
@@ -51,7 +54,8 @@ Points = dict[tuple[str, int, str], Point]
 def collect(results: Path) -> Points:
     """Agent, level [%] and metric -> mean over the runs."""
     points: Points = {}
-    for agent in AGENTS:
+    trainings = [agent for agents in TRAININGS.values() for agent in agents]
+    for agent in dict.fromkeys([*AGENTS, *trainings]):
         for level in LEVELS:
             file = results / f"Schiphol2010-Delta{level:02d}-v1" / f"{agent}.json"
             if not file.is_file():
@@ -68,7 +72,7 @@ def curves(points: Points) -> str:
     width, height, left, top = 330, 290, 62, 46
     parts = []
     for place, (metric, title) in enumerate(CURVES):
-        shown = {key[:2]: point for key, point in points.items() if key[2] == metric}
+        shown = {key[:2]: point for key, point in points.items() if key[2] == metric and key[0] in AGENTS}
         lows, highs = [p.low for p in shown.values()], [p.high for p in shown.values()]
         ticks = _ticks(
             min([*lows, 0.0] if metric != "reward" else lows), max([*highs, 0.0] if metric != "reward" else highs)
@@ -182,6 +186,21 @@ def money_table(points: Points) -> str:
     return "\n".join(rows)
 
 
+def trainings_table(points: Points) -> str:
+    """Reward and EPI of every training at the levels with several of them, and how far apart they lie."""
+    rows = ["| | | seed 0 | seed 1 | seed 2 | range |", "|---|---|---:|---:|---:|---:|"]
+    for recipe, agents in TRAININGS.items():
+        for level in SEEDED_LEVELS:
+            for metric, title, digits in (("reward", "reward", 0), ("epi", "EPI, EUR/m²", 2)):
+                found = [points.get((agent, level, metric)) for agent in agents]
+                means = [point.mean for point in found if point is not None]
+                if len(means) > 1:
+                    cells = ["–" if point is None else f"{point.mean:,.{digits}f}" for point in found]
+                    cells.append(f"{max(means) - min(means):,.{digits}f}")
+                    rows.append(f"| `{recipe}`, ± {level} % | {title} | " + " | ".join(cells) + " |")
+    return "\n".join(rows)
+
+
 def _ticks(low: float, high: float) -> list[float]:
     rough = (high - low) / 5 or 1.0
     size = 10 ** np.floor(np.log10(rough))
@@ -199,26 +218,36 @@ def _svg(width: int, height: int, parts: list[str]) -> str:
     return "\n".join([head, '<rect width="100%" height="100%" fill="#fff"/>', *parts, "</svg>"]) + "\n"
 
 
-def main(results: Path) -> None:
-    """Draw the figures and fill the tables."""
-    points = collect(results)
-    write_atomically(DOCS / "images" / "reproduction-curves.svg", curves(points))
-    write_atomically(DOCS / "images" / "reproduction-money.svg", money(points))
-    page = DOCS / "reproduction.md"
-    text = page.read_text(encoding="utf-8")
-    for name, filled in {
+def filled(page: str, points: Points) -> str:
+    """The page with its tables made of ``points``."""
+    for name, content in {
         "reward": table(points, "reward", 0),
         "epi": table(points, "epi", 2),
         "penalty": table(points, "penalty", 0),
         "money": money_table(points),
+        "trainings": trainings_table(points),
     }.items():
-        text = re.sub(
+        page = re.sub(
             rf"(<!-- {name} -->\n).*?(<!-- end -->)",
-            lambda found, new=filled: f"{found[1]}{new}\n{found[2]}",
-            text,
+            lambda found, new=content: f"{found[1]}{new}\n{found[2]}",
+            page,
             flags=re.S,
         )
-    write_atomically(page, text)
+    return page
+
+
+def figures(points: Points) -> dict[str, str]:
+    """The figures, by name in docs/images."""
+    return {"reproduction-curves.svg": curves(points), "reproduction-money.svg": money(points)}
+
+
+def main(results: Path) -> None:
+    """Draw the figures and fill the tables."""
+    points = collect(results)
+    for name, figure in figures(points).items():
+        write_atomically(DOCS / "images" / name, figure)
+    page = DOCS / "reproduction.md"
+    write_atomically(page, filled(page.read_text(encoding="utf-8"), points))
 
 
 if __name__ == "__main__":

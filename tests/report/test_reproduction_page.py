@@ -1,0 +1,51 @@
+"""docs/reproduction.md: its tables and figures are those of the released results."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from glbench.leaderboard.statistics import bootstrap_interval
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+
+
+@pytest.fixture(scope="module")
+def script() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("reproduction_figures", DOCS / "reproduction_figures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # its dataclass asks for the module of its annotations
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_tables_and_figures_are_those_of_the_results(script: ModuleType) -> None:
+    points = script.collect(ROOT / "reports" / "results")
+    page = (DOCS / "reproduction.md").read_text(encoding="utf-8")
+    assert script.filled(page, points) == page
+    for name, figure in script.figures(points).items():
+        assert (DOCS / "images" / name).read_text(encoding="utf-8") == figure
+    for agent in script.AGENTS:
+        assert sorted({level for name, level, _ in points if name == agent}) == list(script.LEVELS)
+
+
+def test_trainings_are_set_side_by_side(script: ModuleType) -> None:
+    values = {"ppo": (3800.0, 3.5), "ppo_seed1": (3751.2, 3.25), "sac": (3700.0, 1.0)}
+    points = {
+        (agent, 10, metric): script.Point(value, *bootstrap_interval([value]))
+        for agent, pair in values.items()
+        for metric, value in zip(("reward", "epi"), pair, strict=True)
+    }
+    rows = [re.split(r"\s*\|\s*", row.strip("| ")) for row in script.trainings_table(points).splitlines()[2:]]
+    assert rows == [
+        ["`ppo`, ± 10 %", "reward", "3,800", "3,751", "–", "49"],
+        ["`ppo`, ± 10 %", "EPI, EUR/m²", "3.50", "3.25", "–", "0.25"],
+    ]
