@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import os
 import shutil
 import sys
 import time
@@ -23,6 +24,7 @@ from glbench.resources import write_atomically
 from glbench.tasks import get_task
 from glbench.training import CurvePoint, Progress, read_settings, train
 from glbench.training.card import CARD, POLICY, read_card, to_toml
+from glbench.training.curve import CURVE
 from glbench.training.run import export_best
 from glbench.training.season_search import read_season_search, search
 from glbench.training.settings import PAPER
@@ -145,14 +147,15 @@ def _ship(job: Job, folder: Path) -> None:
         export_best(folder)
     home = HERE / job.agent
     name = f"delta{job.level}"
-    targets = {
-        POLICY: f"weights/{name}.npz",
-        "learning_curve.csv": f"training/{name}.csv",
-        CARD: f"training/{name}.toml",
-    }
-    for source, target in targets.items():
-        (home / target).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(folder / source, home / target)
+    for place in ("weights", "training"):
+        (home / place).mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(folder / POLICY, home / f"weights/{name}.npz")
+    shutil.copyfile(folder / CURVE, home / f"training/{name}.csv")
+    making = tomllib.loads((folder / CARD).read_text(encoding="utf-8"))
+    making["settings"] = f"../weights/{name}.npz"
+    making["training"]["learning_curve"] = f"{name}.csv"
+    making["training"]["settings"] = os.path.relpath(job.settings, home / "training")
+    write_atomically(home / f"training/{name}.toml", to_toml(making))
     card = tomllib.loads((HERE / job.recipe / CARD_OF_RECIPE).read_text(encoding="utf-8"))
     if job.seed:
         card["title"] += f"; training seed {job.seed}"

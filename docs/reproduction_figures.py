@@ -24,6 +24,7 @@ AGENTS = {
     "sac": "#d55e00",
     "rule_based": "#555555",
     "rule_based_fair": "#aaaaaa",
+    "rule_based_unlit": "#cc79a7",
     "ppo_tuned": "#009e73",
 }
 CURVES = (("reward", "cumulative reward [-]"), ("epi", "EPI [EUR/m²]"), ("penalty", "penalty [-]"))

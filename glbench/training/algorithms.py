@@ -14,6 +14,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 
 from glbench.errors import TrainingError, UnknownNameError, did_you_mean
+from glbench.training.settings import OWN
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv
@@ -112,7 +113,7 @@ def _checked(kind: type[BaseAlgorithm], settings: TrainingSettings) -> dict[str,
     known = [name for name in inspect.signature(kind.__init__).parameters if name not in _SET_BY_GLBENCH]
     for name in settings.hyperparameters:
         if name not in known:
-            msg = f"{kind.__name__} has no setting '{name}'.{did_you_mean(name, known)}"
+            msg = f"{kind.__name__} has no setting '{name}'.{did_you_mean(name, [*known, *sorted(OWN)])}"
             raise TrainingError(msg)
     arguments = {name: _schedule(value) for name, value in settings.hyperparameters.items()}
     if settings.action_noise_std is not None:

@@ -91,7 +91,7 @@ class SearchSettings(Part):
         TrainingError
             When there is none.
         """
-        with in_words(policy):
+        with in_words(policy, cls):
             return cls(start_from=policy)
 
     @property
@@ -115,7 +115,7 @@ def read_season_search(file: Path, task_id: str, start_from: Path | None = None)
         content["start_from"] = start_from
     elif isinstance(content.get("start_from"), str):
         content["start_from"] = (file.parent / content["start_from"]).resolve()
-    with in_words(file):
+    with in_words(file, SearchSettings):
         return SearchSettings(**content)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from glbench.errors import TrainingError
+from glbench.errors import TrainingError, did_you_mean
 from glbench.resources import data_folder
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ class TrainingSettings(Part):
     n_envs
         Greenhouses stepped together.
     first_env_seed
-        Seed of the first greenhouse's first episode; the next ones count up.
+        Seed of the first greenhouse's first season; those of the next greenhouses count up. Later seasons are drawn from it.
     start_from
         Policy file (``policy.npz``, ``baselines/*/weights/*.npz``) whose actor and statistics the training begins with; in a
         settings file relative to it.
@@ -105,7 +105,8 @@ class TrainingSettings(Part):
         return float(self.hyperparameters.get("gamma", 0.99))
 
 
-_OWN = frozenset(TrainingSettings.model_fields) - {"algorithm", "hyperparameters"}
+OWN = frozenset(TrainingSettings.model_fields) - {"algorithm", "hyperparameters"}
+"""Settings of the training itself; all others are arguments of the algorithm's class."""
 
 
 def shipped_settings(algorithm: str) -> Path:
@@ -133,11 +134,11 @@ def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
         When the file cannot be read, or a value is impossible.
     """
     merged = section(file, task_id)
-    own = {key: value for key, value in merged.items() if key in _OWN}
+    own = {key: value for key, value in merged.items() if key in OWN}
     if isinstance(own.get("start_from"), str):
         own["start_from"] = (file.parent / own["start_from"]).resolve()
-    rest = {key: _number(value, key, file) for key, value in merged.items() if key not in _OWN}
-    with in_words(file):
+    rest = {key: _number(value, key, file) for key, value in merged.items() if key not in OWN}
+    with in_words(file, TrainingSettings):
         return TrainingSettings(algorithm=algorithm, **own, hyperparameters=rest)
 
 
@@ -148,8 +149,8 @@ def section(file: Path, task_id: str) -> dict[str, Any]:
 
 
 @contextmanager
-def in_words(file: Path) -> Iterator[None]:
-    """Say what is wrong with the settings in ``file``.
+def in_words(file: Path, kind: type[Part]) -> Iterator[None]:
+    """Say what is wrong with settings of a kind in ``file``.
 
     Raises
     ------
@@ -159,9 +160,19 @@ def in_words(file: Path) -> Iterator[None]:
     try:
         yield
     except ValidationError as error:
-        problems = "; ".join(f"'{'.'.join(map(str, p['loc']))}': {p['msg']}" for p in error.errors())
-        msg = f"The settings in {file} cannot be used: {problems}."
+        problems = "; ".join(_said(problem["loc"], problem["type"], problem["msg"], kind) for problem in error.errors())
+        msg = f"The settings in {file} cannot be used: {problems}{'' if problems.endswith(('.', '?')) else '.'}"
         raise TrainingError(msg) from error
+
+
+def _said(place: tuple[str | int, ...], problem: str, words: str, kind: type[Part]) -> str:
+    name = ".".join(map(str, place))
+    if problem != "extra_forbidden":
+        return f"'{name}': {words}"
+    for part in place[:-1]:
+        found = kind.model_fields[str(part)].annotation
+        kind = found if isinstance(found, type) and issubclass(found, Part) else kind
+    return f"There is no setting '{name}'.{did_you_mean(str(place[-1]), kind.model_fields)}"
 
 
 def _sections(file: Path) -> dict[str, dict[str, Any]]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import optuna
 from optuna.storages import RDBStorage
 from optuna.study import MaxTrialsCallback
@@ -49,8 +50,9 @@ def base_settings(search: Search) -> TrainingSettings:
 def sweep(search: Search, folder: Path, *, workers: int = 1, report: Report | None = None) -> list[TrialReport]:
     """Run the search in ``folder`` until it has all its trials; what is there already counts, and is continued.
 
-    A trial that a kill interrupted does not count, and another one takes its place. With several workers the course of a
-    search depends on who is faster; each trial by itself is reproducible.
+    A trial that a kill interrupted does not count, and another one takes its place. What a trial draws follows from the
+    search's seed and the trial's number: a search that is continued, and several workers, try no choice twice by that.
+    With several workers the course of a search depends on who is faster; each trial by itself is reproducible.
 
     Returns
     -------
@@ -64,13 +66,13 @@ def sweep(search: Search, folder: Path, *, workers: int = 1, report: Report | No
     """
     base_settings(search)
     folder.mkdir(parents=True, exist_ok=True)
-    study = _study(search, folder, 0)
+    study = open_study(search, folder)
     _claim(study, search, folder)
     if workers == 1:
-        _work(search, folder, 0, report)
+        _work(search, folder, report)
     else:
         context = multiprocessing.get_context("spawn")
-        others = [context.Process(target=_work, args=(search, folder, worker)) for worker in range(workers)]
+        others = [context.Process(target=_work, args=(search, folder)) for _ in range(workers)]
         for process in others:
             process.start()
         try:
@@ -106,10 +108,12 @@ class _Pruning(Listener):
         """Nothing to tell."""
 
 
-def _work(search: Search, folder: Path, worker: int, report: Report | None = None) -> None:
+def _work(search: Search, folder: Path, report: Report | None = None) -> None:
     settings, task = base_settings(search), get_task(search.task)
 
     def objective(trial: optuna.Trial) -> float:
+        if search.method != "grid":
+            trial.study.sampler = _sampler(search, trial.number)
         choices = {name: _suggest(trial, name, parameter) for name, parameter in search.parameters.items()}
         chosen = with_choices(settings, choices, search.steps)
         place = folder / f"trial-{trial.number:04d}"
@@ -129,26 +133,29 @@ def _work(search: Search, folder: Path, worker: int, report: Report | None = Non
         if report is not None:
             report(_report_of(trial))
 
-    study = _study(search, folder, worker)
+    study = open_study(search, folder)
     left = search.trials - len(study.get_trials(deepcopy=False, states=_COUNTED))
     if left > 0:
         enough = MaxTrialsCallback(search.trials, states=_COUNTED)
         study.optimize(objective, n_trials=left, callbacks=[tell, enough])
 
 
-def _study(search: Search, folder: Path, worker: int) -> optuna.Study:
+def open_study(search: Search, folder: Path) -> optuna.Study:
+    """The study in ``folder``, begun where there is none."""
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     storage = RDBStorage(
         f"sqlite:///{(folder / STUDY).resolve()}", engine_kwargs={"connect_args": {"timeout": _LOCK_SECONDS}}
     )
-    pruner: optuna.pruners.BasePruner = optuna.pruners.MedianPruner() if search.prune else optuna.pruners.NopPruner()
+    pruner: optuna.pruners.BasePruner = optuna.pruners.NopPruner()
+    if search.prune:
+        pruner = optuna.pruners.MedianPruner(n_warmup_steps=1)  # the evaluation at step 0 says nothing
     return optuna.create_study(
-        study_name="glbench", storage=storage, sampler=_sampler(search, worker), pruner=pruner, direction="maximize", load_if_exists=True
+        study_name="glbench", storage=storage, sampler=_sampler(search, 0), pruner=pruner, direction="maximize", load_if_exists=True
     )  # fmt: skip
 
 
-def _sampler(search: Search, worker: int) -> optuna.samplers.BaseSampler:
-    seed = search.seed + 1000 * worker
+def _sampler(search: Search, trial: int) -> optuna.samplers.BaseSampler:
+    seed = int(np.random.SeedSequence([search.seed, trial]).generate_state(1)[0])
     if search.method == "grid":
         grid = {name: list(p.values or ([] if p.value is None else [p.value])) for name, p in search.parameters.items()}
         return optuna.samplers.GridSampler(grid, seed=search.seed)

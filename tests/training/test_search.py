@@ -7,10 +7,9 @@ from pathlib import Path
 import pytest
 
 from glbench.errors import TrainingError
-from glbench.tasks import TaskSpec
 from glbench.training.search_space import Search, read_search, with_choices
 from glbench.training.settings import TrainingSettings
-from glbench.training.sweep import sweep
+from glbench.training.sweep import open_study, sweep
 
 BASE = TrainingSettings(algorithm="ppo", policy_kwargs={"activation_fn": "Tanh"}, hyperparameters={"gamma": 0.9})
 
@@ -74,16 +73,51 @@ def test_the_same_file_is_a_sweep_of_weights_and_biases(tmp_path: Path) -> None:
     }
 
 
-@pytest.mark.train
-@pytest.mark.slow
-def test_a_grid_tries_every_combination_once_with_two_workers(day_file: Path, tmp_path: Path, day: TaskSpec) -> None:
-    (tmp_path / "base.yml").write_text(
+@pytest.fixture
+def base(tmp_path: Path) -> Path:
+    """Settings of trainings that are over at once."""
+    file = tmp_path / "base.yml"
+    file.write_text(
         "default: {n_envs: 2, policy_kwargs: {net_arch: [8]}, n_steps: 16, batch_size: 16, evaluation: {every: 1000, runs: 1}}",
         encoding="utf-8",
     )
+    return file
+
+
+@pytest.mark.train
+def test_a_continued_search_tries_something_new(day_file: Path, tmp_path: Path, base: Path) -> None:
     search = Search.model_validate(
         {
-            "algorithm": "ppo", "task": str(day_file), "config": tmp_path / "base.yml", "steps": 32, "trials": 4, "method": "grid",
+            "algorithm": "ppo", "task": str(day_file), "config": base, "steps": 32, "trials": 4, "method": "random",
+            "parameters": {"gamma": {"min": 0.9, "max": 0.99}},
+        }
+    )  # fmt: skip
+    sweep(search.model_copy(update={"trials": 2}), tmp_path / "halves")
+    halves = {trial.number: trial.choices["gamma"] for trial in sweep(search, tmp_path / "halves")}
+    assert len(set(halves.values())) == 4
+    assert halves == {trial.number: trial.choices["gamma"] for trial in sweep(search, tmp_path / "whole")}
+
+
+def test_a_trial_is_not_stopped_before_it_has_learnt_anything(tmp_path: Path) -> None:
+    study = open_study(read(tmp_path, "  gamma: {values: [0.9, 0.99]}"), tmp_path)
+    for _ in range(6):
+        done = study.ask()
+        for steps in (0, 100):
+            done.report(10.0, steps)
+        study.tell(done, 10.0)
+    trial = study.ask()
+    trial.report(-1.0, 0)
+    assert not trial.should_prune()
+    trial.report(-1.0, 100)
+    assert trial.should_prune()
+
+
+@pytest.mark.train
+@pytest.mark.slow
+def test_a_grid_tries_every_combination_once_with_two_workers(day_file: Path, tmp_path: Path, base: Path) -> None:
+    search = Search.model_validate(
+        {
+            "algorithm": "ppo", "task": str(day_file), "config": base, "steps": 32, "trials": 4, "method": "grid",
             "parameters": {"gamma": {"values": [0.9, 0.99]}, "n_epochs": {"values": [1, 2]}},
         }
     )  # fmt: skip

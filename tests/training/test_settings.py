@@ -80,7 +80,7 @@ def test_a_number_that_yaml_takes_for_text_is_a_number(tmp_path: Path) -> None:
         ("defaults: {}", "no section 'default:'"),
         ("- 1", "no settings file"),
         ("default: {n_envs: 0}", "'n_envs'"),
-        ("default: {normalize: {reward: true}}", r"'normalize\.reward'"),
+        ("default: {normalize: {reward: true}}", r"no setting 'normalize\.reward'\. Did you mean 'rewards'"),
         ("default: {learning_rate: 1e-x}", "no number"),
         ("default: [", "Cannot read"),
     ],
@@ -94,6 +94,7 @@ def test_a_mistake_in_the_file_is_named(tmp_path: Path, text: str, said: str) ->
     ("text", "said"),
     [
         ("default: {learning_rat: 0.1}", "Did you mean 'learning_rate'"),
+        ("default: {n_timestep: 100}", "Did you mean 'n_timesteps'"),
         ("default: {action_noise_std: 0.1}", "no action noise"),
         ("default: {policy_kwargs: {activation_fn: SiLu}}", "Did you mean 'SiLU'"),
         ("default: {policy: MlpPolicie}", "refuses its settings"),
