@@ -20,12 +20,12 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
+from glbench.errors import did_you_mean
 from glbench.resources import write_atomically
 from glbench.tasks import get_task
 from glbench.training import CurvePoint, Progress, read_settings, train
-from glbench.training.card import CARD, POLICY, read_card, to_toml
+from glbench.training.card import CARD, POLICY, read_card, settings_digest, to_toml
 from glbench.training.curve import CURVE
-from glbench.training.run import export_best
 from glbench.training.season_search import read_season_search, search
 from glbench.training.settings import PAPER
 
@@ -114,10 +114,14 @@ def main() -> int:
     )
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S", stream=sys.stdout)
+    names = [job.name for job in plan()]
+    for name in arguments.only:
+        if name not in names:
+            parser.error(f"there is no training '{name}'.{did_you_mean(name, names)}")
     jobs = [job for job in plan() if not arguments.only or job.name in arguments.only]
     for job in jobs:
         if arguments.list:
-            print(f"{job.name:26} {_state(arguments.out / job.name)}")
+            print(f"{job.name:26} {_state(job, arguments.out / job.name)}")
         elif arguments.ship:
             _ship(job, arguments.out / job.name)
         else:
@@ -141,10 +145,8 @@ def _train(job: Job, folder: Path) -> None:
 
 def _ship(job: Job, folder: Path) -> None:
     """Copy what people and evaluations need of a finished training to its baseline."""
-    if read_card(folder / CARD) is None:
+    if _state(job, folder) != "done":
         return
-    if not (folder / POLICY).is_file():
-        export_best(folder)
     home = HERE / job.agent
     name = f"delta{job.level}"
     for place in ("weights", "training"):
@@ -159,6 +161,7 @@ def _ship(job: Job, folder: Path) -> None:
     card = tomllib.loads((HERE / job.recipe / CARD_OF_RECIPE).read_text(encoding="utf-8"))
     if job.seed:
         card["title"] += f"; training seed {job.seed}"
+        card["made"] = card["made"].replace("--seed 0", f"--seed {job.seed}")
         card["description"] = (
             f"As {job.recipe}, trained with seed {job.seed}, for uncertainties of 0, 10 and 30 % only."
         )
@@ -166,8 +169,21 @@ def _ship(job: Job, folder: Path) -> None:
     log.info("%s: shipped to %s", job.name, home.relative_to(HERE.parent))
 
 
-def _state(folder: Path) -> str:
-    return "done" if read_card(folder / CARD) is not None else "begun" if folder.exists() else "-"
+def _state(job: Job, folder: Path) -> str:
+    """``done`` when the folder holds this very training to its end."""
+    card = read_card(folder / CARD)
+    if card is None:
+        return "begun" if folder.exists() else "-"
+    task = get_task(f"Schiphol2010-Delta{job.level}-v1")
+    if job.recipe in PAPER:
+        settings = read_settings(job.settings, job.recipe, task.id)
+        digest, wanted, reached = settings_digest(settings), settings.n_timesteps, card["training"]["steps"]
+    else:
+        sought = read_season_search(job.settings, task.id)
+        digest, wanted, reached = sought.digest, sought.generations, card["training"]["generations"]
+    found = card["task"]["digest"], card["training"]["settings_digest"], card["training"]["seed"]
+    same = found == (task.digest, digest, job.seed)
+    return "another training" if not same else "done" if reached >= wanted else "begun"
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
@@ -51,8 +52,18 @@ class _Controller:
         return settings
 
     def make(self, settings: RuleSettings | PolicyFiles) -> Agent | PrivilegedController:
-        """A new controller with these settings."""
-        controller: Agent | PrivilegedController = _found(self.maker)(settings)
+        """A new controller with these settings.
+
+        Raises
+        ------
+        SubmissionError
+            When the file of a policy is damaged.
+        """
+        try:
+            controller: Agent | PrivilegedController = _found(self.maker)(settings)
+        except (zlib.error, NotImplementedError, TypeError) as error:
+            msg = f"A policy of this agent is damaged: {error}."
+            raise SubmissionError(msg) from error
         return controller
 
 

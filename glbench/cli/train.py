@@ -74,10 +74,14 @@ def export(
     ],
     task: Task = None,
     algorithm: Annotated[
-        str, typer.Option("--algorithm", "-a", help="Of a model.zip: ppo, sac, or a class path.")
-    ] = "ppo",
+        str | None, typer.Option("--algorithm", "-a", help="Of a model.zip: ppo (the default), sac, or a class path.")
+    ] = None,
     normalization: Annotated[
-        Path | None, typer.Option("--normalization", help="Of a model.zip: the VecNormalize saved with it, if any.")
+        Path | None,
+        typer.Option(
+            "--normalization",
+            help="Of a model.zip: the VecNormalize saved with it. Default: vecnormalize.pkl beside it, if there; none: none.",
+        ),
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for a model.zip's policy and card.")] = None,
 ) -> None:
@@ -90,12 +94,19 @@ def export(
         from glbench.training.export import export_model
         from glbench.training.run import export_best
     if model.is_dir():
-        folder, reason = model, export_best(model)
+        if out or algorithm or normalization:
+            msg = f"{model} is the folder of a training, which says all of --out, --algorithm and --normalization itself. Leave them out."
+            raise TrainingError(msg)
+        folder, reason = model, export_best(model, None if task is None else the_task(task))
         if reason is not None:
             raise TrainingError(reason)
     else:
-        folder = out or model.with_suffix("")
-        export_model(model, algorithm, normalization, the_task(task), folder)
+        folder, beside = out or model.with_suffix(""), model.with_name("vecnormalize.pkl")
+        if normalization is None and beside.is_file():
+            normalization = beside
+        elif normalization == Path("none"):
+            normalization = None
+        export_model(model, algorithm or "ppo", normalization, the_task(task), folder)
     size = (folder / POLICY).stat().st_size
     output().print(f"{folder / POLICY}: {size / 1000:,.0f} kB", soft_wrap=True)
     messages().print(f"Next: glbench evaluate {folder}", markup=False, soft_wrap=True)
@@ -164,8 +175,9 @@ def _trained(
 
 
 def _say_trial(trial: TrialReport) -> None:
+    why = "" if trial.reason is None else f": {trial.reason}"
     messages().print(
-        f"trial {trial.number:>3}  {trial.state:8}  reward {_reward(trial):>8}  {_choices(trial)}",
+        f"trial {trial.number:>3}  {trial.state:8}  reward {_reward(trial):>8}  {_choices(trial)}{why}",
         soft_wrap=True,
         markup=False,
     )

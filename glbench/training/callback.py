@@ -10,13 +10,14 @@ from typing import Any
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecNormalize
 
-from glbench.training.checkpoint import MODEL, NORMALIZATION, History, save_checkpoint
+from glbench.training.checkpoint import MODEL, NORMALIZATION, History, replaced, save_checkpoint
 from glbench.training.curve import add_point, write_curve
+from glbench.training.folder import CHECKPOINT
 from glbench.training.probe import Probe
 from glbench.training.progress import Listener, Pace, Progress
 from glbench.training.vec_env import TrainingVecEnv
 
-BEST, CHECKPOINT = "best", "checkpoint"
+BEST = "best"
 _PROGRESS_SECONDS = 1.0
 
 
@@ -80,7 +81,9 @@ class TrainingCallback(BaseCallback):
         """The last evaluation and the last checkpoint."""
         self.history.time.learning += self._lap()
         if not self.history.curve or self.history.curve[-1]["steps"] < self.num_timesteps:
+            due = self.history.next_evaluation
             self._evaluate()
+            self.history.next_evaluation = due  # as if the end were none, should the training go on
         self._save()
         self._tell()
 
@@ -104,10 +107,9 @@ class TrainingCallback(BaseCallback):
             listener.on_evaluation(point)
 
     def _keep_best(self) -> None:
-        folder = self.folder / BEST
-        folder.mkdir(parents=True, exist_ok=True)
-        self.model.save(folder / MODEL)
-        self.normalization.save(str(folder / NORMALIZATION))
+        with replaced(self.folder / BEST) as folder:
+            self.model.save(folder / MODEL)
+            self.normalization.save(str(folder / NORMALIZATION))
 
     def _save(self) -> None:
         save_checkpoint(

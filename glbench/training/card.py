@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from hashlib import sha256
@@ -50,8 +50,10 @@ class Making:
     training: Mapping[str, Any]
 
 
-def making_of(task: TaskSpec, settings: TrainingSettings, seed: int, steps: int) -> Making:
-    """What the card of a training with Stable-Baselines3 says."""
+def making_of(
+    task: TaskSpec, settings: TrainingSettings, digest: str, seed: int, steps: int, ends: Sequence[int]
+) -> Making:
+    """What the card of a training with Stable-Baselines3 says; ``digest`` is the settings', ``ends`` where it ended before it went on."""
     name = settings.algorithm.rpartition(".")[2]
     return Making(
         title=f"{name.upper() if name == settings.algorithm else name} trained on {task.id}, seed {seed}",
@@ -66,8 +68,9 @@ def making_of(task: TaskSpec, settings: TrainingSettings, seed: int, steps: int)
             "steps": steps,
             "kernel_preset": settings.kernel_preset,
             "settings": "settings.yml",
-            "settings_digest": settings_digest(settings),
+            "settings_digest": digest,
             "learning_curve": "learning_curve.csv",
+            **({"ended_before_at": list(ends)} if ends else {}),
         },
     )
 

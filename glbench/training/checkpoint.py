@@ -10,6 +10,10 @@ import json
 import pickle
 import random
 import shutil
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,6 +31,11 @@ from glbench.training.vec_env import TrainingVecEnv
 
 MODEL, NORMALIZATION, BUFFER = "model.zip", "vecnormalize.pkl", "replay_buffer.pkl"
 _STATE, _ARRAYS = "state.json", "state.npz"
+DAMAGED = (
+    OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, IndexError, AssertionError, RuntimeError, ImportError,
+    pickle.UnpicklingError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What reading a damaged file of Stable-Baselines3 or numpy may end in."""
 
 
 @dataclass
@@ -37,6 +46,8 @@ class History:
     best_reward: float = float("-inf")
     best_steps: int = 0
     next_evaluation: int = 0
+    ends: list[int] = field(default_factory=list)
+    """Steps at which the training was finished before it went on."""
     time: TimeAccount = field(default_factory=TimeAccount)
 
 
@@ -49,42 +60,53 @@ def save_checkpoint(
     identity: dict[str, Any],
 ) -> None:
     """Replace the checkpoint in ``folder`` by one of this moment, which must be the start of a rollout."""
-    new = folder.with_name(folder.name + ".new")
-    old = folder.with_name(folder.name + ".old")
+    with replaced(folder) as new:
+        model.save(new / MODEL)
+        normalization.save(str(new / NORMALIZATION))
+        if isinstance(model, OffPolicyAlgorithm):
+            model.save_replay_buffer(new / BUFFER)
+        name, keys, position, has_gauss, cached = np.random.get_state()  # noqa: NPY002 - Stable-Baselines3 draws from it
+        arrays: dict[str, Any] = {
+            **{f"env_{key}": value for key, value in env.state().items()},
+            **{f"memory_{i}": part.numpy() for i, part in enumerate(_memory(model))},
+            "returns": normalization.returns,
+            "torch": torch.get_rng_state().numpy(),
+            "numpy_keys": keys,
+        }
+        with (new / _ARRAYS).open("wb") as file:
+            np.savez(file, allow_pickle=False, **arrays)
+        version, internal, gauss = random.getstate()
+        state = {
+            "identity": identity,
+            "history": asdict(history),
+            "numpy": [name, position, has_gauss, cached],
+            "python": [version, list(internal), gauss],
+            "random_actions": model.action_space.np_random.bit_generator.state,
+        }
+        (new / _STATE).write_text(json.dumps(state), encoding="utf-8")
+
+
+@contextmanager
+def replaced(folder: Path) -> Iterator[Path]:
+    """A new folder to fill, which takes the place of ``folder`` when it is complete; a kill in between leaves it as ``.old``."""
+    new, old = _beside(folder)
     shutil.rmtree(new, ignore_errors=True)
     new.mkdir(parents=True)
-    model.save(new / MODEL)
-    normalization.save(str(new / NORMALIZATION))
-    if isinstance(model, OffPolicyAlgorithm):
-        model.save_replay_buffer(new / BUFFER)
-    name, keys, position, has_gauss, cached = np.random.get_state()  # noqa: NPY002 - Stable-Baselines3 draws from it
-    arrays: dict[str, Any] = {
-        **{f"env_{key}": value for key, value in env.state().items()},
-        "returns": normalization.returns,
-        "torch": torch.get_rng_state().numpy(),
-        "numpy_keys": keys,
-    }
-    with (new / _ARRAYS).open("wb") as file:
-        np.savez(file, allow_pickle=False, **arrays)
-    version, internal, gauss = random.getstate()
-    state = {
-        "identity": identity,
-        "history": asdict(history),
-        "numpy": [name, position, has_gauss, cached],
-        "python": [version, list(internal), gauss],
-        "random_actions": model.action_space.np_random.bit_generator.state,
-    }
-    (new / _STATE).write_text(json.dumps(state), encoding="utf-8")
-    shutil.rmtree(old, ignore_errors=True)
+    yield new
     if folder.exists():
+        shutil.rmtree(old, ignore_errors=True)
         folder.rename(old)
     new.rename(folder)
     shutil.rmtree(old, ignore_errors=True)
 
 
+def _beside(folder: Path) -> tuple[Path, Path]:
+    return folder.with_name(folder.name + ".new"), folder.with_name(folder.name + ".old")
+
+
 def find_checkpoint(folder: Path) -> Path | None:
-    """The complete checkpoint of ``folder``, also when a kill came between the two renames."""
-    for candidate in (folder, folder.with_name(folder.name + ".old")):
+    """The newest complete checkpoint of ``folder``, also when a kill came between the two renames."""
+    for candidate in (folder, *_beside(folder)):  # its state is written last
         if (candidate / _STATE).is_file():
             return candidate
     return None
@@ -109,20 +131,32 @@ def load_checkpoint(
         model = algorithm_class(algorithm).load(folder / MODEL, env=normalization, device="cpu", force_reset=False)
         if isinstance(model, OffPolicyAlgorithm):
             model.load_replay_buffer(folder / BUFFER, truncate_last_traj=False)
-    except (OSError, ValueError, KeyError, EOFError, pickle.UnpicklingError) as error:
+        env.restore({name.removeprefix("env_"): value for name, value in arrays.items() if name.startswith("env_")})
+        _remember(model, [arrays[f"memory_{i}"] for i in range(len(_memory(model)))])
+        normalization.returns = arrays["returns"]
+        torch.set_rng_state(torch.from_numpy(arrays["torch"]))
+        name, position, has_gauss, cached = state["numpy"]
+        np.random.set_state((name, arrays["numpy_keys"], position, has_gauss, cached))  # noqa: NPY002
+        version, internal, gauss = state["python"]
+        random.setstate((version, tuple(internal), gauss))
+        model.action_space.np_random.bit_generator.state = state["random_actions"]
+        past = dict(state["history"])
+        history = History(**{**past, "time": TimeAccount(**past["time"])})
+    except DAMAGED as error:
         msg = f"The checkpoint {folder} cannot be read: {error}. Remove the folder to begin the training anew."
         raise TrainingError(msg) from error
-    env.restore({name.removeprefix("env_"): value for name, value in arrays.items() if name.startswith("env_")})
-    normalization.returns = arrays["returns"]
-    torch.set_rng_state(torch.from_numpy(arrays["torch"]))
-    name, position, has_gauss, cached = state["numpy"]
-    np.random.set_state((name, arrays["numpy_keys"], position, has_gauss, cached))  # noqa: NPY002
-    version, internal, gauss = state["python"]
-    random.setstate((version, tuple(internal), gauss))
-    model.action_space.np_random.bit_generator.state = state["random_actions"]
-    past = dict(state["history"])
-    history = History(**{**past, "time": TimeAccount(**past["time"])})
     return model, normalization, history
+
+
+def _memory(model: BaseAlgorithm) -> list[torch.Tensor]:
+    """What a recurrent policy remembers between two rollouts; Stable-Baselines3 does not save it."""
+    states = getattr(model, "_last_lstm_states", None)
+    return [] if states is None else [*states.pi, *states.vf]
+
+
+def _remember(model: BaseAlgorithm, memory: list[Any]) -> None:
+    for place, values in zip(_memory(model), memory, strict=True):
+        place.copy_(torch.from_numpy(values))
 
 
 def _same_training(folder: Path, found: dict[str, Any], wanted: dict[str, Any]) -> None:

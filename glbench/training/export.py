@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -12,6 +11,7 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
 from stable_baselines3.common.vec_env import VecNormalize
 from stable_baselines3.sac.policies import SACPolicy
 from torch import nn
@@ -22,6 +22,7 @@ from glbench.resources import write_atomically
 from glbench.tasks import task_card
 from glbench.training.algorithms import algorithm_class
 from glbench.training.card import CARD, POLICY, to_toml
+from glbench.training.checkpoint import DAMAGED
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -43,15 +44,7 @@ def load_model(file: Path, algorithm: str, normalization: Path | None) -> tuple[
             return model, None
         with normalization.open("rb") as opened:
             found = pickle.load(opened)
-    except (
-        OSError,
-        ValueError,
-        KeyError,
-        EOFError,
-        AttributeError,
-        pickle.UnpicklingError,
-        zipfile.BadZipFile,
-    ) as error:
+    except DAMAGED as error:
         msg = f"Cannot read the model {file} ({algorithm}) and its normalisation {normalization}: {error}."
         raise TrainingError(msg) from error
     if not isinstance(found, VecNormalize):
@@ -69,7 +62,7 @@ def export_policy(
     ------
     TrainingError
         When its actor is no plain multilayer perceptron (recurrent, with state-dependent exploration, an unknown
-        activation), or the model is of another task.
+        activation, a features extractor of its own), or the model is of another task.
     """
     layers, activation, output = actor_of(model)
     card = task_card(task)
@@ -135,6 +128,11 @@ def actor_of(model: BaseAlgorithm) -> tuple[list[nn.Linear], str, Output]:
     policy = model.policy
     if type(policy).__name__.startswith("Recurrent"):
         msg = f"{type(model).__name__} has a memory; only policies without one can be exported."
+        raise TrainingError(msg)
+    extractors = [module for module in policy.modules() if isinstance(module, BaseFeaturesExtractor)]
+    if any(type(extractor) is not FlattenExtractor for extractor in extractors):
+        names = ", ".join(sorted({type(extractor).__name__ for extractor in extractors}))
+        msg = f"The policy of {type(model).__name__} looks at its observations with {names}, which cannot be exported."
         raise TrainingError(msg)
     if isinstance(policy, ActorCriticPolicy) and not policy.use_sde:
         parts: list[nn.Module] = [*policy.mlp_extractor.policy_net, policy.action_net]

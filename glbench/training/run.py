@@ -16,10 +16,11 @@ from glbench.errors import TrainingError
 from glbench.resources import write_atomically
 from glbench.tasks import get_task
 from glbench.training.algorithms import make_model
-from glbench.training.callback import BEST, CHECKPOINT, TrainingCallback
+from glbench.training.callback import BEST, TrainingCallback
 from glbench.training.card import CARD, POLICY, making_of, read_card, settings_digest, write_card
 from glbench.training.checkpoint import MODEL, NORMALIZATION, History, find_checkpoint, load_checkpoint
 from glbench.training.export import export_policy, load_model
+from glbench.training.folder import CHECKPOINT, SETTINGS, alone_in, finished_in, may_begin
 from glbench.training.probe import Probe
 from glbench.training.progress import Listener
 from glbench.training.starting import begin_with, start_of
@@ -28,8 +29,6 @@ from glbench.training.vec_env import TrainingVecEnv
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
     from glbench.training.settings import TrainingSettings
-
-SETTINGS = "settings.yml"
 
 
 @dataclass(frozen=True)
@@ -43,13 +42,12 @@ class Trained:
     already_done: bool
     """Whether it had been finished before, so that nothing was done."""
     not_exported: str | None = None
+    """Why its policy could not be exported to a file for numpy; ``None`` when it was."""
 
     @property
     def model(self) -> Path:
         """The best policy as Stable-Baselines3 saves it."""
         return self.folder / BEST / MODEL
-
-    """Why its policy could not be exported to a file for numpy; ``None`` when it was."""
 
 
 def prepare_torch(threads: int = 1) -> None:
@@ -89,41 +87,45 @@ def train(
     Raises
     ------
     TrainingError
-        When ``folder`` holds another training, or one that was begun and is not to be resumed.
+        When ``folder`` holds something else, or a training that was begun and is not to be resumed; when the algorithm fails.
     """
-    identity = _identity(task, settings, seed)
-    done = _done(folder, identity, settings, resume)
-    if done is not None:
-        return done
-    prepare_torch()
-    write_atomically(folder / SETTINGS, yaml.safe_dump({"default": _as_yaml(settings)}, sort_keys=False))
-    env = TrainingVecEnv(
-        task, settings.n_envs, first_seed=settings.first_env_seed, kernel_preset=settings.kernel_preset
-    )
-    try:
-        model, normalization, history = _begin_or_continue(env, task, settings, folder, seed, identity, tensorboard)
-        callback = TrainingCallback(
-            folder,
-            env,
-            normalization,
-            Probe(task, settings.evaluation, settings.kernel_preset),
-            history,
-            identity=identity,
-            evaluate_every=settings.evaluation.every,
-            total_steps=settings.n_timesteps,
-            save_seconds=save_seconds,
-            listeners=listeners,
+    with alone_in(folder):
+        identity = _identity(task, settings, seed)
+        state = find_checkpoint(folder / CHECKPOINT)
+        card = finished_in(folder, identity, state, settings.start_from)
+        if card is not None and card["training"]["steps"] >= settings.n_timesteps:
+            return _done(folder, card, task)
+        may_begin(folder, card, state, resume)
+        start = start_of(settings.start_from) if settings.start_from is not None else None
+        prepare_torch()
+        env = TrainingVecEnv(
+            task, settings.n_envs, first_seed=settings.first_env_seed, kernel_preset=settings.kernel_preset
         )
-        left = settings.n_timesteps - model.num_timesteps
-        if left > 0:
-            model.learn(left, callback=callback, reset_num_timesteps=False, tb_log_name="run")
-            callback.finish()
-    finally:
-        env.close()
-    start = start_of(settings.start_from) if settings.start_from is not None else None
-    making = making_of(task, settings, seed, model.num_timesteps)
-    write_card(folder, task, making, settings.evaluation, history, start)
-    reason = export_best(folder, task)
+        try:
+            model, normalization, history = _begin_or_continue(env, task, settings, state, seed, identity)
+            if card is not None:  # until the new end the folder is no agent
+                history.ends.append(card["training"]["steps"])
+                (folder / CARD).unlink()
+            model.tensorboard_log = str(folder / "tensorboard") if tensorboard else None
+            write_atomically(folder / SETTINGS, yaml.safe_dump({"default": _as_yaml(settings)}, sort_keys=False))
+            callback = TrainingCallback(
+                folder,
+                env,
+                normalization,
+                Probe(task, settings.evaluation, settings.kernel_preset),
+                history,
+                identity=identity,
+                evaluate_every=settings.evaluation.every,
+                total_steps=settings.n_timesteps,
+                save_seconds=save_seconds,
+                listeners=listeners,
+            )
+            _learn(model, settings, callback)
+        finally:
+            env.close()
+        reason = _export(folder, task, settings.algorithm, seed, history.best_steps)
+        making = making_of(task, settings, identity["settings_digest"], seed, model.num_timesteps, history.ends)
+        write_card(folder, task, making, settings.evaluation, history, start)
     return Trained(
         folder, model.num_timesteps, history.best_reward, history.best_steps, already_done=False, not_exported=reason
     )
@@ -147,14 +149,21 @@ def export_best(folder: Path, task: TaskSpec | None = None) -> str | None:
     if task.digest != card["task"]["digest"]:
         msg = f"{folder} was trained on another version of {task.id}: digest {card['task']['digest'][:12]}, now {task.digest[:12]}."
         raise TrainingError(msg)
-    training, best = card["training"], card["best"]
-    about = {
-        "algorithm": training["algorithm"],
-        "seed": training["seed"],
-        "steps": best["steps"],
-        "task_digest": card["task"]["digest"],
-    }
-    model, normalization = load_model(folder / BEST / MODEL, training["algorithm"], folder / BEST / NORMALIZATION)
+    training = card["training"]
+    return _export(folder, task, training["algorithm"], training["seed"], card["best"]["steps"])
+
+
+def _export(folder: Path, task: TaskSpec, algorithm: str, seed: int, best_steps: int) -> str | None:
+    about: dict[str, str | int | float] = {
+        "algorithm": algorithm, "seed": seed, "steps": best_steps, "task_digest": task.digest,
+    }  # fmt: skip
+    model, normalization = load_model(folder / BEST / MODEL, algorithm, folder / BEST / NORMALIZATION)
+    if model.num_timesteps != best_steps:
+        msg = (
+            f"The best model in {folder / BEST} is of step {model.num_timesteps:,}, not of {best_steps:,}, where the training stands. "
+            "Go on with --resume, and as many steps as before."
+        )
+        raise TrainingError(msg)
     try:
         policy = export_policy(model, normalization, task, about)
     except TrainingError as error:
@@ -163,21 +172,29 @@ def export_best(folder: Path, task: TaskSpec | None = None) -> str | None:
     return None
 
 
+def _learn(model: BaseAlgorithm, settings: TrainingSettings, callback: TrainingCallback) -> None:
+    left = settings.n_timesteps - model.num_timesteps
+    if left <= 0:
+        return
+    try:
+        model.learn(left, callback=callback, reset_num_timesteps=False, tb_log_name="run")
+    except (TypeError, ValueError, RuntimeError, AssertionError, ArithmeticError) as error:
+        name = type(model).__name__
+        msg = f"{name} failed at step {model.num_timesteps:,}: {error}. Check the values of its settings (a learning rate too high?)."
+        raise TrainingError(msg) from error
+    callback.finish()
+
+
 def _begin_or_continue(
     env: TrainingVecEnv,
     task: TaskSpec,
     settings: TrainingSettings,
-    folder: Path,
+    checkpoint: Path | None,
     seed: int,
     identity: dict[str, Any],
-    tensorboard: bool,
 ) -> tuple[BaseAlgorithm, VecNormalize, History]:
-    checkpoint = find_checkpoint(folder / CHECKPOINT)
-    log = str(folder / "tensorboard") if tensorboard else None
     if checkpoint is not None:
-        model, normalization, history = load_checkpoint(checkpoint, settings.algorithm, env, identity)
-        model.tensorboard_log = log
-        return model, normalization, history
+        return load_checkpoint(checkpoint, settings.algorithm, env, identity)
     norm = settings.normalize
     normalization = VecNormalize(
         env,
@@ -187,29 +204,19 @@ def _begin_or_continue(
         clip_reward=norm.clip_rewards,
         gamma=settings.gamma,
     )
-    model = make_model(settings, normalization, seed, log)
+    model = make_model(settings, normalization, seed, None)
     if settings.start_from is not None:
         begin_with(settings.start_from, model, normalization, task)
     return model, normalization, History()
 
 
-def _done(folder: Path, identity: dict[str, Any], settings: TrainingSettings, resume: bool) -> Trained | None:
-    """The finished training of ``folder``; ``None`` when there is something to do."""
-    card = read_card(folder / CARD)
-    if card is not None:
-        found = {
-            "task": card["task"]["digest"],
-            "settings": card["training"]["settings_digest"],
-            "seed": card["training"]["seed"],
-        }
-        wanted = {"task": identity["task_digest"], "settings": settings_digest(settings), "seed": identity["seed"]}
-        if found == wanted and card["training"]["steps"] >= settings.n_timesteps:
-            best = card["best"]
-            return Trained(folder, card["training"]["steps"], best["reward"], best["steps"], already_done=True)
-    if find_checkpoint(folder / CHECKPOINT) is not None and not resume:
-        msg = f"{folder} holds a training that was begun. Go on with --resume, or choose another folder with --out."
-        raise TrainingError(msg)
-    return None
+def _done(folder: Path, card: dict[str, Any], task: TaskSpec) -> Trained:
+    """The finished training of ``folder``, whose policy is exported if a kill came before that."""
+    best = card["best"]
+    reason = None if (folder / POLICY).is_file() else export_best(folder, task)
+    return Trained(
+        folder, card["training"]["steps"], best["reward"], best["steps"], already_done=True, not_exported=reason
+    )
 
 
 def _identity(task: TaskSpec, settings: TrainingSettings, seed: int) -> dict[str, Any]:

@@ -26,27 +26,26 @@ from cmaes import CMA
 from numpy.typing import NDArray
 from pydantic import Field
 
-from glbench.agents.network_policy import NetworkPolicy, read_policy
+from glbench.agents.network_policy import NetworkPolicy
 from glbench.env import Simulation
 from glbench.errors import TrainingError, did_you_mean
 from glbench.kernel import make_kernel
 from glbench.resources import write_atomically
-from glbench.tasks import task_card
 from glbench.training.batched_policy import BatchedPolicy
-from glbench.training.card import CARD, POLICY, Making, read_card, write_card
-from glbench.training.checkpoint import History
+from glbench.training.card import CARD, POLICY, Making, write_card
+from glbench.training.checkpoint import DAMAGED, History
 from glbench.training.curve import add_point, write_curve
+from glbench.training.folder import SEARCH, SETTINGS, alone_in, finished_in, may_begin
 from glbench.training.probe import Probe, season_sums
 from glbench.training.progress import CurvePoint, Listener, Pace, Progress, TimeAccount
-from glbench.training.run import SETTINGS, Trained
+from glbench.training.run import Trained
 from glbench.training.settings import EvaluationPlan, Part, PolicyFile, in_words, section
-from glbench.training.starting import start_of
+from glbench.training.starting import policy_in, start_of
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
-_STATE = "search.npz"
 _LOOKED_AT = 5
 """Every fifth step of the seasons from which the directions are taken is enough."""
 
@@ -158,7 +157,7 @@ class _Search:
         kernel = make_kernel(task.step_seconds, variant=task.model.variant, preset=settings.kernel_preset)
         self._simulation = Simulation(task, settings.population, kernel)
         self._probe = Probe(task, settings.evaluation, settings.kernel_preset)
-        start = _begun_anew(read_policy(settings.start_from), settings, task)
+        start = _begun_anew(settings, task)
         self._batched = BatchedPolicy(start)
         self.variations = Variations(start, self._hidden_of_a_season(start), settings.directions)
         self._strategy = CMA(
@@ -256,36 +255,48 @@ def search(
     SubmissionError
         When there is no policy to start from.
     """
-    identity = {"task_digest": task.digest, "settings_digest": settings.digest, "seed": seed}
-    card = read_card(folder / CARD)
-    if card is not None and _same(card, identity) and card["training"]["generations"] >= settings.generations:
-        return Trained(folder, card["training"]["steps"], card["best"]["reward"], card["best"]["steps"], True)
-    under_way = _Search(task, settings, seed)
-    _continue(under_way, folder / _STATE, identity, resume)
-    content = settings.model_dump(mode="json")
-    write_atomically(folder / SETTINGS, yaml.safe_dump({"default": content}, sort_keys=False))
-    total = settings.generations * settings.population * task.steps
+    with alone_in(folder):
+        identity = {"task_digest": task.digest, "settings_digest": settings.digest, "seed": seed}
+        state = folder / SEARCH if (folder / SEARCH).is_file() else None
+        card = finished_in(folder, identity, state, settings.start_from)
+        if card is not None and card["training"]["generations"] >= settings.generations:
+            return Trained(folder, card["training"]["steps"], card["best"]["reward"], card["best"]["steps"], True)
+        may_begin(folder, card, state, resume)
+        start = start_of(settings.start_from)
+        under_way = _Search(task, settings, seed)
+        if state is not None:
+            _continue(under_way, state, identity)
+        if card is not None:  # until the new end the folder is no agent
+            (folder / CARD).unlink()
+        content = settings.model_dump(mode="json")
+        write_atomically(folder / SETTINGS, yaml.safe_dump({"default": content}, sort_keys=False))
+        _run(under_way, folder, listeners, identity)
+        history, making = under_way.history, _making(under_way, identity)
+        write_card(folder, task, making, settings.evaluation, history, start)
+    return Trained(folder, under_way.steps, history.best_reward, history.best_steps, already_done=False)
+
+
+def _run(under_way: _Search, folder: Path, listeners: Sequence[Listener], identity: dict[str, Any]) -> None:
+    settings = under_way.settings
+    total = settings.generations * settings.population * under_way.task.steps
     pace = Pace(under_way.steps)
     while len(under_way.rewards) < settings.generations:
         if under_way.steps >= under_way.history.next_evaluation:
-            _evaluate(under_way, folder, listeners, identity, seed)
+            _evaluate(under_way, folder, listeners, identity)
         under_way.generation()
         mean = float(under_way.rewards[-1].mean())
         for listener in listeners:
             listener.on_progress(Progress(under_way.steps, total, pace.rate(under_way.steps), mean))
-    _evaluate(under_way, folder, listeners, identity, seed)
-    history = under_way.history
-    write_card(folder, task, _making(under_way, seed), settings.evaluation, history, start_of(settings.start_from))
-    return Trained(folder, under_way.steps, history.best_reward, history.best_steps, already_done=False)
+    curve = under_way.history.curve
+    if not curve or curve[-1]["steps"] < under_way.steps:
+        _evaluate(under_way, folder, listeners, identity)
 
 
-def _evaluate(
-    under_way: _Search, folder: Path, listeners: Sequence[Listener], identity: dict[str, Any], seed: int
-) -> None:
+def _evaluate(under_way: _Search, folder: Path, listeners: Sequence[Listener], identity: dict[str, Any]) -> None:
     point = under_way.evaluate()
     if point.is_best:
         about: dict[str, str | int | float] = {
-            "algorithm": "CMA-ES", "seed": seed, "steps": under_way.steps, "task_digest": under_way.task.digest,
+            "algorithm": "CMA-ES", "seed": identity["seed"], "steps": under_way.steps, "task_digest": under_way.task.digest,
         }  # fmt: skip
         policy = under_way.variations.policy(under_way.mean, about)
         write_atomically(
@@ -293,7 +304,7 @@ def _evaluate(
             replace(policy, task_id=under_way.task.id, delta=under_way.task.uncertainty.delta).to_bytes(),
         )
     write_curve(folder, under_way.history)
-    _keep(under_way, folder / _STATE, identity)
+    _keep(under_way, folder / SEARCH, identity)
     for listener in listeners:
         listener.on_evaluation(point)
         listener.on_saved(under_way.steps)
@@ -308,14 +319,13 @@ def _keep(under_way: _Search, file: Path, identity: dict[str, Any]) -> None:
     write_atomically(file, content.getvalue())
 
 
-def _continue(under_way: _Search, file: Path, identity: dict[str, Any], resume: bool) -> None:
-    if not file.is_file():
-        return
-    if not resume:
-        msg = f"{file.parent} holds a search that was begun. Go on with --resume, or choose another folder."
-        raise TrainingError(msg)
-    with np.load(file, allow_pickle=False) as kept:
-        rewards, facts = kept["rewards"], json.loads(kept["facts"].tobytes())
+def _continue(under_way: _Search, file: Path, identity: dict[str, Any]) -> None:
+    try:
+        with np.load(file, allow_pickle=False) as kept:
+            rewards, facts = kept["rewards"], json.loads(kept["facts"].tobytes())
+    except DAMAGED as error:
+        msg = f"The state of the search {file} cannot be read: {error}. Remove it to begin the search anew."
+        raise TrainingError(msg) from error
     if facts["identity"] != identity:
         msg = f"{file.parent} holds another search: task, settings, policy or seed differ. Choose another folder."
         raise TrainingError(msg)
@@ -323,46 +333,37 @@ def _continue(under_way: _Search, file: Path, identity: dict[str, Any], resume: 
     under_way.repeat(rewards, History(**{**past, "time": TimeAccount(**past["time"])}))
 
 
-def _same(card: dict[str, Any], identity: dict[str, Any]) -> bool:
-    found = {
-        "task_digest": card["task"]["digest"],
-        "settings_digest": card["training"]["settings_digest"],
-        "seed": card["training"]["seed"],
-    }
-    return found == identity
-
-
-def _begun_anew(policy: NetworkPolicy, settings: SearchSettings, task: TaskSpec) -> NetworkPolicy:
-    reason = policy.why_not(task_card(task))
-    if reason is not None:
-        msg = f"The search cannot start from {settings.start_from}: {reason}."
-        raise TrainingError(msg)
+def _begun_anew(settings: SearchSettings, task: TaskSpec) -> NetworkPolicy:
+    policy = policy_in(settings.start_from, task)
     weights, biases = policy.weights[-1].copy(), policy.biases[-1].copy()
     for name, value in settings.begin_anew.items():
         if name not in policy.action_names:
             msg = f"'begin_anew' names '{name}', which is no action of {task.id}.{did_you_mean(name, policy.action_names)}"
             raise TrainingError(msg)
         column = policy.action_names.index(name)
-        weights[:, column], biases[column] = 0.0, value
+        if policy.output == "tanh" and not -1.0 < value < 1.0:
+            msg = f"'begin_anew: {name}: {value}': the output of this policy lies between -1 and 1."
+            raise TrainingError(msg)
+        weights[:, column], biases[column] = 0.0, value if policy.output == "clip" else np.arctanh(value)
     return replace(policy, weights=(*policy.weights[:-1], weights), biases=(*policy.biases[:-1], biases))
 
 
-def _making(under_way: _Search, seed: int) -> Making:
+def _making(under_way: _Search, identity: dict[str, Any]) -> Making:
     settings, steps = under_way.settings, under_way.steps
     return Making(
-        title=f"The last layer of {settings.start_from.name} adapted to {under_way.task.id} by CMA-ES, seed {seed}",
+        title=f"The last layer of {settings.start_from.name} adapted to {under_way.task.id} by CMA-ES, seed {identity['seed']}",
         description=f"The best mean of {len(under_way.rewards)} generations of {settings.population} seasons, {steps:,} steps.",
         made="glbench tune; the tables below tell the rest.",
         sources=("Hansen (2016). The CMA evolution strategy: a tutorial. arXiv:1604.00772",),
         training={
             "algorithm": "CMA-ES",
-            "seed": seed,
+            "seed": identity["seed"],
             "steps": steps,
             "generations": len(under_way.rewards),
             "population": settings.population,
             "kernel_preset": settings.kernel_preset,
             "settings": SETTINGS,
-            "settings_digest": settings.digest,
+            "settings_digest": identity["settings_digest"],
             "learning_curve": "learning_curve.csv",
         },
     )

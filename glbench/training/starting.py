@@ -19,12 +19,14 @@ from glbench.agents.network_policy import NetworkPolicy, read_policy
 from glbench.errors import TrainingError
 from glbench.tasks import task_card
 from glbench.training.card import CARD, read_card
+from glbench.training.checkpoint import DAMAGED
 from glbench.training.export import actor_of
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
-_UNKNOWN_STEPS = 1_000_000
+_WEIGHT = 1e6
+"""Observations that a policy's statistics count for: they follow what is new within a training of the usual length."""
 
 
 def begin_with(file: Path, model: BaseAlgorithm, normalization: VecNormalize, task: TaskSpec) -> None:
@@ -35,13 +37,9 @@ def begin_with(file: Path, model: BaseAlgorithm, normalization: VecNormalize, ta
     SubmissionError
         When there is no policy in ``file``.
     TrainingError
-        When it is of another task's kind, or its network is another than the settings ask for.
+        When it is damaged, of another task's kind, or its network is another than the settings ask for.
     """
-    policy = read_policy(file)
-    reason = policy.why_not(task_card(task))
-    if reason is not None:
-        msg = f"The training cannot start from {file}: {reason}."
-        raise TrainingError(msg)
+    policy = policy_in(file, task)
     layers, activation, output = actor_of(model)
     shapes = [(layer.in_features, layer.out_features) for layer in layers]
     found = [matrix.shape for matrix in policy.weights]
@@ -59,22 +57,45 @@ def begin_with(file: Path, model: BaseAlgorithm, normalization: VecNormalize, ta
         _take_statistics(normalization, policy)
 
 
+def policy_in(file: Path, task: TaskSpec) -> NetworkPolicy:
+    """The policy in ``file``, which is to begin with on ``task``. Errors as for ``begin_with``."""
+    try:
+        policy = read_policy(file)
+    except DAMAGED as error:
+        msg = f"The policy {file} cannot be read: {error}. Export it again."
+        raise TrainingError(msg) from error
+    reason = policy.why_not(task_card(task))
+    if reason is not None:
+        msg = f"There is no starting from {file}: {reason}."
+        raise TrainingError(msg)
+    return policy
+
+
 def _take_statistics(normalization: VecNormalize, policy: NetworkPolicy) -> None:
     statistics = normalization.obs_rms
     assert isinstance(statistics, RunningMeanStd)  # the tasks have one kind of observations
     statistics.mean = policy.mean.copy()
     statistics.var = np.maximum(policy.scale**2 - normalization.epsilon, 0.0)
-    statistics.count = float(policy.about.get("steps", _UNKNOWN_STEPS))
+    statistics.count = _WEIGHT
 
 
 def start_of(file: Path) -> dict[str, Any]:
-    """What a card says of the policy that a training started from: file, digest, and the steps and seconds spent on it, if known."""
+    """What a card says of the policy that a training starts from: file, digest, and the steps and seconds spent on it, if known.
+
+    What it started from itself counts as well.
+    """
     content: dict[str, Any] = {"file": file.name, "digest": sha256(file.read_bytes()).hexdigest()}
     # A training's own folder, or a baseline's, which keeps policies and cards apart.
     for place in (file.with_name(CARD), file.parent.parent / "training" / f"{file.stem}.toml"):
-        card = read_card(place) if place.is_file() else None
+        try:
+            card = read_card(place)
+        except TrainingError:  # the card of something else, such as an exported model
+            continue
         if card is not None and "wall_seconds" in card:
-            return content | {"steps": card["training"]["steps"], "wall_seconds": card["wall_seconds"]["total"]}
+            before = card.get("start", {})
+            steps = card["training"]["steps"] + before.get("steps", 0)
+            seconds = card["wall_seconds"]["total"] + before.get("wall_seconds", 0.0)
+            return content | {"steps": steps, "wall_seconds": round(seconds, 1)}
     return content
 
 

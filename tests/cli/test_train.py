@@ -76,7 +76,22 @@ def test_an_exported_model_is_an_agent(glbench: Command, settings: Path) -> None
     assert "mine/policy.npz" in answer.out
     assert glbench("evaluate", "mine", "--task", "day.toml").code == 0
     assert glbench("export", "run").code == 1, "a task file of one's own is not known by its id"
+    (settings / "run" / "policy.npz").unlink()
+    assert glbench("export", "run", "--task", "day.toml").code == 0
     assert (settings / "run" / "policy.npz").read_bytes() == kept
+    refused = glbench("export", "run", "--task", "day.toml", "--out", "elsewhere")
+    assert (refused.code, "--out" in refused.err) == (1, True)
+
+
+@pytest.mark.train
+def test_the_normalisation_beside_a_model_is_exported_with_it(glbench: Command, settings: Path) -> None:
+    glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "run", "--no-tensorboard")
+    policies = {}
+    for name, more in {"beside": (), "named": ("run/best/vecnormalize.pkl",), "none": ("none",)}.items():
+        options = ("--normalization", *more) if more else ()
+        assert glbench("export", "run/best/model.zip", *options, "--task", "day.toml", "--out", name).code == 0
+        policies[name] = (settings / name / "policy.npz").read_bytes()
+    assert policies["beside"] == policies["named"] != policies["none"]
 
 
 @pytest.mark.train

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.common.vec_env import VecNormalize
 
 from glbench.agents import load_agent
@@ -79,6 +81,22 @@ def test_a_policy_with_a_memory_is_refused(day: TaskSpec, tmp_path: Path) -> Non
     settings = read_settings(file, "sb3_contrib.RecurrentPPO", day.id)
     model = make_model(settings, TrainingVecEnv(day, 2), 0, None)
     with pytest.raises(TrainingError, match="memory"):
+        export_policy(model, None, day, {})
+
+
+class Doubled(FlattenExtractor):
+    """Shows the policy twice of what there is."""
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        return 2.0 * super().forward(observations)
+
+
+def test_a_features_extractor_that_numpy_does_not_know_is_refused(day: TaskSpec) -> None:
+    settings = read_settings(shipped_settings("ppo"), "ppo", day.id).model_copy(
+        update={"policy_kwargs": {"net_arch": [8], "activation_fn": "SiLU", "features_extractor_class": Doubled}}
+    )
+    model = make_model(settings, TrainingVecEnv(day, 8), 0, None)
+    with pytest.raises(TrainingError, match="looks at its observations with Doubled"):
         export_policy(model, None, day, {})
 
 

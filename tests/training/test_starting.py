@@ -15,8 +15,8 @@ from glbench.tasks import TaskSpec
 from glbench.training import TrainingSettings, read_settings, train
 from glbench.training.algorithms import make_model
 from glbench.training.card import settings_digest
-from glbench.training.export import torch_action
-from glbench.training.starting import begin_with
+from glbench.training.export import export_model, torch_action
+from glbench.training.starting import begin_with, start_of
 from glbench.training.vec_env import TrainingVecEnv
 from tests.training.conftest import PPO
 
@@ -86,3 +86,29 @@ def test_a_network_of_another_size_is_refused(day: TaskSpec, first: Path, tmp_pa
 def test_a_policy_that_is_not_there_is_named(day: TaskSpec, tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match=r"'start_from': .*there is no policy file .*nowhere\.npz"):
         settings_with(tmp_path, day, "nowhere.npz")
+
+
+def test_a_card_of_something_else_beside_the_policy_does_no_harm(day: TaskSpec, first: Path, tmp_path: Path) -> None:
+    export_model(first / "best" / "model.zip", "ppo", first / "best" / "vecnormalize.pkl", day, tmp_path / "mine")
+    train(day, settings_with(tmp_path, day, tmp_path / "mine" / "policy.npz"), tmp_path / "run", tensorboard=False)
+    card = tomllib.loads((tmp_path / "run" / "card.toml").read_text(encoding="utf-8"))
+    assert card["start"].keys() == {"file", "digest"}
+
+
+def test_what_the_start_started_from_counts_as_well(day: TaskSpec, first: Path, tmp_path: Path) -> None:
+    train(day, settings_with(tmp_path, day, first / "policy.npz"), tmp_path / "second", tensorboard=False)
+    cards = [
+        tomllib.loads((folder / "card.toml").read_text(encoding="utf-8")) for folder in (first, tmp_path / "second")
+    ]
+    assert start_of(tmp_path / "second" / "policy.npz")["steps"] == sum(card["training"]["steps"] for card in cards)
+
+
+@pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
+def test_statistics_weigh_the_same_whenever_the_policy_was_kept(
+    day: TaskSpec, first: Path, tiny: TrainingSettings
+) -> None:
+    normalization = VecNormalize(TrainingVecEnv(day, 2, first_seed=0, kernel_preset="fast"))
+    begin_with(first / "policy.npz", make_model(tiny, normalization, 7, None), normalization, day)
+    mean = normalization.obs_rms.mean.copy()
+    normalization.reset()
+    np.testing.assert_allclose(normalization.obs_rms.mean, mean, rtol=1e-4, atol=1e-2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import tomllib
 from pathlib import Path
@@ -14,7 +15,7 @@ from glbench.errors import TrainingError
 from glbench.tasks import TaskSpec
 from glbench.training import CurvePoint, Progress, TrainingSettings, train
 from glbench.training.algorithms import algorithm_class
-from glbench.training.checkpoint import find_checkpoint
+from glbench.training.checkpoint import find_checkpoint, replaced
 
 pytestmark = pytest.mark.train
 
@@ -119,6 +120,81 @@ def test_what_is_finished_is_not_done_again_and_what_was_begun_is_not_overwritte
     longer = train(day, tiny.model_copy(update={"n_timesteps": 900}), folder, resume=True, tensorboard=False)
     assert longer.steps >= 900
     assert not longer.already_done
+    card = tomllib.loads((folder / "card.toml").read_text(encoding="utf-8"))
+    assert card["training"]["ended_before_at"] == [first.steps]
+
+
+@pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
+def test_a_training_that_goes_on_is_no_finished_one_until_its_new_end(
+    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
+) -> None:
+    folder, longer = tmp_path / "run", tiny.model_copy(update={"n_timesteps": 1200})
+    train(day, tiny, folder, tensorboard=False)
+    with pytest.raises(PowerCutError):
+        train(day, longer, folder, resume=True, tensorboard=False, save_seconds=0.0, listeners=[Listening(2)])
+    assert not (folder / "card.toml").exists()
+    assert not train(day, longer, folder, resume=True, tensorboard=False).already_done
+    assert (folder / "card.toml").exists()
+
+
+@pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
+def test_a_best_model_from_beyond_the_end_is_not_taken_for_an_earlier_one(
+    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
+) -> None:
+    folder = tmp_path / "run"
+    with pytest.raises(PowerCutError):
+        train(day, tiny, folder, tensorboard=False, save_seconds=0.0, listeners=[Listening(3)])
+    later: BaseAlgorithm = algorithm_class("ppo").load(folder / "best" / "model.zip", device="cpu")
+    later.num_timesteps += 96
+    later.save(folder / "best" / "model.zip")
+    shorter = tiny.model_copy(update={"n_timesteps": 10})
+    with pytest.raises(TrainingError, match="Go on with --resume, and as many steps as before"):
+        train(day, shorter, folder, resume=True, tensorboard=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
+def test_a_policy_with_a_memory_goes_on_with_what_it_remembers(
+    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
+) -> None:
+    recurrent = tiny.model_copy(
+        update={
+            "algorithm": "sb3_contrib.RecurrentPPO",
+            "policy": "MlpLstmPolicy",
+            "policy_kwargs": {"lstm_hidden_size": 8},
+        }
+    )
+    train(day, recurrent, tmp_path / "whole", tensorboard=False)
+    with pytest.raises(PowerCutError):
+        train(day, recurrent, tmp_path / "cut", tensorboard=False, save_seconds=0.0, listeners=[Listening(4)])
+    train(day, recurrent, tmp_path / "cut", resume=True, tensorboard=False)
+    assert_same_bits(*(weights_of(tmp_path / name, recurrent.algorithm) for name in ("whole", "cut")))
+
+
+class Failing(Listening):
+    """Fails as an algorithm does whose weights have run away."""
+
+    def on_progress(self, progress: Progress) -> None:
+        raise ValueError("expected finite values")
+
+
+@pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
+def test_an_algorithm_that_fails_is_explained(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
+    with pytest.raises(TrainingError, match=r"PPO failed at step .*expected finite values"):
+        train(day, tiny, tmp_path / "run", tensorboard=False, listeners=[Failing()])
+
+
+@pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
+def test_a_damaged_checkpoint_is_explained(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
+    with pytest.raises(PowerCutError):
+        train(day, tiny, tmp_path / "run", tensorboard=False, save_seconds=0.0, listeners=[Listening(2)])
+    for name in ("model.zip", "state.npz", "vecnormalize.pkl"):
+        folder = tmp_path / name
+        shutil.copytree(tmp_path / "run", folder)
+        file = folder / "checkpoint" / name
+        file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+        with pytest.raises(TrainingError, match=r"checkpoint .* cannot be read"):
+            train(day, tiny, folder, resume=True, tensorboard=False)
 
 
 def test_a_kill_between_the_two_renames_of_a_checkpoint_leaves_one(tmp_path: Path) -> None:
@@ -128,4 +204,10 @@ def test_a_kill_between_the_two_renames_of_a_checkpoint_leaves_one(tmp_path: Pat
     (folder / "state.json").write_text("{}", encoding="utf-8")
     assert find_checkpoint(folder) == folder
     shutil.move(folder, tmp_path / "checkpoint.old")
+    assert find_checkpoint(folder) == tmp_path / "checkpoint.old"
+    shutil.copytree(tmp_path / "checkpoint.old", tmp_path / "checkpoint.new")
+    assert find_checkpoint(folder) == tmp_path / "checkpoint.new", "complete, and newer"
+    with contextlib.suppress(PowerCutError), replaced(folder) as new:
+        (new / "half").touch()
+        raise PowerCutError
     assert find_checkpoint(folder) == tmp_path / "checkpoint.old"
