@@ -14,7 +14,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 
 from glbench.errors import TrainingError, UnknownNameError, did_you_mean
-from glbench.training.settings import OWN
+from glbench.training.settings import LINEAR, OWN
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv
@@ -22,18 +22,16 @@ if TYPE_CHECKING:
     from glbench.training.settings import TrainingSettings
 
 SHORT = {"ppo": "stable_baselines3.PPO", "sac": "stable_baselines3.SAC"}
-_LINEAR = "lin_"
-_SET_BY_GLBENCH = (
-    "self",
-    "env",
-    "policy",
-    "policy_kwargs",
-    "seed",
-    "device",
-    "verbose",
-    "tensorboard_log",
-    "action_noise",
-)
+_SET_BY_GLBENCH = {
+    "env": "it is the task's",
+    "seed": "it is given with --seed, and in a search with its own 'seed:'",
+    "device": "agents are trained on the processor",
+    "verbose": "glbench shows the progress",
+    "tensorboard_log": "it is given with --tensorboard",
+    "action_noise": "it is made from 'action_noise_std'",
+}
+"""Arguments of algorithms that glbench gives, and why."""
+_NO_SETTINGS = ("self", "policy", "policy_kwargs", "_init_setup_model", *_SET_BY_GLBENCH)
 
 
 def algorithm_class(name: str) -> type[BaseAlgorithm]:
@@ -71,8 +69,8 @@ def make_model(settings: TrainingSettings, env: VecEnv, seed: int, tensorboard: 
     TrainingError
         When an argument is unknown to the algorithm, or refused by it.
     """
+    check_settings(settings)
     kind = algorithm_class(settings.algorithm)
-    arguments = _checked(kind, settings)
     try:
         return kind(
             settings.policy,
@@ -82,7 +80,7 @@ def make_model(settings: TrainingSettings, env: VecEnv, seed: int, tensorboard: 
             verbose=0,
             tensorboard_log=tensorboard,
             policy_kwargs=policy_arguments(settings.policy_kwargs),
-            **arguments,
+            **_arguments(settings),
         )
     except (TypeError, ValueError, AssertionError) as error:
         msg = f"{kind.__name__} refuses its settings: {error}"
@@ -109,27 +107,47 @@ def policy_arguments(given: dict[str, Any]) -> dict[str, Any]:
     return arguments
 
 
-def _checked(kind: type[BaseAlgorithm], settings: TrainingSettings) -> dict[str, Any]:
-    known = [name for name in inspect.signature(kind.__init__).parameters if name not in _SET_BY_GLBENCH]
+def check_settings(settings: TrainingSettings) -> None:
+    """Check what can be checked without an environment: the algorithm, names and schedules of its arguments, its policy's classes.
+
+    Raises
+    ------
+    UnknownNameError
+        When there is no such algorithm, activation function or optimiser.
+    TrainingError
+        When an argument is unknown to the algorithm, is set by glbench, or is no schedule.
+    """
+    kind = algorithm_class(settings.algorithm)
+    known = [name for name in inspect.signature(kind.__init__).parameters if name not in _NO_SETTINGS]
     for name in settings.hyperparameters:
+        if name in _SET_BY_GLBENCH:
+            msg = f"glbench sets '{name}' of {kind.__name__}: {_SET_BY_GLBENCH[name]}. Remove it from the settings."
+            raise TrainingError(msg)
         if name not in known:
             msg = f"{kind.__name__} has no setting '{name}'.{did_you_mean(name, [*known, *sorted(OWN)])}"
             raise TrainingError(msg)
+    if settings.action_noise_std is not None and not issubclass(kind, OffPolicyAlgorithm):
+        msg = f"{kind.__name__} takes no action noise; remove 'action_noise_std'."
+        raise TrainingError(msg)
+    policy_arguments(settings.policy_kwargs)
+    _arguments(settings)
+
+
+def _arguments(settings: TrainingSettings) -> dict[str, Any]:
     arguments = {name: _schedule(value) for name, value in settings.hyperparameters.items()}
+    if isinstance(arguments.get("train_freq"), list):
+        arguments["train_freq"] = tuple(arguments["train_freq"])  # [1, episode], as Stable-Baselines3 wants it
     if settings.action_noise_std is not None:
-        if not issubclass(kind, OffPolicyAlgorithm):
-            msg = f"{kind.__name__} takes no action noise; remove 'action_noise_std'."
-            raise TrainingError(msg)
         arguments["action_noise"] = NormalActionNoise(np.zeros(6), np.full(6, settings.action_noise_std))
     return arguments
 
 
 def _schedule(value: Any) -> Any:
     """``lin_3e-4`` as a schedule: from that number at the start linearly to 0 at the end."""
-    if not (isinstance(value, str) and value.startswith(_LINEAR)):
+    if not (isinstance(value, str) and value.startswith(LINEAR)):
         return value
     try:
-        return LinearSchedule(float(value.removeprefix(_LINEAR)), 0.0, 1.0)
+        return LinearSchedule(float(value.removeprefix(LINEAR)), 0.0, 1.0)
     except ValueError as error:
-        msg = f"'{value}' is no schedule: write {_LINEAR}3e-4 for one from 3e-4 linearly to 0."
+        msg = f"'{value}' is no schedule: write {LINEAR}3e-4 for one from 3e-4 linearly to 0."
         raise TrainingError(msg) from error

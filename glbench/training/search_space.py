@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from glbench.errors import TrainingError, did_you_mean
-from glbench.training.settings import TrainingSettings
+from glbench.training.settings import TrainingSettings, numbers, problems_of
+
+if TYPE_CHECKING:
+    import optuna
 
 Choice = bool | int | float | str
 
@@ -54,6 +58,22 @@ class Parameter(_Part):
             raise TrainingError(msg)
         return self.min, self.max
 
+    @property
+    def first(self) -> Choice:
+        """One of the choices: the value, the first of the values, or the least."""
+        return next(value for value in (self.value, *(self.values or ()), self.min) if value is not None)
+
+    def suggest(self, trial: optuna.Trial, name: str) -> Any:
+        """What a trial of Optuna's takes for the parameter, which has that name."""
+        if self.min is None:
+            return trial.suggest_categorical(name, list(self.values or (self.first,)))
+        low, high = self.bounds()
+        log = self.distribution == "log_uniform_values"
+        whole = isinstance(low, int) and isinstance(high, int) and self.distribution != "uniform"
+        if whole or self.distribution == "int_uniform":
+            return trial.suggest_int(name, int(low), int(high), log=log)
+        return trial.suggest_float(name, float(low), float(high), log=log)
+
 
 class Search(_Part):
     """What is searched, how, and for which agent.
@@ -96,6 +116,13 @@ class Search(_Part):
             raise ValueError(msg)
         return self
 
+    @property
+    def total(self) -> int:
+        """Trials in all: of a grid no more than it has combinations."""
+        if self.method != "grid":
+            return self.trials
+        return min(self.trials, math.prod(len(parameter.values or (0,)) for parameter in self.parameters.values()))
+
     def wandb_config(self) -> dict[str, Any]:
         """The search as Weights & Biases' own configuration."""
         parameters = {name: p.model_dump(mode="json", exclude_none=True) for name, p in self.parameters.items()}
@@ -117,7 +144,7 @@ def read_search(file: Path) -> Search:
         When it cannot be read, or asks for something impossible.
     """
     try:
-        search = Search.model_validate(yaml.safe_load(file.read_text(encoding="utf-8")))
+        search = Search.model_validate(numbers(yaml.safe_load(file.read_text(encoding="utf-8"))))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         msg = f"Cannot read the search {file}: {error}."
         raise TrainingError(msg) from error
@@ -144,8 +171,7 @@ def with_choices(settings: TrainingSettings, choices: dict[str, Any], steps: int
     try:
         return TrainingSettings.model_validate(content)
     except ValidationError as error:
-        problems = "; ".join(f"'{'.'.join(map(str, p['loc']))}': {p['msg']}" for p in error.errors())
-        msg = f"A trial cannot be trained: {problems}."
+        msg = f"A trial cannot be trained: {problems_of(error, TrainingSettings)}"
         raise TrainingError(msg) from error
 
 

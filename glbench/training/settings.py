@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,6 +31,42 @@ def _that_is_there(file: Path) -> Path:
 PolicyFile = Annotated[Path, AfterValidator(_that_is_there)]
 """Path of a policy file that exists."""
 
+LINEAR = "lin_"
+"""What the text of a number begins with that falls linearly to 0."""
+_LIKE_A_NUMBER = re.compile(r"[-+]?\.?\d")
+_ALLOWED = {
+    "gamma": "a number above 0, at most 1",
+    "gae_lambda": "a number above 0, at most 1",
+    "tau": "a number above 0, at most 1",
+    "learning_rate": f"a number above 0, or {LINEAR}3e-4 for one that falls from 3e-4 to 0",
+    "n_epochs": "a whole number, 1 or more",
+    "batch_size": "a whole number, 1 or more",
+    "n_steps": "a whole number, 1 or more",
+    "buffer_size": "a whole number, 1 or more",
+    "gradient_steps": "a whole number, 1 or more, or -1 for as many as there were steps",
+}
+"""Arguments that algorithms share, and what they may be."""
+
+
+def _allowed(arguments: dict[str, Any]) -> dict[str, Any]:
+    for name, words in _ALLOWED.items():
+        if name in arguments and not _is_allowed(name, arguments[name]):
+            msg = f"'{name}: {arguments[name]}' cannot be: it is {words}"
+            raise ValueError(msg)
+    return arguments
+
+
+def _is_allowed(name: str, value: Any) -> bool:
+    if name == "learning_rate" and isinstance(value, str) and value.startswith(LINEAR):
+        value = numbers(value.removeprefix(LINEAR))
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    if name in ("gamma", "gae_lambda", "tau"):
+        return 0 < value <= 1
+    if name == "learning_rate":
+        return 0 < value < float("inf")
+    return isinstance(value, int) and (value >= 1 or (name == "gradient_steps" and value == -1))
+
 
 class Part(BaseModel):
     """A part of settings: fixed, and without entries that nobody knows."""
@@ -56,8 +93,23 @@ class EvaluationPlan(Part):
     first_seed: int = Field(default=10_000, ge=0)
 
     def seeds(self, task: TaskSpec) -> list[int]:
-        """Seeds of the runs."""
-        return [self.first_seed + run for run in range(self.runs if task.uncertainty.delta else 1)]
+        """Seeds of the runs.
+
+        Raises
+        ------
+        TrainingError
+            When the task is scored with one of them.
+        """
+        if not task.uncertainty.delta:
+            return [self.first_seed]
+        seeds, scored = range(self.first_seed, self.first_seed + self.runs), task.evaluation.seeds
+        if seeds.start < scored.stop and scored.start < seeds.stop:
+            msg = (
+                f"Evaluations on the seeds {seeds.start} to {seeds[-1]} would choose the policy by runs that {task.id} is scored "
+                f"with ({scored.start} to {scored[-1]}). Choose another 'first_seed' in 'evaluation'."
+            )
+            raise TrainingError(msg)
+        return list(seeds)
 
 
 class TrainingSettings(Part):
@@ -97,7 +149,7 @@ class TrainingSettings(Part):
     normalize: Normalization = Normalization()
     evaluation: EvaluationPlan = EvaluationPlan()
     kernel_preset: Literal["fast", "reference"] = "fast"
-    hyperparameters: dict[str, Any] = Field(default_factory=dict)
+    hyperparameters: Annotated[dict[str, Any], AfterValidator(_allowed)] = Field(default_factory=dict)
 
     @property
     def gamma(self) -> float:
@@ -110,17 +162,18 @@ OWN = frozenset(TrainingSettings.model_fields) - {"algorithm", "hyperparameters"
 
 
 def shipped_settings(algorithm: str) -> Path:
-    """File with the paper's settings of ``algorithm``.
+    """File with the paper's settings of ``algorithm``, by its short name in any case or by its class path.
 
     Raises
     ------
     TrainingError
         When there is none, as for algorithms given by class path.
     """
-    if algorithm not in PAPER:
+    name = algorithm.removeprefix("stable_baselines3.").lower()
+    if name not in PAPER:
         msg = f"glbench ships no settings for '{algorithm}'. Give a file of your own with --config (docs/training.md shows one)."
         raise TrainingError(msg)
-    return data_folder("baselines") / PAPER[algorithm]
+    return data_folder("baselines") / PAPER[name]
 
 
 def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
@@ -137,7 +190,11 @@ def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
     own = {key: value for key, value in merged.items() if key in OWN}
     if isinstance(own.get("start_from"), str):
         own["start_from"] = (file.parent / own["start_from"]).resolve()
-    rest = {key: _number(value, key, file) for key, value in merged.items() if key not in OWN}
+    rest = {key: value for key, value in merged.items() if key not in OWN}
+    for key, value in rest.items():
+        if isinstance(value, str) and _LIKE_A_NUMBER.match(value):
+            msg = f"'{key}: {value}' in {file} is no number."
+            raise TrainingError(msg)
     with in_words(file, TrainingSettings):
         return TrainingSettings(algorithm=algorithm, **own, hyperparameters=rest)
 
@@ -145,7 +202,40 @@ def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
 def section(file: Path, task_id: str) -> dict[str, Any]:
     """Entries for a task: ``default:``, overlaid with those under the task's id. Errors as for ``read_settings``."""
     sections = _sections(file)
-    return {**sections.get("default", {}), **sections.get(task_id, sections.get(task_id.rpartition("/")[2], {}))}
+    own = sections.get(task_id, sections.get(task_id.rpartition("/")[2], {}))
+    merged: dict[str, Any] = numbers(_overlaid(sections.get("default", {}), own))
+    return merged
+
+
+def numbers(content: Any) -> Any:
+    """The content of a YAML file with numbers in the place of texts that are spelt as one: ``2e-5`` is text to YAML 1.1."""
+    if isinstance(content, dict):
+        return {key: numbers(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [numbers(value) for value in content]
+    if not isinstance(content, str) or not _LIKE_A_NUMBER.match(content):
+        return content
+    try:
+        number = float(content)
+    except ValueError:
+        return content
+    return int(number) if number.is_integer() else number
+
+
+def _overlaid(under: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """Both, with what ``over`` says where both say something; tables in them in the same way."""
+    both = {
+        key: _overlaid(under[key], value)
+        for key, value in over.items()
+        if isinstance(value, dict) and isinstance(under.get(key), dict)
+    }
+    return {**under, **over, **both}
+
+
+def problems_of(error: ValidationError, kind: type[Part]) -> str:
+    """What pydantic found wrong with settings of a kind, as the end of a sentence."""
+    problems = "; ".join(_said(problem["loc"], problem["type"], problem["msg"], kind) for problem in error.errors())
+    return problems if problems.endswith((".", "?")) else f"{problems}."
 
 
 @contextmanager
@@ -160,13 +250,14 @@ def in_words(file: Path, kind: type[Part]) -> Iterator[None]:
     try:
         yield
     except ValidationError as error:
-        problems = "; ".join(_said(problem["loc"], problem["type"], problem["msg"], kind) for problem in error.errors())
-        msg = f"The settings in {file} cannot be used: {problems}{'' if problems.endswith(('.', '?')) else '.'}"
+        msg = f"The settings in {file} cannot be used: {problems_of(error, kind)}"
         raise TrainingError(msg) from error
 
 
 def _said(place: tuple[str | int, ...], problem: str, words: str, kind: type[Part]) -> str:
     name = ".".join(map(str, place))
+    if place == ("hyperparameters",):
+        return words.removeprefix("Value error, ")
     if problem != "extra_forbidden":
         return f"'{name}': {words}"
     for part in place[:-1]:
@@ -189,14 +280,3 @@ def _sections(file: Path) -> dict[str, dict[str, Any]]:
         msg = f"{file} has no section 'default:' (only {found}). Put the settings that hold for every task there."
         raise TrainingError(msg)
     return {str(name): part or {} for name, part in content.items()}
-
-
-def _number(value: Any, key: str, file: Path) -> Any:
-    """``2e-5`` is text to YAML 1.1, which wants ``2.0e-5``: read it as the number it is meant to be."""
-    if not isinstance(value, str) or not value[:1].isdigit():
-        return value
-    try:
-        return float(value)
-    except ValueError as error:
-        msg = f"'{key}: {value}' in {file} is no number."
-        raise TrainingError(msg) from error

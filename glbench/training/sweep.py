@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,16 +16,20 @@ from optuna.storages import RDBStorage
 from optuna.study import MaxTrialsCallback
 from optuna.trial import FrozenTrial, TrialState
 
-from glbench.errors import TrainingError
+from glbench.errors import GlbenchError, TrainingError
 from glbench.tasks import get_task
+from glbench.training.algorithms import check_settings
+from glbench.training.card import settings_digest
+from glbench.training.folder import CHECKPOINT
 from glbench.training.progress import CurvePoint, Listener, Progress
 from glbench.training.run import train
-from glbench.training.search_space import Parameter, Search, with_choices
+from glbench.training.search_space import Search, with_choices
 from glbench.training.settings import TrainingSettings, read_settings, shipped_settings
 
 STUDY = "study.db"
-_COUNTED = (TrialState.COMPLETE, TrialState.PRUNED)
-_LOCK_SECONDS = 60
+_ENDED = (TrialState.COMPLETE, TrialState.PRUNED, TrialState.FAIL)
+_REASON = "reason"
+_LOCK_SECONDS, _LOOK_SECONDS = 60, 1.0
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,8 @@ class TrialReport:
     reward: float | None
     """Best evaluation return; ``None`` when it has none."""
     choices: dict[str, Any]
+    reason: str | None = None
+    """Why it failed, in one line; ``None`` when it did not."""
 
 
 Report = Callable[[TrialReport], None]
@@ -43,16 +51,18 @@ Report = Callable[[TrialReport], None]
 
 def base_settings(search: Search) -> TrainingSettings:
     """The settings that a search starts from, checked against its task."""
-    file = search.config or shipped_settings(search.algorithm)
-    return read_settings(file, search.algorithm, get_task(search.task).id)
+    file, task = search.config or shipped_settings(search.algorithm), get_task(search.task)
+    settings = read_settings(file, search.algorithm, task.id)
+    settings.evaluation.seeds(task)
+    return settings
 
 
 def sweep(search: Search, folder: Path, *, workers: int = 1, report: Report | None = None) -> list[TrialReport]:
     """Run the search in ``folder`` until it has all its trials; what is there already counts, and is continued.
 
-    A trial that a kill interrupted does not count, and another one takes its place. What a trial draws follows from the
-    search's seed and the trial's number: a search that is continued, and several workers, try no choice twice by that.
-    With several workers the course of a search depends on who is faster; each trial by itself is reproducible.
+    A trial that a kill interrupted does not count, and another one takes its place; one that failed counts. What a trial draws
+    follows from the search's seed and the trial's number: a search that is continued, and several workers, try no choice twice by
+    that. With several workers the course of a search depends on who is faster; each trial by itself is reproducible.
 
     Returns
     -------
@@ -62,87 +72,125 @@ def sweep(search: Search, folder: Path, *, workers: int = 1, report: Report | No
     Raises
     ------
     TrainingError
-        When the search cannot be run, or the folder holds another one.
+        When the search cannot be run, the folder holds another one, or all its trials failed.
+    UnknownNameError
+        When there is no such algorithm or task.
     """
-    base_settings(search)
+    settings = base_settings(search)
+    check_settings(with_choices(settings, {name: p.first for name, p in search.parameters.items()}, search.steps))
     folder.mkdir(parents=True, exist_ok=True)
     study = open_study(search, folder)
-    _claim(study, search, folder)
+    _claim(study, search, settings, folder)
+    told = {trial.number for trial in study.get_trials(deepcopy=False, states=_ENDED)}
+
+    def tell(*_: object) -> None:
+        """Report the trials that ended since the last time."""
+        for ended in study.get_trials(deepcopy=False, states=_ENDED):
+            if ended.number not in told:
+                told.add(ended.number)
+                if report is not None:
+                    report(_report_of(ended))
+
+    left = max(search.total - len(told), 0)
     if workers == 1:
-        _work(search, folder, report)
-    else:
-        context = multiprocessing.get_context("spawn")
-        others = [context.Process(target=_work, args=(search, folder)) for _ in range(workers)]
-        for process in others:
-            process.start()
         try:
-            for process in others:
-                process.join()
-        except BaseException:
-            for process in others:
-                process.terminate()
-            raise
-        if any(process.exitcode for process in others):
-            msg = f"A worker of the sweep in {folder} failed; its message is above. The same command goes on."
-            raise TrainingError(msg)
-    ended = [_report_of(trial) for trial in study.get_trials(states=(*_COUNTED, TrialState.FAIL))]
-    return sorted(ended, key=lambda trial: -float("inf") if trial.reward is None else trial.reward, reverse=True)
+            _work(search, folder, left, tell)
+        except _Interrupted:
+            raise KeyboardInterrupt from None
+    else:
+        shares = [left // workers + (worker < left % workers) for worker in range(workers)]
+        _work_together(search, folder, [share for share in shares if share], tell)
+    trials = [_report_of(trial) for trial in study.get_trials(states=_ENDED)]
+    if trials and all(trial.state == "fail" for trial in trials):
+        msg = f"All {len(trials)} trials of the search in {folder} failed, the last one so: {trials[-1].reason}"
+        raise TrainingError(msg)
+    return sorted(trials, key=lambda trial: -float("inf") if trial.reward is None else trial.reward, reverse=True)
+
+
+class _Interrupted(SystemExit):
+    """Ctrl-C in a trial. Optuna takes a KeyboardInterrupt for a trial that failed, which would count."""
 
 
 class _Pruning(Listener):
     """Tells the study how a trial goes, and stops it when the study says so."""
 
-    def __init__(self, trial: optuna.Trial) -> None:
-        self._trial = trial
+    def __init__(self, trial: optuna.Trial, last_step: int) -> None:
+        self._trial, self._last_step = trial, last_step
 
     def on_progress(self, progress: Progress) -> None:
         """Nothing to tell."""
 
     def on_evaluation(self, point: CurvePoint) -> None:
-        """Report; raise when the trial is to be pruned."""
+        """Report; raise when the trial is to be pruned, which at its end it is no more."""
         self._trial.report(point.result.reward, point.steps)
-        if self._trial.should_prune():
+        if point.steps < self._last_step and self._trial.should_prune():
             raise optuna.TrialPruned
 
     def on_saved(self, steps: int) -> None:
         """Nothing to tell."""
 
 
-def _work(search: Search, folder: Path, report: Report | None = None) -> None:
+def _work(search: Search, folder: Path, share: int, *tell: Callable[[optuna.Study, FrozenTrial], None]) -> None:
     settings, task = base_settings(search), get_task(search.task)
 
     def objective(trial: optuna.Trial) -> float:
         if search.method != "grid":
             trial.study.sampler = _sampler(search, trial.number)
-        choices = {name: _suggest(trial, name, parameter) for name, parameter in search.parameters.items()}
-        chosen = with_choices(settings, choices, search.steps)
+        choices = {name: parameter.suggest(trial, name) for name, parameter in search.parameters.items()}
         place = folder / f"trial-{trial.number:04d}"
-        trained = train(
-            task,
-            chosen,
-            place,
-            seed=search.seed,
-            resume=True,
-            tensorboard=False,
-            save_seconds=float("inf"),
-            listeners=[_Pruning(trial)],
-        )
+        try:
+            trained = train(
+                task,
+                with_choices(settings, choices, search.steps),
+                place,
+                seed=search.seed,
+                resume=True,
+                tensorboard=False,
+                save_seconds=float("inf"),
+                listeners=[_Pruning(trial, search.steps)],
+            )
+        except optuna.TrialPruned:
+            raise
+        except KeyboardInterrupt:
+            raise _Interrupted(130) from None
+        except Exception as error:
+            trial.set_user_attr(_REASON, _in_a_line(error))
+            raise
+        finally:
+            shutil.rmtree(place / CHECKPOINT, ignore_errors=True)  # with a replay buffer it is large; no trial goes on
         return trained.best_reward
 
-    def tell(study: optuna.Study, trial: FrozenTrial) -> None:
-        if report is not None:
-            report(_report_of(trial))
+    enough = MaxTrialsCallback(search.total, states=_ENDED)  # other commands may work on the same search
+    open_study(search, folder).optimize(objective, n_trials=share, catch=Exception, callbacks=[*tell, enough])
 
-    study = open_study(search, folder)
-    left = search.trials - len(study.get_trials(deepcopy=False, states=_COUNTED))
-    if left > 0:
-        enough = MaxTrialsCallback(search.trials, states=_COUNTED)
-        study.optimize(objective, n_trials=left, callbacks=[tell, enough])
+
+def _work_together(search: Search, folder: Path, shares: list[int], tell: Callable[[], None]) -> None:
+    context = multiprocessing.get_context("spawn")
+    others = [context.Process(target=_work, args=(search, folder, share)) for share in shares]
+    for process in others:
+        process.start()
+    try:
+        while alive := [process for process in others if process.is_alive()]:
+            alive[0].join(_LOOK_SECONDS)
+            tell()
+        tell()
+    except BaseException:
+        for process in others:
+            process.terminate()
+        raise
+    if any(process.exitcode for process in others):
+        msg = f"A worker of the sweep in {folder} failed; its message is above. The same command goes on."
+        raise TrainingError(msg)
+
+
+def _in_a_line(error: Exception) -> str:
+    first = (str(error).strip().splitlines() or [""])[0]
+    return first if isinstance(error, GlbenchError) else f"{type(error).__name__}: {first}"
 
 
 def open_study(search: Search, folder: Path) -> optuna.Study:
     """The study in ``folder``, begun where there is none."""
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
     storage = RDBStorage(
         f"sqlite:///{(folder / STUDY).resolve()}", engine_kwargs={"connect_args": {"timeout": _LOCK_SECONDS}}
     )
@@ -157,39 +205,30 @@ def open_study(search: Search, folder: Path) -> optuna.Study:
 def _sampler(search: Search, trial: int) -> optuna.samplers.BaseSampler:
     seed = int(np.random.SeedSequence([search.seed, trial]).generate_state(1)[0])
     if search.method == "grid":
-        grid = {name: list(p.values or ([] if p.value is None else [p.value])) for name, p in search.parameters.items()}
+        grid = {name: list(p.values or (p.first,)) for name, p in search.parameters.items()}
         return optuna.samplers.GridSampler(grid, seed=search.seed)
     if search.method == "random":
         return optuna.samplers.RandomSampler(seed=seed)
     return optuna.samplers.TPESampler(seed=seed)
 
 
-def _suggest(trial: optuna.Trial, name: str, parameter: Parameter) -> Any:
-    if parameter.value is not None:
-        return trial.suggest_categorical(name, [parameter.value])
-    if parameter.values:
-        return trial.suggest_categorical(name, list(parameter.values))
-    low, high = parameter.bounds()
-    log = parameter.distribution == "log_uniform_values"
-    whole = isinstance(low, int) and isinstance(high, int) and parameter.distribution != "uniform"
-    if whole or parameter.distribution == "int_uniform":
-        return trial.suggest_int(name, int(low), int(high), log=log)
-    return trial.suggest_float(name, float(low), float(high), log=log)
-
-
-def _claim(study: optuna.Study, search: Search, folder: Path) -> None:
-    """Write the search into its study; refuse a study of another search."""
-    wanted = search.model_dump_json(exclude={"trials"})
+def _claim(study: optuna.Study, search: Search, settings: TrainingSettings, folder: Path) -> None:
+    """Write the search into its study, with what its files say; refuse a study of another search."""
+    content = search.model_dump(mode="json", exclude={"trials"})
+    wanted = {**content, "config": settings_digest(settings), "task": get_task(search.task).digest}
     found = study.user_attrs.get("search")
-    if found is None:
-        study.set_user_attr("search", wanted)
-    elif found != wanted:
-        msg = f"{folder} holds another search. Choose another folder with --out, or the file it was begun with (only 'trials' may grow)."
+    before = wanted if found is None else json.loads(found)
+    changed = [name for name, value in wanted.items() if before.get(name) != value]
+    if changed:
+        differs = f"{folder} holds another search, which differs in {', '.join(changed)}."
+        msg = f"{differs} Choose another folder with --out, or what it was begun with (only 'trials' may grow)."
         raise TrainingError(msg)
+    study.set_user_attr("search", json.dumps(wanted))
 
 
 def _report_of(trial: FrozenTrial) -> TrialReport:
     reward = (
         trial.value if trial.state == TrialState.COMPLETE else max(trial.intermediate_values.values(), default=None)
     )
-    return TrialReport(trial.number, trial.state.name.lower(), reward, dict(trial.params))
+    reason = trial.user_attrs.get(_REASON, "its reward is no number") if trial.state == TrialState.FAIL else None
+    return TrialReport(trial.number, trial.state.name.lower(), reward, dict(trial.params), reason)

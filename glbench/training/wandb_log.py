@@ -122,7 +122,7 @@ def wandb_sweep(search: Search, folder: Path) -> None:
         wandb.agent(
             wandb.sweep(search.wandb_config(), project="glbench"),
             function=trial,
-            count=search.trials,
+            count=search.total,
             project="glbench",
         )
     except (wandb.errors.Error, OSError) as error:

@@ -6,12 +6,15 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from stable_baselines3 import SAC
+from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
 
 from glbench.errors import GlbenchError, TrainingError, UnknownNameError
-from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec, get_task
 from glbench.training import read_settings, shipped_settings
-from glbench.training.algorithms import algorithm_class, make_model
+from glbench.training.algorithms import algorithm_class, check_settings, make_model
 from glbench.training.card import to_toml
+from glbench.training.settings import EvaluationPlan
 from glbench.training.vec_env import TrainingVecEnv
 
 TASK = "glbench/Schiphol2010-Delta10-v1"
@@ -68,10 +71,57 @@ def test_a_section_named_by_the_task_changes_only_what_it_names(tmp_path: Path) 
     assert (settings.n_timesteps, settings.gamma, settings.hyperparameters["n_steps"]) == (5, 0.99, 8)
 
 
-def test_a_number_that_yaml_takes_for_text_is_a_number(tmp_path: Path) -> None:
-    assert read_settings(write(tmp_path, "default: {learning_rate: 2e-5}"), "ppo", TASK).hyperparameters == {
-        "learning_rate": 2e-5
-    }
+def test_a_section_named_by_the_task_leaves_the_rest_of_a_table_as_it_is(tmp_path: Path) -> None:
+    file = write(
+        tmp_path,
+        "default: {policy_kwargs: {net_arch: [8], activation_fn: SiLU}, evaluation: {every: 5, runs: 3}}\n"
+        f"{TASK}: {{policy_kwargs: {{activation_fn: Tanh}}, evaluation: {{runs: 2}}}}\n",
+    )
+    settings = read_settings(file, "ppo", TASK)
+    assert settings.policy_kwargs == {"net_arch": [8], "activation_fn": "Tanh"}
+    assert (settings.evaluation.every, settings.evaluation.runs) == (5, 2)
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        ("2e-5", 2e-5),
+        ("-3e-4", -3e-4),
+        ("1.0e6", 1_000_000),
+        ("1e1", 10),
+        (".5e-1", 0.05),
+        ("[1e-3, 1e1]", [1e-3, 10]),
+        ("{a: {b: 1e-5}}", {"a": {"b": 1e-5}}),
+        ("lin_3e-4", "lin_3e-4"),
+        ("auto", "auto"),
+        ("auto_0.1", "auto_0.1"),
+    ],
+)
+def test_a_number_that_yaml_takes_for_text_is_a_number_and_other_text_is_none(
+    tmp_path: Path, written: str, meant: object
+) -> None:
+    read = read_settings(write(tmp_path, f"default: {{target: {written}}}"), "ppo", TASK).hyperparameters["target"]
+    assert (read, type(read)) == (meant, type(meant))
+
+
+def test_numbers_are_read_in_the_trainings_own_settings_too(tmp_path: Path) -> None:
+    text = "default: {n_timesteps: 2e6, evaluation: {every: 1e5}, policy_kwargs: {optimizer_kwargs: {eps: 1e-5}}}"
+    settings = read_settings(write(tmp_path, text), "ppo", TASK)
+    assert (settings.n_timesteps, settings.evaluation.every) == (2_000_000, 100_000)
+    assert settings.policy_kwargs == {"optimizer_kwargs": {"eps": 1e-5}}
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "name"),
+    [("PPO", "ppo"), ("Sac", "sac"), ("stable_baselines3.PPO", "ppo"), ("stable_baselines3.SAC", "sac")],
+)
+def test_the_papers_algorithms_have_shipped_settings_under_all_their_names(algorithm: str, name: str) -> None:
+    assert shipped_settings(algorithm) == shipped_settings(name)
+
+
+def test_an_algorithm_without_shipped_settings_is_named() -> None:
+    with pytest.raises(TrainingError, match=r"no settings for 'sb3_contrib\.TQC'"):
+        shipped_settings("sb3_contrib.TQC")
 
 
 @pytest.mark.parametrize(
@@ -81,13 +131,75 @@ def test_a_number_that_yaml_takes_for_text_is_a_number(tmp_path: Path) -> None:
         ("- 1", "no settings file"),
         ("default: {n_envs: 0}", "'n_envs'"),
         ("default: {normalize: {reward: true}}", r"no setting 'normalize\.reward'\. Did you mean 'rewards'"),
-        ("default: {learning_rate: 1e-x}", "no number"),
+        ("default: {learning_rate: 1e-x}", "'learning_rate: 1e-x' .* no number"),
+        ("default: {learning_rate: -1e-x}", "'learning_rate: -1e-x' .* no number"),
+        ("default: {learning_rate: -3e-4}", r"used: 'learning_rate: -0\.0003' cannot be: it is a number above 0"),
+        ("default: {learning_rate: constant}", "'learning_rate: constant' cannot be"),
+        ("default: {learning_rate: lin_x}", "'learning_rate: lin_x' cannot be"),
+        ("default: {learning_rate: lin_-1}", "'learning_rate: lin_-1' cannot be"),
+        ("default: {gamma: null}", "'gamma: None' cannot be: it is a number above 0, at most 1"),
+        ("default: {gamma: abc}", "'gamma: abc' cannot be"),
+        ("default: {gamma: 1.1}", "'gamma: 1.1' cannot be"),
+        ("default: {gae_lambda: 0}", "'gae_lambda: 0' cannot be"),
+        ("default: {tau: true}", "'tau: True' cannot be"),
+        ("default: {batch_size: 0.5}", "'batch_size: 0.5' cannot be: it is a whole number, 1 or more"),
+        ("default: {n_steps: 0}", "'n_steps: 0' cannot be"),
+        ("default: {n_epochs: -1}", "'n_epochs: -1' cannot be"),
+        ("default: {buffer_size: null}", "'buffer_size: None' cannot be"),
+        ("default: {gradient_steps: -2}", "'gradient_steps: -2' cannot be: it is .* or -1"),
         ("default: [", "Cannot read"),
     ],
 )
 def test_a_mistake_in_the_file_is_named(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(TrainingError, match=said):
         read_settings(write(tmp_path, text), "ppo", TASK)
+
+
+def test_values_at_the_edge_of_what_is_allowed_are_taken(tmp_path: Path) -> None:
+    arguments = {"gamma": 1, "tau": 1.0, "gradient_steps": -1, "batch_size": 1, "learning_rate": "lin_3e-4"}
+    text = "default: {gamma: 1, tau: 1.0, gradient_steps: -1, batch_size: 1, learning_rate: lin_3e-4}"
+    settings = read_settings(write(tmp_path, text), "sac", TASK)
+    assert settings.hyperparameters == arguments
+    check_settings(settings)
+
+
+def test_an_evaluation_on_seeds_that_are_scored_is_refused(tmp_path: Path) -> None:
+    task = get_task(TASK)
+    for first in (666, 663, 695):
+        plan = read_settings(
+            write(tmp_path, f"default: {{evaluation: {{first_seed: {first}}}}}"), "ppo", TASK
+        ).evaluation
+        with pytest.raises(TrainingError, match=f"seeds {first} to {first + 3} .*'first_seed'"):
+            plan.seeds(task)
+    assert EvaluationPlan(first_seed=662).seeds(task) == [662, 663, 664, 665]
+    assert EvaluationPlan(first_seed=696).seeds(task) == [696, 697, 698, 699]
+    assert EvaluationPlan(first_seed=666).seeds(get_task("Schiphol2010-Delta00-v1")) == [666], "nothing is drawn there"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("default: {seed: 3}", "glbench sets 'seed' of PPO: it is given with --seed"),
+        ("default: {device: cuda}", "glbench sets 'device'"),
+        ("default: {verbose: 1}", "glbench sets 'verbose'"),
+        ("default: {tensorboard_log: here}", "glbench sets 'tensorboard_log'"),
+        ("default: {_init_setup_model: false}", "no setting '_init_setup_model'"),
+        ("default: {clip_range: lin_x}", "no schedule"),
+        ("default: {learning_rat: 0.1}", "Did you mean 'learning_rate'"),
+        ("default: {action_noise_std: 0.1}", "no action noise"),
+        ("default: {policy_kwargs: {activation_fn: SiLu}}", "Did you mean 'SiLU'"),
+    ],
+)
+def test_settings_are_checked_without_an_environment(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(GlbenchError, match=said):
+        check_settings(read_settings(write(tmp_path, text), "ppo", TASK))
+
+
+def test_an_update_every_episode_reaches_the_algorithm(tmp_path: Path, day: TaskSpec) -> None:
+    settings = read_settings(write(tmp_path, "default: {train_freq: [1, episode], buffer_size: 10}"), "sac", TASK)
+    model = make_model(settings, TrainingVecEnv(day, 1), 0, None)
+    assert isinstance(model, SAC)
+    assert str(model.train_freq) == str(TrainFreq(1, TrainFrequencyUnit.EPISODE))
 
 
 @pytest.mark.parametrize(
