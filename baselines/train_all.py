@@ -26,6 +26,7 @@ from glbench.tasks import get_task
 from glbench.training import CurvePoint, Progress, read_settings, train
 from glbench.training.card import CARD, POLICY, read_card, settings_digest, to_toml
 from glbench.training.curve import CURVE
+from glbench.training.run import export_best
 from glbench.training.season_search import read_season_search, search
 from glbench.training.settings import PAPER
 
@@ -147,6 +148,8 @@ def _ship(job: Job, folder: Path) -> None:
     """Copy what people and evaluations need of a finished training to its baseline."""
     if _state(job, folder) != "done":
         return
+    if not (folder / POLICY).is_file():
+        export_best(folder)
     home = HERE / job.agent
     name = f"delta{job.level}"
     for place in ("weights", "training"):
@@ -154,9 +157,12 @@ def _ship(job: Job, folder: Path) -> None:
     shutil.copyfile(folder / POLICY, home / f"weights/{name}.npz")
     shutil.copyfile(folder / CURVE, home / f"training/{name}.csv")
     making = tomllib.loads((folder / CARD).read_text(encoding="utf-8"))
-    making["settings"] = f"../weights/{name}.npz"
+    if "settings" in making:  # the policy's place
+        making["settings"] = f"../weights/{name}.npz"
     making["training"]["learning_curve"] = f"{name}.csv"
     making["training"]["settings"] = os.path.relpath(job.settings, home / "training")
+    if "made" in making:
+        making["made"] = making["made"].replace("settings.yml", making["training"]["settings"])
     write_atomically(home / f"training/{name}.toml", to_toml(making))
     card = tomllib.loads((HERE / job.recipe / CARD_OF_RECIPE).read_text(encoding="utf-8"))
     if job.seed:
