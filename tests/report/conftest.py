@@ -15,6 +15,7 @@ from glbench.report import Report, build_report
 from glbench.resources import data_folder
 
 PAPER = ("Schiphol2010-Delta00-v1", "Schiphol2010-Delta10-v1", "Schiphol2010-Delta30-v1")
+RELEASED = ("rule_based", "rule_based_fair")
 AGENTS = {
     "thrifty": "return np.tile([0.004, 0.002, 0.02, 0.01, 0.0, 0.0], (self.n, 1))",
     "lavish": "return np.tile([0.03, 0.03, 0.0, 0.0, 0.05, 0.0], (self.n, 1))",
@@ -80,8 +81,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     results = folder / "results"
     for name in PAPER:
         (results / name).mkdir(parents=True)
-        for file in (data_folder("reports/results") / name).glob("rule_based*.json"):
-            shutil.copy(file, results / name)
+        for agent in RELEASED:
+            for file in (data_folder("reports/results") / name).glob(f"{agent}.*json"):
+                shutil.copy(file, results / name)
     tasks = [small_task(folder, "Days"), small_task(folder, "CheapDays", OTHER_PRICES)]
     for task in tasks:
         for name in AGENTS:
