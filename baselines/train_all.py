@@ -4,7 +4,7 @@
     python baselines/train_all.py --out runs/baselines --list      # what is done and what is left
     python baselines/train_all.py --out runs/baselines --ship      # put what is done into baselines/
 
-A training takes 25 to 40 minutes on one free core. What is finished is skipped; what was
+A training takes half an hour (PPO) to an hour (SAC) on one free core. What is finished is skipped; what was
 interrupted continues from its last checkpoint, to the same weights as without the interruption.
 """
 

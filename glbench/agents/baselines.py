@@ -57,12 +57,12 @@ class _Controller:
         Raises
         ------
         SubmissionError
-            When the file of a policy is damaged.
+            When it cannot be made with these settings.
         """
         try:
             controller: Agent | PrivilegedController = _found(self.maker)(settings)
         except (zlib.error, NotImplementedError, TypeError) as error:
-            msg = f"A policy of this agent is damaged: {error}."
+            msg = f"This agent cannot be made: {error}. Its settings or the file of a policy may be damaged."
             raise SubmissionError(msg) from error
         return controller
 

@@ -148,3 +148,4 @@ def _print_fitted(*views: tuple[Table, tuple[str, ...]]) -> None:
         if dropped:
             words = f"No room for: {', '.join(dropped)}. A wider terminal or --json has them."
             output().print(words, style="dim", markup=False)
+        output().print()

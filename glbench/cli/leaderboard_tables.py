@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from glbench.leaderboard.suites import SuiteRow, SuiteTable
 
 _NARROWEST_AGENT = 8
-_NARROW_AGENT = 16
+_NARROW_AGENT = 18
 """Agents' names are folded to this width before a column is left out, and further only when nothing is left to leave out."""
 
 
@@ -193,7 +193,14 @@ def _table(
     styles: Sequence[str | None],
     agent_width: int,
 ) -> Table:
-    view = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    view = Table(
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        show_edge=False,
+    )
     if ranks is not None:
         view.add_column("#", justify="right", no_wrap=True)
     view.add_column("Agent", overflow="fold", width=agent_width)

@@ -81,9 +81,8 @@ class TrainingCallback(BaseCallback):
         """The last evaluation and the last checkpoint."""
         self.history.time.learning += self._lap()
         if not self.history.curve or self.history.curve[-1]["steps"] < self.num_timesteps:
-            due = self.history.next_evaluation
             self._evaluate()
-            self.history.next_evaluation = due  # as if the end were none, should the training go on
+        self.history.ends.append(self.num_timesteps)
         self._save()
         self._tell()
 
@@ -96,7 +95,8 @@ class TrainingCallback(BaseCallback):
         history = self.history
         result = self.probe.run(self.model, self.normalization)
         history.time.evaluation += self._lap()
-        history.next_evaluation = self.num_timesteps + self._evaluate_every
+        if self.num_timesteps >= history.next_evaluation:  # an end between two evaluations moves none
+            history.next_evaluation = self.num_timesteps + self._evaluate_every
         point = add_point(history, self.num_timesteps, result)
         if point.is_best:
             self._keep_best()

@@ -104,7 +104,6 @@ def train(
         try:
             model, normalization, history = _begin_or_continue(env, task, settings, state, seed, identity)
             if card is not None:  # until the new end the folder is no agent
-                history.ends.append(card["training"]["steps"])
                 (folder / CARD).unlink()
             model.tensorboard_log = str(folder / "tensorboard") if tensorboard else None
             write_atomically(folder / SETTINGS, yaml.safe_dump({"default": _as_yaml(settings)}, sort_keys=False))
@@ -124,7 +123,7 @@ def train(
         finally:
             env.close()
         reason = _export(folder, task, settings.algorithm, seed, history.best_steps)
-        making = making_of(task, settings, identity["settings_digest"], seed, model.num_timesteps, history.ends)
+        making = making_of(task, settings, identity["settings_digest"], seed, model.num_timesteps, history.ends[:-1])
         write_card(folder, task, making, settings.evaluation, history, start)
     return Trained(
         folder, model.num_timesteps, history.best_reward, history.best_steps, already_done=False, not_exported=reason

@@ -209,7 +209,8 @@ class _Search:
         self._batched.take([self.variations.layer(self.mean)] * len(self._probe.seeds))
         result = self._probe.of(self._batched.act)
         self.history.time.evaluation += time.perf_counter() - began
-        self.history.next_evaluation = self.steps + self.settings.evaluation.every
+        if self.steps >= self.history.next_evaluation:  # an end between two evaluations moves none
+            self.history.next_evaluation = self.steps + self.settings.evaluation.every
         return add_point(self.history, self.steps, result)
 
     def _hidden_of_a_season(self, policy: NetworkPolicy) -> NDArray[np.float32]:

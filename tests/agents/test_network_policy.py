@@ -162,13 +162,34 @@ def test_a_task_with_other_observations_is_refused_with_the_reason(card: TaskCar
         policy_for(other, (policy_of(card),))
 
 
+CARD = 'title = "t"\ncontroller = "network"\nsettings = "weights"\ndescription = "d"\nmade = "m"\nsources = []\n[training]\nseed = 1\n'
+
+
+def test_whatever_bytes_of_a_policy_are_wrong_it_is_refused_or_acts(card: TaskCard, tmp_path: Path) -> None:
+    data = policy_of(card, sizes=(8,)).to_bytes()
+    (tmp_path / "card.toml").write_text(CARD, encoding="utf-8")
+    (tmp_path / "weights").mkdir()
+    rng = np.random.default_rng(0)
+    refusals: list[str] = []
+    for _ in range(400):
+        spoiled = bytearray(data)
+        for place in rng.integers(0, len(data), size=rng.integers(1, 4)):
+            spoiled[place] ^= int(rng.integers(1, 256))
+        (tmp_path / "weights" / "a.npz").write_bytes(spoiled)
+        try:
+            agent = load_agent(tmp_path).make(card)
+        except SubmissionError as error:
+            refusals.append(str(error))
+            continue
+        agent.reset(card, 3)
+        assert agent.act(some_observations(3)).shape == (3, 6)
+    assert len(refusals) > 100
+
+
 def test_a_folder_with_a_policy_and_a_card_is_an_agent_whose_digest_follows_its_weights(
     card: TaskCard, tmp_path: Path
 ) -> None:
-    (tmp_path / "card.toml").write_text(
-        'title = "t"\ncontroller = "network"\nsettings = "weights"\ndescription = "d"\nmade = "m"\nsources = []\n[training]\nseed = 1\n',
-        encoding="utf-8",
-    )
+    (tmp_path / "card.toml").write_text(CARD, encoding="utf-8")
     with pytest.raises(SubmissionError, match="no policy"):
         load_agent(tmp_path)
     (tmp_path / "weights").mkdir()

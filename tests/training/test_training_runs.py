@@ -124,6 +124,28 @@ def test_what_is_finished_is_not_done_again_and_what_was_begun_is_not_overwritte
     assert card["training"]["ended_before_at"] == [first.steps]
 
 
+def test_a_lengthened_training_ends_as_one_that_was_that_long_at_once(
+    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
+) -> None:
+    steps = (300, 600, 1200)  # ends between two evaluations, and where one is due
+    for end in steps:
+        train(day, tiny.model_copy(update={"n_timesteps": end}), tmp_path / "longer", resume=True, tensorboard=False)
+    trained = train(day, tiny.model_copy(update={"n_timesteps": steps[-1]}), tmp_path / "once", tensorboard=False)
+    assert_same_bits(weights_of(tmp_path / "longer", tiny.algorithm), weights_of(tmp_path / "once", tiny.algorithm))
+    points = {}
+    for name in ("longer", "once"):
+        lines = (tmp_path / name / "learning_curve.csv").read_text(encoding="utf-8").splitlines()[1:]
+        rows = [line.split(",") for line in lines]
+        points[name] = {int(row[0]): row[3:] for row in rows}  # but for the seconds and what was best so far
+        assert len(points[name]) == len(rows)
+    assert points["once"].items() <= points["longer"].items()
+    card = tomllib.loads((tmp_path / "longer" / "card.toml").read_text(encoding="utf-8"))
+    ends = card["training"]["ended_before_at"]
+    assert len(ends) == len(steps) - 1
+    assert set(points["longer"]) == set(points["once"]) | set(ends)
+    assert trained.steps == card["training"]["steps"]
+
+
 @pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
 def test_a_training_that_goes_on_is_no_finished_one_until_its_new_end(
     day: TaskSpec, tiny: TrainingSettings, tmp_path: Path

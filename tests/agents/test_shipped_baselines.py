@@ -1,0 +1,62 @@
+"""The shipped baselines are what their cards say: settings, trainings, and what came of them."""
+
+from __future__ import annotations
+
+import csv
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from glbench.agents.baselines import read_baseline
+from glbench.agents.rule_settings import RuleSettings
+from glbench.tasks import get_task
+from glbench.training.card import settings_digest
+from glbench.training.season_search import read_season_search
+from glbench.training.settings import PAPER, read_settings
+
+ROOT = Path(__file__).resolve().parents[2]
+TRAININGS = sorted((ROOT / "baselines").glob("*/training/*.toml"))
+
+
+def test_the_unlit_grower_is_the_published_one_without_lamps() -> None:
+    lit, unlit = (read_baseline(name).settings for name in ("rule_based", "rule_based_unlit"))
+    assert isinstance(lit, RuleSettings)
+    assert isinstance(unlit, RuleSettings)
+    assert lit.model_dump() | {"lamps_off_radiation": 0.0} == unlit.model_dump()
+    results = list((ROOT / "reports" / "results").glob("*/rule_based_unlit.json"))
+    assert results
+    for result in results:
+        runs = json.loads(result.read_text(encoding="utf-8"))["runs"]
+        assert {run["metrics"]["electricity"] for run in runs} == {0.0}, result
+
+
+@pytest.mark.parametrize("file", TRAININGS, ids=lambda file: f"{file.parts[-3]}-{file.stem}")
+def test_a_shipped_training_is_of_the_settings_beside_it_and_of_todays_task(file: Path) -> None:
+    card = tomllib.loads(file.read_text(encoding="utf-8"))
+    training, task = card["training"], get_task(card["task"]["id"])
+    assert card["task"]["digest"] == task.digest
+    settings = file.parent / training["settings"]
+    recipe = settings.stem
+    if recipe in PAPER:
+        assert training["settings_digest"] == settings_digest(read_settings(settings, recipe, task.id))
+    else:
+        assert training["settings_digest"] == read_season_search(settings, task.id).digest
+    with (file.parent / training["learning_curve"]).open(encoding="utf-8", newline="") as curve:
+        points = list(csv.DictReader(curve))
+    assert int(points[-1]["steps"]) == training["steps"]
+    best = max(points, key=lambda point: float(point["reward"]))
+    assert int(best["steps"]) == card["best"]["steps"]
+    assert float(best["reward"]) == pytest.approx(card["best"]["reward"], rel=1e-9)
+    assert [point["steps"] for point in points if point["best"] == "1"][-1] == best["steps"]
+    policy = file.parent.parent / "weights" / f"{file.stem}.npz"
+    assert policy.is_file()
+    if "settings" in card:
+        assert (file.parent / card["settings"]).resolve() == policy
+
+
+def test_every_shipped_policy_has_a_training_that_is_told() -> None:
+    policies = {file.relative_to(ROOT) for file in (ROOT / "baselines").glob("*/weights/*.npz")}
+    told = {(file.parent.parent / "weights" / f"{file.stem}.npz").relative_to(ROOT) for file in TRAININGS}
+    assert policies == told
