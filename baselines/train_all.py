@@ -4,8 +4,8 @@
     python baselines/train_all.py --out runs/baselines --list      # what is done and what is left
     python baselines/train_all.py --out runs/baselines --ship      # put what is done into baselines/
 
-A training takes half an hour (PPO) to an hour (SAC) on one free core. What is finished is skipped; what was
-interrupted continues from its last checkpoint, to the same weights as without the interruption.
+A training takes about half an hour on one free core. What is finished is skipped; what was interrupted
+continues from its last checkpoint, to the same weights as without the interruption.
 """
 
 from __future__ import annotations

@@ -61,7 +61,7 @@ class _Controller:
         """
         try:
             controller: Agent | PrivilegedController = _found(self.maker)(settings)
-        except (zlib.error, NotImplementedError, TypeError) as error:
+        except (zlib.error, NotImplementedError, TypeError) as error:  # the second: zipfile of what it cannot unpack
             msg = f"This agent cannot be made: {error}. Its settings or the file of a policy may be damaged."
             raise SubmissionError(msg) from error
         return controller

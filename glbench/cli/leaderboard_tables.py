@@ -130,9 +130,9 @@ def suite_resource_table(table: SuiteTable, console: Console) -> tuple[Table, tu
         _Figures("Training\n[steps]", tuple(steps_text(one.training_steps) for one in figures), len(wanted)),
     ]
     names = [_suite_label(row) for row in rows]
-    return _fitting(
-        "Money, harvest, resources, climate: means over the tasks", None, names, columns, [None] * len(names), console
-    )
+    styles = ["dim" if row.missing else None for row in rows]
+    title = "Money, harvest, resources, climate: means over the tasks with results"
+    return _fitting(title, None, names, columns, styles, console)
 
 
 def _suite_label(row: SuiteRow) -> str:

@@ -47,7 +47,7 @@ class History:
     best_steps: int = 0
     next_evaluation: int = 0
     ends: list[int] = field(default_factory=list)
-    """Steps at which the training was finished before it went on."""
+    """Steps at which the training was finished, the last end included."""
     time: TimeAccount = field(default_factory=TimeAccount)
 
 

@@ -118,13 +118,13 @@ class TrainingVecEnv(VecEnv):
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Not possible: rows are no environments of their own."""
-        msg = f"The greenhouses of a batch have no attributes of their own; {attr_name!r} cannot be set."
-        raise NotImplementedError(msg)
+        msg = f"The greenhouses of a batch have no attributes of their own; {attr_name!r} cannot be set. Change the task instead."
+        raise AttributeError(msg)
 
     def env_method(self, method_name: str, *arguments: Any, indices: Any = None, **keywords: Any) -> list[Any]:
         """Not possible: rows are no environments of their own."""
-        msg = f"The greenhouses of a batch have no methods of their own; {method_name!r} cannot be called."
-        raise NotImplementedError(msg)
+        msg = f"The greenhouses of a batch have no methods of their own; {method_name!r} cannot be called. Use `environment`, the batch."
+        raise AttributeError(msg)
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
         """Never: rows are no environments of their own. Episode sums come as a ``Monitor`` would give them."""

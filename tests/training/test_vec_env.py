@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from glbench.env import GreenhouseVectorEnv
 from glbench.kernel import make_kernel
@@ -72,3 +73,12 @@ def test_later_seasons_are_drawn_anew(day: TaskSpec) -> None:
         env.step(chosen)
     assert before.tolist() == [666, 667]
     assert not set(env.environment.simulation.seeds.tolist()) & {666, 667}
+
+
+def test_rows_of_a_batch_have_neither_attributes_nor_methods_of_their_own(day: TaskSpec) -> None:
+    env = TrainingVecEnv(day, 2)
+    with pytest.raises(AttributeError, match=r"'delta' cannot be set\. Change the task"):
+        env.set_attr("delta", 0.1)
+    with pytest.raises(AttributeError, match=r"'render' cannot be called\. Use `environment`"):
+        env.env_method("render")
+    env.close()

@@ -59,7 +59,7 @@ def torchscript_complaint(file: Path) -> str | None:
     try:
         with zipfile.ZipFile(file) as archive:
             names = archive.namelist()
-    except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError):
+    except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError):  # the last: zipfile of what it cannot unpack
         return f"{file.name} is no TorchScript file: it is no archive at all. {_HOW}"
     if any(name.endswith("/constants.pkl") for name in names) and any("/code/" in name for name in names):
         return None

@@ -21,7 +21,7 @@ from glbench.errors import GlbenchError, SubmissionError
 from glbench.resources import DataFolder, cache_folder, data_folder, user_data_folder
 
 CODE: Final = Path("/opt/glbench")
-"""Where glbench is inside."""
+"""Where glbench is inside the sandbox: a place of its file system, on no machine."""
 SUBMISSION: Final = Path("/submission")
 """Where the submission is inside."""
 

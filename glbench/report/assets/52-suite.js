@@ -9,6 +9,8 @@ const scoreBar = (interval, range, agent) => bar({ mean: interval[0], low: inter
 const score = (value) => number(value, 3);
 const agentHead = (name, extra = null) => h("th", { scope: "row", class: "agent" }, swatch(name), h("a", { href: link("agent", name) }, breakable(name)), extra);
 
+const suiteAgent = (row) => agentHead(row.agent, row.missing.length ? [" ", tag(`lacks ${plural(row.missing.length, "task")}`)] : null);
+
 const SCORE_COLUMNS = [["mean", "Mean", "Score"], ["iqm", "IQM", "IQM"], ["median", "Median", "Median"], ["optimality_gap", "Optimality gap", "Optimality gap"]];
 
 const scoreTable = (suite) => {
@@ -27,7 +29,7 @@ const scoreTable = (suite) => {
     columns: [
       { key: "rank", label: "#", value: (row) => row.rank, start: "ascending", className: "rank", explain: otherWords("Rank"), cell: (row) => h("td", { class: "rank" }, row.rank ?? "\u2013") },
       { key: "agent", label: "Agent", value: (row) => row.agent, left: true, start: "ascending", className: "agent", explain: [h("b", {}, "Agent"), ": open one to see its days, its season and its money."],
-        cell: (row) => agentHead(row.agent, row.missing.length ? [" ", tag(`lacks ${plural(row.missing.length, "task")}`)] : null) },
+        cell: suiteAgent },
       ...SCORE_COLUMNS.map(column),
       { key: "runs", label: "Runs", value: (row) => row.runs, explain: [h("b", {}, "Runs"), ": of all tasks together. Failed ones count."], cell: (row) => h("td", {}, number(row.runs, 0), row.figures?.failed ? h("span", { class: "of" }, `${row.figures.failed} failed`) : null) },
     ],
@@ -41,8 +43,8 @@ const usedTable = (suite) => {
     explain: explained(metric.name), cell: (row) => h("td", {}, number(row.figures[metric.name], metric.decimals)),
   });
   return sortable({
-    caption: "What they earned, grew and used: means over the tasks", rows, state: usedState, className: "ranks", columns: [
-      { key: "agent", label: "Agent", value: (row) => row.agent, left: true, start: "ascending", className: "agent", explain: [h("b", {}, "Agent"), ": its name."], cell: (row) => agentHead(row.agent) },
+    caption: "What they earned, grew and used: means over the tasks with results", rows, state: usedState, className: "ranks", columns: [
+      { key: "agent", label: "Agent", value: (row) => row.agent, left: true, start: "ascending", className: "agent", explain: [h("b", {}, "Agent"), ": its name."], cell: suiteAgent },
       ...D.metrics.filter((metric) => metric.column && metric.name !== "reward").map(metricColumn),
       ...aboutColumns((row) => ({ ...row.figures, steps: row.figures.training, name: row.agent })),
     ],
