@@ -1,4 +1,4 @@
-"""Tables and figures of docs/reproduction.md from result files: ``python docs/reproduction_figures.py [reports/results]``.
+"""Tables and figures of docs/reproduction.md from result files: ``python docs/reproduction_figures.py [reports/released/results]``.
 
 Reads the results of the controllers on the seven levels of the paper's study, draws docs/images/reproduction-curves.svg and
 reproduction-money.svg, and rewrites the tables between the markers of docs/reproduction.md. What is not evaluated yet is left out.
@@ -252,4 +252,4 @@ def main(results: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else DOCS.parent / "reports" / "results")
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else DOCS.parent / "reports" / "released" / "results")

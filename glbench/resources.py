@@ -13,7 +13,7 @@ from typing import Literal
 
 from glbench.errors import GlbenchError
 
-DataFolder = Literal["tasks", "baselines", "weather", "submissions", "reports/results"]
+DataFolder = Literal["tasks", "baselines", "weather", "submissions", "reports/released/results"]
 
 _PACKAGE = Path(__file__).resolve().parent
 

@@ -27,7 +27,7 @@ def badge(
 
     check_folder(out)
     wanted = task or DEFAULT_TASK
-    tables = rank(collect_results([out / "results", data_folder("reports/results")]), published_expectations())
+    tables = rank(collect_results([out / "results", data_folder("reports/released/results")]), published_expectations())
     names = {name: table for table in tables for name in (table.task_id, table.task_id.rpartition("/")[2])}
     if wanted not in names:
         msg = f"There are no results of a task '{wanted}'.{did_you_mean(wanted, names)}"

@@ -33,7 +33,7 @@ def find_results(wanted: str, tasks: Sequence[str], reports: Path) -> list[Resul
     check_folder(reports)
     if wanted.endswith(".json") or Path(wanted).is_file():
         return [load_result(Path(wanted))]
-    stored = [item.result for item in collect_results([reports / "results", data_folder("reports/results")])]
+    stored = [item.result for item in collect_results([reports / "results", data_folder("reports/released/results")])]
     agents = sorted({result.agent.name for result in stored})
     if wanted not in agents:
         msg = (

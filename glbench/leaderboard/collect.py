@@ -8,6 +8,7 @@ from pathlib import Path
 
 from glbench.errors import ResultError
 from glbench.evaluation import Result, load_result
+from glbench.resources import data_folder
 from glbench.verification import SUFFIX, read_proof
 
 
@@ -18,6 +19,11 @@ class StoredResult:
     path: Path
     result: Result
     verified: bool = False
+
+    @property
+    def released(self) -> bool:
+        """Whether it came with glbench, as read-only data of the package; otherwise it is the user's own."""
+        return self.path.resolve().is_relative_to(data_folder("reports/released/results").resolve())
 
 
 @dataclass(frozen=True)

@@ -36,10 +36,4 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
     ResultError
         When one folder holds two results of one agent and task.
     """
-    # In a checkout the released results lie where one's own are made: of those only the baselines' are released.
-    own = (out / "results").resolve()
-    found, problems = collect_readable([out / "results", data_folder("reports/results")])
-    stored = tuple(
-        item for item in found if item.result.agent.kind == "baseline" or item.path.resolve().is_relative_to(own)
-    )
-    return stored, problems
+    return collect_readable([out / "results", data_folder("reports/released/results")])

@@ -25,7 +25,7 @@ def test_the_unlit_grower_is_the_published_one_without_lamps() -> None:
     assert isinstance(lit, RuleSettings)
     assert isinstance(unlit, RuleSettings)
     assert lit.model_dump() | {"lamps_off_radiation": 0.0} == unlit.model_dump()
-    results = list((ROOT / "reports" / "results").glob("*/rule_based_unlit.json"))
+    results = list((ROOT / "reports" / "released" / "results").glob("*/rule_based_unlit.json"))
     assert results
     for result in results:
         runs = json.loads(result.read_text(encoding="utf-8"))["runs"]

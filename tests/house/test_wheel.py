@@ -61,7 +61,7 @@ def test_the_wheel_carries_tasks_weather_baselines_examples_and_released_results
         "weather/manifest.toml",
         "baselines/rule_based/",
         "submissions/my_agent.py",
-        "reports/results/",
+        "reports/released/results/",
     ):
         assert any(name.startswith(f"glbench/_data/{start}") for name in names), start
     assert "glbench/py.typed" in names

@@ -12,7 +12,7 @@ from glbench.leaderboard.budget import UNKNOWN, Budget, budget_of
 from glbench.resources import data_folder
 from tests.leaderboard.synthetic import make_result
 
-RESULTS = data_folder("reports/results")
+RESULTS = data_folder("reports/released/results")
 
 
 def released(agent: str, task: str = "Schiphol2010-Delta10-v1"):

@@ -82,7 +82,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     for name in PAPER:
         (results / name).mkdir(parents=True)
         for agent in RELEASED:
-            for file in (data_folder("reports/results") / name).glob(f"{agent}.*json"):
+            for file in (data_folder("reports/released/results") / name).glob(f"{agent}.*json"):
                 shutil.copy(file, results / name)
     tasks = [small_task(folder, "Days"), small_task(folder, "CheapDays", OTHER_PRICES)]
     for task in tasks:

@@ -28,7 +28,7 @@ def script() -> ModuleType:
 
 
 def test_tables_and_figures_are_those_of_the_results(script: ModuleType) -> None:
-    points = script.collect(ROOT / "reports" / "results")
+    points = script.collect(ROOT / "reports" / "released" / "results")
     page = (DOCS / "reproduction.md").read_text(encoding="utf-8")
     assert script.filled(page, points) == page
     for name, figure in script.figures(points).items():

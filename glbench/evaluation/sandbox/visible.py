@@ -28,7 +28,7 @@ SUBMISSION: Final = Path("/submission")
 _SYSTEM = ("usr", "bin", "sbin", "lib", "lib32", "lib64", "nix/store")
 _SETTINGS = ("ld.so.cache", "ld.so.conf", "ld.so.conf.d", "alternatives")
 _LIBRARIES = {"site-packages", "dist-packages"}
-_HIDDEN_DATA: tuple[DataFolder, ...] = ("tasks", "weather", "submissions", "reports/results")
+_HIDDEN_DATA: tuple[DataFolder, ...] = ("tasks", "weather", "submissions", "reports/released/results")
 _PACKAGE = Path(__file__).resolve().parents[2]
 
 

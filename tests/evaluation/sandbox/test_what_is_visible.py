@@ -73,7 +73,7 @@ for place, folders, files in os.walk("/"):
     )
     assert "/opt/glbench/glbench/agents/loading.py" in files
     assert [file for file in files if not file.startswith(expected)] == ["/submission/agent_under_test.py"]
-    for name in ("weather", "tasks", "reports/results", "submissions"):
+    for name in ("weather", "tasks", "reports/released/results", "submissions"):
         shipped = {item.name for item in data_folder(name).rglob("*") if item.is_file()}  # type: ignore[arg-type]
         assert shipped
         own = [file for file in files if file.startswith("/opt/glbench/")]
