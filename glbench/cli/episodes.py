@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import messages, output
+from glbench.cli.recording import recording
 from glbench.errors import EpisodeError
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from glbench.episodes import ActionLog, Episode
 
 app = typer.Typer(help="Look at episode records (MCAP), export, recover and make them.", no_args_is_help=True)
+app.command()(recording)
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="An episode record (.mcap).")]
 
