@@ -25,6 +25,7 @@ from glbench.tasks import (
     TaskSpec,
     task_card,
 )
+from glbench.tasks.bases import Change
 
 _LIMIT_WORDS = {"air_temperature": "air temperature", "co2": "CO2", "relative_humidity": "relative humidity"}
 
@@ -58,6 +59,9 @@ def explanation(task: TaskSpec) -> Iterator[RenderableType]:
     yield Text.assemble((task.title, "bold"), "\n", (f"{task.id}  ({state}, digest {task.digest[:8]})", "dim"))
     if task.description.strip():
         yield Text("\n" + " ".join(task.description.split()))
+    if task.base is not None:
+        yield _heading(f"Based on {task.base}, changed:")
+        yield _words([_changed(change) for change in task.changes])
     yield _heading("Period and place")
     yield _words(_period(task, card))
     yield _heading("Greenhouse and crop")
@@ -77,6 +81,10 @@ def explanation(task: TaskSpec) -> Iterator[RenderableType]:
     yield _words(_evaluation(task))
 
 
+def _changed(change: Change) -> str:
+    return f"{change.key} = {change.value} " + (f"(there {change.before})" if change.before else "(not there)")
+
+
 def explained(task: TaskSpec) -> dict[str, Any]:
     """The same for machines: card, definition, digests, uncertain parameters."""
     card = dataclasses.asdict(task_card(task))
@@ -87,6 +95,8 @@ def explained(task: TaskSpec) -> dict[str, Any]:
         "description": task.description,
         "suites": list(task.suites),
         "source": task.source,
+        "base": task.base,
+        "changes": [dataclasses.asdict(change) for change in task.changes],
         "locked": task.locked,
         "digest": task.digest,
         "fingerprint": dataclasses.asdict(task.fingerprint()),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from glbench.cli.console import messages, output
+from glbench.cli.console import harmless, messages, output
 from glbench.errors import GlbenchError
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def check_command(
                     output().print(first_weather(outcome))
             else:
                 output().print("[red]wrong[/red]  ", end="")
-                output().print(outcome, markup=False, soft_wrap=True)
+                output().print(harmless(outcome), markup=False, soft_wrap=True)
         messages().print(_verdict(len(found), len(wrong)))
     if wrong:
         raise typer.Exit(1)
