@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 from glbench import registration
+from glbench.env.behaviour import lock_behaviour
 from glbench.registration import task_files
-from glbench.tasks import bases, library, lock, lock_new_tasks
+from glbench.tasks import bases, library, list_tasks, lock, lock_new_tasks
 from glbench.tasks.digest import fingerprint
 from tests.tasks.names import FILE
 
@@ -91,5 +92,6 @@ def published(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, forget: Callable[
     for module in (registration, lock, bases):
         monkeypatch.setattr(module, "data_folder", lambda _name: folder)
     lock_new_tasks()
+    lock_behaviour(list_tasks())
     forget()
     return folder
