@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from glbench.episodes import ActionLog, Episode
 
 app = typer.Typer(help="Look at episode records (MCAP), export, recover and make them.", no_args_is_help=True)
-app.command()(recording)
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="An episode record (.mcap).")]
 
@@ -104,6 +103,9 @@ def make(
         files = make_episodes(parse_selection(episodes), loaded, result, task_of_result(loaded, result), to)
     for file in files:
         output().print(str(file), markup=False, soft_wrap=True)
+
+
+app.command()(recording)
 
 
 def _show_episode(episode: Episode, file: Path) -> None:

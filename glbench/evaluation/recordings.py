@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -15,17 +16,6 @@ from glbench.resources import write_atomically
 from glbench.tasks import task_card
 
 ACTIONS_FILE = "actions.npz"
-_CARD = """\
-title = "Recording of {agent}, seed {seed}"
-controller = "recording"
-settings = "{file}"
-description = \"\"\"
-The actions that {agent} took in the run with seed {seed} of {task}, replayed without looking at any observation.
-What it earns beside {agent} tells what feedback is worth there.
-\"\"\"
-made = "glbench evaluate {agent} --task {task} --seed {seed} --runs 1, then glbench episodes recording RESULT --run {seed}"
-sources = []
-"""
 
 
 def write_recording(result: Path, seed: int, folder: Path) -> Recording:
@@ -68,6 +58,21 @@ def write_recording(result: Path, seed: int, folder: Path) -> Recording:
         },
     )
     write_atomically(folder / ACTIONS_FILE, recording.to_bytes())
-    words = _CARD.format(agent=agent.name, seed=seed, task=loaded.task.id, file=ACTIONS_FILE)
-    write_atomically(folder / CARD_FILE, words)
+    write_atomically(folder / CARD_FILE, _card(agent.name, loaded.task.id, seed))
     return recording
+
+
+def _card(agent: str, task: str, seed: int) -> str:
+    """The text of the folder's card."""
+    card = {
+        "title": f"Recording of {agent}, seed {seed}",
+        "controller": "recording",
+        "settings": ACTIONS_FILE,
+        "description": f"The actions that {agent} took in the run with seed {seed} of {task}, replayed without looking at any observation. "
+        f"What it earns beside {agent} tells what feedback is worth there.",
+        "made": f"glbench evaluate {agent} --task {task} --seed {seed} --runs 1, then glbench episodes recording RESULT --run {seed}",
+    }
+    # A string of JSON is one of TOML; names come from a result, which may be a stranger's.
+    return (
+        "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in card.items()) + "sources = []\n"
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -12,6 +13,9 @@ from glbench.agents import load_agent
 from glbench.agents.baselines import read_baseline
 from glbench.agents.recording import Recording, RecordingAgent, read_recording
 from glbench.errors import ShapeError, SubmissionError
+from glbench.evaluation import evaluate, load_result, result_path
+from glbench.evaluation.recordings import write_recording
+from glbench.resources import data_folder
 from glbench.tasks import get_task, task_card
 
 SETTINGS = read_baseline("recording").settings
@@ -104,3 +108,24 @@ def test_it_says_that_it_sees_nothing():
     assert agent.information == "nothing: replays recorded actions"
     assert not agent.privileged
     assert isinstance(agent.make(task_card(get_task("Schiphol2010-Delta10-v1"))), RecordingAgent)
+
+
+@pytest.mark.slow
+def test_the_card_says_what_a_blind_recording_earns(tmp_path):
+    card = read_baseline("recording").card.description
+    figures = [float(figure.replace(",", "")) for figure in re.findall(r"\d,\d{3}\.\d", card)]
+    ten, tuned_ten, thirty, tuned_thirty, own_thirty = figures
+    middle, widest = "Schiphol2010-Delta10-v1", "Schiphol2010-Delta30-v1"
+    # What replays actions ends where it ended elsewhere; what reacts to observations may drift by some units.
+    assert mean_reward("recording", middle) == pytest.approx(ten, abs=0.1)
+    assert mean_reward("recording", widest) == pytest.approx(thirty, abs=0.1)
+    for task, figure in ((middle, tuned_ten), (widest, tuned_thirty)):
+        released = load_result(data_folder("reports/released/results") / task / "ppo_tuned.json")
+        assert np.mean(released.values("reward")) == pytest.approx(figure, abs=0.05)
+    evaluate(get_task(widest), "ppo_tuned", runs=1, first_seed=10000, out=tmp_path)
+    write_recording(result_path(tmp_path, widest, "ppo_tuned"), 10000, tmp_path / "widest")
+    assert mean_reward(tmp_path / "widest", widest) == pytest.approx(own_thirty, abs=8.0)
+
+
+def mean_reward(agent, task):
+    return np.mean(evaluate(get_task(task), agent).values("reward"))
