@@ -168,7 +168,7 @@ def _read_toml(path: Path, shown: str) -> dict[str, Any]:
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
-            msg = f"{shown} is a folder, a pipe or a device, and no task file. Give a file that ends in .toml."
+            msg = f"{shown} is no file, but a folder, a pipe or a device. Give a .toml file or the id of a task."
             raise TaskError(msg)
         if status.st_size > _LARGEST_FILE:
             msg = f"{shown} has {status.st_size:,} bytes; a task file has some thousand. Is it the right file?"

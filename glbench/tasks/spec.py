@@ -39,7 +39,7 @@ def _text(given: object) -> object:
     """Text for people, which stands in terminals and on pages: without characters that steer them."""
     strange = next((letter for letter in given if not _can_be_shown(letter)), None) if isinstance(given, str) else None
     if strange is not None:
-        msg = f"It holds the character U+{ord(strange):04X}, which cannot be shown. Remove it."
+        msg = f"It holds the character U+{ord(strange):04X}, which cannot be shown. Take it out."
         raise ValueError(msg)
     return given
 

@@ -105,7 +105,7 @@ def test_what_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe.toml"
     os.mkfifo(pipe)
     for path in (pipe, tmp_path, Path("/dev/zero")):
-        with pytest.raises(TaskError, match="is a folder, a pipe or a device"):
+        with pytest.raises(TaskError, match="is no file, but a folder, a pipe or a device"):
             get_task(path)
 
 
