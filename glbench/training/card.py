@@ -89,13 +89,14 @@ def write_card(
     """
     spent = history.time
     shares = {name: round(seconds / spent.training, 4) for name, seconds in spent.as_dict().items() if name in _SHARED}
+    learnt = history.best_steps > 0
     where = machine()
     git = git_state()
     content: dict[str, Any] = {
         "title": making.title,
         "controller": "network",
         "settings": POLICY,
-        "description": making.description,
+        "description": making.description if learnt else _NOT_LEARNT.format(making.training["steps"]),
         "made": making.made,
         "sources": list(making.sources),
         "task": {"id": task.id, "digest": task.digest},
@@ -103,6 +104,8 @@ def write_card(
         "best": {
             "steps": history.best_steps,
             "reward": history.best_reward,
+            "last_reward": history.last_reward,
+            "learnt": learnt,
             "evaluation_seeds": evaluation.seeds(task),
         },
         "wall_seconds": {"total": round(spent.total, 1), **{k: round(v, 1) for k, v in spent.as_dict().items()}},
@@ -122,6 +125,9 @@ def write_card(
     write_atomically(folder / CARD, to_toml(content))
 
 
+_NOT_LEARNT = (
+    "Nothing was learnt: this is the policy that the training began with, which no later one of {:,} steps beat."
+)
 _SHARED = ("simulator", "policy", "learning")
 
 

@@ -23,6 +23,7 @@ from glbench.tasks import task_card
 from glbench.training.algorithms import algorithm_class
 from glbench.training.card import CARD, POLICY, to_toml
 from glbench.training.checkpoint import DAMAGED
+from glbench.training.normalization import Normalizer
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -160,7 +161,9 @@ def _normalization(normalization: VecNormalize | None, columns: int) -> tuple[np
     if not isinstance(statistics, RunningMeanStd):
         msg = "The normalisation is for several kinds of observations; the tasks of glbench have one."
         raise TrainingError(msg)
-    return statistics.mean, np.sqrt(statistics.var + normalization.epsilon), float(normalization.clip_obs)
+    ours = isinstance(normalization, Normalizer)  # a model of the user's own has Stable-Baselines3's
+    scale = normalization.scale if ours else np.sqrt(statistics.var + normalization.epsilon)
+    return statistics.mean, scale, float(normalization.clip_obs)
 
 
 def torch_action(model: BaseAlgorithm, normalization: VecNormalize | None, observations: np.ndarray) -> np.ndarray:

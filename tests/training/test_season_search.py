@@ -27,8 +27,8 @@ default:
   directions: 3
   population: 8
   generations: 6
-  first_seed: 20_000
-  evaluation: {{every: 400, runs: 2, first_seed: 10_000}}
+  first_seed: 30_000_000_000
+  evaluation: {{every: 400, runs: 2, first_seed: 20_000_000_000}}
 """
 
 
