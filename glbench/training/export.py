@@ -23,7 +23,7 @@ from glbench.tasks import task_card
 from glbench.training.algorithms import algorithm_class
 from glbench.training.card import CARD, POLICY, to_toml
 from glbench.training.checkpoint import DAMAGED
-from glbench.training.normalization import Normalizer
+from glbench.training.normalization import Normalizer, without_steady_columns
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -75,7 +75,7 @@ def export_policy(
         )
         raise TrainingError(msg)
     mean, scale, clip = _normalization(normalization, columns)
-    return NetworkPolicy(
+    policy = NetworkPolicy(
         task_id=task.id,
         delta=task.uncertainty.delta,
         observation_names=card.observation_names,
@@ -91,6 +91,9 @@ def export_policy(
         output=output,
         about=about,
     )
+    if isinstance(normalization, Normalizer) and normalization.norm_obs:
+        return without_steady_columns(policy, normalization.obs_rms.varying)
+    return policy
 
 
 def export_model(file: Path, algorithm: str, normalization: Path | None, task: TaskSpec, folder: Path) -> None:
@@ -161,9 +164,7 @@ def _normalization(normalization: VecNormalize | None, columns: int) -> tuple[np
     if not isinstance(statistics, RunningMeanStd):
         msg = "The normalisation is for several kinds of observations; the tasks of glbench have one."
         raise TrainingError(msg)
-    ours = isinstance(normalization, Normalizer)  # a model of the user's own has Stable-Baselines3's
-    scale = normalization.scale if ours else np.sqrt(statistics.var + normalization.epsilon)
-    return statistics.mean, scale, float(normalization.clip_obs)
+    return statistics.mean, np.sqrt(statistics.var + normalization.epsilon), float(normalization.clip_obs)
 
 
 def torch_action(model: BaseAlgorithm, normalization: VecNormalize | None, observations: np.ndarray) -> np.ndarray:

@@ -1,12 +1,13 @@
-"""Normalisation of observations and rewards in training: ``VecNormalize``, but columns that do not vary keep their unit.
+"""Normalisation of observations and rewards in training: ``VecNormalize``, without the columns that do not vary.
 
 ``VecNormalize`` divides a column by its standard deviation. Outdoor CO2 is 400 ppm throughout the shipped weather; its standard
-deviation is 0.003 ppm, left over from how the running statistics begin, and with it a reading of 401 ppm is 350 standard deviations off.
-Here a column is divided by its standard deviation once it has varied, and by 1 until then.
+deviation is 0.003 ppm, left over from how the running statistics begin, and a reading of 401 ppm is then 350 standard deviations off: more
+than any policy has learnt to stand. Here a column is divided by 1, and shown as 0 whatever it reads, until it has varied.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,19 +15,17 @@ from numpy.typing import NDArray
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
+from glbench.agents.network_policy import NetworkPolicy
+
 Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 _STEADY = 1e-3
 
 
-def varies(low: Floats, high: Floats) -> NDArray[np.bool_]:
-    """Which columns vary: those whose values lie between ``low`` and ``high``, more than 0.001 of the larger magnitude apart."""
-    mask: NDArray[np.bool_] = high - low > _STEADY * np.maximum(np.abs(low), np.abs(high))
+def varies(low: Floats, high: Floats) -> Mask:
+    """Which columns vary: those whose lowest and highest values are more than 0.001 of the larger magnitude apart."""
+    mask: Mask = high - low > _STEADY * np.maximum(np.abs(low), np.abs(high))
     return mask
-
-
-def steadied(mean: Floats, scale: Floats) -> Floats:
-    """The ``scale`` of a policy's columns ``(columns,)``, with 1 where it is so small beside ``mean`` that they did not vary."""
-    return np.where(varies(mean - scale, mean + scale), scale, 1.0)
 
 
 class ColumnStatistics(RunningMeanStd):
@@ -37,6 +36,11 @@ class ColumnStatistics(RunningMeanStd):
         self.low: Floats = np.full(columns, np.inf)
         self.high: Floats = np.full(columns, -np.inf)
 
+    @property
+    def varying(self) -> Mask:
+        """Which columns have varied so far."""
+        return varies(self.low, self.high)
+
     def update(self, arr: NDArray[np.floating[Any]]) -> None:
         """Add observations ``(n, columns)``."""
         super().update(arr)
@@ -45,18 +49,14 @@ class ColumnStatistics(RunningMeanStd):
 
     def take(self, mean: Floats, scale: Floats, epsilon: float, count: float) -> None:
         """Go on from the mean and scale ``(columns,)`` of a policy as if they came from ``count`` observations."""
-        scale = steadied(mean, scale)
-        spread = np.where(scale == 1.0, 0.0, scale)  # 1 is what a column has that did not vary
+        spread = np.where(scale == 1.0, 0.0, scale)  # 1: a column that did not vary
         self.low, self.high = mean - spread, mean + spread
-        self.mean, self.var, self.count = mean.copy(), np.maximum(scale**2 - epsilon, 0.0), count
-
-    def scale(self, epsilon: float) -> Floats:
-        """What the columns are divided by ``(columns,)``: standard deviation, or 1 where nothing has varied yet."""
-        return np.where(varies(self.low, self.high), np.sqrt(self.var + epsilon), 1.0)
+        self.mean, self.count = mean.copy(), count
+        self.var = np.where(self.varying, np.maximum(scale**2 - epsilon, 0.0), 1.0)
 
 
 class Normalizer(VecNormalize):
-    """``VecNormalize`` whose observations are divided by ``ColumnStatistics.scale``. Saved and loaded like it."""
+    """``VecNormalize`` that shows a column as 0 until it has varied. Saved and loaded like it."""
 
     def __init__(self, env: VecEnv, **arguments: Any) -> None:
         super().__init__(env, **arguments)
@@ -66,13 +66,19 @@ class Normalizer(VecNormalize):
 
     @property
     def scale(self) -> Floats:
-        """What the columns of observations are divided by ``(columns,)``."""
-        return self.obs_rms.scale(self.epsilon)
+        """What the columns of observations are divided by ``(columns,)``: 1 where nothing has varied yet."""
+        return np.where(self.obs_rms.varying, np.sqrt(self.obs_rms.var + self.epsilon), 1.0)
 
     def _normalize_obs(self, obs: NDArray[Any], obs_rms: RunningMeanStd) -> NDArray[Any]:
-        normalized: NDArray[Any] = np.clip((obs - obs_rms.mean) / self.scale, -self.clip_obs, self.clip_obs)
-        return normalized
+        normalized = np.clip((obs - obs_rms.mean) / self.scale, -self.clip_obs, self.clip_obs)
+        return np.where(self.obs_rms.varying, normalized, 0.0)
 
     def _unnormalize_obs(self, obs: NDArray[Any], obs_rms: RunningMeanStd) -> NDArray[Any]:
         unnormalized: NDArray[Any] = obs * self.scale + obs_rms.mean
         return unnormalized
+
+
+def without_steady_columns(policy: NetworkPolicy, varying: Mask) -> NetworkPolicy:
+    """``policy`` with scale 1 and weights 0 for the columns that do not vary: whatever they read, it acts the same."""
+    first = np.where(varying[:, None], policy.weights[0], np.float32(0.0))
+    return replace(policy, scale=np.where(varying, policy.scale, 1.0), weights=(first, *policy.weights[1:]))

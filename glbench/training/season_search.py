@@ -36,7 +36,7 @@ from glbench.training.card import CARD, POLICY, Making, write_card
 from glbench.training.checkpoint import DAMAGED, History, altered
 from glbench.training.curve import add_point, write_curve
 from glbench.training.folder import SEARCH, SETTINGS, alone_in, finished_in, may_begin
-from glbench.training.normalization import steadied
+from glbench.training.normalization import varies, without_steady_columns
 from glbench.training.probe import Probe, season_sums
 from glbench.training.progress import CurvePoint, Listener, Pace, Progress, TimeAccount
 from glbench.training.run import Trained
@@ -365,12 +365,8 @@ def _begun_anew(settings: SearchSettings, task: TaskSpec) -> NetworkPolicy:
             msg = f"'begin_anew: {name}: {value}': the output of this policy lies between -1 and 1."
             raise TrainingError(msg)
         weights[:, column], biases[column] = 0.0, value if policy.output == "clip" else np.arctanh(value)
-    return replace(
-        policy,
-        scale=steadied(policy.mean, policy.scale),
-        weights=(*policy.weights[:-1], weights),
-        biases=(*policy.biases[:-1], biases),
-    )
+    begun = replace(policy, weights=(*policy.weights[:-1], weights), biases=(*policy.biases[:-1], biases))
+    return without_steady_columns(begun, varies(policy.mean - policy.scale, policy.mean + policy.scale))
 
 
 def _making(under_way: _Search, identity: dict[str, Any]) -> Making:

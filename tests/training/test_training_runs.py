@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from stable_baselines3.common.base_class import BaseAlgorithm
 
+from glbench.agents.network_policy import read_policy
 from glbench.errors import TrainingError
-from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec, get_task
 from glbench.training import CurvePoint, Progress, TrainingSettings, train
 from glbench.training.algorithms import algorithm_class, rollout_steps
 from glbench.training.checkpoint import find_checkpoint, replaced
@@ -87,6 +88,15 @@ def test_a_training_that_was_killed_goes_on_to_the_same_weights(
     assert curves[0].dtype.names == curves[1].dtype.names
     for column in set(curves[0].dtype.names) - {"seconds"}:
         np.testing.assert_array_equal(curves[0][column], curves[1][column])
+
+
+def test_a_task_with_fewer_controls_can_be_trained(day_file: Path, tiny: TrainingSettings, tmp_path: Path) -> None:
+    six = 'controls = ["uBoil", "uCo2", "uThScr", "uVent", "uLamp", "uBlScr"]'
+    text = day_file.read_text(encoding="utf-8")
+    assert six in text
+    (tmp_path / "two.toml").write_text(text.replace(six, 'controls = ["uBoil", "uVent"]'), encoding="utf-8")
+    train(get_task(str(tmp_path / "two.toml")), tiny, tmp_path / "run", tensorboard=False)
+    assert read_policy(tmp_path / "run" / "policy.npz").action_names == ("uBoil", "uVent")
 
 
 @pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
