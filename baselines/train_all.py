@@ -56,7 +56,7 @@ class Job:
 
     @property
     def agent(self) -> str:
-        """Baseline that the policy belongs to."""
+        """Baseline that the policy belongs to: the leaderboard shows ``ppo``, ``ppo_seed1``, ... as trainings of one entry."""
         return self.recipe if self.seed == 0 else f"{self.recipe}_seed{self.seed}"
 
     @property
@@ -142,10 +142,12 @@ def _train(job: Job, folder: Path) -> None:
         )
     if not trained.already_done:
         log.info("%s: done, best reward %.1f at %d steps", job.name, trained.best_reward, trained.best_steps)
+    if not trained.learnt:
+        log.warning("%s: nothing was learnt: no policy was better than the one that it began with", job.name)
 
 
 def _ship(job: Job, folder: Path) -> None:
-    """Copy what people and evaluations need of a finished training to its baseline."""
+    """Copy what people and evaluations need of a finished training to its baseline; one that learnt nothing stays out."""
     if _state(job, folder) != "done":
         return
     if not (folder / POLICY).is_file():
@@ -189,7 +191,11 @@ def _state(job: Job, folder: Path) -> str:
         digest, wanted, reached = sought.digest, sought.generations, card["training"]["generations"]
     found = card["task"]["digest"], card["training"]["settings_digest"], card["training"]["seed"]
     same = found == (task.digest, digest, job.seed)
-    return "another training" if not same else "done" if reached >= wanted else "begun"
+    if not same:
+        return "another training"
+    if reached < wanted:
+        return "begun"
+    return "done" if card["best"]["learnt"] else "nothing learnt"
 
 
 if __name__ == "__main__":

@@ -137,6 +137,7 @@ def load_checkpoint(
         with np.load(folder / _ARRAYS, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         normalization = Normalizer.load(str(folder / NORMALIZATION), env)
+        assert isinstance(normalization, Normalizer)
         model = algorithm_class(algorithm).load(folder / MODEL, env=normalization, device="cpu", force_reset=False)
         if isinstance(model, OffPolicyAlgorithm):
             model.load_replay_buffer(folder / BUFFER, truncate_last_traj=False)

@@ -92,7 +92,7 @@ def export_policy(
         about=about,
     )
     if isinstance(normalization, Normalizer) and normalization.norm_obs:
-        return without_steady_columns(policy, normalization.obs_rms.varying)
+        return without_steady_columns(policy, normalization.columns.varying)
     return policy
 
 

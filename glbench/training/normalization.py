@@ -62,16 +62,22 @@ class Normalizer(VecNormalize):
         super().__init__(env, **arguments)
         if self.norm_obs:
             assert env.observation_space.shape is not None
-            self.obs_rms: ColumnStatistics = ColumnStatistics(env.observation_space.shape[0])
+            self.obs_rms = ColumnStatistics(env.observation_space.shape[0])  # type: ignore[assignment]
+
+    @property
+    def columns(self) -> ColumnStatistics:
+        """Statistics of the columns of observations."""
+        assert isinstance(self.obs_rms, ColumnStatistics)
+        return self.obs_rms
 
     @property
     def scale(self) -> Floats:
         """What the columns of observations are divided by ``(columns,)``: 1 where nothing has varied yet."""
-        return np.where(self.obs_rms.varying, np.sqrt(self.obs_rms.var + self.epsilon), 1.0)
+        return np.where(self.columns.varying, np.sqrt(self.columns.var + self.epsilon), 1.0)
 
     def _normalize_obs(self, obs: NDArray[Any], obs_rms: RunningMeanStd) -> NDArray[Any]:
         normalized = np.clip((obs - obs_rms.mean) / self.scale, -self.clip_obs, self.clip_obs)
-        return np.where(self.obs_rms.varying, normalized, 0.0)
+        return np.where(self.columns.varying, normalized, 0.0)
 
     def _unnormalize_obs(self, obs: NDArray[Any], obs_rms: RunningMeanStd) -> NDArray[Any]:
         unnormalized: NDArray[Any] = obs * self.scale + obs_rms.mean

@@ -52,7 +52,7 @@ def begin_with(file: Path, model: BaseAlgorithm, normalization: Normalizer, task
             layer.weight.copy_(torch.from_numpy(matrix.T.copy()))
             layer.bias.copy_(torch.from_numpy(bias.copy()))
     if normalization.norm_obs:
-        normalization.obs_rms.take(policy.mean, policy.scale, normalization.epsilon, _WEIGHT)
+        normalization.columns.take(policy.mean, policy.scale, normalization.epsilon, _WEIGHT)
 
 
 def policy_in(file: Path, task: TaskSpec) -> NetworkPolicy:

@@ -53,7 +53,7 @@ class TrainingVecEnv(VecEnv):
         self._begun = np.zeros(n_envs, dtype=np.int64)  # episodes of each row
         self._sums = np.zeros((3, n_envs))
         self._lengths = np.zeros(n_envs, dtype=np.int64)
-        self._actions: NDArray[np.floating[Any]] = np.zeros(self.environment.action_space.shape, dtype=np.float32)
+        self._actions: NDArray[np.floating[Any]] = np.zeros(self.environment.action_space.shape or (), dtype=np.float32)
         super().__init__(n_envs, self.environment.single_observation_space, self.environment.single_action_space)
 
     def reset(self) -> NDArray[np.float32]:

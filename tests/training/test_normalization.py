@@ -84,7 +84,7 @@ def test_in_the_default_task_outdoor_co2_is_the_only_column_that_does_not_vary()
     for chosen in np.random.default_rng(0).uniform(-1, 1, (200, 1, 6)).astype(np.float32):
         normalization.step(chosen)
     names = task_card(task).observation_names
-    steady = [name for name, varying in zip(names, normalization.obs_rms.varying, strict=True) if not varying]
+    steady = [name for name, varying in zip(names, normalization.columns.varying, strict=True) if not varying]
     assert steady == ["outdoor_co2"]
     assert normalization.scale[names.index("outdoor_co2")] == 1.0
 
@@ -95,7 +95,7 @@ def test_columns_that_vary_are_normalised_as_by_stable_baselines3(day: TaskSpec)
     theirs.reset()
     for chosen in np.random.default_rng(0).uniform(-1, 1, (30, 4, 6)).astype(np.float32):
         one, other = ours.step(chosen), theirs.step(chosen)
-        varying = ours.obs_rms.varying
+        varying = ours.columns.varying
         np.testing.assert_array_equal(one[0][:, varying], other[0][:, varying])
         assert not one[0][:, ~varying].any()
         np.testing.assert_array_equal(one[1], other[1])
