@@ -27,7 +27,7 @@ from glbench.training import CurvePoint, Progress, read_settings, train
 from glbench.training.card import CARD, POLICY, read_card, settings_digest, to_toml
 from glbench.training.curve import CURVE
 from glbench.training.run import export_best
-from glbench.training.season_search import read_season_search, search
+from glbench.training.season_search import SearchSettings, read_season_search, search
 from glbench.training.settings import PAPER
 
 HERE = Path(__file__).resolve().parent
@@ -137,13 +137,18 @@ def _train(job: Job, folder: Path) -> None:
         settings = read_settings(job.settings, job.recipe, task.id)
         trained = train(task, settings, folder, seed=job.seed, resume=True, listeners=listeners)
     else:
-        trained = search(
-            task, read_season_search(job.settings, task.id), folder, seed=job.seed, resume=True, listeners=listeners
-        )
+        sought = _search_settings(job, task.id, folder.parent)
+        trained = search(task, sought, folder, seed=job.seed, resume=True, listeners=listeners)
     if not trained.already_done:
         log.info("%s: done, best reward %.1f at %d steps", job.name, trained.best_reward, trained.best_steps)
     if not trained.learnt:
         log.warning("%s: nothing was learnt: no policy was better than the one that it began with", job.name)
+
+
+def _search_settings(job: Job, task_id: str, trainings: Path) -> SearchSettings:
+    """Settings of a search, which starts from PPO as trained in ``trainings``, or as shipped when it was not trained there."""
+    trained = trainings / Job("ppo", job.level, job.seed).name / POLICY
+    return read_season_search(job.settings, task_id, trained if trained.is_file() else None)
 
 
 def _ship(job: Job, folder: Path) -> None:
@@ -187,7 +192,7 @@ def _state(job: Job, folder: Path) -> str:
         settings = read_settings(job.settings, job.recipe, task.id)
         digest, wanted, reached = settings_digest(settings), settings.n_timesteps, card["training"]["steps"]
     else:
-        sought = read_season_search(job.settings, task.id)
+        sought = _search_settings(job, task.id, folder.parent)
         digest, wanted, reached = sought.digest, sought.generations, card["training"]["generations"]
     found = card["task"]["digest"], card["training"]["settings_digest"], card["training"]["seed"]
     same = found == (task.digest, digest, job.seed)

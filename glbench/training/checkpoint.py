@@ -49,6 +49,8 @@ class History:
     next_evaluation: int = 0
     ends: list[int] = field(default_factory=list)
     """Steps at which the training was finished, the last end included."""
+    sessions: list[str] = field(default_factory=list)
+    """With which versions it went on, and from which step, wherever they changed."""
     time: TimeAccount = field(default_factory=TimeAccount)
 
     @property

@@ -16,7 +16,7 @@ from glbench.resources import write_atomically
 from glbench.tasks import get_task
 from glbench.training.algorithms import make_model, steps_to_make
 from glbench.training.callback import BEST, TrainingCallback
-from glbench.training.card import CARD, POLICY, making_of, read_card, settings_digest, write_card
+from glbench.training.card import CARD, POLICY, making_of, note_session, read_card, settings_digest, write_card
 from glbench.training.checkpoint import MODEL, NORMALIZATION, History, find_checkpoint, load_checkpoint
 from glbench.training.export import export_policy, load_model
 from glbench.training.folder import CHECKPOINT, SETTINGS, alone_in, finished_in, may_begin
@@ -126,6 +126,7 @@ def train(
             model, normalization, history = _begin_or_continue(env, task, settings, state, seed, identity)
             if card is not None:  # until it finishes, the folder cannot be evaluated
                 (folder / CARD).unlink()
+            note_session(history, model.num_timesteps)
             model.tensorboard_log = str(folder / "tensorboard") if tensorboard else None
             write_atomically(folder / SETTINGS, yaml.safe_dump({"default": _as_yaml(settings)}, sort_keys=False))
             callback = TrainingCallback(

@@ -32,7 +32,7 @@ from glbench.errors import TrainingError, did_you_mean
 from glbench.kernel import make_kernel
 from glbench.resources import write_atomically
 from glbench.training.batched_policy import BatchedPolicy
-from glbench.training.card import CARD, POLICY, Making, write_card
+from glbench.training.card import CARD, POLICY, Making, note_session, write_card
 from glbench.training.checkpoint import DAMAGED, History, altered
 from glbench.training.curve import add_point, write_curve
 from glbench.training.folder import SEARCH, SETTINGS, alone_in, finished_in, may_begin
@@ -276,6 +276,7 @@ def search(
         under_way = _Search(task, settings, seed)
         if state is not None:
             _continue(under_way, state, identity)
+        note_session(under_way.history, under_way.steps)
         if card is not None:  # until it finishes, the folder cannot be evaluated
             (folder / CARD).unlink()
         content = settings.model_dump(mode="json")

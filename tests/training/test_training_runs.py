@@ -90,6 +90,30 @@ def test_a_training_that_was_killed_goes_on_to_the_same_weights(
         np.testing.assert_array_equal(curves[0][column], curves[1][column])
 
 
+@pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
+def test_the_card_says_where_the_versions_changed(
+    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for interrupted in (3, 2):
+        with pytest.raises(PowerCutError):
+            train(
+                day,
+                tiny,
+                tmp_path / "run",
+                resume=True,
+                tensorboard=False,
+                save_seconds=0.0,
+                listeners=[Listening(interrupted)],
+            )
+    monkeypatch.setattr("glbench.training.card.__version__", "9.9.9")
+    train(day, tiny, tmp_path / "run", resume=True, tensorboard=False)
+    card = tomllib.loads((tmp_path / "run" / "card.toml").read_text(encoding="utf-8"))
+    first, second = card["training"]["sessions"]
+    assert first.startswith("from step 0: glbench ")
+    assert second.startswith("from step 288: glbench 9.9.9, ")
+    assert card["versions"]["glbench"] == "9.9.9"
+
+
 def test_a_task_with_fewer_controls_can_be_trained(day_file: Path, tiny: TrainingSettings, tmp_path: Path) -> None:
     six = 'controls = ["uBoil", "uCo2", "uThScr", "uVent", "uLamp", "uBlScr"]'
     text = day_file.read_text(encoding="utf-8")
