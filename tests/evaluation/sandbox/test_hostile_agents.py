@@ -104,6 +104,14 @@ ANIMALS: dict[str, tuple[str, str, str]] = {
     "answers in a kind of its own": (SAY + "say(77, 5, 8, bytes(8))", "crashed", NO_ANSWER),
     "answers a question with a question": (SAY + "say(3, 5, 0)", "crashed", NO_ANSWER),
     "fails without a reason": (SAY + "say(23, 5, 0)", "crashed", NO_ANSWER),
+    "says that it was too slow": (SAY + "say(23, 5, 5, b'\\x02late')", "crashed", NO_ANSWER + ": a timeout, which is not for it to find"),
+    "raises the alarm's own error": (
+        "from glbench.evaluation.limits import TimeUp; raise TimeUp", "crashed", r"^glbench.evaluation.limits.TimeUp \(agent_under_test",
+    ),
+    "says what the evaluation would say": (
+        SAY + "say(23, 5, 49, b'\\x01act (for all runs) took longer than its limit of 15 s'[:49])\ntime.sleep(60)", "crashed",
+        "^the agent's process said: act \\(for all runs\\) took longer",
+    ),
     "fails with a status of its own": (SAY + "say(23, 5, 2, b'\\x09!')", "crashed", NO_ANSWER),
     "lists problems that are none": (SAY + "say(21, 5, 145, bytes(145))", "crashed", NO_ANSWER),
     "begins an answer and stops": (SAY + "os.write(fd, b'\\x14'); time.sleep(60)", "timed_out", LATE),
@@ -181,6 +189,13 @@ HARMLESS = {
     "starts a process that goes on": "import subprocess; subprocess.Popen(['sleep', '1000'])",
     "leaves a process behind a daemon's fork": DAEMON,
     "handles every signal": DEAF,
+    "wants to outlive a machine that runs out of memory": (
+        "for who in ('self', '1'):\n"
+        "    assert open(f'/proc/{who}/oom_score_adj').read() == '1000\\n'\n"
+        "    try: open(f'/proc/{who}/oom_score_adj', 'w').write('0')\n"
+        "    except OSError: pass\n"
+        "    else: raise AssertionError(who)\n"
+    ),
     "changes the working directory": "os.chdir('/')",
     "kills everybody else": KILL_ALL,
     "lowers its nice value in vain": "os.nice(19)",
@@ -254,6 +269,14 @@ def test_processes_that_take_memory_together_are_ended(write_agent: AgentWriter,
     assert (
         result.runs[0].reason == "the agent's processes took more than 0.5 GiB of memory together, which is their limit"
     )
+
+
+def test_answers_ahead_of_their_questions_end_the_process(write_agent: AgentWriter, sandboxed: Prepare) -> None:
+    body = SAY + "for number in range(5, 30): say(20, number, 144, bytes(144))\ntime.sleep(60)"
+    result = sandboxed(write_agent(deed(body))).run()
+
+    assert ends(result) == [("crashed", 4)] * 3
+    assert result.runs[0].reason == "the agent's process sent what is no answer: it came before the question"
 
 
 @pytest.mark.parametrize("body", ["pass", "os._exit(1)", "1 / 0"])

@@ -51,6 +51,29 @@ def test_who_ends_the_process_ends_alone_and_the_others_go_on_with_the_same_bits
     assert (result.runs[0], result.runs[2]) == (clean.runs[0], clean.runs[2])
 
 
+@pytest.mark.parametrize(
+    ("deed", "words"),
+    [
+        (
+            "import gc, socket, struct; body = struct.pack('=II', 1, 2) + b'late'; "
+            "fd = next(thing for thing in gc.get_objects() if isinstance(thing, socket.socket)).fileno(); "
+            "os.write(fd, struct.pack('=IIQ', 22, self.calls + 1, len(body)) + body)",
+            "sent what is no answer: that run 1 took longer than 0.5 s, which it did not",
+        ),
+        ("import signal; signal.raise_signal(signal.SIGALRM)", "TimeUp (agent_under_test.py"),
+    ],
+)
+def test_a_timeout_is_not_for_the_agent_to_find(
+    write_agent: AgentWriter, sandboxed: Prepare, deed: str, words: str
+) -> None:
+    result = sandboxed(
+        write_agent(agent("(self.number, self.calls) == (2, 9)", deed), single=True), limits=LIMITS
+    ).run()
+
+    assert ends(result) == [("ok", 24), ("crashed", 8), ("ok", 24)]
+    assert words in (result.runs[1].reason or "")
+
+
 def test_one_after_the_other_ends_the_process(day_task: TaskSpec, write_agent: AgentWriter, sandboxed: Prepare) -> None:
     clean = evaluate(day_task, write_agent(agent("False", "pass"), single=True), runs=5)
     result = sandboxed(
