@@ -289,7 +289,10 @@ for name in ("mem", "environ", "maps"):
 for name in ("fd/0", "root"):
     try: seen.append(os.readlink("/proc/1/" + name))
     except OSError as error: seen.append(error.errno)
-seen.append(os.getuid())
+for who in ("self", "1"):
+    try: open(f"/proc/{who}/oom_score_adj", "w").write("0")
+    except OSError as error: seen.append(error.errno)
+seen += [os.getuid(), int(open("/proc/self/oom_score_adj").read())]
 """
 
-    assert seen(write_agent, sandboxed, body) == [*[errno.EACCES] * 5, 65534]
+    assert seen(write_agent, sandboxed, body) == [*[errno.EACCES] * 5, errno.EROFS, errno.EROFS, 65534, 1000]
