@@ -1,4 +1,4 @@
-"""For every test: children get their signals as a terminal gives them, and none of them is left behind."""
+"""For every test: no time limits but its own, children get their signals as a terminal gives them, and none is left behind."""
 
 from __future__ import annotations
 
@@ -11,6 +11,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("busy")
 
 _SUBREAPER = 36
 _ENDING_SECONDS = 60.0

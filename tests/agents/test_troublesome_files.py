@@ -7,6 +7,7 @@ import json
 import os
 import resource
 import socket
+import struct
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -185,6 +186,17 @@ def test_an_archive_that_would_fill_the_memory_does_not(tmp_path: Path) -> None:
     with pytest.raises(SubmissionError, match="'data' in it is longer than 64 MiB"):
         read_archive(file)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 180 * 1024
+
+
+def test_an_archive_with_names_without_end_is_refused_at_once(tmp_path: Path) -> None:
+    entry = struct.pack("<4s4B4HL2L5H2L", b"PK\1\2", 20, 3, 20, *[0] * 8, 1, *[0] * 6) + b"a"
+    names = entry * (2**23 // len(entry))
+    end = struct.pack("<4s4H2LH", b"PK\5\6", 0, 0, 65535, 65535, len(names), 0, 0)
+    file = tmp_path / "names.zip"
+    file.write_bytes(names + end)
+    with pytest.raises(SubmissionError, match="its table of contents is longer than 4 MiB"):
+        read_archive(file)
+    assert "is no archive at all" in (torchscript_complaint(file) or "")
 
 
 @pytest.mark.parametrize(

@@ -205,5 +205,5 @@ def test_a_link_out_of_the_folder_is_a_finding_and_no_crash(tmp_path: Path, day_
     new_submission(folder, "rule")
     (folder / "link.txt").symlink_to(day_task_file)
     report = check_submission(folder, day_task_file)
-    assert [finding.subject for finding in report.problems] == ["loading"]
+    assert [finding.subject for finding in report.problems] == ["files"]
     assert "link.txt is a link that leads out of the submission's folder" in report.problems[0].text

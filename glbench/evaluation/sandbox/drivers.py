@@ -364,6 +364,6 @@ def told_failure(row: int | None, status: int, text: memoryview) -> Failure:
 
 
 def words(text: bytes | memoryview, longest: int) -> str:
-    """A text of the agent's process as it may stand in a result: one line, printable, not too long."""
-    said = " ".join(plain(bytes(text).decode("utf-8", errors="replace")).split())
+    """A text of the agent's process as it may stand in a result: one line, printable, not empty, not too long."""
+    said = " ".join(plain(bytes(text).decode("utf-8", errors="replace")).split()) or "nothing that can be shown"
     return said if len(said) <= longest else said[: longest - 4] + " ..."
