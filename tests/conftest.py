@@ -41,9 +41,8 @@ def _no_process_is_left_behind() -> Iterator[None]:
     before = _descendants()
     yield
     deadline = time.monotonic() + _ENDING_SECONDS
-    while (left := {pid: what for pid, what in _descendants().items() if pid not in before}) and (
-        time.monotonic() < deadline
-    ):
+    # Two looks: one may miss a process whose parent ends just then.
+    while (left := (_descendants() | _descendants()).items() - before.items()) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not left, f"processes were left behind: {left}"
 

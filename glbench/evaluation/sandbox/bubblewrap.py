@@ -91,7 +91,7 @@ def program() -> list[str]:
 
     Nothing inside can take that back: ``/proc`` is read-only there.
     """
-    return ["/bin/sh", "-c", 'echo 1000 2>/dev/null >/proc/self/oom_score_adj; exec "$@"', "sh", _path()]
+    return ["/bin/sh", "-c", '{ echo 1000 >/proc/self/oom_score_adj; } 2>/dev/null; exec "$@"', "sh", _path()]
 
 
 def _path() -> str:
