@@ -59,7 +59,7 @@ def check(
     from glbench.evaluation.submitting import check_submission
     from glbench.tasks import DEFAULT_TASK
 
-    with messages().status(f"checking {escape(path)}"):
+    with messages().status(f"checking {escape(harmless(path))}"):
         report = check_submission(path, task or DEFAULT_TASK, sandbox=sandbox.value)
     if as_json:
         output().out(json.dumps(_plain(report)), highlight=False)
@@ -130,7 +130,9 @@ def _show(report: Report, path: str) -> None:
     said = "Nothing has to be mended." if report.ok else f"{count} problem{'s' if count > 1 else ''} to mend."
     output().print(f"[bold]{said}[/] Checked in {report.seconds:.1f} s.", soft_wrap=True)
     if report.ok:
-        messages().print(f"Next: glbench evaluate {path} --runs 2, then without --runs.", markup=False, soft_wrap=True)
+        messages().print(
+            f"Next: glbench evaluate {harmless(path)} --runs 2, then without --runs.", markup=False, soft_wrap=True
+        )
 
 
 def _table(report: Report) -> Table:
@@ -140,7 +142,7 @@ def _table(report: Report) -> Table:
     from glbench.evaluation.submitting import CHECKS
 
     table = Table(
-        title=f"{escape(report.name)} ({report.what}) on {escape(report.task)}",
+        title=f"{escape(harmless(report.name))} ({report.what}) on {escape(harmless(report.task))}",
         title_justify="left",
         title_style="bold",
     )
@@ -154,7 +156,7 @@ def _table(report: Report) -> Table:
             mark = "[yellow]note[/]"
         else:
             mark = "[green]good[/]" if subject in report.checked else "[dim]not reached[/]"
-        table.add_row(words, mark, escape(report.facts.get(subject, "")))
+        table.add_row(words, mark, escape(harmless(report.facts.get(subject, ""))))
     return table
 
 

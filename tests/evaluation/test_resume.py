@@ -137,7 +137,7 @@ def test_kill_9_loses_nothing_but_time(
         "evaluate(sys.argv[1], sys.argv[2], out=sys.argv[3], checkpoint_seconds=0.0, workers=2, progress=kill)\n"
     )
     killed = subprocess.run(
-        [sys.executable, "-c", code, str(day_task_file), str(agent), str(tmp_path)], check=False, timeout=120
+        [sys.executable, "-c", code, str(day_task_file), str(agent), str(tmp_path)], check=False, timeout=300
     )
     assert killed.returncode == -signal.SIGKILL
     resumed, _ = finish(day_task, agent, tmp_path)
