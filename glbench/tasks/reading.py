@@ -30,6 +30,9 @@ def read_task(path: Path) -> TaskSpec:
         When the file cannot be read, is no TOML, or does not define a task.
     """
     shown = shown_path(path)
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        msg = f"{shown} is no file, so it cannot be a task. Give a .toml file or the id of a task."
+        raise TaskError(msg)
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

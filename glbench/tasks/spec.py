@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BeforeValidator, Field, PrivateAttr
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr
 
 from glbench.tasks.quantities import Capacity, ObservationContext, Quantity, capacities
 from glbench.tasks.tables import (
@@ -40,6 +40,17 @@ def _suite_names(given: object) -> tuple[str, ...]:
     return tuple(given)
 
 
+def _without_control_characters(text: str) -> str:
+    strange = next((letter for letter in text if not (letter.isprintable() or letter in "\n\t")), None)
+    if strange is not None:
+        msg = f"It holds the character U+{ord(strange):04X}, which cannot be shown. Take it out."
+        raise ValueError(msg)
+    return text
+
+
+Prose = Annotated[str, AfterValidator(_without_control_characters)]
+
+
 class TaskSpec(Table):
     """A task as its file defines it.
 
@@ -53,8 +64,8 @@ class TaskSpec(Table):
         pattern=r"^[A-Za-z0-9_-]+/[A-Za-z0-9_.-]+-v[1-9][0-9]*$",
         description='an id in quotes with a namespace and a version, such as "mylab/Winter2011-v1"',
     )
-    title: str = Field(min_length=1, description="a title in quotes")
-    description: str = Field(default="", description="text in quotes")
+    title: Prose = Field(min_length=1, description="a title in quotes")
+    description: Prose = Field(default="", description="text in quotes")
     suites: Annotated[tuple[str, ...], BeforeValidator(_suite_names)] = Field(default=(), description="a list of names")
     weather: WeatherTable
     model: ModelTable
