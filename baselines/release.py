@@ -76,22 +76,23 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--work", type=Path, required=True, help="folder for evaluations before they are released")
     parser.add_argument("--only", nargs="*", default=[], metavar="AGENT", help="some of the agents")
-    parser.add_argument("--task", nargs="*", default=[], metavar="ID", help="some of the tasks")
+    parser.add_argument(
+        "--task", nargs="*", default=[], metavar="ID", help="some of the tasks; with --only, also new ones"
+    )
     parser.add_argument("--new-digests", action="store_true", help="accept scores that differ from the released ones")
     parser.add_argument("--list", action="store_true", help="say what is done and leave")
     parser.add_argument("--out", type=Path, default=RELEASED, help="another folder than reports/released, to try it")
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S", stream=sys.stdout)
-    every = plan()
-    for wanted, known in (
-        (arguments.only, {job.agent for job in every}),
-        (arguments.task, {job.task_id for job in every}),
-    ):
-        for name in wanted:
-            if name not in known:
-                parser.error(f"there is nothing to release of '{name}'.{did_you_mean(name, sorted(known))}")
-    jobs = [job for job in every if job.agent in (arguments.only or [job.agent])]
-    jobs = [job for job in jobs if job.task_id in (arguments.task or [job.task_id])]
+    jobs = plan()
+    agents, tasks = sorted({job.agent for job in jobs}), [get_task(name).id for name in arguments.task]
+    for name in arguments.only:
+        if name not in agents:
+            parser.error(f"there is no agent '{name}' to release.{did_you_mean(name, agents)}")
+    if arguments.only and tasks:  # also on tasks that the agents have no released result of
+        known = {(job.agent, job.task_id) for job in jobs}
+        jobs += [Job(agent, task, None) for task in tasks for agent in arguments.only if (agent, task) not in known]
+    jobs = [job for job in jobs if job.agent in (arguments.only or agents) and job.task_id in (tasks or [job.task_id])]
     state = git_state()
     if state is None or state.dirty:
         changed = "has changes that are not committed" if state is not None else "is no checkout of git"
@@ -177,17 +178,15 @@ def is_released(job: Job, out: Path, work: Path) -> bool:
 
 def unlike(out: Path, work: Path) -> list[str]:
     """Results in ``out`` that stem from another build of the kernel than those in ``work``, or from a changed checkout."""
-    builds = {_build(item.result) for item in read_folder(work / "results")[0]}
-    found = read_folder(out / "results")[0]
-    return [
-        str(item.path.relative_to(out))
-        for item in found
-        if item.result.git is None or item.result.git.dirty or _build(item.result) not in builds
-    ]
-
-
-def _build(result: Result) -> object:
-    return result.evaluation.kernel.get("library_digest")
+    ours = [item.result.evaluation.kernel for item in read_folder(work / "results")[0]]
+    builds = {kernel["variant"]: kernel["library_digest"] for kernel in ours}
+    found = []
+    for item in read_folder(out / "results")[0]:
+        kernel, git = item.result.evaluation.kernel, item.result.git
+        build = kernel.get("library_digest")
+        if git is None or git.dirty or builds.get(kernel["variant"], build) != build:
+            found.append(str(item.path.relative_to(out)))
+    return found
 
 
 def copies(job: Job, work: Path, out: Path) -> list[tuple[Path, Path]]:
