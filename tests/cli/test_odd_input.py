@@ -24,9 +24,9 @@ def odd(here: Path) -> Path:
     day = (here / "day.toml").read_text(encoding="utf-8")
     (here / "late.toml").write_text(day.replace("2010-03-01", "9999-12-31"), encoding="utf-8")
     (here / "early.toml").write_text(day.replace("2010-03-01", "0001-01-01"), encoding="utf-8")
-    for key in ("title", "description"):
-        red = day.replace(f'{key} = "', f'{key} = "\\u001b[31m', 1)
-        (here / f"red-{key}.toml").write_text(red, encoding="utf-8")
+    for key, begin in {"title": 'title = "', "description": 'description = """'}.items():
+        assert begin in day
+        (here / f"red-{key}.toml").write_text(day.replace(begin, f"{begin}\\u001b[31m", 1), encoding="utf-8")
     for name in ("x.proof.py", "Rule-Based.py", f"{ODD}.py"):
         (here / name).write_bytes((here / "steady.py").read_bytes())
     return here
