@@ -111,6 +111,9 @@ def main() -> int:
         began = time.monotonic()
         try:
             said = release(job, arguments.out, work, new_digests=arguments.new_digests)
+        except KeyboardInterrupt:
+            log.info("Interrupted; the same command goes on")
+            return 130
         except GlbenchError as error:
             refused += 1
             said = f"NOT RELEASED: {error}"
