@@ -50,7 +50,6 @@ FORM_WORDS: dict[Form, str] = {
 }
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _LONGEST_NAME = 100
-_ENDING_OF_PROOFS = ".proof"
 EXPECTED = (
     f"A submission is a .py file with make_agent(task), a saved policy (.zip of Stable-Baselines3, .pt or .ts of TorchScript, .onnx), "
     f"or a folder with {AGENT_FILE} or a saved policy"
@@ -164,13 +163,23 @@ def baseline_names() -> tuple[str, ...]:
     return tuple(sorted(card.parent.name for card in data_folder("baselines").glob("*/card.toml")))
 
 
+def baseline_like(name: str) -> str | None:
+    """The baseline that ``name`` is, or could be mistaken for: capital letters and punctuation do not tell names apart."""
+    return next((known for known in baseline_names() if letters_of(known) == letters_of(name)), None)
+
+
+def letters_of(name: str) -> str:
+    """Letters and digits of a name, in small letters: what tells one agent's name from another's."""
+    return "".join(letter for letter in name.casefold() if letter.isalnum())
+
+
 def name_of(place: Path) -> str:
     """Name of the agent in the file or folder ``place``, under which results are filed.
 
     Raises
     ------
     SubmissionError
-        When it cannot be a name, or is a baseline's.
+        When it cannot be a name, or is that of a baseline or too much like it.
     """
     resolved = place.resolve()
     name = resolved.stem if resolved.is_file() else resolved.name
@@ -183,11 +192,13 @@ def name_of(place: Path) -> str:
             "Rename the file or folder: letters, digits, '.', '_' and '-', beginning with a letter or digit."
         )
         raise SubmissionError(msg)
-    if name.endswith(_ENDING_OF_PROOFS):
-        msg = f"'{name}' cannot be the name of an agent, because files that end in '{_ENDING_OF_PROOFS}.json' are proofs. Rename it."
+    if name.casefold().endswith(".proof"):
+        msg = f"The result of '{name}' would be taken for the proof of another one. Rename {place} so that it does not end in '.proof'."
         raise SubmissionError(msg)
-    if name in baseline_names():
-        msg = f"'{name}' is the name of a baseline, whose results would be overwritten. Rename {place}, or run the baseline by its name."
+    baseline = baseline_like(name)
+    if baseline is not None:
+        same = "is" if name == baseline else f"looks like '{baseline}',"
+        msg = f"'{name}' {same} the name of a baseline. Rename {place}, or run the baseline by its name."
         raise SubmissionError(msg)
     return name
 

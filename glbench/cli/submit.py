@@ -74,18 +74,26 @@ def new(
     kind: Annotated[
         str,
         typer.Option(
-            "--kind", "-k", help="rule (numpy only), sb3 (no code but a model), torch (a network), mpc (plans)."
+            "--kind",
+            "-k",
+            help="rule (numpy only), sb3 (no code but a model), torch (a network), mpc (plans); "
+            "or example: my_agent.py and the other examples, a file each.",
         ),
     ] = "rule",
 ) -> None:
     """Write a folder with a submission that runs at once: its code or model, a card, a README. Nothing is overwritten."""
-    from glbench.agents.templates import KINDS, new_submission
+    from glbench.agents.templates import EXAMPLE_KIND, KINDS, copy_examples, new_submission
     from glbench.errors import SubmissionError, did_you_mean
 
-    if kind not in KINDS:
-        msg = f"There is no template '{kind}'.{did_you_mean(kind, KINDS)}"
-        raise SubmissionError(msg)
     folder = Path(name)
+    if kind == EXAMPLE_KIND:
+        for file in copy_examples(folder):
+            messages().print(f"Wrote {file}", markup=False, soft_wrap=True)
+        messages().print(f"Next: glbench evaluate {folder / 'my_agent.py'}", markup=False, soft_wrap=True)
+        return
+    if kind not in KINDS:
+        msg = f"There is no template '{kind}'.{did_you_mean(kind, (*KINDS, EXAMPLE_KIND))}"
+        raise SubmissionError(msg)
     files = new_submission(folder, kind)
     if kind == "sb3":
         files = (*files, *_untrained_model(folder))

@@ -197,7 +197,7 @@ def _print_json(value: Any) -> None:
 @app.command("references")
 def references_command(
     write: Annotated[bool, typer.Option("--write", help="Write tasks/references.toml.")] = False,
-    out: Annotated[Path, typer.Option("--out", help="Folder with results/ in it.")] = Path("reports"),
+    out: Annotated[Path, typer.Option("--out", help="Folder with results/ in it.")] = Path("reports/released"),
 ) -> None:
     """Show what normalised scores are measured by: the reward of doing nothing, and the best known one.
 

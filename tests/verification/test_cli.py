@@ -67,6 +67,17 @@ def test_of_several_results_the_refuted_one_decides_and_all_are_judged(reports, 
     assert run("verify", paths[2], paths[0]).exit_code == 2
 
 
+def test_a_released_result_keeps_its_proof(wavy, monkeypatch):
+    monkeypatch.setattr("glbench.resources.is_released", lambda _path: True)
+    assert run("verify", wavy).exit_code == 0
+    assert not proof_path(wavy).exists()
+    save_proof(verify(wavy))
+    before = proof_path(wavy).read_bytes()
+    rewrite(wavy, lambda d: d["runs"][0]["metrics"].update(co2=0.0))
+    assert run("verify", wavy).exit_code == 1
+    assert proof_path(wavy).read_bytes() == before
+
+
 def test_a_folder_means_all_results_in_it(reports):
     assert run("verify", reports / "results").exit_code == 0
     done = run("verify", "--json", "--no-proof", reports / "results")

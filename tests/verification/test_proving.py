@@ -11,6 +11,7 @@ import pytest
 
 from glbench.episodes import episodes_folder, read_log
 from glbench.evaluation import evaluate, load_result, provenance, result_path
+from glbench.evaluation.preparing import TRIALS
 from glbench.verification import comparing, proof_path, read_proof, save_proof, verify
 from glbench.verification.comparing import Agreement
 from tests.episodes.day import RANDOM
@@ -97,7 +98,7 @@ def test_the_number_of_workers_changes_nothing(day_task, write_agent, tmp_path):
 
 def test_fewer_runs_than_the_task_asks_for_are_proved_as_a_trial(day_task, write_agent, tmp_path):
     evaluate(day_task, write_agent(GOOD), out=tmp_path, runs=2)
-    verdict = verify(result_path(tmp_path, day_task.id, "agent_under_test"))
+    verdict = verify(result_path(tmp_path / TRIALS, day_task.id, "agent_under_test"))
     assert verdict.outcome == "proved"
     assert "trial of 2 runs" in verdict.notes[0]
 
