@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.info import FAILURE, InfoWriter
+from glbench.env.info import FAILURE, STEP_REWARD, InfoWriter
 from glbench.env.options import STATE, check_names, state_option
 from glbench.env.panel import panel
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
@@ -138,7 +138,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         info = self._info.stepped(self.simulation, numbers)
         if terminated:
             self._add_failure(info)
-        return observation, info["reward"], terminated, False, info
+        return observation, info[STEP_REWARD], terminated, False, info
 
     def _check_shape(self, action: NDArray[np.float32]) -> None:
         """Words for a wrong shape that speak of one action and not of a row of a batch."""
