@@ -125,7 +125,9 @@ class Picture:
         time = simulation.time[row]
         self._title.set_text(f"{self._task.short_id}   {_words(time)} UTC")
         self._place.set_text(f"step {simulation.k[row]} of {self._task.steps}, seed {simulation.seeds[row]}")
-        changed = [self._show_air(curve, hours, values) for curve, values in zip(self._climate, points.T[AIR], strict=True)]
+        changed = [
+            self._show_air(curve, hours, values) for curve, values in zip(self._climate, points.T[AIR], strict=True)
+        ]
         changed.append(self._show_money(hours, points.T[MONEY], trail.first_step))
         self._show_controls(hours, points[:, CONTROLS])
         self._show_midnights(time, hours[0])
@@ -156,7 +158,15 @@ class Picture:
         (broken,) = axes.plot([], [], color=_BROKEN, ls="none", marker=".", ms=4.0, mew=0.0, animated=True)
         (now,) = axes.plot([], [], color=color, marker="o", ms=4.0, mew=0.0, animated=True, clip_on=False)
         value = axes.text(
-            1.0, 1.02, "", transform=axes.transAxes, fontsize=9, fontweight="bold", ha="right", va="bottom", animated=True
+            1.0,
+            1.02,
+            "",
+            transform=axes.transAxes,
+            fontsize=9,
+            fontweight="bold",
+            ha="right",
+            va="bottom",
+            animated=True,
         )
         return _Curve(axes, line, now, broken, value, unit)
 
@@ -200,7 +210,7 @@ class Picture:
         """Show a quantity of the air; whether its axis has changed."""
         step = (curve.high - curve.low) / 4.0 or 1.0
         low, high = min(values.min(), curve.low - 0.2 * step), max(values.max(), curve.high + 0.2 * step)
-        curve.show(hours, values, f"{_figure(values[-1])} {curve.unit}")
+        curve.show(hours, values, f"{values[-1]:.{0 if values[-1] >= 100.0 else 1}f} {curve.unit}")
         return curve.cover((math.floor(low / step) * step, math.ceil(high / step) * step))
 
     def _show_money(self, hours: Floats, values: Floats, first_step: int) -> bool:
@@ -211,7 +221,9 @@ class Picture:
             self._money.axes.set_title(title, fontsize=8, color=_INK, loc="left", pad=3)
         low, high = float(values.min()), float(values.max())
         step = 10.0 ** math.ceil(math.log10(max(high - low, 0.01))) / 4.0
-        return self._money.cover(((math.floor(low / step) - 0.2) * step, (math.ceil(high / step) + 0.2) * step)) or renamed
+        return (
+            self._money.cover(((math.floor(low / step) - 0.2) * step, (math.ceil(high / step) + 0.2) * step)) or renamed
+        )
 
     def _show_controls(self, hours: Floats, controls: Floats) -> None:
         edges = np.concatenate([hours[:1], np.repeat(hours[:-1], 2), hours[-1:]])  # a control holds until its point
@@ -249,12 +261,7 @@ def _name(name: str) -> str:
     return words[0].upper() + words[1:]
 
 
-def _figure(value: float) -> str:
-    """Three figures or so, without an exponent."""
-    return f"{value:.{0 if abs(value) >= 100.0 else 1 if abs(value) >= 10.0 else 2}f}"
-
-
 def _amount(capacity: Capacity, used: float) -> str:
     if capacity.unit == "-":
         return f"{used:.0%}"
-    return f"{_figure(used)} {_UNITS.get(capacity.unit, capacity.unit)}"
+    return f"{round(used, 2):.3g} {_UNITS.get(capacity.unit, capacity.unit)}"

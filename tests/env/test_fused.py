@@ -170,7 +170,7 @@ def test_a_failed_step_ends_the_single_environment_with_its_reason(make_task: Ma
     env.reset(seed=1)
     _, reward, terminated, _, info = env.step(np.ones(6, np.float32))
     assert terminated
-    assert reward == info["reward"] == task.evaluation.failed_step.reward
+    assert reward == info["step_reward"] == task.evaluation.failed_step.reward
     assert info["step"] == 0
     assert "more than 2 substeps" in info["failure"]
 
