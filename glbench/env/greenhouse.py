@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from glbench.env.info import FAILURE, STEP_REWARD, InfoWriter
 from glbench.env.options import STATE, check_names, state_option
 from glbench.env.panel import panel
+from glbench.env.rendering import FRAMES_PER_SECOND, PICTURES, RENDER_MODES, Camera, checked_render_mode
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
 from glbench.env.simulation import Simulation
-from glbench.env.rendering import FRAMES_PER_SECOND, PICTURES, RENDER_MODES, Camera, checked_render_mode
 from glbench.env.spaces import action_space, observation_space, the_task
 from glbench.errors import ActionError
 
@@ -158,7 +158,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             msg = f"The action has shape {np.shape(action)}. Expected shape {self.action_space.shape}: {names}."
             raise ActionError(msg) from None
 
-    def render(self) -> str | NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> str | NDArray[np.uint8] | None:
         """Climate, controls and money as text or as a picture ``(480, 640, 3)``, or ``None`` without a render mode.
 
         Raises

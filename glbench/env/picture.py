@@ -20,7 +20,7 @@ from glbench.tasks.quantities import LIMITED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.collections import PolyCollection
+    from matplotlib.collections import FillBetweenPolyCollection
     from matplotlib.lines import Line2D
     from matplotlib.text import Text
 
@@ -93,7 +93,7 @@ class Picture:
     def __init__(self, task: TaskSpec) -> None:
         self._task = task
         self._figure = Figure(figsize=(WIDTH / _DPI, HEIGHT / _DPI), dpi=_DPI, facecolor="white")
-        self._canvas = FigureCanvasAgg(self._figure)
+        self._canvas: Any = FigureCanvasAgg(self._figure)  # matplotlib does not say what its methods take
         self._title, self._place = (
             self._figure.text(x, 0.982, "", fontsize=9, color=_INK, fontweight=weight, ha=side, va="top", animated=True)
             for x, weight, side in ((0.012, "bold", "left"), (0.988, "normal", "right"))
@@ -121,7 +121,7 @@ class Picture:
     def __call__(self, trail: Trail, simulation: Simulation, row: int) -> NDArray[np.uint8]:
         """Where the run in ``row`` stands, and its trail, ``(480, 640, 3)``; the array is the caller's."""
         points = trail.table()
-        hours = np.arange(1 - len(points), 1) * (self._task.step_seconds / 3600.0)
+        hours = np.arange(1 - len(points), 1).astype(np.float64) * (self._task.step_seconds / 3600.0)
         time = simulation.time[row]
         self._title.set_text(f"{self._task.short_id}   {_words(time)} UTC")
         self._place.set_text(f"step {simulation.k[row]} of {self._task.steps}, seed {simulation.seeds[row]}")
@@ -184,7 +184,7 @@ class Picture:
             curves.append(curve)
         return curves
 
-    def _make_lanes(self) -> tuple[list[PolyCollection], list[Text], Axes]:
+    def _make_lanes(self) -> tuple[list[FillBetweenPolyCollection], list[Text], Axes]:
         """One lane for each control that the task grants."""
         bottom = 0.325
         axes = self._axes(_RIGHT, bottom, _TOP - bottom, labelled=False)
@@ -196,7 +196,7 @@ class Picture:
             base = lane + _LANE
             axes.axhline(base, color=_EDGE, lw=0.6)
             lanes.append(axes.fill_between([0.0], [base], [base], color=_CONTROL, lw=0.0, animated=True))
-            at = {"x": -0.025, "transform": axes.get_yaxis_transform(), "ha": "right", "color": _INK}
+            at: dict[str, Any] = {"x": -0.025, "transform": axes.get_yaxis_transform(), "ha": "right", "color": _INK}
             axes.text(y=lane + 0.36, s=_name(capacity.quantity), fontsize=7.5, va="bottom", **at)
             amounts.append(axes.text(y=lane + 0.44, s="", fontsize=8, fontweight="bold", va="top", animated=True, **at))
         return lanes, amounts, axes

@@ -17,9 +17,9 @@ from glbench.env.info import InfoWriter
 from glbench.env.kernels import SCORING_PRESET, check_kernel
 from glbench.env.options import RESET_MASK, STATE, check_names, mask_option, state_option
 from glbench.env.panel import panel
+from glbench.env.rendering import PICTURES, Camera, checked_render_mode
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
 from glbench.env.simulation import Simulation, check_runs
-from glbench.env.rendering import PICTURES, Camera, checked_render_mode
 from glbench.env.spaces import action_space, observation_space, the_task
 from glbench.env.vector_info import add_failures, add_objects, with_masks
 from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean, whole_number
@@ -172,7 +172,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
             info = self._step_info(result, ~over if any_over else None)
         return observations, result.rewards.copy(), terminated, np.zeros(self.num_envs, dtype=np.bool_), info
 
-    def render(self) -> tuple[str, ...] | tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
+    def render(self) -> tuple[str, ...] | tuple[NDArray[np.uint8], ...] | None:
         """A text or a picture ``(480, 640, 3)`` for each row, or ``None`` without a render mode.
 
         Raises

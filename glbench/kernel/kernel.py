@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -64,7 +65,12 @@ class Kernel(Stepper):
 
     def __reduce__(self) -> tuple[partial[Kernel], tuple[float]]:
         """A copied or pickled kernel is made anew with the same settings and backend; its bits are the same."""
-        settings = {"variant": self.variant, "backend": self.backend, "preset": self.preset, "threads": self.threads}
+        settings: dict[str, Any] = {
+            "variant": self.variant,
+            "backend": self.backend,
+            "preset": self.preset,
+            "threads": self.threads,
+        }
         return partial(type(self), **settings), (self.step_seconds,)
 
     def advance(self, rows: Rows) -> tuple[FloatArray, list[StepFailure]]:

@@ -64,7 +64,12 @@ class KernelPool(Stepper):
         self.step_seconds = positive_seconds(step_seconds)
         # Chosen (and built, if need be) once, so that all workers step alike.
         self.backend = choose(backend)
-        settings = {"step_seconds": self.step_seconds, "variant": variant, "backend": self.backend, "preset": preset}
+        settings: dict[str, Any] = {
+            "step_seconds": self.step_seconds,
+            "variant": variant,
+            "backend": self.backend,
+            "preset": preset,
+        }
         self._settings = settings
         self._workers: list[_Worker] = []
         # Also runs when the pool is forgotten, and at the end of the interpreter.
