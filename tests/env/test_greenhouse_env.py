@@ -177,7 +177,7 @@ def test_without_a_render_mode_nothing_is_drawn_and_an_unknown_one_is_refused(da
     environment = GreenhouseEnv(day)
     environment.reset(seed=1)
     assert environment.render() is None
-    with pytest.raises(UnknownNameError, match=r"no render mode 'human'\. Use 'ansi' or None"):
+    with pytest.raises(UnknownNameError, match=r"no render mode 'human'\. Use 'ansi', 'rgb_array' or None"):
         GreenhouseEnv(day, render_mode="human")
 
 
