@@ -41,8 +41,10 @@ _CLIMATE, _RIGHT = (0.072, 0.385), (0.625, 0.36)
 """Left edge and width of the two columns, shares of the figure."""
 _TOP, _BOTTOM, _GAP = 0.87, 0.075, 0.07
 _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
-_ROOM_OF_A_DATE = 3.0
-"""[h] A date nearer to the right edge would be cut."""
+_ROOM_OF_A_DATE = 0.06
+"""Share of the axis: a date nearer to the right edge would be cut."""
+_WINDOWS = (6.0, 12.0, 24.0, HOURS_SHOWN)
+"""[h] What the axes cover: the smallest that holds all there is."""
 _LANE = 0.8
 """Height of a control at its capacity; lanes are 1 apart."""
 
@@ -106,9 +108,10 @@ class Picture:
         )
         self._lanes, self._amounts, lanes = self._make_lanes()
         self._money = self._make_money()
-        every = [*(curve.axes for curve in self._climate), lanes, self._money.axes]
+        self._every = [*(curve.axes for curve in self._climate), lanes, self._money.axes]
+        self._window = 0.0
         self._midnights = [
-            [axes.axvline(0.0, color=_QUIET, lw=0.7, ls=(0, (2, 2)), animated=True) for axes in every]
+            [axes.axvline(0.0, color=_QUIET, lw=0.7, ls=(0, (2, 2)), animated=True) for axes in self._every]
             for _ in range(math.ceil(HOURS_SHOWN / 24.0))
         ]
         self._dates = [
@@ -128,6 +131,7 @@ class Picture:
         changed = [
             self._show_air(curve, hours, values) for curve, values in zip(self._climate, points.T[AIR], strict=True)
         ]
+        changed.append(self._look_back(-float(hours[0])))
         changed.append(self._show_money(hours, points.T[MONEY], trail.first_step))
         self._show_controls(hours, points[:, CONTROLS])
         self._show_midnights(time, hours[0])
@@ -143,14 +147,21 @@ class Picture:
         """Axes over the hours shown, in a column of the figure."""
         left, width = column
         axes = self._figure.add_axes((left, bottom, width, height))
-        axes.set_xlim(-HOURS_SHOWN, 0.02 * HOURS_SHOWN)
-        axes.set_xticks(np.arange(-HOURS_SHOWN, 1.0, 12.0))
-        words = ["48 h ago", "", "24 h ago", "", "now"]
-        axes.set_xticklabels(words if labelled else [])
-        axes.tick_params(labelsize=7.5, colors=_QUIET, length=2.5, width=0.6, pad=2)
+        axes.tick_params(labelsize=7.5, colors=_QUIET, length=2.5, width=0.6, pad=2, labelbottom=labelled)
         for spine in axes.spines.values():
             spine.set(color=_EDGE, linewidth=0.8)
         return axes
+
+    def _look_back(self, hours: float) -> bool:
+        """Let the axes reach back over the hours that there are, two days at most; whether that is a change."""
+        window = next((reach for reach in _WINDOWS if reach >= hours), HOURS_SHOWN)
+        if window == self._window:
+            return False
+        self._window = window
+        for axes in self._every:
+            axes.set_xlim(-window, 0.02 * window)
+            axes.set_xticks([-window, -window / 2, 0.0], [f"{window:g} h ago", f"{window / 2:g} h ago", "now"])
+        return True
 
     def _curve(self, axes: Axes, title: str, unit: str, color: str) -> _Curve:
         axes.set_title(title, fontsize=8, color=_INK, loc="left", pad=3)
@@ -226,15 +237,14 @@ class Picture:
         )
 
     def _show_controls(self, hours: Floats, controls: Floats) -> None:
-        edges = np.concatenate([hours[:1], np.repeat(hours[:-1], 2), hours[-1:]])  # a control holds until its point
+        edges = np.repeat(hours, 2)[:-1]  # a control was in force from the point before until its own
         for lane, ((index, capacity), fill, amount) in enumerate(
             zip(self._controls, self._lanes, self._amounts, strict=True)
         ):
             used = controls[:, index]
             shares = used / capacity.at_one if capacity.at_one else used
-            steps = np.concatenate([shares[:1], np.repeat(shares[1:], 2), shares[-1:]])
             base = lane + _LANE
-            outline = np.column_stack([edges, base - _LANE * steps])
+            outline = np.column_stack([edges, base - _LANE * np.repeat(shares, 2)[1:]])
             fill.set_verts([np.vstack([[edges[0], base], outline, [edges[-1], base]])])
             amount.set_text(_amount(capacity, float(used[-1])))
 
@@ -249,7 +259,7 @@ class Picture:
             day = (today - days).item()
             date.set_x(hours)
             date.set_text(f"{day.day} {_MONTHS[day.month - 1]}")
-            date.set_visible(hours >= first and hours < -_ROOM_OF_A_DATE)
+            date.set_visible(hours >= first and hours < -_ROOM_OF_A_DATE * self._window)
 
 
 def _words(time: np.datetime64) -> str:

@@ -83,6 +83,19 @@ def test_the_money_is_the_sum_of_the_epi_so_far(day: TaskSpec) -> None:
     assert {"EPI since step 20", "+0.000 EUR/m²"} <= set(texts(environment))
 
 
+def test_a_control_is_drawn_from_the_start_to_the_end_of_its_step(day: TaskSpec) -> None:
+    environment = GreenhouseEnv(day, kernel=StillKernel(), render_mode="rgb_array")
+    environment.reset(seed=1)
+    for _ in range(2):
+        environment.step(np.ones(6, dtype=np.float32))
+    drawn(environment)
+    assert environment._camera is not None
+    (outline,) = environment._camera._pictures[0]._lanes[0].get_paths()
+    hours, heights = outline.vertices[1:6].T
+    assert hours.tolist() == [-0.5, -0.5, -0.25, -0.25, 0.0]
+    assert (0.8 - heights).tolist() == pytest.approx([0.0, 0.08, 0.08, 0.16, 0.16])  # 0.8 is the height of a full lane
+
+
 def test_a_trail_forgets_what_is_older_than_two_days() -> None:
     trail = Trail(0, 900.0)
     for step in range(400):
