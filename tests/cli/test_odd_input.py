@@ -42,7 +42,7 @@ def odd(here: Path) -> Path:
         (("evaluate", "steady.py", "--task", "pipe.toml"), "pipe.toml is no file"),
         (("evaluate", "steady.py", "--task", "folder.toml"), "folder.toml is no file"),
         (("tasks", "show", "late.toml"), "in the years 1900 to 2199"),
-        (("tasks", "show", "early.toml"), "but 0001-01-01 00:00 to 0001-01-02 01:00 UTC was asked for"),
+        (("tasks", "show", "early.toml"), "in the years 1900 to 2199"),
         (("tasks", "show", "red-title.toml"), "It holds the character U+001B"),
         (("tasks", "show", "red-description.toml"), "It holds the character U+001B"),
         (("evaluate", "x.proof.py", *TASK), "would be taken for the proof of another one"),
