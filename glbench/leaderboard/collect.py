@@ -14,11 +14,11 @@ from glbench.verification import SUFFIX, read_proof
 
 @dataclass(frozen=True)
 class StoredResult:
-    """A result, the file that holds it, and whether a proof of this very file lies beside it."""
+    """A result, the file that holds it, and whether a proof of this very file lies beside it: its runs were reproduced."""
 
     path: Path
     result: Result
-    verified: bool = False
+    reproduced: bool = False
 
     @property
     def released(self) -> bool:
@@ -28,10 +28,11 @@ class StoredResult:
 
 @dataclass(frozen=True)
 class Expectation:
-    """What a published task asks of a result that wants a rank: the task's digest and the evaluation seeds."""
+    """What a published task asks of a result that wants a rank: the task's digest, the evaluation seeds, and the metric that ranks."""
 
     digest: str
     seeds: tuple[int, ...]
+    metric: str = "reward"
 
 
 def collect_results(folders: Iterable[Path]) -> tuple[StoredResult, ...]:
@@ -69,7 +70,7 @@ def collect_readable(folders: Iterable[Path]) -> tuple[tuple[StoredResult, ...],
             if path.name.endswith(SUFFIX):
                 continue
             try:
-                stored = StoredResult(path, load_result(path), verified=read_proof(path) is not None)
+                stored = StoredResult(path, load_result(path), reproduced=read_proof(path) is not None)
             except ResultError as error:
                 problems.append(error)
                 continue

@@ -14,7 +14,7 @@ TASK = "Schiphol2010-Delta10-v1"
 def test_show_tells_every_metric_and_where_the_money_went(glbench):
     done = glbench("show", "rule_based")
     assert done.code == 0
-    for words in ("EPI = revenue - costs", "EUR/m²", "kWh/m²", "Where the money went", "light", "Worst run: seed"):
+    for words in ("EPI = revenue - costs", "EUR/m²", "kWh/m²", "Where the money went", "lamps", "Worst run: seed"):
         assert words in done.out
 
 
