@@ -11,6 +11,9 @@ from glbench.evaluation import Result, load_result
 from glbench.resources import data_folder
 from glbench.verification import SUFFIX, read_proof
 
+LARGEST_METRIC = 1e12
+"""No metric of a run is larger than this, in its unit: sums and tables of larger ones would overflow."""
+
 
 @dataclass(frozen=True)
 class StoredResult:
@@ -70,7 +73,7 @@ def collect_readable(folders: Iterable[Path]) -> tuple[tuple[StoredResult, ...],
             if path.name.endswith(SUFFIX):
                 continue
             try:
-                stored = StoredResult(path, load_result(path), reproduced=read_proof(path) is not None)
+                stored = StoredResult(path, _readable(path), reproduced=read_proof(path) is not None)
             except ResultError as error:
                 problems.append(error)
                 continue
@@ -105,6 +108,21 @@ def refuse_mixed_digests(stored: Iterable[StoredResult], expected: Mapping[str, 
                 raise ResultError(_stranger_message(task_id, published.digest, strangers))
         elif len(by_digest) > 1:
             raise ResultError(_mixture_message(task_id, by_digest))
+
+
+def _readable(path: Path) -> Result:
+    """The result in ``path``, whose numbers can be averaged."""
+    try:
+        result = load_result(path)
+        name, value = max(
+            ((name, abs(value)) for run in result.runs for name, value in run.metrics.items()), key=lambda one: one[1]
+        )
+    except OverflowError:
+        name, value = "numbers", float("inf")
+    if value > LARGEST_METRIC:
+        msg = f"{path} holds {name} of {value:.3g} in a run, and no greenhouse gets beyond {LARGEST_METRIC:g}. Remove the file."
+        raise ResultError(msg)
+    return result
 
 
 def _distinct(folders: Iterable[Path]) -> list[Path]:

@@ -204,7 +204,7 @@ def _latex_resources(row: Row, columns: Sequence[Column]) -> list[str]:
     return [
         latex_text(entry_label(row)),
         *(f"${number_text(row.estimates[column.metric].mean, column.decimals)}$" for column in columns),
-        f"${row.decision_milliseconds:.3f}$",
+        f"${number_text(row.decision_milliseconds, 3)}$",
         latex_text(steps_text(row.training_steps)),
         row.origin,
         "privileged" if row.privileged else "observations",

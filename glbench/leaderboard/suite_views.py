@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from glbench.evaluation.metrics import METRIC_NAMES, UNITS
 from glbench.leaderboard.aggregates import Interval
-from glbench.leaderboard.escaping import latex_text, markdown_text, visible
+from glbench.leaderboard.escaping import latex_text, markdown_text, number_text, visible
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
 from glbench.leaderboard.tables import (
     COLUMNS,
@@ -182,8 +182,8 @@ def _figures(row: SuiteRow) -> list[str]:
         return []
     return [
         markdown_text(suite_label(row)) + (f" {PRIVILEGED_MARK}" if figures.privileged else ""),
-        *(f"{figures.metrics[column.metric]:.{column.decimals}f}" for column in RESOURCES),
-        f"{figures.decision_milliseconds:.3f}",
+        *(number_text(figures.metrics[column.metric], column.decimals) for column in RESOURCES),
+        number_text(figures.decision_milliseconds, 3),
         steps_text(figures.training_steps),
         figures.origin,
         "privileged" if figures.privileged else "observations",

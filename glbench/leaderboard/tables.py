@@ -263,7 +263,7 @@ def _cells(row: Row, columns: Sequence[Column]) -> list[str]:
         markdown_text(agent_label(row)),
         *(format_estimate(row.estimates[column.metric], column, is_range=row.is_range) for column in columns),
         number_text(row.estimates[columns[0].metric].iqm, columns[0].decimals),
-        f"{row.decision_milliseconds:.3f}",
+        number_text(row.decision_milliseconds, 3),
         steps_text(row.training_steps),
         f"{runs_label(row)}; {row.remark}" if row.remark else runs_label(row),
         row.origin,
