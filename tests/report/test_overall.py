@@ -107,7 +107,7 @@ def test_trainings_are_one_row_that_unfolds_in_the_order_of_the_seeds(visit, tra
     assert [text.strip() for text in order(page)][1:4] == ["seed 0", "seed 1", "seed 2"]
     assert page.evaluate("document.activeElement.getAttribute('aria-expanded')") == "true"
     page.locator("tr.member a").nth(1).click()
-    page.wait_for_function("location.hash.includes('ppo_seed1')")
+    page.wait_for_function("document.documentElement.dataset.shown === 'agent'")
     assert "The training of ppo with seed 1" in page.locator("main").inner_text()
 
 

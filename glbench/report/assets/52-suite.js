@@ -7,7 +7,7 @@ let closeUp = false;
 
 const scoreBar = (interval, range, agent, isRange) => bar({ mean: interval[0], low: interval[1], high: interval[2] }, range, agent, isRange);
 const score = (value) => number(value, 3);
-// Narrower intervals are not shown: seasons and trainings move a score by about as much, and no interval over draws knows them.
+// Narrower intervals are not shown: another season or training can move a score by more, and no interval over draws knows that.
 const scoreSpan = (row, [, low, high]) => (row.trainings[1] > 1 ? (high > low ? `${score(low)} \u2194 ${score(high)}` : "") : high - low >= D.score_step ? `${number(low, 2)} to ${number(high, 2)}` : "");
 const trainingsWords = ({ trainings: [fewest, most] }) => (most < 2 ? "" : fewest === most ? `${most} trainings` : `${fewest} to ${most} trainings`);
 const chance = (p) => (p > 0.99 ? ">\u00a099\u00a0%" : p < 0.01 ? "<\u00a01\u00a0%" : `${number(100 * p, 0)}\u00a0%`);
@@ -28,7 +28,7 @@ const scoreTable = (suite) => {
     };
   };
   return sortable({
-    caption: `${suiteTitle(suite.name)}: normalised scores over ${plural(suite.tasks.length, "task")} and all their runs. 0 is doing nothing, 1 the best known result of each task. Numbers below a score are the lowest and the highest training (\u2194), or a 95 % interval over draws of one season; intervals narrower than ${D.score_step} are left out, because another season or another training moves a score by more.`,
+    caption: `${suiteTitle(suite.name)}: normalised scores over ${plural(suite.tasks.length, "task")} and all their runs. 0 is doing nothing, 1 the best known result of each task. Numbers below a score are the lowest and the highest training (\u2194), or a 95 % interval over draws of one season; intervals narrower than ${D.score_step} are left out, because another season or another training can move a score by more.`,
     rows, state: overallState, className: "ranks scores", rowClass: (row) => (row.rank === null ? "unranked" : null),
     columns: [
       { key: "rank", label: "#", value: (row) => row.rank, start: "ascending", className: "rank", explain: otherWords("Rank"), cell: (row) => h("td", { class: "rank" }, row.rank ?? "\u2013") },

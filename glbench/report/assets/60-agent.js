@@ -32,7 +32,7 @@ const agentPage = (name, short) => {
       cardPart(result),
       h("div", { class: "fields" }, agentField("Agent", name, (value) => go("agent", value, task.short), [...ENTRIES.map((agent) => agent.name), ...(result.member_of ? [name] : [])], "choose-agent"),
         taskField(task.short, (value) => go("agent", name, value), results.map((one) => TASKS[one.task])),
-        others.length ? h("a", { class: "small", href: link("compare", name, others[0].agent, task.short) }, "Compare it with another agent") : null),
+        others.length && !result.member_of ? h("a", { class: "small", href: link("compare", name, others[0].agent, task.short) }, "Compare it with another agent") : null),
       h("p", { class: "story" }, story(result, task)),
       failures(result),
       priceField(task, (focus) => show(focus)),
@@ -58,7 +58,7 @@ const trainingsPart = (result, task) => (result.members ? [
 // The agent in a few sentences.
 const story = (result, task) => {
   const of = (metric) => estimate(result, metric).mean, days = (task.steps * task.step_seconds) / 86400;
-  const row = ranked(task.id).find((one) => one.result === result), profit = of("epi");
+  const row = ranked(task.id).find((one) => one.result === result) ?? { rank: null }, profit = of("epi");
   const costs = [["heat", of("cost_heat")], ["lamp electricity", of("cost_electricity")], ["CO\u2082", of("cost_co2")]].sort((a, b) => b[1] - a[1]);
   const unused = [["heat", "heat"], ["electricity", "lamp electricity"], ["co2", "CO\u2082"]].filter(([metric]) => of(metric) < 5e-3).map(([, words]) => words);
   const best = ranked(task.id)[0].result, gap = (metric) => estimate(best, metric).mean - of(metric);
