@@ -31,8 +31,8 @@ RESOURCES = tuple(column for column in COLUMNS if column.metric != "reward")
 SCORE_STEP = 0.01
 """Narrower intervals of normalised scores are not shown: another season or training can move a score by more."""
 SCORE_NOTE = (
-    f"Intervals cover the {COVERS}. Where they are narrower than {SCORE_STEP} they are left out: another season or another training can move "
-    f"a score by more than that. {RANGE_MARK}: what the lowest and the highest training of each task make."
+    f"Intervals cover the {COVERS}. Where they are narrower than {SCORE_STEP} they are left out: another season or another "
+    f"training can move a score by more than that. {RANGE_MARK}: what the lowest and the highest training of each task make."
 )
 
 
