@@ -18,7 +18,7 @@ def badge(
     out: Annotated[Path, typer.Option("--out", help="Folder with results/ in it.")] = Path("reports"),
     file: Annotated[Path, typer.Option("--file", "-f", help="Where the picture goes.")] = Path("badge.svg"),
 ) -> None:
-    """Draw a badge: task, rank, reward, and whether the result is verified."""
+    """Draw a badge: task, rank, reward, and whether the result was reproduced."""
     from glbench.leaderboard import rank
     from glbench.leaderboard.badges import badge as draw
     from glbench.leaderboard.published import own_and_released_results, published_expectations

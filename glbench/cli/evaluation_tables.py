@@ -26,7 +26,7 @@ _LABELS = {
     "penalty": "Penalty",
     "yield": "Yield, fresh fruit",
     "heat": "Heat",
-    "electricity": "Electricity",
+    "electricity": "Lamp electricity",
     "co2": "CO2",
     "hours_outside_limits": "Outside limits",
     "hours_air_temperature_low": "  air too cold",

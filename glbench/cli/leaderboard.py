@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, output, print_warning
+from glbench.cli.console import harmless, messages, output, print_warning
 from glbench.cli.stored import check_folder, warn_of
 from glbench.errors import ResultError, did_you_mean
 
@@ -32,6 +32,9 @@ def leaderboard(
         list[str] | None,
         typer.Option("--suite", "-s", help="Show agents over all tasks of this suite: normalised scores (repeatable)."),
     ] = None,
+    members: Annotated[
+        bool, typer.Option("--members", help="Show each training below the entry that it belongs to.")
+    ] = False,
     show_all: Annotated[bool, typer.Option("--all", help="Show every task and suite that has results.")] = False,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder with results/ in it.")] = _REPORTS,
     write: Annotated[
@@ -43,7 +46,8 @@ def leaderboard(
 ) -> None:
     """Rank all results, with 95 % intervals. Nothing is written unless you ask for it (--write).
 
-    Results are read from OUT/results and from the released results of the rule-based controllers that come with glbench.
+    Results are read from OUT/results and from the released results that come with glbench. Trainings that differ in their seed alone
+    (NAME, NAME_seed1, NAME_seed2) are one entry with its range.
     """
     from glbench.leaderboard import rank, to_frame, write_leaderboard
     from glbench.leaderboard.published import own_and_released_results, published_expectations
@@ -74,7 +78,7 @@ def leaderboard(
         rows = frame.to_json(orient="records", double_precision=15)
         output().out(json.dumps(json.loads(rows), indent=2), highlight=False)
     else:
-        _print(shown, suites_shown, len(tables), paths, out)
+        _print(shown, suites_shown, len(tables), paths, out, members=members)
     if strict and problems:
         raise typer.Exit(1)
 
@@ -113,9 +117,16 @@ def _check_suites(wanted: Sequence[str]) -> None:
 
 
 def _print(
-    shown: Sequence[TaskTable], suites: Sequence[SuiteTable], total: int, paths: Sequence[Path], out: Path
+    shown: Sequence[TaskTable],
+    suites: Sequence[SuiteTable],
+    total: int,
+    paths: Sequence[Path],
+    out: Path,
+    *,
+    members: bool,
 ) -> None:
     from glbench.cli.leaderboard_tables import resource_table, score_table, suite_resource_table, suite_score_table
+    from glbench.leaderboard.suite_views import SCORE_NOTE
     from glbench.leaderboard.tables import FOOTNOTES, kernel_note
 
     for scores in suites:
@@ -123,18 +134,21 @@ def _print(
         for scored in scores.rows:
             if scored.missing:
                 names = ", ".join(task.rpartition("/")[2] for task in scored.missing)
-                output().print(f"{scored.aggregate.agent} is not ranked: it lacks {names}.", style="dim")
+                _say(f"{scored.aggregate.agent} is not ranked: it lacks {names}.", style="dim")
+        _say(SCORE_NOTE, style="dim")
     for table in shown:
-        _print_fitted(score_table(table, output()), resource_table(table, output()))
+        _print_fitted(score_table(table, output(), members=members), resource_table(table, output(), members=members))
         for row in table.rows:
             if row.failed:
-                output().print(f"{row.agent}: {row.failed} of {row.runs} runs failed.")
+                _say(f"{row.agent}: {row.failed} of {row.runs} runs failed.")
             if row.remark:
-                output().print(f"{row.agent} is {row.remark}.")
+                _say(f"{row.agent} is {row.remark}.")
         if kernel_note(table):
-            output().print(kernel_note(table), style="yellow")
+            _say(kernel_note(table), style="yellow")
+        if not members and any(row.is_range for row in table.rows):
+            messages().print("Each training by itself: --members", style="dim")
     for note in FOOTNOTES:
-        output().print(note, style="dim")
+        output().print(note, style="dim", markup=False)
     hidden = total - len(shown) if shown else 0
     if hidden > 0:
         messages().print(
@@ -144,6 +158,11 @@ def _print(
         messages().print("Written: " + ", ".join(str(path) for path in paths), soft_wrap=True)
     option = "" if out == _REPORTS else f" --out {out}"
     messages().print(f"As a page to look into: glbench report{option}", markup=False, soft_wrap=True)
+
+
+def _say(text: str, style: str | None = None) -> None:
+    """A line with words from result files in it: no markup, no characters that steer the terminal."""
+    output().print(harmless(text), style=style, markup=False)
 
 
 def _print_fitted(*views: tuple[Table, tuple[str, ...]]) -> None:

@@ -12,13 +12,16 @@ from rich.markup import escape
 from rich.measure import Measurement
 from rich.table import Table
 
-from glbench.leaderboard.suite_views import score_text
+from glbench.leaderboard.escaping import number_text, visible
+from glbench.leaderboard.suite_views import score_text, span_text, suite_label
 from glbench.leaderboard.tables import (
     COLUMNS,
     PRIVILEGED_MARK,
+    RANGE_MARK,
+    REPRODUCED_MARK,
     UNSANDBOXED_MARK,
-    VERIFIED_MARK,
     agent_label,
+    columns_of,
     format_estimate,
     steps_text,
 )
@@ -27,8 +30,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from glbench.leaderboard import Row, TaskTable
-    from glbench.leaderboard.aggregates import Interval
     from glbench.leaderboard.suites import SuiteRow, SuiteTable
+    from glbench.leaderboard.tables import Column
 
 _NARROWEST_AGENT = 8
 _NARROW_AGENT = 18
@@ -48,47 +51,64 @@ class _Figures:
         return self.heading.replace("\n", " ")
 
 
-def score_table(table: TaskTable, console: Console) -> tuple[Table, tuple[str, ...]]:
-    """Ranks and what they rest on, and the names of the columns that found no room."""
-    rows = table.rows
+def score_table(table: TaskTable, console: Console, *, members: bool = False) -> tuple[Table, tuple[str, ...]]:
+    """Ranks and what they rest on, and the names of the columns that found no room. ``members`` shows each training below its entry."""
+    rows = _shown(table, members=members)
+    first, *others = (column for column in columns_of(table) if column.interval)
+    ranking = [row.estimates[first.metric] for row in rows]
     columns = [
-        _Figures("Reward", tuple(f"{row.estimates['reward'].mean:.1f}" for row in rows), 0),
-        _Figures("95 % interval", tuple(_interval(row) for row in rows), 2),
-        _Figures("IQM", tuple(f"{row.estimates['reward'].iqm:.1f}" for row in rows), 5),
-        _Figures("EPI\n[EUR/m²]", tuple(f"{row.estimates['epi'].mean:.3f}" for row in rows), 1),
-        _Figures("Penalty", tuple(f"{row.estimates['penalty'].mean:.1f}" for row in rows), 3),
+        _Figures(
+            first.heading.replace(" [", "\n["), tuple(number_text(one.mean, first.decimals) for one in ranking), 0
+        ),
+        _Figures("95 % interval\nor range ↔", tuple(_span_of_row(row, first) for row in rows), 2),
+        _Figures("IQM", tuple(number_text(one.iqm, first.decimals) for one in ranking), 5),
+        *(
+            _Figures(
+                column.heading.replace(" [", "\n["),
+                tuple(number_text(row.estimates[column.metric].mean, column.decimals) for row in rows),
+                place,
+            )
+            for column, place in zip(others, (1, 3), strict=True)
+        ),
         _Figures("Runs", tuple(_runs(row) for row in rows), 4),
+        _Figures("Source", tuple("" if row.training_seed is not None else row.origin for row in rows), 0),
     ]
-    title = f"{escape(table.title)}\n[dim]{escape(table.task_id)}[/dim]"
-    ranks = ["–" if row.rank is None else str(row.rank) for row in rows]
+    title = f"{escape(visible(table.title))}\n[dim]{escape(visible(table.task_id))}[/dim]"
+    ranks = ["" if row.training_seed is not None else "–" if row.rank is None else str(row.rank) for row in rows]
     marked = [row.privileged or row.unsandboxed for row in rows]
-    proved = [
-        (VERIFIED_MARK if mark else f" {VERIFIED_MARK}") if row.verified else ""
+    reproduced = [
+        (REPRODUCED_MARK if mark else f" {REPRODUCED_MARK}") if row.reproduced else ""
         for row, mark in zip(rows, marked, strict=True)
     ]
-    names = [agent_label(row) + mark for row, mark in zip(rows, proved, strict=True)]
-    styles = ["dim" if row.rank is None else None for row in rows]
+    names = [agent_label(row) + mark for row, mark in zip(rows, reproduced, strict=True)]
+    styles = ["dim" if row.rank is None or row.training_seed is not None else None for row in rows]
     return _fitting(title, ranks, names, columns, styles, console)
 
 
-def resource_table(table: TaskTable, console: Console) -> tuple[Table, tuple[str, ...]]:
+def resource_table(table: TaskTable, console: Console, *, members: bool = False) -> tuple[Table, tuple[str, ...]]:
     """What each agent grew and used, and the names of the columns that found no room."""
+    rows = _shown(table, members=members)
     wanted = [column for column in COLUMNS if not column.interval]
     columns = [
         _Figures(
             column.heading.replace(" ", "\n"),
-            tuple(format_estimate(row.estimates[column.metric], column) for row in table.rows),
+            tuple(format_estimate(row.estimates[column.metric], column) for row in rows),
             place,
         )
         for place, column in enumerate(wanted)
     ]
-    rows = table.rows
     columns += [
-        _Figures("Decision\n[ms]", tuple(f"{row.decision_milliseconds:.3f}" for row in rows), len(wanted)),
+        _Figures("Decision\n[ms]", tuple(number_text(row.decision_milliseconds, 3) for row in rows), len(wanted)),
         _Figures("Training\n[steps]", tuple(steps_text(row.training_steps) for row in rows), len(wanted) - 1),
     ]
-    names = [agent_label(row) for row in table.rows]
-    return _fitting("Harvest, resources, climate", None, names, columns, [None] * len(names), console)
+    names = [agent_label(row) for row in rows]
+    styles = ["dim" if row.training_seed is not None else None for row in rows]
+    return _fitting("Harvest, resources, climate", None, names, columns, styles, console)
+
+
+def _shown(table: TaskTable, *, members: bool) -> list[Row]:
+    """The entries; with ``members`` each of several trainings below them."""
+    return [row for entry in table.rows for row in (entry, *(entry.trainings if members and entry.is_range else ()))]
 
 
 def suite_score_table(table: SuiteTable, console: Console) -> tuple[Table, tuple[str, ...]]:
@@ -96,12 +116,12 @@ def suite_score_table(table: SuiteTable, console: Console) -> tuple[Table, tuple
     rows = table.rows
     columns = [
         _Figures("Mean", tuple(score_text(row.aggregate.mean.value) for row in rows), 0),
-        _Figures("95 % interval", tuple(_span(row.aggregate.mean) for row in rows), 3),
+        _Figures("95 % interval\nor range ↔", tuple(_span(row, "mean") for row in rows), 2),
         _Figures("IQM", tuple(score_text(row.aggregate.iqm.value) for row in rows), 1),
-        _Figures("of the IQM", tuple(_span(row.aggregate.iqm) for row in rows), 4),
-        _Figures("Median", tuple(score_text(row.aggregate.median.value) for row in rows), 6),
-        _Figures("Optimality\ngap", tuple(score_text(row.aggregate.optimality_gap.value) for row in rows), 2),
-        _Figures("Runs", tuple(str(row.aggregate.runs) for row in rows), 5),
+        _Figures("Median", tuple(score_text(row.aggregate.median.value) for row in rows), 5),
+        _Figures("Optimality\ngap", tuple(score_text(row.aggregate.optimality_gap.value) for row in rows), 3),
+        _Figures("Runs", tuple(str(row.aggregate.runs) for row in rows), 4),
+        _Figures("Source", tuple("" if row.figures is None else row.figures.origin for row in rows), 0),
     ]
     title = (
         f"Suite {escape(table.suite)}, {len(table.tasks)} tasks: normalised scores\n"
@@ -120,13 +140,15 @@ def suite_resource_table(table: SuiteTable, console: Console) -> tuple[Table, tu
     columns = [
         _Figures(
             column.heading.replace(" ", "\n"),
-            tuple(f"{one.metrics[column.metric]:.{column.decimals}f}" for one in figures),
+            tuple(number_text(one.metrics[column.metric], column.decimals) for one in figures),
             place,
         )
         for place, column in enumerate(wanted)
     ]
     columns += [
-        _Figures("Decision\n[ms]", tuple(f"{one.decision_milliseconds:.3f}" for one in figures), len(wanted) + 1),
+        _Figures(
+            "Decision\n[ms]", tuple(number_text(one.decision_milliseconds, 3) for one in figures), len(wanted) + 1
+        ),
         _Figures("Training\n[steps]", tuple(steps_text(one.training_steps) for one in figures), len(wanted)),
     ]
     names = [_suite_label(row) for row in rows]
@@ -138,26 +160,27 @@ def suite_resource_table(table: SuiteTable, console: Console) -> tuple[Table, tu
 def _suite_label(row: SuiteRow) -> str:
     figures = row.figures
     if figures is None:
-        return row.aggregate.agent
+        return suite_label(row)
     marks = (PRIVILEGED_MARK if figures.privileged else "") + (
         UNSANDBOXED_MARK if figures.sandbox == "unsandboxed" else ""
     )
-    marks += VERIFIED_MARK if figures.verified else ""
-    return f"{row.aggregate.agent} {marks}" if marks else row.aggregate.agent
+    marks += REPRODUCED_MARK if figures.reproduced else ""
+    return f"{suite_label(row)} {marks}" if marks else suite_label(row)
 
 
-def _span(interval: Interval) -> str:
-    low, high = score_text(interval.low), score_text(interval.high)
-    return f"{low} to {high}" if low != high else "–"
+def _span(row: SuiteRow, score: str) -> str:
+    return span_text(getattr(row.aggregate, score), is_range=row.aggregate.trainings[1] > 1) or "–"
 
 
-def _interval(row: Row) -> str:
-    reward = row.estimates["reward"]
-    return f"{reward.low:.1f} to {reward.high:.1f}" if reward.low < reward.high else "–"
+def _span_of_row(row: Row, column: Column) -> str:
+    one = row.estimates[column.metric]
+    low, high = number_text(one.low, column.decimals), number_text(one.high, column.decimals)
+    return f"{low} {RANGE_MARK if row.is_range else 'to'} {high}" if one.low < one.high else "–"
 
 
 def _runs(row: Row) -> str:
-    return str(row.runs) if row.failed == 0 else f"{row.runs - row.failed}/{row.runs}"
+    runs = f"{len(row.trainings)}×{row.trainings[0].runs}" if row.is_range else str(row.runs)
+    return runs if row.failed == 0 else f"{row.runs - row.failed}/{row.runs}"
 
 
 def _fitting(

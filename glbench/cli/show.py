@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, output
+from glbench.cli.console import harmless, messages, output
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,10 +33,12 @@ def show(
     found = find_results(result, task or [], out)
     shown = found if task or show_all else [_usual(found)]
     for one in shown:
-        _show(one)
+        _show(one, _where_from(one, out))
     if len(shown) < len(found):
         messages().print(
-            f"'{result}' has results on {len(found)} tasks: --all, or --task ID, shows the others.", style="dim"
+            f"'{result}' has results on {len(found)} tasks: --all, or --task ID, shows the others.",
+            style="dim",
+            markup=False,
         )
 
 
@@ -47,7 +49,31 @@ def _usual(found: Sequence[Result]) -> Result:
     return next((one for one in found if one.task.id == DEFAULT_TASK), max(found, key=lambda one: one.created))
 
 
-def _show(result: Result) -> None:
+def _where_from(result: Result, out: Path) -> list[str]:
+    """Origin of the result, whether it was reproduced, and the trainings that it belongs to."""
+    from glbench.leaderboard import rank
+    from glbench.leaderboard.published import own_and_released_results, published_expectations
+    from glbench.leaderboard.tables import entry_label
+
+    stored = [item for item in own_and_released_results(out)[0] if item.result.task.digest == result.task.digest]
+    expected = {task_id: one for task_id, one in published_expectations().items() if one.digest == result.task.digest}
+    for table in rank(stored, expected):
+        for entry in table.rows:
+            for row in entry.results:
+                if row.results_digest == result.results_digest:
+                    mean = entry.estimates["reward"]
+                    family = (
+                        f"One of {entry_label(entry)}: reward {mean.mean:,.1f}, {mean.low:,.1f} to {mean.high:,.1f}. "
+                        f"The others: {', '.join(one.agent for one in entry.results if one is not row)}."
+                    )
+                    checked = (
+                        "reproduced by glbench verify" if row.reproduced else "not reproduced yet (glbench verify)"
+                    )
+                    return [f"Source: {row.origin}; {checked}", *([family] if entry.is_range else [])]
+    return []
+
+
+def _show(result: Result, where_from: Sequence[str]) -> None:
     from rich.markup import escape
 
     from glbench.cli.evaluation_tables import print_failures, summary_table
@@ -67,21 +93,30 @@ def _show(result: Result) -> None:
         f"Worst run: seed {worst.seed}, reward {worst.metrics['reward']:,.1f}, EPI {worst.metrics['epi']:,.3f} EUR/m²"
     )
     print_failures(result)
-    sees = escape(result.agent.information)
-    output().print(
-        f"\n{escape(result.agent.name)} sees: {sees}\nKernel {result.evaluation.kernel.get('backend')}, preset "
-        f"{result.evaluation.kernel.get('preset', '–')}; made {result.created} with glbench {result.versions.glbench}; "
-        f"results digest {result.results_digest[:12]}",
-        style="dim",
-        soft_wrap=True,
-    )
+    kernel = result.evaluation.kernel
+    stated = [
+        f"decision {result.evaluation.decision_milliseconds:.3f} ms",
+        f"sandbox {result.evaluation.sandbox or 'unknown'}",
+        f"made {result.created} with glbench {result.versions.glbench}",
+        *([f"git {result.git.commit[:12]}{' with changes' if result.git.dirty else ''}"] if result.git else []),
+        *([f"card by {', '.join(result.agent.card.authors)}"] if result.agent.card else []),
+    ]
+    lines = [
+        f"{result.agent.name} sees: {result.agent.information}",
+        f"Kernel {kernel.get('backend')}, preset {kernel.get('preset', '–')}; results digest {result.results_digest[:12]}",
+        *where_from,
+        f"Stated by the file, not checked: {'; '.join(stated)}",
+    ]
+    output().print()
+    for line in lines:
+        output().print(escape(harmless(line)), style="dim", soft_wrap=True)
 
 
 def money_lines(result: Result) -> list[str]:
     """Revenue and costs as bars of one scale, and what is left."""
     from glbench.evaluation.metrics import UNITS
 
-    names = {"revenue": "fruit", "cost_heat": "heat", "cost_electricity": "light", "cost_co2": "CO2"}
+    names = {"revenue": "fruit", "cost_heat": "heat", "cost_electricity": "lamps", "cost_co2": "CO2"}
     means = {name: sum(values) / len(values) for name in names for values in [result.values(name)]}
     scale = max(*(abs(value) for value in means.values()), 1e-9)
     lines = []

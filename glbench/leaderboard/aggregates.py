@@ -23,7 +23,7 @@ TARGET = 1.0
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate with its 95 % interval, all in the same unit."""
+    """An estimate with its 95 % interval, all in the same unit; of several trainings with the range over them."""
 
     value: float
     low: float
@@ -32,11 +32,16 @@ class Interval:
 
 @dataclass(frozen=True)
 class Aggregate:
-    """One agent over the tasks of a suite, in normalised scores: 0 is doing nothing, 1 the best known result."""
+    """One entry over the tasks of a suite, in normalised scores: 0 is doing nothing, 1 the best known result.
+
+    ``trainings`` are the fewest and the most of them on a task. Where a task has several, ``low`` and ``high`` of the scores are what
+    the lowest and the highest training of each task make; else they are 95 % intervals over the runs.
+    """
 
     agent: str
     tasks: int
     runs: int
+    trainings: tuple[int, int]
     mean: Interval
     median: Interval
     iqm: Interval
@@ -89,13 +94,25 @@ def optimality_gap(tasks: Sequence[Array]) -> Array:
 
 
 def aggregate(agent: str, tasks: Sequence[Array], *, resamples: int = RESAMPLES, seed: int = 0) -> Aggregate:
-    """All aggregates of one agent's normalised scores, one array ``(n_i,)`` a task.
+    """All aggregates of one entry's normalised scores.
+
+    Parameters
+    ----------
+    agent
+        Name of the entry.
+    tasks
+        One array ``(n_i,)`` a task, or ``(trainings_i, n_i)``.
+    resamples, seed
+        Of the bootstrap.
 
     Raises
     ------
     ResultError
         When there is no task, or a task without runs.
     """
+    by_training = [np.atleast_2d(runs) for runs in tasks]
+    counts = [len(runs) for runs in by_training] or [0]
+    together = pooled(tasks)
     found = {}
     for name, statistic in (
         ("mean", mean_score),
@@ -103,9 +120,19 @@ def aggregate(agent: str, tasks: Sequence[Array], *, resamples: int = RESAMPLES,
         ("iqm", interquartile_mean_score),
         ("optimality_gap", optimality_gap),
     ):
-        low, high = stratified_interval(tasks, statistic, resamples=resamples, seed=seed)
-        found[name] = Interval(float(statistic(tasks)), low, high)
-    return Aggregate(agent, len(tasks), sum(runs.size for runs in tasks), **found)
+        if max(counts) > 1:
+            lowest = [runs[runs.mean(axis=1).argmin()] for runs in by_training]
+            highest = [runs[runs.mean(axis=1).argmax()] for runs in by_training]
+            low, high = sorted(float(statistic(which)) for which in (lowest, highest))
+        else:
+            low, high = stratified_interval(together, statistic, resamples=resamples, seed=seed)
+        found[name] = Interval(float(statistic(together)), low, high)
+    return Aggregate(agent, len(tasks), sum(runs.size for runs in together), (min(counts), max(counts)), **found)
+
+
+def pooled(tasks: Sequence[Array]) -> list[Array]:
+    """Runs of all trainings of a task together: ``(trainings_i, n_i)`` to ``(trainings_i * n_i,)``."""
+    return [runs.ravel() for runs in tasks]
 
 
 def performance_profile(tasks: Sequence[Array], thresholds: Array, *, resamples: int = 2_000, seed: int = 0) -> Profile:

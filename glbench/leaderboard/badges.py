@@ -5,7 +5,8 @@ from __future__ import annotations
 from html import escape
 
 from glbench.errors import ResultError, did_you_mean
-from glbench.leaderboard.ranking import RANKING_METRIC, TaskTable
+from glbench.leaderboard.escaping import number_text, visible
+from glbench.leaderboard.ranking import TaskTable
 
 _CHARACTER = 6.6  # px, about the mean width of a character at 11 px
 _PADDING = 8
@@ -14,7 +15,7 @@ _COLOURS = {True: "#2f7d4f", False: "#8a6d1f"}
 
 
 def badge(table: TaskTable, agent: str) -> str:
-    """SVG: task on the left; rank, reward and whether it is verified on the right. Green when verified, else ochre.
+    """SVG: task on the left; rank, reward, trainings, origin and whether it was reproduced on the right. Green when reproduced, else ochre.
 
     Raises
     ------
@@ -23,13 +24,20 @@ def badge(table: TaskTable, agent: str) -> str:
     """
     row = next((one for one in table.rows if one.agent == agent), None)
     if row is None:
-        agents = [one.agent for one in table.rows]
+        agents = [visible(one.agent) for one in table.rows]
         msg = f"'{agent}' is not in the table of {table.task_id}.{did_you_mean(agent, agents)} It has: {', '.join(agents)}."
         raise ResultError(msg)
     ranked = sum(one.rank is not None for one in table.rows)
     rank = f"rank {row.rank} of {ranked}" if row.rank is not None else "not ranked"
-    words = f"{rank}, reward {row.estimates[RANKING_METRIC].mean:,.0f}" + (", verified" if row.verified else "")
-    return _picture(table.task_id, words, _COLOURS[row.verified])
+    mean = row.estimates[table.metric].mean
+    said = [rank, f"{table.metric} {mean:,.0f}" if abs(mean) < 1e9 else f"{table.metric} {number_text(mean, 0)}"]
+    if row.is_range:
+        said.append(f"mean of {len(row.trainings)} trainings")
+    if row.origin != "own":
+        said.append(row.origin)
+    if row.reproduced:
+        said.append("reproduced")
+    return _picture(visible(table.task_id), ", ".join(said), _COLOURS[row.reproduced])
 
 
 def _picture(left: str, right: str, colour: str) -> str:

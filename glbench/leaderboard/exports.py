@@ -10,9 +10,19 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from glbench.evaluation.metrics import UNITS
 from glbench.leaderboard.aggregates import Interval
+from glbench.leaderboard.collect import Origin
+from glbench.leaderboard.escaping import latex_text, number_text, visible
 from glbench.leaderboard.ranking import Row, TaskTable
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
-from glbench.leaderboard.tables import COLUMNS, latex_text, sandbox_word, steps_text
+from glbench.leaderboard.tables import (
+    Column,
+    columns_of,
+    entry_label,
+    format_estimate,
+    runs_label,
+    sandbox_word,
+    steps_text,
+)
 
 
 class _Frozen(BaseModel):
@@ -24,16 +34,18 @@ _SANDBOX: TypeAdapter[Sandbox | None] = TypeAdapter(Sandbox | None)
 
 
 class MetricEntry(_Frozen):
-    """A metric of one agent on one task, over the task's runs, in the unit that ``units`` names."""
+    """A metric of one entry on one task, over the task's runs, in the unit that ``units`` names."""
 
-    mean: float = Field(description="arithmetic mean over the runs")
-    iqm: float = Field(description="mean of the middle half of the runs")
-    low: float = Field(description="lower end of the 95 % bootstrap interval of the mean")
-    high: float = Field(description="upper end of it")
+    mean: float = Field(description="arithmetic mean over the runs; of several trainings the mean over them")
+    iqm: float = Field(description="mean of the middle half of the runs; of several trainings the mean over them")
+    low: float = Field(
+        description="lower end of the 95 % bootstrap interval of the mean; of several trainings the lowest of their means"
+    )
+    high: float = Field(description="upper end of it; of several trainings the highest of their means")
 
 
 class RowEntry(_Frozen):
-    """One agent on one task."""
+    """One entry on one task: an agent, or several trainings of one recipe."""
 
     rank: int | None = Field(description="shared by agents that cannot be told apart; null when runs are missing")
     agent: str
@@ -41,19 +53,28 @@ class RowEntry(_Frozen):
     information: str = Field(description="what it sees, in words")
     runs: int
     failed_runs: int
-    verified: bool = Field(description="whether the result was proved from its record")
-    decision_ms: float = Field(description="time of one decision for one run [ms]")
+    origin: Origin = Field(
+        description="released with glbench, the user's own, or a trial with other seeds than the task's"
+    )
+    reproduced: bool = Field(description="whether glbench verify simulated all runs again and got the same numbers")
+    decision_ms: float = Field(description="time of one decision for one run [ms]; stated by the file, not checked")
     training_steps: int | None = Field(
         default=None,
-        description="control steps that it was trained for; 0 when nothing was learnt, null when nobody says",
+        description="control steps that it was trained for; 0 when not trained, null when not stated; not checked",
     )
-    training_hours: float | None = Field(default=None, description="hours that the training took [h]")
+    training_hours: float | None = Field(default=None, description="hours that the training took [h]; not checked")
     sandbox: Sandbox | None = Field(
-        default=None, description="how it ran; null in results of glbench without sandboxes"
+        default=None, description="how it ran; null in results of glbench without sandboxes; not checked"
     )
+    kernel: str = Field(description="backend and preset of the kernel that stepped the model")
+    kernel_build: str = Field(description="short digests of the kernel's library and of all its settings")
     remark: str
-    results_digest: str
+    results_digest: str = Field(description="of several trainings that of the first")
     metrics: dict[str, MetricEntry]
+    training_seed: int | None = Field(
+        default=None, description="of one training among several: the seed it was trained with"
+    )
+    trainings: tuple[RowEntry, ...] = Field(default=(), description="trainings of the entry, by seed")
 
 
 class TaskEntry(_Frozen):
@@ -62,11 +83,12 @@ class TaskEntry(_Frozen):
     id: str
     title: str
     digest: str
+    metric: str = Field(description="what the rows are ranked by")
     rows: tuple[RowEntry, ...]
 
 
 class IntervalEntry(_Frozen):
-    """An estimate with its 95 % stratified bootstrap interval."""
+    """An estimate with its 95 % stratified bootstrap interval over runs; where a task has several trainings, with the range over them."""
 
     value: float
     low: float
@@ -79,11 +101,12 @@ class SuiteFiguresEntry(_Frozen):
     metrics: dict[str, float]
     failed_runs: int
     decision_ms: float
-    training_steps: int | None = Field(description="of the task with the longest training; null when nobody says")
+    training_steps: int | None = Field(description="of the task with the longest training; null when not stated")
     privileged: bool
     information: str
     sandbox: str
-    verified: bool = Field(description="whether all of its results were proved")
+    reproduced: bool = Field(description="whether all of its results were reproduced")
+    origin: Origin = Field(description="released when all of its results are")
 
 
 class ProbabilityEntry(_Frozen):
@@ -113,6 +136,7 @@ class SuiteRowEntry(_Frozen):
     mean: IntervalEntry
     median: IntervalEntry
     optimality_gap: IntervalEntry
+    trainings: tuple[int, int] = Field(description="fewest and most trainings on a task")
     missing_tasks: tuple[str, ...]
     figures: SuiteFiguresEntry | None = None
 
@@ -131,7 +155,7 @@ class LeaderboardDocument(_Frozen):
     """``leaderboard.json``."""
 
     schema_name: Literal["glbench/leaderboard"] = Field(default="glbench/leaderboard", alias="schema")
-    schema_version: Literal[1] = 1
+    schema_version: Literal[2] = 2
     units: dict[str, str] = Field(description="unit of every metric; '-' for none")
     tasks: tuple[TaskEntry, ...]
     suites: tuple[SuiteEntry, ...]
@@ -155,18 +179,20 @@ def json_schema() -> str:
 
 
 def to_latex(table: TaskTable) -> str:
-    """A task's tables for a paper (``booktabs``, units in the head): mean and 95 % interval, then what was grown and used."""
+    """A task's tables for a paper (``booktabs``, units in the head): mean and 95 % interval or range, then what was grown and used."""
+    columns = columns_of(table)
+    scored, used = columns[:3], columns[3:]
     scores = [
-        ["", "Agent", *(latex_text(column.heading) for column in COLUMNS[:3]), "Runs"],
-        *map(_latex_row, table.rows),
+        ["", "Agent", *(latex_text(column.heading) for column in scored), "Runs"],
+        *(_latex_row(row, scored) for row in table.rows),
     ]
-    words = ["Decision [ms]", "Training [steps]", "Sees", "Sandboxed", "Verified"]
-    used = [
-        ["Agent", *(latex_text(column.heading) for column in COLUMNS[3:]), *words],
-        *map(_latex_resources, table.rows),
+    words = ["Decision [ms]", "Training [steps]", "Source", "Sees", "Sandboxed", "Reproduced"]
+    resources = [
+        ["Agent", *(latex_text(column.heading) for column in used), *words],
+        *(_latex_resources(row, used) for row in table.rows),
     ]
-    comment = f"% {table.task_id}, digest {table.digest[:12]}; needs \\usepackage{{booktabs}}"
-    return "\n".join([comment, *_tabular("rlrrrr", scores), "", *_tabular("lrrrrrrrlll", used)]) + "\n"
+    comment = f"% {visible(table.task_id)}, digest {table.digest[:12]}; needs \\usepackage{{booktabs}}"
+    return "\n".join([comment, *_tabular("rlrrrr", scores), "", *_tabular("lrrrrrrrllll", resources)]) + "\n"
 
 
 def _tabular(columns: str, rows: Sequence[Sequence[str]]) -> list[str]:
@@ -174,31 +200,36 @@ def _tabular(columns: str, rows: Sequence[Sequence[str]]) -> list[str]:
     return [rf"\begin{{tabular}}{{{columns}}}", r"\toprule", head, r"\midrule", *body, r"\bottomrule", r"\end{tabular}"]
 
 
-def _latex_resources(row: Row) -> list[str]:
+def _latex_resources(row: Row, columns: Sequence[Column]) -> list[str]:
     return [
-        latex_text(row.agent),
-        *(f"${row.estimates[column.metric].mean:.{column.decimals}f}$" for column in COLUMNS[3:]),
-        f"${row.decision_milliseconds:.3f}$",
+        latex_text(entry_label(row)),
+        *(f"${number_text(row.estimates[column.metric].mean, column.decimals)}$" for column in columns),
+        f"${number_text(row.decision_milliseconds, 3)}$",
         latex_text(steps_text(row.training_steps)),
+        row.origin,
         "privileged" if row.privileged else "observations",
         latex_text(sandbox_word(row.sandbox)),
-        "yes" if row.verified else "no",
+        "yes" if row.reproduced else "no",
     ]
 
 
-def _latex_row(row: Row) -> list[str]:
-    cells = ["--" if row.rank is None else str(row.rank), latex_text(row.agent) + (r"\dag" if row.privileged else "")]
-    for column in COLUMNS[:3]:
-        one = row.estimates[column.metric]
-        text = f"${one.mean:.{column.decimals}f}$"
-        if one.low < one.high:
-            text += f" $[{one.low:.{column.decimals}f}, {one.high:.{column.decimals}f}]$"
-        cells.append(text)
-    return [*cells, str(row.runs)]
+def _latex_row(row: Row, columns: Sequence[Column]) -> list[str]:
+    name = latex_text(entry_label(row)) + (r"\dag" if row.privileged else "")
+    return [
+        "--" if row.rank is None else str(row.rank),
+        name,
+        *(
+            latex_text(format_estimate(row.estimates[column.metric], column, is_range=row.is_range))
+            for column in columns
+        ),
+        latex_text(runs_label(row)),
+    ]
 
 
 def _task(table: TaskTable) -> TaskEntry:
-    return TaskEntry(id=table.task_id, title=table.title, digest=table.digest, rows=tuple(map(_row, table.rows)))
+    return TaskEntry(
+        id=table.task_id, title=table.title, digest=table.digest, metric=table.metric, rows=tuple(map(_row, table.rows))
+    )
 
 
 def _row(row: Row) -> RowEntry:
@@ -209,13 +240,18 @@ def _row(row: Row) -> RowEntry:
         information=row.information,
         runs=row.runs,
         failed_runs=row.failed,
-        verified=row.verified,
+        origin=row.origin,
+        reproduced=row.reproduced,
         decision_ms=row.decision_milliseconds,
         training_steps=row.training_steps,
         training_hours=row.training_hours,
         sandbox=_SANDBOX.validate_python(row.sandbox),
+        kernel=row.kernel,
+        kernel_build=row.build,
         remark=row.remark,
         results_digest=row.results_digest,
+        training_seed=row.training_seed,
+        trainings=tuple(map(_row, row.trainings)),
         metrics={
             name: MetricEntry(mean=one.mean, iqm=one.iqm, low=one.low, high=one.high)
             for name, one in row.estimates.items()
@@ -251,6 +287,7 @@ def _suite_row(row: SuiteRow) -> SuiteRowEntry:
         mean=_interval(one.mean),
         median=_interval(one.median),
         optimality_gap=_interval(one.optimality_gap),
+        trainings=one.trainings,
         missing_tasks=row.missing,
         figures=None
         if figures is None
@@ -262,7 +299,8 @@ def _suite_row(row: SuiteRow) -> SuiteRowEntry:
             privileged=figures.privileged,
             information=figures.information,
             sandbox=figures.sandbox,
-            verified=figures.verified,
+            reproduced=figures.reproduced,
+            origin=figures.origin,
         ),
     )
 

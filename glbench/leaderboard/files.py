@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from glbench.leaderboard.escaping import cell_text
 from glbench.leaderboard.exports import to_json, to_latex
 from glbench.leaderboard.ranking import TaskTable
 from glbench.leaderboard.suite_views import suite_frame, suite_latex, suite_markdown
@@ -26,7 +27,7 @@ def write_leaderboard(
 ) -> tuple[Path, ...]:
     """Write ``leaderboard.md``, ``.csv``, ``.parquet``, ``.json`` and ``.tex`` into ``out``, each whole or not at all.
 
-    With suites, ``leaderboard.suites.csv`` and ``.parquet`` hold one row an agent and suite.
+    With suites, ``leaderboard.suites.csv`` and ``.parquet`` hold one row an entry and suite.
 
     Parameters
     ----------
@@ -66,4 +67,5 @@ def write_leaderboard(
 def _of_frame(name: str, frame: pd.DataFrame) -> dict[str, bytes | str]:
     parquet = io.BytesIO()
     frame.to_parquet(parquet, index=False)
-    return {f"{name}.csv": frame.to_csv(index=False, lineterminator="\n"), f"{name}.parquet": parquet.getvalue()}
+    cells = frame.map(lambda cell: cell_text(cell) if isinstance(cell, str) else cell)
+    return {f"{name}.csv": cells.to_csv(index=False, lineterminator="\n"), f"{name}.parquet": parquet.getvalue()}

@@ -1,4 +1,7 @@
-"""Two agents on one task, metric by metric, on the seeds that both were given."""
+"""Two agents on one task, metric by metric, on the seeds that both were given.
+
+Of several trainings of one recipe the mean over them counts, run by run.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from glbench.errors import ResultError
-from glbench.evaluation import Result
 from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.leaderboard.aggregates import Interval, probability_of_improvement
 from glbench.leaderboard.comparisons import holm, paired_test, told_apart
+from glbench.leaderboard.entries import Entry
 from glbench.leaderboard.statistics import bootstrap_interval
 
 MONEY = {"revenue": 1.0, "cost_heat": -1.0, "cost_electricity": -1.0, "cost_co2": -1.0}
@@ -40,6 +43,8 @@ class Pair:
     title: str
     first: str
     second: str
+    trainings: tuple[int, int]
+    """Of how many trainings each is the mean."""
     runs: int
     metrics: Mapping[str, MetricPair]
     p_value: float
@@ -53,42 +58,45 @@ class Pair:
         return told_apart(corrected, self.favours, self.metrics["reward"].difference.value)
 
 
-def compare_results(first: Result, second: Result) -> Pair:
-    """Compare two results of one task on their common seeds.
+def compare_entries(one: Entry, other: Entry) -> Pair:
+    """Compare two entries of one task on their common seeds.
 
     Raises
     ------
     ResultError
         When they are of different tasks, or have no seed in common.
     """
+    first, second = one.first, other.first
     if first.task.digest != second.task.digest:
         msg = (
-            f"'{first.agent.name}' was evaluated on {first.task.id} (digest {first.task.digest[:12]}), '{second.agent.name}' on "
+            f"'{one.name}' was evaluated on {first.task.id} (digest {first.task.digest[:12]}), '{other.name}' on "
             f"{second.task.id} (digest {second.task.digest[:12]}). Only results of one and the same task can be compared."
         )
         raise ResultError(msg)
-    seeds = sorted({run.seed for run in first.runs} & {run.seed for run in second.runs})
+    seeds = sorted(set(one.seeds) & set(other.seeds))
     if not seeds:
-        agents = f"'{first.agent.name}' and '{second.agent.name}'"
-        msg = f"{agents} have no seed in common on {first.task.id}. Evaluate both with the same seeds."
+        msg = f"'{one.name}' and '{other.name}' have no seed in common on {first.task.id}. Evaluate both with the same seeds."
         raise ResultError(msg)
+    places = [[entry.seeds.index(seed) for seed in seeds] for entry in (one, other)]
     values = [
-        {name: np.array([runs[seed].metrics[name] for seed in seeds]) for name in METRIC_NAMES}
-        for runs in ({run.seed: run for run in result.runs} for result in (first, second))
+        {name: entry.values(name)[place] for name in METRIC_NAMES}
+        for entry, place in zip((one, other), places, strict=True)
     ]
     metrics = {name: _metric(name, values[0][name], values[1][name]) for name in METRIC_NAMES}
     rewards = values[0]["reward"], values[1]["reward"]
+    runs = [entry.by_training("reward")[:, place].ravel() for entry, place in zip((one, other), places, strict=True)]
     test = paired_test([rewards[0]], [rewards[1]])
     return Pair(
         task_id=first.task.id,
         title=first.task.title,
-        first=first.agent.name,
-        second=second.agent.name,
+        first=one.name,
+        second=other.name,
+        trainings=(len(one.trainings), len(other.trainings)),
         runs=len(seeds),
         metrics=metrics,
         p_value=test.p_value,
         favours=test.favours,
-        improvement=probability_of_improvement({"": rewards[0]}, {"": rewards[1]}),
+        improvement=probability_of_improvement({"": runs[0]}, {"": runs[1]}),
         money={name: sign * metrics[name].difference.value for name, sign in MONEY.items()},
     )
 

@@ -24,6 +24,7 @@ def published_expectations() -> dict[str, Expectation]:
         task.id: Expectation(
             digest=locked[task.id].digest,
             seeds=tuple(range(task.evaluation.first_seed, task.evaluation.first_seed + task.evaluation.runs)),
+            metric=task.evaluation.metric,
         )
         for task in list_tasks()
         if task.id in locked

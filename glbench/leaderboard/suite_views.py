@@ -7,8 +7,18 @@ from typing import TYPE_CHECKING
 
 from glbench.evaluation.metrics import METRIC_NAMES, UNITS
 from glbench.leaderboard.aggregates import Interval
+from glbench.leaderboard.escaping import latex_text, markdown_text, number_text, visible
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
-from glbench.leaderboard.tables import COLUMNS, PRIVILEGED_MARK, VERIFIED_MARK, latex_text, sandbox_word, steps_text
+from glbench.leaderboard.tables import (
+    COLUMNS,
+    COVERS,
+    PRIVILEGED_MARK,
+    RANGE_MARK,
+    REPRODUCED_MARK,
+    WORD_HEADINGS,
+    sandbox_word,
+    steps_text,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -18,16 +28,56 @@ SCORE_HEADINGS = {"iqm": "IQM", "mean": "Mean", "median": "Median", "optimality_
 RESOURCES = tuple(column for column in COLUMNS if column.metric != "reward")
 
 
-def format_interval(interval: Interval) -> str:
-    """``0.9120 [0.9101, 0.9140]``, without unit."""
-    if score_text(interval.low) < score_text(interval.high):
-        return f"{score_text(interval.value)} [{score_text(interval.low)}, {score_text(interval.high)}]"
-    return score_text(interval.value)
+SCORE_STEP = 0.01
+"""Narrower intervals of normalised scores are not shown: another season or training can move a score by more."""
+SCORE_NOTE = (
+    f"Intervals cover the {COVERS}. Where they are narrower than {SCORE_STEP} they are left out: another season or another "
+    f"training can move a score by more than that. {RANGE_MARK}: what the lowest and the highest training of each task make."
+)
+
+
+def span_text(interval: Interval, *, is_range: bool) -> str:
+    """``0.91 to 0.93``, of trainings ``0.910 ↔ 0.934``; empty where an interval is narrower than ``SCORE_STEP``."""
+    if is_range:
+        return (
+            f"{score_text(interval.low)} {RANGE_MARK} {score_text(interval.high)}"
+            if interval.low < interval.high
+            else ""
+        )
+    if interval.high - interval.low < SCORE_STEP:
+        return ""
+    return f"{interval.low:.2f} to {interval.high:.2f}"
+
+
+def format_interval(interval: Interval, *, is_range: bool) -> str:
+    """``0.912 [0.91 to 0.93]`` or ``0.912``, without unit."""
+    span = span_text(interval, is_range=is_range)
+    return f"{score_text(interval.value)} [{span}]" if span else score_text(interval.value)
 
 
 def score_text(value: float) -> str:
-    """A normalised score with four decimals; what rounds to zero has no sign."""
-    return f"{round(value, 4) + 0.0:.4f}"
+    """A normalised score with three decimals; what rounds to zero has no sign."""
+    return f"{round(value, 3) + 0.0:.3f}"
+
+
+def suite_label(row: SuiteRow) -> str:
+    """Name of the entry, with the number of its trainings on a task."""
+    fewest, most = row.aggregate.trainings
+    name = visible(row.aggregate.agent)
+    if most == 1:
+        return name
+    return f"{name} ({most} trainings)" if fewest == most else f"{name} ({fewest} to {most} trainings)"
+
+
+def chance_text(value: float) -> str:
+    """A probability with two decimals, never as certain as 0 or 1."""
+    return ">0.99" if value > 0.99 else "<0.01" if value < 0.01 else f"{value:.2f}"
+
+
+def probability_text(interval: Interval) -> str:
+    """A probability, with its interval where that is wider than a hundredth."""
+    low, high = chance_text(interval.low), chance_text(interval.high)
+    return chance_text(interval.value) if low == high else f"{chance_text(interval.value)} [{low}, {high}]"
 
 
 def runs_of(row: SuiteRow) -> str:
@@ -44,13 +94,15 @@ def suite_markdown(table: SuiteTable) -> list[str]:
         f"Normalised score over the {len(table.tasks)} tasks: 0 is doing nothing, 1 the best known result of each task. "
         "Ranks go by the mean.",
         "",
+        SCORE_NOTE,
+        "",
         *_head(heads),
-        *(_line([_rank(row), row.aggregate.agent, *(format_interval(getattr(row.aggregate, name)) for name in SCORES), runs_of(row)])
+        *(_line([_rank(row), markdown_text(suite_label(row)), *_scores(row), runs_of(row)])
           for row in table.rows),
         "",
         "Means over the tasks:",
         "",
-        *_head(["Agent", *(column.heading for column in RESOURCES), "Decision [ms]", "Training [steps]", "Sees", "Sandboxed", "Verified"]),
+        *_head(["Agent", *(column.heading for column in RESOURCES), "Decision [ms]", "Training [steps]", *WORD_HEADINGS]),
         *(_line(cells) for row in table.rows for cells in [_figures(row)] if cells),
         "",
     ]  # fmt: skip
@@ -68,6 +120,8 @@ def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
             record: dict[str, object] = {
                 "suite": table.suite, "rank": row.rank, "agent": one.agent, "tasks": one.tasks, "runs": one.runs,
                 "missing_tasks": " ".join(row.missing),
+                "fewest_trainings": one.trainings[0], "most_trainings": one.trainings[1],
+                "low_and_high": "range over trainings" if one.trainings[1] > 1 else "95 % interval over runs",
             }  # fmt: skip
             for name in SCORES:
                 interval = getattr(one, name)
@@ -81,7 +135,8 @@ def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
                 "privileged": figures and figures.privileged,
                 "information": figures and figures.information,
                 "sandbox": figures and figures.sandbox,
-                "verified": figures and figures.verified,
+                "reproduced": figures and figures.reproduced,
+                "origin": figures and figures.origin,
             }
             records.append(record)
     whole = {"rank": "Int64", "training [steps]": "Int64", "failed_runs": "Int64"}
@@ -93,12 +148,12 @@ def suite_latex(table: SuiteTable) -> str:
     heads = " & ".join(["", "Agent", *SCORE_HEADINGS.values(), "Runs"])
     rows = []
     for row in table.rows:
-        cells = [f"${format_interval(getattr(row.aggregate, name))}$" for name in SCORES]
-        name = latex_text(row.aggregate.agent) + (r"\dag" if row.figures is not None and row.figures.privileged else "")
+        cells = [latex_text(text) for text in _scores(row)]
+        name = latex_text(suite_label(row)) + (r"\dag" if row.figures is not None and row.figures.privileged else "")
         rank = "--" if row.rank is None else str(row.rank)
         rows.append(" & ".join([rank, name, *cells, runs_of(row)]) + r" \\")
     return "\n".join([
-        f"% suite {table.suite}, normalised scores over {len(table.tasks)} tasks; needs \\usepackage{{booktabs}}",
+        f"% suite {visible(table.suite)}, normalised scores over {len(table.tasks)} tasks; needs \\usepackage{{booktabs}}",
         r"\begin{tabular}{rlrrrrr}", r"\toprule", heads + r" \\", r"\midrule", *rows, r"\bottomrule", r"\end{tabular}", "",
     ])  # fmt: skip
 
@@ -112,15 +167,13 @@ def _improvement_lines(table: SuiteTable) -> list[str]:
         "Probability of improvement: that a run of the agent of the row scores above a run of the agent of the column on the same task.",
         "",
         *_head(["", *agents]),
-        *(_line([a, *("–" if a == b else _probability(known[a, b]) for b in agents)]) for a in agents),
+        *(_line([a, *("–" if a == b else probability_text(known[a, b]) for b in agents)]) for a in agents),
         "",
     ]
 
 
-def _probability(interval: Interval) -> str:
-    text = f"{interval.value:.2f}"
-    low, high = f"{interval.low:.2f}", f"{interval.high:.2f}"
-    return text if low == high else f"{text} [{low}, {high}]"
+def _scores(row: SuiteRow) -> list[str]:
+    return [format_interval(getattr(row.aggregate, name), is_range=row.aggregate.trainings[1] > 1) for name in SCORES]
 
 
 def _figures(row: SuiteRow) -> list[str]:
@@ -128,13 +181,14 @@ def _figures(row: SuiteRow) -> list[str]:
     if figures is None:
         return []
     return [
-        row.aggregate.agent + (f" {PRIVILEGED_MARK}" if figures.privileged else ""),
-        *(f"{figures.metrics[column.metric]:.{column.decimals}f}" for column in RESOURCES),
-        f"{figures.decision_milliseconds:.3f}",
+        markdown_text(suite_label(row)) + (f" {PRIVILEGED_MARK}" if figures.privileged else ""),
+        *(number_text(figures.metrics[column.metric], column.decimals) for column in RESOURCES),
+        number_text(figures.decision_milliseconds, 3),
         steps_text(figures.training_steps),
+        figures.origin,
         "privileged" if figures.privileged else "observations",
         sandbox_word(figures.sandbox),
-        VERIFIED_MARK if figures.verified else "–",
+        REPRODUCED_MARK if figures.reproduced else "–",
     ]
 
 
@@ -143,7 +197,7 @@ def _rank(row: SuiteRow) -> str:
 
 
 def _head(heads: Sequence[str]) -> list[str]:
-    words = {"", "Agent", "Sees", "Sandboxed"}
+    words = {"", "Agent", *WORD_HEADINGS}
     return [_line(heads), "|" + "|".join("---" if head in words else "---:" for head in heads) + "|"]
 
 

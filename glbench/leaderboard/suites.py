@@ -16,11 +16,13 @@ from glbench.leaderboard.aggregates import (
     aggregate,
     normalise,
     performance_profile,
+    pooled,
     probability_of_improvement,
 )
-from glbench.leaderboard.collect import Expectation, StoredResult
+from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult
 from glbench.leaderboard.comparisons import RESOLUTION, tiers
-from glbench.leaderboard.ranking import Row, TaskTable
+from glbench.leaderboard.entries import entries_by_task, metric_of
+from glbench.leaderboard.ranking import SANDBOXES, Row, TaskTable
 from glbench.leaderboard.resampling import Array
 from glbench.tasks import list_suites
 from glbench.tasks.references import References, read_references
@@ -37,7 +39,8 @@ _LOWEST_THRESHOLD = -0.25
 class SuiteFigures:
     """What an agent earned, grew and used over a suite: means over the tasks of the means over the runs, in the metrics' units.
 
-    ``training_steps`` is that of the task with the longest training; ``None`` when nobody says.
+    ``training_steps`` is that of the task with the longest training; ``None`` when nobody says. ``origin`` is ``released`` when all of
+    its results are.
     """
 
     metrics: Mapping[str, float]
@@ -49,12 +52,13 @@ class SuiteFigures:
     information: str
     sandbox: str
     """``bubblewrap``, ``unsandboxed``, ``built-in`` or ``unknown``; of several the one that says least."""
-    verified: bool
+    reproduced: bool
+    origin: Origin
 
 
 @dataclass(frozen=True)
 class SuiteRow:
-    """One agent over a suite. ``rank`` is shared by agents that cannot be told apart; ``None`` when tasks are missing."""
+    """One entry over a suite. ``rank`` is shared by agents that cannot be told apart; ``None`` when tasks are missing."""
 
     rank: int | None
     aggregate: Aggregate
@@ -64,7 +68,7 @@ class SuiteRow:
 
 @dataclass(frozen=True)
 class Improvement:
-    """Probability that a run of ``first`` scores above a run of ``second`` on the same task."""
+    """Probability that a run of ``first`` (of any of its trainings) scores above a run of ``second`` on the same task."""
 
     first: str
     second: str
@@ -86,14 +90,12 @@ class SuiteTable:
 
 
 def scores_by_task(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, dict[str, Array]]:
-    """Rewards ``(n,)`` of complete results, by task id and agent, in the order of the task's seeds."""
-    found: dict[str, dict[str, Array]] = {}
-    for item in stored:
-        result = item.result
-        expectation = expected.get(result.task.id)
-        if expectation is not None and result.evaluation.seeds == expectation.seeds:
-            found.setdefault(result.task.id, {})[result.agent.name] = np.array(result.values("reward"))
-    return found
+    """What ranks of complete entries of published tasks ``(trainings, n)``, by task id and entry, in the order of the task's seeds."""
+    return {
+        task_id: {entry.name: entry.by_training(metric_of(task_id, expected)) for entry in entries if entry.complete}
+        for task_id, entries in entries_by_task(stored, expected).items()
+        if task_id in expected and any(entry.complete for entry in entries)
+    }
 
 
 def suite_table(
@@ -110,7 +112,7 @@ def suite_table(
     suite, tasks
         Name, and ids of its tasks.
     scores
-        Rewards by task and agent, see ``scores_by_task``.
+        Rewards by task and entry, ``(n,)`` or ``(trainings, n)``, see ``scores_by_task``.
     references
         Zero and one of each task's normalised score.
     tables
@@ -131,7 +133,8 @@ def suite_table(
             normalised.setdefault(agent, {})[task] = normalise(rewards, reference.nothing, reference.best)
     whole = {agent: by_task for agent, by_task in normalised.items() if len(by_task) == len(usable)}
     resolutions = [RESOLUTION / (references[task].best - references[task].nothing) for task in usable]
-    order = tiers({agent: [by_task[task] for task in usable] for agent, by_task in whole.items()}, resolutions)
+    means = {agent: [np.atleast_2d(by_task[task]).mean(axis=0) for task in usable] for agent, by_task in whole.items()}
+    order = tiers(means, resolutions)
     shown = _rows_of_agents(usable, tables)
     rows: list[SuiteRow] = []
     for tier in order:
@@ -172,6 +175,7 @@ def _figures(rows: Sequence[Row]) -> SuiteFigures | None:
         return None
     steps = [row.training_steps for row in rows]
     sandboxes = {row.sandbox or "unknown" for row in rows}
+    origins = {row.origin for row in rows}
     return SuiteFigures(
         metrics={name: float(np.mean([row.estimates[name].mean for row in rows])) for name in METRIC_NAMES},
         runs=sum(row.runs for row in rows),
@@ -180,17 +184,19 @@ def _figures(rows: Sequence[Row]) -> SuiteFigures | None:
         training_steps=None if None in steps else max(step for step in steps if step is not None),
         privileged=any(row.privileged for row in rows),
         information=rows[0].information,
-        sandbox=next(kind for kind in ("unknown", "unsandboxed", "bubblewrap", "built-in") if kind in sandboxes),
-        verified=all(row.verified for row in rows),
+        sandbox=next(kind for kind in SANDBOXES if kind in sandboxes),
+        reproduced=all(row.reproduced for row in rows),
+        origin=next(origin for origin in reversed(ORIGINS) if origin in origins),
     )
 
 
 def _improvements(whole: Mapping[str, Mapping[str, Array]], order: Sequence[Sequence[str]]) -> tuple[Improvement, ...]:
     """Both directions of every pair: what one has above the other is what the other has below it."""
     agents = [agent for tier in order for agent in tier]
+    runs = {agent: {task: scores.ravel() for task, scores in whole[agent].items()} for agent in agents}
     found = []
     for one, other in combinations(agents, 2):
-        p = probability_of_improvement(whole[one], whole[other])
+        p = probability_of_improvement(runs[one], runs[other])
         found.append(Improvement(one, other, p))
         found.append(Improvement(other, one, Interval(1.0 - p.value, 1.0 - p.high, 1.0 - p.low)))
     return tuple(found)
@@ -200,7 +206,7 @@ def _profiles(whole: Mapping[str, Mapping[str, Array]], tasks: Sequence[str]) ->
     """Profiles over thresholds from the lowest score that matters to a little above the best."""
     if not whole:
         return {}
-    lists = {agent: [by_task[task] for task in tasks] for agent, by_task in whole.items()}
+    lists = {agent: pooled([by_task[task] for task in tasks]) for agent, by_task in whole.items()}
     every = np.concatenate([runs for each in lists.values() for runs in each])
     low, high = max(_LOWEST_THRESHOLD, min(0.0, float(every.min()))), max(1.0, float(every.max()))
     margin = 0.02 * (high - low)
@@ -212,13 +218,13 @@ def _profiles(whole: Mapping[str, Mapping[str, Array]], tasks: Sequence[str]) ->
 
 
 def references_from(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, References]:
-    """References of every published task that has a complete result of ``do_nothing`` and a better one."""
+    """References of every published task that has a complete result of ``do_nothing`` and a better one, in the metric that ranks."""
     by_task: dict[str, list[tuple[float, StoredResult]]] = {}
     for item in stored:
-        expectation = expected.get(item.result.task.id)
-        if expectation is not None and item.result.evaluation.seeds == expectation.seeds:
-            mean = float(np.mean(item.result.values("reward")))
-            by_task.setdefault(item.result.task.id, []).append((mean, item))
+        task_id = item.result.task.id
+        if task_id in expected and item.result.evaluation.seeds == expected[task_id].seeds:
+            mean = float(np.mean(item.result.values(metric_of(task_id, expected))))
+            by_task.setdefault(task_id, []).append((mean, item))
     found = {}
     for task_id, results in by_task.items():
         nothing = [pair for pair in results if pair[1].result.agent.name == NOTHING]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from glbench.episodes.definition import task_of
 from glbench.evaluation.metrics import METRIC_NAMES
@@ -32,12 +34,12 @@ class Known:
 def known_results(
     stored: Sequence[StoredResult], tables: Sequence[TaskTable], profiles: Mapping[str, Profile]
 ) -> list[Known]:
-    """All results in the order of the leaderboards; ``profiles`` are by ``results_digest``."""
+    """All results in the order of the leaderboards, trainings one by one; ``profiles`` are by ``results_digest``."""
     by_digest = {item.result.results_digest: item for item in stored}
     return [
         Known(by_digest[row.results_digest], row, profiles.get(row.results_digest))
         for table in tables
-        for row in table.rows
+        for row in table.results
     ]
 
 
@@ -62,6 +64,7 @@ def task_facts(table: TaskTable, steps: int, step_seconds: float, spec: TaskSpec
         "short": table.task_id.rpartition("/")[2],
         "title": table.title,
         "digest": table.digest,
+        "metric": table.metric,
         "steps": steps,
         "step_seconds": step_seconds,
         "published": table.task_id in lock and lock[table.task_id].digest == table.digest,
@@ -125,6 +128,7 @@ def _suite_row(row: SuiteRow) -> dict[str, Any]:
         "agent": one.agent,
         "rank": row.rank,
         "runs": one.runs,
+        "trainings": list(one.trainings),
         "missing": list(row.missing),
         **{name: _interval(getattr(one, name)) for name in SCORES},
         "figures": None
@@ -136,7 +140,8 @@ def _suite_row(row: SuiteRow) -> dict[str, Any]:
             "training": figures.training_steps,
             "privileged": figures.privileged,
             "sandbox": figures.sandbox,
-            "verified": figures.verified,
+            "reproduced": figures.reproduced,
+            "origin": figures.origin,
         },
     }
 
@@ -145,13 +150,75 @@ def _interval(interval: Interval) -> list[float]:
     return [_short(part) for part in (interval.value, interval.low, interval.high)]
 
 
-def agent_facts(known: Sequence[Known]) -> list[dict[str, Any]]:
-    """Agents by name, baselines last, so that colours of submissions do not change when a baseline is added."""
-    agents = {item.row.agent: item.stored.result.agent for item in known}
-    return [
-        {"name": name, "kind": agent.kind, "privileged": agent.privileged, "information": agent.information}
-        for name, agent in sorted(agents.items(), key=lambda pair: (pair[1].kind == "baseline", pair[0]))
+def agent_facts(tables: Sequence[TaskTable], known: Sequence[Known]) -> list[dict[str, Any]]:
+    """Entries by name, baselines last, so that colours of submissions do not change when a baseline is added; then their trainings."""
+    of_result = {(item.row.task_id, item.row.results_digest): item.stored.result.agent for item in known}
+    entries: dict[str, Any] = {}
+    trainings: dict[str, str] = {}
+    for table in tables:
+        for row in table.rows:
+            entries[row.agent] = of_result[row.task_id, row.results_digest]
+            trainings |= {training_name(row, one): row.agent for one in row.trainings if row.is_range}
+    ordered = sorted(entries.items(), key=lambda pair: (pair[1].kind == "baseline", pair[0]))
+    facts = [
+        {"name": name, "kind": one.kind, "privileged": one.privileged, "information": one.information}
+        for name, one in ordered
     ]
+    return facts + [{"name": name, "training_of": entry} for name, entry in sorted(trainings.items())]
+
+
+def training_name(entry: Row, training: Row) -> str:
+    """A name for one of several trainings. The first often has that of its entry, and gets its seed."""
+    return f"{training.agent}_seed{training.training_seed}" if training.agent == entry.agent else training.agent
+
+
+def entry_facts(entry: Row, known: Mapping[tuple[str, str], Known], blocks: Mapping[str, str]) -> list[dict[str, Any]]:
+    """What the page shows of one row of a leaderboard: a result, or several trainings as one and then one by one.
+
+    ``known`` holds results by task id and ``results_digest``, ``blocks`` the names of their profiles by ``results_digest``. Of several
+    trainings the values are means over them, run by run, so that all that is linear in amounts can be computed again; days and seasons are
+    those of the first.
+    """
+    items = [known[row.task_id, row.results_digest] for row in entry.results]
+    results = [
+        {**result_facts(replace(item, row=row)), "profile": blocks.get(row.results_digest)}
+        for item, row in zip(items, entry.results, strict=True)
+    ]
+    first = {**results[0], "agent": entry.agent, "trainings": len(entry.trainings)}
+    if not entry.is_range:
+        return [first]
+    stored = [item.stored.result for item in items]
+    together = {
+        **first,
+        "members": [training_name(entry, row) for row in entry.trainings],
+        "reproduced": entry.reproduced,
+        "runs": entry.runs,
+        "failed": entry.failed,
+        "reasons": [reason for one in results for reason in one["reasons"]],
+        "decision": entry.decision_milliseconds,
+        "training": _training(entry),
+        "sandbox": entry.sandbox,
+        "digest": "",
+        "estimates": _estimates(entry),
+        "steps": [
+            float(np.mean(steps)) for steps in zip(*([run.steps for run in one.runs] for one in stored), strict=True)
+        ],
+        "values": {
+            name: [_short(float(np.mean(runs))) for runs in zip(*(one.values(name) for one in stored), strict=True)]
+            for name in METRIC_NAMES
+        },
+    }
+    members = [
+        {
+            **one,
+            "agent": training_name(entry, row),
+            "member_of": entry.agent,
+            "training_seed": row.training_seed,
+            "trainings": 0,
+        }
+        for one, row in zip(results, entry.trainings, strict=True)
+    ]
+    return [together, *members]
 
 
 def result_facts(item: Known) -> dict[str, Any]:
@@ -162,7 +229,8 @@ def result_facts(item: Known) -> dict[str, Any]:
         "agent": row.agent,
         "rank": row.rank,
         "remark": row.remark,
-        "verified": row.verified,
+        "origin": row.origin,
+        "reproduced": row.reproduced,
         "privileged": row.privileged,
         "sees": result.agent.information,
         "runs": row.runs,
@@ -170,20 +238,25 @@ def result_facts(item: Known) -> dict[str, Any]:
         "seeds": list(result.evaluation.seeds),
         "reasons": [[run.seed, run.status, run.reason, run.steps] for run in result.failed],
         "decision": result.evaluation.decision_milliseconds,
-        "training": None
-        if row.training_steps is None
-        else {"steps": row.training_steps, "wall_hours": row.training_hours},
+        "training": _training(row),
         "digest": result.results_digest,
         "agent_digest": result.agent.digest,
         "created": result.created,
         "glbench": result.versions.glbench,
-        "estimates": {
-            name: [_short(part) for part in (e.mean, e.low, e.high, e.iqm)] for name, e in row.estimates.items()
-        },
+        "kernel": f"{row.kernel} {row.build}",
+        "estimates": _estimates(row),
         "steps": None if not row.failed else [run.steps for run in result.runs],
         "values": {name: [_short(value) for value in result.values(name)] for name in METRIC_NAMES},
         **optional_facts(result.model_dump(mode="json")),
     }
+
+
+def _training(row: Row) -> dict[str, Any] | None:
+    return None if row.training_steps is None else {"steps": row.training_steps, "wall_hours": row.training_hours}
+
+
+def _estimates(row: Row) -> dict[str, list[float]]:
+    return {name: [_short(part) for part in (e.mean, e.low, e.high, e.iqm)] for name, e in row.estimates.items()}
 
 
 def optional_facts(document: Mapping[str, Any]) -> dict[str, Any]:

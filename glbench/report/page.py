@@ -16,7 +16,9 @@ from glbench.errors import ResultError
 from glbench.evaluation.profiles import Profile, load_profile
 from glbench.leaderboard import StoredResult, TaskTable, rank
 from glbench.leaderboard.comparisons import RESOLUTION
+from glbench.leaderboard.escaping import visible
 from glbench.leaderboard.published import own_and_released_results, published_expectations
+from glbench.leaderboard.suite_views import SCORE_STEP
 from glbench.leaderboard.suites import SuiteTable, suite_tables
 from glbench.report import collecting
 from glbench.report.packages import load_jinja, plotly_script
@@ -90,6 +92,7 @@ def page_data(
         for table in tables
     ]  # fmt: skip
     shown = [table.task_id for table in tables]
+    by_digest = {(item.row.task_id, item.row.results_digest): item for item in known}
     return {
         "version": __version__,
         "start": DEFAULT_TASK if DEFAULT_TASK in shown else shown[0],
@@ -98,10 +101,14 @@ def page_data(
         "tasks": tasks,
         "families": collecting.families(tables, specs),
         "resolution": RESOLUTION,
+        "score_step": SCORE_STEP,
         "suites": [collecting.suite_facts(table) for table in suites],
-        "agents": collecting.agent_facts(known),
+        "agents": collecting.agent_facts(tables, known),
         "results": [
-            {**collecting.result_facts(item), "profile": profiles.get(item.row.results_digest)} for item in known
+            facts
+            for table in tables
+            for row in table.rows
+            for facts in collecting.entry_facts(row, by_digest, profiles)
         ],
     }
 
@@ -143,8 +150,20 @@ def _squeezed_plotly() -> str:
 
 
 def packed_data(data: dict[str, Any]) -> str:
-    """What the page's script reads first, compressed: letters and digits that cannot end the element they stand in."""
-    return squeezed(json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode())
+    """What the page's script reads first, compressed: letters and digits that cannot end the element they stand in.
+
+    Text of result files is shown without characters that steer the direction of writing or a terminal that it is copied to.
+    """
+    return squeezed(json.dumps(_shown(data), separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode())
+
+
+def _shown(part: Any) -> Any:
+    """The same document, every text in it line by line ``visible``."""
+    if isinstance(part, str):
+        return "\n".join(visible(line) for line in part.split("\n"))
+    if isinstance(part, dict):
+        return {_shown(key): _shown(value) for key, value in part.items()}
+    return [_shown(one) for one in part] if isinstance(part, list | tuple) else part
 
 
 def _scripts() -> list[str]:

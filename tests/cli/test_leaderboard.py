@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -44,9 +45,42 @@ def test_the_table_fits_80_columns_and_names_units_and_remarks(reports, monkeypa
     result = run("--out", reports, "--task", "Meadow-v1")
     assert result.exit_code == 0, result.output
     assert max(len(line) for line in result.stdout.splitlines()) <= 80
-    for words in ("better", "worse †", "[EUR/m²]", "[kWh/m²]", "hasty is not ranked: 1 of 4 runs"):
+    for words in ("better", "worse †", "[EUR/m²]", "[kWh/m²]", "hasty is not ranked: 1 of 4 runs", "Source"):
         assert words in result.stdout
     assert result.stdout.index("better") < result.stdout.index("worse")
+
+
+def test_every_row_says_its_source(reports, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    console.output.cache_clear()
+    lines = run("--out", reports, "--task", "Meadow-v1").stdout.splitlines()
+    sources = {name: next(line.split()[-1] for line in lines if f" {name}" in line) for name in ("better", "hasty")}
+    assert sources == {"better": "own", "hasty": "trial"}
+
+
+def test_trainings_are_one_row_and_each_by_itself_on_request(reports, monkeypatch):
+    for seed, name in enumerate(("ppo", "ppo_seed1", "ppo_seed2")):
+        save_result(make_result(name, [100.0 + 10 * seed] * 4), reports)
+    monkeypatch.setenv("COLUMNS", "80")
+    console.output.cache_clear()
+    shown = run("--out", reports, "--task", "Meadow-v1").stdout
+    assert re.search(r"ppo \(3 trainings\) +110\.0 +100\.0 ↔ 120\.0 ", shown)
+    assert "seed 0" not in shown
+    members = run("--out", reports, "--task", "Meadow-v1", "--members").stdout
+    assert max(len(line) for line in members.splitlines()) <= 80
+    assert [members.index(f"· seed {seed}") for seed in range(3)] == sorted(
+        members.index(f"· seed {seed}") for seed in range(3)
+    )
+
+
+def test_a_hostile_name_steers_no_terminal(reports):
+    for name in ("\x1b[31mred", "[bold red]big[/]"):
+        path = save_result(make_result("evil", [9.0] * 4), reports).with_name(f"{len(name)}.json")
+        path.write_text(make_result(name, [9.0] * 4, crashed=1).to_json(), encoding="utf-8")
+    shown = run("--out", reports, "--task", "Meadow-v1").stdout
+    assert "\x1b" not in shown
+    assert "?[31mred" in shown
+    assert "[bold red]big[/]" in shown
 
 
 @pytest.mark.parametrize("width", [30, 60, 120])
@@ -125,16 +159,18 @@ def test_a_folder_that_is_not_there_is_not_made(reports):
 
 
 def test_rows_of_another_kernel_are_named(reports):
-    assert "same kernel" not in run("--out", reports, "--task", "Meadow-v1").stdout
+    assert "kernel builds" not in run("--out", reports, "--task", "Meadow-v1").stdout
     other = make_result("patient", [5.0, 6.0, 7.0, 8.5])
     kernel = {"backend": "casadi", "preset": "reference"}
     save_result(
         other.model_copy(update={"evaluation": other.evaluation.model_copy(update={"kernel": kernel})}), reports
     )
     shown = " ".join(run("--out", reports, "--task", "Meadow-v1").stdout.split())
-    assert "Not all of these were stepped by the same kernel (patient: casadi/reference; the others: none)" in shown
+    assert re.search(
+        r"Two kernel builds: none \w{6} \(better, worse, hasty\), casadi/reference \w{6} \(patient\)\.", shown
+    )
     run("--out", reports, "--write")
-    assert "patient: casadi/reference" in (reports / "leaderboard.md").read_text()
+    assert "(patient)" in (reports / "leaderboard.md").read_text()
     rows = json.loads(run("--out", reports, "--task", "Meadow-v1", "--json").stdout)
     assert {row["agent"]: row["kernel"] for row in rows}["patient"] == "casadi/reference"
 
@@ -153,7 +189,15 @@ def test_agents_over_a_suite_are_shown_with_scores_and_resources(monkeypatch):
     result = run("--suite", "paper")
     assert result.exit_code == 0, result.output
     assert max(len(line) for line in result.stdout.splitlines()) <= 80
-    for words in ("Suite paper, 7 tasks", "IQM", "rule_based_fair", "0 is doing nothing", "means over the tasks"):
+    assert "0.9999" not in result.stdout
+    for words in (
+        "Suite paper, 7 tasks",
+        "ppo (1 to 3",
+        "IQM",
+        "rule_based_fair",
+        "0 is doing nothing",
+        "means over the tasks",
+    ):
         assert words in result.stdout
 
 

@@ -7,14 +7,17 @@ import json
 import pytest
 
 from glbench.cli.show import sparkline
+from glbench.evaluation import load_result
+from glbench.resources import data_folder
 
 TASK = "Schiphol2010-Delta10-v1"
+RELEASED = data_folder("reports/released/results")
 
 
 def test_show_tells_every_metric_and_where_the_money_went(glbench):
     done = glbench("show", "rule_based")
     assert done.code == 0
-    for words in ("EPI = revenue - costs", "EUR/m²", "kWh/m²", "Where the money went", "light", "Worst run: seed"):
+    for words in ("EPI = revenue - costs", "EUR/m²", "kWh/m²", "Where the money went", "lamps", "Worst run: seed"):
         assert words in done.out
 
 
@@ -29,6 +32,28 @@ def test_compare_says_who_earns_more_and_from_what(glbench):
     assert done.code == 0
     assert "rule_based earns" in done.out
     assert "EUR/m² more than rule_based_fair" in done.out
+
+
+def test_show_names_the_source_the_other_trainings_and_what_is_only_stated(glbench):
+    shown = glbench("show", "ppo", "--task", TASK).out
+    assert "Source: released; reproduced by glbench verify" in shown
+    assert "One of ppo (3 trainings): reward" in shown
+    assert "The others: ppo_seed1, ppo_seed2." in shown
+    assert "Stated by the file, not checked: decision" in shown
+
+
+def test_compare_takes_all_trainings_of_an_agent_and_one_by_its_name(glbench):
+    (pair,) = json.loads(glbench("compare", "ppo", "rule_based", "--task", TASK, "--json").out)
+    (one,) = json.loads(glbench("compare", "ppo_seed1", "rule_based", "--task", TASK, "--json").out)
+    assert (pair["trainings"], one["trainings"]) == ([3, 1], [1, 1])
+    means = [
+        load_result(RELEASED / TASK / f"{name}.json").summary.mean["reward"]
+        for name in ("ppo", "ppo_seed1", "ppo_seed2")
+    ]
+    assert pair["metrics"]["reward"]["first"] == pytest.approx(sum(means) / 3)
+    assert one["metrics"]["reward"]["first"] == pytest.approx(means[1])
+    told = glbench("compare", "ppo", "rule_based", "--task", TASK)
+    assert "ppo is the mean of 3 trainings" in " ".join(told.err.split())
 
 
 def test_compare_gives_the_same_numbers_as_json(glbench):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 from glbench.evaluation.metrics import METRIC_NAMES, UNITS
 from glbench.evaluation.records import (
@@ -17,6 +18,8 @@ from glbench.evaluation.records import (
     results_digest,
     summarise,
 )
+from glbench.leaderboard import StoredResult
+from glbench.leaderboard.entries import Entry, entry_of
 
 TASK = "glbench/Meadow-v1"
 
@@ -76,3 +79,8 @@ def make_result(
         summary=summarise(runs),
         results_digest=results_digest(task_digest, record, runs),
     )
+
+
+def make_entry(agent: str, rewards: list[float], **keywords: Any) -> Entry:
+    """Entry of one result, see ``make_result``."""
+    return entry_of(StoredResult(Path(f"{agent}.json"), make_result(agent, rewards, **keywords)))

@@ -28,10 +28,10 @@ def test_a_badge_has_task_rank_and_reward(table):
     assert text_of(badge(table, "good")) == "glbench/Meadow-v1 rank 1 of 2, reward 3,150"
 
 
-def test_only_a_verified_result_is_called_so_and_green(table):
-    verified = replace(table, rows=tuple(replace(row, verified=True) for row in table.rows))
-    assert "verified" in text_of(badge(verified, "good"))
-    assert badge(verified, "good") != badge(table, "good").replace("3,150", "3,150, verified")
+def test_only_a_reproduced_result_is_called_so_and_green(table):
+    reproduced = replace(table, rows=tuple(replace(row, reproduced=True) for row in table.rows))
+    assert "reproduced" in text_of(badge(reproduced, "good"))
+    assert badge(reproduced, "good") != badge(table, "good").replace("3,150", "3,150, reproduced")
     assert "#2f7d4f" not in badge(table, "good")
 
 

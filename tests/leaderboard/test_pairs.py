@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from glbench.errors import ResultError
-from glbench.leaderboard.pairs import compare_results, corrected_p_values
-from tests.leaderboard.synthetic import digest_of, make_result
+from glbench.leaderboard.pairs import compare_entries, corrected_p_values
+from tests.leaderboard.synthetic import digest_of, make_entry
 
 REWARDS = list(np.random.default_rng(1).normal(3000.0, 20.0, 30))
 
 
 def test_differences_are_means_of_pairs_with_their_interval():
-    pair = compare_results(make_result("a", [r + 5.0 for r in REWARDS]), make_result("b", REWARDS))
+    pair = compare_entries(make_entry("a", [r + 5.0 for r in REWARDS]), make_entry("b", REWARDS))
     reward = pair.metrics["reward"]
     assert reward.difference.value == pytest.approx(5.0)
     assert reward.first - reward.second == pytest.approx(5.0)
@@ -21,25 +21,25 @@ def test_differences_are_means_of_pairs_with_their_interval():
 
 
 def test_what_costs_more_takes_from_the_money():
-    pair = compare_results(make_result("a", [r + 1000.0 for r in REWARDS]), make_result("b", REWARDS))
+    pair = compare_entries(make_entry("a", [r + 1000.0 for r in REWARDS]), make_entry("b", REWARDS))
     assert pair.money["revenue"] == pytest.approx(1.0)
     assert pair.money["cost_heat"] == pytest.approx(-1.0)
 
 
 def test_only_common_seeds_count():
-    pair = compare_results(make_result("a", REWARDS), make_result("b", REWARDS[5:15], first_seed=671))
+    pair = compare_entries(make_entry("a", REWARDS), make_entry("b", REWARDS[5:15], first_seed=671))
     assert pair.runs == 10
     assert pair.metrics["reward"].difference.value == 0.0
 
 
 def test_results_of_different_tasks_or_seeds_are_not_compared():
     with pytest.raises(ResultError, match="one and the same task"):
-        compare_results(make_result("a", REWARDS), make_result("b", REWARDS, task_digest=digest_of("other")))
+        compare_entries(make_entry("a", REWARDS), make_entry("b", REWARDS, task_digest=digest_of("other")))
     with pytest.raises(ResultError, match="no seed in common"):
-        compare_results(make_result("a", REWARDS), make_result("b", REWARDS, first_seed=1))
+        compare_entries(make_entry("a", REWARDS), make_entry("b", REWARDS, first_seed=1))
 
 
 def test_p_values_of_several_tasks_are_corrected_together():
     noise = np.random.default_rng(2).normal(0.4, 1.0, 30)
-    pair = compare_results(make_result("a", list(np.array(REWARDS) + noise)), make_result("b", REWARDS))
+    pair = compare_entries(make_entry("a", list(np.array(REWARDS) + noise)), make_entry("b", REWARDS))
     assert corrected_p_values([pair, pair]) == [min(1.0, 2 * pair.p_value)] * 2

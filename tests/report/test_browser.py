@@ -145,7 +145,11 @@ def test_the_leaderboard_shows_what_the_leaderboard_says(visit, made):
     page = visit("#/Schiphol2010-Delta10-v1")
     (table,) = [table for table in made.tables if table.task_id.endswith("Schiphol2010-Delta10-v1")]
     assert order(page) == [row.agent for row in table.rows]
-    for heading, metric, decimals in (("Reward", "reward", 0), ("Profit (EPI)", "epi", 2), ("Light", "electricity", 1)):
+    for heading, metric, decimals in (
+        ("Reward", "reward", 0),
+        ("Profit (EPI)", "epi", 2),
+        ("Lamp electricity", "electricity", 1),
+    ):
         shown = column(page, heading)
         for row in table.rows:
             assert shown[row.agent] == pytest.approx(row.estimates[metric].mean, abs=0.5 * 10**-decimals + 1e-9)
@@ -157,12 +161,12 @@ def test_columns_sort_with_the_keyboard_and_say_so(visit):
     button = page.locator("button[data-sort=electricity]")
     button.focus()
     page.keyboard.press("Enter")
-    light = list(column(page, "Light").values())
+    light = list(column(page, "Lamp electricity").values())
     assert light == sorted(light)
     assert page.locator("th[aria-sort=ascending] button").get_attribute("data-sort") == "electricity"
     assert "lamps used" in page.locator(".explain").inner_text()
     page.keyboard.press("Enter")
-    assert list(column(page, "Light").values()) == sorted(light, reverse=True)
+    assert list(column(page, "Lamp electricity").values()) == sorted(light, reverse=True)
     assert page.locator("th[aria-sort]").count() == 1
     assert page.evaluate("document.activeElement.dataset.sort") == "electricity"
 

@@ -46,7 +46,7 @@ def test_estimates_and_ranks_are_those_of_the_leaderboard(made):
     assert len(rows) == len(shown) == 12
     for row in rows:
         result = shown[row.task_id, row.agent]
-        assert (result["rank"], result["failed"], result["verified"]) == (row.rank, row.failed, row.verified)
+        assert (result["rank"], result["failed"], result["reproduced"]) == (row.rank, row.failed, row.reproduced)
         for name in METRIC_NAMES:
             one = row.estimates[name]
             assert result["estimates"][name] == pytest.approx([one.mean, one.low, one.high, one.iqm], rel=1e-6), name

@@ -63,6 +63,82 @@ def test_ranks_at_other_prices_follow_the_tests_of_the_leaderboard(visit, crowd)
     assert ranks(page) == expected
 
 
+@pytest.fixture(scope="module")
+def trained(made, tmp_path_factory):
+    """A page with three trainings of one recipe, a trial, and an agent whose name is HTML."""
+    base = next(item for item in made.stored if item.result.task.id.endswith(TASK))
+    stored = []
+    for name, gain, runs in (
+        ("ppo", 0.0, 30),
+        ("ppo_seed1", 60.0, 30),
+        ("ppo_seed2", 30.0, 30),
+        ("trial", 500.0, 2),
+        ("<img src=x onerror=alert(1)>", -500.0, 30),
+    ):
+        changed = tuple(
+            run.model_copy(update={"metrics": {**run.metrics, "reward": run.metrics["reward"] + gain}})
+            for run in base.result.runs[:runs]
+        )
+        agent = base.result.agent.model_copy(update={"name": name, "kind": "submission"})
+        evaluation = base.result.evaluation.model_copy(
+            update={"runs": runs, "seeds": base.result.evaluation.seeds[:runs]}
+        )
+        changes = {
+            "agent": agent,
+            "runs": changed,
+            "evaluation": evaluation,
+            "summary": summarise(changed),
+            "results_digest": results_digest(base.result.task.digest, agent, changed),
+        }
+        stored.append(StoredResult(base.path.with_name(f"{name[:8]}.json"), base.result.model_copy(update=changes)))
+    report = build_report(stored)
+    file = tmp_path_factory.mktemp("trained") / "index.html"
+    file.write_text(report.html, encoding="utf-8")
+    return dataclasses.make_dataclass("Trained", ["file", "data", "base"])(file, report.data, base.result)
+
+
+def test_trainings_are_one_row_that_unfolds_in_the_order_of_the_seeds(visit, trained):
+    page = visit(f"#/{TASK}", file=trained.file)
+    assert [text.split()[0] for text in order(page)] == ["ppo", "<img", "trial"]
+    reward = trained.base.summary.mean["reward"]
+    (entry,) = [one for one in trained.data["results"] if one["agent"] == "ppo"]
+    assert entry["estimates"]["reward"][:3] == pytest.approx([reward + 30.0, reward, reward + 60.0], rel=1e-6)
+    page.locator("[data-unfold=ppo]").click()
+    assert [text.strip() for text in order(page)][1:4] == ["seed 0", "seed 1", "seed 2"]
+    assert page.evaluate("document.activeElement.getAttribute('aria-expanded')") == "true"
+    page.locator("tr.member a").nth(1).click()
+    page.wait_for_function("document.documentElement.dataset.shown === 'agent'")
+    assert "The training of ppo with seed 1" in page.locator("main").inner_text()
+
+
+def test_an_entry_has_a_page_with_its_trainings_and_their_range(visit, trained):
+    page = visit(f"#/agent/ppo/{TASK}", file=trained.file)
+    words = page.locator("main").inner_text()
+    assert page.locator("h1").inner_text().startswith("ppo (3 trainings)")
+    assert "↔" in words
+    assert "those of the training with the lowest seed, 0" in words
+    page = visit("#/agent/constructor", file=trained.file)
+    assert "Not found" in page.locator("h1").inner_text()
+
+
+def test_rows_say_their_source_and_no_name_is_markup(visit, trained):
+    page = visit(f"#/{TASK}", file=trained.file)
+    rows = page.locator("table.ranks tbody tr")
+    assert [rows.nth(i).locator("td").last.inner_text() for i in range(3)] == ["own", "own", "trial"]
+    assert "not ranked: 2 of 30 runs" in rows.nth(2).inner_text()
+    assert page.locator("main img").count() == 0
+
+
+def test_at_other_prices_the_range_is_that_of_the_trainings(visit, trained):
+    page = visit(f"#/{TASK}", file=trained.file)
+    before = page.locator("table.ranks tbody tr").first.locator("td").nth(1).get_attribute("title")
+    change_price(page, "fruit", 1.6000001)
+    after = page.locator("table.ranks tbody tr").first.locator("td").nth(1).get_attribute("title")
+    assert before is not None
+    assert before.startswith("lowest to highest of 3 trainings")
+    assert after == before
+
+
 @pytest.mark.parametrize("width", [1250, 1920])
 def test_on_a_desk_no_table_scrolls_sideways(visit, crowd, width):
     page = visit(f"#/{TASK}", {"width": width, "height": 900}, file=crowd.file)
@@ -94,7 +170,7 @@ def test_the_overall_page_shows_scores_profiles_and_odds(visit):
     assert page.locator(".drawing path.line").first.get_attribute("d") != half
     page.locator(".legend button").first.click()
     assert page.locator(".drawing path.line").count() == 1
-    assert "100 %" in page.locator("table.odds tbody tr").first.inner_text().replace("\u00a0", " ")
+    assert "> 99 %" in page.locator("table.odds tbody tr").first.inner_text().replace("\u00a0", " "), "never certain"
     page.locator("#choose-improver").focus()
     page.select_option("#choose-improver", "rule_based_fair")
     page.wait_for_function("location.hash.includes('rule_based_fair')")

@@ -119,8 +119,8 @@ def test_leaderboard_rows_say_verified_only_with_a_proof_of_this_very_file(repor
     def verified():
         tables = rank(collect_results([reports / "results"]), {})
         text = to_markdown(tables, {})
-        column = {row.agent: row.verified for row in tables[0].rows}
-        assert dict(zip(to_frame(tables)["agent"], to_frame(tables)["verified"], strict=True)) == column
+        column = {row.agent: row.reproduced for row in tables[0].rows}
+        assert dict(zip(to_frame(tables)["agent"], to_frame(tables)["reproduced"], strict=True)) == column
         assert text.count("| ✓ |") == sum(column.values())
         return {agent for agent, value in column.items() if value}
 

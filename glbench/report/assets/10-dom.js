@@ -32,6 +32,9 @@ const date = (iso, day, options = { day: "numeric", month: "long" }) => {
 };
 const clockHour = (hour) => `${String(hour).padStart(2, "0")}:00`;
 
+// Text for plotly, which reads a little HTML: shown as it is written.
+const plain = (text) => String(text).replaceAll("&", "&amp;").replaceAll("<", "&lt;");
+
 const mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.length;
 const sum = (values) => values.reduce((total, value) => total + value, 0);
 

@@ -16,11 +16,17 @@ const D = await block("data");
 const METRICS = Object.fromEntries(D.metrics.map((metric) => [metric.name, metric]));
 const TASKS = Object.fromEntries(D.tasks.map((task) => [task.id, task]));
 const BY_SHORT = Object.fromEntries(D.tasks.map((task) => [task.short, task]));
-const AGENTS = Object.fromEntries(D.agents.map((agent, index) => [agent.name, { ...agent, index }]));
+// Entries stand in tables and figures; trainings of an entry have pages of their own, and its colour.
+const ENTRIES = D.agents.filter((agent) => !agent.training_of);
+const AGENTS = Object.fromEntries(ENTRIES.map((agent, index) => [agent.name, { ...agent, index }]));
+for (const agent of D.agents) if (agent.training_of) AGENTS[agent.name] = { ...agent, index: AGENTS[agent.training_of].index };
 const PRICE_NAMES = { fruit: ["Fruit", "EUR/kg"], heat: ["Heat", "EUR/kWh"], electricity: ["Electricity", "EUR/kWh"], co2: ["CO\u2082", "EUR/kg"] };
-const ITEMS = [["fruit_fresh", "fruit", "Fruit", 1], ["heat", "heat", "Heat", -1], ["electricity", "electricity", "Light", -1], ["co2_dosed", "co2", "CO\u2082", -1]];
+const ITEMS = [["fruit_fresh", "fruit", "Fruit", 1], ["heat", "heat", "Heat", -1], ["electricity", "electricity", "Lamp electricity", -1], ["co2_dosed", "co2", "CO\u2082", -1]];
 
-const resultsOf = (taskId) => D.results.filter((result) => result.task === taskId);
+const resultsOf = (taskId) => D.results.filter((result) => result.task === taskId && !result.member_of);
+// Trainings of an entry in the order of their seeds; of an agent with one result none.
+const trainingsOf = (result) => (result.members ?? []).map((name) => resultOf(result.task, name));
+const labelOf = (result) => (result.trainings ? `${result.agent} (${plural(result.trainings, "training")})` : result.agent);
 const resultOf = (taskId, agent) => D.results.find((result) => result.task === taskId && result.agent === agent);
 const familyOf = (taskId) => D.families.find((family) => family.tasks.includes(taskId));
 
@@ -68,21 +74,28 @@ const remembered = new Map();
 const estimate = (result, metric) => {
   const [center, low, high] = result.estimates[metric];
   if (!MONEY.has(metric) || !pricesDiffer(TASKS[result.task])) return { mean: center, low, high };
-  const key = `${result.digest} ${metric} ${JSON.stringify(chosenPrices)}`;
+  const key = `${result.task} ${result.agent} ${metric} ${JSON.stringify(chosenPrices)}`;
   if (!remembered.has(key)) {
-    const values = valuesOf(result, metric), [from, to] = interval(values);
+    const means = trainingsOf(result).map((one) => mean(valuesOf(one, metric)));
+    const values = valuesOf(result, metric), [from, to] = means.length ? [Math.min(...means), Math.max(...means)] : interval(values);
     remembered.set(key, { mean: mean(values), low: from, high: to });
   }
   return remembered.get(key);
 };
 
-// Results of a task with their ranks, best first: as on the leaderboard, or by the reward at the prices that hold now.
+// What an estimate's ends are, in words: of several trainings a range, else an interval.
+const spanWords = (result, { low, high }, decimals) => (!(high > low) ? "no interval: all runs are alike"
+  : result.members ? `lowest to highest of ${plural(result.trainings, "training")}: ${number(low, decimals)} \u2194 ${number(high, decimals)}`
+    : `95 % interval over the draws, for this training: ${number(low, decimals)} to ${number(high, decimals)}`);
+const spanText = (result, { low, high }, decimals) => (!(high > low) ? "all runs alike" : `${number(low, decimals)} ${result.members ? "\u2194" : "to"} ${number(high, decimals)}`);
+
+// Results of a task with their ranks, best first: as on the leaderboard, or by the metric that ranks at the prices that hold now.
 const ranked = (taskId) => {
   const results = resultsOf(taskId);
   if (!pricesDiffer(TASKS[taskId])) return results.map((result) => ({ result, rank: result.rank }));
-  const reward = (result) => estimate(result, "reward").mean;
-  const complete = results.filter((result) => result.rank !== null).sort((a, b) => reward(b) - reward(a));
-  const ranks = tierRanks(complete.map((result) => ({ values: valuesOf(result, "reward"), mean: reward(result) })));
+  const metric = TASKS[taskId].metric, figure = (result) => estimate(result, metric).mean;
+  const complete = results.filter((result) => result.rank !== null).sort((a, b) => figure(b) - figure(a));
+  const ranks = tierRanks(complete.map((result) => ({ values: valuesOf(result, metric), mean: figure(result) })), metric);
   return [...complete.map((result, i) => ({ result, rank: ranks[i] })), ...results.filter((result) => result.rank === null).map((result) => ({ result, rank: null }))];
 };
 

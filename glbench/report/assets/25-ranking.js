@@ -22,11 +22,11 @@ const signedRank = (differences) => {
   return { p: Math.min(1, 2 * sum([...chance.subarray(0, tail + 1)])), favours: Math.sign(2 * above - total) };
 };
 
-const pairedTest = (first, second) => {
+const pairedTest = (first, second, metric) => {
   const differences = first.map((value, i) => value - second[i]), gap = differences[0];
   if (differences.some((value) => value !== gap)) return signedRank(differences);
   // A task that draws nothing: no chance to test against, and small differences are rounding.
-  return Math.abs(gap) > D.resolution ? { p: 0, favours: Math.sign(gap) } : { p: 1, favours: 0 };
+  return Math.abs(gap) > (metric === "reward" ? D.resolution : 0) ? { p: 0, favours: Math.sign(gap) } : { p: 1, favours: 0 };
 };
 
 const holm = (values) => {
@@ -36,9 +36,9 @@ const holm = (values) => {
 };
 
 // Ranks of complete results that are ordered by the mean: those that cannot be told apart from the first of a tier share its rank.
-const tierRanks = (rows) => {
+const tierRanks = (rows, metric) => {
   const pairs = rows.flatMap((_, i) => rows.slice(i + 1).map((_, k) => [i, i + 1 + k]));
-  const tests = pairs.map(([i, j]) => pairedTest(rows[i].values, rows[j].values)), corrected = holm(tests.map((test) => test.p));
+  const tests = pairs.map(([i, j]) => pairedTest(rows[i].values, rows[j].values, metric)), corrected = holm(tests.map((test) => test.p));
   const apart = new Set(pairs.filter(([i, j], k) => corrected[k] < 0.05 && tests[k].favours * (rows[i].mean - rows[j].mean) > 0).map(String));
   const ranks = [];
   let first = 0;

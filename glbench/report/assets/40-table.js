@@ -2,8 +2,9 @@
 
 const explained = (metric) => [h("b", {}, METRICS[metric]?.label ?? ""), ": ", METRICS[metric]?.explanation ?? ""];
 
+// `below` gives rows that stay below theirs however the table is sorted.
 // columns: {key, label, unit, cell(row), value(row) or null, left, first, explain: nodes, start: "descending" | "ascending"}
-const sortable = ({ caption, columns, rows, state, className = "", rowClass = () => null, onSort = () => {} }) => {
+const sortable = ({ caption, columns, rows, state, className = "", rowClass = () => null, onSort = () => {}, below = () => [] }) => {
   const body = h("tbody");
   const explanation = h("p", { class: "explain", "aria-live": "polite" });
   const heads = new Map();
@@ -16,7 +17,7 @@ const sortable = ({ caption, columns, rows, state, className = "", rowClass = ()
       if (x === null || y === null) return (x === null) - (y === null);
       return turn * (typeof x === "string" ? x.localeCompare(y) : x - y);
     });
-    body.replaceChildren(...sorted.map((row) => h("tr", { class: rowClass(row) }, columns.map((one) => one.cell(row)))));
+    body.replaceChildren(...sorted.flatMap((row) => [row, ...below(row)]).map((row) => h("tr", { class: rowClass(row) }, columns.map((one) => one.cell(row)))));
     for (const [key, head] of heads) key === column.key ? head.setAttribute("aria-sort", state.direction) : head.removeAttribute("aria-sort");
     explanation.replaceChildren(...(column.explain ?? []));
   };
@@ -53,12 +54,12 @@ const barRange = (estimates) => {
   return [Math.min(...kept.map((one) => one.low)), Math.max(...kept.map((one) => one.high))];
 };
 
-const bar = ({ mean: center, low, high }, [from, to], agent) => {
+const bar = ({ mean: center, low, high }, [from, to], agent, isRange = false) => {
   const place = (value) => `${to > from ? 5 + (90 * (value - from)) / (to - from) : 50}%`;
   const width = to > from ? `${(90 * (high - low)) / (to - from)}%` : "0";
   if (to > from && (center < from || center > to)) return h("span", { class: `bar off ${center < from ? "below" : "above"}`, "aria-hidden": "true", "data-agent": agent, style: { "--colour": colourOf(agent) } }, h("b", {}));
   return h("span", { class: "bar", "aria-hidden": "true", "data-agent": agent, style: { "--colour": colourOf(agent) } },
-    high > low ? h("i", { style: { left: place(low), width } }) : null, h("b", { style: { left: place(center) } }));
+    high > low ? h("i", { class: isRange ? "range" : null, style: { left: place(low), width } }) : null, h("b", { style: { left: place(center) } }));
 };
 
 // `left` names the places of columns that hold words.

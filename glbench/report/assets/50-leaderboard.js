@@ -3,9 +3,12 @@
 const rankState = { key: "rank", direction: "ascending" };
 // Doing nothing lies so far away that all others would look alike beside it.
 const NOTHING = "do_nothing";
-const hidden = new Set(D.agents.length > 2 ? [NOTHING] : []);
+const hidden = new Set(ENTRIES.length > 2 ? [NOTHING] : []);
 
-const rankColumns = (task, rows) => {
+// Entries of which each training is shown, by name.
+const unfolded = new Set();
+
+const rankColumns = (task, rows, refill) => {
   const hours = (task.steps * task.step_seconds) / 3600;
   const metricColumn = (metric) => {
     const of = (row) => estimate(row.result, metric.name);
@@ -18,22 +21,30 @@ const rankColumns = (task, rows) => {
       explain: [...explained(metric.name), metric.name === "hours_outside_limits" ? ` The period has ${number(hours, 0)} hours.` : ""],
       cell: (row) => {
         const one = of(row);
-        const title = one.high > one.low ? `95 % interval ${number(one.low, metric.decimals + 1)} to ${number(one.high, metric.decimals + 1)}` : "no interval: all runs are alike";
-        return h("td", { title: metric.interval ? title : null }, number(one.mean, metric.decimals), metric.interval ? bar(one, range, row.result.agent) : null,
+        const title = spanWords(row.result, one, metric.decimals + 1);
+        return h("td", { title: metric.interval ? title : null }, number(one.mean, metric.decimals), metric.interval ? bar(one, range, row.result.agent, Boolean(row.result.members)) : null,
           metric.interval ? h("span", { class: "visually-hidden" }, ` (${title})`) : null);
       },
     };
   };
   return [
-    { key: "rank", label: "#", value: (row) => row.rank, start: "ascending", className: "rank", explain: otherWords("Rank"), cell: (row) => h("td", { class: "rank" }, row.rank ?? "\u2013") },
+    { key: "rank", label: "#", value: (row) => row.rank, start: "ascending", className: "rank", explain: otherWords("Rank"), cell: (row) => h("td", { class: "rank" }, row.result.member_of ? "" : row.rank ?? "\u2013") },
     { key: "agent", label: "Agent", value: (row) => row.result.agent, left: true, start: "ascending", className: "agent",
       explain: [h("b", {}, "Agent"), ": open one to see where it earns its money, a typical day, the season and its worst run."],
-      cell: (row) => h("th", { scope: "row", class: "agent" }, swatch(row.result.agent), h("a", { href: link("agent", row.result.agent, task.short) }, breakable(row.result.agent)),
-        row.result.failed ? [" ", tag(`${row.result.failed} of ${row.result.runs} failed`, "bad")] : null, row.result.remark ? [" ", tag(row.result.remark)] : null) },
+      cell: (row) => h("th", { scope: "row", class: "agent" }, row.result.member_of ? null : swatch(row.result.agent),
+        h("a", { href: link("agent", row.result.agent, task.short) }, row.result.member_of ? `seed ${row.result.training_seed}` : breakable(row.result.agent)),
+        row.result.members ? [" ", unfold(row.result, refill)] : row.result.trainings ? h("span", { class: "of" }, plural(row.result.trainings, "training")) : null,
+        row.result.failed ? h("span", { class: "of loss" }, `${row.result.failed} of ${row.result.runs} runs failed`) : null, row.result.remark ? h("span", { class: "of" }, row.result.remark) : null) },
     ...D.metrics.filter((metric) => metric.column).map(metricColumn),
     ...aboutColumns((row) => ({ ...row.result, steps: row.result.training?.steps, hours: trainingWords(row.result.training), name: row.result.agent })),
   ].filter(Boolean);
 };
+
+// Shows the trainings of an entry below it, or hides them.
+const unfold = (result, refill) => h("button", {
+  type: "button", class: "unfold", "aria-expanded": String(unfolded.has(result.agent)), "data-unfold": result.agent,
+  onclick: () => { unfolded.has(result.agent) ? unfolded.delete(result.agent) : unfolded.add(result.agent); refill(); document.querySelector(`[data-unfold="${CSS.escape(result.agent)}"]`)?.focus(); },
+}, plural(result.trainings, "training"));
 
 // How an agent came to its decisions, and how far one can trust the result: the same columns for a task and for a suite.
 const aboutColumns = (of) => [
@@ -45,9 +56,10 @@ const aboutColumns = (of) => [
     cell: (row) => h("td", { class: "left", title: of(row).sees ?? null }, of(row).privileged ? tag("privileged") : "observed") },
   { key: "sandbox", label: "Sandbox", value: (row) => SANDBOX_WORDS[of(row).sandbox]?.[0] ?? "", left: true, start: "ascending", explain: otherWords("Sandbox"),
     cell: (row) => { const [words, kind] = SANDBOX_WORDS[of(row).sandbox] ?? ["\u2013", ""]; return h("td", { class: "left" }, kind === "bad" ? tag(words, kind) : words); } },
-  { key: "verified", label: "Verified", value: (row) => (of(row).verified ? 1 : 0), left: true, explain: otherWords("Verified"),
-    cell: (row) => h("td", { class: "left" }, of(row).verified ? h("span", { class: "ok" }, "\u2713 yes") : "no") },
+  { key: "source", label: "Source", value: (row) => `${of(row).origin} ${of(row).reproduced ? 0 : 1}`, left: true, start: "ascending", explain: [...otherWords("Source"), " ", ...otherWords("Reproduced")],
+    cell: (row) => h("td", { class: "left" }, of(row).origin === "trial" ? tag("trial") : of(row).origin, of(row).reproduced ? h("span", { class: "ok", title: "reproduced" }, " \u2713", h("span", { class: "visually-hidden" }, " reproduced")) : null) },
 ];
+const STATED = "\u2713 reproduced: glbench verify simulated all runs again from the recorded actions and got the same numbers. Stated by the result files, not checked: decision time, training, sandbox.";
 const millions = (steps) => (steps >= 1e6 ? `${number(steps / 1e6, 2)}\u00a0M` : steps >= 1e3 ? `${number(steps / 1e3, 0)}\u00a0k` : number(steps, 0));
 
 const SANDBOX_WORDS = { bubblewrap: ["yes", "ok"], unsandboxed: ["no", "bad"], "built-in": ["built in", ""] };
@@ -58,13 +70,13 @@ const otherWords = (name) => { const [word, meaning] = D.other_words.find(([one]
 // The paper's figure: reward, profit and penalty against delta, with 95 % intervals, one line an agent.
 const familyFigure = (family) => {
   const tasks = family.tasks.map((id) => TASKS[id]);
-  const names = D.agents.map((agent) => agent.name).filter((name) => family.tasks.some((id) => resultOf(id, name)?.rank));
+  const names = ENTRIES.map((agent) => agent.name).filter((name) => family.tasks.some((id) => resultOf(id, name)?.rank));
   const build = (metric) => () => ({
     traces: names.filter((name) => !hidden.has(name)).map((name) => {
       const points = tasks.filter((task) => resultOf(task.id, name)?.rank).map((task) => ({ x: task.delta, ...estimate(resultOf(task.id, name), metric) }));
       const column = (key) => points.map((point) => point[key]);
       return line(column("x"), column("mean"), colourOf(name), {
-        mode: "lines+markers", name, marker: { size: 7, symbol: symbolOf(name) }, line: { dash: dashOf(name) }, hovertemplate: `%{y:,.${METRICS[metric].decimals + 1}f}`,
+        mode: "lines+markers", name: plain(name), marker: { size: 7, symbol: symbolOf(name) }, line: { dash: dashOf(name) }, hovertemplate: `%{y:,.${METRICS[metric].decimals + 1}f}`,
         error_y: { type: "data", symmetric: false, array: points.map((p) => p.high - p.mean), arrayminus: points.map((p) => p.mean - p.low), thickness: 1.5, width: 0, color: colourOf(name) },
       });
     }),
@@ -86,7 +98,7 @@ const familyFigure = (family) => {
   })]);
   return [
     h("h2", {}, "How each agent copes with a crop it does not know"),
-    h("p", { class: "soft" }, `${suiteTitle(family.name)}: mean over the runs with its 95 % interval, against delta, the share by which the crop\u2019s properties may be off. Choose agents below.${names.includes(NOTHING) && hidden.has(NOTHING) ? ` ${NOTHING} is switched off at first: beside it all others would look alike.` : ""}`),
+    h("p", { class: "soft" }, `${suiteTitle(family.name)}: mean over the runs with its 95 % interval, of several trainings with their range, against delta, the share by which the crop\u2019s properties may be off. Intervals cover the draws of one season and one training. Choose agents below.${names.includes(NOTHING) && hidden.has(NOTHING) ? ` ${NOTHING} is switched off at first: beside it all others would look alike.` : ""}`),
     legend, h("div", { class: "grid three" }, figures),
     h("details", { class: "data" }, h("summary", {}, "These figures as tables"), ["reward", "epi", "penalty"].map((metric) =>
       plainTable(`${METRICS[metric].label}${METRICS[metric].unit ? `, ${METRICS[metric].unit}` : ""}, mean, by delta`, ["Agent", ...tasks.map((task) => `${task.delta} %`)], rows(metric)))),
@@ -97,8 +109,9 @@ const leaderboardPage = (short) => {
   const task = BY_SHORT[short] ?? TASKS[D.start], rows = ranked(task.id), family = familyOf(task.id);
   const best = rows[0].result;
   const table = sortable({
-    caption: `${task.title}: mean over ${plural(best.runs, "seeded run")}${pricesDiffer(task) ? ", at other prices" : ""}. Bars show 95 % intervals, an arrow what is off their scale.`,
-    columns: rankColumns(task, rows), rows, state: rankState, className: "ranks", rowClass: (row) => (row.rank === null ? "unranked" : null),
+    caption: `${task.title}: mean over ${plural(best.seeds.length, "seeded run")}${pricesDiffer(task) ? ", at other prices" : ""}. Bars show 95 % intervals over the draws of one season and one training, of several trainings (hollow) the range from the lowest to the highest; an arrow is off their scale.`,
+    columns: rankColumns(task, rows, () => table.fill()), rows, state: rankState,
+    below: (row) => (unfolded.has(row.result.agent) ? trainingsOf(row.result).map((result) => ({ result, rank: null })) : []), className: "ranks", rowClass: (row) => (row.result.member_of ? "member" : row.rank === null ? "unranked" : null),
   });
   return {
     title: "Leaderboard",
@@ -108,6 +121,7 @@ const leaderboardPage = (short) => {
       h("div", { class: "fields" }, taskField(task.short, (value) => go("", value))),
       priceField(task, (focus) => show(focus)),
       table.element,
+      h("p", { class: "small soft" }, STATED),
       h("p", { class: "small" }, h("a", { href: link("task", task.short) }, "What exactly is this task?"), " \u00b7 ", h("a", { href: link("guide") }, "How to read this page")),
       family ? familyFigure(family) : null,
     ],

@@ -5,11 +5,15 @@ const usedState = { key: "epi", direction: "descending" };
 const suiteHidden = new Set();
 let closeUp = false;
 
-const scoreBar = (interval, range, agent) => bar({ mean: interval[0], low: interval[1], high: interval[2] }, range, agent);
+const scoreBar = (interval, range, agent, isRange) => bar({ mean: interval[0], low: interval[1], high: interval[2] }, range, agent, isRange);
 const score = (value) => number(value, 3);
+// Narrower intervals are not shown: another season or training can move a score by more, and no interval over draws knows that.
+const scoreSpan = (row, [, low, high]) => (row.trainings[1] > 1 ? (high > low ? `${score(low)} \u2194 ${score(high)}` : "") : high - low >= D.score_step ? `${number(low, 2)} to ${number(high, 2)}` : "");
+const trainingsWords = ({ trainings: [fewest, most] }) => (most < 2 ? "" : fewest === most ? `${most} trainings` : `${fewest} to ${most} trainings`);
+const chance = (p) => (p > 0.99 ? ">\u00a099\u00a0%" : p < 0.01 ? "<\u00a01\u00a0%" : `${number(100 * p, 0)}\u00a0%`);
 const agentHead = (name, extra = null) => h("th", { scope: "row", class: "agent" }, swatch(name), h("a", { href: link("agent", name) }, breakable(name)), extra);
 
-const suiteAgent = (row) => agentHead(row.agent, row.missing.length ? [" ", tag(`lacks ${plural(row.missing.length, "task")}`)] : null);
+const suiteAgent = (row) => agentHead(row.agent, [row.missing.length ? h("span", { class: "of" }, `lacks ${plural(row.missing.length, "task")}`) : null, trainingsWords(row) ? h("span", { class: "of" }, trainingsWords(row)) : null]);
 
 const SCORE_COLUMNS = [["mean", "Mean", "Score"], ["iqm", "IQM", "IQM"], ["median", "Median", "Median"], ["optimality_gap", "Optimality gap", "Optimality gap"]];
 
@@ -20,11 +24,11 @@ const scoreTable = (suite) => {
     const range = barRange(all.map(([center, low, high]) => ({ mean: center, low, high })));
     return {
       key, label, value: (row) => row[key][0], start: key === "optimality_gap" ? "ascending" : "descending", explain: otherWords(word),
-      cell: (row) => h("td", {}, score(row[key][0]), scoreBar(row[key], range, row.agent), h("span", { class: "of" }, `${number(row[key][1], 4)} to ${number(row[key][2], 4)}`)),
+      cell: (row) => h("td", {}, score(row[key][0]), scoreBar(row[key], range, row.agent, row.trainings[1] > 1), h("span", { class: "of" }, scoreSpan(row, row[key]))),
     };
   };
   return sortable({
-    caption: `${suiteTitle(suite.name)}: normalised scores over ${plural(suite.tasks.length, "task")} and all their runs, with 95 % intervals. 0 is doing nothing, 1 the best known result of each task.`,
+    caption: `${suiteTitle(suite.name)}: normalised scores over ${plural(suite.tasks.length, "task")} and all their runs. 0 is doing nothing, 1 the best known result of each task. Numbers below a score are the lowest and the highest training (\u2194), or a 95 % interval over draws of one season; intervals narrower than ${D.score_step} are left out, because another season or another training can move a score by more.`,
     rows, state: overallState, className: "ranks scores", rowClass: (row) => (row.rank === null ? "unranked" : null),
     columns: [
       { key: "rank", label: "#", value: (row) => row.rank, start: "ascending", className: "rank", explain: otherWords("Rank"), cell: (row) => h("td", { class: "rank" }, row.rank ?? "\u2013") },
@@ -98,7 +102,7 @@ const profilePart = (suite) => {
   const shareAbove = (name, wanted) => suite.profiles[name][0][Math.max(0, suite.thresholds.findLastIndex((value) => value <= wanted + 1e-9))];
   return [
     h("h2", {}, "How often does an agent reach a score?"),
-    h("p", { class: "soft" }, "Go along the scores: the height of a line is the share of an agent\u2019s runs that score more than that, averaged over the tasks (a performance profile), the band its 95 % interval. A line that is higher everywhere belongs to the better agent; a slow fall means luck, a sudden one a steady hand."),
+    h("p", { class: "soft" }, "Go along the scores: the height of a line is the share of an agent\u2019s runs that score more than that, averaged over the tasks (a performance profile), the band its 95 % interval over the draws of one season and these trainings. A line that is higher everywhere belongs to the better agent; a slow fall means luck, a sudden one a steady hand."),
     legend, h("div", { class: "fields tight" }, lens), h("figure", {}, place),
     h("details", { class: "data" }, h("summary", {}, "This figure as a table"), plainTable("Share of runs with a score above", ["Agent", ...shares.map((value) => number(value, 2))], Object.keys(suite.profiles).map((name) => [breakable(name), ...shares.map((value) => `${number(shareAbove(name, value) / 10, 0)}\u00a0%`)]))),
   ];
@@ -111,17 +115,17 @@ const improvementPart = (suite, chosen) => {
   if (agents.length < 2) return null;
   const one = agents.includes(chosen) ? chosen : agents[0];
   const rows = suite.improvements.filter(([first]) => first === one);
-  const words = (p) => (p[1] > 0.5 ? "better" : p[2] < 0.5 ? "worse" : "cannot be told apart");
+  const words = (p) => (p[1] > 0.5 ? "more often better" : p[2] < 0.5 ? "more often worse" : "not told apart");
   return [
     h("h2", {}, "Who beats whom?"),
-    h("p", { class: "soft" }, "The probability that a run of one agent scores above a run of another on the same task, averaged over the tasks, with its 95 % interval. 50 % is a draw. It says how often, not by how much."),
+    h("p", { class: "soft" }, "The probability that a run of one agent scores above a run of another on the same task, averaged over the tasks, with its 95 % interval over the draws of one season; of several trainings any may be drawn. 50 % is a draw. It says how often, not by how much, and nothing about other seasons or trainings."),
     h("div", { class: "fields" }, agentField("This agent", one, (value) => go("overall", suite.name, value), agents, "choose-improver")),
     h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Probability of improvement" }, h("table", { class: "odds" },
       h("caption", {}, h("span", {}, `How often a run of ${one} beats a run of the others`)),
       h("thead", {}, h("tr", {}, h("th", { scope: "col", class: "left" }, "against"), h("th", { scope: "col" }, "Probability"), h("th", { scope: "col", class: "wide-cell" }, h("span", { class: "ends" }, h("span", {}, "0 %"), h("span", {}, "draw"), h("span", {}, "100 %"))), h("th", { scope: "col" }, "95 % interval"), h("th", { scope: "col", class: "left" }, `${one} is`))),
-      h("tbody", {}, rows.map(([, other, ...p]) => h("tr", {}, h("th", { scope: "row" }, swatch(other), h("a", { href: link("agent", other) }, breakable(other))), h("td", {}, `${number(100 * p[0], 0)}\u00a0%`),
+      h("tbody", {}, rows.map(([, other, ...p]) => h("tr", {}, h("th", { scope: "row" }, swatch(other), h("a", { href: link("agent", other) }, breakable(other))), h("td", {}, chance(p[0])),
         h("td", {}, h("span", { class: "odd", "aria-hidden": "true", "data-agent": one, style: { "--colour": colourOf(one) } }, h("i", { style: { left: `${100 * p[1]}%`, width: `${100 * (p[2] - p[1])}%` } }), h("b", { style: { left: `${100 * p[0]}%` } }))),
-        h("td", {}, `${number(100 * p[1], 0)} to ${number(100 * p[2], 0)}\u00a0%`), h("td", { class: "left" }, words(p))))))),
+        h("td", {}, chance(p[1]) === chance(p[2]) ? "\u2013" : `${number(100 * p[1], 0)} to ${number(100 * p[2], 0)}\u00a0%`), h("td", { class: "left" }, words(p))))))),
   ];
 };
 
@@ -134,10 +138,10 @@ const suitePage = (name, chosen) => {
     content: [
       h("h1", {}, "Who is best over all tasks?"),
       h("p", { class: "lead" }, best.rank === null ? "No agent has results on all tasks of this suite yet."
-        : [h("b", {}, best.agent), rest > 0 ? ` and ${plural(rest, "other")} that cannot be told apart from it lead` : " leads", `, with ${number(100 * best.mean[0], 1)} % of the way from doing nothing to the best known result of each task.`]),
+        : [h("b", {}, best.agent), rest > 0 ? ` and ${plural(rest, "other")} that cannot be told apart from it lead` : " leads", `, with ${number(100 * best.mean[0], 0)} % of the way from doing nothing to the best known result of each task.`]),
       D.suites.length > 1 ? h("div", { class: "fields" }, select("Suite", D.suites.map((one) => ({ value: one.name, text: `${suiteTitle(one.name)} (${plural(one.tasks.length, "task")})` })), suite.name, (value) => go("overall", value), "choose-suite")) : null,
       chosenPrices ? h("p", { class: "note" }, "These scores are at the tasks\u2019 prices; the other prices hold on the leaderboard of each task.") : null,
-      scoreTable(suite).element, usedTable(suite).element, profilePart(suite), improvementPart(suite, chosen),
+      scoreTable(suite).element, usedTable(suite).element, h("p", { class: "small soft" }, STATED), profilePart(suite), improvementPart(suite, chosen),
     ],
   };
 };

@@ -13,7 +13,7 @@ const SERIES = {
   uBlScr: { label: "Blackout screen", unit: "%", factor: 100, decimals: 0, range: [0, 102] },
   fruit_fresh: { label: "Fruit growth", unit: "g/m\u00b2 an hour", daily: "g/m\u00b2 a day", factor: 1000, decimals: 1 },
   heat: { label: "Heat", unit: "Wh/m\u00b2 an hour", daily: "kWh/m\u00b2 a day", factor: 1000, dailyFactor: 1, decimals: 1, dailyDecimals: 2 },
-  electricity: { label: "Light", unit: "Wh/m\u00b2 an hour", daily: "kWh/m\u00b2 a day", factor: 1000, dailyFactor: 1, decimals: 1, dailyDecimals: 2 },
+  electricity: { label: "Lamp electricity", unit: "Wh/m\u00b2 an hour", daily: "kWh/m\u00b2 a day", factor: 1000, dailyFactor: 1, decimals: 1, dailyDecimals: 2 },
   co2_dosed: { label: "CO\u2082 dosed", unit: "g/m\u00b2 an hour", daily: "g/m\u00b2 a day", factor: 1000, decimals: 1 },
   epi: { label: "Profit", unit: "ct/m\u00b2 an hour", daily: "ct/m\u00b2 a day", factor: 100, decimals: 2 },
   penalty: { label: "Penalty", unit: "an hour", daily: "a day", factor: 1, decimals: 2 },
@@ -26,7 +26,8 @@ const CLIMATE_AND_CONTROLS = ["air_temperature", "relative_humidity", "co2", "pi
 
 const limitOf = (task, name) => task.limits?.find((limit) => limit.name === SERIES[name].limit);
 const scaled = (rows, factor = 1) => rows.map((row) => row.map((value) => (value === null ? null : value * factor)));
-const HOUR_AXIS = { range: [0, 24], tickvals: [0, 6, 12, 18, 24], ticktext: ["0", "6", "12", "18", "24 h"] };
+const HOUR_AXIS = { range: [0, 24], tickvals: [0, 6, 12, 18, 24], ticktext: ["0", "6", "12", "18", "24"], title: { text: "hour of the day", standoff: 4, font: { size: 11 } } };
+const DAY_TITLE = { text: "day", standoff: 4, font: { size: 11 } };
 const captionOf = (label, unit) => [label, unit ? h("span", {}, ` ${unit}`) : null];
 // Prices that were changed do not change what was recorded at the task's prices.
 const atTaskPrices = (task, name) => (name === "epi" && pricesDiffer(task) ? " at the task\u2019s prices" : "");
@@ -47,7 +48,7 @@ const dayChart = (task, name, courses, slotSeconds) => {
       if (courses.length === 1) traces.push(band(pick(hours), pick(q05), pick(q95), colour, 0.13));
       traces.push(band(pick(hours), pick(q25), pick(q75), colour, courses.length === 1 ? 0.24 : 0.16));
       traces.push(line(pick(hours), pick(q50), colour, {
-        name: agent ?? "median", hovertemplate: `%{y:,.${words.decimals}f}`, line: { dash: courses[0].agent === agent ? "solid" : "dash" },
+        name: agent ? plain(agent) : "median", hovertemplate: `%{y:,.${words.decimals}f}`, line: { dash: courses[0].agent === agent ? "solid" : "dash" },
       }));
     }
     return { traces, layout: layout({ xaxis: HOUR_AXIS, yaxis: words.range ? { range: words.range, tickvals: [0, 50, 100] } : fromZero(name, courses.flatMap(({ packed }) => unpack(packed)[4])), shapes: limitShapes(limit) }) };
@@ -72,14 +73,19 @@ const seasonChart = (task, name, packed, agent, { add = false } = {}) => {
     const digits = add ? 2 : words.dailyDecimals ?? words.decimals, one = (label, values, more) => line(x, values, more.colour, { name: label, hovertemplate: `%{y:,.${digits}f}`, line: more.line });
     return {
       traces: [
-        one("worst run", worst, { colour: variable("tomato"), line: { width: 1.2, dash: "dot" } }),
-        one("best run", best, { colour: variable("soft"), line: { width: 1.2, dash: "dash" } }),
+        ...(differs(worst, median) ? [one("worst run", worst, { colour: variable("tomato"), line: { width: 1.2, dash: "dot" } })] : []),
+        ...(differs(best, median) ? [one("best run", best, { colour: variable("soft"), line: { width: 1.2, dash: "dash" } })] : []),
         one("median", median, { colour, line: { width: 2.2 } }),
       ],
-      layout: layout({ xaxis: { nticks: 4, tickangle: 0, tickvals: x.filter((_, day) => day % Math.max(1, Math.ceil(days / 4)) === 0) }, yaxis: fromZero(add ? "" : name, [...median, ...best, ...worst]), shapes: limitShapes(limit && limitShown(limit, median) ? limit : null) }),
+      layout: layout({ xaxis: { title: DAY_TITLE, nticks: 4, tickangle: 0, tickvals: x.filter((_, day) => day % Math.max(1, Math.ceil(days / 4)) === 0) }, yaxis: fromZero(add ? "" : name, [...median, ...best, ...worst]), shapes: limitShapes(limit && limitShown(limit, median) ? limit : null) }),
     };
   };
   return chart(captionOf(words.label, unit + atTaskPrices(task, name)), build, { height: 180, says: `${words.label} by day of the season, ${unit}: median over the runs, best and worst run.` });
+};
+// Whether two curves can be told apart by eye: by more than a hundredth of the height of the chart somewhere.
+const differs = (one, other) => {
+  const known = [...one, ...other].filter((value) => value !== null), height = Math.max(...known) - Math.min(...known);
+  return one.some((value, i) => value !== null && other[i] !== null && Math.abs(value - other[i]) > 0.015 * height);
 };
 // Limits far from what happened would flatten the curve.
 const limitShown = (limit, values) => { const known = values.filter((v) => v !== null); return known.length && Math.max(...known) > limit.high * 0.7; };

@@ -1,15 +1,16 @@
 // One agent on one task: what it earned and where, a typical day, the season, broken limits, its worst run.
 
 const agentsPage = () => {
-  const rows = D.agents.map((agent) => ({ agent, results: D.results.filter((result) => result.agent === agent.name) }));
+  const rows = ENTRIES.map((agent) => ({ agent, results: D.results.filter((result) => result.agent === agent.name) }));
   return {
     title: "Agents",
     content: [
       h("h1", {}, "Agents"),
       h("p", { class: "lead" }, "Everything that has results here. Open one for its money, its typical day, its season and its worst run."),
-      plainTable("All agents: what they see and on how many tasks they were evaluated", ["Agent", "Sees", "Tasks", "First places"], rows.map(({ agent, results }) => [
+      plainTable("All agents: what they see and on how many tasks they were evaluated", ["Agent", "Sees", "Source", "Trainings", "Tasks", "First places"], rows.map(({ agent, results }) => [
         [swatch(agent.name), h("a", { href: link("agent", agent.name) }, agent.name), " ", tag(agent.kind)],
-        agent.information,
+        agent.information, [...new Set(results.map((result) => result.origin))].join(", "),
+        trainingsWords({ trainings: [Math.min(...results.map((result) => result.trainings || 1)), Math.max(...results.map((result) => result.trainings || 1))] }).replace(/ trainings/, "") || "1",
         number(results.length, 0), number(results.filter((result) => result.rank === 1).length, 0),
       ]), [0, 1]),
     ],
@@ -17,35 +18,49 @@ const agentsPage = () => {
 };
 
 const agentPage = (name, short) => {
-  if (!(name in AGENTS)) return missingPage(`There is no agent called \u201c${name}\u201d in these results.`);
+  if (!Object.hasOwn(AGENTS, name)) return missingPage(`There is no agent called \u201c${name}\u201d in these results.`);
   const results = D.results.filter((result) => result.agent === name);
   const result = results.find((one) => TASKS[one.task].short === short) ?? results.find((one) => one.task === D.start) ?? results[0];
-  const task = TASKS[result.task], others = resultsOf(task.id).filter((one) => one.agent !== name);
+  const task = TASKS[result.task], others = resultsOf(task.id).filter((one) => one.agent !== name && one.agent !== result.member_of);
+  const first = result.members ? trainingsOf(result)[0] : result;
   return {
     title: name,
     content: [
-      h("h1", {}, swatch(name), name, result.privileged ? [" ", tag("privileged")] : null, result.verified ? [" ", tag("\u2713 verified", "ok")] : null),
+      h("h1", {}, swatch(name), labelOf(result), result.privileged ? [" ", tag("privileged")] : null, [" ", tag(result.origin)], result.reproduced ? [" ", tag("\u2713 reproduced", "ok")] : null),
+      result.member_of ? h("p", { class: "small" }, `The training of ${result.member_of} with seed ${result.training_seed}. `, h("a", { href: link("agent", result.member_of, task.short) }, "All trainings")) : null,
       h("p", { class: "lead" }, `Sees: ${result.sees.replace(/^privileged: /, "")}.`),
       cardPart(result),
-      h("div", { class: "fields" }, agentField("Agent", name, (value) => go("agent", value, task.short), D.agents.map((agent) => agent.name), "choose-agent"),
+      h("div", { class: "fields" }, agentField("Agent", name, (value) => go("agent", value, task.short), [...ENTRIES.map((agent) => agent.name), ...(result.member_of ? [name] : [])], "choose-agent"),
         taskField(task.short, (value) => go("agent", name, value), results.map((one) => TASKS[one.task])),
-        others.length ? h("a", { class: "small", href: link("compare", name, others[0].agent, task.short) }, "Compare it with another agent") : null),
+        others.length && !result.member_of ? h("a", { class: "small", href: link("compare", name, others[0].agent, task.short) }, "Compare it with another agent") : null),
       h("p", { class: "story" }, story(result, task)),
       failures(result),
       priceField(task, (focus) => show(focus)),
+      trainingsPart(result, task),
       earned(result),
-      result.profile ? profileParts(result, task) : noProfile(result, task),
-      provenance(result),
+      result.members ? h("p", { class: "note" }, `Days, season, calendar and worst run below are those of the training with the lowest seed, ${first.training_seed}.`) : null,
+      first.profile ? profileParts(first, task) : noProfile(first, task),
+      provenance(first),
     ],
   };
 };
 
+// Each training of an entry, in the order of the seeds.
+const trainingsPart = (result, task) => (result.members ? [
+  h("h2", {}, "Its trainings"),
+  h("p", { class: "soft" }, "The same recipe, trained with other seeds. What stands above and in tables is their mean; the range says how much the seed of a training matters, as far as these few can say."),
+  plainTable(`${plural(result.trainings, "training")} of ${result.agent}: mean over the runs, with 95 % intervals over the draws`, ["Training", ...["reward", "epi", "penalty", "yield"].map((name) => METRICS[name].label)], trainingsOf(result).map((one) => [
+    h("a", { href: link("agent", one.agent, task.short) }, `seed ${one.training_seed}`),
+    ...["reward", "epi", "penalty", "yield"].map((name) => { const value = estimate(one, name), { decimals, unit } = METRICS[name]; return [withUnit(value.mean, decimals, unit), value.high > value.low && METRICS[name].interval ? h("span", { class: "of" }, spanText(one, value, decimals + 1)) : null]; }),
+  ])),
+] : null);
+
 // The agent in a few sentences.
 const story = (result, task) => {
   const of = (metric) => estimate(result, metric).mean, days = (task.steps * task.step_seconds) / 86400;
-  const row = ranked(task.id).find((one) => one.result === result), profit = of("epi");
-  const costs = [["heat", of("cost_heat")], ["light", of("cost_electricity")], ["CO\u2082", of("cost_co2")]].sort((a, b) => b[1] - a[1]);
-  const unused = [["heat", "heat"], ["electricity", "light"], ["co2", "CO\u2082"]].filter(([metric]) => of(metric) < 5e-3).map(([, words]) => words);
+  const row = ranked(task.id).find((one) => one.result === result) ?? { rank: null }, profit = of("epi");
+  const costs = [["heat", of("cost_heat")], ["lamp electricity", of("cost_electricity")], ["CO\u2082", of("cost_co2")]].sort((a, b) => b[1] - a[1]);
+  const unused = [["heat", "heat"], ["electricity", "lamp electricity"], ["co2", "CO\u2082"]].filter(([metric]) => of(metric) < 5e-3).map(([, words]) => words);
   const best = ranked(task.id)[0].result, gap = (metric) => estimate(best, metric).mean - of(metric);
   const outside = of("hours_outside_limits"), hours = (task.steps * task.step_seconds) / 3600;
   const limits = D.metrics.filter((metric) => /^hours_(air|co2|rel)/.test(metric.name)).map((metric) => [lower(metric.label), of(metric.name)]).sort((a, b) => b[1] - a[1]);
@@ -75,12 +90,12 @@ const earned = (result) => {
   const tiles = ["reward", "epi", "penalty", "yield", "heat", "electricity", "co2", "hours_outside_limits"].map((name) => {
     const metric = METRICS[name], one = of(name);
     return h("div", {}, h("dt", {}, metric.label), h("dd", {}, number(one.mean, metric.decimals), metric.unit ? h("small", {}, ` ${metric.unit}`) : null,
-      one.high > one.low ? h("small", { class: "of" }, `${number(one.low, metric.decimals + 1)} to ${number(one.high, metric.decimals + 1)}`) : h("small", { class: "of" }, "all runs alike")));
+      h("small", { class: "of", title: spanWords(result, one, metric.decimals + 1) }, spanText(result, one, metric.decimals + 1))));
   });
   const build = () => {
     const values = [of("revenue").mean, -of("cost_heat").mean, -of("cost_electricity").mean, -of("cost_co2").mean];
     const rest = of("epi").mean - sum(values), failed = result.failed && Math.abs(rest) > 5e-3;
-    const labels = ["Fruit", "Heat", "Light", "CO\u2082", ...(failed ? ["Missed steps"] : []), "Profit"];
+    const labels = ["Fruit", "Heat", "Lamps", "CO\u2082", ...(failed ? ["Missed steps"] : []), "Profit"];
     return {
       traces: [{
         type: "waterfall", orientation: "v", x: labels, y: [...values, ...(failed ? [rest] : []), of("epi").mean], measure: [...values.map(() => "relative"), ...(failed ? ["relative"] : []), "total"],
@@ -103,6 +118,7 @@ const earned = (result) => {
   return [
     h("h2", {}, "What it earned, and where"),
     h("dl", { class: "tiles" }, tiles),
+    h("p", { class: "small soft" }, result.members ? "Below each mean: the lowest and the highest training." : "Below each mean: its 95 % interval over the draws of one season, for this one training. Another season or another training can lie far outside."),
     h("div", { class: "grid two" },
       chart(captionOf("From fruit to profit", "EUR/m\u00b2, mean over the runs"), build, { height: 260, says: say(["revenue", "cost_heat", "cost_electricity", "cost_co2", "epi"]) }),
       chart(captionOf("Time outside each limit", "hours, mean over the runs"), hours, { height: 260, says: say(limits.map((metric) => metric.name)) })),
@@ -114,7 +130,8 @@ const noProfile = (result, task) => h("div", { class: "missing" },
     h("code", {}, `glbench evaluate ${result.agent} --task ${task.short} --fresh`)));
 
 const provenance = (result) => h("details", { class: "data" }, h("summary", {}, "Where this result comes from"),
-  h("p", { class: "small" }, `Made by glbench ${result.glbench} on ${result.created.slice(0, 10)}; seeds ${result.seeds[0]} to ${result.seeds.at(-1)}. Result `, h("code", {}, result.digest.slice(0, 16)), ", agent ", h("code", {}, result.agent_digest.slice(0, 16)), "."));
+  h("p", { class: "small" }, result.reproduced ? "Reproduced: glbench verify simulated all runs again from the recorded actions and got the same numbers. " : "Not reproduced: no proof of glbench verify lies beside the result. ",
+    `Stated by the file, not checked: decision time, training, sandbox, what the agent\u2019s makers say of it; made by glbench ${result.glbench} on ${result.created.slice(0, 10)}, kernel ${result.kernel}. Seeds ${result.seeds[0]} to ${result.seeds.at(-1)}. Result `, h("code", {}, result.digest.slice(0, 16)), ", agent ", h("code", {}, result.agent_digest.slice(0, 16)), "."));
 
 const missingPage = (text) => ({ title: "Not found", content: [h("h1", {}, "Not found"), h("p", {}, text), h("p", {}, h("a", { href: "#/" }, "To the leaderboard"))] });
 
@@ -131,11 +148,11 @@ const profileParts = (result, task) => later(2400, async () => {
   const season = (name, options) => seasonChart(task, name, profile.season.columns[name], result.agent, options);
   return [
     h("h2", {}, "A typical day"),
-    h("p", { class: "soft" }, `Median over all days and runs, with the bands of half and of nine tenths of them; dotted lines are limits. Hours are ${task.clock}.`),
+    h("p", { class: "soft" }, `Median over all days and runs, with 50 % and 90 % bands; dotted lines are limits. Hours are ${task.clock}.`),
     day(["air_temperature", "relative_humidity", "co2", "epi"]), h("h3", {}, "Controls, share of capacity"), day(["uBoil", "uLamp", "uCo2", "uVent", "uThScr", "uBlScr"]),
     h("details", { class: "data" }, h("summary", {}, "More of the day: growth, pipes, what was used, penalty"), h("div", {}, day(["fruit_fresh", "pipe_temperature", "heat", "electricity", "co2_dosed", "penalty"]))),
     h("h2", {}, "The season"),
-    h("p", { class: "soft" }, "Day by day: the median over the runs, the best run (dashed) and the worst run (dotted)."),
+    h("p", { class: "soft" }, "Day by day: the median over the runs; the best run (dashed) and the worst run (dotted) where they can be told apart from it."),
     h("div", { class: "grid" }, season("epi", { add: true }), season("fruit_fresh"), season("heat"), season("electricity"), season("co2_dosed"), season("penalty"), season("air_temperature"), season("relative_humidity")),
     calendarPart(profile, task),
     worstPart(result, task, profile, weather),

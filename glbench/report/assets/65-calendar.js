@@ -15,7 +15,7 @@ const calendarPart = (profile, task) => {
         type: "heatmap", z: byHour, x: labels, y: byHour.map((_, hour) => hour), zmin: 0, zmax: 60, showscale: false, xgap: 1, ygap: 1,
         colorscale: [[0, variable("faint")], [0.02, faded(variable("tomato"), 0.3)], [1, variable("tomato")]], hovertemplate: "%{x}, %{y}:00: %{z:.0f} min<extra></extra>",
       }],
-      layout: layout({ hovermode: "closest", xaxis: { showgrid: false, tickvals: labels.filter((_, day) => day % Math.max(1, Math.ceil(days / 5)) === 0), tickangle: 0 }, yaxis: { showgrid: false, tickvals: [0, 6, 12, 18], ticktext: ["0 h", "6", "12", "18"], autorange: "reversed" } }),
+      layout: layout({ hovermode: "closest", xaxis: { title: DAY_TITLE, showgrid: false, tickvals: labels.filter((_, day) => day % Math.max(1, Math.ceil(days / 5)) === 0), tickangle: 0 }, yaxis: { showgrid: false, tickvals: [0, 6, 12, 18], ticktext: ["0 h", "6", "12", "18"], autorange: "reversed" } }),
     }), { height: 230, says: `${label}: ${number(total, 1)} hours in the season, most of it around ${clockHour(dearest)}.` });
   };
   return [
@@ -60,7 +60,7 @@ const worstPart = (result, task, profile, weather) => {
     { title: "Temperature, \u00b0C", limit: "air_temperature", lines: [["inside", course("air_temperature"), "accent", 1], ["outside", outside("outdoor_temperature"), "soft", 1]] },
     { title: "Humidity, %", limit: "relative_humidity", lines: [["humidity", course("relative_humidity"), "accent", 0]] },
     { title: "CO\u2082, ppm", limit: "co2", lines: [["CO\u2082", course("co2"), "accent", 0]] },
-    { title: "Heat and light, %", lines: [["heating", course("uBoil", 100), "tomato", 0], ["lamps", course("uLamp", 100), "lamp", 0]] },
+    { title: "Heating and lamps, %", lines: [["heating", course("uBoil", 100), "tomato", 0], ["lamps", course("uLamp", 100), "lamp", 0]] },
     { title: "Vents and screen, %", lines: [["vents", course("uVent", 100), "vent", 0], ["thermal screen", course("uThScr", 100), "soft", 0]] },
     { title: "Penalty an hour", lines: [["penalty", course("penalty"), "tomato", 2]] },
   ];

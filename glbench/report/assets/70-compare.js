@@ -14,6 +14,7 @@ const comparePage = (first, second, short) => {
         agentField("Agent B", b, (value) => go("compare", value === a ? b : a, value, task.short), here, "choose-b"), taskField(task.short, (value) => go("compare", a, b, value))),
       h("p", { class: "story" }, verdict(one, two)),
       priceField(task, (focus) => show(focus)),
+      [one, two].filter((result) => result.members).map((result) => h("p", { class: "note" }, `${result.agent} is the mean of ${plural(result.trainings, "training")}, run by run. By hour of the day and on typical days it is the training with seed ${trainingsOf(result)[0].training_seed}.`)),
       byItem(one, two, task),
       one.profile && two.profile ? byHour(one, two, task) : [one, two].filter((result) => !result.profile).map((result) => [h("p", {}, h("b", {}, result.agent), ":"), noProfile(result, task)]),
     ],
@@ -33,10 +34,10 @@ const difference = (one, two, metric) => {
 const verdict = (one, two) => {
   const profit = difference(one, two, "epi"), reward = difference(one, two, "reward"), penalty = difference(one, two, "penalty");
   const clear = profit.low !== null && profit.high > profit.low && profit.low * profit.high > 0;
-  const sure = profit.high > profit.low ? ` (95 % interval ${number(profit.low, 2, true)} to ${number(profit.high, 2, true)})` : "";
+  const sure = number(profit.low, 2) !== number(profit.high, 2) ? ` (95 % interval over the draws of this season ${number(profit.low, 2, true)} to ${number(profit.high, 2, true)})` : "";
   return [
     h("b", {}, one.agent), ` earns `, h("b", { class: profit.mean >= 0 ? "gain" : "loss" }, withUnit(Math.abs(profit.mean), 2, "EUR/m\u00b2")), ` ${profit.mean >= 0 ? "more" : "less"} than `, h("b", {}, two.agent),
-    `${sure}${clear || !sure ? "" : ", which may be chance"}. Its penalty is ${number(Math.abs(penalty.mean), 0)} ${penalty.mean >= 0 ? "higher" : "lower"}, its reward ${number(Math.abs(reward.mean), 0)} ${reward.mean >= 0 ? "higher" : "lower"}, over ${plural(profit.shared, "shared seed")}.`,
+    `${sure}${clear || !(profit.high > profit.low) ? "" : ", which may be chance"}. Its penalty is ${number(Math.abs(penalty.mean), 0)} ${penalty.mean >= 0 ? "higher" : "lower"}, its reward ${number(Math.abs(reward.mean), 0)} ${reward.mean >= 0 ? "higher" : "lower"}, over ${plural(profit.shared, "shared seed")}.`,
   ];
 };
 
@@ -54,13 +55,13 @@ const byItem = (one, two, task) => {
   const rows = [...items.map(([name]) => name), "reward", "penalty", "yield", "heat", "electricity", "co2", "hours_outside_limits"].map((name) => {
     const metric = METRICS[name], d = difference(one, two, name), unit = metric.unit, cost = name.startsWith("cost_");
     return [[`${cost ? "Cost of " : ""}${cost ? lower(metric.label) : metric.label}`, unit ? h("span", { class: "soft" }, ` ${unit}`) : null], number(mean(valuesOf(one, name)), metric.decimals), number(mean(valuesOf(two, name)), metric.decimals),
-      number(d.mean, metric.decimals, true), d.high > d.low ? `${number(d.low, metric.decimals, true)} to ${number(d.high, metric.decimals, true)}` : "\u2013"];
+      number(d.mean, metric.decimals, true), number(d.low, metric.decimals, true) !== number(d.high, metric.decimals, true) ? `${number(d.low, metric.decimals, true)} to ${number(d.high, metric.decimals, true)}` : "\u2013"];
   });
   return [
     h("h2", {}, "By item"),
     h("div", { class: "grid two" },
       chart(captionOf(`${one.agent} minus ${two.agent}`, "EUR/m\u00b2; to the right, A is better"), build, { height: 460, says: gaps.map((gap) => `${gap.label} ${number(gap.value, 2, true)}`).join(", ") }),
-      plainTable(`A is ${one.agent}, B is ${two.agent}; differences with 95 % intervals over shared seeds`, ["", "A", "B", "A \u2212 B", "95 % interval"], rows)),
+      plainTable(`A is ${one.agent}, B is ${two.agent}; differences with 95 % intervals over shared seeds: draws of one season, these trainings`, ["", "A", "B", "A \u2212 B", "95 % interval"], rows)),
   ];
 };
 
@@ -96,7 +97,7 @@ const byHour = (one, two, task) => later(1500, async () => {
     h("div", { style: { height: "14px" } }),
     chart(captionOf("Penalty spared, A against B", "above the line, A keeps the limits better"), limits, { height: 200, says: `Penalty spared by hour: ${penalty.map((values, hour) => `${hour} h ${number(mean(values), 1, true)}`).join(", ")}` }),
     h("h2", {}, "Their typical days"),
-    h("p", { class: "soft" }, "Median over all days and runs, with the band of half of them; dotted lines are limits."),
+    h("p", { class: "soft" }, "Median over all days and runs, with 50 % bands; dotted lines are limits."),
     h("ul", { class: "legend", "aria-label": "Colours" }, [one, two].map((result) => h("li", {}, swatch(result.agent), result.agent, "\u2003"))),
     h("div", { class: "grid" }, [...CLIMATE_AND_CONTROLS, "fruit_fresh", "epi"].map((name) => dayChart(task, name, [[one, x], [two, y]].map(([result, profile]) => ({ agent: result.agent, packed: profile.day.columns[name] })), x.day.slot_seconds))),
   ];

@@ -5,9 +5,9 @@ const tasksPage = () => ({
   content: [
     h("h1", {}, "Tasks"),
     h("p", { class: "lead" }, "A task fixes everything that decides a result: weather, greenhouse, crop, what is uncertain, what an agent sees and does, limits, prices and seeds."),
-    taskGroups().map(({ title, members }) => [h("h2", {}, title), plainTable(`${title}: ${plural(members.length, "task")} with results`, ["Task", "Delta", "Results", "Best agent", "Its reward"], members.map((task) => {
+    taskGroups().map(({ title, members }) => [h("h2", {}, title), plainTable(`${title}: ${plural(members.length, "task")} with results`, ["Task", "Delta", "Results", "Best agent", "Its score"], members.map((task) => {
       const rows = ranked(task.id), best = rows[0];
-      return [h("a", { href: link("task", task.short) }, task.title), task.delta === undefined ? "\u2013" : `${task.delta}\u00a0%`, number(rows.length, 0), best.rank ? best.result.agent : "\u2013", best.rank ? number(estimate(best.result, "reward").mean, 0) : "\u2013"];
+      return [h("a", { href: link("task", task.short) }, task.title), task.delta === undefined ? "\u2013" : `${task.delta}\u00a0%`, number(rows.length, 0), best.rank ? labelOf(best.result) : "\u2013", best.rank ? number(estimate(best.result, task.metric).mean, METRICS[task.metric].decimals) : "\u2013"];
     }))]),
   ],
 });
@@ -49,7 +49,7 @@ const weatherPart = (task) => later(700, async () => {
       traces: kind === "sun"
         ? [{ type: "bar", x, y: average, marker: { color: colourAt(3), opacity: 0.85 }, hovertemplate: `%{y:,.${decimals}f}<extra></extra>` }]
         : [band(x, low, high, ink(), 0.18), line(x, average, ink(), { name: "mean", hovertemplate: `%{y:,.${decimals}f}<extra></extra>` })],
-      layout: layout({ xaxis: { tickvals: ticks, tickangle: 0 }, bargap: 0.2, shapes: name === "outdoor_temperature" ? [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 0, y1: 0, line: { color: variable("soft"), width: 1, dash: "dot" } }] : [] }),
+      layout: layout({ xaxis: { title: DAY_TITLE, tickvals: ticks, tickangle: 0 }, bargap: 0.2, shapes: name === "outdoor_temperature" ? [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 0, y1: 0, line: { color: variable("soft"), width: 1, dash: "dot" } }] : [] }),
     }), { height: 200, says: `${words.label} by day: ${number(Math.min(...average), decimals)} to ${number(Math.max(...average), decimals)}, mean ${number(mean(average), decimals)}.` });
   };
   const day = (name) => dayChart(task, name, [{ agent: null, packed: weather.day[name] }], weather.slot_seconds);
@@ -58,7 +58,7 @@ const weatherPart = (task) => later(700, async () => {
     h("h2", {}, "Weather at a glance"),
     h("p", {}, `Mean temperature ${withUnit(mean(temperatures[0]), 1, "\u00b0C")}, between ${withUnit(Math.min(...temperatures[1]), 1, "\u00b0C")} and ${withUnit(Math.max(...temperatures[2]), 1, "\u00b0C")}; frost on ${plural(frost, "day")}; ${number(mean(sun), 1)} MJ/m\u00b2 of sun on the mean day, ${number(Math.min(...sun), 1)} on the darkest and ${number(Math.max(...sun), 1)} on the brightest.`),
     h("div", { class: "grid" }, season("outdoor_temperature"), season("global_radiation", "sun"), season("outdoor_relative_humidity"), season("wind_speed")),
-    h("h3", {}, `By hour of the day (${task.clock}): median, half and nine tenths of the days`),
+    h("h3", {}, `By hour of the day (${task.clock}): median, 50 % and 90 % bands over the days`),
     h("div", { class: "grid" }, ["outdoor_temperature", "global_radiation", "outdoor_relative_humidity", "wind_speed"].map(day)),
   ];
 });
@@ -73,6 +73,7 @@ const guidePage = () => ({
     h("h2", {}, "Words"),
     h("dl", { class: "words" }, D.other_words.map(([word, meaning]) => [h("dt", {}, word), h("dd", {}, meaning)])),
     h("h2", {}, "What not to read out of it"),
-    h("p", {}, "A model is no greenhouse: it knows no pests, no labour and no broken pump. The period ends while fruit still hangs, and growth counts when it happens. Where nothing is random, all runs are alike and there is no interval; that does not make the figure sharp, because small roundings grow in a closed loop: differences of a few units of reward mean nothing there."),
+    h("p", {}, "A model is no greenhouse: it knows no pests, no labour and no broken pump. The period ends while fruit still hangs, and growth counts when it happens. Where nothing is random, all runs are alike and there is no interval; small roundings grow in a closed loop, so differences of a few units of reward mean nothing there."),
+    h("p", {}, "An interval covers the draws of one season for one training. How an agent does in another year, or how another training of it would do, it cannot say: where several trainings were made, their range shows how much that matters."),
   ],
 });

@@ -9,7 +9,7 @@ const NAVIGATION = [["Leaderboard", "", [""]], ["Overall", "overall", ["overall"
 const address = () => location.hash.replace(/^#\/?/, "").split("/").map(decodeURIComponent);
 const parse = () => {
   const [first, ...rest] = address();
-  return first in PAGES ? [first, rest] : ["", [first, ...rest]];
+  return Object.hasOwn(PAGES, first) ? [first, rest] : ["", [first, ...rest]];
 };
 
 // Draw the page of the address. `focus` is the id of what keeps the focus when the page stays the same.
