@@ -1,0 +1,407 @@
+"""Where the figures of README and docs come from. ``{}`` in a phrase stands for a figure; beside it, what computes it.
+
+``CLAIMS`` are computed from the released results (``reports/released/results``), the cards of the trainings (``baselines/*/training``), the
+committed measurements (``docs/measurements``) or the code's constants. ``ALLOWED`` are definitions and figures of others' work, with the reason.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import tomllib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from glbench.env.accounts import make_accounts
+from glbench.leaderboard.comparisons import RESOLUTION
+from glbench.leaderboard.statistics import bootstrap_interval
+from glbench.model import CONTROL_NAMES, STATE_NAMES, default_parameters
+from glbench.speed import SpeedRecord, read_record
+from glbench.tasks import get_task, list_tasks
+
+ROOT = Path(__file__).resolve().parents[2]
+RESULTS = ROOT / "reports" / "released" / "results"
+LEVELS = (0, 5, 10, 15, 20, 25, 30)
+TASK = get_task("Schiphol2010-Delta10-v1")
+
+Value = float | tuple[float, ...]
+Claim = tuple[str, Callable[[], Value]]
+
+
+class NotReleasedError(Exception):
+    """A page quotes a result that is not released."""
+
+
+# Released results.
+
+
+@cache
+def runs(agent: str, level: int, metric: str, family: str = "Schiphol2010") -> NDArray[np.float64]:
+    """A metric of every run of a released result."""
+    file = RESULTS / f"{family}-Delta{level:02d}-v1" / f"{agent}.json"
+    if not file.is_file():
+        msg = f"There is no {file.relative_to(ROOT)}: evaluate and release it, or take its figures out of the page."
+        raise NotReleasedError(msg)
+    return np.array([run["metrics"][metric] for run in json.loads(file.read_text(encoding="utf-8"))["runs"]])
+
+
+def mean(agent: str, level: int, metric: str = "reward", family: str = "Schiphol2010") -> float:
+    """Mean over the runs."""
+    return float(runs(agent, level, metric, family).mean())
+
+
+def trainings(algorithm: str, level: int) -> list[str]:
+    """Agents of all trainings of ``algorithm`` at ``level``."""
+    names = [algorithm, f"{algorithm}_seed1", f"{algorithm}_seed2"]
+    return [name for name in names if (RESULTS / f"Schiphol2010-Delta{level:02d}-v1" / f"{name}.json").is_file()]
+
+
+def each_training(algorithm: str, metric: str = "reward", above: str | None = None) -> list[float]:
+    """A metric of every training at every level, above that of another agent at the same level."""
+    return [
+        mean(agent, level, metric) - (0.0 if above is None else mean(above, level, metric))
+        for level in LEVELS
+        for agent in trainings(algorithm, level)
+    ]
+
+
+def spread(algorithm: str) -> list[float]:
+    """How far the trainings of one level lie apart in reward, at each level with several."""
+    found = [[mean(agent, level) for agent in trainings(algorithm, level)] for level in LEVELS]
+    return [max(rewards) - min(rewards) for rewards in found if len(rewards) > 1]
+
+
+def low_high(values: list[float]) -> tuple[float, float]:
+    return min(values), max(values)
+
+
+def over_levels(agent: str, metric: str = "reward", above: str | None = None) -> list[float]:
+    """A metric at every level, above that of another agent."""
+    return [mean(agent, level, metric) - (0.0 if above is None else mean(above, level, metric)) for level in LEVELS]
+
+
+def deviations() -> list[float]:
+    """Standard deviation of the reward between runs: every released agent but do_nothing, levels that draw something."""
+    return [
+        float(runs(file.stem, level, "reward").std(ddof=1))
+        for level in LEVELS[1:]
+        for file in sorted((RESULTS / f"Schiphol2010-Delta{level:02d}-v1").glob("*.json"))
+        if file.stem != "do_nothing" and not file.stem.endswith(".proof")
+    ]
+
+
+def reward_of_epi() -> tuple[float, float]:
+    """Points of reward for one EUR/m² of EPI, and the reward of a season with an EPI and a penalty of 0."""
+    accounts = make_accounts(TASK)
+    points = 1.0 / (accounts.highest_epi - accounts.lowest_epi)
+    return points, -accounts.lowest_epi * points * TASK.steps
+
+
+# Trainings.
+
+
+@cache
+def card(agent: str, level: int) -> dict[str, Any]:
+    """What a training says about itself."""
+    file = ROOT / "baselines" / agent / "training" / f"delta{level:02d}.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+@cache
+def settings(agent: str) -> dict[str, Any]:
+    """Settings of an algorithm."""
+    text = (ROOT / "baselines" / agent / f"{agent}.yml").read_text(encoding="utf-8")
+    return dict(yaml.safe_load(text)["default"])
+
+
+def minutes(agent: str, level: int) -> float:
+    return float(card(agent, level)["wall_seconds"]["total"]) / 60
+
+
+def ppo_rollout() -> int:
+    return int(settings("ppo")["n_steps"]) * int(settings("ppo")["n_envs"])
+
+
+def ppo_gradient_steps() -> float:
+    own = settings("ppo")
+    rollouts = card("ppo", 10)["training"]["steps"] / ppo_rollout()
+    return rollouts * own["n_epochs"] * ppo_rollout() / own["batch_size"]
+
+
+def sac_gradient_steps() -> float:
+    own = settings("sac")
+    rollout = own["train_freq"] * own["n_envs"]
+    learning = own["n_timesteps"] // rollout - own["learning_starts"] // rollout
+    return float(learning * own["gradient_steps"])
+
+
+def sac_minutes(*, alone: bool) -> tuple[float, float]:
+    agents = [("sac_seed1", level) for level in (0, 10, 30)] + [("sac_seed2", level) for level in (0, 10, 30)]
+    return low_high([minutes(*one) for one in (agents if alone else [("sac", level) for level in LEVELS])])
+
+
+def sac_learning_share() -> tuple[float, float]:
+    own = [("sac", level) for level in LEVELS] + [(f"sac_seed{k}", level) for k in (1, 2) for level in (0, 10, 30)]
+    return low_high([100 * card(*one)["share_of_training_time"]["learning"] for one in own])
+
+
+def share(agent: str, level: int, what: str) -> float:
+    """Share of a training's time [%]."""
+    return 100 * float(card(agent, level)["share_of_training_time"][what])
+
+
+def tuned_steps() -> float:
+    return float(card("ppo_tuned", 10)["training"]["steps"])
+
+
+# Speed.
+
+
+@cache
+def speed() -> SpeedRecord:
+    return read_record(ROOT / "docs" / "measurements" / "speed.json")
+
+
+def us(name: str) -> float:
+    """Microseconds of a measurement of docs/measurements/speed.json."""
+    return next(one.microseconds for one in speed().measurements if one.name == name)
+
+
+def ratio(name: str) -> float:
+    """How many times as fast as CVODES."""
+    return next(one.ratio for one in speed().measurements if one.name == name)
+
+
+def widths() -> tuple[float, float]:
+    """How wide the 95 % intervals of the policies' rewards are on the default task."""
+    found = [bootstrap_interval(runs(agent, 10, "reward")) for agent in ("ppo", "sac", "ppo_tuned")]
+    return low_high([high - low for low, high in found])
+
+
+def mean_of_trainings(algorithm: str, level: int, metric: str = "reward") -> float:
+    return float(np.mean([mean(agent, level, metric) for agent in trainings(algorithm, level)]))
+
+
+def range_of(metric: str, algorithm: str) -> tuple[float, float]:
+    return low_high(each_training(algorithm, metric))
+
+
+def gain(first: str, second: str, level: int, metric: str) -> float:
+    """How much more of a metric the first agent has than the second."""
+    return mean(first, level, metric) - mean(second, level, metric)
+
+
+def first_again() -> float:
+    """Generations of the search after which the policy doses CO2."""
+    with (ROOT / "baselines/ppo_tuned/training/delta10.csv").open(encoding="utf-8") as file:
+        steps = next(int(row["steps"]) for row in csv.DictReader(file) if float(row["cost_co2"]) > 0.0)
+    return steps / (TASK.steps * card("ppo_tuned", 10)["training"]["population"])
+
+
+CLAIMS: dict[str, list[Claim]] = {
+    "README.md": [
+        ("earn {} on the default task", lambda: mean("recording", 10)),
+        ("itself earns {}, and PPO {} (mean", lambda: (mean("ppo_tuned", 10), mean_of_trainings("ppo", 10))),
+        ("they are {} to {} wide", widths),
+        ("PPO lie {} apart and three of SAC {}", lambda: (spread("ppo")[1], spread("sac")[1])),
+        ("rewards closer than {} count as equal", lambda: RESOLUTION),
+        ("{} states, {} controls", lambda: (len(STATE_NAMES), len(CONTROL_NAMES))),
+        ("{} parameters", lambda: len(default_parameters())),
+        ("sees the {} observations", lambda: len(TASK.observed())),
+        ("over the {} runs of the default task", lambda: TASK.evaluation.runs),
+    ],
+    "docs/reproduction.md": [
+        ("each of {} crop parameters", lambda: len(TASK.uncertain_parameters())),
+        (
+            "PPO by {} to {}, SAC by {} to {} | agrees",
+            lambda: (
+                *low_high(each_training("ppo", above="rule_based")),
+                *low_high(each_training("sac", above="rule_based")),
+            ),
+        ),
+        (
+            "| PPO {} to {} EUR/m², SAC {} to {}; the rule-based controller {} EUR/m² without uncertainty, {} at 30 % |",
+            lambda: (
+                *range_of("epi", "ppo"),
+                *range_of("epi", "sac"),
+                mean("rule_based", 0, "epi"),
+                mean("rule_based", 30, "epi"),
+            ),
+        ),
+        (
+            "PPO {} to {}, SAC {} to {}; `rule_based` falls by half ({} to {})",
+            lambda: (
+                *range_of("penalty", "ppo"),
+                *range_of("penalty", "sac"),
+                *(mean("rule_based", level, "penalty") for level in (0, 30)),
+            ),
+        ),
+        (
+            "spends {} EUR/m² on lamps and {} EUR/m² on CO2, and sells for {} EUR/m²",
+            lambda: tuple(mean("rule_based", 0, metric) for metric in ("cost_electricity", "cost_co2", "revenue")),
+        ),
+        (
+            "spends as much on heat ({} EUR/m²), and still sells for {} EUR/m²",
+            lambda: (mean("ppo", 0, "cost_heat"), mean("ppo", 0, "revenue")),
+        ),
+        (
+            "it saves {} EUR/m² of electricity, loses {} EUR/m² of revenue, spends {} EUR/m² more on heat, and earns {} more reward",
+            lambda: (
+                gain("rule_based", "rule_based_unlit", 0, "cost_electricity"),
+                gain("rule_based", "rule_based_unlit", 0, "revenue"),
+                gain("rule_based_unlit", "rule_based", 0, "cost_heat"),
+                gain("rule_based_unlit", "rule_based", 0, "reward"),
+            ),
+        ),
+        ("the {} by which PPO leads", lambda: gain("ppo", "rule_based", 0, "reward")),
+        ("At {} EUR/kWh light", lambda: TASK.prices.electricity),
+        (
+            "beats it at every level, by {} to {}, and so does every training of SAC, by {} to {}.",
+            lambda: (
+                *low_high(each_training("ppo", above="rule_based_unlit")),
+                *low_high(each_training("sac", above="rule_based_unlit")),
+            ),
+        ),
+        (
+            "a higher EPI than every PPO ({} EUR/m² against {} to {})",
+            lambda: (
+                mean("rule_based_unlit", 0, "epi"),
+                *low_high([mean(agent, 0, "epi") for agent in trainings("ppo", 0)]),
+            ),
+        ),
+        (
+            "a penalty of {} without uncertainty, the lit ones {} (their air is too humid in {} of the {} hours",
+            lambda: (
+                mean("rule_based_unlit", 0, "penalty"),
+                mean("rule_based", 0, "penalty"),
+                mean("rule_based", 0, "hours_relative_humidity_high"),
+                mean("rule_based", 0, "hours_outside_limits"),
+            ),
+        ),
+        ("somewhat too cold ({} h)", lambda: mean("ppo", 0, "hours_air_temperature_low")),
+        ("too humid ({} h) where", lambda: mean("ppo", 0, "hours_relative_humidity_high")),
+        ("`do_nothing` sells for {} to {} EUR/m²", lambda: low_high(over_levels("do_nothing", "epi"))),
+        ("`sac` ends with {} to {}.", lambda: low_high([mean_of_trainings("sac", level, "epi") for level in LEVELS])),
+        ("{} times the EPI, plus {}, minus the penalty", reward_of_epi),
+        (
+            "is worth {} points, and `do_nothing` loses {}",
+            lambda: (reward_of_epi()[0], mean("do_nothing", 0, "penalty")),
+        ),
+        (
+            "(seed 0: {} EUR/m² each without uncertainty) and heats more ({} EUR/m²)",
+            lambda: (mean("sac", 0, "cost_electricity"), mean("sac", 0, "cost_heat")),
+        ),
+        (
+            "fewer hours ({} against {})",
+            lambda: (mean("sac", 0, "hours_outside_limits"), mean("ppo", 0, "hours_outside_limits")),
+        ),
+        ("takes {} gradient steps, PPO {},", lambda: (sac_gradient_steps(), ppo_gradient_steps())),
+        (
+            "revenue falls from {} to {} EUR/m²",
+            lambda: (mean("rule_based", 0, "revenue"), mean("rule_based", 30, "revenue")),
+        ),
+        ("a standard deviation of {} to {} (δ", lambda: low_high(deviations())),
+        ("lie {} to {} apart. `recording`", lambda: low_high([*spread("ppo"), *spread("sac")])),
+        ("On the default task it earns {}, as much", lambda: mean("recording", 10)),
+        ("`ppo_tuned` itself ({})", lambda: mean("ppo_tuned", 10)),
+        ("CO2 costs it {} EUR/m².", lambda: mean("ppo", 10, "cost_co2")),
+        ("a discount of {} a step", lambda: settings("ppo")["gamma"]),
+        (
+            "{} seasons, {} million steps, {} minutes on one core",
+            lambda: (tuned_steps() / TASK.steps, tuned_steps() / 1e6, minutes("ppo_tuned", 10)),
+        ),
+        (
+            "At 10 % it earns {} (that PPO {}) and an EPI of {} EUR/m² ({})",
+            lambda: tuple(mean(agent, 10, metric) for metric in ("reward", "epi") for agent in ("ppo_tuned", "ppo")),
+        ),
+        (
+            "{} EUR/m² of CO2 bring {} EUR/m² of fruit",
+            lambda: (gain("ppo_tuned", "ppo", 10, "cost_co2"), gain("ppo_tuned", "ppo", 10, "revenue")),
+        ),
+        (
+            "by {} (30 %) to {} (5 %)",
+            lambda: (gain("ppo_tuned", "ppo", 30, "reward"), gain("ppo_tuned", "ppo", 5, "reward")),
+        ),
+        ("too humid for {} h, and", lambda: mean("ppo_tuned", 0, "hours_relative_humidity_high")),
+        (
+            "its budget is {} times",
+            lambda: (tuned_steps() + card("ppo", 10)["training"]["steps"]) / card("ppo", 10)["training"]["steps"],
+        ),
+        (
+            "Three trainings of PPO lie {} to {} apart in reward, three of SAC {} to {}:",
+            lambda: (*low_high(spread("ppo")), *low_high(spread("sac"))),
+        ),
+        ("(by at least {})", lambda: min(each_training("sac", above="rule_based_unlit"))),
+        (
+            "(the others have {} to {} EUR/m²)",
+            lambda: low_high([mean(f"sac_seed{k}", level, "epi") for k in (1, 2) for level in (0, 10, 30)]),
+        ),
+        (
+            "({} and {} EUR/m² against {})",
+            lambda: tuple(mean(agent, 10, "epi") for agent in ("ppo_seed2", "ppo_seed1", "rule_based_unlit")),
+        ),
+        ("({} values, no forecast)", lambda: len(TASK.observed())),
+        ("rollouts of {} steps, hence {} in all", lambda: (ppo_rollout(), card("ppo", 0)["training"]["steps"])),
+        (
+            "{} with the one (`baselines/ppo/training/delta00.toml`), and the same policy scores {} with the other",
+            lambda: (card("ppo", 0)["best"]["reward"], mean("ppo", 0)),
+        ),
+        (
+            "took {} minutes on a core of its own (`baselines/ppo/training/delta30.toml`): {} % of the training time",
+            lambda: (minutes("ppo", 30), share("ppo", 30, "learning")),
+        ),
+        ("two networks, {} % into", lambda: share("ppo", 30, "policy")),
+        ("bookkeeping, {} % into", lambda: share("ppo", 30, "simulator")),
+        (
+            "{} ms for each of its {} gradient steps",
+            lambda: (1000 * card("ppo", 30)["wall_seconds"]["learning"] / ppo_gradient_steps(), ppo_gradient_steps()),
+        ),
+        (
+            "SAC took {} to {} minutes where the core was its own (`baselines/sac_seed1/training/`, "
+            "`baselines/sac_seed2/training/`), {} to {} where",
+            lambda: (*sac_minutes(alone=True), *sac_minutes(alone=False)),
+        ),
+        (
+            "{} to {} % of the time went into its {} gradient steps",
+            lambda: (*sac_learning_share(), sac_gradient_steps()),
+        ),
+    ],
+}
+
+EVERYWHERE = [
+    f"{TASK.steps:,} steps",
+    f"{TASK.steps} steps",
+    f"{TASK.step_seconds:g} s",
+]
+"""Phrases made of the default task, right wherever they stand."""
+
+ALLOWED: dict[str, list[tuple[str, str]]] = {
+    "README.md": [
+        ("every 15 minutes", "definition: the control step"),
+        ("from 0 to 30 %", "definition: the levels"),
+        ("Python 3.11 or newer", "definition: pyproject.toml"),
+        ("to 1e-9 at every reference point", "tests/model/test_reference.py holds it"),
+        ("a control step is accurate to 1e-6", "tests/kernel/test_accuracy.py holds it"),
+    ],
+    "docs/reproduction.md": [
+        ("for δ from 0 to 30 %", "definition: the levels"),
+        ("at 0, 10 and 30 %", "definition: the levels"),
+        ("An EPI of 1 EUR/m²", "definition: a unit"),
+        ("every 15 minutes", "definition: the control step"),
+        ("δ from 5 to 30 %", "definition: the levels"),
+        *(
+            (words, "definition: the levels")
+            for words in ("At 10 %", "at 10 %", "At 30 %", "at 30 %", "(30 %)", "(5 %)", "at 15 and 25 %")
+        ),
+        ("near -5 EUR/m²", "source: the paper"),
+        ("(10000)", "definition: the seed of the recording"),
+        ("5,761", "source: the published code"),
+        ("12 hours", "source: the published code"),
+    ],
+}
