@@ -1,7 +1,8 @@
 """Where the figures of README and docs come from. ``{}`` in a phrase stands for a figure; beside it, what computes it.
 
-``CLAIMS`` are computed from the released results (``reports/released/results``), the cards of the trainings (``baselines/*/training``), the
-committed measurements (``docs/measurements``) or the code's constants. ``ALLOWED`` are definitions and figures of others' work, with the reason.
+``CLAIMS`` are computed from the released results (``reports/released/results``), the cards of the trainings
+(``baselines/*/training``), the committed measurements (``docs/measurements``), the known steps (``tests/golden``) or the
+code's constants. ``ALLOWED`` are definitions, bounds that another test holds, and figures of others' work, with the reason.
 """
 
 from __future__ import annotations
@@ -18,12 +19,21 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from docs import accuracy_table
 from glbench.env.accounts import make_accounts
+from glbench.kernel import STATE_SCALE, Kernel
+from glbench.kernel.compiled import availability
+from glbench.kernel.compiled.accuracy import make_cvodes
+from glbench.kernel.compiled.generate import Traits, generate
+from glbench.kernel.compiled.stepper import absent_equipment
+from glbench.kernel.compiled.tolerances import LARGEST_SUBSTEPS, PRESETS, SMALLEST_SUBSTEP
+from glbench.kernel.sundials import SUBSTEP_LIMIT
 from glbench.leaderboard.comparisons import RESOLUTION
-from glbench.leaderboard.statistics import bootstrap_interval
-from glbench.model import CONTROL_NAMES, STATE_NAMES, default_parameters
+from glbench.leaderboard.statistics import RESAMPLES, bootstrap_interval
+from glbench.model import CONTROL_NAMES, STATE_NAMES, build_rhs, default_parameters
 from glbench.speed import SpeedRecord, read_record
-from glbench.tasks import get_task, list_tasks
+from glbench.tasks import get_task
+from tests.kernel.known_steps import known_steps
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "reports" / "released" / "results"
@@ -36,6 +46,10 @@ Claim = tuple[str, Callable[[], Value]]
 
 class NotReleasedError(Exception):
     """A page quotes a result that is not released."""
+
+
+class UncheckedError(Exception):
+    """This machine cannot compute a figure."""
 
 
 # Released results.
@@ -202,6 +216,72 @@ def first_again() -> float:
     with (ROOT / "baselines/ppo_tuned/training/delta10.csv").open(encoding="utf-8") as file:
         steps = next(int(row["steps"]) for row in csv.DictReader(file) if float(row["cost_co2"]) > 0.0)
     return steps / (TASK.steps * card("ppo_tuned", 10)["training"]["population"])
+
+
+def batch(rows: int) -> float:
+    return us(f"rows/{rows}")
+
+
+def threads() -> float:
+    """How many times as fast two threads are."""
+    return us("threads/1") / us("threads/2")
+
+
+def first_use() -> tuple[float, float]:
+    once = speed().first_use
+    assert once is not None
+    return once.seconds, once.megabytes
+
+
+# Accuracy.
+
+
+@cache
+def accuracy() -> dict[str, accuracy_table.Accuracy]:
+    text = (ROOT / "docs" / "measurements" / "accuracy.txt").read_text(encoding="utf-8")
+    return accuracy_table.read(text)
+
+
+def worst_of_fast() -> float:
+    """Largest root mean square of ``fast`` as a multiple of that of CVODES."""
+    return max(float(cells[5]) for kind in accuracy().values() for cells in kind.states.values())
+
+
+def substeps() -> tuple[float, ...]:
+    return tuple(accuracy()[kind].substeps[preset] for preset in ("standard", "fast") for kind in ("walk", "jump"))
+
+
+@cache
+def errors(backend: str, preset: str) -> tuple[float, float, float]:
+    """Largest scaled errors of the known steps of 300 s, in winter and in summer, and the number of steps above 1e-6."""
+    steps, p = known_steps(300), default_parameters()
+    if backend == "published":
+        step, held = make_cvodes(1e-6, 300.0), np.hstack([steps.u, steps.d])
+        got = np.array([step(x0=x, p=q)["xf"].full().ravel() for x, q in zip(steps.x, held, strict=True)])
+    else:
+        got = Kernel(300.0, backend=backend, preset=preset).step(steps.x, steps.u, steps.d, p)
+    worst = (np.abs(got - steps.after) / STATE_SCALE).max(axis=1)
+    winter = np.array(["winter" in label for label in steps.labels])
+    return float(worst[winter].max()), float(worst[~winter].max()), float((worst > 1e-6).sum())
+
+
+def compiled_errors(preset: str) -> tuple[float, float, float]:
+    """Errors of the compiled kernel, where there is a compiler."""
+    reason = availability()
+    if reason is not None:
+        raise UncheckedError(reason)
+    return errors("compiled", preset)
+
+
+@cache
+def operations() -> dict[str, int]:
+    """Operations of the generated right-hand side of the benchmark's greenhouse."""
+    return generate(build_rhs("author"), Traits(zeros=absent_equipment())).operations
+
+
+def speeds(name: str) -> tuple[float, ...]:
+    """Microseconds and ratio to CVODES of walking and of jumping controls."""
+    return tuple(of(f"{name}/{kind}") for kind in ("walk", "jump") for of in (us, ratio))
 
 
 CLAIMS: dict[str, list[Claim]] = {
@@ -372,6 +452,76 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: (*sac_learning_share(), sac_gradient_steps()),
         ),
     ],
+    "docs/architecture.md": [
+        ("differ by less than {} as equal", lambda: RESOLUTION),
+        ("({} resamples, fixed seed)", lambda: RESAMPLES),
+    ],
+    "docs/kernel.md": [
+        ("backend {} times as fast as `reference`", lambda: us("step/reference/walk") / us("step/standard/walk")),
+        ("after {} the row fails", lambda: SUBSTEP_LIMIT),
+        ("over the {} known steps", lambda: len(known_steps(300).x)),
+        ("| `casadi`, `reference` | {} | {} |", lambda: errors("casadi", "reference")[:2]),
+        ("| `cvodes`, `reference` | {} | {} |", lambda: errors("cvodes", "reference")[:2]),
+        ("benchmark was published | {} | {} |", lambda: errors("published", "")[:2]),
+    ],
+    "docs/kernel-compiled.md": [
+        ("sparse forward differentiation: {} nonzeros", lambda: operations()["NONZEROS"]),
+        ("fill-in ({} entries)", lambda: operations()["FACTORS"] - operations()["NONZEROS"]),
+        (
+            "has {} products, {} reciprocals, {} exponentials, {} powers and {} roots",
+            lambda: tuple(operations()[name] for name in ("mul", "inv", "exp16", "pow16", "sqrt")),
+        ),
+        ("enters the last {} s of", lambda: PRESETS["standard"].last_stretch),
+        ("exp(-2 t/{} s)", lambda: PRESETS["standard"].memory),
+        ("by {} (`reference`: {};", lambda: (PRESETS["standard"].guard, PRESETS["reference"].guard)),
+        *(
+            (
+                f"| `{name}` | {preset.method} | {{}} | {{}} s | – | {{}} |",
+                lambda preset=preset: (preset.relative, preset.first_substep, preset.forgotten),
+            )
+            for name, preset in PRESETS.items()
+            if preset.method == "Rodas4P2"
+        ),
+        *(
+            (
+                f"| `{name}` | {preset.method} | {{}} | {{}} s | {{}} s | {{}} |",
+                lambda preset=preset: (preset.relative, preset.first_substep, preset.last_stretch, preset.forgotten),
+            )
+            for name, preset in PRESETS.items()
+            if preset.method == "GRK4T"
+        ),
+        ("errors up to {} times those", worst_of_fast),
+        (
+            "after {} substeps, or when a substep would be shorter than {} s",
+            lambda: (LARGEST_SUBSTEPS, SMALLEST_SUBSTEP),
+        ),
+        ("Substeps a step: `standard` {} and {}, `fast` {} and {}.", substeps),
+        ("| CVODES 1e-6 | {} | {} | {} |", lambda: errors("published", "")),
+        *((f"| `{name}` | {{}} | {{}} | {{}} |", lambda name=name: compiled_errors(name)) for name in PRESETS),
+        *(
+            (
+                f"| `{name}`, {title} | {{}} | {{}} | {{}} | {{}} |",
+                lambda name=name, group=group: speeds(f"{group}/{name}"),
+            )
+            for name in ("standard", "fast", "reference")
+            for group, title in (("step", "one environment"), ("batch", "batch of 512"))
+        ),
+        ("A batch costs {}, {} and {} us", lambda: (batch(64), batch(512), batch(4096))),
+        ("step 4,096 rows {} times as fast as one", threads),
+        ("(measured with everything around it: {} s, {} MB)", first_use),
+    ],
+    "docs/adr/0007-privileged-baseline-and-fair-twin.md": [
+        (
+            f"| {family}-Delta{level:02d}-v1 | {{}} | {{}} | {{}} | {{}} |",
+            lambda family=family, level=level: tuple(
+                mean(agent, level, metric, family)
+                for agent in ("rule_based", "rule_based_fair")
+                for metric in ("epi", "reward")
+            ),
+        )
+        for family in ("Schiphol2010", "Schiphol2010Code")
+        for level in (0, 10)
+    ],
 }
 
 EVERYWHERE = [
@@ -404,4 +554,64 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("5,761", "source: the published code"),
         ("12 hours", "source: the published code"),
     ],
+    "docs/architecture.md": [
+        ("One step then agrees to about 1e-9", "tests/kernel_compiled/test_stepping.py, to the tolerance of both"),
+        ("to the last bit or to 1e-9", "definition: glbench.verification"),
+        ("95 % percentile bootstrap", "definition"),
+    ],
+    "docs/kernel.md": [
+        ("1000 mg m⁻³ of CO2, 1000 Pa", "definition: STATE_SCALE"),
+        ("at 1e-6", "definition: a tolerance"),
+        ("by Radau IIA at 1e-12", "definition: tests/golden/kernel_steps.md"),
+        ("steps in summer then exceed 1e-6", "a limit, not a measurement"),
+        *(
+            (cell, "definition: a tolerance")
+            for cell in ("| 1e-6 ", "| 1e-7 ", "| 1e-9 ", "| 1e-11 ", "| 1e-10 ", "| 1e-12 ")
+        ),
+        ("one step of 300 s", "definition: the length of a step"),
+        ("at 300 s", "definition: the length of a step"),
+    ],
+    "docs/kernel-compiled.md": [
+        ("A(89.3°)-stable and leaves 0.45", "source: Kaps and Rentrop"),
+        ("gamma 0.57", "source: Hairer and Wanner"),
+        ("small = 0.1 K", "definition: tolerances.py"),
+        ("to 1e-6", "definition: a limit that tests/kernel_compiled/test_stepping.py holds"),
+        ("at 1e-6", "definition: a tolerance"),
+        ("atol = 1e-6", "definition: a tolerance"),
+        ("above 1e-6", "definition: a limit"),
+        ("CVODES 1e-6", "definition: a tolerance"),
+        ("tolerance of 1e-10", "definition: a tolerance"),
+        ("at most 0.1 a step", "definition: the controls that walk"),
+        ("one step of 300 s", "definition: the length of a step"),
+        (
+            "2^(t/16) within 1.1 ulp, powers as in convection within 3 ulp for bases between 0.01",
+            "tests/kernel_compiled/test_math.py holds it",
+        ),
+        ("is shortened to 0.8", "definition: native/rosenbrock.hpp"),
+        ("and 4,096 rows", "the batches of docs/speed.md"),
+        ("step 4,096 rows", "the batches of docs/speed.md"),
+    ],
+    "docs/sensitivities.md": [
+        ("transposes of each other to 1e-10", "tests/kernel_compiled/test_sensitivities.py holds it"),
+        (
+            "in one coarse substep agrees with finite differences to 1e-5",
+            "tests/kernel_compiled/test_sensitivities.py holds it",
+        ),
+        ("A step of 5 s", "definition: the length of a step"),
+        (
+            "to 1e-4, and `tight` with finite differences of itself to 1e-5",
+            "tests/kernel_compiled/test_sensitivities.py holds it",
+        ),
+        ("a profit of 0.16 EUR", "tests/kernel/test_sensitivities_page.py computes it"),
+    ],
+    "docs/speed.md": [
+        ("steps of 300 s", "definition: the length of a step"),
+        ("more than 1,800 steps", "source: the paper of GreenLight-Gym"),
+        ("tolerance 1e-6", "definition: a tolerance"),
+        ("(1e-6 a step)", "tests/kernel/test_accuracy.py holds it"),
+        ("at 1e-6", "definition: a tolerance"),
+        ("at most 0.1 a step", "definition: the controls that walk"),
+    ],
+    "docs/scale.md": [("up to 3 times", "definition: engines/ray.py")],
+    "docs/viewing.md": [("24 h mean temperature", "definition: a quantity")],
 }
