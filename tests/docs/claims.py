@@ -33,6 +33,7 @@ from glbench.leaderboard.statistics import RESAMPLES, bootstrap_interval
 from glbench.model import CONTROL_NAMES, STATE_NAMES, build_rhs, default_parameters
 from glbench.speed import SpeedRecord, read_record
 from glbench.tasks import get_task
+from glbench.weather import load_weather
 from tests.kernel.known_steps import known_steps
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -216,6 +217,12 @@ def first_again() -> float:
     with (ROOT / "baselines/ppo_tuned/training/delta10.csv").open(encoding="utf-8") as file:
         steps = next(int(row["steps"]) for row in csv.DictReader(file) if float(row["cost_co2"]) > 0.0)
     return steps / (TASK.steps * card("ppo_tuned", 10)["training"]["population"])
+
+
+def full_use() -> tuple[float, ...]:
+    """Boiler [W m-2], CO2 [mg m-2 s-1] and lamps [W m-2] of the benchmark's greenhouse at 1."""
+    heat, electricity, co2 = make_accounts(TASK).full_use  # kWh m-2, kWh m-2, kg m-2 a step
+    return heat * 3.6e6 / TASK.step_seconds, co2 * 1e6 / TASK.step_seconds, electricity * 3.6e6 / TASK.step_seconds
 
 
 def batch(rows: int) -> float:
@@ -522,6 +529,56 @@ CLAIMS: dict[str, list[Claim]] = {
         for family in ("Schiphol2010", "Schiphol2010Code")
         for level in (0, 10)
     ],
+    "docs/environment.md": [
+        (
+            "benchmark's prices {} and {} EUR m-2 a step",
+            lambda: (make_accounts(TASK).lowest_epi, make_accounts(TASK).highest_epi),
+        ),
+    ],
+    "docs/nomenclature.md": [
+        (
+            "delivers {} W m-2 of boiler heat, {} mg m-2 s-1 of CO2 and light for {} W m-2",
+            full_use,
+        ),
+    ],
+    "docs/statistics.md": [
+        (
+            "(of {}, the middle {})",
+            lambda: (TASK.evaluation.runs, TASK.evaluation.runs - 2 * (TASK.evaluation.runs // 4)),
+        ),
+        ("of the mean, {} resamples", lambda: RESAMPLES),
+        ("Differences up to {} count as none", lambda: RESOLUTION),
+    ],
+    "docs/submit.md": [
+        ("Doing nothing without breaking a limit gives {} a step", lambda: reward_of_epi()[1] / TASK.steps),
+        ("counts {}, far below", lambda: TASK.evaluation.failed_step.reward),
+        ("keeps a crop (about +{})", lambda: mean("rule_based_fair", 10) / TASK.steps),
+    ],
+    "docs/tasks.md": [
+        (
+            "fruit's dry mass / {} x {} EUR kg-1",
+            lambda: (TASK.prices.dry_matter_content, TASK.prices.fruit),
+        ),
+        (
+            "count as reward {}, EPI {} EUR m-2, penalty {} (neither",
+            lambda: (
+                TASK.evaluation.failed_step.reward,
+                TASK.evaluation.failed_step.epi,
+                TASK.evaluation.failed_step.penalty,
+            ),
+        ),
+    ],
+    "docs/training.md": [
+        ("on seeds from {} on", lambda: settings("ppo")["evaluation"]["first_seed"]),
+        ("| `n_timesteps` | {} |", lambda: settings("ppo")["n_timesteps"]),
+        (
+            "| `evaluation` | {}; {}; {} | `every`",
+            lambda: tuple(settings("ppo")["evaluation"][key] for key in ("every", "runs", "first_seed")),
+        ),
+    ],
+    "docs/weather.md": [
+        ("31 December 2012, {} hours", lambda: load_weather("schiphol").hours),
+    ],
 }
 
 EVERYWHERE = [
@@ -614,4 +671,93 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     ],
     "docs/scale.md": [("up to 3 times", "definition: engines/ray.py")],
     "docs/viewing.md": [("24 h mean temperature", "definition: a quantity")],
+    "docs/environment.md": [
+        ("by more than 1e-6 raises", "definition: glbench/env/actuation.py"),
+        ("Within 1e-6 (rounding", "definition: glbench/env/actuation.py"),
+    ],
+    "docs/episodes.md": [("Above 512 MB", "definition: glbench/episodes/recorder.py")],
+    "docs/nomenclature.md": [("averaged over about 24 h", "definition: a state of the model")],
+    "docs/report.md": [
+        ("95 % intervals", "definition"),
+        ("2,000 samples", "definition: the page's script"),
+        ("at least 15 minutes", "definition: glbench/evaluation/profiles"),
+        ("the 5, 25, 50, 75 and 95 % quantiles", "definition: glbench/evaluation/profiles"),
+        ("1/3000", "definition: glbench/report/packing.py"),
+        ("a desk of 1250", "definition: tests/report/test_browser.py"),
+    ],
+    "docs/results.md": [
+        ("10 s a decision, 2 h for all decisions", "definition: the default time limits"),
+        ("have 300 s", "definition: the default time limits"),
+        ("ISO 8601", "the name of a standard"),
+        ("RFC 8785", "the name of a standard"),
+    ],
+    "docs/statistics.md": [
+        ("95 % interval", "definition"),
+        ("Intervals are 95 %", "definition"),
+        ("corrected together (Holm 1979), at 5 %", "definition: glbench/leaderboard/comparisons.py"),
+        ("at 5 % or below", "source: Holm (1979)"),
+    ],
+    "docs/submit.md": [
+        ("within 20 seconds", "definition: the time limit of the check"),
+        ("(0.1 of its range) a step of 15 minutes", "definition: the default task"),
+        ("longer than 10 s for one decision", "definition: the default time limits"),
+        ("4 GiB of memory, 128 processes and threads, or 1,024 open files", "definition: the sandbox's limits"),
+        ("256 MiB in `/tmp`", "definition: the sandbox's limits"),
+        ("at most 512 MiB in 10,000 files", "definition: the limits of a submission"),
+    ],
+    "docs/tasks.md": [
+        ("steps of 15 minutes", "definition: the default task"),
+        ("15 degC, 2500 ppm and 15 %", "definition: the default task"),
+        ("1 to 3660", "definition: glbench/tasks/spec.py"),
+        ("60 to 3600", "definition: glbench/tasks/spec.py"),
+        ("Default: 300, 10 and 7200 s", "definition: the default time limits"),
+        ("(24 h)", "definition: an observation"),
+        ("RFC 8785", "the name of a standard"),
+    ],
+    "docs/threat-model.md": [
+        ("`/tmp` of 256 MiB, `/dev/shm` of 64 MiB", "definition: the sandbox's limits"),
+        ("and 65,536 files", "definition: the sandbox's limits"),
+        ("4 GiB of address space a process, and 4 GiB for", "definition: the sandbox's limits"),
+        ("every 0.2 s", "definition: the sandbox's limits"),
+        ("by 1,024 of the first two in all processes together and 65,536", "definition: the sandbox's limits"),
+        ("more than 512 MiB or 10,000 files", "definition: the limits of a submission"),
+        (
+            "10 s for a decision of one run, 2 h for all decisions of a run, 300 s",
+            "definition: the default time limits",
+        ),
+        ("one process of 4 GiB", "definition: the sandbox's limits"),
+        ("Linux 5.14", "definition: a version"),
+        ("bubblewrap 0.7", "definition: a version"),
+        ("Ubuntu 24.04", "definition: a version"),
+    ],
+    "docs/training.md": [
+        ("to 1e-6", "tests/training/test_export.py holds it"),
+        ("| `sigma` | 0.08 |", "definition: glbench/training/season_search.py"),
+        ("| `first_seed` | 20,000 |", "definition: glbench/training/season_search.py"),
+        ("| 4,000,000; 4; 10,000 |", "definition: glbench/training/season_search.py"),
+    ],
+    "docs/verification.md": [
+        ("within 1e-9", "definition: glbench/verification"),
+        ("by 1e-9", "definition: glbench/verification"),
+        ("to 1e-9", "definition: glbench/verification"),
+        ("up to 1e-3", "definition: glbench/verification"),
+    ],
+    "docs/weather.md": [
+        ("52.318° N, 4.790° E, −3.3 m", "source: KNMI"),
+        ("0 … 1500", "definition: the range that is accepted"),
+        ("0.001 degC, 0.001 %, 0.001 m/s", "definition: the canonical record"),
+        ("ISO 8601", "the name of a standard"),
+        ("[adr/0003]", "the name of a file"),
+        *(
+            (words, "definition: how disturbances are made")
+            for words in ("linear to 5 min", "than 5 min", "ramps of 1 h")
+        ),
+        ("0.625 *Y*", "definition: how disturbances are made"),
+        ("(*x* − 0.5)", "definition: how disturbances are made"),
+        ("fixed at 67 s", "definition: how disturbances are made"),
+        ("(1361 W", "definition: how disturbances are made"),
+        ("every 5 minutes", "definition: how disturbances are made"),
+        ("(1e-14 relative)", "tests/weather/test_conserving.py holds it"),
+        ("can reach 100.5 %", "a property of the shipped record"),
+    ],
 }
