@@ -298,6 +298,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ("they are {} to {} wide", widths),
         ("PPO lie {} apart and three of SAC {}", lambda: (spread("ppo")[1], spread("sac")[1])),
         ("rewards closer than {} count as equal", lambda: RESOLUTION),
+        ("compiled model: {} times as fast", lambda: us("env/reference") / us("vector/512")),
         ("{} states, {} controls", lambda: (len(STATE_NAMES), len(CONTROL_NAMES))),
         ("{} parameters", lambda: len(default_parameters())),
         ("sees the {} observations", lambda: len(TASK.observed())),
@@ -530,6 +531,30 @@ CLAIMS: dict[str, list[Claim]] = {
         for level in (0, 10)
     ],
     "docs/environment.md": [
+        *(
+            (
+                f"| `{name}` | {purpose} | {{}} | {{}} |",
+                lambda name=name: (us(f"step/{name}/walk"), us(f"batch/{name}/walk")),
+            )
+            for name, purpose in (
+                ("reference", "scores: evaluations always use it; the default"),
+                (
+                    "standard",
+                    "training, accurate: no less accurate than CVODES at 1e-6, which the benchmark's paper used",
+                ),
+                ("fast", "training, quick trials"),
+            )
+        ),
+        ("takes {} us with the default and {} us with", lambda: (us("env/reference"), us("env/standard"))),
+        (
+            "a row takes {} us with 8 rows and {} us with 512, {} and {} times less",
+            lambda: (
+                us("vector/8"),
+                us("vector/512"),
+                us("env/reference") / us("vector/8"),
+                us("env/reference") / us("vector/512"),
+            ),
+        ),
         (
             "benchmark's prices {} and {} EUR m-2 a step",
             lambda: (make_accounts(TASK).lowest_epi, make_accounts(TASK).highest_epi),
@@ -569,12 +594,12 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
     ],
     "docs/training.md": [
-        ("on seeds from {} on", lambda: settings("ppo")["evaluation"]["first_seed"]),
         ("| `n_timesteps` | {} |", lambda: settings("ppo")["n_timesteps"]),
-        (
-            "| `evaluation` | {}; {}; {} | `every`",
-            lambda: tuple(settings("ppo")["evaluation"][key] for key in ("every", "runs", "first_seed")),
-        ),
+        ("learns after every {} steps, so 20,000 become {}", lambda: (ppo_rollout(), 2 * ppo_rollout())),
+        ("eight seasons are {} of 2 million", lambda: settings("ppo")["n_envs"] * TASK.steps),
+        ("used seeds {} to", lambda: card("ppo", 10)["best"]["evaluation_seeds"][0]),
+        ("to {}, and the search for", lambda: card("ppo", 10)["best"]["evaluation_seeds"][-1]),
+        *((f"| `{agent}` | {{}} |", lambda agent=agent: mean(agent, 10)) for agent in ("ppo", "sac", "ppo_tuned")),
     ],
     "docs/weather.md": [
         ("31 December 2012, {} hours", lambda: load_weather("schiphol").hours),
@@ -674,9 +699,21 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     "docs/environment.md": [
         ("by more than 1e-6 raises", "definition: glbench/env/actuation.py"),
         ("Within 1e-6 (rounding", "definition: glbench/env/actuation.py"),
+        ("CVODES at 1e-6", "definition: a tolerance"),
+        ("at 100 % first", "definition: an observation"),
+        ("shows 100 %", "definition: an observation"),
+        ("With the limit of 85 % a violation is thus at most 15 %", "definition: the default task"),
+        ("within its 15 minutes", "definition: the default task"),
     ],
-    "docs/episodes.md": [("Above 512 MB", "definition: glbench/episodes/recorder.py")],
-    "docs/nomenclature.md": [("averaged over about 24 h", "definition: a state of the model")],
+    "docs/episodes.md": [
+        ("Above 512 MB", "definition: glbench/episodes/recorder.py"),
+        ("at most 128 MiB or 32 times", "definition: glbench/episodes/mcap_scan.py"),
+    ],
+    "docs/nomenclature.md": [
+        ("averaged over about 24 h", "definition: a state of the model"),
+        ("absorb up to 1.031", "tests/model/test_balances.py holds it"),
+        ("1.028 at the start of the published tasks, where it is 0.89", "tests/model/test_balances.py holds it"),
+    ],
     "docs/report.md": [
         ("95 % intervals", "definition"),
         ("2,000 samples", "definition: the page's script"),
@@ -688,6 +725,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     "docs/results.md": [
         ("10 s a decision, 2 h for all decisions", "definition: the default time limits"),
         ("have 300 s", "definition: the default time limits"),
+        ("(at most 10,000)", "definition: glbench/tasks/spec.py"),
         ("ISO 8601", "the name of a standard"),
         ("RFC 8785", "the name of a standard"),
     ],
@@ -709,18 +747,25 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("steps of 15 minutes", "definition: the default task"),
         ("15 degC, 2500 ppm and 15 %", "definition: the default task"),
         ("1 to 3660", "definition: glbench/tasks/spec.py"),
+        ("1900 to 2199", "definition: glbench/tasks/spec.py"),
+        ("from -18.2 to +22.2 %", "tests/env/test_uncertainty.py holds it"),
+        ("relative tolerance of 1e-9", "definition: glbench/tasks/behaviour.py"),
         ("60 to 3600", "definition: glbench/tasks/spec.py"),
         ("Default: 300, 10 and 7200 s", "definition: the default time limits"),
         ("(24 h)", "definition: an observation"),
         ("RFC 8785", "the name of a standard"),
     ],
     "docs/threat-model.md": [
-        ("`/tmp` of 256 MiB, `/dev/shm` of 64 MiB", "definition: the sandbox's limits"),
+        ("`/tmp` of 256 MiB and a `/dev/shm` of 64 MiB", "definition: the sandbox's limits"),
+        ("at 512 MiB in all", "definition: the limits of a submission"),
         ("and 65,536 files", "definition: the sandbox's limits"),
         ("4 GiB of address space a process, and 4 GiB for", "definition: the sandbox's limits"),
         ("every 0.2 s", "definition: the sandbox's limits"),
         ("by 1,024 of the first two in all processes together and 65,536", "definition: the sandbox's limits"),
-        ("more than 512 MiB or 10,000 files", "definition: the limits of a submission"),
+        (
+            "more than 512 MiB (sparse files at their full size) or 10,000 files, or 100,000 names",
+            "definition: the limits of a submission",
+        ),
         (
             "10 s for a decision of one run, 2 h for all decisions of a run, 300 s",
             "definition: the default time limits",
@@ -732,15 +777,30 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     ],
     "docs/training.md": [
         ("to 1e-6", "tests/training/test_export.py holds it"),
+        ("so 20,000 become", "an example"),
+        ("`ppo_tuned` seeds from 20,000 on", "baselines/ppo_tuned/card.toml says it"),
+        ("from 10,000,000,000 on", "definition: glbench/training/settings.py"),
+        ("from 20,000,000,000 on", "definition: glbench/training/settings.py"),
+        ("from 30,000,000,000 on", "definition: glbench/training/season_search.py"),
+        ("below 4,294,977,295", "definition: glbench/tasks/spec.py"),
+        ("at most 10,000 runs", "definition: glbench/tasks/spec.py"),
+        ("| `first_env_seed` | 10,000,000,000 |", "definition: glbench/training/settings.py"),
+        ("| `evaluation` | 100,000; 4; 20,000,000,000 |", "definition: glbench/training/settings.py"),
+        ("a standard deviation of 0.003 ppm", "the weights of the shipped policies hold it"),
+        *((cell, "the page shows the code that measures it") for cell in ("| 3,174 |", "| 3,466 |")),
         ("| `sigma` | 0.08 |", "definition: glbench/training/season_search.py"),
-        ("| `first_seed` | 20,000 |", "definition: glbench/training/season_search.py"),
-        ("| 4,000,000; 4; 10,000 |", "definition: glbench/training/season_search.py"),
+        ("| `first_seed` | 30,000,000,000 |", "definition: glbench/training/season_search.py"),
+        ("| 4,000,000; 4; 20,000,000,000 |", "definition: glbench/training/season_search.py"),
     ],
     "docs/verification.md": [
-        ("within 1e-9", "definition: glbench/verification"),
-        ("by 1e-9", "definition: glbench/verification"),
-        ("to 1e-9", "definition: glbench/verification"),
-        ("up to 1e-3", "definition: glbench/verification"),
+        *(
+            (words, "definition: glbench/verification")
+            for words in ("within 1e-9", "by 1e-9", "to 1e-9", "most 1e-9", "to 1e-3")
+        ),
+        ("| 32 MiB;", "definition: the limits of files from elsewhere"),
+        ("| 2 GiB; expands to at most 128 MiB or 32 times", "definition: the limits of files from elsewhere"),
+        ("| 24 MiB, also", "definition: the limits of files from elsewhere"),
+        ("| 1 MiB |", "definition: the limits of files from elsewhere"),
     ],
     "docs/weather.md": [
         ("52.318° N, 4.790° E, −3.3 m", "source: KNMI"),
@@ -755,6 +815,9 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("0.625 *Y*", "definition: how disturbances are made"),
         ("(*x* − 0.5)", "definition: how disturbances are made"),
         ("fixed at 67 s", "definition: how disturbances are made"),
+        ("= 0.61078 exp(17.2694 *T*/(*T* + 238.3))", "source: the GreenLight model"),
+        ("2.3 µmol of photons", "source: Vanthoor (2011)"),
+        ("with 4.6 µmol J⁻¹ (Vanthoor 2011, tables 8.1 and 9.1)", "source: Vanthoor (2011)"),
         ("(1361 W", "definition: how disturbances are made"),
         ("every 5 minutes", "definition: how disturbances are made"),
         ("(1e-14 relative)", "tests/weather/test_conserving.py holds it"),
