@@ -2,6 +2,7 @@
 
 Reads the results of the controllers on the seven levels of the paper's study, draws docs/images/reproduction-curves.svg and
 reproduction-money.svg, and rewrites the tables between the markers of docs/reproduction.md. What is not evaluated yet is left out.
+Where an algorithm was trained several times, its figure is the mean of the trainings, with their range.
 """
 
 from __future__ import annotations
@@ -26,7 +27,11 @@ AGENTS = {
     "rule_based_fair": "#aaaaaa",
     "rule_based_unlit": "#cc79a7",
     "ppo_tuned": "#009e73",
+    "recording": "#56b4e9",
+    "do_nothing": "#000000",
 }
+ONLY_IN_EPI = {"do_nothing"}
+"""Agents whose reward and penalty lie so far from the others' that a common scale would flatten all curves."""
 CURVES = (("reward", "cumulative reward [-]"), ("epi", "EPI [EUR/m²]"), ("penalty", "penalty [-]"))
 TRAININGS = {"ppo": ("ppo", "ppo_seed1", "ppo_seed2"), "sac": ("sac", "sac_seed1", "sac_seed2")}
 """Agents of one recipe trained with seeds 0, 1 and 2."""
@@ -42,14 +47,28 @@ FONT = 'font-family="system-ui, sans-serif"'
 
 @dataclass(frozen=True)
 class Point:
-    """Mean over the runs with its 95 % interval."""
+    """Mean over the runs with its 95 % interval; of several trainings, the mean of their means with the range."""
 
     mean: float
     low: float
     high: float
+    trainings: int = 1
 
 
 Points = dict[tuple[str, int, str], Point]
+
+
+def headline(points: Points) -> Points:
+    """``points`` with the trainings of one algorithm as one agent: the mean of their means, from the lowest to the highest."""
+    members = {member for agents in TRAININGS.values() for member in agents}
+    pooled = {key: point for key, point in points.items() if key[0] not in members}
+    for recipe, agents in TRAININGS.items():
+        for level, metric in dict.fromkeys(key[1:] for key in points if key[0] in agents):
+            found = [points[agent, level, metric] for agent in agents if (agent, level, metric) in points]
+            means = [point.mean for point in found]
+            several = Point(float(np.mean(means)), min(means), max(means), len(means))
+            pooled[recipe, level, metric] = several if len(means) > 1 else found[0]
+    return pooled
 
 
 def collect(results: Path) -> Points:
@@ -70,10 +89,11 @@ def collect(results: Path) -> Points:
 
 def curves(points: Points) -> str:
     """Three panels: reward, EPI and penalty against the uncertainty."""
+    points = headline(points)
     width, height, left, top = 330, 290, 62, 46
     parts = []
     for place, (metric, title) in enumerate(CURVES):
-        shown = {key[:2]: point for key, point in points.items() if key[2] == metric and key[0] in AGENTS}
+        shown = {key[:2]: point for key, point in points.items() if key[2] == metric and _drawn(key[0], metric)}
         lows, highs = [p.low for p in shown.values()], [p.high for p in shown.values()]
         ticks = _ticks(
             min([*lows, 0.0] if metric != "reward" else lows), max([*highs, 0.0] if metric != "reward" else highs)
@@ -102,10 +122,13 @@ def curves(points: Points) -> str:
                 parts.append(
                     f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{y(point.low):.1f}" y2="{y(point.high):.1f}" stroke="{colour}"/>'
                 )
-                parts.append(f'<circle cx="{at:.1f}" cy="{y(point.mean):.1f}" r="3.2" fill="{colour}"/>')
+                fill = "#fff" if agent in TRAININGS and point.trainings == 1 else colour
+                parts.append(
+                    f'<circle cx="{at:.1f}" cy="{y(point.mean):.1f}" r="3.2" fill="{fill}" stroke="{colour}"/>'
+                )
     present = [agent for agent in AGENTS if any(key[0] == agent for key in points)]
     legend = [
-        f'<circle cx="{70 + 150 * i}" cy="12" r="4" fill="{AGENTS[agent]}"/>' + _text(80 + 150 * i, 16, agent)
+        f'<circle cx="{40 + 120 * i}" cy="12" r="4" fill="{AGENTS[agent]}"/>' + _text(48 + 120 * i, 16, agent)
         for i, agent in enumerate(present)
     ]
     return _svg(width * 3, height, [*legend, *parts])
@@ -113,6 +136,7 @@ def curves(points: Points) -> str:
 
 def money(points: Points) -> str:
     """Who earns what: revenue upwards, costs downwards, the EPI as a mark; at 0, 10 and 30 %."""
+    points = headline(points)
     chosen = [(agent, level) for level in (0, 10, 30) for agent in AGENTS if (agent, level, "revenue") in points]
     highest = max(points[agent, level, "revenue"].mean for agent, level in chosen)
     lowest = -max(
@@ -160,21 +184,28 @@ def money(points: Points) -> str:
 
 
 def table(points: Points, metric: str, digits: int) -> str:
-    """A table of one metric: a row an agent, a column a level."""
+    """A table of one metric: a row an agent, a column a level; several trainings with their range below the mean."""
+    points = headline(points)
     rows = [f"| | {' | '.join(f'{level} %' for level in LEVELS)} |", "|---|" + "---:|" * len(LEVELS)]
     for agent in AGENTS:
         cells = [points.get((agent, level, metric)) for level in LEVELS]
         if any(cells):
             rows.append(
-                f"| `{agent}` | "
-                + " | ".join("–" if cell is None else f"{cell.mean:,.{digits}f}" for cell in cells)
-                + " |"
+                f"| `{agent}` | " + " | ".join("–" if cell is None else _cell(cell, digits) for cell in cells) + " |"
             )
     return "\n".join(rows)
 
 
+def _cell(point: Point, digits: int) -> str:
+    """A mean, with the range of the trainings where there are several."""
+    if point.trainings == 1:
+        return f"{point.mean:,.{digits}f}"
+    return f"{point.mean:,.{digits}f}<br>({point.low:,.{digits}f} to {point.high:,.{digits}f})"
+
+
 def money_table(points: Points) -> str:
-    """Revenue and costs at 0 and 30 %."""
+    """Revenue and costs at 0, 10 and 30 %; of several trainings, their mean."""
+    points = headline(points)
     rows = [
         "| EUR/m² | " + " | ".join(title for _, title, *_ in MONEY) + " | EPI |",
         "|---|" + "---:|" * (len(MONEY) + 1),
@@ -200,6 +231,10 @@ def trainings_table(points: Points) -> str:
                     cells.append(f"{max(means) - min(means):,.{digits}f}")
                     rows.append(f"| `{recipe}`, ± {level} % | {title} | " + " | ".join(cells) + " |")
     return "\n".join(rows)
+
+
+def _drawn(agent: str, metric: str) -> bool:
+    return agent in AGENTS and (metric == "epi" or agent not in ONLY_IN_EPI)
 
 
 def _ticks(low: float, high: float) -> list[float]:

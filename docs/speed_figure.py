@@ -1,7 +1,7 @@
 """Draws docs/images/speed.svg and fills the tables of docs/speed.md: ``python docs/speed_figure.py docs/measurements/speed.json``.
 
 The chart continues the one of the benchmark's paper: steps of 300 s in a second of one core, ten days from October 2009. What the paper
-states and what was measured of published packages is written here; everything of glbench comes from the record.
+states is written here; everything of glbench comes from the record.
 """
 
 from __future__ import annotations
@@ -19,8 +19,6 @@ PUBLISHED = (
     ("older implementation, paper's slower", PAPER_RATE / 24, "paper: GreenLight-Gym is 24 times as fast"),
     ("older implementation, paper's faster", PAPER_RATE / 17, "paper: GreenLight-Gym is 17 times as fast"),
     ("GreenLight-Gym, as stated", PAPER_RATE, "paper"),
-    ("gl-gym 0.3.2, tolerance 1e-4", 2350.0, "its package, one core of an EPYC, model only"),
-    ("GreenLight-Gym 2, tolerance 1e-6", 3880.0, "its code, one core of an EPYC, model only"),
 )
 WIDTH, ROW, LEFT, RIGHT, TOP = 860, 30, 290, 150, 58
 LOWEST, HIGHEST = 10.0, 1e6

@@ -8,6 +8,7 @@ import pytest
 from glbench.errors import ResultError, UnknownNameError
 from glbench.speed import SUBJECTS, choose_subjects, measure, read_record, save_record
 from glbench.speed.clock import Timed
+from glbench.speed.first_use import _PEAK, _run
 from glbench.speed.run import Comparisons
 from glbench.speed.subjects import GROUPS, Subject
 from glbench.speed.workloads import LARGEST_CHANGE, controls_of, course, points
@@ -103,3 +104,8 @@ def test_a_file_that_is_no_record_is_refused_with_the_command_that_makes_one(tmp
     (tmp_path / "speed.json").write_text("{}")
     with pytest.raises(ResultError, match="glbench bench"):
         read_record(tmp_path / "speed.json")
+
+
+def test_the_peak_memory_of_a_process_is_its_own_and_not_its_parents():
+    held = np.ones(25_000_000)  # 200 MB that a plain interpreter does not need
+    assert _run(f"{_PEAK}\nprint(peak())") < held.nbytes / 2**20 / 2

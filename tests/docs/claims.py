@@ -1,0 +1,829 @@
+"""Where the figures of README and docs come from. ``{}`` in a phrase stands for a figure; beside it, what computes it.
+
+``CLAIMS`` are computed from the released results (``reports/released/results``), the cards of the trainings
+(``baselines/*/training``), the committed measurements (``docs/measurements``), the known steps (``tests/golden``) or the
+code's constants. ``ALLOWED`` are definitions, bounds that another test holds, and figures of others' work, with the reason.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from docs import accuracy_table
+from glbench.env.accounts import make_accounts
+from glbench.kernel import STATE_SCALE, Kernel
+from glbench.kernel.compiled import availability
+from glbench.kernel.compiled.accuracy import make_cvodes
+from glbench.kernel.compiled.generate import Traits, generate
+from glbench.kernel.compiled.stepper import absent_equipment
+from glbench.kernel.compiled.tolerances import LARGEST_SUBSTEPS, PRESETS, SMALLEST_SUBSTEP
+from glbench.kernel.sundials import SUBSTEP_LIMIT
+from glbench.leaderboard.comparisons import RESOLUTION
+from glbench.leaderboard.statistics import RESAMPLES, bootstrap_interval
+from glbench.model import CONTROL_NAMES, STATE_NAMES, build_rhs, default_parameters
+from glbench.speed import SpeedRecord, read_record
+from glbench.tasks import get_task
+from glbench.weather import load_weather
+from tests.kernel.known_steps import known_steps
+
+ROOT = Path(__file__).resolve().parents[2]
+RESULTS = ROOT / "reports" / "released" / "results"
+LEVELS = (0, 5, 10, 15, 20, 25, 30)
+TASK = get_task("Schiphol2010-Delta10-v1")
+
+Value = float | tuple[float, ...]
+Claim = tuple[str, Callable[[], Value]]
+
+
+class NotReleasedError(Exception):
+    """A page quotes a result that is not released."""
+
+
+class UncheckedError(Exception):
+    """This machine cannot compute a figure."""
+
+
+# Released results.
+
+
+@cache
+def runs(agent: str, level: int, metric: str, family: str = "Schiphol2010") -> NDArray[np.float64]:
+    """A metric of every run of a released result."""
+    file = RESULTS / f"{family}-Delta{level:02d}-v1" / f"{agent}.json"
+    if not file.is_file():
+        msg = f"There is no {file.relative_to(ROOT)}: evaluate and release it, or take its figures out of the page."
+        raise NotReleasedError(msg)
+    return np.array([run["metrics"][metric] for run in json.loads(file.read_text(encoding="utf-8"))["runs"]])
+
+
+def mean(agent: str, level: int, metric: str = "reward", family: str = "Schiphol2010") -> float:
+    """Mean over the runs."""
+    return float(runs(agent, level, metric, family).mean())
+
+
+def trainings(algorithm: str, level: int) -> list[str]:
+    """Agents of all trainings of ``algorithm`` at ``level``."""
+    names = [algorithm, f"{algorithm}_seed1", f"{algorithm}_seed2"]
+    return [name for name in names if (RESULTS / f"Schiphol2010-Delta{level:02d}-v1" / f"{name}.json").is_file()]
+
+
+def each_training(algorithm: str, metric: str = "reward", above: str | None = None) -> list[float]:
+    """A metric of every training at every level, above that of another agent at the same level."""
+    return [
+        mean(agent, level, metric) - (0.0 if above is None else mean(above, level, metric))
+        for level in LEVELS
+        for agent in trainings(algorithm, level)
+    ]
+
+
+def spread(algorithm: str) -> list[float]:
+    """How far the trainings of one level lie apart in reward, at each level with several."""
+    found = [[mean(agent, level) for agent in trainings(algorithm, level)] for level in LEVELS]
+    return [max(rewards) - min(rewards) for rewards in found if len(rewards) > 1]
+
+
+def low_high(values: list[float]) -> tuple[float, float]:
+    return min(values), max(values)
+
+
+def over_levels(agent: str, metric: str = "reward", above: str | None = None) -> list[float]:
+    """A metric at every level, above that of another agent."""
+    return [mean(agent, level, metric) - (0.0 if above is None else mean(above, level, metric)) for level in LEVELS]
+
+
+def deviations() -> list[float]:
+    """Standard deviation of the reward between runs: every released agent but do_nothing, levels that draw something."""
+    return [
+        float(runs(file.stem, level, "reward").std(ddof=1))
+        for level in LEVELS[1:]
+        for file in sorted((RESULTS / f"Schiphol2010-Delta{level:02d}-v1").glob("*.json"))
+        if file.stem != "do_nothing" and not file.stem.endswith(".proof")
+    ]
+
+
+def reward_of_epi() -> tuple[float, float]:
+    """Points of reward for one EUR/m² of EPI, and the reward of a season with an EPI and a penalty of 0."""
+    accounts = make_accounts(TASK)
+    points = 1.0 / (accounts.highest_epi - accounts.lowest_epi)
+    return points, -accounts.lowest_epi * points * TASK.steps
+
+
+# Trainings.
+
+
+@cache
+def card(agent: str, level: int) -> dict[str, Any]:
+    """What a training says about itself."""
+    file = ROOT / "baselines" / agent / "training" / f"delta{level:02d}.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+@cache
+def settings(agent: str) -> dict[str, Any]:
+    """Settings of an algorithm."""
+    text = (ROOT / "baselines" / agent / f"{agent}.yml").read_text(encoding="utf-8")
+    return dict(yaml.safe_load(text)["default"])
+
+
+def minutes(agent: str, level: int) -> float:
+    return float(card(agent, level)["wall_seconds"]["total"]) / 60
+
+
+def ppo_rollout() -> int:
+    return int(settings("ppo")["n_steps"]) * int(settings("ppo")["n_envs"])
+
+
+def ppo_gradient_steps() -> float:
+    own = settings("ppo")
+    rollouts = card("ppo", 10)["training"]["steps"] / ppo_rollout()
+    return rollouts * own["n_epochs"] * ppo_rollout() / own["batch_size"]
+
+
+def sac_gradient_steps() -> float:
+    own = settings("sac")
+    rollout = own["train_freq"] * own["n_envs"]
+    learning = own["n_timesteps"] // rollout - own["learning_starts"] // rollout
+    return float(learning * own["gradient_steps"])
+
+
+def sac_minutes(*, alone: bool) -> tuple[float, float]:
+    agents = [("sac_seed1", level) for level in (0, 10, 30)] + [("sac_seed2", level) for level in (0, 10, 30)]
+    return low_high([minutes(*one) for one in (agents if alone else [("sac", level) for level in LEVELS])])
+
+
+def sac_learning_share() -> tuple[float, float]:
+    own = [("sac", level) for level in LEVELS] + [(f"sac_seed{k}", level) for k in (1, 2) for level in (0, 10, 30)]
+    return low_high([100 * card(*one)["share_of_training_time"]["learning"] for one in own])
+
+
+def share(agent: str, level: int, what: str) -> float:
+    """Share of a training's time [%]."""
+    return 100 * float(card(agent, level)["share_of_training_time"][what])
+
+
+def tuned_steps() -> float:
+    return float(card("ppo_tuned", 10)["training"]["steps"])
+
+
+# Speed.
+
+
+@cache
+def speed() -> SpeedRecord:
+    return read_record(ROOT / "docs" / "measurements" / "speed.json")
+
+
+def us(name: str) -> float:
+    """Microseconds of a measurement of docs/measurements/speed.json."""
+    return next(one.microseconds for one in speed().measurements if one.name == name)
+
+
+def ratio(name: str) -> float:
+    """How many times as fast as CVODES."""
+    return next(one.ratio for one in speed().measurements if one.name == name)
+
+
+def widths() -> tuple[float, float]:
+    """How wide the 95 % intervals of the policies' rewards are on the default task."""
+    found = [bootstrap_interval(runs(agent, 10, "reward")) for agent in ("ppo", "sac", "ppo_tuned")]
+    return low_high([high - low for low, high in found])
+
+
+def mean_of_trainings(algorithm: str, level: int, metric: str = "reward") -> float:
+    return float(np.mean([mean(agent, level, metric) for agent in trainings(algorithm, level)]))
+
+
+def range_of(metric: str, algorithm: str) -> tuple[float, float]:
+    return low_high(each_training(algorithm, metric))
+
+
+def gain(first: str, second: str, level: int, metric: str) -> float:
+    """How much more of a metric the first agent has than the second."""
+    return mean(first, level, metric) - mean(second, level, metric)
+
+
+def quotient_of_two_draws() -> tuple[float, float]:
+    """How far the quotient of two parameters can lie from its nominal value at Code-Delta20 [%]."""
+    uncertainty = get_task("Schiphol2010Code-Delta20-v1").uncertainty
+    half = uncertainty.delta * uncertainty.half_width_factor
+    return 100 * ((1 - half) / (1 + half) - 1), 100 * ((1 + half) / (1 - half) - 1)
+
+
+def full_use() -> tuple[float, ...]:
+    """Boiler [W m-2], CO2 [mg m-2 s-1] and lamps [W m-2] of the benchmark's greenhouse at 1."""
+    heat, electricity, co2 = make_accounts(TASK).full_use  # kWh m-2, kWh m-2, kg m-2 a step
+    return heat * 3.6e6 / TASK.step_seconds, co2 * 1e6 / TASK.step_seconds, electricity * 3.6e6 / TASK.step_seconds
+
+
+def batch(rows: int) -> float:
+    return us(f"rows/{rows}")
+
+
+def threads() -> float:
+    """How many times as fast two threads are."""
+    return us("threads/1") / us("threads/2")
+
+
+def first_use() -> tuple[float, float]:
+    once = speed().first_use
+    assert once is not None
+    return once.seconds, once.megabytes
+
+
+# Accuracy.
+
+
+@cache
+def accuracy() -> dict[str, accuracy_table.Accuracy]:
+    text = (ROOT / "docs" / "measurements" / "accuracy.txt").read_text(encoding="utf-8")
+    return accuracy_table.read(text)
+
+
+def worst_of_fast() -> float:
+    """Largest root mean square of ``fast`` as a multiple of that of CVODES."""
+    return max(float(cells[5]) for kind in accuracy().values() for cells in kind.states.values())
+
+
+def substeps() -> tuple[float, ...]:
+    return tuple(accuracy()[kind].substeps[preset] for preset in ("standard", "fast") for kind in ("walk", "jump"))
+
+
+@cache
+def errors(backend: str, preset: str) -> tuple[float, float, float]:
+    """Largest scaled errors of the known steps of 300 s, in winter and in summer, and the number of steps above 1e-6."""
+    steps, p = known_steps(300), default_parameters()
+    if backend == "published":
+        step, held = make_cvodes(1e-6, 300.0), np.hstack([steps.u, steps.d])
+        got = np.array([step(x0=x, p=q)["xf"].full().ravel() for x, q in zip(steps.x, held, strict=True)])
+    else:
+        got = Kernel(300.0, backend=backend, preset=preset).step(steps.x, steps.u, steps.d, p)
+    worst = (np.abs(got - steps.after) / STATE_SCALE).max(axis=1)
+    winter = np.array(["winter" in label for label in steps.labels])
+    return float(worst[winter].max()), float(worst[~winter].max()), float((worst > 1e-6).sum())
+
+
+def compiled_errors(preset: str) -> tuple[float, float, float]:
+    """Errors of the compiled kernel, where there is a compiler."""
+    reason = availability()
+    if reason is not None:
+        raise UncheckedError(reason)
+    return errors("compiled", preset)
+
+
+@cache
+def operations() -> dict[str, int]:
+    """Operations of the generated right-hand side of the benchmark's greenhouse."""
+    return generate(build_rhs("author"), Traits(zeros=absent_equipment())).operations
+
+
+def speeds(name: str) -> tuple[float, ...]:
+    """Microseconds and ratio to CVODES of walking and of jumping controls."""
+    return tuple(of(f"{name}/{kind}") for kind in ("walk", "jump") for of in (us, ratio))
+
+
+CLAIMS: dict[str, list[Claim]] = {
+    "README.md": [
+        ("earn {} on the default task", lambda: mean("recording", 10)),
+        ("itself earns {}, and PPO {} (mean", lambda: (mean("ppo_tuned", 10), mean_of_trainings("ppo", 10))),
+        ("they are {} to {} wide", widths),
+        ("PPO lie {} apart and three of SAC {}", lambda: (spread("ppo")[1], spread("sac")[1])),
+        ("rewards closer than {} count as equal", lambda: RESOLUTION),
+        ("compiled model: {} times as fast", lambda: us("env/reference") / us("vector/512")),
+        ("{} states, {} controls", lambda: (len(STATE_NAMES), len(CONTROL_NAMES))),
+        ("{} parameters", lambda: len(default_parameters())),
+        ("sees the {} observations", lambda: len(TASK.observed())),
+        ("over the {} runs of the default task", lambda: TASK.evaluation.runs),
+    ],
+    "docs/reproduction.md": [
+        ("each of {} crop parameters", lambda: len(TASK.uncertain_parameters())),
+        (
+            "PPO by {} to {}, SAC by {} to {} | agrees",
+            lambda: (
+                *low_high(each_training("ppo", above="rule_based")),
+                *low_high(each_training("sac", above="rule_based")),
+            ),
+        ),
+        (
+            "| PPO {} to {} EUR/m², SAC {} to {}; the rule-based controller {} EUR/m² without uncertainty, {} at 30 % |",
+            lambda: (
+                *range_of("epi", "ppo"),
+                *range_of("epi", "sac"),
+                mean("rule_based", 0, "epi"),
+                mean("rule_based", 30, "epi"),
+            ),
+        ),
+        (
+            "PPO {} to {}, SAC {} to {}; `rule_based` falls by half ({} to {})",
+            lambda: (
+                *range_of("penalty", "ppo"),
+                *range_of("penalty", "sac"),
+                *(mean("rule_based", level, "penalty") for level in (0, 30)),
+            ),
+        ),
+        (
+            "spends {} EUR/m² on lamps and {} EUR/m² on CO2, and sells for {} EUR/m²",
+            lambda: tuple(mean("rule_based", 0, metric) for metric in ("cost_electricity", "cost_co2", "revenue")),
+        ),
+        (
+            "spends as much on heat ({} EUR/m²), and still sells for {} EUR/m²",
+            lambda: (mean("ppo", 0, "cost_heat"), mean("ppo", 0, "revenue")),
+        ),
+        (
+            "it saves {} EUR/m² of electricity, loses {} EUR/m² of revenue, spends {} EUR/m² more on heat, and earns {} more reward",
+            lambda: (
+                gain("rule_based", "rule_based_unlit", 0, "cost_electricity"),
+                gain("rule_based", "rule_based_unlit", 0, "revenue"),
+                gain("rule_based_unlit", "rule_based", 0, "cost_heat"),
+                gain("rule_based_unlit", "rule_based", 0, "reward"),
+            ),
+        ),
+        ("the {} by which PPO leads", lambda: gain("ppo", "rule_based", 0, "reward")),
+        ("At {} EUR/kWh light", lambda: TASK.prices.electricity),
+        (
+            "beats it at every level, by {} to {}, and so does every training of SAC, by {} to {}.",
+            lambda: (
+                *low_high(each_training("ppo", above="rule_based_unlit")),
+                *low_high(each_training("sac", above="rule_based_unlit")),
+            ),
+        ),
+        (
+            "a higher EPI than every PPO ({} EUR/m² against {} to {})",
+            lambda: (
+                mean("rule_based_unlit", 0, "epi"),
+                *low_high([mean(agent, 0, "epi") for agent in trainings("ppo", 0)]),
+            ),
+        ),
+        (
+            "a penalty of {} without uncertainty, the lit ones {} (their air is too humid in {} of the {} hours",
+            lambda: (
+                mean("rule_based_unlit", 0, "penalty"),
+                mean("rule_based", 0, "penalty"),
+                mean("rule_based", 0, "hours_relative_humidity_high"),
+                mean("rule_based", 0, "hours_outside_limits"),
+            ),
+        ),
+        ("somewhat too cold ({} h)", lambda: mean("ppo", 0, "hours_air_temperature_low")),
+        ("too humid ({} h) where", lambda: mean("ppo", 0, "hours_relative_humidity_high")),
+        ("`do_nothing` sells for {} to {} EUR/m²", lambda: low_high(over_levels("do_nothing", "epi"))),
+        ("`sac` ends with {} to {}.", lambda: low_high([mean_of_trainings("sac", level, "epi") for level in LEVELS])),
+        ("{} times the EPI, plus {}, minus the penalty", reward_of_epi),
+        (
+            "is worth {} points, and `do_nothing` loses {}",
+            lambda: (reward_of_epi()[0], mean("do_nothing", 0, "penalty")),
+        ),
+        (
+            "(seed 0: {} EUR/m² each without uncertainty) and heats more ({} EUR/m²)",
+            lambda: (mean("sac", 0, "cost_electricity"), mean("sac", 0, "cost_heat")),
+        ),
+        (
+            "fewer hours ({} against {})",
+            lambda: (mean("sac", 0, "hours_outside_limits"), mean("ppo", 0, "hours_outside_limits")),
+        ),
+        ("takes {} gradient steps, PPO {},", lambda: (sac_gradient_steps(), ppo_gradient_steps())),
+        (
+            "revenue falls from {} to {} EUR/m²",
+            lambda: (mean("rule_based", 0, "revenue"), mean("rule_based", 30, "revenue")),
+        ),
+        ("a standard deviation of {} to {} (δ", lambda: low_high(deviations())),
+        ("lie {} to {} apart. `recording`", lambda: low_high([*spread("ppo"), *spread("sac")])),
+        ("On the default task it earns {}, as much", lambda: mean("recording", 10)),
+        ("`ppo_tuned` itself ({})", lambda: mean("ppo_tuned", 10)),
+        ("CO2 costs it {} EUR/m².", lambda: mean("ppo", 10, "cost_co2")),
+        ("a discount of {} a step", lambda: settings("ppo")["gamma"]),
+        (
+            "{} seasons, {} million steps, {} minutes on one core",
+            lambda: (tuned_steps() / TASK.steps, tuned_steps() / 1e6, minutes("ppo_tuned", 10)),
+        ),
+        (
+            "At 10 % it earns {} (that PPO {}) and an EPI of {} EUR/m² ({})",
+            lambda: tuple(mean(agent, 10, metric) for metric in ("reward", "epi") for agent in ("ppo_tuned", "ppo")),
+        ),
+        (
+            "{} EUR/m² of CO2 bring {} EUR/m² of fruit",
+            lambda: (gain("ppo_tuned", "ppo", 10, "cost_co2"), gain("ppo_tuned", "ppo", 10, "revenue")),
+        ),
+        (
+            "by {} (30 %) to {} (5 %)",
+            lambda: (gain("ppo_tuned", "ppo", 30, "reward"), gain("ppo_tuned", "ppo", 5, "reward")),
+        ),
+        ("too humid for {} h, and", lambda: mean("ppo_tuned", 0, "hours_relative_humidity_high")),
+        (
+            "its budget is {} times",
+            lambda: (tuned_steps() + card("ppo", 10)["training"]["steps"]) / card("ppo", 10)["training"]["steps"],
+        ),
+        (
+            "Three trainings of PPO lie {} to {} apart in reward, three of SAC {} to {}:",
+            lambda: (*low_high(spread("ppo")), *low_high(spread("sac"))),
+        ),
+        ("(by at least {})", lambda: min(each_training("sac", above="rule_based_unlit"))),
+        (
+            "(the others have {} to {} EUR/m²)",
+            lambda: low_high([mean(f"sac_seed{k}", level, "epi") for k in (1, 2) for level in (0, 10, 30)]),
+        ),
+        (
+            "({} and {} EUR/m² against {})",
+            lambda: tuple(mean(agent, 10, "epi") for agent in ("ppo_seed2", "ppo_seed1", "rule_based_unlit")),
+        ),
+        ("({} values, no forecast)", lambda: len(TASK.observed())),
+        ("rollouts of {} steps, hence {} in all", lambda: (ppo_rollout(), card("ppo", 0)["training"]["steps"])),
+        (
+            "{} with the one (`baselines/ppo/training/delta00.toml`), and the same policy scores {} with the other",
+            lambda: (card("ppo", 0)["best"]["reward"], mean("ppo", 0)),
+        ),
+        (
+            "took {} minutes on a core of its own (`baselines/ppo/training/delta30.toml`): {} % of the training time",
+            lambda: (minutes("ppo", 30), share("ppo", 30, "learning")),
+        ),
+        ("two networks, {} % into", lambda: share("ppo", 30, "policy")),
+        ("bookkeeping, {} % into", lambda: share("ppo", 30, "simulator")),
+        (
+            "{} ms for each of its {} gradient steps",
+            lambda: (1000 * card("ppo", 30)["wall_seconds"]["learning"] / ppo_gradient_steps(), ppo_gradient_steps()),
+        ),
+        (
+            "SAC took {} to {} minutes where the core was its own (`baselines/sac_seed1/training/`, "
+            "`baselines/sac_seed2/training/`), {} to {} where",
+            lambda: (*sac_minutes(alone=True), *sac_minutes(alone=False)),
+        ),
+        (
+            "{} to {} % of the time went into its {} gradient steps",
+            lambda: (*sac_learning_share(), sac_gradient_steps()),
+        ),
+    ],
+    "docs/architecture.md": [
+        ("differ by less than {} as equal", lambda: RESOLUTION),
+        ("({} resamples, fixed seed)", lambda: RESAMPLES),
+    ],
+    "docs/kernel.md": [
+        ("backend {} times as fast as `reference`", lambda: us("step/reference/walk") / us("step/standard/walk")),
+        ("after {} the row fails", lambda: SUBSTEP_LIMIT),
+        ("over the {} known steps", lambda: len(known_steps(300).x)),
+        ("| `casadi`, `reference` | {} | {} |", lambda: errors("casadi", "reference")[:2]),
+        ("| `cvodes`, `reference` | {} | {} |", lambda: errors("cvodes", "reference")[:2]),
+        ("benchmark was published | {} | {} |", lambda: errors("published", "")[:2]),
+    ],
+    "docs/kernel-compiled.md": [
+        ("sparse forward differentiation: {} nonzeros", lambda: operations()["NONZEROS"]),
+        ("fill-in ({} entries)", lambda: operations()["FACTORS"] - operations()["NONZEROS"]),
+        (
+            "has {} products, {} reciprocals, {} exponentials, {} powers and {} roots",
+            lambda: tuple(operations()[name] for name in ("mul", "inv", "exp16", "pow16", "sqrt")),
+        ),
+        ("enters the last {} s of", lambda: PRESETS["standard"].last_stretch),
+        ("exp(-2 t/{} s)", lambda: PRESETS["standard"].memory),
+        ("by {} (`reference`: {};", lambda: (PRESETS["standard"].guard, PRESETS["reference"].guard)),
+        *(
+            (
+                f"| `{name}` | {preset.method} | {{}} | {{}} s | – | {{}} |",
+                lambda preset=preset: (preset.relative, preset.first_substep, preset.forgotten),
+            )
+            for name, preset in PRESETS.items()
+            if preset.method == "Rodas4P2"
+        ),
+        *(
+            (
+                f"| `{name}` | {preset.method} | {{}} | {{}} s | {{}} s | {{}} |",
+                lambda preset=preset: (preset.relative, preset.first_substep, preset.last_stretch, preset.forgotten),
+            )
+            for name, preset in PRESETS.items()
+            if preset.method == "GRK4T"
+        ),
+        ("errors up to {} times those", worst_of_fast),
+        (
+            "after {} substeps, or when a substep would be shorter than {} s",
+            lambda: (LARGEST_SUBSTEPS, SMALLEST_SUBSTEP),
+        ),
+        ("Substeps a step: `standard` {} and {}, `fast` {} and {}.", substeps),
+        ("| CVODES 1e-6 | {} | {} | {} |", lambda: errors("published", "")),
+        *((f"| `{name}` | {{}} | {{}} | {{}} |", lambda name=name: compiled_errors(name)) for name in PRESETS),
+        *(
+            (
+                f"| `{name}`, {title} | {{}} | {{}} | {{}} | {{}} |",
+                lambda name=name, group=group: speeds(f"{group}/{name}"),
+            )
+            for name in ("standard", "fast", "reference")
+            for group, title in (("step", "one environment"), ("batch", "batch of 512"))
+        ),
+        ("A batch costs {}, {} and {} us", lambda: (batch(64), batch(512), batch(4096))),
+        ("step 4,096 rows {} times as fast as one", threads),
+        ("(measured with everything around it: {} s, {} MB)", first_use),
+    ],
+    "docs/adr/0007-privileged-baseline-and-fair-twin.md": [
+        (
+            f"| {family}-Delta{level:02d}-v1 | {{}} | {{}} | {{}} | {{}} |",
+            lambda family=family, level=level: tuple(
+                mean(agent, level, metric, family)
+                for agent in ("rule_based", "rule_based_fair")
+                for metric in ("epi", "reward")
+            ),
+        )
+        for family in ("Schiphol2010", "Schiphol2010Code")
+        for level in (0, 10)
+    ],
+    "docs/environment.md": [
+        *(
+            (
+                f"| `{name}` | {purpose} | {{}} | {{}} |",
+                lambda name=name: (us(f"step/{name}/walk"), us(f"batch/{name}/walk")),
+            )
+            for name, purpose in (
+                ("reference", "scores: evaluations always use it; the default"),
+                (
+                    "standard",
+                    "training, accurate: no less accurate than CVODES at 1e-6, which the benchmark's paper used",
+                ),
+                ("fast", "training, quick trials"),
+            )
+        ),
+        ("takes {} us with the default and {} us with", lambda: (us("env/reference"), us("env/standard"))),
+        (
+            "a row takes {} us with 8 rows and {} us with 512, {} and {} times less",
+            lambda: (
+                us("vector/8"),
+                us("vector/512"),
+                us("env/reference") / us("vector/8"),
+                us("env/reference") / us("vector/512"),
+            ),
+        ),
+        (
+            "benchmark's prices {} and {} EUR m-2 a step",
+            lambda: (make_accounts(TASK).lowest_epi, make_accounts(TASK).highest_epi),
+        ),
+    ],
+    "docs/nomenclature.md": [
+        (
+            "delivers {} W m-2 of boiler heat, {} mg m-2 s-1 of CO2 and light for {} W m-2",
+            full_use,
+        ),
+    ],
+    "docs/statistics.md": [
+        (
+            "(of {}, the middle {})",
+            lambda: (TASK.evaluation.runs, TASK.evaluation.runs - 2 * (TASK.evaluation.runs // 4)),
+        ),
+        ("of one training, {} resamples", lambda: RESAMPLES),
+        ("Differences of the reward up to {} count as none", lambda: RESOLUTION),
+    ],
+    "docs/submit.md": [
+        ("Doing nothing without breaking a limit gives {} a step", lambda: reward_of_epi()[1] / TASK.steps),
+        ("counts {}, far below", lambda: TASK.evaluation.failed_step.reward),
+        ("keeps a crop (about +{})", lambda: mean("rule_based_fair", 10) / TASK.steps),
+    ],
+    "docs/tasks.md": [
+        ("from {} to +{} % at `Code-Delta20`", quotient_of_two_draws),
+        (
+            "fruit's dry mass / {} x {} EUR kg-1",
+            lambda: (TASK.prices.dry_matter_content, TASK.prices.fruit),
+        ),
+        (
+            "count as reward {}, EPI {} EUR m-2, penalty {} (neither",
+            lambda: (
+                TASK.evaluation.failed_step.reward,
+                TASK.evaluation.failed_step.epi,
+                TASK.evaluation.failed_step.penalty,
+            ),
+        ),
+    ],
+    "docs/training.md": [
+        ("| `n_timesteps` | {} |", lambda: settings("ppo")["n_timesteps"]),
+        ("learns after every {} steps, so 20,000 become {}", lambda: (ppo_rollout(), 2 * ppo_rollout())),
+        ("eight seasons are {} of 2 million", lambda: settings("ppo")["n_envs"] * TASK.steps),
+        ("used seeds {} to", lambda: card("ppo", 10)["best"]["evaluation_seeds"][0]),
+        ("to {}, and the search for", lambda: card("ppo", 10)["best"]["evaluation_seeds"][-1]),
+        *((f"| `{agent}` | {{}} |", lambda agent=agent: mean(agent, 10)) for agent in ("ppo", "sac", "ppo_tuned")),
+    ],
+    "docs/weather.md": [
+        ("31 December 2012, {} hours", lambda: load_weather("schiphol").hours),
+    ],
+}
+
+EVERYWHERE = [
+    f"{TASK.steps:,} steps",
+    f"{TASK.steps} steps",
+    f"{TASK.step_seconds:g} s",
+]
+"""Phrases made of the default task, right wherever they stand."""
+
+ALLOWED: dict[str, list[tuple[str, str]]] = {
+    "README.md": [
+        ("every 15 minutes", "definition: the control step"),
+        ("from 0 to 30 %", "definition: the levels"),
+        ("Python 3.11 or newer", "definition: pyproject.toml"),
+        ("to 1e-9 at every reference point", "tests/model/test_reference.py holds it"),
+        ("a control step is accurate to 1e-6", "tests/kernel/test_accuracy.py holds it"),
+    ],
+    "docs/reproduction.md": [
+        ("for δ from 0 to 30 %", "definition: the levels"),
+        ("at 0, 10 and 30 %", "definition: the levels"),
+        ("An EPI of 1 EUR/m²", "definition: a unit"),
+        ("every 15 minutes", "definition: the control step"),
+        ("δ from 5 to 30 %", "definition: the levels"),
+        *(
+            (words, "definition: the levels")
+            for words in ("At 10 %", "at 10 %", "At 30 %", "at 30 %", "(30 %)", "(5 %)", "at 15 and 25 %")
+        ),
+        ("near -5 EUR/m²", "source: the paper"),
+        ("(10000)", "definition: the seed of the recording"),
+        ("5,761", "source: the published code"),
+        ("12 hours", "source: the published code"),
+    ],
+    "docs/architecture.md": [
+        ("One step then agrees to about 1e-9", "tests/kernel_compiled/test_stepping.py, to the tolerance of both"),
+        ("to the last bit or to 1e-9", "definition: glbench.verification"),
+        ("95 % percentile bootstrap", "definition"),
+    ],
+    "docs/kernel.md": [
+        ("1000 mg m⁻³ of CO2, 1000 Pa", "definition: STATE_SCALE"),
+        ("at 1e-6", "definition: a tolerance"),
+        ("by Radau IIA at 1e-12", "definition: tests/golden/kernel_steps.md"),
+        ("steps in summer then exceed 1e-6", "a limit, not a measurement"),
+        *(
+            (cell, "definition: a tolerance")
+            for cell in ("| 1e-6 ", "| 1e-7 ", "| 1e-9 ", "| 1e-11 ", "| 1e-10 ", "| 1e-12 ")
+        ),
+        ("one step of 300 s", "definition: the length of a step"),
+        ("at 300 s", "definition: the length of a step"),
+    ],
+    "docs/kernel-compiled.md": [
+        ("A(89.3°)-stable and leaves 0.45", "source: Kaps and Rentrop"),
+        ("gamma 0.57", "source: Hairer and Wanner"),
+        ("small = 0.1 K", "definition: tolerances.py"),
+        ("to 1e-6", "definition: a limit that tests/kernel_compiled/test_stepping.py holds"),
+        ("at 1e-6", "definition: a tolerance"),
+        ("atol = 1e-6", "definition: a tolerance"),
+        ("above 1e-6", "definition: a limit"),
+        ("CVODES 1e-6", "definition: a tolerance"),
+        ("tolerance of 1e-10", "definition: a tolerance"),
+        ("at most 0.1 a step", "definition: the controls that walk"),
+        ("one step of 300 s", "definition: the length of a step"),
+        (
+            "2^(t/16) within 1.1 ulp, powers as in convection within 3 ulp for bases between 0.01",
+            "tests/kernel_compiled/test_math.py holds it",
+        ),
+        ("is shortened to 0.8", "definition: native/rosenbrock.hpp"),
+        ("and 4,096 rows", "the batches of docs/speed.md"),
+        ("step 4,096 rows", "the batches of docs/speed.md"),
+    ],
+    "docs/sensitivities.md": [
+        ("transposes of each other to 1e-10", "tests/kernel_compiled/test_sensitivities.py holds it"),
+        (
+            "in one coarse substep agrees with finite differences to 1e-5",
+            "tests/kernel_compiled/test_sensitivities.py holds it",
+        ),
+        ("A step of 5 s", "definition: the length of a step"),
+        (
+            "to 1e-4, and `tight` with finite differences of itself to 1e-5",
+            "tests/kernel_compiled/test_sensitivities.py holds it",
+        ),
+        ("a profit of 0.16 EUR", "tests/kernel/test_sensitivities_page.py computes it"),
+    ],
+    "docs/speed.md": [
+        ("steps of 300 s", "definition: the length of a step"),
+        ("more than 1,800 steps", "source: the paper of GreenLight-Gym"),
+        ("tolerance 1e-6", "definition: a tolerance"),
+        ("(1e-6 a step)", "tests/kernel/test_accuracy.py holds it"),
+        ("at 1e-6", "definition: a tolerance"),
+        ("at most 0.1 a step", "definition: the controls that walk"),
+    ],
+    "docs/scale.md": [("up to 3 times", "definition: engines/ray.py")],
+    "docs/viewing.md": [("24 h mean temperature", "definition: a quantity")],
+    "docs/environment.md": [
+        ("by more than 1e-6 raises", "definition: glbench/env/actuation.py"),
+        ("Within 1e-6 (rounding", "definition: glbench/env/actuation.py"),
+        ("CVODES at 1e-6", "definition: a tolerance"),
+        ("at 100 % first", "definition: an observation"),
+        ("shows 100 %", "definition: an observation"),
+        ("With the limit of 85 % a violation is thus at most 15 %", "definition: the default task"),
+        ("within its 15 minutes", "definition: the default task"),
+    ],
+    "docs/episodes.md": [
+        ("Above 512 MB", "definition: glbench/episodes/recorder.py"),
+        ("at most 128 MiB or 32 times", "definition: glbench/episodes/mcap_scan.py"),
+    ],
+    "docs/nomenclature.md": [
+        ("averaged over about 24 h", "definition: a state of the model"),
+        ("absorb up to 1.031", "tests/model/test_optics.py holds it"),
+        ("1.028 at the start of the published tasks, where it is 0.89", "tests/model/test_optics.py holds it"),
+    ],
+    "docs/report.md": [
+        ("95 % intervals", "definition"),
+        ("2,000 samples", "definition: the page's script"),
+        ("narrower than 0.01 are left out", "definition: what the page shows"),
+        ("shown as 0 or 100 %", "definition: what the page shows"),
+        ("at least 15 minutes", "definition: glbench/evaluation/profiles"),
+        ("the 5, 25, 50, 75 and 95 % quantiles", "definition: glbench/evaluation/profiles"),
+        ("1/3000", "definition: glbench/report/packing.py"),
+        ("a desk of 1250", "definition: tests/report/test_browser.py"),
+    ],
+    "docs/results.md": [
+        ("10 s a decision, 2 h for all decisions", "definition: the default time limits"),
+        ("have 300 s", "definition: the default time limits"),
+        ("(at most 10,000)", "definition: glbench/tasks/spec.py"),
+        ("ISO 8601", "the name of a standard"),
+        ("RFC 8785", "the name of a standard"),
+    ],
+    "docs/statistics.md": [
+        ("95 % interval", "definition"),
+        ("Intervals of the others are 95 %", "definition"),
+        ("narrower than 0.01", "definition: what the tables show"),
+        ('above 0.99 is written ">0.99"', "definition: what the tables show"),
+        ("corrected together (Holm 1979), at 5 %", "definition: glbench/leaderboard/comparisons.py"),
+        ("at 5 % or below", "source: Holm (1979)"),
+    ],
+    "docs/submit.md": [
+        ("within 20 seconds", "definition: the time limit of the check"),
+        ("(0.1 of its range) a step of 15 minutes", "definition: the default task"),
+        ("longer than 10 s for one decision", "definition: the default time limits"),
+        ("4 GiB of memory, 128 processes and threads, or 1,024 open files", "definition: the sandbox's limits"),
+        ("256 MiB in `/tmp`", "definition: the sandbox's limits"),
+        ("at most 512 MiB in 10,000 files", "definition: the limits of a submission"),
+    ],
+    "docs/tasks.md": [
+        ("steps of 15 minutes", "definition: the default task"),
+        ("15 degC, 2500 ppm and 15 %", "definition: the default task"),
+        ("1 to 3660", "definition: glbench/tasks/spec.py"),
+        ("1900 to 2199", "definition: glbench/tasks/spec.py"),
+        ("relative tolerance of 1e-9", "definition: glbench/tasks/behaviour.py"),
+        ("60 to 3600", "definition: glbench/tasks/spec.py"),
+        ("Default: 300, 10 and 7200 s", "definition: the default time limits"),
+        ("(24 h)", "definition: an observation"),
+        ("RFC 8785", "the name of a standard"),
+    ],
+    "docs/threat-model.md": [
+        ("`/tmp` of 256 MiB and a `/dev/shm` of 64 MiB", "definition: the sandbox's limits"),
+        ("at 512 MiB in all", "definition: the limits of a submission"),
+        ("and 65,536 files", "definition: the sandbox's limits"),
+        ("4 GiB of address space a process, and 4 GiB for", "definition: the sandbox's limits"),
+        ("every 0.2 s", "definition: the sandbox's limits"),
+        ("by 1,024 of the first two in all processes together and 65,536", "definition: the sandbox's limits"),
+        (
+            "more than 512 MiB (sparse files at their full size) or 10,000 files, or 100,000 names",
+            "definition: the limits of a submission",
+        ),
+        (
+            "10 s for a decision of one run, 2 h for all decisions of a run, 300 s",
+            "definition: the default time limits",
+        ),
+        ("one process of 4 GiB", "definition: the sandbox's limits"),
+        ("Linux 5.14", "definition: a version"),
+        ("bubblewrap 0.7", "definition: a version"),
+        ("Ubuntu 24.04", "definition: a version"),
+    ],
+    "docs/training.md": [
+        ("to 1e-6", "tests/training/test_export.py holds it"),
+        ("so 20,000 become", "an example"),
+        ("`ppo_tuned` seeds from 20,000 on", "baselines/ppo_tuned/card.toml says it"),
+        ("from 10,000,000,000 on", "definition: glbench/training/settings.py"),
+        ("from 20,000,000,000 on", "definition: glbench/training/settings.py"),
+        ("from 30,000,000,000 on", "definition: glbench/training/season_search.py"),
+        ("below 4,294,977,295", "definition: glbench/tasks/spec.py"),
+        ("at most 10,000 runs", "definition: glbench/tasks/spec.py"),
+        ("| `first_env_seed` | 10,000,000,000 |", "definition: glbench/training/settings.py"),
+        ("| `evaluation` | 100,000; 4; 20,000,000,000 |", "definition: glbench/training/settings.py"),
+        ("a standard deviation of 0.003 ppm", "the weights of the shipped policies hold it"),
+        *((cell, "the page shows the code that measures it") for cell in ("| 3,174 |", "| 3,466 |")),
+        ("| `sigma` | 0.08 |", "definition: glbench/training/season_search.py"),
+        ("| `first_seed` | 30,000,000,000 |", "definition: glbench/training/season_search.py"),
+        ("| 4,000,000; 4; 20,000,000,000 |", "definition: glbench/training/season_search.py"),
+    ],
+    "docs/verification.md": [
+        *(
+            (words, "definition: glbench/verification")
+            for words in ("within 1e-9", "by 1e-9", "to 1e-9", "most 1e-9", "to 1e-3")
+        ),
+        ("| 32 MiB;", "definition: the limits of files from elsewhere"),
+        ("| 2 GiB; expands to at most 128 MiB or 32 times", "definition: the limits of files from elsewhere"),
+        ("| 24 MiB, also", "definition: the limits of files from elsewhere"),
+        ("| 1 MiB |", "definition: the limits of files from elsewhere"),
+    ],
+    "docs/weather.md": [
+        ("52.318° N, 4.790° E, −3.3 m", "source: KNMI"),
+        ("0 … 1500", "definition: the range that is accepted"),
+        ("0.001 degC, 0.001 %, 0.001 m/s", "definition: the canonical record"),
+        ("ISO 8601", "the name of a standard"),
+        ("[adr/0003]", "the name of a file"),
+        *(
+            (words, "definition: how disturbances are made")
+            for words in ("linear to 5 min", "than 5 min", "ramps of 1 h")
+        ),
+        ("0.625 *Y*", "definition: how disturbances are made"),
+        ("(*x* − 0.5)", "definition: how disturbances are made"),
+        ("fixed at 67 s", "definition: how disturbances are made"),
+        ("= 0.61078 exp(17.2694 *T*/(*T* + 238.3))", "source: the GreenLight model"),
+        ("2.3 µmol of photons", "source: Vanthoor (2011)"),
+        ("with 4.6 µmol J⁻¹ (Vanthoor 2011, tables 8.1 and 9.1)", "source: Vanthoor (2011)"),
+        ("(1361 W", "definition: how disturbances are made"),
+        ("every 5 minutes", "definition: how disturbances are made"),
+        ("(1e-14 relative)", "tests/weather/test_conserving.py holds it"),
+        ("can reach 100.5 %", "a property of the shipped record"),
+    ],
+}

@@ -1,0 +1,23 @@
+"""Tables and pictures that a script makes are what it makes today."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from docs import accuracy_table, speed_figure
+from glbench.speed import read_record
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+MEASUREMENTS = DOCS / "measurements"
+
+
+def test_the_page_of_speed_holds_the_measurements() -> None:
+    record = read_record(MEASUREMENTS / "speed.json")
+    page = (DOCS / "speed.md").read_text(encoding="utf-8")
+    assert speed_figure.filled(page, record) == page
+    assert speed_figure.picture(record) == (DOCS / "images" / "speed.svg").read_text(encoding="utf-8")
+
+
+def test_the_table_of_accuracy_holds_the_measurement() -> None:
+    page = (DOCS / "kernel-compiled.md").read_text(encoding="utf-8")
+    assert accuracy_table.filled(page, (MEASUREMENTS / "accuracy.txt").read_text(encoding="utf-8")) == page
