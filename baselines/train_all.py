@@ -27,7 +27,7 @@ from glbench.training import CurvePoint, Progress, read_settings, train
 from glbench.training.card import CARD, POLICY, read_card, settings_digest, to_toml
 from glbench.training.curve import CURVE
 from glbench.training.run import export_best
-from glbench.training.season_search import read_season_search, search
+from glbench.training.season_search import SearchSettings, read_season_search, search
 from glbench.training.settings import PAPER
 
 HERE = Path(__file__).resolve().parent
@@ -56,7 +56,7 @@ class Job:
 
     @property
     def agent(self) -> str:
-        """Baseline that the policy belongs to."""
+        """Baseline that the policy belongs to: the leaderboard shows ``ppo``, ``ppo_seed1``, ... as trainings of one entry."""
         return self.recipe if self.seed == 0 else f"{self.recipe}_seed{self.seed}"
 
     @property
@@ -137,15 +137,22 @@ def _train(job: Job, folder: Path) -> None:
         settings = read_settings(job.settings, job.recipe, task.id)
         trained = train(task, settings, folder, seed=job.seed, resume=True, listeners=listeners)
     else:
-        trained = search(
-            task, read_season_search(job.settings, task.id), folder, seed=job.seed, resume=True, listeners=listeners
-        )
+        sought = _search_settings(job, task.id, folder.parent)
+        trained = search(task, sought, folder, seed=job.seed, resume=True, listeners=listeners)
     if not trained.already_done:
         log.info("%s: done, best reward %.1f at %d steps", job.name, trained.best_reward, trained.best_steps)
+    if not trained.learnt:
+        log.warning("%s: nothing was learnt: no policy was better than the one that it began with", job.name)
+
+
+def _search_settings(job: Job, task_id: str, trainings: Path) -> SearchSettings:
+    """Settings of a search, which starts from PPO as trained in ``trainings``, or as shipped when it was not trained there."""
+    trained = trainings / Job("ppo", job.level, job.seed).name / POLICY
+    return read_season_search(job.settings, task_id, trained if trained.is_file() else None)
 
 
 def _ship(job: Job, folder: Path) -> None:
-    """Copy what people and evaluations need of a finished training to its baseline."""
+    """Copy what people and evaluations need of a finished training to its baseline; one that learnt nothing stays out."""
     if _state(job, folder) != "done":
         return
     if not (folder / POLICY).is_file():
@@ -185,11 +192,15 @@ def _state(job: Job, folder: Path) -> str:
         settings = read_settings(job.settings, job.recipe, task.id)
         digest, wanted, reached = settings_digest(settings), settings.n_timesteps, card["training"]["steps"]
     else:
-        sought = read_season_search(job.settings, task.id)
+        sought = _search_settings(job, task.id, folder.parent)
         digest, wanted, reached = sought.digest, sought.generations, card["training"]["generations"]
     found = card["task"]["digest"], card["training"]["settings_digest"], card["training"]["seed"]
     same = found == (task.digest, digest, job.seed)
-    return "another training" if not same else "done" if reached >= wanted else "begun"
+    if not same:
+        return "another training"
+    if reached < wanted:
+        return "begun"
+    return "done" if card["best"]["learnt"] else "nothing learnt"
 
 
 if __name__ == "__main__":

@@ -15,13 +15,15 @@ from glbench.resources import data_folder
 
 LOCK_NAME = "lock.toml"
 REFERENCES_NAME = "references.toml"
+BEHAVIOUR_NAME = "behaviour.toml"
 ENTRY_POINT = "glbench.env:GreenhouseEnv"
 VECTOR_ENTRY_POINT = "glbench.env:GreenhouseVectorEnv"
 
 
 def task_files() -> list[Path]:
     """Files of the shipped tasks, in the order of their names."""
-    return sorted(path for path in data_folder("tasks").glob("*.toml") if path.name not in {LOCK_NAME, REFERENCES_NAME})
+    others = {LOCK_NAME, REFERENCES_NAME, BEHAVIOUR_NAME}
+    return sorted(path for path in data_folder("tasks").glob("*.toml") if path.name not in others)
 
 
 def task_ids() -> dict[str, Path]:

@@ -33,6 +33,11 @@ def data_folder(name: DataFolder) -> Path:
     raise GlbenchError(msg)
 
 
+def is_released(path: Path) -> bool:
+    """Whether ``path`` is one of the results that came with glbench: read-only data, renewed by a release alone."""
+    return path.resolve().is_relative_to(data_folder("reports/released/results").resolve())
+
+
 def user_data_folder() -> Path:
     """Folder for data the user adds (imported weather); ``GLBENCH_DATA`` overrides the platform's default.
 

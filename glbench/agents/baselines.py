@@ -25,8 +25,11 @@ from glbench.resources import data_folder, sha256_of_files
 
 if TYPE_CHECKING:
     from glbench.agents.network_agent import PolicyFiles
+    from glbench.agents.recording import Recording
     from glbench.agents.rule_settings import RuleSettings
     from glbench.tasks import TaskCard
+
+    Settings = RuleSettings | PolicyFiles | Recording
 
 _HERE = Path(__file__).resolve().parent
 _SAVED_MODEL = "best/model.zip"
@@ -46,12 +49,12 @@ class _Controller:
     maker: tuple[str, str]
     modules: tuple[str, ...]
 
-    def read(self, place: Path) -> RuleSettings | PolicyFiles:
-        """Read what the card calls the controller's settings: rules from YAML, or trained policies."""
-        settings: RuleSettings | PolicyFiles = _found(self.reader)(place)
+    def read(self, place: Path) -> Settings:
+        """Read what the card calls the controller's settings: rules from YAML, trained policies, or recorded actions."""
+        settings: Settings = _found(self.reader)(place)
         return settings
 
-    def make(self, settings: RuleSettings | PolicyFiles) -> Agent | PrivilegedController:
+    def make(self, settings: Settings) -> Agent | PrivilegedController:
         """A new controller with these settings.
 
         Raises
@@ -101,6 +104,13 @@ _CONTROLLERS = {
         maker=("network_agent", "NetworkAgent"),
         modules=("exact_math.py", "network_policy.py", "network_agent.py"),
     ),
+    "recording": _Controller(
+        privileged=False,
+        information="nothing: replays recorded actions",
+        reader=("recording", "read_recording"),
+        maker=("recording", "RecordingAgent"),
+        modules=("recording.py",),
+    ),
 }
 
 
@@ -113,7 +123,7 @@ class Card(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     title: str
-    controller: Literal["rule_based", "rule_based_fair", "network"]
+    controller: Literal["rule_based", "rule_based_fair", "network", "recording"]
     settings: str
     description: str
     made: str
@@ -125,7 +135,7 @@ class Baseline:
     """A baseline read from its folder."""
 
     card: Card
-    settings: RuleSettings | PolicyFiles
+    settings: Settings
     digest: str
     """SHA-256 (hex) over the controller's name, its settings and its modules. The card's words may change."""
 

@@ -13,9 +13,13 @@ from typing import Annotated, Any, Literal, Self, get_args
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from glbench.errors import SubmissionError, did_you_mean
+from glbench.untrusted import LARGEST_INTEGER, quoted, read_regular
 
 _LARGEST_CARD = 64 * 1024
-_LONGEST_QUOTE = 80
+_LONGEST_KEY = 80
+_MOST_DOTS = 500
+"""Dots of a line: reading a key takes a time that grows with the square of its parts."""
+_MOST_ITEMS = 10_000
 Information = Literal["observations", "forecast", "weather", "model", "privileged"]
 INFORMATION: dict[Information, str] = {
     "observations": "observations and the public task card",
@@ -45,8 +49,10 @@ _HARMLESS = "\n\t\u200c\u200d"
 """Ends of lines and tabulators, and the joiners that some scripts are written with."""
 Shown = Annotated[str, AfterValidator(_shown_as_written)]
 Words = Annotated[Shown, Field(min_length=1, max_length=200)]
-Names = Annotated[tuple[Words, ...], BeforeValidator(_as_tuple)]
-Numbers = Annotated[tuple[float, ...], BeforeValidator(_as_tuple)]
+Names = Annotated[tuple[Words, ...], BeforeValidator(_as_tuple), Field(max_length=100)]
+Number = Annotated[float, Field(ge=-1e30, le=1e30)]
+Numbers = Annotated[tuple[Number, ...], BeforeValidator(_as_tuple), Field(max_length=_MOST_ITEMS)]
+Count = Annotated[int, Field(ge=0, le=LARGEST_INTEGER)]
 FileName = Annotated[Shown, Field(pattern=r"^[^/\\.][^\\]*$", max_length=200)]
 
 
@@ -59,8 +65,8 @@ class _Table(BaseModel):
 class Training(_Table):
     """What the training cost: ``steps`` are control steps of all environments together, ``wall_hours`` is in hours."""
 
-    steps: Annotated[int, Field(ge=0)] | None = None
-    wall_hours: Annotated[float, Field(ge=0, strict=False)] | None = None
+    steps: Count | None = None
+    wall_hours: Annotated[float, Field(ge=0, le=1e9, strict=False)] | None = None
     hardware: Words | None = None
     tasks: Names = ()
 
@@ -70,7 +76,7 @@ class Normalisation(_Table):
 
     mean: Numbers
     std: Numbers
-    clip: Annotated[float, Field(gt=0, strict=False)] | None = None
+    clip: Annotated[float, Field(gt=0, le=1e30, strict=False)] | None = None
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -91,9 +97,11 @@ class SubmissionCard(_Table):
     licence: Words
     link: Annotated[Shown, Field(pattern=r"^https?://\S+$", max_length=500)] | None = None
     description: Annotated[Shown, Field(max_length=4000)] = ""
-    information: Annotated[tuple[Information, ...], BeforeValidator(_as_tuple), Field(min_length=1)]
+    information: Annotated[
+        tuple[Information, ...], BeforeValidator(_as_tuple), Field(min_length=1, max_length=len(INFORMATION))
+    ]
     algorithm: Words | None = None
-    seed: Annotated[int, Field(ge=0)] | None = None
+    seed: Count | None = None
     requires: Names = ()
     """Packages that the submission imports besides Python's own and numpy."""
     training: Training | None = None
@@ -137,12 +145,13 @@ def read_card(file: Path) -> SubmissionCard:
 def check_card(file: Path) -> tuple[SubmissionCard | None, list[str]]:
     """The card in ``file``, or ``None`` and everything that is wrong with it, one sentence each."""
     try:
-        if file.stat().st_size > _LARGEST_CARD:
-            return None, [f"it is larger than {_LARGEST_CARD // 1024} KiB, and holds a few lines where it is right"]
-        document = tomllib.loads(file.read_text(encoding="utf-8-sig"))
+        text = read_regular(file, _LARGEST_CARD).decode("utf-8-sig").replace("\r\n", "\n")
+        if any(line.count(".") > _MOST_DOTS for line in text.splitlines()):
+            return None, [f"it has a line with more than {_MOST_DOTS} dots, and no key of a card has two"]
+        document = tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as error:
         return None, [f"it cannot be read ({error})"]
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # tomllib's own, and Python's for an integer of thousands of digits
         return None, [f"it is no valid TOML ({error})"]
     except RecursionError:
         return None, ["it is no valid TOML (its tables or lists are nested without end)"]
@@ -173,23 +182,17 @@ _KEYS = {*SubmissionCard.model_fields, *Training.model_fields, *Normalisation.mo
 def _in_words(problem: Any, document: dict[str, Any]) -> str:
     """One problem of pydantic as a sentence with the key, what is wrong, and what it should look like."""
     place = [part for part in problem["loc"] if isinstance(part, int) or part in document or part in _KEYS]
-    where = ".".join(str(part) for part in place)
+    where = ".".join(str(part)[:_LONGEST_KEY] for part in place)
     key = next((str(part) for part in reversed(place) if not isinstance(part, int)), "")
     example = f", such as {key} = {_EXAMPLES[key]}" if key in _EXAMPLES else ""
     if problem["type"] == "missing":
         return f"'{problem['loc'][-1]}' is missing{example}"
     if problem["type"] == "extra_forbidden":
-        unknown = str(problem["loc"][-1])
-        return f"{_quoted(unknown)} is no key of a card.{did_you_mean(unknown, _KEYS)}".rstrip(".")
+        unknown = str(problem["loc"][-1])[:_LONGEST_KEY]
+        return f"{quoted(unknown)} is no key of a card.{did_you_mean(unknown, _KEYS)}".rstrip(".")
     if problem["type"] == "literal_error":
-        return f"'{where}' is {_quoted(problem['input'])}, expected one of {', '.join(get_args(Information))}"
+        return f"'{where}' is {quoted(problem['input'])}, expected one of {', '.join(get_args(Information))}"
     if problem["type"] == "value_error":
         said = str(problem["ctx"]["error"])
         return f"'{where}': {said}" if where else said
-    return f"'{where}' is {_quoted(problem['input'])}: {problem['msg'][:1].lower()}{problem['msg'][1:]}{example}"
-
-
-def _quoted(given: object) -> str:
-    """What was given as Python would write it, not too long."""
-    text = repr(given)
-    return text if len(text) <= _LONGEST_QUOTE else f"{text[: _LONGEST_QUOTE - 4]} ..."
+    return f"'{where}' is {quoted(problem['input'])}: {problem['msg'][:1].lower()}{problem['msg'][1:]}{example}"

@@ -18,14 +18,17 @@ The card is ``submission.toml`` in a folder, or ``anna.toml`` beside ``anna.py``
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from glbench.agents.contents import MOST_ENTRIES, check_file, check_sizes, digest_of, files_of_folder
 from glbench.agents.isolation import is_part_of_submission
 from glbench.errors import SubmissionError
-from glbench.resources import data_folder, sha256_of_files
+from glbench.resources import data_folder
 
 if TYPE_CHECKING:
     from glbench.agents.card import SubmissionCard
@@ -47,10 +50,6 @@ FORM_WORDS: dict[Form, str] = {
 }
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _LONGEST_NAME = 100
-_MIB = 2**20
-LARGEST_SUBMISSION = 512 * _MIB
-"""Size of all files of a submission together [bytes]."""
-MOST_FILES = 10_000
 EXPECTED = (
     f"A submission is a .py file with make_agent(task), a saved policy (.zip of Stable-Baselines3, .pt or .ts of TorchScript, .onnx), "
     f"or a folder with {AGENT_FILE} or a saved policy"
@@ -141,42 +140,37 @@ def read_identity(path: Path) -> Identity:
     """
     name = name_of(path)
     given, folder = path.resolve(), path.resolve() if path.is_dir() else None
-    card_file = find_card(given)
-    card = _card(card_file)
-    entry = _entry(folder, card) if folder is not None else given
-    form = _form(entry)
-    _check_card_fits(card, entry, form)
-    statistics = _statistics(entry, form, folder, card)
+    root = folder or given.parent
     try:
-        files = files_of_folder(folder) if folder is not None else _single(entry, form, statistics, card_file)
-        _check_sizes(files, folder or entry.parent)
-        digest = sha256_of_files(folder or entry.parent, list(files))
+        card_file = find_card(given)
+        card = _card(card_file)
+        entry = _entry(folder, card) if folder is not None else given
+        form = _form(entry)
+        _check_card_fits(card, entry, form)
+        files = files_of_folder(folder) if folder is not None else ()
+        statistics = _statistics(entry, form, root, files, card)
+        own = _single(entry, form, statistics, card_file, root) if folder is None else ()
+        check_sizes(own or files, root)
+        digest = digest_of(own or files, root)
     except OSError as error:
         msg = f"The submission {name} cannot be read: {error}. Check that its files exist and may be read."
         raise SubmissionError(msg) from error
-    own = () if folder is not None else files
     return Identity(name, given, own, digest, OBSERVATIONS_ONLY, form, entry, statistics, card)
-
-
-def _check_sizes(files: tuple[Path, ...], root: Path) -> None:
-    """Refuse what is too large before it is read for the digest, which would take long or fill the memory."""
-    if len(files) > MOST_FILES:
-        msg = f"The submission in {root} has {len(files):,} files, more than {MOST_FILES:,}. Leave out what the agent does not need."
-        raise SubmissionError(msg)
-    sizes = {file: file.stat().st_size for file in files}
-    total = sum(sizes.values())
-    if total > LARGEST_SUBMISSION:
-        largest = max(files, key=sizes.__getitem__)
-        msg = (
-            f"The submission has {total / _MIB:,.0f} MiB, more than {LARGEST_SUBMISSION / _MIB:,.0f} MiB; the largest file is "
-            f"{largest.relative_to(root)} ({sizes[largest] / _MIB:,.0f} MiB). Leave out what the agent does not need."
-        )
-        raise SubmissionError(msg)
 
 
 def baseline_names() -> tuple[str, ...]:
     """Names of the shipped baselines."""
     return tuple(sorted(card.parent.name for card in data_folder("baselines").glob("*/card.toml")))
+
+
+def baseline_like(name: str) -> str | None:
+    """The baseline that ``name`` is, or could be mistaken for: capital letters and punctuation do not tell names apart."""
+    return next((known for known in baseline_names() if letters_of(known) == letters_of(name)), None)
+
+
+def letters_of(name: str) -> str:
+    """Letters and digits of a name, in small letters: what tells one agent's name from another's."""
+    return "".join(letter for letter in name.casefold() if letter.isalnum())
 
 
 def name_of(place: Path) -> str:
@@ -185,7 +179,7 @@ def name_of(place: Path) -> str:
     Raises
     ------
     SubmissionError
-        When it cannot be a name, or is a baseline's.
+        When it cannot be a name, or is that of a baseline or too much like it.
     """
     resolved = place.resolve()
     name = resolved.stem if resolved.is_file() else resolved.name
@@ -198,16 +192,31 @@ def name_of(place: Path) -> str:
             "Rename the file or folder: letters, digits, '.', '_' and '-', beginning with a letter or digit."
         )
         raise SubmissionError(msg)
-    if name in baseline_names():
-        msg = f"'{name}' is the name of a baseline, whose results would be overwritten. Rename {place}, or run the baseline by its name."
+    if name.casefold().endswith(".proof"):
+        msg = f"The result of '{name}' would be taken for the proof of another one. Rename {place} so that it does not end in '.proof'."
+        raise SubmissionError(msg)
+    baseline = baseline_like(name)
+    if baseline is not None:
+        same = "is" if name == baseline else f"looks like '{baseline}',"
+        msg = f"'{name}' {same} the name of a baseline. Rename {place}, or run the baseline by its name."
         raise SubmissionError(msg)
     return name
 
 
 def find_card(given: Path) -> Path | None:
-    """The card of a file or folder, if it has one."""
-    file = given / SUBMISSION_CARD if given.is_dir() else given.with_suffix(".toml")
-    return file if file.is_file() and file != given else None
+    """The card of a file or folder, if it has one.
+
+    Raises
+    ------
+    SubmissionError
+        When it is a link that leads out of the submission.
+    """
+    root = given if given.is_dir() else given.parent
+    file = root / SUBMISSION_CARD if root is given else given.with_suffix(".toml")
+    if not file.is_file() or file == given:
+        return None
+    check_file(file, root)
+    return file
 
 
 def _card(file: Path | None) -> SubmissionCard | None:
@@ -223,13 +232,15 @@ def _entry(folder: Path, card: SubmissionCard | None) -> Path:
     named = (card.agent or card.model) if card is not None else None
     if named is not None:
         entry = folder / named
-        if not entry.is_file() or not entry.resolve().is_relative_to(folder):
-            msg = f"The card of {folder.name} names the file '{named}', and the folder has none of that name."
+        if not _belongs(entry, folder):
+            msg = f"The card of {folder.name} names the file '{named}', and the folder has none of that name that is not hidden."
             raise SubmissionError(msg)
         return entry
     if (folder / AGENT_FILE).is_file():
         return folder / AGENT_FILE
-    policies = [file for file in sorted(folder.iterdir()) if FORMS.get(file.suffix, "python") != "python"]
+    with os.scandir(folder) as entries:
+        names = [Path(entry.name) for entry in islice(entries, MOST_ENTRIES) if not entry.name.startswith(".")]
+    policies = [folder / name for name in sorted(names) if FORMS.get(name.suffix, "python") != "python"]
     if len(policies) == 1:
         return policies[0]
     if policies:
@@ -274,17 +285,23 @@ def _check_card_fits(card: SubmissionCard | None, entry: Path, form: Form) -> No
         raise SubmissionError(msg)
 
 
-def _statistics(entry: Path, form: Form, folder: Path | None, card: SubmissionCard | None) -> Path | None:
-    """The file with statistics of the observations: the card's, else by its name."""
-    root = folder or entry.parent
+def _belongs(file: Path, folder: Path) -> bool:
+    """Whether a file that a card names is one of those that the digest of the folder covers."""
+    return file.is_file() and file.resolve().is_relative_to(folder) and is_part_of_submission(file.resolve(), folder)
+
+
+def _statistics(
+    entry: Path, form: Form, root: Path, files: tuple[Path, ...], card: SubmissionCard | None
+) -> Path | None:
+    """The file with statistics of the observations: the card's, else by its name; ``files`` are those of a folder."""
     if card is not None and card.normalisation is not None:
         if not isinstance(card.normalisation, str):
             return None
         file = root / card.normalisation
-        if folder is None and file.parent != root:
+        if not files and file.parent != root:
             msg = f"The statistics of {entry.name} must lie beside it; the card names '{card.normalisation}'. Or submit a folder."
             raise SubmissionError(msg)
-        if not file.is_file() or not file.resolve().is_relative_to(root):
+        if not _belongs(file, root):
             msg = f"The card names the statistics '{card.normalisation}', and there is no such file in {root}."
             raise SubmissionError(msg)
         return file
@@ -292,30 +309,14 @@ def _statistics(entry: Path, form: Form, folder: Path | None, card: SubmissionCa
         return None
     beside = [entry.with_name(f"{entry.stem}_{STATISTICS_FILE}"), entry.with_name(STATISTICS_FILE)]
     # Tools around Stable-Baselines3 put the statistics one folder deeper than the model.
-    deeper = sorted(folder.rglob(STATISTICS_FILE)) if folder is not None else []
+    deeper = [file for file in files if file.name == STATISTICS_FILE]
     return next((file for file in [*beside, *deeper] if file.is_file()), None)
 
 
-def _single(entry: Path, form: Form, statistics: Path | None, card_file: Path | None) -> tuple[Path, ...]:
+def _single(entry: Path, form: Form, statistics: Path | None, card_file: Path | None, root: Path) -> tuple[Path, ...]:
     weights = entry.with_name(f"{entry.name}.data") if form == "onnx" else None
     found = [entry, statistics, card_file, weights if weights is not None and weights.is_file() else None]
-    return tuple(file for file in found if file is not None)
-
-
-def files_of_folder(folder: Path) -> tuple[Path, ...]:
-    """Every file in a submission's folder; hidden files and Python's caches do not belong to it.
-
-    Raises
-    ------
-    SubmissionError
-        When a link leads to a folder or to nothing, or there is a pipe, a socket or a device.
-    """
-    items = [item for item in sorted(folder.rglob("*")) if is_part_of_submission(item, folder)]
-    for item in items:
-        if item.is_symlink() and not item.is_file():
-            msg = f"{item} is a link to a folder or to nothing, so the digest would not cover what it holds. Copy the files."
-            raise SubmissionError(msg)
-        if not (item.is_file() or item.is_dir()):
-            msg = f"{item} is neither file nor folder, but a pipe, a socket or a device, which may lead out of the sandbox. Remove it."
-            raise SubmissionError(msg)
-    return tuple(item for item in items if item.is_file())
+    files = tuple(file for file in found if file is not None)
+    for file in files:
+        check_file(file, root)
+    return files

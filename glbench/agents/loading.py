@@ -24,6 +24,7 @@ from glbench.agents.identity import (
 )
 from glbench.agents.protocol import Agent, PrivilegedController
 from glbench.errors import SubmissionError, did_you_mean
+from glbench.resources import data_folder
 
 if TYPE_CHECKING:
     from glbench.agents.baselines import Baseline
@@ -111,6 +112,11 @@ def _nothing_there(ref: str, path: Path) -> str:
     if path.suffix in FORMS or len(path.parts) > 1:
         beside = [item.name for item in path.parent.iterdir() if item.suffix in FORMS] if path.parent.is_dir() else []
         near = did_you_mean(path.name, beside) if beside else ""
+        if (data_folder("submissions") / path.name).is_file():
+            return (
+                f"There is no file {path}. An example of that name comes with glbench: "
+                f"`glbench submit new {path.parent} --kind example` writes it, and the other examples."
+            )
         return f"There is no file or folder {path}.{near} {EXPECTED}."
     return (
         f"'{ref}' is neither a file or folder here nor a baseline.{did_you_mean(ref, known)} "

@@ -1,4 +1,4 @@
-"""``new_submission``: a folder with a submission that runs at once, to be changed into a good one."""
+"""Submissions to start from: ``new_submission`` writes a folder that runs at once, ``copy_examples`` small files to read."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from glbench.resources import data_folder, write_atomically
 
 Kind = Literal["rule", "sb3", "torch", "mpc"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
+EXAMPLE_KIND = "example"
+"""What ``glbench submit new --kind`` calls the example submissions, each of which is a file."""
 _NAME = "template-name"
 _OWN_NAMES = ("submission.toml", "README.md")
 """Files of a template in which its name stands."""
@@ -44,3 +46,24 @@ def new_submission(folder: Path, kind: Kind) -> tuple[Path, ...]:
         shutil.rmtree(folder, ignore_errors=True)
         raise
     return tuple(written)
+
+
+def copy_examples(folder: Path) -> tuple[Path, ...]:
+    """Write the example submissions into ``folder``, ``my_agent.py`` among them, and return the files.
+
+    Raises
+    ------
+    SubmissionError
+        When one of them is there already.
+    GlbenchError
+        When they cannot be written.
+    """
+    sources = sorted(data_folder("submissions").glob("*.py"))
+    written = tuple(folder / source.name for source in sources)
+    for target in written:
+        if target.exists():
+            msg = f"{target} is there already, and nothing is overwritten. Choose another folder, or move it away."
+            raise SubmissionError(msg)
+    for source, target in zip(sources, written, strict=True):
+        write_atomically(target, source.read_bytes())
+    return written

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from typing import Annotated, NoReturn
@@ -73,8 +74,18 @@ def _options(
     show_warnings()
 
 
+def _in_words(error: OSError) -> str:
+    """An error of the system that nobody expected: a name too long, a full disk behind a pipe, a folder that may not be read."""
+    what = error.strerror or str(error)
+    place = "" if error.filename is None else f": {os.fsdecode(error.filename)}"
+    return f"{what}{place}. Nothing more was done; {DEBUG_VARIABLE}=1 shows where."
+
+
 def main(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and leave with 0 (done), 1 (an error, in words), 2 (wrong usage), 130 (Ctrl-C) or 128 + a signal."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # names of files need not be text
+            stream.reconfigure(errors="backslashreplace")
     with interruptible() as interruption:
         try:
             app(arguments)
@@ -82,6 +93,11 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             if debugging():
                 raise
             print_error(str(error))
+            sys.exit(1)
+        except OSError as error:
+            if debugging():
+                raise
+            print_error(_in_words(error))
             sys.exit(1)
         except KeyboardInterrupt:
             interruption.tell()

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from glbench.cli.console import messages
-from glbench.cli.stored import check_folder
+from glbench.cli.stored import check_folder, warn_of
 from glbench.errors import ResultError, did_you_mean
 
 
@@ -19,15 +19,17 @@ def badge(
     file: Annotated[Path, typer.Option("--file", "-f", help="Where the picture goes.")] = Path("badge.svg"),
 ) -> None:
     """Draw a badge: task, rank, reward, and whether the result was reproduced."""
-    from glbench.leaderboard import collect_results, rank
+    from glbench.leaderboard import rank
     from glbench.leaderboard.badges import badge as draw
-    from glbench.leaderboard.published import published_expectations
-    from glbench.resources import data_folder, write_atomically
+    from glbench.leaderboard.published import own_and_released_results, published_expectations
+    from glbench.resources import write_atomically
     from glbench.tasks import DEFAULT_TASK
 
     check_folder(out)
     wanted = task or DEFAULT_TASK
-    tables = rank(collect_results([out / "results", data_folder("reports/released/results")]), published_expectations())
+    stored, problems = own_and_released_results(out)
+    warn_of(problems)
+    tables = rank(stored, published_expectations())
     names = {name: table for table in tables for name in (table.task_id, table.task_id.rpartition("/")[2])}
     if wanted not in names:
         msg = f"There are no results of a task '{wanted}'.{did_you_mean(wanted, names)}"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import io
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from glbench.cli.console import messages, output
+from glbench.cli.recording import recording
 from glbench.errors import EpisodeError
 
 if TYPE_CHECKING:
@@ -69,7 +71,7 @@ def recover(
     from glbench.episodes import recover as recover_file
 
     to = to or file.with_name(file.name.removesuffix(".mcap") + ".recovered.mcap")
-    if to.resolve() == file.resolve():
+    if os.path.realpath(to) == os.path.realpath(file):  # unlike Path.resolve, also for links in a circle
         msg = f"{to} is the file to recover. Write to another one with --to."
         raise EpisodeError(msg)
     episode = recover_file(file, to)
@@ -102,6 +104,9 @@ def make(
         files = make_episodes(parse_selection(episodes), loaded, result, task_of_result(loaded, result), to)
     for file in files:
         output().print(str(file), markup=False, soft_wrap=True)
+
+
+app.command()(recording)
 
 
 def _show_episode(episode: Episode, file: Path) -> None:
@@ -165,5 +170,5 @@ def _columns(episode: Episode) -> Table:
     for group in episode.groups:
         view.add_row(Text(group.path, style="bold"))
         for column in group.columns:
-            view.add_row(f"  {column.name}", Text(column.unit), Text(column.meaning))
+            view.add_row(Text(f"  {column.name}"), Text(column.unit), Text(column.meaning))
     return view

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def find_results(wanted: str, tasks: Sequence[str], reports: Path) -> list[Result]:
-    """Results that ``wanted`` means: a result file, or all of an agent's below ``reports/results`` and of the released ones.
+    """Results that ``wanted`` means: a result file, or all of an agent's below ``reports`` and of the released ones.
 
     ``tasks`` (ids or their short forms) keeps those of these tasks only.
 
@@ -27,13 +27,14 @@ def find_results(wanted: str, tasks: Sequence[str], reports: Path) -> list[Resul
         When there is none.
     """
     from glbench.evaluation import load_result
-    from glbench.leaderboard import collect_results
-    from glbench.resources import data_folder
+    from glbench.leaderboard.published import own_and_released_results
 
     check_folder(reports)
     if wanted.endswith(".json") or Path(wanted).is_file():
         return [load_result(Path(wanted))]
-    stored = [item.result for item in collect_results([reports / "results", data_folder("reports/released/results")])]
+    found, problems = own_and_released_results(reports)
+    warn_of([problem for problem in problems if wanted in str(problem)])
+    stored = [item.result for item in found]
     agents = sorted({result.agent.name for result in stored})
     if wanted not in agents:
         msg = (

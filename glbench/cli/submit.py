@@ -59,7 +59,7 @@ def check(
     from glbench.evaluation.submitting import check_submission
     from glbench.tasks import DEFAULT_TASK
 
-    with messages().status(f"checking {escape(path)}"):
+    with messages().status(f"checking {escape(harmless(path))}"):
         report = check_submission(path, task or DEFAULT_TASK, sandbox=sandbox.value)
     if as_json:
         output().out(json.dumps(_plain(report)), highlight=False)
@@ -74,18 +74,26 @@ def new(
     kind: Annotated[
         str,
         typer.Option(
-            "--kind", "-k", help="rule (numpy only), sb3 (no code but a model), torch (a network), mpc (plans)."
+            "--kind",
+            "-k",
+            help="rule (numpy only), sb3 (no code but a model), torch (a network), mpc (plans); "
+            "or example: my_agent.py and the other examples, a file each.",
         ),
     ] = "rule",
 ) -> None:
     """Write a folder with a submission that runs at once: its code or model, a card, a README. Nothing is overwritten."""
-    from glbench.agents.templates import KINDS, new_submission
+    from glbench.agents.templates import EXAMPLE_KIND, KINDS, copy_examples, new_submission
     from glbench.errors import SubmissionError, did_you_mean
 
-    if kind not in KINDS:
-        msg = f"There is no template '{kind}'.{did_you_mean(kind, KINDS)}"
-        raise SubmissionError(msg)
     folder = Path(name)
+    if kind == EXAMPLE_KIND:
+        for file in copy_examples(folder):
+            messages().print(f"Wrote {file}", markup=False, soft_wrap=True)
+        messages().print(f"Next: glbench evaluate {folder / 'my_agent.py'}", markup=False, soft_wrap=True)
+        return
+    if kind not in KINDS:
+        msg = f"There is no template '{kind}'.{did_you_mean(kind, (*KINDS, EXAMPLE_KIND))}"
+        raise SubmissionError(msg)
     files = new_submission(folder, kind)
     if kind == "sb3":
         files = (*files, *_untrained_model(folder))
@@ -130,7 +138,9 @@ def _show(report: Report, path: str) -> None:
     said = "Nothing has to be mended." if report.ok else f"{count} problem{'s' if count > 1 else ''} to mend."
     output().print(f"[bold]{said}[/] Checked in {report.seconds:.1f} s.", soft_wrap=True)
     if report.ok:
-        messages().print(f"Next: glbench evaluate {path} --runs 2, then without --runs.", markup=False, soft_wrap=True)
+        messages().print(
+            f"Next: glbench evaluate {harmless(path)} --runs 2, then without --runs.", markup=False, soft_wrap=True
+        )
 
 
 def _table(report: Report) -> Table:
@@ -140,7 +150,7 @@ def _table(report: Report) -> Table:
     from glbench.evaluation.submitting import CHECKS
 
     table = Table(
-        title=f"{escape(report.name)} ({report.what}) on {escape(report.task)}",
+        title=f"{escape(harmless(report.name))} ({report.what}) on {escape(harmless(report.task))}",
         title_justify="left",
         title_style="bold",
     )
@@ -154,7 +164,7 @@ def _table(report: Report) -> Table:
             mark = "[yellow]note[/]"
         else:
             mark = "[green]good[/]" if subject in report.checked else "[dim]not reached[/]"
-        table.add_row(words, mark, escape(report.facts.get(subject, "")))
+        table.add_row(words, mark, escape(harmless(report.facts.get(subject, ""))))
     return table
 
 

@@ -7,6 +7,7 @@ import datetime as dt
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Any
+from zoneinfo import ZoneInfo
 
 from rich.console import RenderableType
 from rich.padding import Padding
@@ -25,6 +26,7 @@ from glbench.tasks import (
     TaskSpec,
     task_card,
 )
+from glbench.tasks.bases import Change
 
 _LIMIT_WORDS = {"air_temperature": "air temperature", "co2": "CO2", "relative_humidity": "relative humidity"}
 
@@ -58,6 +60,9 @@ def explanation(task: TaskSpec) -> Iterator[RenderableType]:
     yield Text.assemble((task.title, "bold"), "\n", (f"{task.id}  ({state}, digest {task.digest[:8]})", "dim"))
     if task.description.strip():
         yield Text("\n" + " ".join(task.description.split()))
+    if task.base is not None:
+        yield _heading(f"Based on {task.base}, changed:")
+        yield _words([_changed(change) for change in task.changes])
     yield _heading("Period and place")
     yield _words(_period(task, card))
     yield _heading("Greenhouse and crop")
@@ -77,6 +82,10 @@ def explanation(task: TaskSpec) -> Iterator[RenderableType]:
     yield _words(_evaluation(task))
 
 
+def _changed(change: Change) -> str:
+    return f"{change.key} = {change.value} " + (f"(there {change.before})" if change.before else "(not there)")
+
+
 def explained(task: TaskSpec) -> dict[str, Any]:
     """The same for machines: card, definition, digests, uncertain parameters."""
     card = dataclasses.asdict(task_card(task))
@@ -87,6 +96,8 @@ def explained(task: TaskSpec) -> dict[str, Any]:
         "description": task.description,
         "suites": list(task.suites),
         "source": task.source,
+        "base": task.base,
+        "changes": [dataclasses.asdict(change) for change in task.changes],
         "locked": task.locked,
         "digest": task.digest,
         "fingerprint": dataclasses.asdict(task.fingerprint()),
@@ -98,13 +109,24 @@ def explained(task: TaskSpec) -> dict[str, Any]:
 
 def first_weather(task: TaskSpec, rows: int = 4) -> RenderableType:
     """The weather of the first steps, so that a mistake in the period shows."""
-    weather = task.disturbances()
+    weather, zone = task.disturbances(), ZoneInfo(task.record().timezone)
     table = Table(title="Weather of the first steps", title_justify="left", box=None, header_style="bold")
-    for heading in ("Step", "UTC", "Sun\nW m-2", "Air\ndegC", "Vapour\nPa", "CO2\nmg m-3", "Wind\nm s-1", "Sky\ndegC"):
+    for heading in (
+        "Step",
+        "UTC",
+        "Local",
+        "Sun\nW m-2",
+        "Air\ndegC",
+        "Vapour\nPa",
+        "CO2\nmg m-3",
+        "Wind\nm s-1",
+        "Sky\ndegC",
+    ):
         table.add_column(heading, justify="right")
     for row, (moment, values) in enumerate(zip(weather.times[:rows], weather.values[:rows], strict=True)):
         cells = (f"{value:.1f}" for value in values[:6])
-        table.add_row(str(row), str(moment).replace("T", " ")[:16], *cells)
+        local = moment.astype(dt.datetime).replace(tzinfo=dt.UTC).astimezone(zone)
+        table.add_row(str(row), str(moment).replace("T", " ")[:16], f"{local:%H:%M}", *cells)
     return Padding(table, (0, 0, 1, 7), expand=False)
 
 
@@ -135,12 +157,24 @@ def _period(task: TaskSpec, card: TaskCard) -> list[str]:
     place = card.place
     north, east = ("N" if place.latitude >= 0 else "S"), ("E" if place.longitude >= 0 else "W")
     return [
-        f"{task.weather.days} days, from {_day(card.start)} 00:00 to {_day(end)} 00:00, clock {card.clock}; "
+        f"{task.weather.days} days, from {_day(card.start)} 00:00 to {_day(end)} 00:00, clock {card.clock}{_local(card, end)}; "
         f"one decision every {minutes(card.step_seconds)}, {card.steps} in all.",
         f"Weather '{task.weather.source}': {place.station}, {abs(place.latitude):g} {north}, {abs(place.longitude):g} {east}, "
         f"{place.altitude:g} m; CO2 outside {task.weather.co2_ppm:g} ppm.",
         f"Prepared {PREPROCESSINGS[task.weather.preprocessing].meaning}.",
     ]
+
+
+def _local(card: TaskCard, end: dt.date) -> str:
+    """How far the grower's own clock is ahead where the task's is UTC."""
+    if card.clock != "UTC" or card.place.timezone == "UTC":
+        return ""
+    zone = ZoneInfo(card.place.timezone)
+    moments = (dt.datetime.combine(day, dt.time(), dt.UTC) for day in (card.start, end))
+    shifts = dict.fromkeys(
+        (moment.astimezone(zone).utcoffset() or dt.timedelta()) / dt.timedelta(hours=1) for moment in moments
+    )
+    return f" ({card.place.timezone} is UTC{' and later UTC'.join(f'{hours:+g} h' for hours in shifts)})"
 
 
 def _greenhouse(task: TaskSpec) -> list[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from glbench.cli.console import messages, output
+from glbench.cli.console import harmless, messages, output
 from glbench.errors import GlbenchError
 
 if TYPE_CHECKING:
@@ -74,7 +74,10 @@ def check_command(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Check tasks: the shipped ones against the lock, your own files for mistakes. Leaves with 1 if one is wrong."""
+    """Check tasks: the shipped ones, with what is computed from them, against what was published; your own files for mistakes.
+
+    Leaves with 1 if one is wrong.
+    """
     from glbench.cli.task_views import first_weather
     from glbench.tasks import TaskSpec
 
@@ -91,7 +94,7 @@ def check_command(
                     output().print(first_weather(outcome))
             else:
                 output().print("[red]wrong[/red]  ", end="")
-                output().print(outcome, markup=False, soft_wrap=True)
+                output().print(harmless(outcome), markup=False, soft_wrap=True)
         messages().print(_verdict(len(found), len(wrong)))
     if wrong:
         raise typer.Exit(1)
@@ -99,16 +102,20 @@ def check_command(
 
 @app.command("lock")
 def lock_command(as_json: AsJson = False) -> None:
-    """Publish new tasks: add those that are not locked yet to tasks/lock.toml. Never changes an entry."""
-    from glbench.tasks import lock_new_tasks, read_lock
+    """Publish new tasks: add those that are not locked yet to tasks/lock.toml and tasks/behaviour.toml. Never changes an entry."""
+    from glbench.env.behaviour import lock_behaviour
+    from glbench.tasks import get_task, lock_new_tasks, read_lock
 
     new = lock_new_tasks()
+    computed = lock_behaviour(get_task(task_id) for task_id in read_lock())
     if as_json:
         _print_json([{"id": entry.id, "file": entry.file, "digest": entry.digest} for entry in new])
         return
     for entry in new:
         output().print(f"locked {entry.id}  {entry.digest[:8]}", soft_wrap=True)
-    if not new:
+    for task_id in computed:
+        output().print(f"computed {task_id}, in tasks/behaviour.toml", soft_wrap=True)
+    if not new and not computed:
         messages().print(f"Nothing to do: all {len(read_lock())} tasks are locked, and none has changed.")
 
 
@@ -133,6 +140,7 @@ def _check_all() -> dict[str, TaskSpec | str]:
 
 def _check(name: str, *, published: bool = False) -> TaskSpec | str:
     """The task, or what is wrong with it. ``published``: it also has to be locked and its file called after it."""
+    from glbench.env.behaviour import check_behaviour
     from glbench.errors import TaskError
     from glbench.tasks import get_task
     from glbench.tasks.library import check_file_name
@@ -145,6 +153,8 @@ def _check(name: str, *, published: bool = False) -> TaskSpec | str:
                 msg = f"{task.source} is not locked yet. Publish it with `glbench tasks lock`."
                 raise TaskError(msg)
         task.initial_state()
+        if task.locked:
+            check_behaviour(task)
     except GlbenchError as error:
         return str(error)
     return task
@@ -187,7 +197,7 @@ def _print_json(value: Any) -> None:
 @app.command("references")
 def references_command(
     write: Annotated[bool, typer.Option("--write", help="Write tasks/references.toml.")] = False,
-    out: Annotated[Path, typer.Option("--out", help="Folder with results/ in it.")] = Path("reports"),
+    out: Annotated[Path, typer.Option("--out", help="Folder with results/ in it.")] = Path("reports/released"),
 ) -> None:
     """Show what normalised scores are measured by: the reward of doing nothing, and the best known one.
 

@@ -46,19 +46,28 @@ def train(
     """Train an agent on a task, keep its best policy, and tell how it was made.
 
     The folder then holds the policy (policy.npz, evaluated with numpy alone), the learning curve, the settings and card.toml,
-    and is an agent itself: glbench evaluate FOLDER.
+    and is an agent itself: glbench evaluate FOLDER. Exit code 3: the training finished, but never beat the policy it began with.
     """
     with needs_the_extra("train"):
         from glbench.training import read_settings, shipped_settings
-        from glbench.training.algorithms import algorithm_class
+        from glbench.training.algorithms import (
+            algorithm_class,
+            check_settings,
+            rollout_steps,
+            short_name,
+            steps_to_make,
+        )
     algorithm_class(algorithm)
     chosen = the_task(task)
     settings = read_settings(config or shipped_settings(algorithm), algorithm, chosen.id)
     if steps is not None:
         settings = settings.model_copy(update={"n_timesteps": steps})
-    folder = out or Path("runs") / f"{algorithm.rpartition('.')[2]}-{chosen.short_id}-seed{seed}"
+    folder = out or Path("runs") / f"{short_name(algorithm)}-{chosen.short_id}-seed{seed}"
+    check_settings(settings)
+    total, rollout = steps_to_make(settings, chosen.steps), rollout_steps(settings, chosen.steps)
+    rounded = "" if total == settings.n_timesteps else f" ({settings.n_timesteps:,} in whole rollouts of {rollout:,})"
     messages().print(
-        f"Training [bold]{algorithm}[/bold] on [bold]{chosen.id}[/bold]: {settings.n_timesteps:,} steps, "
+        f"Training [bold]{algorithm}[/bold] on [bold]{chosen.id}[/bold]: {total:,} steps{rounded}, "
         f"{settings.n_envs} greenhouses, seed {seed}, in {folder}",
         soft_wrap=True,
     )
@@ -152,9 +161,10 @@ def _trained(
 ) -> Trained:
     from glbench.cli.training_progress import TrainingBar
     from glbench.training import train as run_training
+    from glbench.training.algorithms import steps_to_make
 
     with contextlib.ExitStack() as stack:
-        bar = stack.enter_context(TrainingBar(settings.n_timesteps))
+        bar = stack.enter_context(TrainingBar(steps_to_make(settings, task.steps)))
         listeners: list[Listener] = [bar]
         if wandb:
             from glbench.training.wandb_log import WandbListener

@@ -49,7 +49,7 @@ class TrainingBar:
             said.append(f"{_duration(left)} left")
         if progress.season_reward is not None:
             said.append(f"season reward {progress.season_reward:,.0f}")
-        self._bar.update(self._task, completed=progress.steps, speed=", ".join(said))
+        self._bar.update(self._task, total=progress.total_steps, completed=progress.steps, speed=", ".join(said))
 
     def on_evaluation(self, point: CurvePoint) -> None:
         """A line with what the policy earns."""

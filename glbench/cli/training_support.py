@@ -19,6 +19,9 @@ Task = Annotated[
     str | None, typer.Option("--task", "-t", help="Task id or task file (.toml). Default: the benchmark's.")
 ]
 
+NOTHING_LEARNT = 3
+"""Exit code of a training that finished and never beat the policy that it began with."""
+
 
 def the_task(name: str | None) -> TaskSpec:
     """The task of that name, or the benchmark's."""
@@ -44,9 +47,25 @@ def needs_the_extra(extra: str) -> Iterator[None]:
 
 
 def say_what_came_out(trained: Trained, task: str | None) -> None:
-    """The best policy of a training, and what to do with it."""
+    """The best policy of a training, and what to do with it.
+
+    Raises
+    ------
+    typer.Exit
+        With code 3 when nothing was learnt.
+    """
+    if not trained.learnt:
+        messages().print(
+            f"[bold yellow]Nothing was learnt.[/bold yellow] The training never beat the policy that it began with: reward "
+            f"{trained.best_reward:,.1f} at step 0, {trained.last_reward:,.1f} after {trained.steps:,} steps. "
+            f"Train for more steps (--resume), or with other settings. {trained.folder} holds the policy of step 0.",
+            soft_wrap=True,
+        )
+        raise typer.Exit(NOTHING_LEARNT)
     output().print(
-        f"Best policy: reward {trained.best_reward:,.1f} after {trained.best_steps:,} of {trained.steps:,} steps."
+        f"Best policy: reward {trained.best_reward:,.1f} after {trained.best_steps:,} of {trained.steps:,} steps; "
+        f"the last one: {trained.last_reward:,.1f}.",
+        soft_wrap=True,
     )
     agent = trained.folder
     if trained.not_exported is not None:

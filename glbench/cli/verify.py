@@ -1,4 +1,4 @@
-"""``glbench verify``: prove results from their records alone."""
+"""``glbench verify``: reproduce results from their records alone."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from glbench.verification import Verdict
 
 _HEADINGS = {
-    "proved": "[bold green]proved[/]",
+    "reproduced": "[bold green]reproduced[/]",
     "refuted": "[bold red]refuted[/]",
     "unknown": "[bold yellow]cannot tell[/]",
 }
@@ -46,7 +46,7 @@ def verify(
         typer.Option("--workers", "-w", min=1, help="Processes to simulate with. Default: what is fastest here."),
     ] = None,
     proof: Annotated[
-        bool, typer.Option(help="Write a proof beside each proved result; leaderboards show it as verified.")
+        bool, typer.Option(help="Leave a note (.proof.json) beside each reproduced result, which leaderboards show.")
     ] = True,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print each verdict as one line of JSON and nothing else.")
@@ -54,23 +54,24 @@ def verify(
 ) -> None:
     """Simulate every run again from task, seed and recorded actions, and compare it with what the result says.
 
-    Leaves with 0 when all are proved, 1 when one is refuted, 2 when (none is refuted and) one cannot be told.
+    Leaves with 0 when all are reproduced, 1 when one is refuted, 2 when (none is refuted and) one cannot be told.
     """
     from rich.markup import escape
 
+    from glbench.resources import is_released
     from glbench.verification import save_proof
     from glbench.verification import verify as verify_result
 
     codes = []
     for path in _files(results):
-        with messages().status(f"simulating {escape(path.name)} again"):
+        with messages().status(f"simulating {escape(_printable(path.name))} again"):
             verdict = verify_result(path, episodes=episodes, task=task, workers=workers)
         codes.append(verdict.exit_code)
-        if proof:
+        if proof and not is_released(path):  # released results keep the proof that came with them
             try:
                 save_proof(verdict)
             except GlbenchError as error:
-                print_warning(f"The verdict stands, but no proof was stored. {error}")
+                print_warning(f"The verdict stands, but no note of it was stored. {error}")
         if as_json:
             output().out(json.dumps(_plain(verdict)), highlight=False)
         else:
@@ -97,17 +98,30 @@ def _files(given: list[Path]) -> list[Path]:
 def _show(verdict: Verdict) -> None:
     from rich.markup import escape
 
-    output().print(f"{_HEADINGS[verdict.outcome]} {escape(str(verdict.path))}", soft_wrap=True)
-    output().print(f"  {escape(verdict.reason)}", soft_wrap=True)
-    if verdict.outcome == "proved":
+    from glbench.verification import stated_words
+
+    heading = _HEADINGS[verdict.outcome]
+    if verdict.exactness == "tolerance":
+        heading = "[bold yellow]reproduced within 1e-9[/]"
+    output().print(f"{heading} {escape(_printable(str(verdict.path)))}", soft_wrap=True)
+    output().print(f"  {escape(_printable(verdict.reason))}", soft_wrap=True)
+    if verdict.outcome == "reproduced":
         seeds = ", ".join(map(str, verdict.episodes[:8])) + (" ..." if len(verdict.episodes) > 8 else "")
         whole = f"; every column of the full episodes of the seeds {seeds}" if verdict.episodes else ""
+        profile = "; the profile" if "profile" in verdict.reproduced else ""
         output().print(
-            f"  Compared: {verdict.steps} rewards, {verdict.runs} final states, all metrics; digests of task, weather and model{whole}.",
+            f"  Reproduced: {verdict.steps} rewards, {verdict.runs} final states, all metrics and their means; the digests of the task "
+            f"and of the result{whole}{profile}.",
             soft_wrap=True,
         )
+        output().print(f"  Stated, not checked: {'; '.join(stated_words(verdict.stated))}.", soft_wrap=True)
     for note in verdict.notes:
         output().print(f"  Note: {escape(note)}", soft_wrap=True)
+
+
+def _printable(text: str) -> str:
+    """``text`` without the bytes of file names that are no UTF-8, which cannot be printed."""
+    return text.encode("utf-8", "replace").decode()
 
 
 def _plain(verdict: Verdict) -> dict[str, object]:
@@ -116,10 +130,12 @@ def _plain(verdict: Verdict) -> dict[str, object]:
         "outcome": verdict.outcome,
         "cause": verdict.cause,
         "reason": verdict.reason,
-        "proved": verdict.exactness,
+        "exactness": verdict.exactness,
         "largest_difference": verdict.largest_difference,
         "runs": verdict.runs,
         "steps": verdict.steps,
         "full_episodes": list(verdict.episodes),
+        "reproduced": list(verdict.reproduced),
+        "stated": list(verdict.stated),
         "notes": list(verdict.notes),
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import json
 from dataclasses import asdict
 from pathlib import Path
@@ -12,8 +13,6 @@ import typer
 from glbench.cli.console import messages, output
 
 if TYPE_CHECKING:
-    import datetime as dt
-
     from rich.table import Table
 
     from glbench.weather import Place, WeatherInfo, WeatherRecord
@@ -83,11 +82,13 @@ def show(
             "min T [degC]",
             "max T [degC]",
             "RH [%]",
+            "VPD [kPa]",
             "wind [m/s]",
-            "global [W/m2]",
             "global [MJ/m2]",
+            "DLI [mol/m2/d]",
             sky,
         ],
+        padding=0,  # ten columns fit a terminal of 80
     )
     for row in months:
         sky_mean = row.sky_infrared_mean if infrared else row.cloud_cover_mean
@@ -97,9 +98,10 @@ def show(
             f"{row.air_temperature_min:.1f}",
             f"{row.air_temperature_max:.1f}",
             f"{row.relative_humidity_mean:.1f}",
+            f"{row.vapour_pressure_deficit_mean:.2f}",
             f"{row.wind_speed_mean:.2f}",
-            f"{row.radiation_mean:.1f}",
             f"{row.radiation_sum:.2f}",
+            f"{row.daily_light_integral_mean:.1f}",
             "-" if sky_mean is None else f"{sky_mean:.1f}",
         )
     output().print(table)
@@ -174,12 +176,12 @@ def fetch(
     _report_saved(record, save_weather(record, chosen, overwrite=replace))
 
 
-def _table(title: str, columns: list[str]) -> Table:
+def _table(title: str, columns: list[str], padding: int = 1) -> Table:
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, padding, 0, 0), pad_edge=False)
     words = {"name", "station", "period [UTC]", "origin", "SHA-256", "month"}
     for column in columns:
         # The unit stands below the name; as text, not markup: square brackets would be taken for styles.
@@ -199,7 +201,7 @@ def _print_description(record: WeatherRecord) -> None:
             "station",
             f"{place.station} ({_degrees(place.latitude, 'N', 'S')}, {_degrees(place.longitude, 'E', 'W')}, {place.altitude:g} m)",
         ),
-        ("time zone", place.timezone),
+        ("clock", f"UTC; the local clock ({place.timezone}) is {_ahead(record)}"),
         ("period", f"{record.period}, {record.hours:,} h"),
         ("source", record.source),
         ("licence", record.licence),
@@ -208,6 +210,24 @@ def _print_description(record: WeatherRecord) -> None:
     ]
     for label, text in lines:
         output().print(Text(f"{label:<10} {text}"), soft_wrap=True)
+
+
+def _ahead(record: WeatherRecord) -> str:
+    """How far the local clock is ahead of UTC over the record's last year."""
+    from zoneinfo import ZoneInfo
+
+    hours = sorted(
+        {
+            (
+                record.last.replace(month=month, day=1).astimezone(ZoneInfo(record.timezone)).utcoffset()
+                or dt.timedelta()
+            )
+            / dt.timedelta(hours=1)
+            for month in (1, 7)
+        }
+    )
+    shift = " h or ".join(f"{abs(hour):g}" for hour in hours)
+    return f"{shift} h {'ahead' if hours[-1] >= 0 else 'behind'}{', with summer time' if len(hours) > 1 else ''}"
 
 
 def _moment(moment: dt.datetime) -> str:

@@ -3,9 +3,7 @@
 A part is made once for a task. In every step it turns the controls in force and the actions, both fractions per row, into
 the controls of the step. Controls that the task does not grant stay at 0. To add one, register a function that makes it:
 
-    register_actuation("direct", "the action is the control", lambda task: Direct(task))
-
-The bounds of the actions are those of the task's card.
+    register_actuation("direct", "the action is the control", lambda task: Direct(task), low=0.0, high=1.0)
 """
 
 from __future__ import annotations
@@ -17,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.parts import Parts
-from glbench.errors import ActionError
+from glbench.errors import ActionError, TaskError
 from glbench.model import CONTROL_NAMES
 from glbench.tasks.card import task_card
-from glbench.tasks.vocabulary import ACTUATION_KINDS
+from glbench.tasks.vocabulary import ACTUATION_KINDS, ActuationKind
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -38,15 +36,19 @@ ROUNDING = 1e-6
 """How far an action may lie outside its bounds: what float32 arithmetic and scaling lose. Taken as the bound itself."""
 
 
-def register_actuation(name: str, meaning: str, make: MakeActuation) -> None:
-    """Make a kind of actuation known under ``name``, here and in task files.
+def register_actuation(name: str, meaning: str, make: MakeActuation, *, low: float = 0.0, high: float = 1.0) -> None:
+    """Make a kind of actuation known under ``name``, here and in task files, whose actions lie between ``low`` and ``high``.
 
     Raises
     ------
     TaskError
-        When the name is taken.
+        When the name is taken, or the bounds are not finite and in order.
     """
-    ACTUATIONS.register(name, meaning, make)
+    if not (np.isfinite([low, high]).all() and low < high):
+        msg = f"Actions of '{name}' cannot lie between {low:g} and {high:g}. Give finite bounds, the lower one first."
+        raise TaskError(msg)
+    ACTUATION_KINDS.add(ActuationKind(name, meaning, low, high))
+    ACTUATIONS.provide(name, meaning, make)
 
 
 def make_actuation(task: TaskSpec) -> Actuation:

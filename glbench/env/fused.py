@@ -106,13 +106,21 @@ class FusedRuns:
         self._look()
 
     def restore(
-        self, x: Floats, u: Floats, k: NDArray[np.int64], ended: NDArray[np.bool_], seeds: Sequence[int]
+        self,
+        x: Floats,
+        u: Floats,
+        k: NDArray[np.int64],
+        ended: NDArray[np.bool_],
+        seeds: Sequence[int],
+        result: StepResult | None = None,
     ) -> None:
         """Continue all runs from where a snapshot left them."""
         a = self._all
         a.x[:], a.u[:], a.k[:], a.ended[:] = x, u, k, ended
         self._take_keys(np.arange(self.n), seeds)
         self._look()
+        if result is not None:
+            self._copies["result"], self._stepped = result, True
 
     def end(self, rows: NDArray[np.intp]) -> None:
         """End the runs in ``rows`` where they stand."""

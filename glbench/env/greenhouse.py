@@ -9,12 +9,13 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.info import FAILURE, InfoWriter
+from glbench.env.info import FAILURE, STEP_REWARD, InfoWriter
 from glbench.env.options import STATE, check_names, state_option
 from glbench.env.panel import panel
+from glbench.env.rendering import FRAMES_PER_SECOND, PICTURES, RENDER_MODES, Camera, checked_render_mode
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
 from glbench.env.simulation import Simulation
-from glbench.env.spaces import RENDER_MODES, action_space, checked_render_mode, observation_space, the_task
+from glbench.env.spaces import action_space, observation_space, the_task
 from glbench.errors import ActionError
 
 if TYPE_CHECKING:
@@ -66,24 +67,30 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     task
         Id, path of a task file, or the task itself.
     kernel
-        What integrates a step; by default one kernel that all environments of this thread share, made at the first reset.
+        Name of a preset or a ``Kernel``. Scores are made with ``"reference"``, the default; ``"standard"`` and ``"fast"`` are
+        for training, ``"tight"`` checks the others. Environments of a thread share the kernel of a preset, which is made
+        at the first reset.
     render_mode
-        ``None`` or ``"ansi"``: ``render`` then returns a few lines of text.
+        ``"ansi"``: ``render`` returns a few lines of text. ``"rgb_array"``: a picture of the last two days, ``(480, 640, 3)`` uint8,
+        which needs the extra ``video``. ``None``: nothing.
 
     ## Version History
 
     * v1: first version (glbench 0.1.0). The version at the end of an id is the task's: a published task never changes.
     """
 
-    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 4}  # noqa: RUF012  # as Gymnasium declares it
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": FRAMES_PER_SECOND}  # noqa: RUF012  # as Gymnasium declares it
 
-    def __init__(self, task: TaskSpec | str, kernel: Stepper | None = None, render_mode: str | None = None) -> None:
+    def __init__(
+        self, task: TaskSpec | str, kernel: Stepper | str | None = None, render_mode: str | None = None
+    ) -> None:
         self.task = the_task(task)
         self.render_mode = checked_render_mode(render_mode)
         self.observation_space = observation_space(self.task)
         self.action_space = action_space(self.task)
         self.simulation = Simulation(self.task, 1, kernel)
         self._info = InfoWriter(self.task)
+        self._camera = Camera(self.simulation) if render_mode == PICTURES else None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -113,6 +120,8 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         given = None if seed is None else checked_seed(seed)
         super().reset(seed=given)
         observation = self.simulation.reset([draw_seed(self.np_random) if given is None else given])[0]
+        if self._camera is not None:
+            self._camera.begin()
         return observation, self._info.standing(self.simulation)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
@@ -136,9 +145,11 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._check_shape(action)
             raise
         info = self._info.stepped(self.simulation, numbers)
+        if self._camera is not None:
+            self._camera.follow_only(numbers, info["epi"])
         if terminated:
             self._add_failure(info)
-        return observation, info["reward"], terminated, False, info
+        return observation, info[STEP_REWARD], terminated, False, info
 
     def _check_shape(self, action: NDArray[np.float32]) -> None:
         """Words for a wrong shape that speak of one action and not of a row of a batch."""
@@ -147,9 +158,17 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             msg = f"The action has shape {np.shape(action)}. Expected shape {self.action_space.shape}: {names}."
             raise ActionError(msg) from None
 
-    def render(self) -> str | None:
-        """A few lines about climate, controls, crop and money, or ``None`` without a render mode."""
-        return panel(self.simulation, 0, self.simulation.result) if self.render_mode == "ansi" else None
+    def render(self) -> str | NDArray[np.uint8] | None:
+        """Climate, controls and money as text or as a picture ``(480, 640, 3)``, or ``None`` without a render mode.
+
+        Raises
+        ------
+        GlbenchError
+            For a picture without matplotlib, or before the first reset.
+        """
+        if self._camera is not None:
+            return self._camera.picture(0)
+        return None if self.render_mode is None else panel(self.simulation, 0, self.simulation.result)
 
     def snapshot(self) -> Snapshot:
         """Everything needed to continue this episode, and draw the same seeds for the next, with the same bits."""
@@ -166,6 +185,8 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         observation = self.simulation.restore(snapshot)[0]
         if len(snapshot.generators):
             self.np_random = unpack_generator(snapshot.generators[0])
+        if self._camera is not None:
+            self._camera.begin()
         return observation, self._info.standing(self.simulation)
 
     def _add_failure(self, info: dict[str, Any]) -> None:

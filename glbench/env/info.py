@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,14 @@ if TYPE_CHECKING:
 FAILURE = "failure"
 """Key of the reason, in words, why a step could not be integrated; there only when that happened."""
 
+STEP_REWARD = "step_reward"
+"""Key of the reward: tools that merge ``info`` with what a step returns (TorchRL) have a ``reward`` of their own."""
+
+OF_STEP: tuple[StepQuantity, ...] = tuple(
+    replace(quantity, name=STEP_REWARD) if quantity.name == "reward" else quantity for quantity in QUANTITIES
+)
+"""The quantities of a step under their names in ``info``, in the order of ``QUANTITIES``."""
+
 
 def info_quantities(task: TaskSpec) -> tuple[StepQuantity, ...]:
     """Names, units and meanings of the numbers in ``info`` for ``task``.
@@ -31,8 +40,16 @@ def info_quantities(task: TaskSpec) -> tuple[StepQuantity, ...]:
         StepQuantity("day_of_year", "day", "calendar at the end of the step, 0 at the start of 1 January"),
         *(StepQuantity(name, unit, f"{name.replace('_', ' ')} inside, true value") for name, unit in LIMITED.items()),
         *(StepQuantity(capacity.quantity, capacity.unit, capacity.meaning) for capacity in task.capacities()),
-        *QUANTITIES,
+        *OF_STEP,
     )
+
+
+_NO_SEEDS: NDArray[Any] = np.empty(0, dtype=np.int64)
+
+
+def _signed(seeds: NDArray[np.uint64]) -> NDArray[Any]:
+    """The seeds as int64, which every library can index, as long as none exceeds it."""
+    return seeds.astype(np.int64) if int(seeds.max()) < 2**63 else seeds
 
 
 class InfoWriter:
@@ -40,19 +57,22 @@ class InfoWriter:
 
     def __init__(self, task: TaskSpec) -> None:
         names = tuple(quantity.name for quantity in info_quantities(task))
-        self._of_head = names[1 : len(names) - len(QUANTITIES)]
+        self._of_head = names[1 : len(names) - len(OF_STEP)]
         self._of_step = names[1:]
         self._masks = tuple(f"_{name}" for name in names)
         # Filling in a dictionary that has its keys is quicker than making one.
         self._empty = dict.fromkeys(names)
+        self._seeds = self._shown_seeds = _NO_SEEDS
 
     def columns(self, simulation: Simulation, result: StepResult | None) -> dict[str, NDArray[np.generic]]:
         """Every quantity of ``info_quantities`` for all rows, each ``(n,)``."""
-        columns: dict[str, NDArray[np.generic]] = {"seed": simulation.seeds}
+        if simulation.seeds is not self._seeds:
+            self._seeds, self._shown_seeds = simulation.seeds, _signed(simulation.seeds)
+        columns: dict[str, NDArray[np.generic]] = {"seed": self._shown_seeds}
         columns.update(zip(self._of_head, simulation.head, strict=True))
         columns["step"] = simulation.k
         if result is not None:
-            columns.update(result.quantities)
+            columns.update(zip(self._of_step[len(self._of_head) :], result.table, strict=True))
         return columns
 
     def everywhere(self, columns: dict[str, NDArray[np.generic]], n: int) -> dict[str, Any]:

@@ -18,7 +18,7 @@ class Parts(Generic[Make]):
     to both.
     """
 
-    def __init__(self, kind: str, vocabulary: Registry[Word]) -> None:
+    def __init__(self, kind: str, vocabulary: Registry[Any]) -> None:
         self.kind = kind
         self._vocabulary = vocabulary
         self._makers: dict[str, Make] = {}

@@ -70,11 +70,18 @@ class ReferenceRuns:
         self.place(x, u, k, ended)
 
     def restore(
-        self, x: Floats, u: Floats, k: NDArray[np.int64], ended: NDArray[np.bool_], seeds: Sequence[int]
+        self,
+        x: Floats,
+        u: Floats,
+        k: NDArray[np.int64],
+        ended: NDArray[np.bool_],
+        seeds: Sequence[int],
+        result: StepResult | None = None,
     ) -> None:
         """Continue all runs from where a snapshot left them."""
         self._draws.start(np.arange(self.n), seeds)
         self.place(x.copy(), u.copy(), k.copy(), ended.copy())
+        self.result = result
 
     def place(self, x: Floats, u: Floats, k: NDArray[np.int64], ended: NDArray[np.bool_]) -> None:
         """Take over arrays as they are."""

@@ -63,9 +63,15 @@ class Runs(Protocol):
         """Start the runs in ``rows`` with ``seeds`` from ``state`` ``(28,)``."""
 
     def restore(
-        self, x: Floats, u: Floats, k: NDArray[np.int64], ended: NDArray[np.bool_], seeds: Sequence[int]
+        self,
+        x: Floats,
+        u: Floats,
+        k: NDArray[np.int64],
+        ended: NDArray[np.bool_],
+        seeds: Sequence[int],
+        result: StepResult | None = None,
     ) -> None:
-        """Continue all runs from where a snapshot left them."""
+        """Continue all runs from where a snapshot left them; ``result`` is what their last step gave, if that is known."""
 
     def end(self, rows: NDArray[np.intp]) -> None:
         """End the runs in ``rows`` where they stand."""

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.env.accounts import make_accounts
 from glbench.env.fused import FusedRuns
-from glbench.env.kernels import Stepper, shared_kernel
+from glbench.env.kernels import SCORING_PRESET, Stepper, check_kernel, shared_kernel
 from glbench.env.runs import Runs, check_parts, make_runs
 from glbench.env.seeds import checked_seed, no_generators
 from glbench.env.snapshot import Snapshot
@@ -51,8 +51,8 @@ class Simulation:
     n
         Number of runs, 1 or more.
     kernel
-        What integrates a step; by default a kernel that all simulations of this thread share. A ``KernelPool`` spreads the
-        rows over processes; who made it closes it.
+        What integrates a step: a ``Kernel``, or the name of a preset, by default ``"reference"``, for a kernel that all
+        simulations of this thread share. A ``KernelPool`` spreads the rows over processes; who made it closes it.
     fused
         Whether a step may be one call of the compiled kernel, where that is the kernel and every part of the task is one that
         glbench ships. It changes no bit; without it numpy steps around the kernel.
@@ -65,26 +65,30 @@ class Simulation:
         Nominal parameters ``(208,)``.
     """
 
-    def __init__(self, task: TaskSpec | str, n: int, kernel: Stepper | None = None, *, fused: bool = True) -> None:
+    def __init__(
+        self, task: TaskSpec | str, n: int, kernel: Stepper | str | None = None, *, fused: bool = True
+    ) -> None:
         check_runs(n)
         self.task = task = the_task(task)
+        check_kernel(kernel, task)
         self.n = n
         self.p_nominal = task.parameters()
         self.accounts = make_accounts(task)
         check_parts(task, self.accounts)
-        self._kernel = kernel
+        self._given_kernel = kernel
         self._may_fuse = fused
         self._start = task.initial_state()
         self._weather = task.disturbances(extra_rows=task.observation.forecast_steps)
         self._begun = False
         self.seeds = read_only(np.zeros(n, dtype=np.uint64))
 
-    @property
+    @cached_property
     def kernel(self) -> Stepper:
         """What integrates a step."""
-        if self._kernel is None:
-            self._kernel = shared_kernel(self.task.step_seconds, self.task.model.variant)
-        return self._kernel
+        given = self._given_kernel
+        if given is None or isinstance(given, str):
+            return shared_kernel(self.task.step_seconds, self.task.model.variant, given or SCORING_PRESET)
+        return given
 
     @cached_property
     def _runs(self) -> Runs:
@@ -241,6 +245,21 @@ class Simulation:
         """End the runs in ``rows`` (numbers or a mask) where they stand, for a reason outside the simulation."""
         self._runs.end(self._rows(rows))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What makes another simulation that continues from here: no kernel's memory, no arrays of the compiled library."""
+        return {
+            "made_with": (self.task, self.n, self._given_kernel),
+            "fused": self._may_fuse,
+            "snapshot": self.snapshot() if self._begun else None,
+            "result": self.result if self._begun else None,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Continue where the copied or pickled simulation stood."""
+        self.__init__(*state["made_with"], fused=state["fused"])  # type: ignore[misc]
+        if state["snapshot"] is not None:
+            self._continue(state["snapshot"], state["result"])
+
     def snapshot(self) -> Snapshot:
         """What ``restore`` needs to continue from here with the same bits."""
         self._check_begun()
@@ -266,10 +285,14 @@ class Simulation:
         if snapshot.n != self.n:
             msg = f"The snapshot has {snapshot.n} rows, the simulation {self.n}. Choose rows with snapshot.take([...])."
             raise ShapeError(msg)
-        self.seeds = read_only(snapshot.seeds.copy())
-        self._runs.restore(snapshot.states, snapshot.controls, snapshot.steps, snapshot.ended, self.seeds.tolist())
-        self._begun = True
+        self._continue(snapshot, None)
         return self.observe()
+
+    def _continue(self, snapshot: Snapshot, result: StepResult | None) -> None:
+        self.seeds = read_only(snapshot.seeds.copy())
+        seeds = self.seeds.tolist()
+        self._runs.restore(snapshot.states, snapshot.controls, snapshot.steps, snapshot.ended, seeds, result)
+        self._begun = True
 
     def _rows(self, rows: ArrayLike | None) -> NDArray[np.intp]:
         """Row numbers from numbers, a mask, or ``None`` for all."""

@@ -9,13 +9,10 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from glbench.env.actuation import action_bounds
-from glbench.errors import UnknownNameError
 from glbench.tasks import TaskSpec, get_task
 
 Vectors: TypeAlias = "spaces.Space[NDArray[np.float32]]"
 """A ``Box`` of float32 (Gymnasium's annotations do not say which numbers a box holds)."""
-
-RENDER_MODES = ("ansi",)
 
 
 def the_task(task: TaskSpec | str) -> TaskSpec:
@@ -35,17 +32,3 @@ def action_space(task: TaskSpec) -> Vectors:
     """Actions of a task with the bounds of its card, float32."""
     low, high = action_bounds(task)
     return cast("Vectors", spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32))
-
-
-def checked_render_mode(render_mode: str | None) -> str | None:
-    """``render_mode`` if there is such a mode.
-
-    Raises
-    ------
-    UnknownNameError
-        Otherwise.
-    """
-    if render_mode is not None and render_mode not in RENDER_MODES:
-        msg = f"There is no render mode {render_mode!r}. Use {', '.join(map(repr, RENDER_MODES))} or None."
-        raise UnknownNameError(msg)
-    return render_mode

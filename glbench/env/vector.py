@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 
 from glbench.env.greenhouse import GreenhouseEnv
 from glbench.env.info import InfoWriter
+from glbench.env.kernels import SCORING_PRESET, check_kernel
 from glbench.env.options import RESET_MASK, STATE, check_names, mask_option, state_option
 from glbench.env.panel import panel
+from glbench.env.rendering import PICTURES, Camera, checked_render_mode
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
 from glbench.env.simulation import Simulation, check_runs
-from glbench.env.spaces import action_space, checked_render_mode, observation_space, the_task
+from glbench.env.spaces import action_space, observation_space, the_task
 from glbench.env.vector_info import add_failures, add_objects, with_masks
-from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean
+from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean, whole_number
 from glbench.kernel import Kernel, KernelPool, make_kernel
 
 if TYPE_CHECKING:
@@ -52,17 +54,18 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
     num_envs
         Number of rows.
     kernel
-        What integrates a step; by default the kernel that all environments of this thread share. For training,
-        ``Kernel(900.0, preset="fast")`` trades accuracy for speed; scores are made with the default.
+        Name of a preset or a ``Kernel``, as for ``GreenhouseEnv``. ``"standard"`` and ``"fast"`` trade accuracy for speed in
+        training; scores are made with the default, ``"reference"``.
     workers
-        Cores that share the rows, to the same bits: threads of the compiled kernel, else processes, which ``close`` ends.
+        Cores that share the rows, to the same bits: threads of the compiled kernel, else processes, which ``close`` ends. Goes
+        with a preset, not with a ``Kernel``, which has its own.
     autoreset_mode
         What happens to a row whose episode ended. ``NEXT_STEP`` (the default, as in Gymnasium): the next step ignores its
         action, starts a new episode and returns its first observation with reward 0. ``SAME_STEP``: a new episode starts
         at once; the last observation and info of the old one are in ``info["final_obs"]`` and ``info["final_info"]``.
         ``DISABLED``: the row must be reset with the option ``reset_mask`` before the next step.
     render_mode
-        ``None`` or ``"ansi"``: ``render`` then returns a text for each row.
+        As for ``GreenhouseEnv``; ``render`` returns one text or picture for each row.
     """
 
     _own_kernel: Kernel | KernelPool | None = None
@@ -72,16 +75,17 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         task: TaskSpec | str,
         num_envs: int = 1,
         *,
-        kernel: Stepper | None = None,
+        kernel: Stepper | str | None = None,
         workers: int = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
     ) -> None:
-        if kernel is not None and workers != 1:
-            msg = "Give the vector environment a kernel or a number of workers, not both."
-            raise GlbenchError(msg)
         check_runs(num_envs)
         self.task = the_task(task)
+        check_kernel(kernel, self.task)
+        if whole_number(workers, "The number of workers") != 1 and not isinstance(kernel, str | None):
+            msg = "Give the vector environment a Kernel or a number of workers, not both; a preset's name goes with workers."
+            raise GlbenchError(msg)
         self.num_envs = num_envs
         self.render_mode = checked_render_mode(render_mode)
         self.autoreset_mode = _mode(autoreset_mode)
@@ -91,10 +95,12 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         if workers != 1:
-            made = make_kernel(self.task.step_seconds, workers=workers, variant=self.task.model.variant)
+            preset = str(kernel or SCORING_PRESET)
+            made = make_kernel(self.task.step_seconds, workers=workers, variant=self.task.model.variant, preset=preset)
             kernel = self._own_kernel = made
         self.simulation = Simulation(self.task, num_envs, kernel)
         self._info = InfoWriter(self.task)
+        self._camera = Camera(self.simulation) if render_mode == PICTURES else None
         self._generators: list[np.random.Generator] = []
         self._generator_seeds: list[int] = []
         self._result: StepResult | None = None
@@ -155,6 +161,8 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
             if over.all():
                 return self._only_reset()
         result = self._result = self.simulation.step(actions)
+        if self._camera is not None:
+            self._camera.follow(result, np.flatnonzero(~over).tolist())
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self.simulation.over:
             observations, info = self._reset_at_once(result)
             terminated = result.terminated.copy()
@@ -164,8 +172,16 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
             info = self._step_info(result, ~over if any_over else None)
         return observations, result.rewards.copy(), terminated, np.zeros(self.num_envs, dtype=np.bool_), info
 
-    def render(self) -> tuple[str, ...] | None:
-        """A few lines of text for each row, or ``None`` without a render mode."""
+    def render(self) -> tuple[str, ...] | tuple[NDArray[np.uint8], ...] | None:
+        """A text or a picture ``(480, 640, 3)`` for each row, or ``None`` without a render mode.
+
+        Raises
+        ------
+        GlbenchError
+            For pictures without matplotlib, or before the first reset.
+        """
+        if self._camera is not None:
+            return tuple(self._camera.picture(row) for row in range(self.num_envs))
         if self.render_mode is None:
             return None
         return tuple(panel(self.simulation, row, self._result) for row in range(self.num_envs))
@@ -188,6 +204,8 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
             self._generators = [unpack_generator(words) for words in snapshot.generators]
             self._generator_seeds = [-1] * self.num_envs
         self._result = None
+        if self._camera is not None:
+            self._camera.begin()
         everywhere = np.ones(self.num_envs, dtype=np.bool_)
         return observations, with_masks(self._info.columns(self.simulation, None), everywhere, everywhere)
 
@@ -224,7 +242,10 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
             else:
                 self._generators[row], self._generator_seeds[row] = seeding.np_random(seed)
             chosen.append(seed)
-        return self.simulation.reset(chosen, None if len(rows) == self.num_envs else rows)
+        observations = self.simulation.reset(chosen, None if len(rows) == self.num_envs else rows)
+        if self._camera is not None:
+            self._camera.begin(None if len(rows) == self.num_envs else rows.tolist())
+        return observations
 
     def _only_reset(self) -> Step:
         """The step of mode ``NEXT_STEP`` in which every row starts a new episode."""

@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.info import FAILURE
-from glbench.env.quantities import QUANTITY_NAMES
+from glbench.env.info import FAILURE, OF_STEP
 from glbench.env.step_result import StepResult
 
 Mask = NDArray[np.bool_]
 
-_OF_STEP = frozenset(QUANTITY_NAMES)
+_OF_STEP = frozenset(quantity.name for quantity in OF_STEP)
 
 
 def with_masks(columns: dict[str, NDArray[np.generic]], rows: Mask, stepped: Mask) -> dict[str, Any]:

@@ -1,16 +1,17 @@
 """The record of every run of an evaluation in one small file: raw actions and rewards, step by step, and the final states.
 
-It is all that a proof needs, because actions and seeds determine everything else; full episodes are made from it by replaying.
+It is all that a verification needs, because actions and seeds determine everything else; full episodes are made from it by replaying.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
@@ -19,13 +20,15 @@ from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from glbench.episodes.header import Facts, Provenance, RunFacts, as_words, canonical
-from glbench.episodes.mcap_scan import Scan, scan
+from glbench.episodes.mcap_scan import Scan, largest_content, scan
 from glbench.episodes.mcap_stream import McapStream
 from glbench.episodes.writing import PROVENANCE, TASK
 from glbench.errors import EpisodeError
+from glbench.model import STATE_NAMES
+from glbench.untrusted import shown
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -34,6 +37,8 @@ LOG_FORMAT = "1"
 _RUNS = "runs.json"
 _TITLE = "glbench actions"
 _BLOCK = 96
+_MOST_RUNS = 65_535
+"""MCAP numbers its channels with 16 bits."""
 _MESSAGE_HEAD = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")]
 )  # fmt: skip
@@ -47,7 +52,7 @@ _BYTES, _NUMBERS = (
 class RunTable(Facts):
     """How each run ended, in the order of the seeds."""
 
-    runs: tuple[RunFacts, ...]
+    runs: Annotated[tuple[RunFacts, ...], Field(max_length=_MOST_RUNS)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,34 +179,54 @@ def read_log(path: Path | str) -> ActionLog:
         provenance = Provenance.model_validate_json(found.attachments[PROVENANCE])
         runs = RunTable.model_validate_json(found.attachments[_RUNS]).runs
         return _log(found, provenance, runs, words["actions_as"])
-    except (KeyError, ValueError, IndexError, DecodeError, ValidationError) as error:
-        msg = f"{path} is no whole file of recorded actions ({' '.join(str(error).split())[:200]})."
+    except (KeyError, ValueError, IndexError, OverflowError, DecodeError, ValidationError) as error:
+        msg = f"{path} is no whole file of recorded actions ({shown(' '.join(str(error).split())[:200])})."
         raise EpisodeError(msg) from error
 
 
 def _log(found: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], number: str) -> ActionLog:
     steps, width = provenance.task.steps, len(provenance.agent.columns)
+    if number not in _NUMBERS:
+        msg = f"actions are kept as {' or '.join(_NUMBERS)}"
+        raise ValueError(msg)
     kind = np.dtype(number)
+    if steps * len(runs) * (width * kind.itemsize + 8) > largest_content(found.size):
+        msg = f"it announces {len(runs)} runs of {steps} steps, far more than it can hold"
+        raise ValueError(msg)
     actions = np.zeros((steps, len(runs), width), kind)
     rewards = np.zeros((steps, len(runs)))
-    final = np.zeros((len(runs), 0))
-    rows = {topic.id: _row(topic.topic, runs) for topic in found.channels.values()}
+    final = np.zeros((len(runs), len(STATE_NAMES)))
+    places = {f"/runs/{run.seed}": row for row, run in enumerate(runs)}
+    rows = {topic.id: places[topic.topic] for topic in found.channels.values()}
     counted = np.zeros((2, len(runs)), dtype=np.int64)
     part = _part_class()
+    begun: set[int] = set()
+    ended: set[int] = set()
     for chunk in found.chunks:
         for channel, data in _unframed(chunk):
             row, message = rows[channel], part.FromString(data)
             first = message.first_step - 1
             table = np.frombuffer(message.actions, kind).reshape(width, -1).T
             gained = np.frombuffer(message.rewards, np.float64)
+            follows = first == counted[0, row] and (first == counted[1, row] or not len(gained))
+            if not follows or (not len(table) and row in begun):
+                msg = f"the parts of the run with seed {runs[row].seed} do not follow each other"
+                raise ValueError(msg)
+            begun.add(row)
             actions[first : first + len(table), row] = table
             rewards[first : first + len(gained), row] = gained
             counted[:, row] += len(table), len(gained)
             if message.final_state:
                 state = np.frombuffer(message.final_state, np.float64)
-                final = final if final.shape[1] else np.zeros((len(runs), len(state)))
+                if len(state) != len(STATE_NAMES):
+                    msg = f"a final state has {len(state)} values, not {len(STATE_NAMES)}"
+                    raise ValueError(msg)
                 final[row] = state
+                ended.add(row)
     for row, run in enumerate(runs):
+        if row not in ended:
+            msg = f"the run with seed {run.seed} has no final state"
+            raise ValueError(msg)
         if tuple(counted[:, row]) != (run.actions, run.steps):
             msg = (
                 f"the run with seed {run.seed} has {counted[0, row]} of {run.actions} actions "
@@ -209,10 +234,6 @@ def _log(found: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], number
             )
             raise ValueError(msg)
     return ActionLog(provenance, found.attachments[TASK], runs, actions, rewards, final)
-
-
-def _row(topic: str, runs: tuple[RunFacts, ...]) -> int:
-    return [f"/runs/{run.seed}" for run in runs].index(topic)
 
 
 def _framed(channel: int, sequence: int, time: int, data: bytes) -> bytes:
@@ -223,15 +244,16 @@ def _framed(channel: int, sequence: int, time: int, data: bytes) -> bytes:
     return head.tobytes() + data
 
 
-def _unframed(chunk: bytes) -> list[tuple[int, bytes]]:
-    messages, position = [], 0
+def _unframed(chunk: bytes) -> Iterator[tuple[int, bytes]]:
+    position = 0
     while position < len(chunk):
         head = np.frombuffer(chunk, _MESSAGE_HEAD, 1, position)[0]
         end = position + 9 + int(head["length"])
-        if head["opcode"] == Opcode.MESSAGE:
-            messages.append((int(head["channel"]), chunk[position + _MESSAGE_HEAD.itemsize : end]))
+        if head["opcode"] != Opcode.MESSAGE or end < position + _MESSAGE_HEAD.itemsize:
+            msg = "its chunks hold something else than messages"
+            raise ValueError(msg)
+        yield int(head["channel"]), chunk[position + _MESSAGE_HEAD.itemsize : end]
         position = end
-    return messages
 
 
 def _fields(number: str | None) -> FileDescriptorSet:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from glbench.errors import EpisodeError
+from glbench.untrusted import parse_json, shown
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -21,6 +22,7 @@ _UNITS: dict[str, dict[str, str]] = {
     },
     "penalty_scale": {"air_temperature": "degC", "co2": "ppm", "relative_humidity": "%"},
     "failed_step": {"epi": "EUR m-2"},
+    "time_limits": {"start": "s", "step": "s", "run": "s"},
 }  # fmt: skip
 """Fields that a task file writes with their unit and a task holds as plain numbers."""
 
@@ -43,13 +45,13 @@ def task_of(definition: bytes) -> TaskSpec:
     from glbench.tasks import TaskSpec
 
     try:
-        plain = json.loads(definition)
-        return TaskSpec.model_validate(_as_written(plain))
-    except (ValueError, KeyError, TypeError, AttributeError, ValidationError) as error:
-        msg = (
-            f"The task definition in the record cannot be read ({' '.join(str(error).split())[:200]}). Evaluate again."
-        )
+        plain = parse_json(definition)
+        task = TaskSpec.model_validate(_as_written(plain))
+        task.weather.start + dt.timedelta(days=task.weather.days + 2)  # beyond the year 9999 there are no dates
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, ValidationError) as error:
+        msg = f"The task definition in the record cannot be read ({shown(' '.join(str(error).split())[:200])}). Evaluate again."
         raise EpisodeError(msg) from error
+    return task
 
 
 def _as_written(plain: Mapping[str, Any]) -> dict[str, Any]:
@@ -64,8 +66,11 @@ def _as_written(plain: Mapping[str, Any]) -> dict[str, Any]:
         ("prices", written),
         ("penalty_scale", written["reward"]),
         ("failed_step", written["evaluation"]),
+        ("time_limits", written["evaluation"]),
     ):
         units = _UNITS[table]
+        if owner.get(table) is None:  # a task that limits no time
+            continue
         owner[table] = {
             key: {"value": value, "unit": units[key]} if key in units else value for key, value in owner[table].items()
         }

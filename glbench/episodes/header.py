@@ -8,14 +8,16 @@ from __future__ import annotations
 import json
 import platform
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import rfc8785
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from glbench import __version__
 from glbench.episodes.definition import definition_json
+from glbench.errors import TaskError
 from glbench.model import CONTROL_NAMES, MODEL_VERSION
+from glbench.untrusted import LARGEST_INTEGER, is_agent_name, one_line, steers
 
 if TYPE_CHECKING:
     from glbench.agents import LoadedAgent
@@ -23,6 +25,11 @@ if TYPE_CHECKING:
 
 Status = Literal["ok", "crashed", "timed_out", "invalid_action", "simulation_failed"]
 Acts = Literal["actions", "controls"]
+Count = Annotated[int, Field(ge=0, le=LARGEST_INTEGER)]
+Line = Annotated[str, AfterValidator(one_line)]
+Word = Annotated[Line, Field(max_length=300)]
+Text = Annotated[Line, Field(max_length=2000)]
+_MOST_ENTRIES = 100
 
 
 class Facts(BaseModel):
@@ -34,25 +41,32 @@ class Facts(BaseModel):
 class TaskFacts(Facts):
     """The task; ``parts`` are the digests that its digest is made of (definition, parameters, weather, model, ...)."""
 
-    id: str
-    digest: str
-    title: str
-    steps: int
-    step_seconds: float
-    start: str
-    parts: dict[str, str]
+    id: Word
+    digest: Word
+    title: Text
+    steps: Count
+    step_seconds: Annotated[float, Field(gt=0, le=86400)]
+    start: Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")]
+    parts: Annotated[dict[Word, Word], Field(max_length=_MOST_ENTRIES)]
 
 
 class AgentFacts(Facts):
     """The agent. ``acts``: whether it gave actions, or (privileged) the controls themselves; ``columns``: their names."""
 
-    name: str
-    kind: str
-    digest: str
+    name: Word
+    kind: Word
+    digest: Word
     privileged: bool
-    information: str
+    information: Text
     acts: Acts
-    columns: tuple[str, ...]
+    columns: Annotated[tuple[Word, ...], Field(max_length=_MOST_ENTRIES)]
+
+    @model_validator(mode="after")
+    def _has_a_name(self) -> Self:
+        if not is_agent_name(self.name):
+            msg = f"{self.name!r} cannot be the name of an agent"
+            raise ValueError(msg)
+        return self
 
 
 class RunFacts(Facts):
@@ -61,11 +75,11 @@ class RunFacts(Facts):
     A run whose last step could not be simulated has one action more than steps.
     """
 
-    seed: int
+    seed: Count
     status: Status
-    reason: str | None
-    steps: int
-    actions: int
+    reason: Text | None
+    steps: Count
+    actions: Count
 
     @model_validator(mode="after")
     def _counts_fit(self) -> Self:
@@ -83,12 +97,30 @@ class Provenance(Facts):
 
     task: TaskFacts
     agent: AgentFacts
-    kernel: dict[str, str | float]
-    versions: dict[str, str]
+    kernel: Annotated[dict[Word, Text | float], Field(max_length=_MOST_ENTRIES)]
+    versions: Annotated[dict[Word, Word], Field(max_length=_MOST_ENTRIES)]
+
+    @model_validator(mode="after")
+    def _says_what_computed(self) -> Self:
+        if "backend" not in self.kernel or "glbench" not in self.versions:
+            msg = "the kernel's backend or the version of glbench is missing"
+            raise ValueError(msg)
+        return self
 
 
 def provenance_of(task: TaskSpec, agent: LoadedAgent, kernel: dict[str, str | float]) -> Provenance:
-    """Provenance of an evaluation of ``agent`` on ``task`` with a kernel of that description."""
+    """Provenance of an evaluation of ``agent`` on ``task`` with a kernel of that description.
+
+    Raises
+    ------
+    TaskError
+        When the task's title cannot be shown on one line.
+    """
+    if any(steers(letter) for letter in task.title):
+        msg = (
+            f"The title of the task {task.id} is {task.title!r}: it must stand on one line, without control characters."
+        )
+        raise TaskError(msg)
     prints = task.fingerprint()
     parts = {name: getattr(prints, name) for name in PARTS}
     return Provenance(

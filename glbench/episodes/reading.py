@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from google.protobuf.message import DecodeError
 from mcap.records import Channel
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
@@ -17,6 +18,7 @@ from glbench.episodes.mcap_scan import Scan, scan
 from glbench.episodes.wire import Layout, layout_from
 from glbench.episodes.writing import FORMAT, PROVENANCE, RUN, TASK
 from glbench.errors import EpisodeError
+from glbench.untrusted import one_line, shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,7 +64,11 @@ def read_episode(path: Path | str, *, partial: bool = False) -> Episode:
     run = _attached(path, found, RUN, RunFacts)
     if TASK not in found.attachments:
         raise EpisodeError(_too_short(path, TASK, found))
-    return _episode(path, found, provenance, run)
+    try:
+        return _episode(path, found, provenance, run)
+    except (ValueError, KeyError, IndexError, TypeError, OverflowError, StopIteration, DecodeError) as error:
+        msg = f"{path} does not hold an episode as glbench writes it ({shown(' '.join(str(error).split())[:200])})."
+        raise EpisodeError(msg) from error
 
 
 def _attached(path: Path, found: Scan, name: str, kind: type[Record]) -> Record:
@@ -73,7 +79,7 @@ def _attached(path: Path, found: Scan, name: str, kind: type[Record]) -> Record:
         return kind.model_validate_json(data)
     except ValidationError as error:
         first = error.errors()[0]
-        msg = f"{path}: the attached {name} is invalid ({'.'.join(map(str, first['loc']))}: {first['msg']})."
+        msg = f"{path}: the attached {name} is invalid ({shown('.'.join(map(str, first['loc'])))}: {first['msg']})."
         raise EpisodeError(msg) from error
 
 
@@ -126,6 +132,8 @@ def _groups(channel: Channel, layout: Layout) -> list[Group]:
             Column(name, about.get(f"unit.{name}", "?"), about.get(f"meaning.{name}", "")) for name in part.names
         )
         at_start = about.get(f"at_start.{part.field}") == "true"
+        for column in columns:
+            one_line(column.name + column.unit + column.meaning)
         groups.append(
             Group(about.get(f"group.{part.field}", part.field), part.field, part.message, moment, at_start, columns)
         )

@@ -16,8 +16,11 @@ def parse_selection(text: str) -> tuple[str, ...]:
     Raises
     ------
     EpisodeError
-        For another word, or ``all`` or ``none`` in a list.
+        For what is no text, for another word, and for ``all`` or ``none`` in a list.
     """
+    if not isinstance(text, str):
+        msg = f"Episodes are chosen by a text such as '{DEFAULT}'; got {text!r}."
+        raise EpisodeError(msg)
     words = tuple(dict.fromkeys(word.strip() for word in text.split(",")))
     for word in words:
         if word not in WORDS and not word.isdecimal():

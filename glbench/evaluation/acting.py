@@ -58,9 +58,11 @@ def guarded(
             value = call()
         finally:
             alarm.stop()
-    except TimeUp:
+    except TimeUp as error:
         alarm.stop()
-        failure = _too_slow(seconds, what)
+        # Before its time it was raised by the agent itself, or rung by a signal that it sent.
+        early = time.perf_counter() - began < seconds
+        failure = Failure(None, "crashed", in_words(error)) if early else _too_slow(seconds, what)
     except through:
         raise
     except ActionError as error:  # of the adapter for single-run agents, which checks the shape of what they return

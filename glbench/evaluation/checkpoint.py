@@ -7,6 +7,7 @@ every file appears whole or not at all, so a kill at any moment leaves a folder 
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import logging
@@ -28,6 +29,7 @@ logger = logging.getLogger(__name__)
 
 _SNAPSHOT = "snapshot.npz"
 _FACTS = "facts"
+_DIGEST_BYTES = hashlib.sha256().digest_size
 _SHARE = 0.02
 """Largest share of the time that may go into checkpoints."""
 
@@ -140,11 +142,18 @@ def _pieces(folder: Path) -> list[tuple[int, int, Path]]:
 
 
 def _packed(arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """The arrays as bytes, behind the SHA-256 digest of these bytes."""
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **arrays)
-    return buffer.getvalue()
+    content = buffer.getvalue()
+    return hashlib.sha256(content).digest() + content
 
 
 def _unpacked(path: Path) -> dict[str, NDArray[Any]]:
-    with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
+    data = path.read_bytes()
+    digest, content = data[:_DIGEST_BYTES], data[_DIGEST_BYTES:]
+    if hashlib.sha256(content).digest() != digest:
+        msg = f"{path.name} is not as it was written: its content does not match its digest"
+        raise ValueError(msg)
+    with np.load(io.BytesIO(content), allow_pickle=False) as file:
         return {name: file[name] for name in file.files}

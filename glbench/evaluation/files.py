@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import tempfile
 from pathlib import Path
@@ -12,8 +11,12 @@ from pydantic import ValidationError
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation.records import SCHEMA_NAME, SCHEMA_VERSION, Result
 from glbench.resources import write_atomically
+from glbench.untrusted import MIB, parse_json, quoted, read_regular, shown
 
 _SHOWN_PROBLEMS = 3
+_LONGEST_KEY = 80
+LARGEST_RESULT = 32 * MIB
+"""A run takes less than 1.5 kB, and a task has at most 10,000."""
 
 
 class SavingError(GlbenchError):
@@ -60,7 +63,7 @@ def load_result(path: Path | str) -> Result:
         raise ResultError(msg)
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_regular(path, LARGEST_RESULT).decode()
     except FileNotFoundError as error:
         msg = f"There is no result file {path}. Make one with `glbench evaluate`."
         raise ResultError(msg) from error
@@ -99,21 +102,18 @@ def ensure_writable(folder: Path) -> None:
 def _check_schema(path: Path, text: str) -> None:
     """Say plainly that a file is of another kind or age, before its hundred missing fields are listed."""
     try:
-        document = json.loads(text)
-    except json.JSONDecodeError as error:
-        msg = (
-            f"{path} is no valid JSON (line {error.lineno}, column {error.colno}: {error.msg}). "
-            "It was cut or edited; evaluate again with `glbench evaluate ... --fresh`."
-        )
+        document = parse_json(text)
+    except ValueError as error:
+        msg = f"{path} is no valid JSON ({error}). It was cut or edited; evaluate again with `glbench evaluate ... --fresh`."
         raise ResultError(msg) from error
     name = document.get("schema") if isinstance(document, dict) else None
     if name != SCHEMA_NAME:
-        msg = f"{path} is no result of glbench: its 'schema' is {name!r} and should be '{SCHEMA_NAME}'."
+        msg = f"{path} is no result of glbench: its 'schema' is {quoted(name)} and should be '{SCHEMA_NAME}'."
         raise ResultError(msg)
     number = document.get("schema_version")
     if number != SCHEMA_VERSION:
         msg = (
-            f"{path} has result schema version {number!r}; this glbench reads version {SCHEMA_VERSION}. "
+            f"{path} has result schema version {quoted(number)}; this glbench reads version {SCHEMA_VERSION}. "
             "Use the glbench that wrote it, or evaluate again."
         )
         raise ResultError(msg)
@@ -121,10 +121,10 @@ def _check_schema(path: Path, text: str) -> None:
 
 def _problems(error: ValidationError) -> str:
     """The first problems in words: where in the file, and what."""
-    shown = []
+    listed = []
     for problem in error.errors()[:_SHOWN_PROBLEMS]:
-        where = ".".join(str(part) for part in problem["loc"])
+        where = shown(".".join(str(part)[:_LONGEST_KEY] for part in problem["loc"]))
         what = problem["msg"].removeprefix("Value error, ")
-        shown.append(f"{where}: {what}" if where else what)
-    more = error.error_count() - len(shown)
-    return "; ".join(shown) + (f"; and {more} more" if more > 0 else "")
+        listed.append(f"{where}: {what}" if where else what)
+    more = error.error_count() - len(listed)
+    return "; ".join(listed) + (f"; and {more} more" if more > 0 else "")

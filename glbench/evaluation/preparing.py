@@ -29,7 +29,8 @@ CHECKPOINT_SECONDS = 2.0
 
 
 TRIALS = "trials"
-"""Folder below the results' for trials with other seeds than the task's, where a full evaluation must not be replaced."""
+"""Folder below ``out`` for trials, which are evaluations with other seeds than the task's."""
+_MOST_RUNS = 10_000
 
 
 def prepare(
@@ -64,7 +65,7 @@ def prepare(
     folder = None if out is None else Path(out).expanduser().resolve()
     kernel = shared_kernel(task.step_seconds, task.model.variant).describe()
     stored = None
-    if folder is not None and not fresh and _is_trial_beside_full_result(folder, task, agent, seeds):
+    if folder is not None and seeds != tuple(task.evaluation.seeds):
         folder = folder / TRIALS
     if folder is not None:
         ensure_writable(result_path(folder, task.id, agent.name).parent)
@@ -121,7 +122,7 @@ def evaluate(
         Processes that share the simulation of the runs. The numbers do not depend on it.
     out
         Folder for the result (``<out>/results/<task>/<agent>.json``) and for the checkpoint of an interrupted evaluation.
-        Without it nothing is written.
+        A trial, with other seeds than the task's, is saved below ``<out>/trials``. Without it nothing is written.
     fresh
         Evaluate again even when the result is there, and from the beginning even when there is a checkpoint.
     limits
@@ -173,6 +174,9 @@ def _seeds(task: TaskSpec, runs: int | None, first_seed: int | None) -> tuple[in
     if runs < 1:
         msg = f"An evaluation needs at least one run; got {runs}."
         raise GlbenchError(msg)
+    if runs > _MOST_RUNS:
+        msg = f"An evaluation has at most {_MOST_RUNS:,} runs; got {runs:,}. Divide them: the seed of the first run is yours to choose."
+        raise GlbenchError(msg)
     if first < 0 or first + runs - 1 > _LARGEST_SEED:
         msg = f"Seeds lie between 0 and 2^53 - 1; got {runs} runs from seed {first}."
         raise GlbenchError(msg)
@@ -216,14 +220,3 @@ def _finished(
         logger.warning("%s lacks its recorded actions, without which nobody can verify it; evaluating again.", path)
         return None
     return None
-
-
-def _is_trial_beside_full_result(out: Path, task: TaskSpec, agent: LoadedAgent, seeds: tuple[int, ...]) -> bool:
-    """Whether these seeds are a trial, and a full evaluation under the agent's name stands where it would be saved."""
-    path = result_path(out, task.id, agent.name)
-    if seeds == tuple(task.evaluation.seeds) or not path.exists():
-        return False
-    try:
-        return load_result(path).evaluation.seeds == tuple(task.evaluation.seeds)
-    except ResultError:
-        return False

@@ -11,10 +11,11 @@ import math
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 import rfc8785
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from glbench.agents.card import SubmissionCard
 from glbench.evaluation.metrics import METRIC_NAMES, UNITS
+from glbench.untrusted import AGENT_NAME_RULE, LARGEST_INTEGER, is_agent_name, one_line
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,8 +25,25 @@ SCHEMA_VERSION: Final = 1
 
 Status = Literal["ok", "crashed", "timed_out", "invalid_action", "simulation_failed"]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-Count = Annotated[int, Field(ge=0)]
-Seconds = Annotated[float, Field(ge=0)]
+Count = Annotated[int, Field(ge=0, le=LARGEST_INTEGER)]
+Seconds = Annotated[float, Field(ge=0, le=1e15)]
+LONGEST_REASON = 2000
+"""Characters of the words that say why a run failed."""
+Line = Annotated[str, AfterValidator(one_line)]
+Word = Annotated[Line, Field(max_length=300)]
+Text = Annotated[Line, Field(max_length=LONGEST_REASON)]
+MOST_STEPS = 10_000_000
+"""A task has at most ten years of minutes."""
+_MOST_ENTRIES = 100
+_LARGEST_METRIC = 1e100
+"""Beyond what any run can reach; sums of larger numbers overflow."""
+
+
+def _agent_name(name: str) -> str:
+    if not is_agent_name(name):
+        msg = f"an agent's name has {AGENT_NAME_RULE}"
+        raise ValueError(msg)
+    return name
 
 
 class Record(BaseModel):
@@ -43,9 +61,9 @@ class RunResult(Record):
 
     seed: Count
     status: Status
-    reason: str | None
+    reason: Text | None
     steps: Count
-    metrics: dict[str, float]
+    metrics: Annotated[dict[Word, float], Field(max_length=_MOST_ENTRIES)]
 
     @model_validator(mode="after")
     def _has_every_metric(self) -> Self:
@@ -63,21 +81,21 @@ class RunResult(Record):
 class TaskRecord(Record):
     """The task that was run; its digest covers definition, parameters, weather and model."""
 
-    id: str
+    id: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+/[A-Za-z0-9_.-]+-v[1-9][0-9]*$", max_length=200)]
     digest: Digest
-    title: str
-    steps: Count
-    step_seconds: Seconds
+    title: Text
+    steps: Annotated[int, Field(ge=0, le=MOST_STEPS)]
+    step_seconds: Annotated[float, Field(ge=1, le=86400)]
 
 
 class AgentRecord(Record):
     """The agent that acted; its digest covers its files. ``information`` says in words what it could see."""
 
-    name: str
-    kind: str
+    name: Annotated[str, AfterValidator(_agent_name)]
+    kind: Literal["submission", "baseline"]
     digest: Digest
     privileged: bool
-    information: str
+    information: Text
     card: SubmissionCard | None = None
     """What the submission says about itself; ``None`` without a card and in results of earlier versions."""
 
@@ -88,16 +106,16 @@ class EvaluationRecord(Record):
     ``decision_seconds`` is the time spent in the agent, for all runs together; ``decision_milliseconds`` the same for one step of one run.
     """
 
-    runs: Annotated[int, Field(ge=1)]
+    runs: Annotated[Count, Field(ge=1)]
     seeds: tuple[Count, ...]
-    workers: Annotated[int, Field(ge=1)]
+    workers: Annotated[Count, Field(ge=1)]
     wall_seconds: Seconds
     steps_per_second: Seconds
     decision_seconds: Seconds
     decision_milliseconds: Seconds
     resumed_at_step: Count | None
-    limits: dict[str, float]
-    kernel: dict[str, str | float]
+    limits: Annotated[dict[Word, Seconds], Field(max_length=_MOST_ENTRIES)]
+    kernel: Annotated[dict[Word, Text | float], Field(max_length=_MOST_ENTRIES)]
     sandbox: Literal["bubblewrap", "unsandboxed", "built-in"] | None = None
     """How the agent ran: in a sandbox, without one, or as a part of glbench; ``None`` in results of glbench without sandboxes."""
 
@@ -105,45 +123,45 @@ class EvaluationRecord(Record):
 class RecordReference(Record):
     """A file beside the result, such as the one that holds the actions of all runs, and the digest of its content."""
 
-    file: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+    file: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=255)]
     digest: Digest
 
 
 class Versions(Record):
     """Versions of everything that computes a number."""
 
-    glbench: str
-    model: str
-    python: str
-    numpy: str
-    casadi: str
-    gymnasium: str
+    glbench: Word
+    model: Word
+    python: Word
+    numpy: Word
+    casadi: Word
+    gymnasium: Word
 
 
 class Machine(Record):
     """Where it was computed."""
 
-    processor: str
-    architecture: str
-    cores: int
-    system: str
+    processor: Word
+    architecture: Word
+    cores: Count
+    system: Word
 
 
 class GitState(Record):
     """The checkout it was computed from; ``dirty`` when code, tasks, weather or baselines differ from the commit."""
 
-    commit: str
+    commit: Word
     dirty: bool
 
 
 class Summary(Record):
     """Means over all runs, failed ones included, and how many runs ended how."""
 
-    runs: int
-    ok: int
-    failed: int
-    statuses: dict[str, int]
-    mean: dict[str, float]
+    runs: Count
+    ok: Count
+    failed: Count
+    statuses: dict[Status, Count]
+    mean: Annotated[dict[Word, float], Field(max_length=_MOST_ENTRIES)]
 
 
 class Result(Record):
@@ -157,13 +175,13 @@ class Result(Record):
     versions: Versions
     machine: Machine
     git: GitState | None
-    created: str
-    units: dict[str, str]
+    created: Word
+    units: Annotated[dict[str, str], Field(max_length=_MOST_ENTRIES)]
     runs: tuple[RunResult, ...]
     summary: Summary
     results_digest: Digest
     record: RecordReference | None = None
-    """What `glbench verify` proves the result from; ``None`` in results that were made without a folder."""
+    """What `glbench verify` reproduces the result from; ``None`` in results that were made without a folder."""
     profile: RecordReference | None = None
     """What pages show of days and seasons; ``None`` in results that were made without a folder, or by an earlier glbench."""
 
@@ -180,6 +198,9 @@ class Result(Record):
             msg = "a seed occurs twice"
             raise ValueError(msg)
         for run in self.runs:
+            if any(abs(value) > _LARGEST_METRIC for value in run.metrics.values()):
+                msg = f"run with seed {run.seed} has a metric above {_LARGEST_METRIC:g}"
+                raise ValueError(msg)
             if run.steps > self.task.steps or (run.status == "ok") != (run.steps == self.task.steps):
                 msg = f"run with seed {run.seed} is '{run.status}' after {run.steps} of {self.task.steps} steps"
                 raise ValueError(msg)
@@ -219,7 +240,7 @@ class Result(Record):
 
 def summarise(runs: tuple[RunResult, ...]) -> Summary:
     """Means (correctly rounded sums, hence independent of the order of the runs) and counts of statuses."""
-    statuses: dict[str, int] = {}
+    statuses: dict[Status, int] = {}
     for run in runs:
         statuses[run.status] = statuses.get(run.status, 0) + 1
     ok = statuses.get("ok", 0)

@@ -13,7 +13,7 @@ import filelock
 
 _PREFIX: Final = "glbench-scratch-"
 _LOCK: Final = ".in-use"
-_OLD_SECONDS: Final = 600.0
+_OLD_SECONDS: Final = 60.0
 """Younger folders may be in the making: there is a moment between a folder and its lock."""
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -53,11 +56,22 @@ class Kernel(Stepper):
         threads = whole_number(threads, "The number of threads")
         self.variant = variant
         self.preset = preset
+        self.threads = threads
         self._backend = make_backend(
             backend, step_seconds=self.step_seconds, variant=variant, preset=preset, threads=threads
         )
         self.backend = self._backend.name
         self._differentiator: Differentiator | None = None
+
+    def __reduce__(self) -> tuple[partial[Kernel], tuple[float]]:
+        """A copied or pickled kernel is made anew with the same settings and backend; its bits are the same."""
+        settings: dict[str, Any] = {
+            "variant": self.variant,
+            "backend": self.backend,
+            "preset": self.preset,
+            "threads": self.threads,
+        }
+        return partial(type(self), **settings), (self.step_seconds,)
 
     def advance(self, rows: Rows) -> tuple[FloatArray, list[StepFailure]]:
         """Step checked rows; see ``Stepper.advance``."""

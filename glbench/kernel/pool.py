@@ -15,6 +15,7 @@ import subprocess
 import sys
 import weakref
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -63,7 +64,13 @@ class KernelPool(Stepper):
         self.step_seconds = positive_seconds(step_seconds)
         # Chosen (and built, if need be) once, so that all workers step alike.
         self.backend = choose(backend)
-        settings = {"step_seconds": self.step_seconds, "variant": variant, "backend": self.backend, "preset": preset}
+        settings: dict[str, Any] = {
+            "step_seconds": self.step_seconds,
+            "variant": variant,
+            "backend": self.backend,
+            "preset": preset,
+        }
+        self._settings = settings
         self._workers: list[_Worker] = []
         # Also runs when the pool is forgotten, and at the end of the interpreter.
         self._dismissal = weakref.finalize(self, _dismiss, self._workers)
@@ -72,6 +79,10 @@ class KernelPool(Stepper):
                 self._workers.append(_Worker(number, settings))
             descriptions: list[Description] = [worker.receive() for worker in self._workers]
         self._description = descriptions[0]
+
+    def __reduce__(self) -> tuple[partial[KernelPool], tuple[int]]:
+        """A copied or pickled pool starts as many workers of its own, with the same settings."""
+        return partial(type(self), **self._settings), (self.workers,)
 
     @property
     def workers(self) -> int:

@@ -15,6 +15,7 @@ from typing import Any
 
 from glbench.agents.baselines import read_baseline
 from glbench.agents.identity import baseline_names
+from glbench.agents.recording import Recording
 from glbench.errors import GlbenchError
 from glbench.evaluation import Result
 from glbench.resources import data_folder
@@ -39,11 +40,17 @@ def budget_of(result: Result) -> Budget:
         return Budget(agent.card.training.steps, agent.card.training.wall_hours)
     if agent.kind != "baseline" or _digest_of_baseline(agent.name) != agent.digest:
         return UNKNOWN
-    trained = _trainings(data_folder("baselines") / agent.name / "training")
+    trained = _trainings(data_folder("baselines") / _trained(agent.name) / "training")
     if not trained:
         return Budget(0, 0.0)
     delta = _deltas().get(result.task.id)
     return UNKNOWN if delta is None else trained[min(trained, key=lambda level: (abs(level - delta), level))]
+
+
+def _trained(name: str) -> str:
+    """Baseline whose training made ``name`` what it is: for a recording the agent that was recorded."""
+    settings = read_baseline(name).settings
+    return str(settings.about["agent"]) if isinstance(settings, Recording) else name
 
 
 @cache

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from glbench.errors import ResultError
 from glbench.evaluation import Result, load_result
-from glbench.resources import data_folder
+from glbench.resources import is_released
 from glbench.verification import SUFFIX, read_proof
 
-LARGEST_METRIC = 1e12
-"""No metric of a run is larger than this, in its unit: sums and tables of larger ones would overflow."""
+Origin = Literal["released", "own", "trial"]
+"""Where a result comes from: it came with glbench, is the user's own, or is the user's own with other seeds than the task's."""
 
 
 @dataclass(frozen=True)
@@ -22,11 +23,18 @@ class StoredResult:
     path: Path
     result: Result
     reproduced: bool = False
+    trial: bool = False
+    """Whether its seeds are known not to be the task's."""
 
     @property
     def released(self) -> bool:
         """Whether it came with glbench, as read-only data of the package; otherwise it is the user's own."""
-        return self.path.resolve().is_relative_to(data_folder("reports/released/results").resolve())
+        return is_released(self.path)
+
+    @property
+    def origin(self) -> Origin:
+        """Released, the user's own, or a trial."""
+        return "released" if self.released else "trial" if self.trial else "own"
 
 
 @dataclass(frozen=True)
@@ -66,27 +74,46 @@ def collect_readable(folders: Iterable[Path]) -> tuple[tuple[StoredResult, ...],
         When one folder holds two results of one agent and task.
     """
     chosen: dict[tuple[str, str], StoredResult] = {}
-    problems = []
+    problems: list[ResultError] = []
     for folder in _distinct(folders):
-        here: dict[tuple[str, str], StoredResult] = {}
-        for path in sorted(folder.rglob("*.json")):
-            if path.name.endswith(SUFFIX):
-                continue
-            try:
-                stored = StoredResult(path, _readable(path), reproduced=read_proof(path) is not None)
-            except ResultError as error:
-                problems.append(error)
-                continue
-            key = (stored.result.task.id, stored.result.agent.name)
-            if key in here:
-                msg = (
-                    f"Two results of agent '{key[1]}' on task '{key[0]}': {here[key].path} and {path}. "
-                    "Remove one, or give one of the agents another name."
-                )
-                raise ResultError(msg)
-            here[key] = stored
-        chosen = {**here, **chosen}
+        here, unreadable = read_folder(folder)
+        problems += unreadable
+        chosen = {**by_task_and_agent(here), **chosen}
     return tuple(chosen[key] for key in sorted(chosen)), tuple(problems)
+
+
+def read_folder(folder: Path) -> tuple[list[StoredResult], list[ResultError]]:
+    """Every result below ``folder``, and an error for every ``*.json`` that is none; both are empty where there is no folder."""
+    found, problems = [], []
+    for path in sorted(folder.rglob("*.json")):
+        if path.name.endswith(SUFFIX):
+            continue
+        try:
+            found.append(StoredResult(path, load_result(path), reproduced=read_proof(path) is not None))
+        except ResultError as error:
+            problems.append(error)
+    return found, problems
+
+
+def by_task_and_agent(stored: Iterable[StoredResult]) -> dict[tuple[str, str], StoredResult]:
+    """Results by task id and agent name.
+
+    Raises
+    ------
+    ResultError
+        When there are two results of one agent and task.
+    """
+    found: dict[tuple[str, str], StoredResult] = {}
+    for item in stored:
+        key = (item.result.task.id, item.result.agent.name)
+        if key in found:
+            msg = (
+                f"Two results of agent '{key[1]}' on task '{key[0]}': {found[key].path} and {item.path}. "
+                "Remove one, or give one of the agents another name."
+            )
+            raise ResultError(msg)
+        found[key] = item
+    return found
 
 
 def refuse_mixed_digests(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> None:
@@ -108,21 +135,6 @@ def refuse_mixed_digests(stored: Iterable[StoredResult], expected: Mapping[str, 
                 raise ResultError(_stranger_message(task_id, published.digest, strangers))
         elif len(by_digest) > 1:
             raise ResultError(_mixture_message(task_id, by_digest))
-
-
-def _readable(path: Path) -> Result:
-    """The result in ``path``, whose numbers can be averaged."""
-    try:
-        result = load_result(path)
-        name, value = max(
-            ((name, abs(value)) for run in result.runs for name, value in run.metrics.items()), key=lambda one: one[1]
-        )
-    except OverflowError:
-        name, value = "numbers", float("inf")
-    if value > LARGEST_METRIC:
-        msg = f"{path} holds {name} of {value:.3g} in a run, and no greenhouse gets beyond {LARGEST_METRIC:g}. Remove the file."
-        raise ResultError(msg)
-    return result
 
 
 def _distinct(folders: Iterable[Path]) -> list[Path]:

@@ -10,16 +10,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from glbench.errors import ResultError, did_you_mean
 from glbench.evaluation import Result
-from glbench.leaderboard.collect import Expectation, StoredResult
+from glbench.leaderboard.collect import Expectation, Origin, StoredResult
 from glbench.leaderboard.resampling import Array
 
-Origin = Literal["released", "own", "trial"]
 ORIGINS: tuple[Origin, ...] = ("released", "own", "trial")
 RANKING_METRIC = "reward"
 """What ranks where no task says otherwise."""

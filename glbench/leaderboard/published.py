@@ -1,11 +1,18 @@
-"""What the published tasks ask of results: digest, seeds and metric, from the task files and the lock alone."""
+"""What the published tasks ask of results, and the results that there are: those that came with glbench, and the user's own."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
+from glbench.agents.baselines import read_baseline
+from glbench.agents.identity import baseline_names, letters_of
 from glbench.errors import ResultError
-from glbench.leaderboard.collect import Expectation, StoredResult, collect_readable
+from glbench.evaluation import Result
+from glbench.evaluation.preparing import TRIALS
+from glbench.evaluation.records import AgentRecord
+from glbench.leaderboard.collect import Expectation, StoredResult, by_task_and_agent, read_folder
 from glbench.resources import data_folder
 from glbench.tasks import list_tasks, read_lock
 
@@ -25,16 +32,113 @@ def published_expectations() -> dict[str, Expectation]:
 
 
 def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple[ResultError, ...]]:
-    """The results in ``<out>/results``, and those of the baselines that come with glbench where there are none of one's own.
+    """The results that came with glbench, those in ``<out>/results``, and the trials of agents that have no full result there.
+
+    A released result always keeps its place. The user's own evaluation of a built-in agent takes a place that is free, is not needed
+    where it has the bits of the released one, and is left out where it differs. Whatever bears the name of a released agent and is
+    another one is left out.
 
     Returns
     -------
     stored, problems
-        Results, and an error for every file that is no valid result.
+        Results, at most one an agent and task, sorted by task id and agent name; and an error for every file that is left out.
 
     Raises
     ------
     ResultError
         When one folder holds two results of one agent and task.
     """
-    return collect_readable([out / "results", data_folder("reports/released/results")])
+    home = data_folder("reports/released/results")
+    released, problems = read_folder(home)
+    chosen = by_task_and_agent(released)
+    names = _Names(released)
+    expected = published_expectations()
+    for folder in (out / "results", out / TRIALS / "results"):
+        if folder.resolve() == home.resolve():
+            continue
+        found, unreadable = read_folder(folder)
+        problems += unreadable
+        own = []
+        for item in found:
+            result = item.result
+            problem = names.problem(item) or _problem_beside(item, chosen.get((result.task.id, result.agent.name)))
+            if problem is not None:
+                problems.append(ResultError(problem))
+                continue
+            published = expected.get(result.task.id)
+            is_trial = folder.parent.name == TRIALS or (
+                published is not None and published.seeds != result.evaluation.seeds
+            )
+            own.append(replace(item, trial=is_trial))
+        chosen = {**by_task_and_agent(own), **chosen}
+    return tuple(chosen[key] for key in sorted(chosen)), tuple(problems)
+
+
+class _Names:
+    """The names of built-in and released agents, which no other agent may bear."""
+
+    def __init__(self, released: Iterable[StoredResult]) -> None:
+        self._agents = {item.result.agent.name: item.result.agent for item in released}
+        self._baselines = baseline_names()
+        self._known = {letters_of(name): name for name in (*self._agents, *self._baselines)}
+
+    def problem(self, item: StoredResult) -> str | None:
+        """Why a result cannot stand under its agent's name; ``None`` where it can."""
+        agent = item.result.agent
+        known = self._known.get(letters_of(agent.name))
+        if known is None:
+            if agent.kind != "baseline":
+                return None
+            return f"{item.path} calls '{agent.name}' a baseline, and glbench has none of that name."
+        if agent.name == known and self._is_genuine(agent):
+            return None
+        same = "is the name" if agent.name == known else f"looks like '{known}', the name"
+        return (
+            f"{item.path} is of another agent than the one that came with glbench: '{agent.name}' {same} of that one, and the digest, "
+            f"kind or privileges differ. Give the agent another name and evaluate it again."
+        )
+
+    def _is_genuine(self, agent: AgentRecord) -> bool:
+        stated = (agent.digest, agent.kind, agent.privileged)
+        released = self._agents.get(agent.name)
+        if released is not None and stated == (released.digest, released.kind, released.privileged):
+            return True
+        if agent.name not in self._baselines or agent.kind != "baseline":
+            return False
+        baseline = read_baseline(agent.name)
+        return stated == (baseline.digest, "baseline", baseline.privileged)
+
+
+def _problem_beside(item: StoredResult, released: StoredResult | None) -> str | None:
+    """Why an evaluation of one's own does not stand beside the released one with the same seeds; ``None`` where nothing is to say."""
+    if released is None or item.result.evaluation.seeds != released.result.evaluation.seeds:
+        return None
+    if item.result.results_digest == released.result.results_digest:
+        return None
+    name, reward, theirs = item.result.agent.name, *(_reward(one.result) for one in (item, released))
+    return (
+        f"{item.path} differs from the released result of '{name}', which keeps its row: reward {reward:,.1f}, released {theirs:,.1f}. "
+        f"{_what_differs(item.result, released.result)} See both with `glbench compare {name} {item.path}`."
+    )
+
+
+def _reward(result: Result) -> float:
+    return result.summary.mean["reward"]
+
+
+def _what_differs(own: Result, released: Result) -> str:
+    """What can explain other numbers, as far as the results state it."""
+    pairs = {
+        "task": (own.task.digest[:8], released.task.digest[:8]),
+        "agent": (own.agent.digest[:8], released.agent.digest[:8]),
+        "kernel": (_kernel(own), _kernel(released)),
+        "processor": (own.machine.processor, released.machine.processor),
+        **{name: (number, released.versions.model_dump()[name]) for name, number in own.versions.model_dump().items()},
+    }
+    differing = [f"{name} ({mine}, released {theirs})" for name, (mine, theirs) in pairs.items() if mine != theirs]
+    return f"What differs: {', '.join(differing)}." if differing else "The files state no reason."
+
+
+def _kernel(result: Result) -> str:
+    kernel = result.evaluation.kernel
+    return "/".join(str(kernel[key])[:16] for key in ("backend", "preset", "library_digest") if key in kernel)

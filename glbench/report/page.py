@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
@@ -27,6 +28,7 @@ from glbench.resources import write_atomically
 from glbench.tasks import DEFAULT_TASK
 
 PAGE = "index.html"
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -112,8 +114,17 @@ def page_data(
 
 
 def _profiles(stored: Sequence[StoredResult]) -> dict[str, Profile]:
-    found = {item.result.results_digest: load_profile(item.result, item.path) for item in stored}
-    return {digest: profile for digest, profile in found.items() if profile is not None}
+    """Profiles by ``results_digest``; one that cannot be used is left out with a warning, as one that is missing."""
+    found = {}
+    for item in stored:
+        try:
+            profile = load_profile(item.result, item.path)
+        except ResultError as error:
+            logger.warning("%s", error)
+            continue
+        if profile is not None:
+            found[item.result.results_digest] = profile
+    return found
 
 
 def _html(data: dict[str, Any], blocks: Blocks) -> str:

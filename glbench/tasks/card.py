@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glbench.tasks.quantities import LIMITED, Capacity, Quantity
+from glbench.tasks.vocabulary import ACTUATION_KINDS
 
 if TYPE_CHECKING:
     from glbench.tasks.spec import TaskSpec
@@ -111,7 +112,7 @@ class TaskCard:
 def task_card(task: TaskSpec) -> TaskCard:
     """Card of ``task``."""
     record = task.record()
-    lowest = -1.0 if task.actuation.kind == "rate" else 0.0
+    kind = ACTUATION_KINDS[task.actuation.kind]
     return TaskCard(
         id=task.id,
         title=task.title,
@@ -123,7 +124,7 @@ def task_card(task: TaskSpec) -> TaskCard:
         observations=task.observed(),
         timing=task.observation.timing,
         forecast_steps=task.observation.forecast_steps,
-        actions=tuple(Action(name, lowest, 1.0) for name in task.actuation.controls),
+        actions=tuple(Action(name, kind.low, kind.high) for name in task.actuation.controls),
         actuation=task.actuation.kind,
         max_change=task.actuation.max_change,
         controls=task.capacities(),

@@ -1,9 +1,13 @@
-"""The digest of a task: one number that changes when anything changes that could change a result.
+"""The digest of a task: one number over everything that defines it.
 
 It is the SHA-256 of canonical JSON (RFC 8785) over six parts: the definition without prose, the resolved parameters, the
-state at the start, the observed columns, the weather that acts, and the model. Each part also has a digest of its own, so
-that a mismatch can be blamed on the right one. Computed numbers enter with nine significant digits, because the last bit of
-``exp`` may differ between machines. The order of keys, comments and layout of the file do not matter.
+state at the start, the names, units and bounds of the observed columns, the hourly figures of the weather with the name and version of
+their preprocessing, and the model's equations. Each part also has a digest of its own, so that a mismatch can be blamed on the right one.
+Computed numbers enter with nine significant digits, because the last bit of ``exp`` may differ between machines. The order of keys,
+comments and layout of the file do not matter.
+
+It does not cover the code that computes a step from these: the weather between the hours, draws, accounts, reward. What that code gives
+for the published tasks is in ``tasks/behaviour.toml`` (``glbench.env.behaviour``).
 """
 
 from __future__ import annotations

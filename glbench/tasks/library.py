@@ -5,8 +5,9 @@ from __future__ import annotations
 from functools import lru_cache
 from pathlib import Path
 
-from glbench.errors import TaskError, UnknownNameError, did_you_mean
-from glbench.registration import task_files, task_ids
+from glbench.errors import GlbenchError, TaskError, UnknownNameError, did_you_mean
+from glbench.registration import task_files
+from glbench.tasks.bases import base_of, shipped_file
 from glbench.tasks.lock import (
     LockEntry,
     check_against_lock,
@@ -17,6 +18,9 @@ from glbench.tasks.lock import (
 )
 from glbench.tasks.reading import read_task
 from glbench.tasks.spec import TaskSpec
+
+_State = tuple[int, int]
+"""When a file was changed, and its size."""
 
 DEFAULT_TASK = "glbench/Schiphol2010-Delta10-v1"
 """The task that is meant when none is named."""
@@ -42,23 +46,7 @@ def get_task(id_or_path: str | Path) -> TaskSpec:
     path = Path(id_or_path)
     if isinstance(id_or_path, Path) or path.suffix == ".toml":
         return _load(path)
-    return _load(_shipped_file(str(id_or_path)))
-
-
-def _shipped_file(wanted: str) -> Path:
-    """File of the shipped task with this id or short form."""
-    ids = task_ids()
-    by_short_form = {task_id.partition("/")[2]: task_id for task_id in ids}
-    full_id = wanted if wanted in ids else by_short_form.get(wanted)
-    if full_id is not None:
-        return ids[full_id]
-    expected = f"{wanted.rpartition('/')[2].lower()}.toml"
-    unreadable = [path for path in task_files() if path.name == expected and path not in ids.values()]
-    if unreadable:
-        return unreadable[0]
-    near = did_you_mean(wanted, ids if "/" in wanted else by_short_form)
-    msg = f"There is no task '{wanted}'.{near} `glbench tasks list` shows all; a file of your own ends in .toml."
-    raise UnknownNameError(msg)
+    return _load(shipped_file(str(id_or_path)))
 
 
 def list_tasks() -> list[TaskSpec]:
@@ -140,12 +128,34 @@ def check_file_name(task: TaskSpec, path: Path) -> None:
 def _load(path: Path) -> TaskSpec:
     """The task of a file, compared with the lock if its id is published."""
     lock = lock_path()
-    return _load_state(path.resolve(), _state(path), lock, _state(lock))
+    files = _files(path.resolve())
+    return _load_state(files, tuple(_state(file) for file in files), lock, _state(lock))
+
+
+def _files(path: Path) -> tuple[Path, ...]:
+    """The file and its bases."""
+    files = [path]
+    while (base := _base_of(files[-1], _state(files[-1]))) is not None and base not in files:
+        files.append(base)
+    return tuple(files)
 
 
 @lru_cache(maxsize=256)
-def _load_state(path: Path, _file: tuple[int, int], _lock: Path, _lock_state: tuple[int, int]) -> TaskSpec:
-    """``_load`` for one state of file and lock, so that a task is checked once a process and again when a file changes."""
+def _base_of(path: Path, _file: _State) -> Path | None:
+    try:
+        base = base_of(path)
+    except GlbenchError:  # told when the task is read
+        return None
+    return None if base is None else base.resolve()
+
+
+@lru_cache(maxsize=256)
+def _load_state(files: tuple[Path, ...], _files: tuple[_State, ...], _lock: Path, _lock_state: _State) -> TaskSpec:
+    """``_load`` for one state of files and lock, so that a task is checked once a process and again when a file changes."""
+    path, *bases = files
+    for base in bases:
+        if _is_shipped(base):
+            _read_listed(base)  # a published base that was edited is refused
     task = read_task(path)
     entry = read_lock().get(task.id)
     if entry is None:
@@ -161,7 +171,7 @@ def _load_state(path: Path, _file: tuple[int, int], _lock: Path, _lock_state: tu
     return task
 
 
-def _state(path: Path) -> tuple[int, int]:
+def _state(path: Path) -> _State:
     try:
         status = path.stat()
     except OSError:

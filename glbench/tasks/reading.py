@@ -5,8 +5,6 @@ A message names the file, the table, the key, the value found and what is allowe
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, get_args
 
@@ -14,11 +12,9 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from glbench.errors import TaskError, did_you_mean
-from glbench.resources import data_folder
+from glbench.tasks.bases import as_written, read_written, shown_path
 from glbench.tasks.spec import TaskSpec
 from glbench.tasks.tables import Table
-
-_LONGEST_VALUE = 80
 
 
 def read_task(path: Path) -> TaskSpec:
@@ -27,36 +23,19 @@ def read_task(path: Path) -> TaskSpec:
     Raises
     ------
     TaskError
-        When the file cannot be read, is no TOML, or does not define a task.
+        When the file or its base cannot be read, is no TOML, or they do not define a task.
     """
+    written = read_written(path)
     shown = shown_path(path)
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        msg = f"There is no task file {shown}. `glbench tasks list` shows the tasks that are there."
-        raise TaskError(msg) from None
-    except (OSError, UnicodeDecodeError) as error:
-        msg = f"Cannot read the task file {shown}: {error}."
-        raise TaskError(msg) from error
-    except tomllib.TOMLDecodeError as error:
-        msg = f"{shown} is no valid TOML: {error}. Correct that line; tasks/ has files to compare with."
-        raise TaskError(msg) from error
-    try:
-        task = TaskSpec.model_validate(content)
+        task = TaskSpec.model_validate(written.content)
     except ValidationError as error:
         problems = [_explain(detail) for detail in error.errors(include_url=False)]
-        raise TaskError(_listed(shown, problems)) from None
-    task._source = shown
+        raise TaskError(
+            _listed(shown if written.base is None else f"{shown} (base {written.base})", problems)
+        ) from None
+    task._source, task._base, task._changes = shown, written.base, written.changes
     return task
-
-
-def shown_path(path: Path) -> str:
-    """``path`` as messages name it: ``tasks/x.toml`` for shipped files, relative to the working folder where possible."""
-    resolved = path.resolve()
-    for folder, prefix in ((data_folder("tasks").resolve(), "tasks/"), (Path.cwd(), "")):
-        if resolved.is_relative_to(folder):
-            return prefix + resolved.relative_to(folder).as_posix()
-    return str(path)
 
 
 def _listed(shown: str, problems: list[str]) -> str:
@@ -80,13 +59,13 @@ def _explain(detail: ErrorDetails) -> str:
         near = did_you_mean(key, known) or f" Known: {', '.join(known)}."
         return f"'{key}' is not a key {f'of {place}'.rstrip() if tables else 'or table of a task'}.{near}"
     if kind == "model_type":
-        return f"[{'.'.join([*tables, key])}] must be a table, not {_shown(detail['input'])}."
+        return f"[{'.'.join([*tables, key])}] must be a table, not {as_written(detail['input'])}."
     if kind == "value_error":
         reason = str(detail["ctx"]["error"])
         if _is_table(owner, key):
             return f"[{'.'.join([*tables, key])}] {reason}"
-        return f"{place}{key} = {_shown(detail['input'])}: {reason}"
-    return f"{place}{key} = {_shown(detail['input'])} is not allowed. It must be {allowed}."
+        return f"{place}{key} = {as_written(detail['input'])}: {reason}"
+    return f"{place}{key} = {as_written(detail['input'])} is not allowed. It must be {allowed}."
 
 
 def _table_at(tables: list[str]) -> type[BaseModel]:
@@ -129,18 +108,3 @@ def _keys(owner: type[BaseModel]) -> list[str]:
 def _description(owner: type[BaseModel], key: str) -> str:
     field = _field(owner, key)
     return (field.description or "") if field is not None else ""
-
-
-def _shown(value: object) -> str:
-    """A value as TOML would write it, shortened."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        text = f'"{value}"'
-    elif isinstance(value, Mapping):
-        text = "{ " + ", ".join(f"{key} = {_shown(inner)}" for key, inner in value.items()) + " }"
-    elif isinstance(value, list):
-        text = "[" + ", ".join(_shown(inner) for inner in value) + "]"
-    else:
-        text = str(value)
-    return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from glbench.errors import GlbenchError, ParameterError, TaskError, UnknownNameError, did_you_mean
 from glbench.tasks.quantities import Quantity
-from glbench.tasks.vocabulary import OBSERVATION_MODULES
+from glbench.tasks.vocabulary import INITIAL_STATES, OBSERVATION_MODULES
 
 if TYPE_CHECKING:
     from glbench.tasks.spec import TaskSpec
@@ -104,13 +104,10 @@ def _disturbances(table: WeatherTable, rows: int) -> Disturbances:
 
 def resolved_initial_state(task: TaskSpec) -> FloatArray:
     """See ``TaskSpec.initial_state``."""
-    from glbench.model import initial_state
-
     first = task.disturbances().values[0]
     with asked_for_by(task, "initial_state"):
-        return _read_only(
-            initial_state(first, air_temperature=task.initial.air_temperature, parameters=resolved_parameters(task))
-        )
+        start = INITIAL_STATES[task.initial.kind]
+        return _read_only(start.state(first, task.initial.air_temperature, resolved_parameters(task)))
 
 
 def resolved_observation(task: TaskSpec) -> tuple[Quantity, ...]:

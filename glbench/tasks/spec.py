@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import unicodedata
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import BeforeValidator, Field, PrivateAttr
 
+from glbench.tasks.bases import Change
 from glbench.tasks.quantities import Capacity, ObservationContext, Quantity, capacities
 from glbench.tasks.tables import (
     ActuationTable,
@@ -33,11 +35,31 @@ PROSE = frozenset({"title", "description", "suites"})
 """Fields that explain or file a task and do not change it: they stay out of its digest."""
 
 
+def _text(given: object) -> object:
+    """Text for people, which stands in terminals and on pages: without characters that steer them."""
+    strange = next((letter for letter in given if not _can_be_shown(letter)), None) if isinstance(given, str) else None
+    if strange is not None:
+        msg = f"It holds the character U+{ord(strange):04X}, which cannot be shown. Take it out."
+        raise ValueError(msg)
+    return given
+
+
+def _can_be_shown(letter: str) -> bool:
+    return letter.isprintable() or letter in "\n\t" or unicodedata.category(letter) == "Zs"
+
+
+def _one_line(given: object) -> object:
+    if isinstance(given, str) and len(given.splitlines()) > 1:
+        msg = "It must be one line."
+        raise ValueError(msg)
+    return _text(given)
+
+
 def _suite_names(given: object) -> tuple[str, ...]:
     if not isinstance(given, list | tuple) or not all(isinstance(name, str) and name for name in given):
         msg = 'It must be a list of names, such as ["paper"].'
         raise ValueError(msg)
-    return tuple(given)
+    return tuple(str(_one_line(name)) for name in given)
 
 
 class TaskSpec(Table):
@@ -53,8 +75,8 @@ class TaskSpec(Table):
         pattern=r"^[A-Za-z0-9_-]+/[A-Za-z0-9_.-]+-v[1-9][0-9]*$",
         description='an id in quotes with a namespace and a version, such as "mylab/Winter2011-v1"',
     )
-    title: str = Field(min_length=1, description="a title in quotes")
-    description: str = Field(default="", description="text in quotes")
+    title: Annotated[str, BeforeValidator(_one_line)] = Field(min_length=1, description="a title in quotes")
+    description: Annotated[str, BeforeValidator(_text)] = Field(default="", description="text in quotes")
     suites: Annotated[tuple[str, ...], BeforeValidator(_suite_names)] = Field(default=(), description="a list of names")
     weather: WeatherTable
     model: ModelTable
@@ -68,11 +90,23 @@ class TaskSpec(Table):
     evaluation: EvaluationTable
 
     _source: str = PrivateAttr(default="the task")
+    _base: str | None = PrivateAttr(default=None)
+    _changes: tuple[Change, ...] = PrivateAttr(default=())
 
     @property
     def source(self) -> str:
         """The file the task was read from, as error messages name it."""
         return self._source
+
+    @property
+    def base(self) -> str | None:
+        """The task that its file names as its base: an id or a file; ``None`` where the file is written out."""
+        return self._base
+
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """What its file changes in the base."""
+        return self._changes
 
     @property
     def short_id(self) -> str:

@@ -84,7 +84,11 @@ class WeatherTable(Table):
 
     source: str = Field(min_length=1, description='the name of a weather record in quotes, such as "schiphol"')
     preprocessing: Annotated[str, one_of(words.PREPROCESSINGS)] = Field(description="a way to prepare the record")
-    start: dt.date = Field(description="the first day, without quotes, such as 2010-03-01")
+    start: dt.date = Field(
+        ge=dt.date(1900, 1, 1),
+        lt=dt.date(2200, 1, 1),
+        description="the first day, without quotes, such as 2010-03-01, in the years 1900 to 2199",
+    )
     days: int = Field(ge=1, le=3660, description="a whole number of days, 1 to 3660")
     step_seconds: int = Field(ge=60, le=3600, description="the control step: whole seconds, 60 to 3600")
     co2_ppm: float = Field(ge=100.0, le=2000.0, description="CO2 outside in ppm, 100 to 2000")

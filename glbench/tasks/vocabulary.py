@@ -7,13 +7,17 @@ refused with the nearest known one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.tasks import quantities as tables
 from glbench.tasks.quantities import Quantity, QuantityTable
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 class Named(Protocol):
@@ -89,17 +93,41 @@ class ObservationModule:
 
 @dataclass(frozen=True)
 class Word:
-    """A word without further data: reward modules, kinds of actuation, distributions, start states, metrics."""
+    """A word without further data: reward modules, distributions, preprocessings, model variants, metrics."""
 
     name: str
     meaning: str
 
 
+@dataclass(frozen=True)
+class ActuationKind(Word):
+    """How an action becomes a control; every entry of an action lies between ``low`` and ``high``."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class InitialState(Word):
+    """What stands in the greenhouse at the start."""
+
+    state: Callable[[NDArray[np.float64], float, NDArray[np.float64]], NDArray[np.float64]]
+    """State (28,) from the first row of weather (10,), the air temperature [degC] and the parameters (208,)."""
+
+
+def _mature_crop(
+    weather: NDArray[np.float64], air_temperature: float, parameters: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    from glbench.model import initial_state  # not at the top: task files are read without the model
+
+    return initial_state(weather, air_temperature=air_temperature, parameters=parameters)
+
+
 OBSERVATION_MODULES: Registry[ObservationModule] = Registry("observation module")
 REWARD_MODULES: Registry[Word] = Registry("reward module")
-ACTUATION_KINDS: Registry[Word] = Registry("kind of actuation")
+ACTUATION_KINDS: Registry[ActuationKind] = Registry("kind of actuation")
 DISTRIBUTIONS: Registry[Word] = Registry("distribution")
-INITIAL_STATES: Registry[Word] = Registry("initial state")
+INITIAL_STATES: Registry[InitialState] = Registry("initial state")
 METRICS: Registry[Word] = Registry("metric")
 PREPROCESSINGS: Registry[Word] = Registry("preprocessing")
 MODEL_VARIANTS: Registry[Word] = Registry("model variant")
@@ -127,6 +155,25 @@ for _module in (
 ):
     OBSERVATION_MODULES.add(_module)
 
+for _kind in (
+    ActuationKind(
+        "rate", "an action from -1 to 1 moves its control by up to max_change a step, within 0 and 1", -1.0, 1.0
+    ),
+    ActuationKind(
+        "set_point",
+        "an action from 0 to 1 asks for a control, which moves there by at most max_change a step",
+        0.0,
+        1.0,
+    ),
+):
+    ACTUATION_KINDS.add(_kind)
+
+INITIAL_STATES.add(
+    InitialState(
+        "mature_crop", "a bearing crop of leaf area index 2.5; all layers at the given air temperature", _mature_crop
+    )
+)
+
 for _words, _entries in (
     (
         REWARD_MODULES,
@@ -137,15 +184,7 @@ for _words, _entries in (
             "scaled_penalty": "minus the sum of the constraints' violations, each divided by its penalty scale",
         },
     ),
-    (
-        ACTUATION_KINDS,
-        {
-            "rate": "an action from -1 to 1 moves its control by up to max_change a step, within 0 and 1",
-            "set_point": "an action from 0 to 1 asks for a control, which moves there by at most max_change a step",
-        },
-    ),
     (DISTRIBUTIONS, {"uniform": "parameters times 1 + e, e uniform between minus and plus the half width"}),
-    (INITIAL_STATES, {"mature_crop": "a bearing crop of leaf area index 2.5; all layers at the given air temperature"}),
     (
         PREPROCESSINGS,
         {
@@ -174,7 +213,9 @@ __all__ = [
     "OBSERVATION_MODULES",
     "PREPROCESSINGS",
     "REWARD_MODULES",
+    "ActuationKind",
     "Entry",
+    "InitialState",
     "Named",
     "ObservationModule",
     "Quantity",

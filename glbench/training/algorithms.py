@@ -11,6 +11,7 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 
 from glbench.errors import TrainingError, UnknownNameError, did_you_mean
@@ -61,6 +62,12 @@ def algorithm_class(name: str) -> type[BaseAlgorithm]:
     return found
 
 
+def short_name(algorithm: str) -> str:
+    """``ppo`` for ``PPO`` and ``stable_baselines3.PPO``, ``RecurrentPPO`` for ``sb3_contrib.RecurrentPPO``."""
+    name = algorithm.rpartition(".")[2]
+    return name.lower() if name.lower() in SHORT else name
+
+
 def make_model(settings: TrainingSettings, env: VecEnv, seed: int, tensorboard: str | None) -> BaseAlgorithm:
     """An untrained model of the settings, on the processor, seeded.
 
@@ -80,6 +87,7 @@ def make_model(settings: TrainingSettings, env: VecEnv, seed: int, tensorboard: 
             verbose=0,
             tensorboard_log=tensorboard,
             policy_kwargs=policy_arguments(settings.policy_kwargs),
+            **_noise(settings, env),
             **_arguments(settings),
         )
     except (TypeError, ValueError, AssertionError) as error:
@@ -137,9 +145,41 @@ def _arguments(settings: TrainingSettings) -> dict[str, Any]:
     arguments = {name: _schedule(value) for name, value in settings.hyperparameters.items()}
     if isinstance(arguments.get("train_freq"), list):
         arguments["train_freq"] = tuple(arguments["train_freq"])  # [1, episode], as Stable-Baselines3 wants it
-    if settings.action_noise_std is not None:
-        arguments["action_noise"] = NormalActionNoise(np.zeros(6), np.full(6, settings.action_noise_std))
     return arguments
+
+
+def _noise(settings: TrainingSettings, env: VecEnv) -> dict[str, Any]:
+    if settings.action_noise_std is None:
+        return {}
+    mean = np.zeros(env.action_space.shape or ())
+    return {"action_noise": NormalActionNoise(mean, np.full_like(mean, settings.action_noise_std))}
+
+
+def rollout_steps(settings: TrainingSettings, season: int) -> int:
+    """Environment steps between two looks at whether a training has made enough: it ends after a whole number of these.
+
+    ``season`` is the number of steps of an episode. 1 for algorithms that are neither on-policy nor off-policy.
+    """
+    kind = algorithm_class(settings.algorithm)
+    parameters = inspect.signature(kind.__init__).parameters
+
+    def argument(name: str) -> Any:
+        default = parameters[name].default if name in parameters else 1
+        return settings.hyperparameters.get(name, default)
+
+    if issubclass(kind, OnPolicyAlgorithm):
+        return int(argument("n_steps")) * settings.n_envs
+    if issubclass(kind, OffPolicyAlgorithm):
+        frequency = argument("train_freq")
+        many, unit = frequency if isinstance(frequency, list | tuple) else (frequency, "step")
+        return int(many) * settings.n_envs * (season if unit == "episode" else 1)
+    return 1
+
+
+def steps_to_make(settings: TrainingSettings, season: int) -> int:
+    """Environment steps after which a training ends: ``n_timesteps``, rounded up to whole rollouts."""
+    rollout = rollout_steps(settings, season)
+    return -(-settings.n_timesteps // rollout) * rollout
 
 
 def _schedule(value: Any) -> Any:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecNormalize
 
 from glbench.training.checkpoint import MODEL, NORMALIZATION, History, replaced, save_checkpoint
 from glbench.training.curve import add_point, write_curve
 from glbench.training.folder import CHECKPOINT
+from glbench.training.normalization import Normalizer
 from glbench.training.probe import Probe
 from glbench.training.progress import Listener, Pace, Progress
 from glbench.training.vec_env import TrainingVecEnv
@@ -28,7 +28,7 @@ class TrainingCallback(BaseCallback):
         self,
         folder: Path,
         env: TrainingVecEnv,
-        normalization: VecNormalize,
+        normalization: Normalizer,
         probe: Probe,
         history: History,
         *,
@@ -78,11 +78,14 @@ class TrainingCallback(BaseCallback):
         return True
 
     def finish(self) -> None:
-        """The last evaluation and the last checkpoint."""
+        """The evaluation of the last policy, and the last checkpoint."""
         self.history.time.learning += self._lap()
         if not self.history.curve or self.history.curve[-1]["steps"] < self.num_timesteps:
             self._evaluate()
-        self.history.ends.append(self.num_timesteps)
+        if self.history.ends[-1:] != [
+            self.num_timesteps
+        ]:  # a kill may have come between the last checkpoint and the card
+            self.history.ends.append(self.num_timesteps)
         self._save()
         self._tell()
 
@@ -125,4 +128,6 @@ class TrainingCallback(BaseCallback):
         seasons = [float(episode["r"]) for episode in self.model.ep_info_buffer or ()]
         mean = sum(seasons) / len(seasons) if seasons else None
         for listener in self._listeners:
-            listener.on_progress(Progress(self.num_timesteps, self._total_steps, rate, mean))
+            # an algorithm that is neither on-policy nor off-policy may make more steps than it announced
+            total = max(self._total_steps, self.num_timesteps)
+            listener.on_progress(Progress(self.num_timesteps, total, rate, mean))

@@ -50,6 +50,15 @@ class Making:
     training: Mapping[str, Any]
 
 
+def note_session(history: History, steps: int) -> None:
+    """Note with which versions and commit a training goes on from ``steps``, unless they are those of the session before."""
+    git = git_state()
+    commit = [] if git is None else [f"commit {git.commit}{' with changes' if git.dirty else ''}"]
+    words = ", ".join([*(f"{name} {found}" for name, found in _versions().items()), *commit])
+    if not history.sessions or history.sessions[-1].partition(": ")[2] != words:
+        history.sessions.append(f"from step {steps}: {words}")
+
+
 def making_of(
     task: TaskSpec, settings: TrainingSettings, digest: str, seed: int, steps: int, ends: Sequence[int]
 ) -> Making:
@@ -89,30 +98,32 @@ def write_card(
     """
     spent = history.time
     shares = {name: round(seconds / spent.training, 4) for name, seconds in spent.as_dict().items() if name in _SHARED}
+    learnt = history.best_steps > 0
     where = machine()
     git = git_state()
     content: dict[str, Any] = {
         "title": making.title,
         "controller": "network",
         "settings": POLICY,
-        "description": making.description,
+        "description": making.description if learnt else _NOT_LEARNT.format(making.training["steps"]),
         "made": making.made,
         "sources": list(making.sources),
         "task": {"id": task.id, "digest": task.digest},
-        "training": {**making.training, "finished": datetime.now(UTC).isoformat(timespec="seconds")},
+        "training": {
+            **making.training,
+            **({"sessions": history.sessions} if len(history.sessions) > 1 else {}),
+            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+        },
         "best": {
             "steps": history.best_steps,
             "reward": history.best_reward,
+            "last_reward": history.last_reward,
+            "learnt": learnt,
             "evaluation_seeds": evaluation.seeds(task),
         },
         "wall_seconds": {"total": round(spent.total, 1), **{k: round(v, 1) for k, v in spent.as_dict().items()}},
         "share_of_training_time": shares,
-        "versions": {
-            "glbench": __version__,
-            "model": MODEL_VERSION,
-            "python": platform.python_version(),
-            **{name: found for name in _PACKAGES if (found := _version(name))},
-        },
+        "versions": _versions(),
         "machine": {"processor": where.processor, "cores": where.cores, "system": where.system},
     }
     if start is not None:
@@ -122,6 +133,9 @@ def write_card(
     write_atomically(folder / CARD, to_toml(content))
 
 
+_NOT_LEARNT = (
+    "Nothing was learnt: this is the policy that the training began with, which no later one of {:,} steps beat."
+)
 _SHARED = ("simulator", "policy", "learning")
 
 
@@ -176,6 +190,11 @@ def _text(value: str) -> str:
     if "\n" in value and '"""' not in value and "\\" not in value:
         return f'"""\n{value}"""'
     return json.dumps(value, ensure_ascii=False)
+
+
+def _versions() -> dict[str, str]:
+    found = {"glbench": __version__, "model": MODEL_VERSION, "python": platform.python_version()}
+    return found | {name: known for name in _PACKAGES if (known := _version(name))}
 
 
 def _version(package: str) -> str | None:

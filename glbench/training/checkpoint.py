@@ -15,6 +15,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,10 @@ import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.vec_env import VecNormalize
 
 from glbench.errors import TrainingError
 from glbench.training.algorithms import algorithm_class
+from glbench.training.normalization import Normalizer
 from glbench.training.progress import TimeAccount
 from glbench.training.vec_env import TrainingVecEnv
 
@@ -48,14 +49,21 @@ class History:
     next_evaluation: int = 0
     ends: list[int] = field(default_factory=list)
     """Steps at which the training was finished, the last end included."""
+    sessions: list[str] = field(default_factory=list)
+    """With which versions it went on, and from which step, wherever they changed."""
     time: TimeAccount = field(default_factory=TimeAccount)
+
+    @property
+    def last_reward(self) -> float:
+        """Return of the last evaluation."""
+        return self.curve[-1]["reward"]
 
 
 def save_checkpoint(
     folder: Path,
     model: BaseAlgorithm,
     env: TrainingVecEnv,
-    normalization: VecNormalize,
+    normalization: Normalizer,
     history: History,
     identity: dict[str, Any],
 ) -> None:
@@ -76,13 +84,14 @@ def save_checkpoint(
         with (new / _ARRAYS).open("wb") as file:
             np.savez(file, allow_pickle=False, **arrays)
         version, internal, gauss = random.getstate()
-        state = {
+        state: dict[str, Any] = {
             "identity": identity,
             "history": asdict(history),
             "numpy": [name, position, has_gauss, cached],
             "python": [version, list(internal), gauss],
             "random_actions": model.action_space.np_random.bit_generator.state,
         }
+        state["digest"] = _digest(new, state)
         (new / _STATE).write_text(json.dumps(state), encoding="utf-8")
 
 
@@ -114,20 +123,23 @@ def find_checkpoint(folder: Path) -> Path | None:
 
 def load_checkpoint(
     folder: Path, algorithm: str, env: TrainingVecEnv, identity: dict[str, Any]
-) -> tuple[BaseAlgorithm, VecNormalize, History]:
+) -> tuple[BaseAlgorithm, Normalizer, History]:
     """Model, normalisation and history of a checkpoint, with environment and generators set back to its moment.
 
     Raises
     ------
     TrainingError
-        When the checkpoint is of another training, or cannot be read.
+        When the checkpoint is of another training, cannot be read, or is not as it was written.
     """
     try:
         state = json.loads((folder / _STATE).read_text(encoding="utf-8"))
         _same_training(folder, state["identity"], identity)
+        if state.pop("digest", None) != _digest(folder, state):
+            raise altered(folder)
         with np.load(folder / _ARRAYS, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-        normalization = VecNormalize.load(str(folder / NORMALIZATION), env)
+        normalization = Normalizer.load(str(folder / NORMALIZATION), env)
+        assert isinstance(normalization, Normalizer)
         model = algorithm_class(algorithm).load(folder / MODEL, env=normalization, device="cpu", force_reset=False)
         if isinstance(model, OffPolicyAlgorithm):
             model.load_replay_buffer(folder / BUFFER, truncate_last_traj=False)
@@ -146,6 +158,22 @@ def load_checkpoint(
         msg = f"The checkpoint {folder} cannot be read: {error}. Remove the folder to begin the training anew."
         raise TrainingError(msg) from error
     return model, normalization, history
+
+
+def _digest(folder: Path, state: dict[str, Any]) -> str:
+    """SHA-256 (hex) over the files of a checkpoint and its state, without the digest."""
+    digest = sha256(json.dumps(state, sort_keys=True).encode())
+    for file in (folder / name for name in (MODEL, NORMALIZATION, BUFFER, _ARRAYS)):
+        if file.exists():  # the replay buffer is there only for algorithms that have one
+            with file.open("rb") as opened:
+                digest.update(f"{file.name} {file_digest(opened, 'sha256').hexdigest()}\n".encode())
+    return digest.hexdigest()
+
+
+def altered(place: Path) -> TrainingError:
+    """What to raise when the state in ``place`` is not as it was written."""
+    msg = f"{place} is damaged or was changed: its content does not match its digest. Restore it from a copy, or remove it to begin anew."
+    return TrainingError(msg)
 
 
 def _memory(model: BaseAlgorithm) -> list[torch.Tensor]:

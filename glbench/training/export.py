@@ -23,6 +23,7 @@ from glbench.tasks import task_card
 from glbench.training.algorithms import algorithm_class
 from glbench.training.card import CARD, POLICY, to_toml
 from glbench.training.checkpoint import DAMAGED
+from glbench.training.normalization import Normalizer, without_steady_columns
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -74,7 +75,7 @@ def export_policy(
         )
         raise TrainingError(msg)
     mean, scale, clip = _normalization(normalization, columns)
-    return NetworkPolicy(
+    policy = NetworkPolicy(
         task_id=task.id,
         delta=task.uncertainty.delta,
         observation_names=card.observation_names,
@@ -90,6 +91,9 @@ def export_policy(
         output=output,
         about=about,
     )
+    if isinstance(normalization, Normalizer) and normalization.norm_obs:
+        return without_steady_columns(policy, normalization.columns.varying)
+    return policy
 
 
 def export_model(file: Path, algorithm: str, normalization: Path | None, task: TaskSpec, folder: Path) -> None:

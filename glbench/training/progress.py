@@ -51,6 +51,7 @@ class Progress:
 
     steps: int
     total_steps: int
+    """Steps that will be made: those asked for, rounded up to whole rollouts."""
     steps_per_second: float
     """Since this session began; 0 before anything was timed."""
     season_reward: float | None

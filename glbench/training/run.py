@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 import torch
 import yaml
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.vec_env import VecNormalize
 
 from glbench.errors import TrainingError
 from glbench.resources import write_atomically
 from glbench.tasks import get_task
-from glbench.training.algorithms import make_model
+from glbench.training.algorithms import make_model, steps_to_make
 from glbench.training.callback import BEST, TrainingCallback
-from glbench.training.card import CARD, POLICY, making_of, read_card, settings_digest, write_card
+from glbench.training.card import CARD, POLICY, making_of, note_session, read_card, settings_digest, write_card
 from glbench.training.checkpoint import MODEL, NORMALIZATION, History, find_checkpoint, load_checkpoint
 from glbench.training.export import export_policy, load_model
 from glbench.training.folder import CHECKPOINT, SETTINGS, alone_in, finished_in, may_begin
+from glbench.training.normalization import Normalizer
 from glbench.training.probe import Probe
 from glbench.training.progress import Listener
 from glbench.training.starting import begin_with, start_of
@@ -39,10 +39,31 @@ class Trained:
     steps: int
     best_reward: float
     best_steps: int
+    last_reward: float
+    """Evaluation return of the last policy."""
     already_done: bool
     """Whether it had been finished before, so that nothing was done."""
     not_exported: str | None = None
     """Why its policy could not be exported to a file for numpy; ``None`` when it was."""
+
+    @classmethod
+    def before(cls, folder: Path, card: dict[str, Any], not_exported: str | None = None) -> Trained:
+        """What ``folder`` held already, as its card says."""
+        best = card["best"]
+        return cls(
+            folder,
+            card["training"]["steps"],
+            best["reward"],
+            best["steps"],
+            best["last_reward"],
+            already_done=True,
+            not_exported=not_exported,
+        )
+
+    @property
+    def learnt(self) -> bool:
+        """Whether any evaluation was better than the first one, of the policy that the training began with."""
+        return self.best_steps > 0
 
     @property
     def model(self) -> Path:
@@ -103,8 +124,9 @@ def train(
         )
         try:
             model, normalization, history = _begin_or_continue(env, task, settings, state, seed, identity)
-            if card is not None:  # until the new end the folder is no agent
+            if card is not None:  # until it finishes, the folder cannot be evaluated
                 (folder / CARD).unlink()
+            note_session(history, model.num_timesteps)
             model.tensorboard_log = str(folder / "tensorboard") if tensorboard else None
             write_atomically(folder / SETTINGS, yaml.safe_dump({"default": _as_yaml(settings)}, sort_keys=False))
             callback = TrainingCallback(
@@ -115,7 +137,7 @@ def train(
                 history,
                 identity=identity,
                 evaluate_every=settings.evaluation.every,
-                total_steps=settings.n_timesteps,
+                total_steps=steps_to_make(settings, task.steps),
                 save_seconds=save_seconds,
                 listeners=listeners,
             )
@@ -126,7 +148,13 @@ def train(
         making = making_of(task, settings, identity["settings_digest"], seed, model.num_timesteps, history.ends[:-1])
         write_card(folder, task, making, settings.evaluation, history, start)
     return Trained(
-        folder, model.num_timesteps, history.best_reward, history.best_steps, already_done=False, not_exported=reason
+        folder,
+        model.num_timesteps,
+        history.best_reward,
+        history.best_steps,
+        history.last_reward,
+        already_done=False,
+        not_exported=reason,
     )
 
 
@@ -172,9 +200,7 @@ def _export(folder: Path, task: TaskSpec, algorithm: str, seed: int, best_steps:
 
 
 def _learn(model: BaseAlgorithm, settings: TrainingSettings, callback: TrainingCallback) -> None:
-    left = settings.n_timesteps - model.num_timesteps
-    if left <= 0:
-        return
+    left = max(settings.n_timesteps - model.num_timesteps, 0)  # 0: only the end is left to do
     try:
         model.learn(left, callback=callback, reset_num_timesteps=False, tb_log_name="run")
     except (TypeError, ValueError, RuntimeError, AssertionError, ArithmeticError) as error:
@@ -191,11 +217,11 @@ def _begin_or_continue(
     checkpoint: Path | None,
     seed: int,
     identity: dict[str, Any],
-) -> tuple[BaseAlgorithm, VecNormalize, History]:
+) -> tuple[BaseAlgorithm, Normalizer, History]:
     if checkpoint is not None:
         return load_checkpoint(checkpoint, settings.algorithm, env, identity)
     norm = settings.normalize
-    normalization = VecNormalize(
+    normalization = Normalizer(
         env,
         norm_obs=norm.observations,
         norm_reward=norm.rewards,
@@ -211,11 +237,8 @@ def _begin_or_continue(
 
 def _done(folder: Path, card: dict[str, Any], task: TaskSpec) -> Trained:
     """The finished training of ``folder``, whose policy is exported if a kill came before that."""
-    best = card["best"]
     reason = None if (folder / POLICY).is_file() else export_best(folder, task)
-    return Trained(
-        folder, card["training"]["steps"], best["reward"], best["steps"], already_done=True, not_exported=reason
-    )
+    return Trained.before(folder, card, reason)
 
 
 def _identity(task: TaskSpec, settings: TrainingSettings, seed: int) -> dict[str, Any]:

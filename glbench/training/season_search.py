@@ -32,14 +32,23 @@ from glbench.errors import TrainingError, did_you_mean
 from glbench.kernel import make_kernel
 from glbench.resources import write_atomically
 from glbench.training.batched_policy import BatchedPolicy
-from glbench.training.card import CARD, POLICY, Making, write_card
-from glbench.training.checkpoint import DAMAGED, History
+from glbench.training.card import CARD, POLICY, Making, note_session, write_card
+from glbench.training.checkpoint import DAMAGED, History, altered
 from glbench.training.curve import add_point, write_curve
 from glbench.training.folder import SEARCH, SETTINGS, alone_in, finished_in, may_begin
+from glbench.training.normalization import varies, without_steady_columns
 from glbench.training.probe import Probe, season_sums
 from glbench.training.progress import CurvePoint, Listener, Pace, Progress, TimeAccount
 from glbench.training.run import Trained
-from glbench.training.settings import EvaluationPlan, Part, PolicyFile, in_words, section
+from glbench.training.settings import (
+    FIRST_TRAINING_SEED,
+    EvaluationPlan,
+    Part,
+    PolicyFile,
+    TrainingSeed,
+    in_words,
+    section,
+)
 from glbench.training.starting import policy_in, start_of
 
 if TYPE_CHECKING:
@@ -77,7 +86,7 @@ class SearchSettings(Part):
     population: int = Field(default=64, gt=3)
     generations: int = Field(default=150, gt=0)
     sigma: float = Field(default=0.08, gt=0)
-    first_seed: int = Field(default=20_000, ge=0)
+    first_seed: TrainingSeed = 3 * FIRST_TRAINING_SEED
     evaluation: EvaluationPlan = EvaluationPlan(every=4_000_000)
     kernel_preset: Literal["fast", "reference"] = "fast"
 
@@ -261,20 +270,23 @@ def search(
         state = folder / SEARCH if (folder / SEARCH).is_file() else None
         card = finished_in(folder, identity, state, settings.start_from)
         if card is not None and card["training"]["generations"] >= settings.generations:
-            return Trained(folder, card["training"]["steps"], card["best"]["reward"], card["best"]["steps"], True)
+            return Trained.before(folder, card)
         may_begin(folder, card, state, resume)
         start = start_of(settings.start_from)
         under_way = _Search(task, settings, seed)
         if state is not None:
             _continue(under_way, state, identity)
-        if card is not None:  # until the new end the folder is no agent
+        note_session(under_way.history, under_way.steps)
+        if card is not None:  # until it finishes, the folder cannot be evaluated
             (folder / CARD).unlink()
         content = settings.model_dump(mode="json")
         write_atomically(folder / SETTINGS, yaml.safe_dump({"default": content}, sort_keys=False))
         _run(under_way, folder, listeners, identity)
         history, making = under_way.history, _making(under_way, identity)
         write_card(folder, task, making, settings.evaluation, history, start)
-    return Trained(folder, under_way.steps, history.best_reward, history.best_steps, already_done=False)
+    return Trained(
+        folder, under_way.steps, history.best_reward, history.best_steps, history.last_reward, already_done=False
+    )
 
 
 def _run(under_way: _Search, folder: Path, listeners: Sequence[Listener], identity: dict[str, Any]) -> None:
@@ -314,8 +326,9 @@ def _evaluate(under_way: _Search, folder: Path, listeners: Sequence[Listener], i
 def _keep(under_way: _Search, file: Path, identity: dict[str, Any]) -> None:
     """The rewards are all it takes: asked again, the strategy says the same."""
     content = io.BytesIO()
-    facts = json.dumps({"identity": identity, "history": asdict(under_way.history)})
     rewards = np.array(under_way.rewards).reshape(len(under_way.rewards), under_way.settings.population)
+    known = {"identity": identity, "history": asdict(under_way.history)}
+    facts = json.dumps({**known, "digest": _digest(known, rewards)})
     np.savez(content, allow_pickle=False, rewards=rewards, facts=np.frombuffer(facts.encode(), dtype=np.uint8))
     write_atomically(file, content.getvalue())
 
@@ -330,8 +343,15 @@ def _continue(under_way: _Search, file: Path, identity: dict[str, Any]) -> None:
     if facts["identity"] != identity:
         msg = f"{file.parent} holds another search: task, settings, policy or seed differ. Choose another folder."
         raise TrainingError(msg)
+    if facts.pop("digest", None) != _digest(facts, rewards):
+        raise altered(file)
     past = facts["history"]
     under_way.repeat(rewards, History(**{**past, "time": TimeAccount(**past["time"])}))
+
+
+def _digest(facts: dict[str, Any], rewards: Floats) -> str:
+    """SHA-256 (hex) over what is kept of a search."""
+    return sha256(json.dumps(facts, sort_keys=True).encode() + rewards.astype("<f8").tobytes()).hexdigest()
 
 
 def _begun_anew(settings: SearchSettings, task: TaskSpec) -> NetworkPolicy:
@@ -346,7 +366,8 @@ def _begun_anew(settings: SearchSettings, task: TaskSpec) -> NetworkPolicy:
             msg = f"'begin_anew: {name}: {value}': the output of this policy lies between -1 and 1."
             raise TrainingError(msg)
         weights[:, column], biases[column] = 0.0, value if policy.output == "clip" else np.arctanh(value)
-    return replace(policy, weights=(*policy.weights[:-1], weights), biases=(*policy.biases[:-1], biases))
+    begun = replace(policy, weights=(*policy.weights[:-1], weights), biases=(*policy.biases[:-1], biases))
+    return without_steady_columns(begun, varies(policy.mean - policy.scale, policy.mean + policy.scale))
 
 
 def _making(under_way: _Search, identity: dict[str, Any]) -> Making:

@@ -31,6 +31,24 @@ def _that_is_there(file: Path) -> Path:
 PolicyFile = Annotated[Path, AfterValidator(_that_is_there)]
 """Path of a policy file that exists."""
 
+FIRST_TRAINING_SEED = 10_000_000_000
+"""Seeds from here on are for training. No task can be scored with them: a task's seeds end below 2**32 + 10,000."""
+_LAST_FIRST_SEED = 2**52
+
+
+def _that_no_task_is_scored_with(seed: int) -> int:
+    if not FIRST_TRAINING_SEED <= seed <= _LAST_FIRST_SEED:
+        msg = (
+            f"{seed:,} is not a seed for training. Tasks are scored with smaller seeds, so trainings and their evaluations "
+            f"use seeds from {FIRST_TRAINING_SEED:,} to {_LAST_FIRST_SEED:,}"
+        )
+        raise ValueError(msg)
+    return seed
+
+
+TrainingSeed = Annotated[int, AfterValidator(_that_no_task_is_scored_with)]
+"""First of a row of seeds that no task is scored with."""
+
 LINEAR = "lin_"
 """What the text of a number begins with that falls linearly to 0."""
 _LIKE_A_NUMBER = re.compile(r"[-+]?\.?\d")
@@ -84,32 +102,18 @@ class Normalization(Part):
 
 
 class EvaluationPlan(Part):
-    """Evaluation between the steps of training, on seeds that no score is made with."""
+    """Evaluation between the steps of training, on seeds that no task is scored with."""
 
     every: int = Field(default=100_000, gt=0)
     """Environment steps between two evaluations."""
     runs: int = Field(default=4, gt=0)
     """Runs an evaluation; 1 is enough, and is taken, where the task draws nothing."""
-    first_seed: int = Field(default=10_000, ge=0)
+    first_seed: TrainingSeed = 2 * FIRST_TRAINING_SEED
 
     def seeds(self, task: TaskSpec) -> list[int]:
-        """Seeds of the runs.
-
-        Raises
-        ------
-        TrainingError
-            When the task is scored with one of them.
-        """
-        if not task.uncertainty.delta:
-            return [self.first_seed]
-        seeds, scored = range(self.first_seed, self.first_seed + self.runs), task.evaluation.seeds
-        if seeds.start < scored.stop and scored.start < seeds.stop:
-            msg = (
-                f"Evaluations on the seeds {seeds.start} to {seeds[-1]} would choose the policy by runs that {task.id} is scored "
-                f"with ({scored.start} to {scored[-1]}). Choose another 'first_seed' in 'evaluation'."
-            )
-            raise TrainingError(msg)
-        return list(seeds)
+        """Seeds of the runs."""
+        runs = self.runs if task.uncertainty.delta else 1
+        return list(range(self.first_seed, self.first_seed + runs))
 
 
 class TrainingSettings(Part):
@@ -124,7 +128,8 @@ class TrainingSettings(Part):
     n_envs
         Greenhouses stepped together.
     first_env_seed
-        Seed of the first greenhouse's first season; those of the next greenhouses count up. Later seasons are drawn from it.
+        Seed of the first season of the first greenhouse; season j of greenhouse i has the seed ``first_env_seed + j n_envs + i``,
+        both counted from 0.
     start_from
         Policy file (``policy.npz``, ``baselines/*/weights/*.npz``) whose actor and statistics the training begins with; in a
         settings file relative to it.
@@ -141,7 +146,7 @@ class TrainingSettings(Part):
     algorithm: str
     n_timesteps: int = Field(default=2_000_000, gt=0)
     n_envs: int = Field(default=8, gt=0)
-    first_env_seed: int = Field(default=666, ge=0)
+    first_env_seed: TrainingSeed = FIRST_TRAINING_SEED
     start_from: PolicyFile | None = None
     policy: str = "MlpPolicy"
     policy_kwargs: dict[str, Any] = Field(default_factory=dict)

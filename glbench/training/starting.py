@@ -9,11 +9,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.running_mean_std import RunningMeanStd
-from stable_baselines3.common.vec_env import VecNormalize
 
 from glbench.agents.network_policy import NetworkPolicy, read_policy
 from glbench.errors import TrainingError
@@ -21,6 +18,7 @@ from glbench.tasks import task_card
 from glbench.training.card import CARD, read_card
 from glbench.training.checkpoint import DAMAGED
 from glbench.training.export import actor_of
+from glbench.training.normalization import Normalizer
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -29,7 +27,7 @@ _WEIGHT = 1e6
 """Observations that a policy's statistics count for: they follow what is new within a training of the usual length."""
 
 
-def begin_with(file: Path, model: BaseAlgorithm, normalization: VecNormalize, task: TaskSpec) -> None:
+def begin_with(file: Path, model: BaseAlgorithm, normalization: Normalizer, task: TaskSpec) -> None:
     """Give ``model`` and ``normalization``, which are untrained, the actor and the statistics of the policy in ``file``.
 
     Raises
@@ -54,7 +52,7 @@ def begin_with(file: Path, model: BaseAlgorithm, normalization: VecNormalize, ta
             layer.weight.copy_(torch.from_numpy(matrix.T.copy()))
             layer.bias.copy_(torch.from_numpy(bias.copy()))
     if normalization.norm_obs:
-        _take_statistics(normalization, policy)
+        normalization.columns.take(policy.mean, policy.scale, normalization.epsilon, _WEIGHT)
 
 
 def policy_in(file: Path, task: TaskSpec) -> NetworkPolicy:
@@ -69,14 +67,6 @@ def policy_in(file: Path, task: TaskSpec) -> NetworkPolicy:
         msg = f"There is no starting from {file}: {reason}."
         raise TrainingError(msg)
     return policy
-
-
-def _take_statistics(normalization: VecNormalize, policy: NetworkPolicy) -> None:
-    statistics = normalization.obs_rms
-    assert isinstance(statistics, RunningMeanStd)  # the tasks have one kind of observations
-    statistics.mean = policy.mean.copy()
-    statistics.var = np.maximum(policy.scale**2 - normalization.epsilon, 0.0)
-    statistics.count = _WEIGHT
 
 
 def start_of(file: Path) -> dict[str, Any]:

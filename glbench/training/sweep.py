@@ -50,11 +50,9 @@ Report = Callable[[TrialReport], None]
 
 
 def base_settings(search: Search) -> TrainingSettings:
-    """The settings that a search starts from, checked against its task."""
-    file, task = search.config or shipped_settings(search.algorithm), get_task(search.task)
-    settings = read_settings(file, search.algorithm, task.id)
-    settings.evaluation.seeds(task)
-    return settings
+    """The settings that a search starts from."""
+    file = search.config or shipped_settings(search.algorithm)
+    return read_settings(file, search.algorithm, get_task(search.task).id)
 
 
 def sweep(search: Search, folder: Path, *, workers: int = 1, report: Report | None = None) -> list[TrialReport]:

@@ -12,6 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from glbench.env import GreenhouseVectorEnv, Snapshot
 from glbench.kernel import make_kernel
+from glbench.training.settings import FIRST_TRAINING_SEED
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -27,8 +28,7 @@ class TrainingVecEnv(VecEnv):
     ``TimeLimit.truncated``, so that algorithms do not bootstrap over it. The last observation of an episode is in
     ``info["terminal_observation"]``, its sums of reward, EPI and penalty in ``info["episode"]``.
 
-    Row i's first episode has seed ``first_seed + i``; each later one a seed drawn from a generator seeded with that. The
-    algorithm's own seed has no part in it.
+    Episode j of row i has the seed ``first_seed + j n_envs + i``, both counted from 0. The algorithm's own seed has no part in it.
 
     Parameters
     ----------
@@ -37,31 +37,28 @@ class TrainingVecEnv(VecEnv):
     n_envs
         Number of greenhouses.
     first_seed
-        Seed of row 0's first episode.
+        Seed of row 0's first episode; from ``FIRST_TRAINING_SEED`` on, no task is scored with any of them.
     kernel_preset
         ``"fast"`` (for training) or ``"reference"`` (what scores are made with).
     """
 
-    def __init__(self, task: TaskSpec, n_envs: int, *, first_seed: int = 666, kernel_preset: str = "fast") -> None:
+    def __init__(
+        self, task: TaskSpec, n_envs: int, *, first_seed: int = FIRST_TRAINING_SEED, kernel_preset: str = "fast"
+    ) -> None:
         kernel = make_kernel(task.step_seconds, variant=task.model.variant, preset=kernel_preset)
-        self.environment = GreenhouseVectorEnv(task, n_envs, kernel=kernel, autoreset_mode="SameStep")
+        self.environment = GreenhouseVectorEnv(task, n_envs, kernel=kernel, autoreset_mode="Disabled")
         self.first_seed = first_seed
         self.simulator_seconds = 0.0
         """Wall time [s] spent in the simulation so far."""
-        self._begun = False
+        self._begun = np.zeros(n_envs, dtype=np.int64)  # episodes of each row
         self._sums = np.zeros((3, n_envs))
         self._lengths = np.zeros(n_envs, dtype=np.int64)
-        self._actions: NDArray[np.floating[Any]] = np.zeros((n_envs, 6), dtype=np.float32)
+        self._actions: NDArray[np.floating[Any]] = np.zeros(self.environment.action_space.shape or (), dtype=np.float32)
         super().__init__(n_envs, self.environment.single_observation_space, self.environment.single_action_space)
 
     def reset(self) -> NDArray[np.float32]:
-        """First observations ``(n_envs, columns)``; the first call seeds the rows."""
-        seeds = None if self._begun else [self.first_seed + row for row in range(self.num_envs)]
-        self._begun = True
-        self._sums[:] = 0.0
-        self._lengths[:] = 0
-        observations, _ = self.environment.reset(seed=seeds)
-        return observations
+        """First observations ``(n_envs, columns)`` of a new episode in every row."""
+        return self._begin(np.ones(self.num_envs, dtype=np.bool_))
 
     def step_async(self, actions: NDArray[np.floating[Any]]) -> None:
         """Keep the actions for ``step_wait``."""
@@ -73,34 +70,41 @@ class TrainingVecEnv(VecEnv):
         observations, rewards, terminated, _, info = self.environment.step(self._actions)
         self.simulator_seconds += time.perf_counter() - began
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        ended = terminated.any()
-        self._sums[0] += rewards
-        for place, name in ((1, "epi"), (2, "penalty")):
-            self._sums[place] += np.where(terminated, info["final_info"][name], info[name]) if ended else info[name]
+        self._sums += (rewards, info["epi"], info["penalty"])
         self._lengths += 1
-        if ended:
+        if terminated.any():
             for row in np.flatnonzero(terminated).tolist():
-                infos[row] = self._end_of(row, info)
+                infos[row] = self._end_of(row, observations[row])
+            observations = self._begin(terminated)
         return observations, rewards.astype(np.float32), terminated, infos
 
-    def _end_of(self, row: int, info: dict[str, Any]) -> dict[str, Any]:
+    def _begin(self, rows: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """Begin an episode in ``rows``, a mask; observations of all rows."""
+        seeds = self.first_seed + self._begun * self.num_envs + np.arange(self.num_envs)
+        self._begun[rows] += 1
+        self._sums[:, rows] = 0.0
+        self._lengths[rows] = 0
+        observations, _ = self.environment.reset(seed=seeds.tolist(), options={"reset_mask": rows})
+        return observations
+
+    def _end_of(self, row: int, last: NDArray[np.float32]) -> dict[str, Any]:
         reward, epi, penalty = self._sums[:, row].tolist()
         episode = {"r": reward, "l": int(self._lengths[row]), "epi": epi, "penalty": penalty}
-        self._sums[:, row] = 0.0
-        self._lengths[row] = 0
-        return {"terminal_observation": info["final_obs"][row], "TimeLimit.truncated": False, "episode": episode}
+        return {"terminal_observation": last.copy(), "TimeLimit.truncated": False, "episode": episode}
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything that the rest of the episodes depends on, as arrays."""
         packed = np.frombuffer(self.environment.snapshot().to_bytes(), dtype=np.uint8)
-        return {"snapshot": packed, "sums": self._sums.copy(), "lengths": self._lengths.copy()}
+        return {
+            "snapshot": packed, "sums": self._sums.copy(), "lengths": self._lengths.copy(), "begun": self._begun.copy(),
+        }  # fmt: skip
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Continue from ``state()``, in this process or another."""
         self.environment.restore(Snapshot.from_bytes(state["snapshot"].tobytes()))
         self._sums[:] = state["sums"]
         self._lengths[:] = state["lengths"]
-        self._begun = True
+        self._begun[:] = state["begun"]
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Seeds of the first episodes. They come from ``first_seed``, whatever the algorithm asks for."""

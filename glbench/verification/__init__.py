@@ -1,13 +1,24 @@
-"""Proving results from their records: the agent is not needed, only task, seeds and recorded actions.
+"""Reproducing results from their records: the agent is not needed, only task, seeds and recorded actions.
 
-``verify(path)`` gives a ``Verdict``; ``docs/verification.md`` says what a proof means and what it does not.
+``verify(path)`` gives a ``Verdict``; ``docs/verification.md`` says what it covers and what it does not.
 """
 
 from __future__ import annotations
 
 from glbench.verification.comparing import TOLERANCE
+from glbench.verification.coverage import stated_words
 from glbench.verification.proof import SUFFIX, Proof, proof_path, read_proof, save_proof
 from glbench.verification.proving import verify
 from glbench.verification.verdict import Verdict
 
-__all__ = ["SUFFIX", "TOLERANCE", "Proof", "Verdict", "proof_path", "read_proof", "save_proof", "verify"]
+__all__ = [
+    "SUFFIX",
+    "TOLERANCE",
+    "Proof",
+    "Verdict",
+    "proof_path",
+    "read_proof",
+    "save_proof",
+    "stated_words",
+    "verify",
+]

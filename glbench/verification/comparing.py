@@ -1,4 +1,8 @@
-"""Comparing numbers to the last bit, or within a tolerance where the machine is another one."""
+"""Comparing numbers: to the last bit, or within a tolerance where the arithmetic of two machines differs.
+
+What a result says about its machine plays no part: it could be forged. The numbers themselves tell. Arithmetic that differs, differs in
+every step that follows, so a whole run with the same bits says that the arithmetic is the same, and then all numbers must be.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ from numpy.typing import NDArray
 from glbench.verification.verdict import Refused
 
 TOLERANCE = 1e-9
-"""Largest relative difference that another processor, compiler or backend may make."""
+"""Largest relative difference at which a result is reproduced, though not to the last bit."""
 CHAOS = 1e-3
 """Between the tolerance and this, another machine can be the cause: an adaptive step that was accepted there and not here."""
 
@@ -50,7 +54,7 @@ class Agreement:
 
     def add(self, cause: str, recorded: Floats, found: Floats, words: tuple[str, ...], where: str) -> Agreement:
         """Compare tables ``(steps, columns)``, of which ``words`` name the columns; step 1 is the first row."""
-        differs = ~_same_bits(recorded, found)
+        differs = ~same_bits(recorded, found)
         if not differs.any():
             return self
         with np.errstate(all="ignore"):  # what is not finite counts as infinitely far apart
@@ -70,22 +74,28 @@ class Agreement:
             self.first_large or first(apart > TOLERANCE),
         )
 
-    def verdict(self, *, same_machine: bool, other: str) -> Refused | None:
-        """Why this is no proof; ``None`` when it is one. ``other`` says what is different here."""
+    def verdict(self, *, same_arithmetic: bool, stated: str) -> Refused | None:
+        """Why this is not reproduced; ``None`` when it is. ``stated`` says what the result states of its machine."""
         if self.first is None:
             return None
-        if same_machine:
-            return Refused("refuted", self.first.cause, f"{self.first.words}. The recorded actions do not lead there.")
+        if same_arithmetic:
+            reason = (
+                f"{self.first.words}. The recorded actions do not lead there; and it is not the machine, because other numbers of "
+                "whole runs are the same to the last bit."
+            )
+            return Refused("refuted", self.first.cause, reason)
         if self.first_large is None:
             return None
         large = self.first_large
         if self.largest <= CHAOS:
             reason = (
-                f"{large.words}. The largest relative difference is {self.largest:.1e}, more than {TOLERANCE:g}, and {other}: "
-                "that can be the cause. Verify where the result was made."
+                f"{large.words}. The largest relative difference is {self.largest:.1e}, more than {TOLERANCE:g}: an adaptive step on "
+                f"another machine can make it, and so can a change by hand. {stated} Verify on the machine that made the result."
             )
             return Refused("unknown", "other_machine", reason)
-        reason = f"{large.words}. The recorded actions do not lead there; {other}, which cannot explain it."
+        reason = (
+            f"{large.words}. The recorded actions do not lead there, and no difference between machines is as large."
+        )
         return Refused("refuted", large.cause, reason)
 
 
@@ -96,7 +106,7 @@ def _relative(recorded: Floats, found: Floats) -> Floats:
     return np.asarray(apart / np.where(size > 0.0, size, 1.0))
 
 
-def _same_bits(one: Floats, other: Floats) -> NDArray[np.bool_]:
+def same_bits(one: Floats, other: Floats) -> NDArray[np.bool_]:
     """Bit patterns, so that 0.0 and -0.0 differ and nan equals nan."""
     if one.dtype != other.dtype:
         return np.asarray(one == other)

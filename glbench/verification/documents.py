@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import NoReturn
 
+import numpy as np
 from pydantic import ValidationError
 
 from glbench.episodes import ActionLog, read_log
@@ -14,6 +14,7 @@ from glbench.episodes.header import PARTS
 from glbench.errors import EpisodeError, GlbenchError, ResultError
 from glbench.evaluation import Result, load_result
 from glbench.evaluation.episodes import run_facts
+from glbench.evaluation.metrics import with_missing_steps
 from glbench.model import CONTROL_NAMES
 from glbench.registration import task_ids
 from glbench.tasks import TaskSpec, get_task
@@ -27,7 +28,7 @@ def read_result(path: Path) -> Result:
     except ResultError as error:
         if isinstance(error.__cause__, ValidationError):
             refute("inconsistent", f"The result contradicts itself. {error}")
-        if isinstance(error.__cause__, json.JSONDecodeError):
+        if isinstance(error.__cause__, ValueError) and not isinstance(error.__cause__, UnicodeError):  # no JSON
             refute("inconsistent", str(error))
         cannot_tell("no_result", str(error))
 
@@ -39,7 +40,7 @@ def read_record(path: Path, result: Result) -> ActionLog:
             "no_record", "The result names no recorded actions. Evaluate again with `glbench evaluate --fresh`."
         )
     file = path.with_name(result.record.file)
-    if not file.is_file():
+    if not file.exists():
         cannot_tell("no_record", f"The recorded actions {file} are not there. Put the file back beside the result.")
     try:
         log = read_log(file)
@@ -86,8 +87,8 @@ def _same_evaluation(result: Result, log: ActionLog) -> None:
         refute("other_kernel", "The record was made with another kernel than the result says.")
     stated_versions = result.versions.model_dump()
     for name, number in log.provenance.versions.items():
-        if stated_versions[name] != number:
-            reason = f"The record was made with {name} {number}, the result says {stated_versions[name]}."
+        if stated_versions.get(name) != number:
+            reason = f"The record was made with {name} {number}, the result says {stated_versions.get(name)}."
             refute("other_versions", reason)
 
 
@@ -142,6 +143,21 @@ def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
     if facts != (stated.title, stated.steps, stated.step_seconds):
         refute("task_facts", f"The task's title, steps or step length are not those of {task.id}.")
     return task
+
+
+def check_sums(result: Result, log: ActionLog, task: TaskSpec) -> None:
+    """The reward of a run is the sum of its recorded rewards and the price of missing steps: the same bits on every machine."""
+    for row, run in enumerate(result.runs):
+        total = float(np.add.accumulate(np.append(0.0, log.rewards[: run.steps, row]))[-1])
+        expected = with_missing_steps(
+            {"reward": total}, task.steps - run.steps, {"reward": task.evaluation.failed_step.reward}
+        )
+        if run.metrics["reward"] != expected["reward"]:
+            reason = (
+                f"The run with seed {run.seed} has the reward {run.metrics['reward']!r} in the result; its recorded rewards add up "
+                f"to {expected['reward']!r}."
+            )
+            refute("metric", reason)
 
 
 def _refuse_other_version(result: Result, log: ActionLog, parts: dict[str, str], *, published: bool) -> NoReturn:

@@ -1,43 +1,51 @@
-"""The proof beside a result: a small file that says what was proved, of which very file."""
+"""The note beside a verified result: a small file that says what of which very file was reproduced, where and how closely."""
 
 from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 
-from pydantic import ConfigDict, Field, ValidationError
+from pydantic import AliasChoices, ConfigDict, Field, ValidationError
 
 from glbench import __version__
+from glbench.errors import GlbenchError
 from glbench.evaluation import load_result, provenance
-from glbench.evaluation.records import Count, Digest, Machine, Record
+from glbench.evaluation.files import LARGEST_RESULT
+from glbench.evaluation.records import Count, Digest, Machine, Record, Word
 from glbench.resources import write_atomically
+from glbench.untrusted import MIB, read_regular
+from glbench.verification.comparing import TOLERANCE
 from glbench.verification.verdict import Exactness, Verdict
 
 SUFFIX: Final = ".proof.json"
 SCHEMA: Final = "glbench/proof"
+_LARGEST = MIB
 
 
 class Proof(Record):
-    """What `glbench verify` proved of one result file.
+    """What `glbench verify` reproduced of one result file.
 
-    ``result_sha256`` is that of the whole file, so that nothing in it can change under the proof.
+    ``result_sha256`` is that of the whole file, so that nothing in it can change under the note. ``reproduced`` and ``stated`` name fields
+    of the result; notes of schema version 1 lack them, and call ``exactness`` ``proved``.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True)
 
     schema_name: Literal["glbench/proof"] = Field(default=SCHEMA, alias="schema")
-    schema_version: Literal[1] = 1
-    result: str
+    schema_version: Literal[1, 2] = 2
+    result: Word
     result_sha256: Digest
     results_digest: Digest
     record_digest: Digest
-    proved: Exactness
-    largest_difference: float
+    exactness: Exactness = Field(validation_alias=AliasChoices("exactness", "proved"))
+    largest_difference: Annotated[float, Field(ge=0, le=TOLERANCE)]
     runs: Count
     steps: Count
     full_episodes: tuple[Count, ...]
-    glbench: str
+    reproduced: tuple[Word, ...] = ()
+    stated: tuple[Word, ...] = ()
+    glbench: Word
     machine: Machine
 
 
@@ -47,7 +55,7 @@ def proof_path(result: Path) -> Path:
 
 
 def save_proof(verdict: Verdict) -> Path | None:
-    """Write the proof of a verdict beside its result, or remove one that the verdict contradicts; the path if one was written.
+    """Write the note of a verdict beside its result, or remove one that the verdict contradicts; the path if one was written.
 
     Raises
     ------
@@ -57,7 +65,11 @@ def save_proof(verdict: Verdict) -> Path | None:
     path = proof_path(verdict.path)
     if verdict.exactness is None:
         if verdict.outcome == "refuted":
-            path.unlink(missing_ok=True)
+            try:
+                path.unlink(missing_ok=True)
+            except OSError as error:
+                msg = f"Cannot remove {path}, which the verdict contradicts: {error.strerror or error}."
+                raise GlbenchError(msg) from error
         return None
     result = load_result(verdict.path)
     assert result.record is not None
@@ -66,11 +78,13 @@ def save_proof(verdict: Verdict) -> Path | None:
         result_sha256=_sha256(verdict.path),
         results_digest=result.results_digest,
         record_digest=result.record.digest,
-        proved=verdict.exactness,
+        exactness=verdict.exactness,
         largest_difference=verdict.largest_difference,
         runs=verdict.runs,
         steps=verdict.steps,
         full_episodes=verdict.episodes,
+        reproduced=verdict.reproduced,
+        stated=verdict.stated,
         glbench=__version__,
         machine=provenance.machine(),
     )
@@ -79,13 +93,13 @@ def save_proof(verdict: Verdict) -> Path | None:
 
 
 def read_proof(result: Path) -> Proof | None:
-    """The proof of exactly this result file; ``None`` when there is none, or it is of other content."""
+    """The note on exactly this result file; ``None`` when there is none, or it is of other content."""
     try:
-        proof = Proof.model_validate_json(proof_path(result).read_bytes())
+        proof = Proof.model_validate_json(read_regular(proof_path(result), _LARGEST))
         return proof if proof.result_sha256 == _sha256(result) else None
     except (OSError, ValidationError):
         return None
 
 
 def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(read_regular(path, LARGEST_RESULT)).hexdigest()

@@ -1,4 +1,4 @@
-"""The proof: every run again from task, seed and recorded actions, and everything that was published compared with it."""
+"""The verification: every run again from task, seed and recorded actions, and everything that follows from them compared with it."""
 
 from __future__ import annotations
 
@@ -11,17 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.episodes import ActionLog, Episode, Replay, Trace, episodes_folder
-from glbench.errors import ActionError
+from glbench.episodes.recorder import BYTES_A_STEP, LARGEST_TRACE
+from glbench.errors import ActionError, ResultError
 from glbench.evaluation import Result, provenance
 from glbench.evaluation.acting import Failure
 from glbench.evaluation.metrics import METRIC_NAMES
+from glbench.evaluation.profiles import load_profile, make_profile
 from glbench.evaluation.records import RunResult
 from glbench.evaluation.tally import Tally
 from glbench.kernel import Kernel, KernelPool, available
 from glbench.model import STATE_NAMES
 from glbench.tasks import TaskSpec
-from glbench.verification.comparing import TOLERANCE, Agreement
-from glbench.verification.documents import check_seeds, check_setting, find_task, read_record, read_result
+from glbench.verification.comparing import TOLERANCE, Agreement, same_bits
+from glbench.verification.coverage import coverage
+from glbench.verification.documents import check_seeds, check_setting, check_sums, find_task, read_record, read_result
 from glbench.verification.full_episodes import compare_episode, read_episodes
 from glbench.verification.verdict import Refused, Verdict, refute
 
@@ -37,7 +40,7 @@ def verify(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Verdict:
-    """Prove or refute one result from its records alone; the agent is not needed.
+    """Reproduce or refute one result from its records alone; the agent is not needed.
 
     Parameters
     ----------
@@ -55,7 +58,7 @@ def verify(
     Returns
     -------
     Verdict
-        It says what was proved, or what differs, or why it cannot be told.
+        It says what was reproduced, or what differs, or why it cannot be told.
     """
     path = Path(path)
     try:
@@ -65,42 +68,43 @@ def verify(
         notes = check_seeds(result, spec)
         check_setting(result, log, spec)
         whole, complaint = _try_to_read(episodes or episodes_folder(path), log, wanted=episodes is not None)
+        profiled = _profile_is_there(path, result, spec)
         with _kernel(result, spec, workers) as kernel:
-            machine = _compare_machines(result, kernel)
-            again = _simulate(spec, log, [row for row, _ in whole], kernel, progress)
+            stated = _stated_machine(result, kernel)
+            rows = range(len(log.runs)) if profiled else [row for row, _ in whole]
+            again = _simulate(spec, log, rows, kernel, progress)
         agreement = _agreement(result, log, again)
-        _refuse(agreement, machine)
-        _same_ends(result, again.runs, exactly=machine.same)
+        same = agreement.exact or _same_arithmetic(log, again)
+        _refuse(agreement, same_arithmetic=same, stated=stated)
+        check_sums(result, log, spec)
+        _same_ends(result, again.runs, exactly=agreement.exact)
         if complaint is not None:
             raise complaint
         for row, episode in whole:
             assert again.trace is not None
             replayed = again.trace.episode(spec, row, log.provenance, log.runs[row], log.actions[:, row])
             agreement = compare_episode(agreement, episode, replayed)
-        _refuse(agreement, machine)
+        _refuse(agreement, same_arithmetic=same, stated=stated)
+        profiled = profiled and agreement.exact
+        if profiled:
+            _same_profile(result, spec, log, again)
     except Refused as refused:
         return Verdict(path, refused.outcome, refused.cause, refused.reason)
-    exact = agreement.exact
+    reproduced, merely_stated = coverage(result, profile=profiled)
     return Verdict(
         path,
-        "proved",
+        "reproduced",
         "",
-        _words(result, exact=exact, agreement=agreement, other=machine.words),
-        "bits" if exact else "tolerance",
+        _words(result, agreement=agreement, stated=stated),
+        "bits" if agreement.exact else "tolerance",
         agreement.largest,
         notes,
         len(result.runs),
         sum(run.steps for run in result.runs),
         tuple(log.runs[row].seed for row, _ in whole),
+        reproduced,
+        merely_stated,
     )
-
-
-@dataclass(frozen=True)
-class _Machine:
-    """Whether everything that computes is as it was, and what is not, in words."""
-
-    same: bool
-    words: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,26 +129,48 @@ def _kernel(result: Result, task: TaskSpec, workers: int | None) -> AbstractCont
     return KernelPool(count, task.step_seconds, variant=task.model.variant, backend=backend)
 
 
-def _compare_machines(result: Result, kernel: Kernel | KernelPool) -> _Machine:
+def _stated_machine(result: Result, kernel: Kernel | KernelPool) -> str:
+    """What the result states of its machine, beside this one: an explanation of differences for people, and evidence of nothing."""
     here, there = provenance.machine(), result.machine
     versions = provenance.versions().model_dump()
     others = [
         name
         for name, number in result.versions.model_dump().items()
-        if versions[name] != number and name != "gymnasium"
+        if versions.get(name) != number and name != "gymnasium"
     ]
     found = []
     if (here.processor, here.architecture) != (there.processor, there.architecture):
-        found.append(f"the processor is {here.processor}, not {there.processor}")
+        found.append(
+            f"the processor {there.processor} ({there.architecture}; here {here.processor}, {here.architecture})"
+        )
     if others:
-        found.append(f"other versions of {', '.join(others)} are installed")
+        found.append(f"other versions of {', '.join(others)}")
     described, recorded = kernel.describe(), result.evaluation.kernel
     kinds = [name for name in {**described, **recorded} if described.get(name) != recorded.get(name)]
-    if described["backend"] != recorded["backend"]:
-        found.append(f"the kernel is '{described['backend']}', not '{recorded['backend']}'")
+    if described["backend"] != recorded.get("backend"):
+        found.append(f"the kernel '{recorded.get('backend')}' (here '{described['backend']}')")
     elif kinds:
-        found.append(f"the kernel differs in {', '.join(kinds)}")
-    return _Machine(not found, " and ".join(found))
+        found.append(f"a kernel that differs in {', '.join(kinds)}")
+    return f"The result states {' and '.join(found)}." if found else "The result states this very machine and kernel."
+
+
+def _profile_is_there(path: Path, result: Result, task: TaskSpec) -> bool:
+    """Whether the result names a profile, which lies beside it and can be made again within the memory of a trace."""
+    if result.profile is None or task.steps * len(result.runs) * BYTES_A_STEP > LARGEST_TRACE:
+        return False
+    try:
+        return load_profile(result, path) is not None
+    except ResultError as error:
+        refute("profile", str(error))
+
+
+def _same_profile(result: Result, task: TaskSpec, log: ActionLog, again: _Again) -> None:
+    assert result.profile is not None
+    if make_profile(task, result, log, again.trace).digest != result.profile.digest:
+        refute(
+            "profile",
+            f"{result.profile.file} does not show what the recorded actions lead to. Delete it and evaluate again.",
+        )
 
 
 def _simulate(
@@ -186,8 +212,17 @@ def _try_to_read(folder: Path, log: ActionLog, *, wanted: bool) -> tuple[list[tu
         return [], refused
 
 
-def _refuse(agreement: Agreement, machine: _Machine) -> None:
-    refused = agreement.verdict(same_machine=machine.same, other=machine.words)
+def _same_arithmetic(log: ActionLog, again: _Again) -> bool:
+    """Whether rewards or final state of a run, one of the longest, are the same bits: then this machine computes as that one did."""
+    longest = max(run.steps for run in log.runs)
+    rows = [row for row, run in enumerate(log.runs) if run.steps == longest > 0]
+    rewards = same_bits(log.rewards[:longest, rows], again.rewards[:longest, rows]).all(axis=0)
+    states = same_bits(log.final_states[rows], again.final_states[rows]).all(axis=1)
+    return bool(rewards.any() or states.any())
+
+
+def _refuse(agreement: Agreement, *, same_arithmetic: bool, stated: str) -> None:
+    refused = agreement.verdict(same_arithmetic=same_arithmetic, stated=stated)
     if refused is not None:
         raise refused
 
@@ -217,9 +252,9 @@ def _same_ends(result: Result, runs: tuple[RunResult, ...], *, exactly: bool) ->
             refute("status", reason)
 
 
-def _words(result: Result, *, exact: bool, agreement: Agreement, other: str) -> str:
+def _words(result: Result, *, agreement: Agreement, stated: str) -> str:
     runs = "run earns" if len(result.runs) == 1 else "runs earn"
-    what = f"{len(result.runs)} {runs} exactly what the result says"
-    if exact:
-        return f"{what}: the same bits." + (f" ({other[:1].upper()}{other[1:]}, and still.)" if other else "")
-    return f"{what}, within {TOLERANCE:g} relative (largest difference {agreement.largest:.1e}), not to the last bit: {other}."
+    what = f"{len(result.runs)} {runs} what the result says"
+    if agreement.exact:
+        return f"{what}: the same bits."
+    return f"{what} within {TOLERANCE:g} relative (largest difference {agreement.largest:.1e}), not to the last bit. {stated}"

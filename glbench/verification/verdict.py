@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NoReturn
 
-Outcome = Literal["proved", "refuted", "unknown"]
+Outcome = Literal["reproduced", "refuted", "unknown"]
 Exactness = Literal["bits", "tolerance"]
 
-EXIT_CODES: dict[Outcome, int] = {"proved": 0, "refuted": 1, "unknown": 2}
+EXIT_CODES: dict[Outcome, int] = {"reproduced": 0, "refuted": 1, "unknown": 2}
 
 
 @dataclass(frozen=True)
@@ -21,13 +21,13 @@ class Verdict:
     path
         The result's file.
     outcome
-        ``"proved"``, ``"refuted"``, or ``"unknown"`` when it cannot be told.
+        ``"reproduced"``, ``"refuted"``, or ``"unknown"`` when it cannot be told.
     cause
-        A short name of the reason why it is not proved, such as ``"reward"`` or ``"dropped_run"``; empty when it is.
+        A short name of the reason why it is not reproduced, such as ``"reward"`` or ``"dropped_run"``; empty when it is.
     reason
-        In words: what was proved, or what differs where, or why it cannot be told.
+        In words: how closely it was reproduced, or what differs where, or why it cannot be told.
     exactness
-        Whether it was proved to the last bit or within the tolerance; ``None`` when it was not.
+        Whether it was reproduced to the last bit or within the tolerance; ``None`` when it was not.
     largest_difference
         Largest relative difference found, 0 when all bits are the same.
     notes
@@ -36,6 +36,8 @@ class Verdict:
         Runs and steps that were simulated again.
     episodes
         Seeds of the full episodes that were compared, too.
+    reproduced, stated
+        Fields of the result that were reproduced, and those that it merely states; see ``glbench.verification.coverage``.
     """
 
     path: Path
@@ -47,11 +49,13 @@ class Verdict:
     notes: tuple[str, ...] = ()
     runs: int = 0
     steps: int = 0
-    episodes: tuple[int, ...] = field(default=())
+    episodes: tuple[int, ...] = ()
+    reproduced: tuple[str, ...] = ()
+    stated: tuple[str, ...] = ()
 
     @property
     def exit_code(self) -> int:
-        """0 proved, 1 refuted, 2 cannot tell."""
+        """0 reproduced, 1 refuted, 2 cannot tell."""
         return EXIT_CODES[self.outcome]
 
 
@@ -69,5 +73,5 @@ def refute(cause: str, reason: str) -> NoReturn:
 
 
 def cannot_tell(cause: str, reason: str) -> NoReturn:
-    """End the verification: something that a proof needs is missing."""
+    """End the verification: something that a verification needs is missing."""
     raise Refused("unknown", cause, reason)  # noqa: EM101 -- words of the program, not a message

@@ -71,10 +71,8 @@ def _offset(seconds: int, zone: ZoneInfo) -> int:
 
 
 def clock_time(window: Window, clock: str) -> tuple[FloatArray, FloatArray]:
-    """Hour of day (steps,) [h, 0..24) and day of year (steps,) [d, 0.0 at 1 January 00:00, even growth] on ``clock``."""
+    """Hour of day (steps,) [h, 0..24) and day of year (steps,) [d, 0.0 at 1 January 00:00 of the year it is] on ``clock``."""
     local = window.times + utc_offsets(window.times, clock)
     hour_of_day = (local % 86400) / 3600.0
-    first = int(local[0])
-    year_begin = np.datetime64(first, "s").astype("datetime64[Y]").astype("datetime64[s]").astype(np.int64)
-    day_of_year = (first - int(year_begin) + window.step * np.arange(window.steps, dtype=np.int64)) / 86400.0
-    return hour_of_day, day_of_year
+    year_begin = local.astype("datetime64[s]").astype("datetime64[Y]").astype("datetime64[s]").astype(np.int64)
+    return hour_of_day, (local - year_begin) / 86400.0

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 from glbench.errors import UnknownNameError, WeatherError, did_you_mean
 from glbench.weather.knmi import read_knmi
 from glbench.weather.record import WeatherRecord
-from glbench.weather.table import UNITS, read_csv
+from glbench.weather.table import EXPECTED_HEADER, UNITS, meant_by, read_csv
 from glbench.weather.typical import read_epw, read_tmy
 
 Format = Literal["knmi", "epw", "tmy", "csv"]
@@ -83,7 +83,16 @@ def detect_format(path: Path) -> Format:
         return "epw"
     if "Date (MM/DD/YYYY)" in text:
         return "tmy"
-    if any(f"{quantity} [" in text for quantity in UNITS):
+    if any(f"{quantity} [" in text for quantity in UNITS) or _has_titles(text):
         return "csv"
-    msg = f"{path} looks like none of the known weather formats ({', '.join(FORMATS)}). If it is one, name it with --format."
+    msg = (
+        f"{path} looks like none of the known weather formats ({', '.join(FORMATS)}). If it is one, name it with --format. "
+        f"The titles of a CSV are:\n  {EXPECTED_HEADER}"
+    )
     raise WeatherError(msg)
+
+
+def _has_titles(text: str) -> bool:
+    """Whether the first line that is no comment looks like the titles of a table of weather, if not the documented ones."""
+    first = next((line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")), "")
+    return sum(meant_by(title.strip(' "\ufeff')) is not None for title in re.split("[,;\t]", first)) > 1

@@ -10,6 +10,7 @@ from __future__ import annotations
 import datetime as dt
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -79,8 +80,8 @@ def canonical_digest(header: Mapping[str, object], columns: Mapping[str, IntArra
 
 def utc_text(seconds: float) -> str:
     """``2010-03-01 05:00`` for seconds since 1970 (UTC)."""
-    moment = dt.datetime.fromtimestamp(seconds, tz=dt.UTC)
-    return f"{moment:%Y-%m-%d %H:%M}"
+    # Not by datetime, which ends with the year 9999: periods that nobody has weather of are told, too.
+    return str(np.datetime_as_string(np.datetime64(math.floor(seconds), "s"), unit="m")).replace("T", " ")
 
 
 @dataclass(frozen=True)

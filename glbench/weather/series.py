@@ -38,7 +38,7 @@ class Disturbances:
     hour_of_day : ndarray (steps,) of float64
         0..24 h on the clock of the preprocessing: UTC for ``paper``, the local clock with summer time for ``conserving``.
     day_of_year : ndarray (steps,) of float64
-        Days since 1 January 00:00 of the starting year on that clock; grows evenly and does not wrap at a year's end.
+        Days since 1 January 00:00 of the same year on that clock, 0 to 365 (366 in a leap year).
     digest : str
         SHA-256 [hex] over the canonical hourly figures used and the window; the same on every machine.
     preprocessing : str

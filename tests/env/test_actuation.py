@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from glbench.env.actuation import ACTUATIONS, ActionReader, make_actuation, register_actuation
 from glbench.errors import ActionError, TaskError, UnknownNameError
-from glbench.tasks import TaskSpec, get_task
+from glbench.tasks import TaskSpec, get_task, task_card
 
 MakeTask = Callable[..., TaskSpec]
 SET_POINT = ('kind = "rate"', 'kind = "set_point"')
@@ -131,6 +131,18 @@ def test_a_kind_of_ones_own_works_from_a_task_file(make_task: MakeTask) -> None:
     assert move(np.zeros((1, 6)), np.full((1, 6), 0.7))[0].tolist() == [0.7] * 6
     with pytest.raises(TaskError, match="test_direct"):
         register_actuation("test_direct", "again", lambda task: lambda controls, actions: actions)
+
+
+@pytest.mark.usefixtures("own_words")
+def test_a_kind_of_ones_own_chooses_its_bounds(make_task: MakeTask) -> None:
+    register_actuation(
+        "test_degrees", "an angle", lambda task: lambda controls, actions: actions / 90.0, low=-90.0, high=90.0
+    )
+    task = make_task(('kind = "rate"', 'kind = "test_degrees"'))
+    assert {(action.low, action.high) for action in task_card(task).actions} == {(-90.0, 90.0)}
+    assert ActionReader.of_task(task)(np.full((1, 6), 45.0), 1).max() == 45.0
+    with pytest.raises(TaskError, match="cannot lie between 1 and 0"):
+        register_actuation("test_other", "an angle", lambda task: lambda controls, actions: actions, low=1.0, high=0.0)
 
 
 def test_an_unknown_kind_is_refused_with_the_nearest() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +13,9 @@ from glbench.env import QUANTITIES, REWARDS, info_quantities
 from glbench.tasks import get_task
 from glbench.tasks.vocabulary import OBSERVATION_MODULES
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "environment.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGE = (DOCS / "environment.md").read_text(encoding="utf-8")
+README = (DOCS.parent / "README.md").read_text(encoding="utf-8")
 
 
 def rows() -> Iterator[tuple[list[str], str]]:
@@ -30,6 +33,22 @@ def test_the_examples_run_one_after_the_other(capsys: pytest.CaptureFixture[str]
         exec(compile(example, "docs/environment.md", "exec"), names)
     assert "(3, 28)" in capsys.readouterr().out
     assert "warm_feet" in list(REWARDS)
+
+
+def test_the_speeds_are_those_of_the_stored_measurements() -> None:
+    measured = {
+        one["name"]: one["microseconds"]
+        for one in json.loads((DOCS / "measurements" / "speed.json").read_text(encoding="utf-8"))["measurements"]
+    }
+    for preset in ("reference", "standard", "fast"):
+        (row,) = re.findall(rf"^\| `{preset}` \|.*\| ([\d.]+) \| ([\d.]+) \|$", PAGE, flags=re.MULTILINE)
+        assert row == tuple(f"{measured[f'{group}/{preset}/walk']:.1f}" for group in ("step", "batch"))
+    text = PAGE.replace("\n", " ")
+    single, batched = measured["env/reference"], [measured[f"vector/{n}"] for n in (8, 512)]
+    assert f"takes {single:.0f} us with the default and {measured['env/standard']:.0f} us with `standard`" in text
+    rows = f"takes {batched[0]:.1f} us with 8 rows and {batched[1]:.1f} us with 512"
+    assert f"{rows}, {single / batched[0]:.0f} and {single / batched[1]:.0f} times less" in text
+    assert f"{single / batched[1]:.0f} times as fast, with 512 of them" in README.replace("\n", " ")
 
 
 def test_the_table_has_every_quantity_with_its_unit() -> None:

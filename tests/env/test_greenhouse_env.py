@@ -26,6 +26,13 @@ def test_gymnasiums_checker_has_nothing_to_say(name: str) -> None:
     check_env(gymnasium.make(name, render_mode="ansi").unwrapped)
 
 
+@pytest.mark.parametrize("render_mode", [None, "ansi", "rgb_array"])
+def test_the_checkers_have_nothing_to_say_in_any_render_mode(day: TaskSpec, render_mode: str | None) -> None:
+    made = gymnasium.make("glbench/Schiphol2010-Delta10-v1", task=day, render_mode=render_mode)
+    check_env(made.unwrapped)
+    check_env_for_stable_baselines3(made, warn=True)
+
+
 @pytest.mark.parametrize("name", TASKS)
 def test_stable_baselines3s_checker_has_nothing_to_say(name: str) -> None:
     check_env_for_stable_baselines3(GreenhouseEnv(name), warn=True)
@@ -107,7 +114,7 @@ def test_info_is_flat_plain_and_complete(day: TaskSpec) -> None:
     assert list(info) == names
     assert all(type(value) in (int, float) for value in info.values())
     assert (info["seed"], info["step"], info["hour_of_day"]) == (4, 1, 0.25)
-    assert info["reward"] == reward
+    assert info["step_reward"] == reward
     assert (info["boiler"], info["co2_supply"], info["lamps"], info["vents"]) == pytest.approx((13.0, 0.5, 11.6, 0.1))
     assert info["air_temperature"] == pytest.approx(float(observation[0]), rel=1e-6)
     costs = info["cost_heat"] + info["cost_electricity"] + info["cost_co2"]
@@ -170,7 +177,7 @@ def test_without_a_render_mode_nothing_is_drawn_and_an_unknown_one_is_refused(da
     environment = GreenhouseEnv(day)
     environment.reset(seed=1)
     assert environment.render() is None
-    with pytest.raises(UnknownNameError, match=r"no render mode 'human'\. Use 'ansi' or None"):
+    with pytest.raises(UnknownNameError, match=r"no render mode 'human'\. Use 'ansi', 'rgb_array' or None"):
         GreenhouseEnv(day, render_mode="human")
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from glbench.env import QUANTITIES, REWARDS, Accounts, StepOutcome, make_accounts, register_reward
-from glbench.env.quantities import QUANTITY_NAMES
+from glbench.env import QUANTITIES, REWARDS, Accounts, Simulation, StepOutcome, make_accounts, register_reward
+from glbench.env.quantities import QUANTITY_NAMES, VIOLATIONS
 from glbench.env.rewards import make_reward
 from glbench.errors import TaskError, UnknownNameError
+from glbench.model import STATE_NAMES, relative_humidity
 from glbench.tasks import TaskSpec, get_task
+from tests.env.stepping import StillKernel
 
 MakeTask = Callable[..., TaskSpec]
 COMFORT = (20.0, 800.0, 70.0)
@@ -109,6 +112,26 @@ def test_a_violation_is_measured_at_its_own_limit_only(
 @pytest.mark.parametrize("air", [(15.0, 300.0, 50.0), (34.0, 1600.0, 85.0)])
 def test_a_limit_itself_is_no_violation(accounts: Accounts, air: tuple[float, float, float]) -> None:
     assert outcome(accounts, 0.0, [0.0] * 6, air)["penalty"][0] == 0.0
+
+
+def test_humidity_is_judged_at_100_percent_at_most(task: TaskSpec) -> None:
+    """Air can be supersaturated in the model; the limit is 85 %, so a violation is 15 % at most."""
+    simulation = Simulation(task, 1, StillKernel())
+    simulation.reset([1])
+    snapshot = simulation.snapshot()
+    states = snapshot.states.copy()
+    states[0, STATE_NAMES.index("vpAir")] *= 3.0
+    simulation.restore(replace(snapshot, states=states))
+    result = simulation.step(np.zeros((1, 6)))
+    assert relative_humidity(states[0, STATE_NAMES.index("tAir")], states[0, STATE_NAMES.index("vpAir")]) > 200.0
+    assert result.quantities["violation_relative_humidity_high"][0] == 15.0
+
+
+def test_limits_are_judged_at_the_end_of_a_step_only(accounts: Accounts) -> None:
+    before, after = np.full((1, 28), 40.0), np.full((1, 28), 20.0)
+    fine = np.array([[20.0], [800.0], [70.0]])
+    table = accounts.quantities(before, after, np.zeros((1, 6)), fine)
+    assert not table[VIOLATIONS].any()
 
 
 def test_the_unscaled_parts(task: TaskSpec, accounts: Accounts) -> None:

@@ -50,6 +50,16 @@ def test_leaves_are_pruned_at_the_drawn_laimax_over_the_drawn_sla(name: str) -> 
     assert np.unique(parameters[..., C_LEAF_MAX]).size == 6
 
 
+def test_the_pruning_mass_follows_from_two_draws_and_leaves_the_half_width() -> None:
+    """docs/tasks.md: from -18.2 to +22.2 % at Code-Delta20, whose other entries stay within 10 %."""
+    task = get_task("Schiphol2010Code-Delta20-v1")
+    low, high = 1.0 - task.uncertainty.half_width, 1.0 + task.uncertainty.half_width
+    assert (round(100 * (low / high - 1), 1), round(100 * (high / low - 1), 1)) == (-18.2, 22.2)
+    deviation = drawn(task, list(range(40)), list(range(500)))[..., C_LEAF_MAX] / task.parameters()[C_LEAF_MAX] - 1.0
+    assert low / high - 1 < deviation.min() < -0.175
+    assert 0.21 < deviation.max() < high / low - 1
+
+
 def test_the_published_codes_family_draws_34_parameters_from_half_the_width() -> None:
     task = get_task("Schiphol2010Code-Delta20-v1")
     columns = [PARAMETER_NAMES.index(name) for name in crop_parameter_set("crop34")]

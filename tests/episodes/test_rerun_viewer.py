@@ -47,9 +47,9 @@ def stream_into(file: Path) -> Iterator[str]:
 
 def _await_quiet(file: Path) -> None:
     """Wait until ``file`` has stopped growing: what was streamed is written a moment later."""
-    sizes = [-1, 0]
-    while sizes[-1] != sizes[-2]:
-        time.sleep(0.5)
+    sizes = [0, -1]
+    while len(set(sizes[-5:])) > 1:
+        time.sleep(0.4)
         sizes.append(file.stat().st_size)
 
 
@@ -134,7 +134,7 @@ def page_for_test() -> Iterator[str]:
 def test_the_page_and_its_data_are_served_on_this_machine_only(runs: Runs, tmp_path: Path) -> None:
     save_recording(shown_of([runs.episode()]), tmp_path / "one.rrd")
     with rerun_viewer.page_for_browser(tmp_path / "one.rrd") as (page, stream):
-        with urllib.request.urlopen(page.partition("?")[0], timeout=10) as answer:
+        with urllib.request.urlopen(page.partition("?")[0], timeout=120) as answer:
             assert answer.status == 200
         ports = {int(page.split(":")[2].partition("?")[0]), int(stream.split(":")[2].partition("/")[0])}
         assert _listening_addresses(ports) == {"127.0.0.1"}

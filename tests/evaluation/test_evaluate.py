@@ -10,7 +10,7 @@ import pytest
 
 from glbench.agents import Agent, load_agent
 from glbench.env import Simulation
-from glbench.errors import GlbenchError, ResultError
+from glbench.errors import EpisodeError, GlbenchError, ResultError
 from glbench.evaluation import Progress, Result, evaluate, load_result, prepare
 from glbench.evaluation.provenance import usable_cores
 from glbench.tasks import TaskSpec, task_card
@@ -133,16 +133,27 @@ def test_a_trial_does_not_replace_the_full_evaluation(
     day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
 ) -> None:
     path, out = write_agent(), tmp_path / "reports"
-    evaluate(day_task, path, runs=1, out=out)
-    evaluate(day_task, path, out=out)
+    full_file = out / "results" / "Day-v1" / "agent_under_test.json"
+    first = evaluate(day_task, path, runs=1, out=out)
+    assert not full_file.exists(), "a trial is one also where there is no full evaluation yet"
+    full = evaluate(day_task, path, out=out)
 
-    path.write_text(path.read_text(encoding="utf-8") + "\n# edited since\n", encoding="utf-8")
-    trial = evaluate(day_task, path, runs=1, out=out)
+    for options in ({"runs": 1}, {"runs": 1, "fresh": True}, {"first_seed": 7, "fresh": True}):
+        trial = evaluate(day_task, path, out=out, **options)
+        assert load_result(out / "trials" / "results" / "Day-v1" / "agent_under_test.json") == trial
+        assert load_result(full_file) == full
+    assert first.results_digest != full.results_digest
 
-    assert len(load_result(out / "results" / "Day-v1" / "agent_under_test.json").runs) == 3
-    assert load_result(out / "trials" / "results" / "Day-v1" / "agent_under_test.json") == trial
-    assert len(evaluate(day_task, path, runs=1, out=out, fresh=True).runs) == 1
-    assert len(load_result(out / "results" / "Day-v1" / "agent_under_test.json").runs) == 1
+
+@pytest.mark.parametrize("runs", [10_001, 10**9])
+def test_more_runs_than_a_machine_holds_are_refused(day_task: TaskSpec, write_agent: AgentWriter, runs: int) -> None:
+    with pytest.raises(GlbenchError, match=f"at most 10,000 runs; got {runs:,}"):
+        prepare(day_task, write_agent(), runs=runs)
+
+
+def test_episodes_are_chosen_by_text(day_task: TaskSpec, write_agent: AgentWriter) -> None:
+    with pytest.raises(EpisodeError, match=r"such as 'best,worst,median'; got \['all'\]"):
+        prepare(day_task, write_agent(), episodes=["all"])  # type: ignore[arg-type]
 
 
 def test_a_task_of_another_namespace_does_not_replace_a_result(

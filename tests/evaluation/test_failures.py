@@ -176,9 +176,9 @@ def test_an_endless_act_is_stopped(day_task: TaskSpec, write_agent: AgentWriter,
     began = time.monotonic()
     result = evaluate(day_task, path, limits=hasty)
 
-    assert time.monotonic() - began < 10.0
+    assert time.monotonic() - began < 120.0
     assert ends(result) == [("timed_out", 2)] * 3
-    assert reason(result, 0) == "act (for all runs) took longer than its limit of 0.3 s"
+    assert reason(result, 0) == "act (for all runs) took longer than its limit of 4.5 s"
 
 
 def test_an_endless_single_run_ends_alone(day_task: TaskSpec, write_agent: AgentWriter, hasty: TimeLimits) -> None:
@@ -197,7 +197,7 @@ def test_an_endless_single_run_ends_alone(day_task: TaskSpec, write_agent: Agent
     result = evaluate(day_task, path, limits=hasty)
 
     assert ends(result) == [("ok", 24), ("timed_out", 2), ("ok", 24)]
-    assert reason(result, 1) == "act took longer than its limit of 0.1 s"
+    assert reason(result, 1) == "act took longer than its limit of 1.5 s"
 
 
 def test_what_one_single_run_agent_does_ends_its_own_run_only(day_task: TaskSpec, write_agent: AgentWriter) -> None:
@@ -224,12 +224,12 @@ def test_what_one_single_run_agent_does_ends_its_own_run_only(day_task: TaskSpec
 
 
 def test_decisions_that_are_slow_in_total_end_the_run(day_task: TaskSpec, write_agent: AgentWriter) -> None:
-    path = write_agent("def act(self, observations):\n    time.sleep(0.03)\n    return np.zeros((self.n, 6))")
-    result = evaluate(day_task, path, runs=1, limits=TimeLimits(run=0.2))
+    path = write_agent("def act(self, observations):\n    time.sleep(0.5)\n    return np.zeros((self.n, 6))")
+    result = evaluate(day_task, path, runs=1, limits=TimeLimits(run=3.0))
 
     assert result.runs[0].status == "timed_out"
     assert 1 <= result.runs[0].steps <= 6
-    assert reason(result, 0) == "the run's decisions together took longer than their limit of 0.2 s"
+    assert reason(result, 0) == "the run's decisions together took longer than their limit of 3 s"
 
 
 def test_an_agent_that_cannot_be_made_is_an_error_and_no_result(
@@ -252,7 +252,7 @@ def test_making_an_agent_has_a_time_limit(day_task: TaskSpec, write_agent: Agent
         path.read_text(encoding="utf-8").replace("    return Agent()", "    time.sleep(1000)"), encoding="utf-8"
     )
 
-    with pytest.raises(SubmissionError, match=r"make_agent took longer than its limit of 0\.3 s"):
+    with pytest.raises(SubmissionError, match=r"make_agent took longer than its limit of 4 s"):
         evaluate(day_task, path, limits=hasty)
 
 

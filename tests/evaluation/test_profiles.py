@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import gzip
 import json
+import shutil
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +16,10 @@ from glbench.errors import ResultError
 from glbench.evaluation import Result, evaluate, load_result
 from glbench.evaluation.episodes import recorded_actions
 from glbench.evaluation.files import result_path
-from glbench.evaluation.profiles import load_profile, make_profile, profile_path
+from glbench.evaluation.profiles import Profile, load_profile, make_profile, profile_path
 from glbench.evaluation.profiles.tables import unpack
 from glbench.tasks import TaskSpec
-from tests.evaluation.agent_files import AgentWriter
+from tests.evaluation.agent_files import AgentWriter, agent_writer
 from tests.evaluation.test_resume import interrupted_at
 
 LEAVES = """
@@ -136,3 +139,71 @@ def test_a_profile_of_an_earlier_result_is_not_shown_with_a_new_one(day_task, wr
     other, other_path = stored(day_task, write_agent(LEAVES), tmp_path / "second")
     profile_path(other_path).write_bytes(profile_path(path).read_bytes())
     assert load_profile(other, other_path) is None
+
+
+def rewritten(path: Path, text: bytes) -> str:
+    """What is said of a profile with ``text`` in it, which the result names."""
+    profile_path(path).write_bytes(gzip.compress(text, compresslevel=9))
+    document = json.loads(path.read_text(encoding="utf-8"))
+    with contextlib.suppress(ValueError, RecursionError):
+        document["profile"]["digest"] = Profile(json.loads(text)).digest
+    path.write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(ResultError) as caught:
+        load_profile(load_result(path), path)
+    return str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def original(day_task, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("original")
+    return stored(day_task, agent_writer(folder)(), folder)[1]
+
+
+@pytest.fixture
+def copied(original: Path, tmp_path: Path) -> Path:
+    for file in (original, profile_path(original)):
+        shutil.copy(file, tmp_path / file.name)
+    return tmp_path / original.name
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        (("seeds", "best"), 5, "its seeds are others"),
+        (("seeds", "all"), [1, 2], "its seeds are others"),
+        (("day",), {}, "day.slot_seconds"),
+        (("day", "columns", "heat", "resolution"), "x", "day.columns.heat.resolution"),
+        (("day", "columns", "heat", "resolution"), 1e300, "day.columns.heat.resolution"),
+        (("day", "columns", "heat", "values"), [[[1]]], "day.columns.heat.values"),
+        (("day", "columns", "heat", "values"), [[10**30]], "day.columns.heat.values"),
+        (("season", "columns", "heat", "values"), [[], [], []], "its 'season' has other"),
+        (("worst",), {}, "its 'worst' has other"),
+        (("weather", "hours"), {}, "its 'weather by hour' has other"),
+        (("columns", "heat", "unit"), "\x1b[2J", "cannot be shown"),
+        (("task",), {"a": 1}, "task definition"),
+        (("script",), "alert(1)", "Extra inputs"),
+    ],
+    ids=str,
+)
+def test_a_profile_that_a_page_cannot_show_is_refused_though_the_result_names_it(copied, place, value, words):
+    document = json.loads(gzip.decompress(profile_path(copied).read_bytes()))
+    inner = document
+    for key in place[:-1]:
+        inner = inner[key]
+    inner[place[-1]] = value
+    said = rewritten(copied, Profile(document).text)
+    assert words in said
+    assert said.isprintable()
+
+
+def test_profiles_that_expand_or_are_nested_without_end(copied):
+    text = gzip.decompress(profile_path(copied).read_bytes())
+    deep = text.replace(b'"task":{', b'"task":{"z":' + b"[" * 500 + b"]" * 500 + b",", 1)
+    assert "nested too deeply" in rewritten(copied, deep)
+    assert "nested too deeply" in rewritten(copied, b"[" * 100_000)
+    tracemalloc.start()
+    said = rewritten(copied, bytes(100 * 2**20))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert "expands to more than 24 MiB" in said
+    assert peak < 150 * 2**20  # the bytes that the test itself compressed, and what was read of them

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import random
 import signal
 import subprocess
@@ -9,6 +10,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from glbench.errors import GlbenchError
@@ -135,7 +137,7 @@ def test_kill_9_loses_nothing_but_time(
         "evaluate(sys.argv[1], sys.argv[2], out=sys.argv[3], checkpoint_seconds=0.0, workers=2, progress=kill)\n"
     )
     killed = subprocess.run(
-        [sys.executable, "-c", code, str(day_task_file), str(agent), str(tmp_path)], check=False, timeout=120
+        [sys.executable, "-c", code, str(day_task_file), str(agent), str(tmp_path)], check=False, timeout=300
     )
     assert killed.returncode == -signal.SIGKILL
     resumed, _ = finish(day_task, agent, tmp_path)
@@ -184,7 +186,7 @@ def test_an_agent_that_does_not_repeat_itself_starts_again(
     assert result.summary.ok == 3
 
 
-@pytest.mark.parametrize("damage", ["cut", "text", "no dialogue"])
+@pytest.mark.parametrize("damage", ["cut", "text", "no dialogue", "other numbers"])
 def test_a_damaged_checkpoint_means_starting_again(
     day_task: TaskSpec,
     good_result: Result,
@@ -200,6 +202,15 @@ def test_a_damaged_checkpoint_means_starting_again(
         snapshot.write_bytes(snapshot.read_bytes()[:500])
     elif damage == "text":
         snapshot.write_text("not what it was", encoding="utf-8")
+    elif damage == "other numbers":  # whole and readable, but not what was computed
+        digest_bytes = 32
+        with np.load(io.BytesIO(snapshot.read_bytes()[digest_bytes:])) as file:
+            arrays = {name: file[name] for name in file.files}
+        name = max((name for name in arrays if arrays[name].dtype == np.float64), key=lambda name: arrays[name].size)
+        arrays[name] = arrays[name] * 1.01
+        buffer = io.BytesIO()
+        np.savez(buffer, **arrays)
+        snapshot.write_bytes(snapshot.read_bytes()[:digest_bytes] + buffer.getvalue())
     else:
         next(tmp_path.rglob("dialogue-00000002-*.npz")).unlink()
     resumed, _ = finish(day_task, agent, tmp_path)

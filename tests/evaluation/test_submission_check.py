@@ -102,10 +102,10 @@ def test_what_is_wrong_is_told_under_its_subject(
 def test_an_agent_that_hangs_costs_its_time_and_no_more(tmp_path: Path, day_task_file: Path, sandbox: str) -> None:
     began = time.monotonic()
     before = "while True:\n    try: __import__('time').sleep(9)\n    except BaseException: pass\n"
-    report = looked_at(tmp_path, day_task_file, "pass", sandbox, before=before, seconds=2.0)
+    report = looked_at(tmp_path, day_task_file, "pass", sandbox, before=before, seconds=10.0)
     assert [finding.subject for finding in report.problems] == ["time"]
     assert "It did not come back while its file was loaded" in report.problems[0].text
-    assert time.monotonic() - began < 60
+    assert time.monotonic() - began < 240
 
 
 def test_findings_of_all_files_come_together(tmp_path: Path, day_task_file: Path) -> None:
@@ -194,7 +194,7 @@ def test_one_slow_run_is_told_by_its_own_limit(tmp_path: Path, day_task_file: Pa
     file = tmp_path / "mine.py"
     act = "__import__('time').sleep(60.0 * (self.number == 2)); return np.zeros(6)"
     file.write_text(SHARED.format(act=act), encoding="utf-8")
-    report = check_submission(file, day_task_file, seconds=8.0)
+    report = check_submission(file, day_task_file, seconds=20.0)
     assert any("for one run in step 1" in finding.text for finding in report.of("time")), report.findings
 
 
@@ -205,5 +205,5 @@ def test_a_link_out_of_the_folder_is_a_finding_and_no_crash(tmp_path: Path, day_
     new_submission(folder, "rule")
     (folder / "link.txt").symlink_to(day_task_file)
     report = check_submission(folder, day_task_file)
-    assert [finding.subject for finding in report.problems] == ["loading"]
+    assert [finding.subject for finding in report.problems] == ["files"]
     assert "link.txt is a link that leads out of the submission's folder" in report.problems[0].text

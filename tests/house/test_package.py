@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 def test_importing_the_package_loads_nothing_heavy():
     code = "import sys, glbench; print(*sorted({m.split('.')[0] for m in sys.modules}))"
     loaded = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300
     ).stdout.split()
     assert not {"casadi", "pandas", "pyarrow", "torch", "pvlib", "scipy", "typer", "rich"} & set(loaded)
 

@@ -66,9 +66,9 @@ def test_workers_leave_with_the_program(number: signal.Signals) -> None:
         os.killpg(program.pid, number)  # as the terminal does: to the program and its workers
     else:
         program.kill()
-    _, complaints = program.communicate(timeout=20)
+    _, complaints = program.communicate(timeout=300)
     assert program.returncode == -number
-    assert _all_gone_within(5.0, pids)
+    assert _all_gone_within(60.0, pids)
     # The program's own traceback and nothing of the workers.
     assert complaints.count("Traceback") == (1 if number == signal.SIGINT else 0)
 

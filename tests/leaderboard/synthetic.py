@@ -51,7 +51,7 @@ def make_result(
         )
         for i, reward in enumerate(rewards)
     )
-    record = AgentRecord(
+    record = AgentRecord.model_construct(  # unchecked, so that tables can be shown names that no file may have
         name=agent, kind="submission", digest=digest_of(agent), privileged=privileged, information="observations"
     )
     return Result(

@@ -6,6 +6,7 @@ import tomllib
 
 import pytest
 
+from glbench.agents.baselines import read_baseline
 from glbench.agents.card import SubmissionCard
 from glbench.evaluation import load_result
 from glbench.leaderboard.budget import UNKNOWN, Budget, budget_of
@@ -51,3 +52,11 @@ def test_a_policy_that_another_one_was_made_of_counts_with_it():
     seconds = card["wall_seconds"]["total"] + card["start"]["wall_seconds"]
     assert steps > card["training"]["steps"]
     assert budget_of(released("ppo_tuned")) == Budget(steps, pytest.approx(seconds / 3600.0))
+
+
+def test_a_recording_counts_with_the_training_of_the_agent_that_was_recorded():
+    tuned, digest = released("ppo_tuned"), read_baseline("recording").digest
+    replayed = tuned.model_copy(
+        update={"agent": tuned.agent.model_copy(update={"name": "recording", "digest": digest})}
+    )
+    assert budget_of(replayed) == budget_of(tuned)

@@ -6,8 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glbench.model import CONTROL_NAMES, PARAMETER_NAMES, auxiliaries
+from glbench.model import CONTROL_NAMES, DISTURBANCE_NAMES, PARAMETER_NAMES, STATE_NAMES, auxiliaries
 from glbench.model.optics import Layer, screen, stack, symmetric
+from glbench.tasks import get_task
 from tests.model.conditions import a_day, controls, with_entry
 
 
@@ -104,3 +105,24 @@ def test_closing_the_blackout_screen_darkens_the_greenhouse() -> None:
 
     assert light[0] > light[1] > light[2] > 0
     assert light[2] < 0.02 * light[0]
+
+
+def test_under_the_blackout_screen_more_sunlight_is_absorbed_than_arrives() -> None:
+    """An oddity of the source, with the figures of docs/nomenclature.md; nothing of the kind happens under open screens."""
+    task = get_task("Schiphol2010-Delta00-v1")
+    d, x, p = task.disturbances().values[48].copy(), task.initial_state().copy(), task.parameters()
+    d[DISTURBANCE_NAMES.index("iGlob")] = 1.0
+    sinks = ("rParSunCan", "rNirSunCan", "rParSunFlr", "rNirSunFlr", "rGlobSunAir", "rGlobSunCovE")
+
+    def absorbed(closed: tuple[str, ...], leaf_area: float | None = None) -> float:
+        state, u = x.copy(), np.array([float(name in closed) for name in CONTROL_NAMES])
+        if leaf_area is not None:
+            state[STATE_NAMES.index("cLeaf")] = leaf_area / p[PARAMETER_NAMES.index("sla")]
+        found = auxiliaries(state, u, d, p)
+        return sum(float(found[name]) for name in sinks)
+
+    assert round(absorbed(("uBlScr",)), 3) == 1.028
+    pruned = p[PARAMETER_NAMES.index("laiMax")]
+    assert round(max(absorbed(("uBlScr",), area) for area in np.linspace(0.1, pruned, 18)), 3) == 1.031
+    assert round(absorbed(()), 2) == 0.89
+    assert absorbed(("uBlScr", "uThScr")) < 1.0

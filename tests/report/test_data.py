@@ -221,3 +221,14 @@ def test_lines_of_agents_have_the_contrast_that_wcag_asks_of_graphics(theme, gro
     colours = re.findall(r"#[0-9a-f]{6}", found.group(1))
     assert len(set(colours)) == 8
     assert min(contrast(colour, ground) for colour in colours) >= 3.0
+
+
+def test_a_profile_that_cannot_be_used_leaves_the_other_results_on_the_page(made, tmp_path, caplog):
+    first, second = made.stored[0], made.stored[1]
+    path = tmp_path / first.path.name
+    path.write_bytes(first.path.read_bytes())
+    profile_path(path).write_bytes(b"no gzip")
+    report = build_report([StoredResult(path, first.result), second])
+    assert report.results == 2
+    assert path in report.without_profile
+    assert "Cannot read the profile" in caplog.text

@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 from glbench import registration
+from glbench.env.behaviour import lock_behaviour
 from glbench.registration import task_files
-from glbench.tasks import library, lock, lock_new_tasks, reading
+from glbench.tasks import bases, library, list_tasks, lock, lock_new_tasks
 from glbench.tasks.digest import fingerprint
 from tests.tasks.names import FILE
 
@@ -88,8 +89,9 @@ def published(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, forget: Callable[
     for path in task_files():
         if path.name in {FILE, "schiphol2010code-delta30-v1.toml"}:
             shutil.copy(path, folder)
-    for module in (registration, lock, reading):
+    for module in (registration, lock, bases):
         monkeypatch.setattr(module, "data_folder", lambda _name: folder)
     lock_new_tasks()
+    lock_behaviour(list_tasks())
     forget()
     return folder

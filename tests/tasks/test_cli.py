@@ -68,7 +68,8 @@ def test_show_explains_period_limits_prices_and_reward_with_units() -> None:
     result = run("show", SHORT_ID)
     assert result.exit_code == 0
     for words in (
-        "60 days, from 1 March 2010 00:00 to 30 April 2010 00:00, clock UTC; one decision every 15 min, 5760 in all.",
+        "60 days, from 1 March 2010 00:00 to 30 April 2010 00:00, clock UTC (Europe/Amsterdam is UTC+1 h and later UTC+2 h)",
+        "one decision every 15 min, 5760 in all.",
         "KNMI 240, Amsterdam Schiphol, 52.318 N, 4.79 E",
         "at every step each of 28 parameters is its nominal value times 1 + e, e uniform within ±10 %",
         "What the agent sees: 22 values",
@@ -120,6 +121,7 @@ def test_check_shows_the_first_weather_of_ones_own_file(vary: Vary) -> None:
     assert result.exit_code == 0
     assert "valid, not published" in result.stdout
     assert "2011-06-01 00:15" in result.stdout
+    assert "02:15" in result.stdout, "on the grower's clock"
 
 
 def test_check_tells_the_mistakes_of_ones_own_file(vary: Vary) -> None:

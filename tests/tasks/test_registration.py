@@ -18,7 +18,7 @@ HEAVY = ("casadi", "pandas", "pydantic", "pvlib", "pyarrow", "scipy", "torch", "
 def run(program: str) -> str:
     """What ``program`` prints in a fresh process."""
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", program], check=False, capture_output=True, text=True, timeout=60
+        [sys.executable, "-W", "error", "-c", program], check=False, capture_output=True, text=True, timeout=300
     )
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()

@@ -7,6 +7,7 @@ import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
+import gymnasium
 import pytest
 
 from glbench.tasks import TaskSpec, get_task
@@ -23,15 +24,33 @@ def blocks(page: str, language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", page, flags=re.DOTALL)
 
 
+def test_the_task_with_a_base_shown_runs_in_gymnasium(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "spring2011.toml").write_text(blocks(page, "toml")[0], encoding="utf-8")
+    names: dict[str, object] = {}
+    exec(compile(blocks(page, "python")[1], str(PAGE), "exec"), names)
+    task, env = names["task"], names["env"]
+    assert isinstance(task, TaskSpec)
+    assert isinstance(env, gymnasium.Env)
+    assert (task.base, [change.key for change in task.changes]) == (
+        "glbench/Schiphol2010-Delta10-v1",
+        ["weather.start", "constraints.relative_humidity", "prices.heat"],
+    )
+    assert env.unwrapped.task == task
+    env.reset(seed=1)
+
+
 def test_the_whole_file_shown_is_a_task(page: str, write: Callable[[str], Path]) -> None:
-    task = get_task(write(blocks(page, "toml")[0]))
+    task = get_task(write(blocks(page, "toml")[1]))
     assert (task.id, task.steps) == ("mylab/December2011-v1", 7 * 288)
     assert len(task.observed()) == 22 + 12 * 5
     assert task.uncertain_parameters() == ("rgFruit", "sla")
 
 
 def test_the_published_modules_shown_have_263_columns(page: str, write: Callable[[str], Path]) -> None:
-    whole, published = blocks(page, "toml")
+    _, whole, published = blocks(page, "toml")
     kept = re.sub(r"modules = \[\"indoor.*\n|timing = .*\n|forecast = .*\n", "", whole)
     task = get_task(write(kept.replace("[observation]\n", "[observation]\n" + published)))
     assert len(task.observed()) == 263
@@ -42,7 +61,7 @@ def test_the_python_shown_runs(page: str) -> None:
 
 
 def test_every_key_is_explained(page: str) -> None:
-    shown = tomllib.loads(blocks(page, "toml")[0])
+    shown = tomllib.loads(blocks(page, "toml")[1])
     fields = {field.alias or name for name, field in TaskSpec.model_fields.items()}
     assert fields == set(shown) | {"description", "suites"}
     for table, content in shown.items():

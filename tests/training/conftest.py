@@ -19,7 +19,7 @@ default:
   learning_rate: 1e-3
   batch_size: 32
   gamma: 0.96
-  evaluation: {every: 200, runs: 2, first_seed: 10_000}
+  evaluation: {every: 200, runs: 2, first_seed: 20_000_000_000}
 """
 PPO = TINY + "  n_steps: 48\n  n_epochs: 2\n"
 SAC = (

@@ -116,7 +116,8 @@ def trained_by(monkeypatch: pytest.MonkeyPatch, training: Callable[[TrainingSett
     """Let trials be trained by a function of settings and folder that gives the best reward."""
 
     def train(task: TaskSpec, settings: TrainingSettings, folder: Path, **_: object) -> Trained:
-        return Trained(folder, settings.n_timesteps, training(settings, folder), 0, already_done=False)
+        reward = training(settings, folder)
+        return Trained(folder, settings.n_timesteps, reward, settings.n_timesteps, reward, already_done=False)
 
     monkeypatch.setattr("glbench.training.sweep.train", train)
 

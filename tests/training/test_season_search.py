@@ -27,8 +27,8 @@ default:
   directions: 3
   population: 8
   generations: 6
-  first_seed: 20_000
-  evaluation: {{every: 400, runs: 2, first_seed: 10_000}}
+  first_seed: 30_000_000_000
+  evaluation: {{every: 400, runs: 2, first_seed: 20_000_000_000}}
 """
 
 
@@ -130,6 +130,17 @@ def test_another_search_is_not_continued(day: TaskSpec, start: Path, tmp_path: P
         search(day, settings_for(start, tmp_path), tmp_path / "run", listeners=[Watching(generations=4)])
     with pytest.raises(TrainingError, match="holds another search"):
         search(day, settings_for(start, tmp_path, "  sigma: 0.2\n"), tmp_path / "run", resume=True)
+
+
+def test_a_search_whose_rewards_were_changed_is_not_continued(day: TaskSpec, start: Path, tmp_path: Path) -> None:
+    settings, file = settings_for(start, tmp_path), tmp_path / "run" / "search.npz"
+    with pytest.raises(PowerCutError):
+        search(day, settings, tmp_path / "run", listeners=[Watching(generations=4)])
+    with np.load(file) as content:
+        kept = dict(content)
+    np.savez(file, **{**kept, "rewards": kept["rewards"] + 1.0})
+    with pytest.raises(TrainingError, match=r"search\.npz is damaged or was changed"):
+        search(day, settings, tmp_path / "run", resume=True)
 
 
 def test_an_action_may_begin_anew(day: TaskSpec, start: Path, tmp_path: Path) -> None:

@@ -6,15 +6,19 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from annotated_types import Le, Lt
+from pydantic import ValidationError
 from stable_baselines3 import SAC
 from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
 
 from glbench.errors import GlbenchError, TrainingError, UnknownNameError
 from glbench.tasks import TaskSpec, get_task
+from glbench.tasks.tables import EvaluationTable
 from glbench.training import read_settings, shipped_settings
 from glbench.training.algorithms import algorithm_class, check_settings, make_model
 from glbench.training.card import to_toml
-from glbench.training.settings import EvaluationPlan
+from glbench.training.season_search import SearchSettings
+from glbench.training.settings import FIRST_TRAINING_SEED
 from glbench.training.vec_env import TrainingVecEnv
 
 TASK = "glbench/Schiphol2010-Delta10-v1"
@@ -44,7 +48,7 @@ def write(folder: Path, text: str) -> Path:
 def test_the_shipped_settings_are_the_table_of_the_paper(algorithm: str, table: dict[str, object]) -> None:
     settings = read_settings(shipped_settings(algorithm), algorithm, TASK)
     assert settings.hyperparameters == table
-    assert (settings.n_timesteps, settings.n_envs, settings.first_env_seed) == (2_000_000, 8, 666)
+    assert (settings.n_timesteps, settings.n_envs) == (2_000_000, 8)
     critic = "vf" if algorithm == "ppo" else "qf"
     assert settings.policy_kwargs["net_arch"] == {"pi": [256] * 3, critic: [512] * 3}
     assert settings.policy_kwargs["activation_fn"] == "SiLU"
@@ -163,17 +167,38 @@ def test_values_at_the_edge_of_what_is_allowed_are_taken(tmp_path: Path) -> None
     check_settings(settings)
 
 
-def test_an_evaluation_on_seeds_that_are_scored_is_refused(tmp_path: Path) -> None:
-    task = get_task(TASK)
-    for first in (666, 663, 695):
-        plan = read_settings(
-            write(tmp_path, f"default: {{evaluation: {{first_seed: {first}}}}}"), "ppo", TASK
-        ).evaluation
-        with pytest.raises(TrainingError, match=f"seeds {first} to {first + 3} .*'first_seed'"):
-            plan.seeds(task)
-    assert EvaluationPlan(first_seed=662).seeds(task) == [662, 663, 664, 665]
-    assert EvaluationPlan(first_seed=696).seeds(task) == [696, 697, 698, 699]
-    assert EvaluationPlan(first_seed=666).seeds(get_task("Schiphol2010-Delta00-v1")) == [666], "nothing is drawn there"
+@pytest.mark.parametrize("seed", [0, 666, 10_000, 2**32 + 9_998, FIRST_TRAINING_SEED - 1, 2**53])
+def test_seeds_that_a_task_may_be_scored_with_are_refused(tmp_path: Path, seed: int) -> None:
+    for place, text in {
+        "first_env_seed": f"{{first_env_seed: {seed}}}",
+        "evaluation.first_seed": f"{{evaluation: {{first_seed: {seed}}}}}",
+    }.items():
+        with pytest.raises(TrainingError, match=f"'{place}': .*{seed:,} is not a seed for training"):
+            read_settings(write(tmp_path, f"default: {text}"), "ppo", TASK)
+    policy = write(tmp_path, "default: {}")
+    with pytest.raises(ValidationError, match=f"{seed:,} is not a seed for training"):
+        SearchSettings(start_from=policy, first_seed=seed)
+
+
+def test_no_task_can_be_scored_with_a_seed_for_training() -> None:
+    fields = EvaluationTable.model_fields
+    bounds = {
+        name: next(at for at in fields[name].metadata if isinstance(at, Lt | Le)) for name in ("first_seed", "runs")
+    }
+    last = bounds["first_seed"].lt - 1 + bounds["runs"].le - 1
+    assert last < FIRST_TRAINING_SEED
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+def test_the_shipped_settings_train_and_evaluate_on_seeds_of_their_own(algorithm: str) -> None:
+    settings = read_settings(shipped_settings(algorithm), algorithm, TASK)
+    seasons = -(-settings.n_timesteps // get_task(TASK).steps)
+    trained = range(settings.first_env_seed, settings.first_env_seed + seasons + settings.n_envs)
+    evaluated = settings.evaluation.seeds(get_task(TASK))
+    assert trained.start >= FIRST_TRAINING_SEED
+    assert len(evaluated) == settings.evaluation.runs
+    assert not set(trained) & set(evaluated)
+    assert len(settings.evaluation.seeds(get_task("Schiphol2010-Delta00-v1"))) == 1, "nothing is drawn there"
 
 
 @pytest.mark.parametrize(

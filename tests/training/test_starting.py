@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stable_baselines3.common.vec_env import VecNormalize
 
 from glbench.agents.network_policy import read_policy
 from glbench.errors import TrainingError
@@ -16,6 +15,7 @@ from glbench.training import TrainingSettings, read_settings, train
 from glbench.training.algorithms import make_model
 from glbench.training.card import settings_digest
 from glbench.training.export import export_model, torch_action
+from glbench.training.normalization import Normalizer
 from glbench.training.starting import begin_with, start_of
 from glbench.training.vec_env import TrainingVecEnv
 from tests.training.conftest import PPO
@@ -41,8 +41,8 @@ def settings_with(folder: Path, task: TaskSpec, start: str | Path, text: str = P
 def test_it_acts_at_once_as_the_policy_did(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
     train(day, tiny, tmp_path / "first", tensorboard=False)
     file = tmp_path / "first" / "policy.npz"
-    env = TrainingVecEnv(day, 2, first_seed=0, kernel_preset="fast")
-    normalization = VecNormalize(env)
+    env = TrainingVecEnv(day, 2)
+    normalization = Normalizer(env)
     model = make_model(tiny, normalization, 7, None)
     observations = np.array([env.observation_space.sample() for _ in range(50)])
 
@@ -107,7 +107,7 @@ def test_what_the_start_started_from_counts_as_well(day: TaskSpec, first: Path, 
 def test_statistics_weigh_the_same_whenever_the_policy_was_kept(
     day: TaskSpec, first: Path, tiny: TrainingSettings
 ) -> None:
-    normalization = VecNormalize(TrainingVecEnv(day, 2, first_seed=0, kernel_preset="fast"))
+    normalization = Normalizer(TrainingVecEnv(day, 2))
     begin_with(first / "policy.npz", make_model(tiny, normalization, 7, None), normalization, day)
     mean = normalization.obs_rms.mean.copy()
     normalization.reset()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import shutil
 import tomllib
 from pathlib import Path
@@ -11,11 +12,13 @@ import numpy as np
 import pytest
 from stable_baselines3.common.base_class import BaseAlgorithm
 
+from glbench.agents.network_policy import read_policy
 from glbench.errors import TrainingError
-from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec, get_task
 from glbench.training import CurvePoint, Progress, TrainingSettings, train
-from glbench.training.algorithms import algorithm_class
+from glbench.training.algorithms import algorithm_class, rollout_steps
 from glbench.training.checkpoint import find_checkpoint, replaced
+from glbench.training.probe import Probe, ProbeResult
 
 pytestmark = pytest.mark.train
 
@@ -85,6 +88,39 @@ def test_a_training_that_was_killed_goes_on_to_the_same_weights(
     assert curves[0].dtype.names == curves[1].dtype.names
     for column in set(curves[0].dtype.names) - {"seconds"}:
         np.testing.assert_array_equal(curves[0][column], curves[1][column])
+
+
+@pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
+def test_the_card_says_where_the_versions_changed(
+    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for interrupted in (3, 2):
+        with pytest.raises(PowerCutError):
+            train(
+                day,
+                tiny,
+                tmp_path / "run",
+                resume=True,
+                tensorboard=False,
+                save_seconds=0.0,
+                listeners=[Listening(interrupted)],
+            )
+    monkeypatch.setattr("glbench.training.card.__version__", "9.9.9")
+    train(day, tiny, tmp_path / "run", resume=True, tensorboard=False)
+    card = tomllib.loads((tmp_path / "run" / "card.toml").read_text(encoding="utf-8"))
+    first, second = card["training"]["sessions"]
+    assert first.startswith("from step 0: glbench ")
+    assert second.startswith("from step 288: glbench 9.9.9, ")
+    assert card["versions"]["glbench"] == "9.9.9"
+
+
+def test_a_task_with_fewer_controls_can_be_trained(day_file: Path, tiny: TrainingSettings, tmp_path: Path) -> None:
+    six = 'controls = ["uBoil", "uCo2", "uThScr", "uVent", "uLamp", "uBlScr"]'
+    text = day_file.read_text(encoding="utf-8")
+    assert six in text
+    (tmp_path / "two.toml").write_text(text.replace(six, 'controls = ["uBoil", "uVent"]'), encoding="utf-8")
+    train(get_task(str(tmp_path / "two.toml")), tiny, tmp_path / "run", tensorboard=False)
+    assert read_policy(tmp_path / "run" / "policy.npz").action_names == ("uBoil", "uVent")
 
 
 @pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
@@ -164,6 +200,7 @@ def test_a_best_model_from_beyond_the_end_is_not_taken_for_an_earlier_one(
     day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
 ) -> None:
     folder = tmp_path / "run"
+    tiny = tiny.model_copy(update={"evaluation": tiny.evaluation.model_copy(update={"every": 96})})
     with pytest.raises(PowerCutError):
         train(day, tiny, folder, tensorboard=False, save_seconds=0.0, listeners=[Listening(3)])
     later: BaseAlgorithm = algorithm_class("ppo").load(folder / "best" / "model.zip", device="cpu")
@@ -207,6 +244,72 @@ def test_an_algorithm_that_fails_is_explained(day: TaskSpec, tiny: TrainingSetti
 
 
 @pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
+def test_a_checkpoint_with_other_numbers_is_refused(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
+    with pytest.raises(PowerCutError):
+        train(day, tiny, tmp_path / "run", tensorboard=False, save_seconds=0.0, listeners=[Listening(2)])
+    for name in ("state.json", "state.npz", "model.zip"):
+        folder = tmp_path / name
+        shutil.copytree(tmp_path / "run", folder)
+        file = folder / "checkpoint" / name
+        if name == "state.json":
+            state = json.loads(file.read_text(encoding="utf-8"))
+            state["history"]["best_reward"] += 1.0
+            file.write_text(json.dumps(state), encoding="utf-8")
+        elif name == "state.npz":
+            with np.load(file) as content:
+                arrays = dict(content)
+            arrays["env_sums"] = arrays["env_sums"] + 1.0
+            np.savez(file, **arrays)
+        else:
+            model: BaseAlgorithm = algorithm_class("ppo").load(file, device="cpu")
+            model.policy.log_std.data += 0.1
+            model.save(file)
+        with pytest.raises(TrainingError, match=r"checkpoint is damaged or was changed.*remove it to begin anew"):
+            train(day, tiny, folder, resume=True, tensorboard=False)
+
+
+@pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
+def test_a_training_cut_short_is_evaluated_where_it_stopped(
+    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
+) -> None:
+    with pytest.raises(PowerCutError):
+        train(day, tiny, tmp_path / "run", tensorboard=False, save_seconds=0.0, listeners=[Listening(3)])
+    listening = Listening()
+    shorter = tiny.model_copy(update={"n_timesteps": 10})
+    trained = train(day, shorter, tmp_path / "run", resume=True, tensorboard=False, listeners=[listening])
+    assert [point.steps for point in listening.points] == [trained.steps] == [192]
+    assert trained.last_reward == listening.points[-1].result.reward
+
+
+@pytest.mark.parametrize(("algorithm", "rollout"), [("ppo", 96), ("sac", 20)], indirect=["algorithm"])
+def test_progress_is_told_against_the_steps_that_will_be_made(
+    day: TaskSpec, tiny: TrainingSettings, rollout: int, tmp_path: Path
+) -> None:
+    listening = Listening()
+    trained = train(
+        day, tiny.model_copy(update={"n_timesteps": 190}), tmp_path / "run", tensorboard=False, listeners=[listening]
+    )
+    assert rollout_steps(tiny, day.steps) == rollout
+    assert listening.last is not None
+    assert listening.last.total_steps == trained.steps == -(-190 // rollout) * rollout
+
+
+@pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
+def test_a_training_that_never_beats_its_beginning_says_so(
+    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rewards = iter([5.0, 3.0, 4.0, 5.0, 2.0])
+    monkeypatch.setattr(Probe, "run", lambda *_: ProbeResult({"reward": next(rewards)}))
+    trained = train(day, tiny, tmp_path / "run", tensorboard=False)
+    assert not trained.learnt
+    assert (trained.best_reward, trained.best_steps) == (5.0, 0)
+    card = tomllib.loads((tmp_path / "run" / "card.toml").read_text(encoding="utf-8"))
+    assert (card["best"]["learnt"], card["best"]["last_reward"]) == (False, trained.last_reward)
+    assert "Nothing was learnt" in card["description"]
+    assert not train(day, tiny, tmp_path / "run", tensorboard=False).learnt
+
+
+@pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
 def test_a_damaged_checkpoint_is_explained(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
     with pytest.raises(PowerCutError):
         train(day, tiny, tmp_path / "run", tensorboard=False, save_seconds=0.0, listeners=[Listening(2)])
@@ -215,7 +318,7 @@ def test_a_damaged_checkpoint_is_explained(day: TaskSpec, tiny: TrainingSettings
         shutil.copytree(tmp_path / "run", folder)
         file = folder / "checkpoint" / name
         file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-        with pytest.raises(TrainingError, match=r"checkpoint .* cannot be read"):
+        with pytest.raises(TrainingError, match=r"checkpoint is damaged or was changed.*remove it to begin anew"):
             train(day, tiny, folder, resume=True, tensorboard=False)
 
 

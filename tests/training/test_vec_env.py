@@ -8,6 +8,7 @@ import pytest
 from glbench.env import GreenhouseVectorEnv
 from glbench.kernel import make_kernel
 from glbench.tasks import TaskSpec
+from glbench.training.settings import FIRST_TRAINING_SEED
 from glbench.training.vec_env import TrainingVecEnv
 
 Array = np.ndarray
@@ -18,22 +19,23 @@ def actions(steps: int, rows: int) -> Array:
 
 
 def test_observations_rewards_and_ends_are_those_of_the_vector_environment(day: TaskSpec) -> None:
-    ours = TrainingVecEnv(day, 3, first_seed=666)
+    ours = TrainingVecEnv(day, 3, first_seed=100)
     kernel = make_kernel(day.step_seconds, variant=day.model.variant, preset="fast")
-    theirs = GreenhouseVectorEnv(day, 3, kernel=kernel, autoreset_mode="SameStep")
-    np.testing.assert_array_equal(ours.reset(), theirs.reset(seed=[666, 667, 668])[0])
+    theirs = GreenhouseVectorEnv(day, 3, kernel=kernel, autoreset_mode="Disabled")
+    np.testing.assert_array_equal(ours.reset(), theirs.reset(seed=[100, 101, 102])[0])
     total = np.zeros(3)
     for step, chosen in enumerate(actions(30, 3), start=1):
         observations, rewards, done, infos = ours.step(chosen)
         expected = theirs.step(chosen)
-        np.testing.assert_array_equal(observations, expected[0])
+        following = theirs.reset(seed=[103, 104, 105])[0] if step == day.steps else expected[0]
+        np.testing.assert_array_equal(observations, following)
         np.testing.assert_array_equal(rewards, expected[1].astype(np.float32))
         np.testing.assert_array_equal(done, expected[2])
         total += expected[1]
         if step == day.steps:
             assert done.all()
             for row, info in enumerate(infos):
-                np.testing.assert_array_equal(info["terminal_observation"], expected[4]["final_obs"][row])
+                np.testing.assert_array_equal(info["terminal_observation"], expected[0][row])
                 assert info["episode"]["l"] == day.steps
                 np.testing.assert_allclose(info["episode"]["r"], total[row], rtol=1e-12)
         else:
@@ -65,14 +67,18 @@ def test_an_environment_set_back_to_a_moment_repeats_what_followed(day: TaskSpec
         np.testing.assert_array_equal(rewards, again[1])
 
 
-def test_later_seasons_are_drawn_anew(day: TaskSpec) -> None:
+def test_every_season_has_the_next_seeds_of_those_for_training(day: TaskSpec) -> None:
     env = TrainingVecEnv(day, 2)
+    met = []
     env.reset()
-    before = env.environment.simulation.seeds.copy()
-    for chosen in actions(day.steps, 2):
-        env.step(chosen)
-    assert before.tolist() == [666, 667]
-    assert not set(env.environment.simulation.seeds.tolist()) & {666, 667}
+    for season in range(3):
+        met += env.environment.simulation.seeds.tolist()
+        if season == 1:  # another process goes on
+            state, env = env.state(), TrainingVecEnv(day, 2)
+            env.restore(state)
+        for chosen in actions(day.steps, 2):
+            env.step(chosen)
+    assert met == list(range(FIRST_TRAINING_SEED, FIRST_TRAINING_SEED + 6))
 
 
 def test_rows_of_a_batch_have_neither_attributes_nor_methods_of_their_own(day: TaskSpec) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -32,12 +34,41 @@ def run(*arguments):
     return RUNNER.invoke(app, list(map(str, arguments)))
 
 
-def test_a_proved_result_leaves_with_0_and_a_proof(wavy):
+def test_a_reproduced_result_leaves_with_0_and_a_note(wavy):
     done = run("verify", wavy)
     assert done.exit_code == 0, done.output
-    for words in ("proved", "the same bits", "72 rewards, 3 final states", "seeds 666, 667, 668"):
+    for words in ("reproduced", "the same bits", "72 rewards, 3 final states", "seeds 666, 667, 668"):
         assert words in done.stdout
     assert proof_path(wavy).is_file()
+
+
+def test_what_nobody_checked_is_shown_as_stated(wavy):
+    shown = run("verify", "--no-proof", wavy).stdout
+    assert "Stated, not checked: that this agent gave these actions" in shown
+    for words in ("sandbox", "decision time", "kernel, versions, machine, commit and date"):
+        assert words in shown
+    assert "the profile" in shown.partition("Stated")[0]
+    verdict = json.loads(run("verify", "--json", "--no-proof", wavy).stdout)
+    assert (verdict["outcome"], verdict["exactness"]) == ("reproduced", "bits")
+    assert {"runs.metrics", "task.digest", "record", "profile"} <= set(verdict["reproduced"])
+    assert {"agent.digest", "evaluation.sandbox", "machine", "git", "created"} <= set(verdict["stated"])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="file names that are no UTF-8")
+def test_a_file_name_that_is_no_utf_8_can_be_named(tmp_path):
+    path = tmp_path / os.fsdecode(b"caf\xe9.json")
+    path.write_text("{}")
+    done = run("verify", path)
+    assert done.exit_code == 2, done.output
+    assert "caf?.json" in done.stdout
+
+
+def test_a_note_that_cannot_be_removed_ends_in_words(wavy):
+    proof_path(wavy).mkdir()
+    rewrite(wavy, lambda d: d["runs"][1]["metrics"].update(epi=1.0))
+    done = run("verify", wavy)
+    assert done.exit_code == 1
+    assert "no note of it was stored" in done.stderr
 
 
 def test_a_refuted_result_leaves_with_1_and_says_where(wavy):
@@ -63,8 +94,19 @@ def test_of_several_results_the_refuted_one_decides_and_all_are_judged(reports, 
     done = run("verify", "--json", *paths)
     assert done.exit_code == 1
     verdicts = [json.loads(line) for line in done.stdout.splitlines()]
-    assert [verdict["outcome"] for verdict in verdicts] == ["unknown", "refuted", "proved"]
+    assert [verdict["outcome"] for verdict in verdicts] == ["unknown", "refuted", "reproduced"]
     assert run("verify", paths[2], paths[0]).exit_code == 2
+
+
+def test_a_released_result_keeps_its_proof(wavy, monkeypatch):
+    monkeypatch.setattr("glbench.resources.is_released", lambda _path: True)
+    assert run("verify", wavy).exit_code == 0
+    assert not proof_path(wavy).exists()
+    save_proof(verify(wavy))
+    before = proof_path(wavy).read_bytes()
+    rewrite(wavy, lambda d: d["runs"][0]["metrics"].update(co2=0.0))
+    assert run("verify", wavy).exit_code == 1
+    assert proof_path(wavy).read_bytes() == before
 
 
 def test_a_folder_means_all_results_in_it(reports):

@@ -1,4 +1,4 @@
-"""Honest results are proved, and what cannot be known is not claimed."""
+"""Honest results are reproduced, and what cannot be known is not claimed."""
 
 from __future__ import annotations
 
@@ -10,18 +10,23 @@ import numpy as np
 import pytest
 
 from glbench.episodes import episodes_folder, read_log
-from glbench.evaluation import evaluate, load_result, provenance, result_path
+from glbench.evaluation import Result, evaluate, load_result, provenance, result_path
+from glbench.evaluation.preparing import TRIALS
+from glbench.evaluation.profiles import load_profile, profile_path
+from glbench.evaluation.records import AgentRecord, EvaluationRecord, RunResult, TaskRecord
+from glbench.tasks import get_task
 from glbench.verification import comparing, proof_path, read_proof, save_proof, verify
 from glbench.verification.comparing import Agreement
 from tests.episodes.day import RANDOM
 from tests.evaluation.agent_files import GOOD
-from tests.verification.forging import changed, record_of, rewrite, rewrite_record
+from tests.support import write_day_task
+from tests.verification.forging import changed, perturb, record_of, rewrite, rewrite_record
 
 
 @pytest.mark.parametrize("agent", ["wavy", "narrow", "failing", "rule_based"])
-def test_an_honest_result_is_proved_to_the_last_bit(reports, day_task, agent):
+def test_an_honest_result_is_reproduced_to_the_last_bit(reports, day_task, agent):
     verdict = verify(result_path(reports, day_task.id, agent))
-    assert (verdict.outcome, verdict.exactness, verdict.exit_code) == ("proved", "bits", 0), verdict
+    assert (verdict.outcome, verdict.exactness, verdict.exit_code) == ("reproduced", "bits", 0), verdict
     assert (verdict.runs, verdict.episodes, verdict.notes) == (3, (666, 667, 668), ())
     assert verdict.largest_difference == 0.0
 
@@ -38,7 +43,7 @@ def test_failed_runs_are_recorded_as_far_as_they_went(reports, day_task):
     assert "the pump broke" in log.runs[0].reason
 
 
-def test_a_step_that_cannot_be_simulated_is_proved_to_fail_again(day_task, write_agent, tmp_path, monkeypatch):
+def test_a_step_that_cannot_be_simulated_is_reproduced_to_fail_again(day_task, write_agent, tmp_path, monkeypatch):
     from glbench.kernel import Kernel, StepFailure
 
     plain = Kernel.try_step
@@ -65,7 +70,7 @@ def test_a_step_that_cannot_be_simulated_is_proved_to_fail_again(day_task, write
     assert (verdict.outcome, verdict.cause) == ("refuted", "status") or verdict.cause in {"reward", "metric", "state"}
 
 
-def test_an_agent_that_never_started_is_proved(day_task, write_agent, tmp_path):
+def test_an_agent_that_never_started_is_reproduced(day_task, write_agent, tmp_path):
     agent = write_agent(
         "def reset(self, task, n_runs):\n    raise OSError('no weights')\ndef act(self, observations):\n    return 0"
     )
@@ -74,7 +79,7 @@ def test_an_agent_that_never_started_is_proved(day_task, write_agent, tmp_path):
     assert verify(result_path(tmp_path, day_task.id, "agent_under_test")).exactness == "bits"
 
 
-def test_a_resumed_evaluation_is_proved(day_task, write_agent, tmp_path):
+def test_a_resumed_evaluation_is_reproduced(day_task, write_agent, tmp_path):
     from glbench.evaluation import prepare
 
     evaluation = prepare(day_task, write_agent(RANDOM), out=tmp_path, checkpoint_seconds=0.0)
@@ -95,11 +100,54 @@ def test_the_number_of_workers_changes_nothing(day_task, write_agent, tmp_path):
     assert verify(result_path(tmp_path, day_task.id, "agent_under_test"), workers=2).exactness == "bits"
 
 
-def test_fewer_runs_than_the_task_asks_for_are_proved_as_a_trial(day_task, write_agent, tmp_path):
+def test_fewer_runs_than_the_task_asks_for_are_reproduced_as_a_trial(day_task, write_agent, tmp_path):
     evaluate(day_task, write_agent(GOOD), out=tmp_path, runs=2)
-    verdict = verify(result_path(tmp_path, day_task.id, "agent_under_test"))
-    assert verdict.outcome == "proved"
+    verdict = verify(result_path(tmp_path / TRIALS, day_task.id, "agent_under_test"))
+    assert verdict.outcome == "reproduced"
     assert "trial of 2 runs" in verdict.notes[0]
+
+
+# What was reproduced, and what is stated
+
+
+def fields_of(model):
+    """Places in a result file: one level below the task, the agent, the evaluation and the runs."""
+    for name, field in model.model_fields.items():
+        key = field.alias or name
+        inner = {"task": TaskRecord, "agent": AgentRecord, "evaluation": EvaluationRecord, "runs": RunResult}.get(key)
+        yield from [key] if inner is None else [f"{key}.{below}" for below in inner.model_fields]
+
+
+@pytest.mark.parametrize("agent", ["wavy", "failing"])
+def test_every_field_is_either_reproduced_or_stated(reports, day_task, agent):
+    verdict = verify(result_path(reports, day_task.id, agent))
+    assert sorted([*verdict.reproduced, *verdict.stated]) == sorted(fields_of(Result))
+    assert ("runs.status" in verdict.stated) == (agent == "failing")
+    assert "profile" in verdict.reproduced
+    for stated in ("agent.digest", "evaluation.sandbox", "evaluation.decision_seconds", "machine", "git", "created"):
+        assert stated in verdict.stated
+
+
+def test_a_profile_that_is_not_there_is_stated(wavy):
+    profile_path(wavy).unlink()
+    verdict = verify(wavy)
+    assert verdict.exactness == "bits"
+    assert "profile" in verdict.stated
+
+
+def test_results_of_a_task_with_time_limits_are_reproduced(write_agent, tmp_path):
+    """The record holds the definition of a task of one's own, its time limits included; one of these runs takes too long."""
+    file = write_day_task(tmp_path)
+    limits = ("start", 20.0), ("step", 0.5), ("run", 60.0)
+    table = "".join(f'{name} = {{ value = {value}, unit = "s" }}\n' for name, value in limits)
+    file.write_text(file.read_text() + f"\n[evaluation.time_limits]\n{table}")
+    body = "def act(self, observations):\n    import time\n    self.step = getattr(self, 'step', 0) + 1\n"
+    body += "    time.sleep(5.0 if self.step == 4 else 0.0)\n    return np.zeros((self.n, 6))"
+    result = evaluate(get_task(file), write_agent(body), out=tmp_path)
+    assert {(run.status, run.steps) for run in result.runs} == {("timed_out", 3)}
+    path = result_path(tmp_path, "test/Day-v1", "agent_under_test")
+    assert verify(path).exactness == "bits"
+    assert load_profile(result, path) is not None  # what the report reads the task from
 
 
 # What cannot be told
@@ -149,39 +197,51 @@ def elsewhere(monkeypatch):
     monkeypatch.setattr(provenance, "machine", lambda: here.model_copy(update={"processor": "Abacus 9"}))
 
 
-def scaled(factor):
-    return lambda log: replace(log, rewards=changed(log.rewards, (5, 0), log.rewards[5, 0] * factor))
-
-
-def test_the_same_bits_on_another_processor_are_still_the_same_bits(wavy, elsewhere):
+@pytest.mark.parametrize("here", ["the machine of the result", "another one"])
+def test_a_last_digit_everywhere_is_reproduced_within_the_tolerance_and_said(wavy, here, request):
+    if here == "another one":
+        request.getfixturevalue("elsewhere")
+    perturb(wavy, 1.0 + 1e-12)
     verdict = verify(wavy)
-    assert verdict.exactness == "bits"
-    assert "Abacus 9" in verdict.reason
-
-
-def test_a_last_digit_of_another_processor_is_within_the_tolerance_and_said(wavy, elsewhere):
-    rewrite_record(wavy, scaled(1.0 + 1e-12))
-    verdict = verify(wavy)
-    assert (verdict.outcome, verdict.exactness) == ("proved", "tolerance")
+    assert (verdict.outcome, verdict.exactness) == ("reproduced", "tolerance"), verdict
     assert "not to the last bit" in verdict.reason
+    assert ("Abacus 9" in verdict.reason) == (here == "another one")
     assert 1e-14 < verdict.largest_difference < 1e-11
+    assert "profile" in verdict.stated
+    save_proof(verdict)
+    assert read_proof(wavy).exactness == "tolerance"
 
 
-def test_the_same_last_digit_on_the_same_machine_is_refuted(wavy):
-    rewrite_record(wavy, scaled(1.0 + 1e-12))
-    assert verify(wavy).cause == "reward"
+def test_the_same_bits_on_another_processor_are_the_same_bits(wavy, elsewhere):
+    assert verify(wavy).exactness == "bits"
 
 
-def test_more_than_the_tolerance_on_another_processor_cannot_be_told(wavy, elsewhere):
-    rewrite_record(wavy, scaled(1.0 + 1e-6))
-    unknown(wavy, "other_machine", "step 6")
+def test_more_than_the_tolerance_everywhere_cannot_be_told(wavy):
+    perturb(wavy, 1.0 + 1e-6)
+    unknown(wavy, "other_machine", "step 1")
 
 
-def test_no_processor_explains_a_forged_reward(wavy, elsewhere):
-    rewrite_record(wavy, scaled(0.5))
+def test_no_machine_explains_rewards_of_half_the_size(wavy, elsewhere):
+    perturb(wavy, 0.5)
     verdict = verify(wavy)
     assert (verdict.outcome, verdict.cause) == ("refuted", "reward")
-    assert "cannot explain" in verdict.reason
+    assert "no difference between machines" in verdict.reason
+
+
+@pytest.mark.parametrize("factor", [1.0 + 1e-15, 1.0 + 1e-12, 1.0 + 1e-6, 0.5])
+def test_one_changed_reward_among_unchanged_ones_is_refuted_on_any_machine(wavy, elsewhere, factor):
+    rewrite_record(wavy, lambda log: replace(log, rewards=changed(log.rewards, (5, 0), log.rewards[5, 0] * factor)))
+    verdict = verify(wavy)
+    assert (verdict.outcome, verdict.cause) == ("refuted", "reward")
+    assert "it is not the machine" in verdict.reason
+
+
+def test_a_reward_that_is_not_the_sum_of_the_recorded_ones_is_refuted_on_any_machine(wavy, elsewhere):
+    perturb(wavy, 1.0 + 1e-12)
+    rewrite(wavy, lambda d: d["runs"][0]["metrics"].update(reward=np.nextafter(d["runs"][0]["metrics"]["reward"], 0.0)))
+    verdict = verify(wavy)
+    assert (verdict.outcome, verdict.cause) == ("refuted", "metric")
+    assert "add up" in verdict.reason
 
 
 def test_the_tolerance_is_relative_to_the_column():
@@ -196,8 +256,8 @@ def test_the_tolerance_is_relative_to_the_column():
 def test_zeros_of_different_sign_are_different_bits():
     found = Agreement().add("x", np.array([[0.0]]), np.array([[-0.0]]), ("a",), "here")
     assert found.first is not None
-    assert found.verdict(same_machine=True, other="") is not None
-    assert found.verdict(same_machine=False, other="the processor differs") is None
+    assert found.verdict(same_arithmetic=True, stated="") is not None
+    assert found.verdict(same_arithmetic=False, stated="") is None
 
 
 # Proofs
@@ -207,7 +267,7 @@ def test_a_proof_lies_beside_the_result_and_holds_for_this_very_file(wavy):
     assert read_proof(wavy) is None
     assert save_proof(verify(wavy)) == proof_path(wavy)
     proof = read_proof(wavy)
-    assert (proof.proved, proof.runs, proof.full_episodes) == ("bits", 3, (666, 667, 668))
+    assert (proof.exactness, proof.runs, proof.full_episodes) == ("bits", 3, (666, 667, 668))
     assert proof.results_digest == load_result(wavy).results_digest
     text = wavy.read_text()
     wavy.write_text(text.replace('"system"', '"system" '))
@@ -224,5 +284,14 @@ def test_a_refuted_result_loses_its_proof(wavy):
 
 
 def test_a_proof_that_cannot_be_read_counts_for_nothing(wavy):
-    proof_path(wavy).write_text(json.dumps({"schema": "glbench/proof", "proved": "bits"}))
+    proof_path(wavy).write_text(json.dumps({"schema": "glbench/proof", "reproduced": "bits"}))
     assert read_proof(wavy) is None
+
+
+def test_notes_of_the_first_schema_are_read(wavy):
+    save_proof(verify(wavy))
+    document = json.loads(proof_path(wavy).read_text())
+    document["proved"] = document.pop("exactness")
+    del document["reproduced"], document["stated"]
+    proof_path(wavy).write_text(json.dumps({**document, "schema_version": 1}))
+    assert read_proof(wavy).exactness == "bits"

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import gzip
+import json
 import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from glbench.episodes import actions_path, episode_path, episodes_folder, read_episode, write_episode
+from glbench.episodes import actions_path, episode_path, episodes_folder, read_episode, read_log, write_episode
 from glbench.evaluation import result_path
+from glbench.evaluation.profiles import Profile, profile_path
 from glbench.verification import verify
 from tests.verification.forging import changed, record_of, rewrite, rewrite_record
 
@@ -250,6 +253,72 @@ def test_actions_of_other_controls(wavy):
 
     rewrite_record(wavy, rename)
     refused(wavy, "record_of_other_task", "uCo2, uThScr")
+
+
+# What a result says of its machine buys nothing
+
+
+STATEMENTS = {
+    "processor": lambda d: d["machine"].update(processor="Abacus 9"),
+    "architecture": lambda d: d["machine"].update(architecture="abacus"),
+    "versions": lambda d: d["versions"].update(gymnasium="0.0.1"),
+    "everything": lambda d: (
+        d["machine"].update(processor="Abacus 9", architecture="abacus", system="none"),
+        d["versions"].update(gymnasium="0.0.1"),
+    ),
+}
+KERNELS = {
+    "library": {"library_digest": "0" * 64},
+    "compiler": {"compiler": "abacc 1.0", "compiler_flags": "-O9"},
+    "backend": {"backend": "abacus"},
+}
+
+
+@pytest.mark.parametrize("statement", [*STATEMENTS, *KERNELS, "all"])
+@pytest.mark.parametrize("nudged", ["metric", "reward", "state", "run"])
+def test_a_stated_machine_does_not_excuse_a_difference(wavy, statement, nudged):
+    tiny = 1.0 + 1e-13
+    if nudged == "metric":
+        rewrite(wavy, lambda d: d["runs"][0]["metrics"].update(heat=d["runs"][0]["metrics"]["heat"] * tiny))
+    if nudged in ("reward", "run"):
+        rewrite_record(wavy, lambda log: replace(log, rewards=changed(log.rewards, (2, 0), log.rewards[2, 0] * tiny)))
+        total = float(np.add.accumulate(read_log(record_of(wavy)).rewards[:, 0])[-1])
+        rewrite(wavy, lambda d: d["runs"][0]["metrics"].update(reward=total))
+    if nudged in ("state", "run"):
+        rewrite_record(
+            wavy,
+            lambda log: replace(log, final_states=changed(log.final_states, (0, 2), log.final_states[0, 2] * tiny)),
+        )
+    before = verify(wavy)
+    assert before.outcome == "refuted"
+    for name, change in STATEMENTS.items():
+        if statement in (name, "all"):
+            rewrite(wavy, change)
+    for name, kernel in KERNELS.items():
+        if statement in (name, "all"):
+            state_kernel(wavy, kernel)
+    after = verify(wavy)
+    assert (after.outcome, after.cause, after.exactness) == (before.outcome, before.cause, None), after
+
+
+def state_kernel(wavy, kernel):
+    rewrite(wavy, lambda d: d["evaluation"]["kernel"].update(kernel))
+    rewrite_record(
+        wavy,
+        lambda log: replace(
+            log, provenance=log.provenance.model_copy(update={"kernel": {**log.provenance.kernel, **kernel}})
+        ),
+    )
+
+
+def test_a_profile_that_shows_something_else(wavy):
+    document = json.loads(gzip.decompress(profile_path(wavy).read_bytes()))
+    document["hours"]["heat"]["values"][3][0] += 1
+    profile = Profile(document)
+    profile_path(wavy).write_bytes(profile.to_bytes())
+    refused(wavy, "profile", "not the profile that wavy.json names")
+    rewrite(wavy, lambda d: d["profile"].update(digest=profile.digest))
+    refused(wavy, "profile", "what the recorded actions lead to")
 
 
 # Full episodes

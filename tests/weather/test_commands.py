@@ -15,8 +15,10 @@ from typer.testing import CliRunner
 from glbench.cli.console import messages, output
 from glbench.cli.weather import app
 from glbench.errors import GlbenchError, UnknownNameError, WeatherError
+from glbench.model import PARAMETER_NAMES, default_parameters
 from glbench.weather import load_weather
 from glbench.weather.assemble import LONGEST_FILL
+from glbench.weather.summary import PHOTONS_PER_JOULE, monthly
 from tests.weather.files import csv_rows, csv_text, knmi_days, knmi_line, knmi_text, write_epw
 
 
@@ -83,10 +85,10 @@ def test_show_gives_period_licence_digest_and_monthly_figures_with_units() -> No
         "Royal Netherlands Meteorological Institute",
         load_weather("schiphol").digest,
         "52.318 deg N, 4.790 deg E, -3.3 m",
-        "Europe/Amsterdam",
+        "UTC; the local clock (Europe/Amsterdam) is 1 h or 2 h ahead, with summer time",
     ):
         assert words in shown
-    for unit in ("[degC]", "[%]", "[m/s]", "[W/m2]", "[MJ/m2]", "[octants]"):
+    for unit in ("[degC]", "[%]", "[m/s]", "[MJ/m2]", "[octants]", "[kPa]", "[mol/m2/d]"):
         assert unit in shown
     # KNMI's own sums for March 2010: 27,722 J cm-2 and 5.16 m/s.
     assert "277.22" in shown
@@ -105,8 +107,27 @@ def test_show_as_json_has_a_unit_for_every_number() -> None:
     assert march["radiation_sum"] == pytest.approx(277.22, abs=1e-9)
     assert march["wind_speed_mean"] == pytest.approx(5.16, abs=0.005)
     assert march["hours"] == 744
+    # 277.22 MJ m-2 in 31 days, 2.3 umol of photons a joule, as in the model.
+    assert march["daily_light_integral_mean"] == pytest.approx(2.3 * 277.22 / 31, rel=1e-9)
+    nominal = dict(zip(PARAMETER_NAMES, default_parameters("benchmark"), strict=True))
+    assert nominal["etaGlobPar"] * nominal["parJtoUmolSun"] == PHOTONS_PER_JOULE
     numbers = {key for key, value in march.items() if isinstance(value, int | float)}
     assert numbers <= set(described["units"])
+
+
+def test_the_deficit_of_a_month_is_the_mean_of_its_hours(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(csv_text(["2020-06-01T01:00,20,50,5,0,4", "2020-06-01T02:00,30,100,5,0,4"]))
+    run("import", path, "--name", "two")
+    # 20 degC at 50 %: half of 2.326 kPa; 30 degC at 100 %: nothing.
+    assert monthly(load_weather("two"))[0].vapour_pressure_deficit_mean == pytest.approx(0.5 * 0.5 * 2.326, abs=5e-4)
+
+
+def test_the_months_fit_a_terminal_of_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    table = run("show", "schiphol", "--month", "2010-03").partition("Months (UTC)")[2]
+    assert "…" not in table
+    assert all(figure in table for figure in ("2010-03", "277.22", "0.20", "20.6", "[mol/m2/d]", "[octants]"))
 
 
 def test_show_of_an_unknown_record_points_to_the_nearest() -> None:

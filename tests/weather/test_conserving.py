@@ -159,6 +159,12 @@ def test_a_date_begins_at_local_midnight(schiphol: WeatherRecord) -> None:
     assert (winter.day_of_year[0], summer.day_of_year[0]) == (9.0, 190.0)
 
 
+def test_the_day_of_year_is_that_of_the_local_calendar(schiphol: WeatherRecord) -> None:
+    made = disturbances(schiphol, start=dt.date(2010, 3, 27), steps=72, step_seconds=3600, preprocessing="conserving")
+    np.testing.assert_allclose(made.day_of_year % 1.0, made.hour_of_day / 24.0, atol=1e-12)
+    assert made.day_of_year[[0, 24, 47, 71]].astype(int).tolist() == [85, 86, 87, 88]  # the 28th has 23 hours
+
+
 def test_the_clock_jumps_forward_when_summer_time_begins(schiphol: WeatherRecord) -> None:
     made = disturbances(schiphol, start=dt.date(2010, 3, 28), steps=24, step_seconds=3600, preprocessing="conserving")
     np.testing.assert_array_equal(made.hour_of_day[:5], [0, 1, 3, 4, 5])

@@ -182,8 +182,9 @@ def test_a_year_end_is_followed_without_a_jump(schiphol: WeatherRecord) -> None:
         + hourly(schiphol, "air_temperature", dt.datetime(2009, 1, 1, 0))
     ) / 2
     assert made.values[94, TOUT] == pytest.approx(expected, rel=1e-13)
-    # 2008 was a leap year; the count of days does not wrap.
-    assert (made.day_of_year[0], made.day_of_year[96]) == (365.0, 366.0)
+    # 2008 was a leap year: 31 December is day 365. The count starts anew with the year.
+    assert (made.day_of_year[0], made.day_of_year[95]) == (365.0, 365.0 + 95 / 96)
+    assert (made.day_of_year[96], made.day_of_year[191]) == (0.0, 95 / 96)
 
 
 def test_the_leap_day_is_there(schiphol: WeatherRecord) -> None:

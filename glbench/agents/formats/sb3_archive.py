@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
+from glbench.agents.formats.archives import opened_archive
 from glbench.errors import SubmissionError
 
 _RECURRENT = b"lstm_actor"
@@ -145,7 +146,7 @@ def archive_data(file: Path) -> dict[str, Any]:
 def _opened(file: Path) -> Iterator[zipfile.ZipFile]:
     """The archive; whatever is wrong with it while it is read becomes a ``SubmissionError``."""
     try:
-        with zipfile.ZipFile(file) as archive:
+        with opened_archive(file) as archive:
             yield archive
     except (OSError, EOFError, zipfile.BadZipFile, zlib.error, lzma.LZMAError, ValueError, RuntimeError) as error:
         # RuntimeError: encrypted, packed in an unknown way, or settings that are nested without end.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.agents.formats.archives import opened_archive
 from glbench.agents.formats.normalising import normaliser
 from glbench.agents.formats.packages import need
 from glbench.agents.formats.policy import PolicyAgent, check_answer
@@ -57,7 +58,7 @@ def torchscript_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
 def torchscript_complaint(file: Path) -> str | None:
     """Why ``file`` is no TorchScript, in words, found out without loading it; ``None`` when it looks like it."""
     try:
-        with zipfile.ZipFile(file) as archive:
+        with opened_archive(file) as archive:
             names = archive.namelist()
     except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError):  # the last: zipfile of what it cannot unpack
         return f"{file.name} is no TorchScript file: it is no archive at all. {_HOW}"

@@ -7,7 +7,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from glbench.agents.identity import baseline_names, files_of_folder, identify
+from glbench.agents.contents import files_of_folder
+from glbench.agents.identity import baseline_names, identify
 from glbench.errors import SubmissionError
 from glbench.evaluation.scratch import Scratch
 

@@ -55,6 +55,8 @@ class RayEngine:
     """Does jobs on the cluster at ``address``, or on one that is started on this machine with ``cores`` and stopped afterwards."""
 
     def __init__(self, address: str | None = None, cores: int | None = None) -> None:
+        # Below `uv run`, Ray would start its workers through uv, too, which not every cluster can.
+        os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
         self._ray: Any = need("ray", "The engine 'ray'")
         self._address, self._cores = address, cores
 

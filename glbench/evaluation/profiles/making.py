@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from glbench.episodes import ActionLog, Trace, chosen_rows
-from glbench.episodes.definition import definition_json
-from glbench.errors import ResultError
+from glbench.episodes.definition import definition_json, task_of
+from glbench.errors import EpisodeError, ResultError
 from glbench.evaluation.profiles import tables
 from glbench.evaluation.profiles.course import (
     AMOUNTS,
@@ -25,6 +25,7 @@ from glbench.evaluation.profiles.course import (
 )
 from glbench.evaluation.profiles.record import SCHEMA, VERSION, Profile, profile_path, read_profile
 from glbench.evaluation.records import RecordReference, Result
+from glbench.registration import task_ids
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
@@ -79,7 +80,7 @@ def load_profile(result: Result, path: Path) -> Profile | None:
     Raises
     ------
     ResultError
-        When the profile is damaged, or is not the one that the result names.
+        When the profile is damaged, is not the one that the result names, or does not fit the result.
     """
     file = profile_path(path)
     if not file.exists():
@@ -93,7 +94,54 @@ def load_profile(result: Result, path: Path) -> Profile | None:
             f"named {result.profile.digest[:12]}...): it was changed. Delete it and run `glbench report --complete`."
         )
         raise ResultError(msg)
+    misfit = _misfit(result, profile)
+    if misfit:
+        msg = f"{file} does not fit {path.name}: {misfit}. Delete it and run `glbench report --complete`."
+        raise ResultError(msg)
     return profile
+
+
+def _misfit(result: Result, profile: Profile) -> str:
+    """What of a profile, whose numbers have the right kind, is not of the result's runs, days and hours; empty if all is."""
+    document, task = profile.document, result.task
+    seeds = document["seeds"]
+    if seeds["all"] != [run.seed for run in result.runs] or not {seeds["best"], seeds["worst"]} <= set(seeds["all"]):
+        return "its seeds are others"
+    if task.id not in task_ids():
+        try:
+            if task_of(profile.text_of_task).id != task.id:
+                return "its task is another one"
+        except EpisodeError as error:
+            return str(error).rstrip(".")
+    if (task.steps * task.step_seconds) % tables.SECONDS_A_DAY or tables.SECONDS_A_DAY % task.step_seconds:
+        return "the result's steps do not fill days"
+    a_day = round(tables.SECONDS_A_DAY / task.step_seconds)
+    slots, days = a_day // tables.steps_a_slot(task.step_seconds), task.steps // a_day
+    of_day, hours = tables.hours(a_day, task.step_seconds), tables.hours(task.steps, task.step_seconds)
+    every, weather = {c.name for c in COLUMNS}, {c.name for c in WEATHER_COLUMNS}
+    day, season, outside = document["day"], document["season"], document["weather"]
+    parts = {
+        "day": (day["columns"], every, (len(tables.QUANTILES), slots)),
+        "season": (season["columns"], every, (3, days)),
+        "calendar": (
+            document["calendar"],
+            {limit.name.removeprefix("hours_outside_") for limit in LIMITS},
+            (days, of_day),
+        ),
+        "worst": (document["worst"], {c.name for c in _WORST_RUN}, (hours,)),
+        "hours": (document["hours"], set(_BY_HOUR_OF_DAY), (of_day, len(result.runs))),
+        "weather of the day": (outside["day"], weather, (len(tables.QUANTILES), slots)),
+        "weather of the season": (outside["season"]["columns"], weather, (3, days)),
+        "weather by hour": (outside["hours"], weather, (hours,)),
+    }
+    for name, (columns, names, shape) in parts.items():
+        if set(columns) != names or any(not _has_shape(one["values"], shape) for one in columns.values()):
+            return f"its '{name}' has other columns, days or hours"
+    return ""
+
+
+def _has_shape(values: list[Any], shape: tuple[int, ...]) -> bool:
+    return len(values) == shape[0] and (len(shape) == 1 or all(len(row) == shape[1] for row in values))
 
 
 def _a_day(task: TaskSpec) -> int:

@@ -9,13 +9,101 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from glbench.errors import ResultError
+from glbench.evaluation.records import Count, Digest, Word
+from glbench.untrusted import LARGEST_INTEGER, MIB, gunzip, parse_json, quoted, read_regular, shown
 
 SCHEMA: Final = "glbench/profile"
 VERSION: Final = 1
 SUFFIX: Final = ".profile.json.gz"
+_LARGEST_FILE, _LARGEST_CONTENT = 24 * MIB, 24 * MIB
+"""That of 30 runs of 60 days has 0.2 MB uncompressed."""
+_DEEPEST_TASK = 20
+
+
+def _shallow(task: dict[str, Any]) -> dict[str, Any]:
+    """``task``, whose tables and lists are nested no deeper than those of a task file."""
+    level: list[Any] = [task]
+    for _ in range(_DEEPEST_TASK):
+        inner = [one.values() if isinstance(one, dict) else one for one in level if isinstance(one, dict | list)]
+        level = [value for values in inner for value in values]
+        if not level:
+            return task
+    msg = "it is nested too deeply"
+    raise ValueError(msg)
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+_Cell = Annotated[int, Field(ge=-LARGEST_INTEGER, le=LARGEST_INTEGER)] | None
+
+
+class _Line(_Part):
+    resolution: Annotated[float, Field(gt=0, le=1e100)]
+    values: list[_Cell]
+
+
+class _Lines(_Part):
+    resolution: Annotated[float, Field(gt=0, le=1e100)]
+    values: list[list[_Cell]]
+
+
+class _Column(_Part):
+    unit: Word
+    meaning: Word
+    kind: Literal["level", "amount"]
+
+
+class _WeatherColumn(_Part):
+    unit: Word
+    meaning: Word
+
+
+class _Seeds(_Part):
+    all: list[Count]
+    best: Count
+    worst: Count
+
+
+class _Day(_Part):
+    slot_seconds: Annotated[float, Field(gt=0, le=86400)]
+    quantiles: list[float]
+    columns: dict[Word, _Lines]
+
+
+class _Season(_Part):
+    lines: list[Word]
+    columns: dict[Word, _Lines]
+
+
+class _Weather(_Part):
+    columns: dict[Word, _WeatherColumn]
+    day: dict[Word, _Lines]
+    season: _Season
+    hours: dict[Word, _Line]
+
+
+class _Document(_Part):
+    """What a profile holds: nothing else is handed to pages."""
+
+    schema_name: Annotated[str, Field(alias="schema")]
+    schema_version: int
+    results_digest: Digest
+    task: Annotated[dict[str, Any], AfterValidator(_shallow)]
+    columns: dict[Word, _Column]
+    seeds: _Seeds
+    weather: _Weather
+    day: _Day
+    season: _Season
+    calendar: dict[Word, _Lines]
+    worst: dict[Word, _Line]
+    hours: dict[Word, _Lines]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +146,19 @@ def read_profile(path: Path) -> Profile:
         When it is missing, damaged, or of another kind or version.
     """
     try:
-        document = json.loads(gzip.decompress(path.read_bytes()))
+        document = parse_json(gunzip(read_regular(path, _LARGEST_FILE), _LARGEST_CONTENT))
     except (OSError, EOFError, zlib.error, ValueError) as error:
         msg = f"Cannot read the profile {path}: {error}. Make it again with `glbench report --complete`."
         raise ResultError(msg) from error
     kind = (document.get("schema"), document.get("schema_version")) if isinstance(document, dict) else None
     if kind != (SCHEMA, VERSION):
-        msg = f"{path} is no profile that this glbench reads (schema {kind}, expected {(SCHEMA, VERSION)})."
+        msg = f"{path} is no profile that this glbench reads (schema {quoted(kind)}, expected {(SCHEMA, VERSION)})."
         raise ResultError(msg)
+    try:
+        _Document.model_validate(document)
+    except ValidationError as error:
+        problem = error.errors()[0]
+        where = shown(".".join(str(part)[:80] for part in problem["loc"]))
+        msg = f"{path} is no profile as glbench writes it ({where}: {problem['msg']}). Delete it and run `glbench report --complete`."
+        raise ResultError(msg) from error
     return Profile(document)

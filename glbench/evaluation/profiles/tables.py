@@ -107,6 +107,11 @@ def unpack(packed: Packed) -> NDArray[np.float64]:
     return values * resolution
 
 
+def hours(steps: int, step_seconds: float) -> int:
+    """Hours that a step begins in."""
+    return len(_hour_starts(steps, step_seconds))
+
+
 def _hour_starts(steps: int, step_seconds: float) -> NDArray[np.intp]:
     """First step of each hour that a step begins in."""
     hours = np.floor_divide(np.arange(steps) * step_seconds, 3600.0)

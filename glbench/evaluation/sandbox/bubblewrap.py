@@ -65,7 +65,7 @@ def command(
         # First, so that an interpreter or a library that lies in /tmp shows up in it.
         *_scratch("/dev/shm", sizes.shared), *_scratch("/tmp", sizes.scratch),
         *visible.arguments(submission, staging),
-        "--remount-ro", "/dev", "--remount-ro", "/", "--chdir", "/tmp",
+        "--remount-ro", "/dev", "--remount-ro", "/proc", "--remount-ro", "/", "--chdir", "/tmp",
     ]  # fmt: skip
     guest = visible.in_package(Path(__file__).with_name("guest.py"))
     python = [str(visible.interpreter()), "-S", "-s", "-P", "-X", "faulthandler", str(guest), str(sock), __version__]
@@ -86,7 +86,15 @@ def usable_mode() -> Mode:
     return mode
 
 
-def program() -> str:
+def program() -> list[str]:
+    """Bubblewrap, started so that it and its sandbox are the first to go when the machine runs out of memory.
+
+    Nothing inside can take that back: ``/proc`` is read-only there.
+    """
+    return ["/bin/sh", "-c", '{ echo 1000 >/proc/self/oom_score_adj; } 2>/dev/null; exec "$@"', "sh", _path()]
+
+
+def _path() -> str:
     """Path of bubblewrap, which need not lie where its own environment would look for it."""
     return shutil.which("bwrap") or "bwrap"
 
@@ -127,7 +135,7 @@ def _tried() -> tuple[str, Mode | None]:
 def _complaint(mode: Mode) -> str:
     """What bubblewrap says against building an empty sandbox; nothing when it works."""
     bare = [
-        program(),
+        _path(),
         *_separation(mode),
         "--ro-bind",
         "/",
@@ -137,6 +145,8 @@ def _complaint(mode: Mode) -> str:
         "/proc",
         "--dev",
         "/dev",
+        "--remount-ro",
+        "/proc",
     ]
     try:
         done = subprocess.run(

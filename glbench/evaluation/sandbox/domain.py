@@ -1,8 +1,8 @@
 """A domain of its own for the agent's processes (Landlock), so that they cannot look into bubblewrap's.
 
 In a user namespace the first process of the sandbox, which is bubblewrap's, belongs to the same user as the agent. System calls to trace
-it are refused by the filter, but ``/proc/1/mem`` is a file: whoever writes there could have limits lifted, or have the sandbox outlive
-the evaluation. The kernel lets no process of a Landlock domain look into one outside of it.
+it are refused by the filter, but ``/proc/1/mem`` is a file. ``/proc`` is read-only, and the kernel lets no process of a Landlock domain
+look into one outside of it.
 """
 
 from __future__ import annotations

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import contextlib
 import pickle
+import re
 import time
 from dataclasses import dataclass
-from typing import cast
+from typing import Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,8 @@ from glbench.evaluation.sandbox.visible import place_inside
 from glbench.tasks import TaskCard
 
 _LONGEST_REASON = 640
+_ERROR: Final = re.compile(r'(File ".*", line \d+ .*)?[\w.<>]+(: .*|\Z| \([^()]*:\d+ in [^()]*\)\Z)')
+"""How an error of Python begins: its name alone, with words behind a colon, or with a place; reasons of the evaluation never do."""
 _SHOWN_LINES = 8
 
 
@@ -203,7 +206,9 @@ class SandboxedBatch(Observing):
     def _failure(self, body: memoryview) -> Failure:
         if len(body) < 2 or not 1 <= body[0] < len(STATUSES):
             self._process.refuse("a failure without a reason")
-        return Failure(None, STATUSES[body[0]], words(body[1:], _LONGEST_REASON))  # type: ignore[arg-type]
+        if STATUSES[body[0]] == "timed_out":
+            self._process.refuse("a timeout, which is not for it to find")
+        return told_failure(None, body[0], body[1:])
 
 
 @dataclass(frozen=True)
@@ -273,16 +278,24 @@ class SandboxedRuns(Observing):
         # The process looks at its own clock and ends a slow call alone; past these seconds it does not, and is ended.
         patience = limit + max(0.5, 0.05 * limit)
         late = f"{what} took longer than its limit of {limit:g} s"
+        timeouts = 0
         rows = np.flatnonzero(asked).tolist()
         row = rows[0]
         try:
             parts = (asked.tobytes(), inputs.tobytes() if inputs is not None else b"")
+            asked_at = time.perf_counter()
             self._process.ask(kind, self._number, *parts, seconds=patience)
             for row in rows:
                 began = time.perf_counter()
                 answer, body = self._process.answer(self._number, time.monotonic() + patience, late)
                 failure = self._read_row(answer, body, row, actions if kind == Kind.ACT else None)
                 seconds[row] = time.perf_counter() - began
+                if failure is not None and failure.status == "timed_out":
+                    # Which call took the time, the process says; that the time has passed, only the clock here.
+                    timeouts += 1
+                    if time.perf_counter() - asked_at < timeouts * limit:
+                        self._process.refuse(f"that run {row} took longer than {limit:g} s, which it did not")
+                    failure = Failure(row, "timed_out", late)
                 if failure is not None:
                     failures[row] = failure
         except LostError as lost:
@@ -295,7 +308,7 @@ class SandboxedRuns(Observing):
         if told != row or not 0 <= status < len(STATUSES):
             self._process.refuse(f"a frame of kind {kind} with {len(body):,} bytes, when run {row} was asked")
         if status:
-            return Failure(row, STATUSES[status], words(rest, _LONGEST_REASON))  # type: ignore[arg-type]
+            return told_failure(row, status, rest)
         if len(rest) != (8 * self._shape[1] if actions is not None else 0):
             self._process.refuse(f"{len(rest):,} bytes for {self._shape[1]} actions of run {row}")
         if actions is None:
@@ -342,7 +355,15 @@ class SandboxedRuns(Observing):
         return [Failure(row, "crashed", short) for row in np.flatnonzero(needed).tolist()]
 
 
+def told_failure(row: int | None, status: int, text: memoryview) -> Failure:
+    """A failure as the agent's process tells it. What does not read like an error of Python is marked as its own words."""
+    reason = words(text, _LONGEST_REASON)
+    if STATUSES[status] == "crashed" and not _ERROR.match(reason):
+        reason = f"the agent's process said: {reason}"
+    return Failure(row, STATUSES[status], reason)  # type: ignore[arg-type]
+
+
 def words(text: bytes | memoryview, longest: int) -> str:
-    """A text of the agent's process as it may stand in a result: one line, printable, not too long."""
-    said = " ".join(plain(bytes(text).decode("utf-8", errors="replace")).split())
+    """A text of the agent's process as it may stand in a result: one line, printable, not empty, not too long."""
+    said = " ".join(plain(bytes(text).decode("utf-8", errors="replace")).split()) or "nothing that can be shown"
     return said if len(said) <= longest else said[: longest - 4] + " ..."

@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from glbench.agents.protocol import Agent
     from glbench.evaluation.sandbox.listening import Listener
 
-_FIRST_TO_DIE = "1000"
 _NOBODY_ASKS_ANY_MORE = 0
 _LETTING_GO_SECONDS = 0.25
 """Less than the patience of who asked, on top of a call that took all of its time."""
@@ -249,8 +248,6 @@ def main(descriptor: int) -> NoReturn:
     enter_domain()
     os.closerange(3, descriptor)
     os.closerange(descriptor + 1, 1024)
-    # When the machine runs out of memory, this process goes before the evaluation.
-    Path("/proc/self/oom_score_adj").write_text(_FIRST_TO_DIE, encoding="ascii")
     line = Line(socket.socket(fileno=descriptor))
     line.answer(Kind.HELLO)
     host = Host(line)

@@ -92,9 +92,11 @@ class GuestProcess:
         Raises
         ------
         LostError
-            When the process is gone, too large, or does not listen; it is ended.
+            When the process is gone, too large, does not listen, or has said something that nobody asked for; it is ended.
         """
         self._still_there()
+        if self._from != self._to or self._has_more():
+            self.refuse("it came before the question")
         question = memoryview(b"".join((HEADER.pack(kind, number, sum(map(len, parts))), *parts)))
         until = time.monotonic() + seconds
         while True:
@@ -185,7 +187,7 @@ class GuestProcess:
             inherited = [theirs.fileno(), facts_writing, words, *([filter_file] if filter_file is not None else [])]
             # A session of its own: Ctrl-C in the terminal is for the evaluation, which ends the agent in its own time.
             self._bubblewrap = subprocess.Popen(
-                [program(), "--args", str(words), *inside],
+                [*program(), "--args", str(words), *inside],
                 stdin=subprocess.DEVNULL, stdout=writing, stderr=writing, pass_fds=inherited,
                 start_new_session=True, env=ENVIRONMENT_OF_BUBBLEWRAP,
             )  # fmt: skip
@@ -255,6 +257,13 @@ class GuestProcess:
         finally:
             if event != select.POLLIN and self._lost is None:
                 self._poll.modify(self._sock, select.POLLIN)
+
+    def _has_more(self) -> bool:
+        """Whether something has come that was not received yet."""
+        try:
+            return bool(self._sock.recv(1, socket.MSG_PEEK))
+        except OSError:  # nothing has, or the other end is closed
+            return False
 
     def _still_there(self) -> None:
         if self._lost is not None:

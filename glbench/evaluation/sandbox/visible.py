@@ -1,14 +1,12 @@
 """What the process of a sandboxed agent sees of the disk: its own files, Python with its libraries, glbench without its data.
 
-Nothing is visible that is not listed here. Folders with weather, tasks (they hold the seeds), results and other submissions are covered
-wherever they would show through, as they do when glbench is installed among the libraries or a submission is the checkout itself.
+Nothing is visible that is not listed here. Of a submission it is copies of the files that its digest covers, made while the digest is
+computed again. Folders with weather, tasks (they hold the seeds), results and other submissions are covered wherever they would show
+through, as they do when glbench is installed among the libraries; a submission's folder that holds them is refused.
 """
 
 from __future__ import annotations
 
-import os
-import shutil
-import stat
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -16,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from glbench.agents import Identity
-from glbench.agents.isolation import is_part_of_submission
+from glbench.agents.contents import digest_of
 from glbench.errors import GlbenchError, SubmissionError
 from glbench.resources import DataFolder, cache_folder, data_folder, user_data_folder
 
@@ -51,9 +49,8 @@ def libraries() -> tuple[Path, ...]:
 
 
 def arguments(submission: Identity, staging: Callable[[], Path]) -> list[str]:
-    """Arguments for bubblewrap that make the files visible; ``staging`` makes an empty folder for copies, where some are needed."""
-    own = _own_files(submission, staging)
-    bounds = [*_python(), Bound(_PACKAGE, CODE / "glbench"), *own]
+    """Arguments for bubblewrap that make the files visible; ``staging`` makes a folder for the copies of the submission's files."""
+    bounds = [*_python(), Bound(_PACKAGE, CODE / "glbench"), _own_files(submission, staging)]
     covered = [inside for bound in bounds for inside in _secrets_below(bound)]
     lines = [
         *_system(),
@@ -63,7 +60,6 @@ def arguments(submission: Identity, staging: Callable[[], Path]) -> list[str]:
         *_data(),
     ]
     lines += [["--remount-ro", str(path)] for path in covered]
-    lines += [line for bound in own for path in _no_parts_of_submission(bound.outside) for line in _hidden(path, bound)]
     return [word for line in lines for word in line]
 
 
@@ -107,44 +103,27 @@ def _data() -> Iterator[list[str]]:
     yield ["--ro-bind", str(data_folder("baselines")), str(root / "baselines")]
 
 
-def _own_files(submission: Identity, staging: Callable[[], Path]) -> list[Bound]:
-    inside = place_inside(submission)
-    if not submission.files:
-        _refuse_links_out(submission.path)
-        return [Bound(_readable(submission.path, staging), inside)]
-    return [Bound(_readable(file, staging), inside.with_name(file.name)) for file in submission.files]
-
-
-def _refuse_links_out(folder: Path) -> None:
-    for link in (item for item in folder.rglob("*") if item.is_symlink() and is_part_of_submission(item, folder)):
-        if link.readlink().is_absolute() or not link.resolve().is_relative_to(folder):
-            msg = f"{link} is a link that leads out of the submission's folder, and out of its sandbox. Copy the file."
-            raise SubmissionError(msg)
-
-
-def _readable(path: Path, staging: Callable[[], Path]) -> Path:
-    """``path``, or a copy of it that another user may read: an evaluation that runs as root starts its agents as somebody else."""
-    if os.geteuid() != 0 or all(_others_may_read(item) for item in (path, *path.rglob("*"))):
-        return path
-    copy = staging() / path.name
+def _own_files(submission: Identity, staging: Callable[[], Path]) -> Bound:
+    """Copies of the submission's files."""
+    place = place_inside(submission)
     try:
-        if path.is_dir():
-            shutil.copytree(path, copy, symlinks=True)
-        else:
-            shutil.copy(path, copy)
-        for item in (copy, *copy.rglob("*")):
-            if not item.is_symlink():
-                item.chmod(0o755 if item.is_dir() else 0o644)
+        files = submission.all_files()
+        for secret in _secrets():
+            if secret.is_relative_to(submission.path) and any(file.is_relative_to(secret) for file in files):
+                msg = f"The folder {submission.path} holds {secret}, which no agent may see. Put the agent into a folder of its own."
+                raise SubmissionError(msg)
+        root = staging() / "submission"
+        if submission.folder is not None:
+            root /= place.name
+        root.mkdir(parents=True)
+        digest = digest_of(files, submission.root, root)
     except OSError as error:
-        msg = f"The submission {path} cannot be copied for its sandbox: {error}. Make its files readable for all: chmod -R a+rX {path}."
+        msg = f"The submission {submission.path} cannot be copied for its sandbox: {error}."
         raise GlbenchError(msg) from error
-    return copy
-
-
-def _others_may_read(path: Path) -> bool:
-    mode = path.lstat().st_mode
-    needed = stat.S_IROTH | (stat.S_IXOTH if stat.S_ISDIR(mode) else 0)
-    return stat.S_ISLNK(mode) or mode & needed == needed
+    if digest != submission.digest:
+        msg = f"The files of {submission.path} were changed after its evaluation began. Leave them as they are until it ends."
+        raise SubmissionError(msg)
+    return Bound(root, place if submission.folder is not None else place.parent)
 
 
 def _ways_to(bounds: list[Bound]) -> Iterator[list[str]]:
@@ -156,33 +135,19 @@ def _ways_to(bounds: list[Bound]) -> Iterator[list[str]]:
 def _secrets_below(bound: Bound) -> Iterator[Path]:
     """Folders inside that must be covered because ``bound`` brings them along."""
     outside = bound.outside.resolve()
-    secrets = {*_data_folders(), user_data_folder().resolve(), cache_folder().resolve()}
-    for secret in sorted(secrets):
-        if secret.is_dir() and secret.is_relative_to(outside) and secrets.isdisjoint(secret.parents):
+    for secret in _secrets():
+        if secret.is_relative_to(outside):
             yield bound.inside / secret.relative_to(outside)
 
 
-def _data_folders() -> Iterator[Path]:
+def _secrets() -> list[Path]:
+    """Folders that no agent may see, none of which lies in another."""
     # An editable installation leaves a second copy of the data among the libraries.
-    yield from ((path / "glbench" / "_data").resolve() for path in libraries())
-    yield from (data_folder(name).resolve() for name in _HIDDEN_DATA)
-    yield (_PACKAGE / "_data").resolve()
-
-
-def _no_parts_of_submission(folder: Path) -> Iterator[Path]:
-    """Hidden files and caches in a submission's folder: its digest does not cover them, so the agent does not see them."""
-    for place, folders, files in os.walk(folder):
-        hidden = [name for name in folders if name.startswith(".") or name == "__pycache__"]
-        folders[:] = [name for name in folders if name not in hidden]
-        yield from (Path(place) / name for name in [*hidden, *(file for file in files if file.startswith("."))])
+    folders = {(path / "glbench" / "_data").resolve() for path in libraries()}
+    folders |= {data_folder(name).resolve() for name in _HIDDEN_DATA}
+    folders |= {(_PACKAGE / "_data").resolve(), user_data_folder().resolve(), cache_folder().resolve()}
+    return [folder for folder in sorted(folders) if folder.is_dir() and folders.isdisjoint(folder.parents)]
 
 
 def _bind(bound: Bound) -> list[str]:
     return ["--ro-bind", str(bound.outside), str(bound.inside)]
-
-
-def _hidden(path: Path, within: Bound) -> list[list[str]]:
-    inside = str(within.inside / path.relative_to(within.outside))
-    if path.is_symlink():
-        return []  # a link to a place that is not there
-    return [["--tmpfs", inside], ["--remount-ro", inside]] if path.is_dir() else [["--ro-bind", "/dev/null", inside]]

@@ -28,7 +28,7 @@ def sandboxed(needs_sandbox: None, day_task: TaskSpec) -> Prepare:
     """Prepare an evaluation of the day task in a sandbox."""
 
     def prepared(agent: Path, *, out: Path | None = None, **arguments: object) -> Evaluation:
-        arguments.setdefault("limits", TimeLimits(start=20.0, step=2.0, run=60.0))
+        arguments.setdefault("limits", TimeLimits(start=120.0, step=10.0, run=600.0))
         return prepare(day_task, agent, out=out, sandbox="bubblewrap", **arguments)  # type: ignore[arg-type]
 
     return prepared

@@ -15,7 +15,7 @@ from tests.evaluation.agent_files import GOOD, AgentWriter
 from tests.evaluation.sandbox.conftest import Prepare, ends
 
 ZEROS = "actions = np.zeros((self.n, 6)); self.calls += 1"
-PATIENT = TimeLimits(start=20.0, step=5.0, run=60.0)
+PATIENT = TimeLimits(start=120.0, step=30.0, run=600.0)
 
 BATCHED = {
     "remembers": GOOD,
@@ -70,7 +70,7 @@ def test_agents_for_single_runs_end_as_they_do_unsandboxed(
     day_task: TaskSpec, write_agent: AgentWriter, sandboxed: Prepare, body: str
 ) -> None:
     path = write_agent(SINGLE_HEAD + body, single=True)
-    limits = TimeLimits(start=20.0, step=0.4, run=60.0)
+    limits = TimeLimits(start=120.0, step=2.0, run=600.0)
 
     assert sandboxed(path, limits=limits).run().runs == evaluate(day_task, path, limits=limits).runs
 
@@ -176,17 +176,17 @@ def test_a_stored_result_without_sandbox_does_not_pass_for_one_with(
 def test_limits_in_the_task_hold_for_the_agent(
     day_task_file: Path, write_agent: AgentWriter, needs_sandbox: None, tmp_path: Path
 ) -> None:
-    seconds = {"start": 20.0, "step": 0.2, "run": 9.0}
+    seconds = {"start": 120.0, "step": 1.0, "run": 600.0}
     lines = "".join(f'{name} = {{ value = {value}, unit = "s" }}\n' for name, value in seconds.items())
     task = tmp_path / "hasty.toml"
     task.write_text(
         day_task_file.read_text(encoding="utf-8") + "\n[evaluation.time_limits]\n" + lines, encoding="utf-8"
     )
     slow = write_agent(
-        "def act(self, o):\n    self.calls += 1\n    time.sleep(60.0 * (self.calls == 3))\n    return np.zeros((self.n, 6))"
+        "def act(self, o):\n    self.calls += 1\n    time.sleep(1000.0 * (self.calls == 3))\n    return np.zeros((self.n, 6))"
     )
     result = evaluate(task, slow, sandbox="bubblewrap")
 
     assert ends(result) == [("timed_out", 2)] * 3
-    assert result.runs[0].reason == "act (for all runs) took longer than its limit of 0.6 s"
+    assert result.runs[0].reason == "act (for all runs) took longer than its limit of 3 s"
     assert result.evaluation.limits == {f"{name}_seconds": value for name, value in seconds.items()}

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glbench.evaluation.sandbox.drivers import words
+from glbench.evaluation.sandbox.drivers import told_failure, words
 from glbench.evaluation.sandbox.frames import HEADER, packed_problems, unpacked_problems
 from glbench.evaluation.sandbox.limits import SandboxLimits
 from glbench.evaluation.sandbox.prints import Prints
@@ -64,6 +64,37 @@ def test_prints_cannot_steer_a_terminal() -> None:
 def test_words_are_one_line_of_bounded_length() -> None:
     assert words("a\nb\x1b[1m  c\xff".encode("latin-1"), 100) == "a b[1m c\ufffd"
     assert len(words(b"x" * 10_000, 640)) == 640
+    assert words(b"\x1b \n", 640) == "nothing that can be shown"
+
+
+@pytest.mark.parametrize(
+    "reason",
+    [
+        "ValueError: no idea (agent.py:3 in act)",
+        "NotImplementedError (my agent.py:42 in <lambda>)",
+        "MemoryError",
+        "_glbench_submission_ab.Agent.act.<locals>.E: \u2026",
+        'File "<string>", line 1 1 + ^ SyntaxError: invalid syntax (agent.py:3 in act)',
+        "ExceptionGroup: two (2 sub-exceptions) (agent.py:3 in act)",
+    ],
+)
+def test_errors_of_python_are_told_as_they_are(reason: str) -> None:
+    assert told_failure(1, 1, memoryview(reason.encode())).reason == reason
+
+
+@pytest.mark.parametrize(
+    "reason",
+    [
+        "act took longer than its limit of 10 s",
+        "act (for all runs) took longer than its limit of 10 s (agent.py:3 in act)",
+        "the agent's process ended by the signal SIGKILL, by itself or for want of memory",
+        "the agent started more than 128 processes and threads, which is its limit",
+        "the run's decisions together took longer than their limit of 2 s",
+        "\x1b",
+    ],
+)
+def test_what_the_evaluation_would_say_is_marked_as_the_agents_words(reason: str) -> None:
+    assert (told_failure(1, 1, memoryview(reason.encode())).reason or "").startswith("the agent's process said: ")
 
 
 def test_the_filter_is_a_program_whose_jumps_stay_inside() -> None:

@@ -22,7 +22,7 @@ def act(self, observation):
     if {when}: {deed}
     return np.full(6, np.cos(self.total))
 """
-LIMITS = TimeLimits(start=20.0, step=0.5, run=60.0)
+LIMITS = TimeLimits(start=120.0, step=2.0, run=600.0)
 
 
 def agent(when: str, deed: str) -> str:
@@ -34,8 +34,8 @@ def agent(when: str, deed: str) -> str:
     [
         ("os._exit(7)", "crashed", "the agent's process ended with exit code 7"),
         ("import ctypes; ctypes.string_at(0)", "crashed", "the agent's process ended by the signal SIGSEGV"),
-        ("sum(range(10**18))", "timed_out", "act took longer than its limit of 0.5 s"),
-        ("import signal; signal.pause()", "timed_out", "act took longer than its limit of 0.5 s"),
+        ("sum(range(10**18))", "timed_out", "act took longer than its limit of 2 s"),
+        ("import signal; signal.pause()", "timed_out", "act took longer than its limit of 2 s"),
     ],
 )
 def test_who_ends_the_process_ends_alone_and_the_others_go_on_with_the_same_bits(
@@ -49,6 +49,29 @@ def test_who_ends_the_process_ends_alone_and_the_others_go_on_with_the_same_bits
     assert ends(result) == [("ok", 24), (status, 8), ("ok", 24)]
     assert result.runs[1].reason == words
     assert (result.runs[0], result.runs[2]) == (clean.runs[0], clean.runs[2])
+
+
+@pytest.mark.parametrize(
+    ("deed", "words"),
+    [
+        (
+            "import gc, socket, struct; body = struct.pack('=II', 1, 2) + b'late'; "
+            "fd = next(thing for thing in gc.get_objects() if isinstance(thing, socket.socket)).fileno(); "
+            "os.write(fd, struct.pack('=IIQ', 22, self.calls + 1, len(body)) + body)",
+            "sent what is no answer: that run 1 took longer than 2 s, which it did not",
+        ),
+        ("import signal; signal.raise_signal(signal.SIGALRM)", "TimeUp (agent_under_test.py"),
+    ],
+)
+def test_a_timeout_is_not_for_the_agent_to_find(
+    write_agent: AgentWriter, sandboxed: Prepare, deed: str, words: str
+) -> None:
+    result = sandboxed(
+        write_agent(agent("(self.number, self.calls) == (2, 9)", deed), single=True), limits=LIMITS
+    ).run()
+
+    assert ends(result) == [("ok", 24), ("crashed", 8), ("ok", 24)]
+    assert words in (result.runs[1].reason or "")
 
 
 def test_one_after_the_other_ends_the_process(day_task: TaskSpec, write_agent: AgentWriter, sandboxed: Prepare) -> None:

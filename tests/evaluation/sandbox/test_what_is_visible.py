@@ -182,30 +182,84 @@ seen = [os.getuid(), os.getgid(), os.getgroups(), len([p for p in os.listdir("/p
     assert (no_new, filtered) == ("1", "2")
 
 
-def test_files_that_the_digest_does_not_cover_are_not_seen(sandboxed: Prepare, tmp_path: Path) -> None:
+LISTING = """
+import os
+import numpy as np
+from pathlib import Path
+class A:
+    def reset(self, task, n):
+        self.n = n
+        here = Path(__file__).parent
+        for item in sorted(here.rglob("*")):
+            print(item.relative_to(here), int(item.stat().st_mtime), oct(item.stat().st_mode & 0o777))
+    def act(self, o):
+        return np.zeros((self.n, 6))
+def make_agent(task):
+    return A()
+"""
+
+
+def test_an_agent_sees_the_files_that_its_digest_covers_and_nothing_else(sandboxed: Prepare, tmp_path: Path) -> None:
     folder = tmp_path / "anna"
-    (folder / ".git").mkdir(parents=True)
-    (folder / "deep" / "__pycache__").mkdir(parents=True)
-    for name in (".git/weather", ".secret", "deep/__pycache__/x.pyc", "deep/weights.txt"):
+    for name in (".git", "deep/__pycache__", "deep/empty", "deep/.hidden"):
+        (folder / name).mkdir(parents=True)
+    for name in (".git/weather", ".secret", "deep/__pycache__/x.pyc", "deep/.hidden/x", "deep/weights.txt"):
         (folder / name).write_text("42", encoding="utf-8")
-    (folder / "agent.py").write_text(
-        "import os\nimport numpy as np\nfrom pathlib import Path\n"
-        "class A:\n    def reset(self, task, n):\n        self.n = n\n"
-        "        here = Path(__file__).parent\n"
-        "        print({str(f.relative_to(here)): f.read_text() for f in here.rglob('*') if f.is_file()}.keys())\n"
-        "    def act(self, o):\n        return np.zeros((self.n, 6))\n"
-        "def make_agent(task):\n    return A()\n",
-        encoding="utf-8",
-    )
+    for number in range(5000):  # more than arguments of a command hold
+        (folder / f".{number:0200}").touch()
+    (folder / "agent.py").write_text(LISTING, encoding="utf-8")
+    (folder / "agent.py").chmod(0o600)
     evaluation = sandboxed(folder, runs=1)
     result = evaluation.run()
 
     assert result.summary.ok == 1, (result.runs[0].reason, evaluation.prints.text())
-    lines = evaluation.prints.text().splitlines()
-    assert "weights.txt" in lines[0]
-    assert ".git" not in lines[0]
-    assert "__pycache__" not in lines[0]
-    assert ".secret" not in lines[0]
+    assert evaluation.prints.text().splitlines() == [
+        f"{name} 315532800 0o755" for name in ("agent.py", "deep", "deep/weights.txt")
+    ]
+
+
+def test_nothing_but_the_files_of_the_digest_is_copied(
+    sandboxed: Prepare, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, place = tmp_path / "anna", tmp_path / "scratch"
+    folder.mkdir()
+    place.mkdir()
+    (folder / "agent.py").write_text(LISTING, encoding="utf-8")
+    with (folder / ".sparse").open("wb") as file:
+        file.truncate(2**40)
+    (folder / ".sparse").chmod(0o600)
+    monkeypatch.setattr("tempfile.tempdir", str(place))
+    copied: list[str] = []
+
+    def look(_: object) -> None:
+        copied.extend(str(item.relative_to(place)) for item in place.rglob("submission/**/*") if item.is_file())
+
+    assert sandboxed(folder, runs=1).run(look).summary.ok == 1
+    assert {Path(name).name for name in copied} == {"agent.py"}
+    assert list(place.iterdir()) == []
+
+
+def test_a_submission_that_changes_after_its_evaluation_began_is_refused(
+    sandboxed: Prepare, write_agent: AgentWriter
+) -> None:
+    agent = write_agent()
+    evaluation = sandboxed(agent, runs=1)
+    agent.write_text(agent.read_text(encoding="utf-8") + "# better\n", encoding="utf-8")
+
+    with pytest.raises(SubmissionError, match="were changed after its evaluation began"):
+        evaluation.run()
+
+
+def test_a_folder_that_holds_what_no_agent_may_see_is_refused(
+    sandboxed: Prepare, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GLBENCH_DATA", str(tmp_path / "anna" / "data"))
+    (tmp_path / "anna" / "data").mkdir(parents=True)
+    (tmp_path / "anna" / "data" / "weather.csv").write_text("warm", encoding="utf-8")
+    (tmp_path / "anna" / "agent.py").write_text(LISTING, encoding="utf-8")
+
+    with pytest.raises(SubmissionError, match=r"holds .*data, which no agent may see"):
+        sandboxed(tmp_path / "anna", runs=1).run()
 
 
 def test_a_link_out_of_the_folder_is_refused(sandboxed: Prepare, tmp_path: Path) -> None:
@@ -235,7 +289,10 @@ for name in ("mem", "environ", "maps"):
 for name in ("fd/0", "root"):
     try: seen.append(os.readlink("/proc/1/" + name))
     except OSError as error: seen.append(error.errno)
-seen.append(os.getuid())
+for who in ("self", "1"):
+    try: open(f"/proc/{who}/oom_score_adj", "w").write("0")
+    except OSError as error: seen.append(error.errno)
+seen += [os.getuid(), int(open("/proc/self/oom_score_adj").read())]
 """
 
-    assert seen(write_agent, sandboxed, body) == [*[errno.EACCES] * 5, 65534]
+    assert seen(write_agent, sandboxed, body) == [*[errno.EACCES] * 5, errno.EROFS, errno.EROFS, 65534, 1000]

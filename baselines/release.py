@@ -1,0 +1,231 @@
+"""Evaluate every released agent again, verify the results, and put them into reports/released. Run it again and it goes on.
+
+    python baselines/release.py --work runs/release                  # what is released, and built-in agents that are not yet
+    python baselines/release.py --work runs/release --list           # what is done and what is left
+    python baselines/release.py --work runs/release --only recording # some agents
+
+All results come from one commit without changes and from one build of the kernel. Each must have the bits of the one that
+is released, unless --new-digests says that the scores are meant to change. Results, profiles and proofs are copied when all
+three are right; what is not right is told, stops nothing else, and makes the exit code 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from glbench.agents.identity import FORMS, baseline_names
+from glbench.errors import GlbenchError, ResultError, did_you_mean
+from glbench.evaluation import Progress, Result, prepare, protect, result_path
+from glbench.evaluation.profiles import profile_path
+from glbench.evaluation.provenance import git_state
+from glbench.leaderboard.collect import read_folder
+from glbench.resources import write_atomically
+from glbench.tasks import get_task, read_lock
+from glbench.verification import proof_path, save_proof, verify
+
+ROOT = Path(__file__).resolve().parent.parent
+RELEASED = ROOT / "reports" / "released"
+log = logging.getLogger("release")
+
+
+@dataclass(frozen=True)
+class Job:
+    """An agent on a task; ``released`` is the results_digest that it must have again, ``None`` for a new one."""
+
+    agent: str
+    task_id: str
+    released: str | None
+
+    @property
+    def name(self) -> str:
+        """Agent and task, as lines name them."""
+        return f"{self.agent} on {self.task_id.rpartition('/')[2]}"
+
+    @property
+    def ref(self) -> str:
+        """What ``glbench evaluate`` is to be given."""
+        if self.agent in baseline_names():
+            return self.agent
+        places = [ROOT / "submissions" / f"{self.agent}{suffix}" for suffix in ("", *FORMS)]
+        found = [place for place in places if place.exists()]
+        if not found:
+            msg = f"'{self.agent}' is neither a baseline nor in submissions/."
+            raise GlbenchError(msg)
+        return str(found[0])
+
+
+def plan() -> list[Job]:
+    """Every released result, and built-in agents without any on all published tasks; a task after the other."""
+    results, problems = read_folder(RELEASED / "results")
+    if problems:
+        raise problems[0]
+    jobs = [Job(item.result.agent.name, item.result.task.id, item.result.results_digest) for item in results]
+    new = set(baseline_names()) - {job.agent for job in jobs}
+    jobs += [Job(agent, task_id, None) for agent in new for task_id in read_lock()]
+    return sorted(jobs, key=lambda job: (job.task_id, job.agent))
+
+
+def main() -> int:
+    """Release what is left of the plan, or list it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--work", type=Path, required=True, help="folder for evaluations before they are released")
+    parser.add_argument("--only", nargs="*", default=[], metavar="AGENT", help="some of the agents")
+    parser.add_argument(
+        "--task", nargs="*", default=[], metavar="ID", help="some of the tasks; with --only, also new ones"
+    )
+    parser.add_argument("--new-digests", action="store_true", help="accept scores that differ from the released ones")
+    parser.add_argument("--list", action="store_true", help="say what is done and leave")
+    parser.add_argument("--out", type=Path, default=RELEASED, help="another folder than reports/released, to try it")
+    arguments = parser.parse_args()
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S", stream=sys.stdout)
+    jobs = plan()
+    agents, tasks = sorted({job.agent for job in jobs}), [get_task(name).id for name in arguments.task]
+    for name in arguments.only:
+        if name not in agents:
+            parser.error(f"there is no agent '{name}' to release.{did_you_mean(name, agents)}")
+    if arguments.only and tasks:  # also on tasks that the agents have no released result of
+        known = {(job.agent, job.task_id) for job in jobs}
+        jobs += [Job(agent, task, None) for task in tasks for agent in arguments.only if (agent, task) not in known]
+    jobs = [job for job in jobs if job.agent in (arguments.only or agents) and job.task_id in (tasks or [job.task_id])]
+    state = git_state()
+    if state is None or state.dirty:
+        changed = "has changes that are not committed" if state is not None else "is no checkout of git"
+        parser.error(f"{ROOT} {changed}: a release comes from a commit")
+    work = arguments.work.resolve() / state.commit[:12]
+    done = [job for job in jobs if is_released(job, arguments.out, work)]
+    if arguments.list:
+        for job in jobs:
+            print(f"{job.name:50} {'done' if job in done else 'left'}")
+        return 0
+    log.info("%d results of commit %s, %d of them done", len(jobs), state.commit[:12], len(done))
+    refused = 0
+    for number, job in enumerate(jobs, 1):
+        if job in done:
+            continue
+        began = time.monotonic()
+        try:
+            said = release(job, arguments.out, work, new_digests=arguments.new_digests)
+        except KeyboardInterrupt:
+            log.info("Interrupted; the same command goes on")
+            return 130
+        except GlbenchError as error:
+            refused += 1
+            said = f"NOT RELEASED: {error}"
+        log.info("%d/%d %s: %s (%.0f s)", number, len(jobs), job.name, said, time.monotonic() - began)
+    if refused:
+        log.info("%d of %d results are not released; the lines above say why", refused, len(jobs))
+        return 1
+    mixed = unlike(arguments.out, work)
+    if mixed:
+        log.info("Of another build of the kernel, or of a changed checkout: %s. Release everything.", ", ".join(mixed))
+        return 1
+    return write_tables(arguments.out)
+
+
+def release(job: Job, out: Path, work: Path, *, new_digests: bool) -> str:
+    """Evaluate, check, verify, copy; what to say of it.
+
+    Raises
+    ------
+    ResultError
+        When the result is not what it should be.
+    """
+    task = get_task(job.task_id)
+    evaluation = prepare(task, protect(job.ref, "bubblewrap"), out=work, workers=None)
+    result = evaluation.stored or evaluation.run(LogLines(job.name))
+    check(job, result, work, new_digests=new_digests)
+    path = result_path(work, job.task_id, job.agent)
+    verdict = verify(path)
+    if verdict.exactness != "bits":
+        raise ResultError(verdict.reason)
+    save_proof(verdict)
+    for source, target in copies(job, work, out):
+        write_atomically(target, source.read_bytes())
+    new = "" if result.results_digest == job.released else ", new digest"
+    return f"reward {result.summary.mean['reward']:,.1f}, digest {result.results_digest[:12]}{new}, verified"
+
+
+def check(job: Job, result: Result, work: Path, *, new_digests: bool) -> None:
+    """Refuse a result of another commit, of another build of the kernel than its neighbours, or with other scores than released."""
+    state = git_state()
+    if result.git is None or result.git.dirty or result.git != state:
+        msg = "the checkout changed while this was evaluated; commit, and start again"
+        raise ResultError(msg)
+    kernel = result.evaluation.kernel
+    if kernel["backend"] != "compiled":
+        msg = f"the model was stepped by '{kernel['backend']}': a release needs a C++ compiler"
+        raise ResultError(msg)
+    for item in read_folder(work / "results")[0]:
+        other = item.result.evaluation.kernel
+        if other["variant"] == kernel["variant"] and other.get("library_digest") != kernel["library_digest"]:
+            msg = f"its kernel is another build than that of {item.path}; remove {work} and start again"
+            raise ResultError(msg)
+    if job.released not in (None, result.results_digest) and not new_digests:
+        msg = f"results_digest {result.results_digest[:12]}, released {job.released[:12]}: the scores differ (--new-digests accepts that)"
+        raise ResultError(msg)
+
+
+def is_released(job: Job, out: Path, work: Path) -> bool:
+    """Whether ``out`` holds what was evaluated in ``work``, to the last byte."""
+    pairs = copies(job, work, out)
+    if not all(source.is_file() and target.is_file() for source, target in pairs):
+        return False
+    return all(source.read_bytes() == target.read_bytes() for source, target in pairs)
+
+
+def unlike(out: Path, work: Path) -> list[str]:
+    """Results in ``out`` that stem from another build of the kernel than those in ``work``, or from a changed checkout."""
+    ours = [item.result.evaluation.kernel for item in read_folder(work / "results")[0]]
+    builds = {kernel["variant"]: kernel["library_digest"] for kernel in ours}
+    found = []
+    for item in read_folder(out / "results")[0]:
+        kernel, git = item.result.evaluation.kernel, item.result.git
+        build = kernel.get("library_digest")
+        if git is None or git.dirty or builds.get(kernel["variant"], build) != build:
+            found.append(str(item.path.relative_to(out)))
+    return found
+
+
+def copies(job: Job, work: Path, out: Path) -> list[tuple[Path, Path]]:
+    """Files to copy, and where to: profile, result, proof."""
+    ours, theirs = (result_path(folder, job.task_id, job.agent) for folder in (work, out))
+    return [(place(ours), place(theirs)) for place in (profile_path, Path, proof_path)]
+
+
+def write_tables(out: Path) -> int:
+    """Normalised scores and tables from what is released now."""
+    commands = [["leaderboard", "--write", "--all", "--strict", "--out", str(out)]]
+    if out.resolve() == RELEASED:
+        commands.insert(0, ["tasks", "references", "--write"])
+    for command in commands:
+        log.info("glbench %s", " ".join(command))
+        code = subprocess.run(
+            [sys.executable, "-m", "glbench", *command], stdout=subprocess.DEVNULL, check=False
+        ).returncode
+        if code != 0:
+            return code
+    return 0
+
+
+class LogLines:
+    """A line a minute."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._last = time.monotonic()
+
+    def __call__(self, progress: Progress) -> None:
+        """Say where an evaluation stands."""
+        if time.monotonic() - self._last >= 60:
+            self._last = time.monotonic()
+            log.info("%s: step %d of %d", self._name, progress.step, progress.steps)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,204 @@
+"""``tasks/behaviour.toml``: what glbench computes from a published task, in a few numbers.
+
+The digest of a task covers what the task says, and not the code that computes weather, draws, accounts and reward from it. This file
+does: for every published task it holds
+
+* of every column of the computed weather d(t), and of its clock, a sum over all rows with weights that differ from row to row;
+* of one fixed step of four greenhouses (fixed states before and after, fixed actions, no model), every quantity of the step, the
+  controls, and the parameters drawn, as sums of the same kind.
+
+``glbench tasks check`` computes the numbers anew and compares them to ``TOLERANCE``, so that another processor or C library passes
+and another constant does not. A change of one row of weather by a thousandth of the column's mean is seen. What is not covered:
+observations (their names, units and bounds are in the digest) and the integration of the model (its equations are).
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.env.accounts import FRUIT_STATE
+from glbench.env.climate import AIR_STATES
+from glbench.env.quantities import QUANTITY_NAMES
+from glbench.env.reference import ReferenceRuns
+from glbench.errors import TaskError
+from glbench.model import STATE_NAMES
+from glbench.registration import BEHAVIOUR_NAME
+from glbench.resources import write_atomically
+from glbench.tasks.card import task_card
+from glbench.tasks.lock import lock_path
+from glbench.weather import COLUMNS
+
+if TYPE_CHECKING:
+    from glbench.kernel import StepFailure
+    from glbench.tasks import TaskSpec
+
+TOLERANCE = 1e-9
+"""Relative to the sum of the magnitudes that a number is the sum of."""
+
+BEHAVIOUR_WORDS = f"tasks/{BEHAVIOUR_NAME}"
+
+_HEADER = """\
+# What glbench computes from the published tasks, written by `glbench tasks lock` and compared by `glbench tasks check`. Entries are
+# added, never edited. Sums with weights over the rows of the weather, and over the greenhouses of one fixed step: glbench/env/behaviour.py.
+"""
+_GOLDEN = 0.6180339887498949
+_MOST_NAMED = 6
+
+# Four greenhouses: within all limits, below, above, and mixed. Air temperature [degC], CO2 [mg m-3], vapour pressure [Pa].
+_AIR = ((21.0, 1200.0, 1700.0), (8.0, 300.0, 400.0), (39.0, 6500.0, 6800.0), (36.0, 350.0, 5600.0))
+_FRUIT_GROWN = (150.0, 320.0, -40.0, 75.0)  # mg m-2
+_SEEDS = (0, 1, 666, 10000)
+
+
+class Number(NamedTuple):
+    """A weighted sum, and the same sum over the magnitudes: what rounding is measured by."""
+
+    value: float
+    size: float
+
+
+def behaviour(task: TaskSpec) -> dict[str, Number]:
+    """The numbers of ``task`` by name: ``weather.iGlob``, ``step.revenue``, ..."""
+    weather = task.disturbances(task.observation.forecast_steps)
+    columns = {
+        **dict(zip(COLUMNS, weather.values.T, strict=True)),
+        "hourOfDay": weather.hour_of_day,
+        "dayOfYear": weather.day_of_year,
+    }
+    return {
+        **{f"weather.{name}": _weighted(values) for name, values in columns.items()},
+        **{f"step.{name}": _weighted(values) for name, values in _step(task).items()},
+    }
+
+
+def check_behaviour(task: TaskSpec) -> None:
+    """Refuse a published ``task`` from which glbench computes other numbers than when it was published.
+
+    Raises
+    ------
+    TaskError
+        With the numbers that differ, or when there are none to compare with.
+    """
+    locked = read_behaviour().get(task.id)
+    if locked is None:
+        msg = f"{BEHAVIOUR_WORDS} has no entry for {task.id}. Add it with `glbench tasks lock`."
+        raise TaskError(msg)
+    found = behaviour(task)
+    moved = []
+    for name, number in locked.items():  # what was not measured when the task was published is not compared
+        now = found.get(name)
+        if now is None:
+            moved.append(f"{name} (no longer computed)")
+        elif not abs(now.value - number) <= TOLERANCE * now.size:
+            moved.append(f"{name} (locked {number:.9g}, found {now.value:.9g})")
+    if moved:
+        more = f" and {len(moved) - _MOST_NAMED} more" if len(moved) > _MOST_NAMED else ""
+        msg = (
+            f"{task.source} is as it was published, but glbench computes other numbers from it than {BEHAVIOUR_WORDS} says: "
+            f"{', '.join(moved[:_MOST_NAMED])}{more}. Results would not be comparable with published ones: restore the code, or, if the "
+            "change is meant, publish new versions of the tasks and run `glbench tasks lock`."
+        )
+        raise TaskError(msg)
+
+
+def lock_behaviour(tasks: Iterable[TaskSpec]) -> tuple[str, ...]:
+    """Write the numbers of those ``tasks`` that have none yet, and return their ids."""
+    entries = dict(read_behaviour())
+    new = {
+        task.id: {name: number.value for name, number in behaviour(task).items()}
+        for task in tasks
+        if task.id not in entries
+    }
+    if new:
+        entries.update(new)
+        write_atomically(
+            _path(), "\n".join([_HEADER, *(_block(task_id, entries[task_id]) for task_id in sorted(entries))])
+        )
+    return tuple(new)
+
+
+def read_behaviour() -> Mapping[str, Mapping[str, float]]:
+    """The numbers of the published tasks by id and name; empty when there is no file yet.
+
+    Raises
+    ------
+    TaskError
+        When the file is damaged.
+    """
+    path = _path()
+    if not path.is_file():
+        return {}
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        return {
+            task_id: {
+                f"{group}.{name}": float(value) for group, numbers in groups.items() for name, value in numbers.items()
+            }
+            for task_id, groups in content.items()
+        }
+    except (OSError, ValueError, TypeError, AttributeError) as error:
+        msg = f"Cannot read {path}: {error}. Restore the file, or install glbench again."
+        raise TaskError(msg) from error
+
+
+class _FixedStep:
+    """In the place of a kernel: every greenhouse ends where it is told to, and what acted on it is kept."""
+
+    def __init__(self, after: NDArray[np.float64]) -> None:
+        self.after = after
+        self.controls = self.parameters = np.empty(0)
+
+    def try_step(
+        self, x: NDArray[np.float64], u: NDArray[np.float64], d: NDArray[np.float64], p: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], list[StepFailure]]:
+        """The states ``(4, 28)`` that were fixed."""
+        self.controls, self.parameters = u.copy(), np.broadcast_to(p, (len(x), p.shape[-1])).copy()
+        return self.after.copy(), []
+
+
+def _step(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
+    """Every quantity of the fixed step, the controls, and the drawn parameters relative to their nominal values."""
+    n = len(_AIR)
+    before = np.tile(10.0 + np.arange(len(STATE_NAMES)), (n, 1))
+    before[:, FRUIT_STATE] = 2.0e5
+    after = before.copy()
+    after[:, AIR_STATES] = _AIR
+    after[:, FRUIT_STATE] += _FRUIT_GROWN
+    fixed = _FixedStep(after)
+    runs = ReferenceRuns(task, n, fixed)
+    runs.start(np.arange(n), _SEEDS, before)
+    low, high = task_card(task).action_bounds
+    part = 0.5 + 0.45 * (np.arange(1, n * len(low) + 1) * _GOLDEN % 1.0).reshape(n, -1)
+    table = runs.step(low + (high - low) * part).table
+    nominal = task.parameters()
+    drawn = (fixed.parameters != nominal).any(axis=0)
+    return {
+        **dict(zip(QUANTITY_NAMES, table, strict=True)),
+        "controls": fixed.controls.ravel(),
+        "parameters": (fixed.parameters[:, drawn] / nominal[drawn]).ravel(),
+    }
+
+
+def _weighted(values: NDArray[np.float64]) -> Number:
+    """Sum of ``values`` (k,) with weights between 1 and 2 that repeat nowhere."""
+    weights = 1.0 + np.arange(len(values)) * _GOLDEN % 1.0
+    terms = weights * values
+    return Number(float(terms.sum()), float(np.abs(terms).sum()))
+
+
+def _block(task_id: str, numbers: Mapping[str, float]) -> str:
+    groups: dict[str, list[str]] = {}
+    for name, value in numbers.items():
+        group, _, key = name.partition(".")
+        groups.setdefault(group, []).append(f"{key} = {value!r}\n")
+    return "\n".join(f'["{task_id}".{group}]\n{"".join(lines)}' for group, lines in groups.items())
+
+
+def _path() -> Path:
+    return lock_path().with_name(BEHAVIOUR_NAME)

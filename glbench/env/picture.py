@@ -1,0 +1,277 @@
+"""The greenhouse as a picture, for ``render_mode="rgb_array"``: the last two days of climate, controls and money.
+
+Limits, controls and units are those of the task. Axes, ticks and bands are drawn once and kept for as long as they do not
+change; lines, fills and numbers are drawn anew. Needs matplotlib (the extra ``video``); uses none of its global state.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from glbench.env.trail import AIR, CONTROLS, HOURS_SHOWN, MONEY, Trail
+from glbench.tasks.quantities import LIMITED
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import FillBetweenPolyCollection
+    from matplotlib.lines import Line2D
+    from matplotlib.text import Text
+
+    from glbench.env.simulation import Simulation
+    from glbench.tasks import TaskSpec
+    from glbench.tasks.quantities import Capacity
+
+Floats = NDArray[np.float64]
+
+WIDTH, HEIGHT = 640, 480
+"""Size of a picture [pixels]."""
+
+_DPI = 100
+_INK, _QUIET, _EDGE, _BAND = "#1f2933", "#52606d", "#b8c2cc", "#dcefdc"
+_LINE, _BROKEN, _CONTROL, _MONEY = "#14532d", "#d92d20", "#e2a23b", "#1d5fa8"
+_UNITS = {"degC": "°C", "W m-2": "W/m²", "mg m-2 s-1": "mg/m²/s"}
+_CLIMATE, _RIGHT = (0.072, 0.385), (0.625, 0.36)
+"""Left edge and width of the two columns, shares of the figure."""
+_TOP, _BOTTOM, _GAP = 0.87, 0.075, 0.07
+_MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
+_ROOM_OF_A_DATE = 0.06
+"""Share of the axis: a date nearer to the right edge would be cut."""
+_WINDOWS = (6.0, 12.0, 24.0, HOURS_SHOWN)
+"""[h] What the axes cover: the smallest that holds all there is."""
+_LANE = 0.8
+"""Height of a control at its capacity; lanes are 1 apart."""
+
+
+@dataclass
+class _Curve:
+    """A quantity over time in axes of its own, and what is drawn anew in every picture."""
+
+    axes: Axes
+    line: Line2D
+    now: Line2D
+    broken: Line2D
+    value: Text
+    unit: str
+    low: float = -math.inf
+    high: float = math.inf
+    covered: tuple[float, float] = (math.nan, math.nan)
+
+    def cover(self, covered: tuple[float, float]) -> bool:
+        """Let the axis reach from and to; whether that is a change."""
+        if covered == self.covered:
+            return False
+        self.covered = covered
+        self.axes.set_ylim(*covered)
+        return True
+
+    def show(self, hours: Floats, values: Floats, text: str) -> None:
+        """Take over the values of a run, at ``hours`` up to now (0)."""
+        outside = (values < self.low) | (values > self.high)
+        self.line.set_data(hours, values)
+        self.broken.set_data(hours[outside], values[outside])
+        self.now.set_data(hours[-1:], values[-1:])
+        color = _BROKEN if outside[-1] else self.line.get_color()
+        self.now.set_color(color)
+        self.value.set_color(color)
+        self.value.set_text(text)
+
+
+class Picture:
+    """Draws trails of a task's runs.
+
+    Parameters
+    ----------
+    task
+        The task whose limits and controls are shown.
+    """
+
+    def __init__(self, task: TaskSpec) -> None:
+        self._task = task
+        self._figure = Figure(figsize=(WIDTH / _DPI, HEIGHT / _DPI), dpi=_DPI, facecolor="white")
+        self._canvas: Any = FigureCanvasAgg(self._figure)  # matplotlib does not say what its methods take
+        self._title, self._place = (
+            self._figure.text(x, 0.982, "", fontsize=9, color=_INK, fontweight=weight, ha=side, va="top", animated=True)
+            for x, weight, side in ((0.012, "bold", "left"), (0.988, "normal", "right"))
+        )
+        self._climate = self._make_climate()
+        self._controls = tuple(
+            (index, capacity)
+            for index, capacity in enumerate(task.capacities())
+            if capacity.name in task.actuation.controls
+        )
+        self._lanes, self._amounts, lanes = self._make_lanes()
+        self._money = self._make_money()
+        self._every = [*(curve.axes for curve in self._climate), lanes, self._money.axes]
+        self._window = 0.0
+        self._midnights = [
+            [axes.axvline(0.0, color=_QUIET, lw=0.7, ls=(0, (2, 2)), animated=True) for axes in self._every]
+            for _ in range(math.ceil(HOURS_SHOWN / 24.0))
+        ]
+        self._dates = [
+            lanes.text(0.0, -0.13, "", fontsize=7, color=_QUIET, ha="center", va="bottom", animated=True)
+            for _ in self._midnights
+        ]
+        self._moving = self._figure.findobj(lambda artist: bool(artist.get_animated()), include_self=False)
+        self._kept: Any = None
+
+    def __call__(self, trail: Trail, simulation: Simulation, row: int) -> NDArray[np.uint8]:
+        """Where the run in ``row`` stands, and its trail, ``(480, 640, 3)``; the array is the caller's."""
+        points = trail.table()
+        hours = np.arange(1 - len(points), 1).astype(np.float64) * (self._task.step_seconds / 3600.0)
+        time = simulation.time[row]
+        self._title.set_text(f"{self._task.short_id}   {_words(time)} UTC")
+        self._place.set_text(f"step {simulation.k[row]} of {self._task.steps}, seed {simulation.seeds[row]}")
+        changed = [
+            self._show_air(curve, hours, values) for curve, values in zip(self._climate, points.T[AIR], strict=True)
+        ]
+        changed.append(self._look_back(-float(hours[0])))
+        changed.append(self._show_money(hours, points.T[MONEY], trail.first_step))
+        self._show_controls(hours, points[:, CONTROLS])
+        self._show_midnights(time, hours[0])
+        if self._kept is None or any(changed):
+            self._canvas.draw()
+            self._kept = self._canvas.copy_from_bbox(self._figure.bbox)
+        self._canvas.restore_region(self._kept)
+        for artist in self._moving:
+            self._figure.draw_artist(artist)
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    def _axes(self, column: tuple[float, float], bottom: float, height: float, *, labelled: bool) -> Axes:
+        """Axes over the hours shown, in a column of the figure."""
+        left, width = column
+        axes = self._figure.add_axes((left, bottom, width, height))
+        axes.tick_params(labelsize=7.5, colors=_QUIET, length=2.5, width=0.6, pad=2, labelbottom=labelled)
+        for spine in axes.spines.values():
+            spine.set(color=_EDGE, linewidth=0.8)
+        return axes
+
+    def _look_back(self, hours: float) -> bool:
+        """Let the axes reach back over the hours that there are, two days at most; whether that is a change."""
+        window = next((reach for reach in _WINDOWS if reach >= hours), HOURS_SHOWN)
+        if window == self._window:
+            return False
+        self._window = window
+        for axes in self._every:
+            axes.set_xlim(-window, 0.02 * window)
+            axes.set_xticks([-window, -window / 2, 0.0], [f"{window:g} h ago", f"{window / 2:g} h ago", "now"])
+        return True
+
+    def _curve(self, axes: Axes, title: str, unit: str, color: str) -> _Curve:
+        axes.set_title(title, fontsize=8, color=_INK, loc="left", pad=3)
+        (line,) = axes.plot([], [], color=color, lw=1.4, animated=True)
+        (broken,) = axes.plot([], [], color=_BROKEN, ls="none", marker=".", ms=4.0, mew=0.0, animated=True)
+        (now,) = axes.plot([], [], color=color, marker="o", ms=4.0, mew=0.0, animated=True, clip_on=False)
+        value = axes.text(
+            1.0,
+            1.02,
+            "",
+            transform=axes.transAxes,
+            fontsize=9,
+            fontweight="bold",
+            ha="right",
+            va="bottom",
+            animated=True,
+        )
+        return _Curve(axes, line, now, broken, value, unit)
+
+    def _make_climate(self) -> list[_Curve]:
+        limits = self._task.constraints.items()
+        height = (_TOP - _BOTTOM - (len(limits) - 1) * _GAP) / len(limits)
+        curves = []
+        for place, (name, limit) in enumerate(limits):
+            unit = _UNITS.get(LIMITED[name], LIMITED[name])
+            bottom = _TOP - height - place * (height + _GAP)
+            axes = self._axes(_CLIMATE, bottom, height, labelled=place == len(limits) - 1)
+            curve = self._curve(axes, f"{_name(name)} ({limit.low:g} to {limit.high:g} {unit})", unit, _LINE)
+            axes.axhspan(limit.low, limit.high, color=_BAND, lw=0.0)
+            curve.low, curve.high = limit.low, limit.high
+            curves.append(curve)
+        return curves
+
+    def _make_lanes(self) -> tuple[list[FillBetweenPolyCollection], list[Text], Axes]:
+        """One lane for each control that the task grants."""
+        bottom = 0.325
+        axes = self._axes(_RIGHT, bottom, _TOP - bottom, labelled=False)
+        axes.set_title("Controls in force", fontsize=8, color=_INK, loc="left", pad=12)
+        axes.set_ylim(len(self._controls) - 0.1, -0.1)
+        axes.set_yticks([])
+        lanes, amounts = [], []
+        for lane, (_, capacity) in enumerate(self._controls):
+            base = lane + _LANE
+            axes.axhline(base, color=_EDGE, lw=0.6)
+            lanes.append(axes.fill_between([0.0], [base], [base], color=_CONTROL, lw=0.0, animated=True))
+            at: dict[str, Any] = {"x": -0.025, "transform": axes.get_yaxis_transform(), "ha": "right", "color": _INK}
+            axes.text(y=lane + 0.36, s=_name(capacity.quantity), fontsize=7.5, va="bottom", **at)
+            amounts.append(axes.text(y=lane + 0.44, s="", fontsize=8, fontweight="bold", va="top", animated=True, **at))
+        return lanes, amounts, axes
+
+    def _make_money(self) -> _Curve:
+        axes = self._axes(_RIGHT, _BOTTOM, 0.175, labelled=True)
+        axes.axhline(0.0, color=_EDGE, lw=0.8)
+        return self._curve(axes, "EPI so far", "EUR/m²", _MONEY)
+
+    def _show_air(self, curve: _Curve, hours: Floats, values: Floats) -> bool:
+        """Show a quantity of the air; whether its axis has changed."""
+        step = (curve.high - curve.low) / 4.0 or 1.0
+        low, high = min(values.min(), curve.low - 0.2 * step), max(values.max(), curve.high + 0.2 * step)
+        curve.show(hours, values, f"{values[-1]:.{0 if values[-1] >= 100.0 else 1}f} {curve.unit}")
+        return curve.cover((math.floor(low / step) * step, math.ceil(high / step) * step))
+
+    def _show_money(self, hours: Floats, values: Floats, first_step: int) -> bool:
+        self._money.show(hours, values, f"{round(values[-1], 3) + 0.0:+.3f} {self._money.unit}")
+        title = "EPI so far" if first_step == 0 else f"EPI since step {first_step}"
+        renamed = title != self._money.axes.get_title(loc="left")
+        if renamed:
+            self._money.axes.set_title(title, fontsize=8, color=_INK, loc="left", pad=3)
+        low, high = float(values.min()), float(values.max())
+        step = 10.0 ** math.ceil(math.log10(max(high - low, 0.01))) / 4.0
+        return (
+            self._money.cover(((math.floor(low / step) - 0.2) * step, (math.ceil(high / step) + 0.2) * step)) or renamed
+        )
+
+    def _show_controls(self, hours: Floats, controls: Floats) -> None:
+        edges = np.repeat(hours, 2)[:-1]  # a control was in force from the point before until its own
+        for lane, ((index, capacity), fill, amount) in enumerate(
+            zip(self._controls, self._lanes, self._amounts, strict=True)
+        ):
+            used = controls[:, index]
+            shares = used / capacity.at_one if capacity.at_one else used
+            base = lane + _LANE
+            outline = np.column_stack([edges, base - _LANE * np.repeat(shares, 2)[1:]])
+            fill.set_verts([np.vstack([[edges[0], base], outline, [edges[-1], base]])])
+            amount.set_text(_amount(capacity, float(used[-1])))
+
+    def _show_midnights(self, now: np.datetime64, first: float) -> None:
+        today = now.astype("datetime64[D]")
+        since = float((now - today) / np.timedelta64(1, "s")) / 3600.0
+        for days, (lines, date) in enumerate(zip(self._midnights, self._dates, strict=True)):
+            hours = -since - 24.0 * days
+            for line in lines:
+                line.set_xdata([hours, hours])
+                line.set_visible(hours >= first)
+            day = (today - days).item()
+            date.set_x(hours)
+            date.set_text(f"{day.day} {_MONTHS[day.month - 1]}")
+            date.set_visible(hours >= first and hours < -_ROOM_OF_A_DATE * self._window)
+
+
+def _words(time: np.datetime64) -> str:
+    return np.datetime_as_string(time, unit="m").replace("T", " ")
+
+
+def _name(name: str) -> str:
+    words = name.replace("_", " ").replace("co2", "CO2")
+    return words[0].upper() + words[1:]
+
+
+def _amount(capacity: Capacity, used: float) -> str:
+    if capacity.unit == "-":
+        return f"{used:.0%}"
+    return f"{round(used, 2):.3g} {_UNITS.get(capacity.unit, capacity.unit)}"

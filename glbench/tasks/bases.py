@@ -1,0 +1,232 @@
+"""Task files as plain tables: read within limits, and put together with the file that they name as their base.
+
+``base = "glbench/Schiphol2010-Delta10-v1"`` (a shipped task) or ``base = "winter.toml"`` (a file beside it) at the top of a task file
+takes over all of that task but id, title, description and suites. What the file itself says replaces the base's, key by key. What
+comes out is checked, digested and recorded like a file that is written out: nobody needs the base to check a result.
+"""
+
+from __future__ import annotations
+
+import stat
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.registration import task_files, task_ids
+from glbench.resources import data_folder
+
+BASE = "base"
+NOT_INHERITED = ("id", "title", "description", "suites")
+"""Keys that every task says for itself."""
+LONGEST_CHAIN = 8
+"""Files that a task may be made of."""
+
+_LARGEST_FILE = 2**20
+_DEEPEST = 8
+_LARGEST_INTEGER = 2**63
+_LONGEST_VALUE = 80
+
+
+@dataclass(frozen=True)
+class Change:
+    """A key that differs from the base: its full name, and both values as a file writes them; ``before`` is ``None`` for a new key."""
+
+    key: str
+    value: str
+    before: str | None
+
+
+@dataclass(frozen=True)
+class Written:
+    """What a task file defines.
+
+    Attributes
+    ----------
+    content
+        All tables and keys, those of the base included.
+    base
+        The base as the file names it; ``None`` without one.
+    changes
+        What differs from the base.
+    """
+
+    content: Mapping[str, Any]
+    base: str | None
+    changes: tuple[Change, ...]
+
+
+def read_written(path: Path, above: tuple[Path, ...] = ()) -> Written:
+    """The tables of the task file ``path`` and of its bases, put together.
+
+    ``above`` are the files that led here.
+
+    Raises
+    ------
+    TaskError
+        When a file cannot be read, is no TOML, or is based on itself.
+    UnknownNameError
+        When there is no task of the base's id.
+    """
+    files = (*above, path.resolve())
+    shown = shown_path(path)
+    if path.resolve() in above:
+        chain = " -> ".join(file.name for file in files)
+        msg = f"{shown} is its own base ({chain}). Remove 'base' from one of these files."
+        raise TaskError(msg)
+    if len(files) > LONGEST_CHAIN:
+        msg = f"{shown} is the base of a base of a base, {LONGEST_CHAIN} times over. Write one of these tasks out."
+        raise TaskError(msg)
+    content = _read_toml(path, shown)
+    under = _file_of(content.get(BASE), path, shown)
+    if under is None:
+        return Written(content, None, ())
+    inherited = {key: value for key, value in read_written(under, files).content.items() if key not in NOT_INHERITED}
+    base = content.pop(BASE)
+    merged = _merged(inherited, content)
+    return Written(merged, base, tuple(_changes(inherited, merged)))
+
+
+def base_of(path: Path) -> Path | None:
+    """The file that the task file ``path`` is based on, if it is.
+
+    Raises
+    ------
+    TaskError
+        When the file cannot be read, or its base is no text.
+    UnknownNameError
+        When there is no task of the base's id.
+    """
+    shown = shown_path(path)
+    return _file_of(_read_toml(path, shown).get(BASE), path, shown)
+
+
+def shipped_file(wanted: str) -> Path:
+    """File of the shipped task with this id or short form.
+
+    Raises
+    ------
+    UnknownNameError
+        When there is none; names the nearest.
+    """
+    ids = task_ids()
+    by_short_form = {task_id.partition("/")[2]: task_id for task_id in ids}
+    full_id = wanted if wanted in ids else by_short_form.get(wanted)
+    if full_id is not None:
+        return ids[full_id]
+    expected = f"{wanted.rpartition('/')[2].lower()}.toml"
+    unreadable = [path for path in task_files() if path.name == expected and path not in ids.values()]
+    if unreadable:
+        return unreadable[0]
+    near = did_you_mean(wanted, ids if "/" in wanted else by_short_form)
+    msg = f"There is no task '{wanted}'.{near} `glbench tasks list` shows all; a file of your own ends in .toml."
+    raise UnknownNameError(msg)
+
+
+def shown_path(path: Path) -> str:
+    """``path`` as messages name it: ``tasks/x.toml`` for shipped files, relative to the working folder where possible."""
+    resolved = path.resolve()
+    for folder, prefix in ((data_folder("tasks").resolve(), "tasks/"), (Path.cwd(), "")):
+        if resolved.is_relative_to(folder):
+            return prefix + resolved.relative_to(folder).as_posix()
+    return str(path)
+
+
+def as_written(value: object) -> str:
+    """A value as TOML would write it, shortened, without characters that steer a terminal."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        text = '"' + "".join(letter if letter.isprintable() else f"\\u{ord(letter):04x}" for letter in value) + '"'
+    elif isinstance(value, Mapping):
+        text = "{ " + ", ".join(f"{key} = {as_written(inner)}" for key, inner in value.items()) + " }"
+    elif isinstance(value, list):
+        text = "[" + ", ".join(as_written(inner) for inner in value) + "]"
+    else:
+        text = str(value)
+    return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."
+
+
+def _file_of(base: object, path: Path, shown: str) -> Path | None:
+    if base is None:
+        return None
+    if not isinstance(base, str):
+        msg = f"{shown}: base = {as_written(base)} is neither the id of a task nor a file beside this one, in quotes."
+        raise TaskError(msg)
+    if base.endswith(".toml"):
+        return path.parent / base
+    try:
+        return shipped_file(base)
+    except UnknownNameError as error:
+        msg = f"{shown}: base = {as_written(base)}: {error}"
+        raise UnknownNameError(msg) from None
+
+
+def _read_toml(path: Path, shown: str) -> dict[str, Any]:
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            msg = f"{shown} is no file, but a folder, a pipe or a device. Give a .toml file or the id of a task."
+            raise TaskError(msg)
+        if status.st_size > _LARGEST_FILE:
+            msg = f"{shown} has {status.st_size:,} bytes; a task file has some thousand. Is it the right file?"
+            raise TaskError(msg)
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        msg = f"There is no task file {shown}. `glbench tasks list` shows the tasks that are there."
+        raise TaskError(msg) from None
+    except (OSError, UnicodeDecodeError) as error:
+        msg = f"Cannot read the task file {shown}: {error}."
+        raise TaskError(msg) from error
+    except tomllib.TOMLDecodeError as error:
+        msg = f"{shown} is no valid TOML: {error}. Correct that line; tasks/ has files to compare with."
+        raise TaskError(msg) from error
+    except (RecursionError, ValueError) as error:  # nested without end; a number of thousands of digits
+        msg = f"{shown} is no task file: it holds a number or a nesting that no task has. Is it the right file?"
+        raise TaskError(msg) from error
+    _check_plain(content, shown)
+    return content
+
+
+def _check_plain(content: dict[str, Any], shown: str) -> None:
+    """Refuse numbers and nestings that what reads the task later would stumble over."""
+    inside: list[tuple[str, object, int]] = [("the file", content, 0)]
+    while inside:
+        key, value, depth = inside.pop()
+        if depth > _DEEPEST:
+            msg = f"{shown}: {key} is nested more than {_DEEPEST} deep, which nothing in a task is."
+            raise TaskError(msg)
+        if isinstance(value, int) and not -_LARGEST_INTEGER <= value < _LARGEST_INTEGER:
+            msg = f"{shown}: {key} is a whole number beyond 64 bits. Correct it."
+            raise TaskError(msg)
+        if isinstance(value, dict):
+            inside += [(str(name), inner, depth + 1) for name, inner in value.items()]
+        elif isinstance(value, list):
+            inside += [(key, inner, depth + 1) for inner in value]
+
+
+def _merged(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    """``own`` over ``base``, table by table."""
+    merged = dict(base)
+    for key, value in own.items():
+        below = merged.get(key)
+        merged[key] = _merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+    return merged
+
+
+def _changes(base: Mapping[str, Any], merged: Mapping[str, Any]) -> Iterator[Change]:
+    before = dict(_leaves(base))
+    for key, value in _leaves(merged):
+        if key not in NOT_INHERITED and before.get(key) != value:
+            yield Change(key, as_written(value), as_written(before[key]) if key in before else None)
+
+
+def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, object]]:
+    """Full names of keys and their values; a number with its unit is one value."""
+    for key, value in table.items():
+        if isinstance(value, dict) and "unit" not in value:
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value

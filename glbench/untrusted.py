@@ -1,0 +1,140 @@
+"""Reading what strangers made: regular files only, no larger than they may be, expanded no further than is allowed.
+
+Everything here is for files that may be hostile: results, records, profiles and cards from elsewhere.
+"""
+
+from __future__ import annotations
+
+import gzip
+import io
+import json
+import os
+import re
+import stat
+import unicodedata
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+MIB: Final = 2**20
+LARGEST_INTEGER: Final = 2**53 - 1
+"""Largest whole number in a result or a record: beyond it, JSON programs disagree about the value."""
+AGENT_NAME_RULE: Final = (
+    "letters, digits, '.', '_' and '-', beginning with a letter or digit, not ending in '.proof', at most 100"
+)
+_AGENT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+_LONGEST_QUOTE = 80
+_STEERING = frozenset("\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
+"""Ends of lines and changes of direction, which Unicode does not count as control characters."""
+
+
+def read_regular(path: Path, largest: int) -> bytes:
+    """Content of the regular file ``path``, which has at most ``largest`` bytes.
+
+    Raises
+    ------
+    OSError
+        When it is missing, cannot be read, is larger, or is a folder, a pipe or a device. A pipe is not waited for.
+    """
+    try:
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    except ValueError as error:  # a null character in the path
+        raise OSError(str(error)) from error
+    try:
+        about = os.fstat(handle)
+        if not stat.S_ISREG(about.st_mode):
+            msg = "it is a folder, a pipe or a device, and not a regular file"
+            raise OSError(msg)
+        if about.st_size > largest:
+            msg = f"it is larger than {_size(largest)}"
+            raise OSError(msg)
+        with os.fdopen(handle, "rb", closefd=False) as file:
+            return file.read(about.st_size)
+    finally:
+        os.close(handle)
+
+
+def gunzip(data: bytes, largest: int) -> bytes:
+    """The content of a gzip file.
+
+    Raises
+    ------
+    OSError, EOFError, zlib.error
+        When it is damaged.
+    ValueError
+        When it expands to more than ``largest`` bytes; no more than that is ever held.
+    """
+    with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+        content = read_pieces(file.read, largest + 1)
+    if len(content) > largest:
+        msg = f"it expands to more than {_size(largest)}"
+        raise ValueError(msg)
+    return content
+
+
+def read_pieces(read: Callable[[int], bytes], most: int) -> bytes:
+    """What ``read(size)`` gives until it gives nothing, ``most`` bytes of it; a promise of many bytes takes no memory."""
+    pieces, left = [], most
+    while left > 0 and (piece := read(min(MIB, left))):
+        pieces.append(piece)
+        left -= len(piece)
+    return b"".join(pieces)
+
+
+def parse_json(text: bytes | str) -> Any:
+    """The value of a JSON text.
+
+    Raises
+    ------
+    ValueError
+        When it is no JSON, holds an integer of thousands of digits, or is nested too deeply. ``json.JSONDecodeError`` is one.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        msg = "it is nested too deeply"
+        raise ValueError(msg) from error
+
+
+def quoted(value: object) -> str:
+    """``value`` as Python writes it, shortened, on one line."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # an integer of thousands of digits, or lists nested without end
+        return "a value that is too large to show"
+    text = text if len(text) <= _LONGEST_QUOTE else f"{text[: _LONGEST_QUOTE - 4]} ..."
+    return shown(text)
+
+
+def is_agent_name(name: str) -> bool:
+    """Whether results can be filed under ``name``; ``.proof.json`` is the ending of the files that `glbench verify` writes."""
+    return _AGENT_NAME.fullmatch(name) is not None and not name.lower().endswith(".proof")
+
+
+def shown(text: str) -> str:
+    """``text`` with characters that would steer a terminal or break a line replaced by U+FFFD."""
+    return "".join("\ufffd" if steers(letter) else letter for letter in text)
+
+
+def steers(letter: str) -> bool:
+    """Whether a character steers a terminal, ends a line, changes the direction of writing, or is half of one."""
+    return unicodedata.category(letter) in {"Cc", "Cs"} or letter in _STEERING
+
+
+def one_line(text: str) -> str:
+    """``text``, if it can be shown on one line.
+
+    Raises
+    ------
+    ValueError
+        When it holds a character that steers a terminal or ends the line.
+    """
+    strange = next((letter for letter in text if steers(letter)), None)
+    if strange is not None:
+        msg = f"the character U+{ord(strange):04X} cannot be shown"
+        raise ValueError(msg)
+    return text
+
+
+def _size(count: int) -> str:
+    return f"{count // MIB} MiB" if count >= MIB else f"{count // 1024} KiB"

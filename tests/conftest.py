@@ -1,0 +1,73 @@
+"""For every test: no time limits but its own, children get their signals as a terminal gives them, and none is left behind."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("busy")
+
+_SUBREAPER = 36
+_ENDING_SECONDS = 60.0
+
+
+def pytest_configure() -> None:
+    """Let children start with the signals' own meanings, also under nohup, or in the background of a script, where SIGINT is ignored.
+
+    A handler is not inherited by another program, and what is ignored is; so what is ignored here gets a handler that does nothing.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) == signal.SIG_IGN:
+            signal.signal(number, lambda *_: None)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_process_is_left_behind() -> Iterator[None]:
+    """Fail where a process that a test started, directly or not, goes on when all tests are done."""
+    if not sys.platform.startswith("linux"):
+        yield
+        return
+    # Children of processes that have ended become this one's.
+    ctypes.CDLL(None).prctl(_SUBREAPER, 1, 0, 0, 0)
+    before = _descendants()
+    yield
+    deadline = time.monotonic() + _ENDING_SECONDS
+    # Two looks: one may miss a process whose parent ends just then.
+    while (left := (_descendants() | _descendants()).items() - before.items()) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not left, f"processes were left behind: {left}"
+
+
+def _descendants() -> dict[int, str]:
+    """Command lines of the processes that this one started, and that those did; without any that have ended."""
+    parents: dict[int, int] = {}
+    for place in Path("/proc").glob("[0-9]*"):
+        try:
+            state, parent = (place / "stat").read_text(errors="replace").rpartition(") ")[2].split()[:2]
+        except OSError:  # it ended while we looked
+            continue
+        if state != "Z":
+            parents[int(place.name)] = int(parent)
+    found, waiting = dict[int, str](), [os.getpid()]
+    while waiting:
+        parent = waiting.pop()
+        children = [pid for pid, its_parent in parents.items() if its_parent == parent]
+        waiting += children
+        found |= {pid: _command_line(pid) for pid in children}
+    return found
+
+
+def _command_line(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")[:200]
+    except OSError:
+        return "ended"

@@ -1,0 +1,92 @@
+"""``baselines/release.py``: what it releases, and what it refuses."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from glbench.agents.identity import baseline_names
+from glbench.errors import ResultError
+from glbench.evaluation import Result, load_result, result_path, save_result
+from glbench.evaluation.records import GitState
+
+ROOT = Path(__file__).resolve().parents[2]
+COMMIT = GitState(commit="c" * 40, dirty=False)
+
+
+@pytest.fixture
+def release(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    spec = importlib.util.spec_from_file_location("release", ROOT / "baselines" / "release.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "release", module)  # dataclasses look there
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "git_state", lambda: COMMIT)
+    return module
+
+
+@pytest.fixture
+def result() -> Result:
+    """A released result, as if it came from this commit."""
+    file = result_path(ROOT / "reports" / "released", "glbench/Schiphol2010-Delta10-v1", "rule_based")
+    return load_result(file).model_copy(update={"git": COMMIT})
+
+
+def with_kernel(result: Result, **changes: str) -> Result:
+    evaluation = result.evaluation.model_copy(update={"kernel": result.evaluation.kernel | changes})
+    return result.model_copy(update={"evaluation": evaluation})
+
+
+def test_every_released_result_and_every_built_in_agent_is_planned(release):
+    jobs = release.plan()
+    released = [file for file in (ROOT / "reports/released/results").rglob("*.json") if "proof" not in file.name]
+    assert len([job for job in jobs if job.released is not None]) == len(released)
+    assert {job.agent for job in jobs} == {*baseline_names(), "do_nothing"}
+    assert {job.ref for job in jobs if job.agent == "do_nothing"} == {str(ROOT / "submissions" / "do_nothing.py")}
+
+
+def test_a_result_of_this_commit_with_the_released_digest_is_accepted(release, result, tmp_path):
+    job = release.Job("rule_based", result.task.id, result.results_digest)
+    release.check(job, result, tmp_path, new_digests=False)
+
+
+@pytest.mark.parametrize("git", [None, GitState(commit="c" * 40, dirty=True), GitState(commit="d" * 40, dirty=False)])
+def test_a_result_of_another_state_of_the_checkout_is_refused(release, result, tmp_path, git):
+    job = release.Job("rule_based", result.task.id, result.results_digest)
+    with pytest.raises(ResultError, match="the checkout changed"):
+        release.check(job, result.model_copy(update={"git": git}), tmp_path, new_digests=False)
+
+
+def test_other_scores_are_refused_unless_they_are_meant_to_change(release, result, tmp_path):
+    job = release.Job("rule_based", result.task.id, "0" * 64)
+    with pytest.raises(ResultError, match="the scores differ"):
+        release.check(job, result, tmp_path, new_digests=False)
+    release.check(job, result, tmp_path, new_digests=True)
+
+
+def test_builds_of_the_kernel_are_not_mixed(release, result, tmp_path):
+    job = release.Job("rule_based", result.task.id, result.results_digest)
+    save_result(with_kernel(result, library_digest="f" * 64), tmp_path)
+    with pytest.raises(ResultError, match="another build"):
+        release.check(job, result, tmp_path, new_digests=False)
+    with pytest.raises(ResultError, match="needs a C"):
+        release.check(job, with_kernel(result, backend="casadi"), tmp_path, new_digests=False)
+    save_result(result, tmp_path / "out")
+    assert release.unlike(tmp_path / "out", tmp_path) == ["results/Schiphol2010-Delta10-v1/rule_based.json"]
+    assert release.unlike(tmp_path / "out", tmp_path / "out") == []
+
+
+def test_what_is_copied_is_done_until_it_changes(release, result, tmp_path):
+    job = release.Job("rule_based", result.task.id, None)
+    for folder in ("work", "out"):
+        for place, _ in release.copies(job, tmp_path / folder, tmp_path / "nowhere"):
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_text(place.name, encoding="utf-8")
+    assert release.is_released(job, tmp_path / "out", tmp_path / "work")
+    place.write_text("another proof", encoding="utf-8")
+    assert not release.is_released(job, tmp_path / "out", tmp_path / "work")
