@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from glbench.evaluation.metrics import UNITS
 from glbench.leaderboard.aggregates import Interval
-from glbench.leaderboard.entries import Origin
+from glbench.leaderboard.collect import Origin
 from glbench.leaderboard.escaping import latex_text, number_text, visible
 from glbench.leaderboard.ranking import Row, TaskTable
 from glbench.leaderboard.suites import SuiteRow, SuiteTable

@@ -10,9 +10,9 @@ import numpy as np
 from glbench.evaluation import Result
 from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.leaderboard.budget import budget_of
-from glbench.leaderboard.collect import Expectation, StoredResult, refuse_mixed_digests
+from glbench.leaderboard.collect import Expectation, Origin, StoredResult, refuse_mixed_digests
 from glbench.leaderboard.comparisons import RESOLUTION, tiers
-from glbench.leaderboard.entries import RANKING_METRIC, Entry, Origin, entries_by_task, expected_seeds, metric_of
+from glbench.leaderboard.entries import RANKING_METRIC, Entry, entries_by_task, expected_seeds, metric_of
 from glbench.leaderboard.kernels import kernel_build, kernel_label
 from glbench.leaderboard.statistics import bootstrap_interval, interquartile_mean, mean
 

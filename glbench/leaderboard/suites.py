@@ -19,9 +19,9 @@ from glbench.leaderboard.aggregates import (
     pooled,
     probability_of_improvement,
 )
-from glbench.leaderboard.collect import Expectation, StoredResult
+from glbench.leaderboard.collect import Expectation, Origin, StoredResult
 from glbench.leaderboard.comparisons import RESOLUTION, tiers
-from glbench.leaderboard.entries import ORIGINS, Origin, entries_by_task, metric_of
+from glbench.leaderboard.entries import ORIGINS, entries_by_task, metric_of
 from glbench.leaderboard.ranking import SANDBOXES, Row, TaskTable
 from glbench.leaderboard.resampling import Array
 from glbench.tasks import list_suites
