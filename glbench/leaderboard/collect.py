@@ -15,8 +15,6 @@ from glbench.verification import SUFFIX, read_proof
 Origin = Literal["released", "own", "trial"]
 """Where a result comes from: it came with glbench, is the user's own, or is the user's own with other seeds than the task's."""
 ORIGINS: tuple[Origin, ...] = ("released", "own", "trial")
-LARGEST_METRIC = 1e12
-"""No metric of a run is larger than this, in its unit: sums and tables of larger ones would overflow."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +90,7 @@ def read_folder(folder: Path) -> tuple[list[StoredResult], list[ResultError]]:
         if path.name.endswith(SUFFIX):
             continue
         try:
-            found.append(StoredResult(path, _readable(path), reproduced=read_proof(path) is not None))
+            found.append(StoredResult(path, load_result(path), reproduced=read_proof(path) is not None))
         except ResultError as error:
             problems.append(error)
     return found, problems
@@ -138,21 +136,6 @@ def refuse_mixed_digests(stored: Iterable[StoredResult], expected: Mapping[str, 
                 raise ResultError(_stranger_message(task_id, published.digest, strangers))
         elif len(by_digest) > 1:
             raise ResultError(_mixture_message(task_id, by_digest))
-
-
-def _readable(path: Path) -> Result:
-    """The result in ``path``, whose numbers can be averaged."""
-    try:
-        result = load_result(path)
-        name, value = max(
-            ((name, abs(value)) for run in result.runs for name, value in run.metrics.items()), key=lambda one: one[1]
-        )
-    except OverflowError:
-        name, value = "numbers", float("inf")
-    if value > LARGEST_METRIC:
-        msg = f"{path} holds {name} of {value:.3g} in a run, and no greenhouse gets beyond {LARGEST_METRIC:g}. Remove the file."
-        raise ResultError(msg)
-    return result
 
 
 def _distinct(folders: Iterable[Path]) -> list[Path]:

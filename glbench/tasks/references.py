@@ -18,7 +18,7 @@ from glbench.registration import REFERENCES_NAME
 from glbench.resources import data_folder, write_atomically
 
 _HEAD = """# Zero and one of normalised scores: the mean reward of doing nothing (submissions/do_nothing.py) and that of the best known
-# result of each task, over the task's runs. Written by `glbench tasks references --write --out reports/released`.
+# result of each task, over the task's runs. Written by `glbench tasks references --write` from reports/released.
 """
 
 

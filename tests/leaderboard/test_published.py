@@ -53,7 +53,7 @@ def test_ones_own_evaluation_with_the_released_bits_needs_no_second_row(tmp_path
     save_result(released("rule_based"), tmp_path)
     (row,) = rows(tmp_path, "rule_based")
     assert row.origin == "released"
-    assert row.verified
+    assert row.reproduced
     assert own_and_released_results(tmp_path)[1] == ()
 
 
