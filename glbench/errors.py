@@ -77,8 +77,8 @@ def whole_number(value: object, what: str) -> int:
     return operator.index(value)  # type: ignore[arg-type]
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Sentence that points to the known names nearest to ``name``; lists all of them when they are few.
+def did_you_mean(name: str, known: Iterable[str], *, list_few: bool = True) -> str:
+    """Sentence that points to the known names nearest to ``name``; without one, and with ``list_few``, lists all if they are few.
 
     Returns
     -------
@@ -90,6 +90,6 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     near = [by_lower[m] for m in difflib.get_close_matches(str(name).lower(), list(by_lower), n=3, cutoff=0.6)]
     if near:
         return " Did you mean " + " or ".join(f"'{k}'" for k in near) + "?"
-    if 0 < len(names) <= 12:
+    if list_few and 0 < len(names) <= 12:
         return " Known: " + ", ".join(names) + "."
     return ""

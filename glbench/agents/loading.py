@@ -111,7 +111,7 @@ def _nothing_there(ref: str, path: Path) -> str:
     known = baseline_names()
     if path.suffix in FORMS or len(path.parts) > 1:
         beside = [item.name for item in path.parent.iterdir() if item.suffix in FORMS] if path.parent.is_dir() else []
-        near = did_you_mean(path.name, beside) if beside else ""
+        near = did_you_mean(path.name, beside, list_few=False)
         if (data_folder("submissions") / path.name).is_file():
             return (
                 f"There is no file {path}. An example of that name comes with glbench: "
@@ -119,6 +119,6 @@ def _nothing_there(ref: str, path: Path) -> str:
             )
         return f"There is no file or folder {path}.{near} {EXPECTED}."
     return (
-        f"'{ref}' is neither a file or folder here nor a baseline.{did_you_mean(ref, known)} "
+        f"'{ref}' is neither a file or folder here nor a baseline.{did_you_mean(ref, known, list_few=False)} "
         f"Baselines: {', '.join(known)}. A submission is named by its path, such as submissions/my_agent.py."
     )

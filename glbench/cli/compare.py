@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import harmless, messages, output
+from glbench.cli.console import harmless, messages, output, say
 from glbench.errors import ResultError
 
 if TYPE_CHECKING:
@@ -62,9 +62,9 @@ def compare(
         output().print(_metrics_table(pairs[0]))
     else:
         output().print(_tasks_table(pairs, corrected))
-        output().print(_count(pairs, corrected), soft_wrap=True)
+        say(output(), _count(pairs, corrected))
     for pair, p_value in list(zip(pairs, corrected, strict=True))[:_SENTENCES]:
-        output().print(_sentence(pair, p_value, named=len(pairs) > 1), soft_wrap=True)
+        say(output(), _sentence(pair, p_value, named=len(pairs) > 1))
     if len(pairs) > _SENTENCES:
         messages().print(
             f"In words for the first {_SENTENCES} tasks; --task ID shows every metric of one.", style="dim"

@@ -29,6 +29,15 @@ def messages() -> Console:
     return Console(stderr=True, highlight=False)
 
 
+def say(console: Console, text: str, style: str | None = None) -> None:
+    """Print a paragraph: in a terminal lines end between words, elsewhere it is one line.
+
+    A word longer than a line, such as a path, is left to the terminal, so that it can be copied.
+    """
+    whole = not console.is_terminal or max(map(len, text.split()), default=0) > console.width
+    console.print(text, style=style, soft_wrap=whole)
+
+
 def harmless(text: str) -> str:
     """``text`` without characters that steer a terminal: names of files and words of strangers may hold them."""
     return "".join(letter if letter.isprintable() or letter in "\n\t" else "?" for letter in text)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.choices import Sandbox
-from glbench.cli.console import messages, output, print_warning
+from glbench.cli.console import messages, output, print_warning, say
 from glbench.cli.leaving import INTERRUPTED, leaving_at_once, tell_interrupted
 from glbench.cli.view import live_view, live_viewer
 from glbench.errors import GlbenchError, SubmissionError, TaskError
@@ -227,7 +227,7 @@ def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = Non
     from glbench.evaluation import SavingError
 
     if not as_json:
-        messages().print(announcement(evaluation), soft_wrap=True)
+        say(messages(), announcement(evaluation))
     result = evaluation.stored
     if result is None:
         try:

@@ -42,7 +42,7 @@ _SHOWN_LINES, _LONGEST_LINE = 20, 300
 _PROTECTIONS = {
     "bubblewrap": "in a sandbox (bubblewrap)",
     "unsandboxed": "[yellow]unsandboxed[/yellow]",
-    "built-in": "built in",
+    "built-in": "a built-in agent",
 }
 
 
@@ -56,7 +56,7 @@ def announcement(evaluation: Evaluation) -> str:
     return (
         f"[bold]{escape(evaluation.agent.name)}[/bold]{privileged} on [bold]{escape(task.id)}[/bold]: {escape(task.title)}\n"
         f"{_count(len(seeds), 'run')} ({numbers}) of {_count(days, 'day')}, {task.steps} steps of {task.step_seconds:g} s; "
-        f"{_count(evaluation.workers, 'worker')}, kernel '{evaluation.kernel['backend']}', {_PROTECTIONS[evaluation.protection]}"
+        f"{_count(evaluation.workers, 'worker')}, {evaluation.kernel['backend']} kernel, {_PROTECTIONS[evaluation.protection]}"
     )
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import harmless, messages, output
+from glbench.cli.console import harmless, messages, output, say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -85,7 +85,7 @@ def _show(result: Result, where_from: Sequence[str]) -> None:
     rewards = sorted(result.values("reward"))
     if rewards[0] < rewards[-1]:
         output().print(
-            f"\n[bold]Reward of the runs[/], worst to best: {rewards[0]:,.1f} {sparkline(rewards)} {rewards[-1]:,.1f}",
+            f"\n[bold]Rewards[/], worst to best: {rewards[0]:,.1f} {sparkline(rewards)} {rewards[-1]:,.1f}",
             soft_wrap=True,
         )
     worst = min(result.runs, key=lambda run: run.metrics["reward"])
@@ -109,7 +109,7 @@ def _show(result: Result, where_from: Sequence[str]) -> None:
     ]
     output().print()
     for line in lines:
-        output().print(escape(harmless(line)), style="dim", soft_wrap=True)
+        say(output(), escape(harmless(line)), style="dim")
 
 
 def money_lines(result: Result) -> list[str]:

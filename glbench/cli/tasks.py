@@ -47,7 +47,9 @@ def list_command(
         return
     for part in listing(tasks, digests):
         output().print(part)
-    messages().print(f"Without a name, {DEFAULT_TASK} is meant. `glbench tasks show` explains a task.", style="dim")
+    messages().print(
+        f"Commands without --task take {DEFAULT_TASK}. `glbench tasks show ID` explains a task.", style="dim"
+    )
 
 
 @app.command("show")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, output, print_warning
+from glbench.cli.console import messages, output, print_warning, say
 from glbench.errors import GlbenchError
 
 if TYPE_CHECKING:
@@ -104,19 +104,19 @@ def _show(verdict: Verdict) -> None:
     if verdict.exactness == "tolerance":
         heading = "[bold yellow]reproduced within 1e-9[/]"
     output().print(f"{heading} {escape(_printable(str(verdict.path)))}", soft_wrap=True)
-    output().print(f"  {escape(_printable(verdict.reason))}", soft_wrap=True)
+    say(output(), f"  {escape(_printable(verdict.reason))}")
     if verdict.outcome == "reproduced":
         seeds = ", ".join(map(str, verdict.episodes[:8])) + (" ..." if len(verdict.episodes) > 8 else "")
         whole = f"; every column of the full episodes of the seeds {seeds}" if verdict.episodes else ""
         profile = "; the profile" if "profile" in verdict.reproduced else ""
-        output().print(
-            f"  Reproduced: {verdict.steps} rewards, {verdict.runs} final states, all metrics and their means; the digests of the task "
+        say(
+            output(),
+            f"  Reproduced: {verdict.steps:,} rewards, {verdict.runs} final states, all metrics and their means; the digests of the task "
             f"and of the result{whole}{profile}.",
-            soft_wrap=True,
         )
-        output().print(f"  Stated, not checked: {'; '.join(stated_words(verdict.stated))}.", soft_wrap=True)
+        say(output(), f"  Stated, not checked: {'; '.join(stated_words(verdict.stated))}.")
     for note in verdict.notes:
-        output().print(f"  Note: {escape(note)}", soft_wrap=True)
+        say(output(), f"  Note: {escape(note)}")
 
 
 def _printable(text: str) -> str:

@@ -75,7 +75,7 @@ class _Curve:
         """Take over the values of a run, at ``hours`` up to now (0)."""
         outside = (values < self.low) | (values > self.high)
         self.line.set_data(hours, values)
-        self.broken.set_data(hours[outside], values[outside])
+        self.broken.set_data(hours, np.where(outside, values, np.nan))
         self.now.set_data(hours[-1:], values[-1:])
         color = _BROKEN if outside[-1] else self.line.get_color()
         self.now.set_color(color)
@@ -99,6 +99,9 @@ class Picture:
         self._title, self._place = (
             self._figure.text(x, 0.982, "", fontsize=9, color=_INK, fontweight=weight, ha=side, va="top", animated=True)
             for x, weight, side in ((0.012, "bold", "left"), (0.988, "normal", "right"))
+        )
+        self._seed = self._figure.text(  # at the foot: unseeded episodes have seeds of up to 20 digits
+            0.988, 0.008, "", fontsize=7, color=_QUIET, ha="right", va="bottom", animated=True
         )
         self._climate = self._make_climate()
         self._controls = tuple(
@@ -127,7 +130,8 @@ class Picture:
         hours = np.arange(1 - len(points), 1).astype(np.float64) * (self._task.step_seconds / 3600.0)
         time = simulation.time[row]
         self._title.set_text(f"{self._task.short_id}   {_words(time)} UTC")
-        self._place.set_text(f"step {simulation.k[row]} of {self._task.steps}, seed {simulation.seeds[row]}")
+        self._place.set_text(f"step {simulation.k[row]} of {self._task.steps}")
+        self._seed.set_text(f"seed {simulation.seeds[row]}")
         changed = [
             self._show_air(curve, hours, values) for curve, values in zip(self._climate, points.T[AIR], strict=True)
         ]
@@ -166,7 +170,7 @@ class Picture:
     def _curve(self, axes: Axes, title: str, unit: str, color: str) -> _Curve:
         axes.set_title(title, fontsize=8, color=_INK, loc="left", pad=3)
         (line,) = axes.plot([], [], color=color, lw=1.4, animated=True)
-        (broken,) = axes.plot([], [], color=_BROKEN, ls="none", marker=".", ms=4.0, mew=0.0, animated=True)
+        (broken,) = axes.plot([], [], color=_BROKEN, lw=1.4, marker=".", ms=4.0, mew=0.0, animated=True)
         (now,) = axes.plot([], [], color=color, marker="o", ms=4.0, mew=0.0, animated=True, clip_on=False)
         value = axes.text(
             1.0,

@@ -31,7 +31,7 @@ FOOTNOTES = (
     "corrected for their number (Holm), at 5 %.",
     "Where a task draws nothing, all runs are alike and there is no interval. Closed loops amplify rounding there, so a reward that "
     f"differs by less than {RESOLUTION:g} counts as the same.",
-    "Source: released with glbench; own, evaluated by you; trial, with other seeds than the task's and therefore not ranked.",
+    "Source: released with glbench; own, evaluated by you; trial, with other seeds than the task's, such as fewer runs, and not ranked.",
     f"{PRIVILEGED_MARK} privileged: sees more than the observations, or acts without the rate limit.",
     f"{UNSANDBOXED_MARK} unsandboxed: ran with all rights of the evaluation, so that nothing but its code tells what it used.",
     f"{REPRODUCED_MARK} reproduced: glbench verify simulated all runs again from the recorded actions and got the same numbers.",

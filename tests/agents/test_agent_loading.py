@@ -131,12 +131,14 @@ def test_a_changed_file_is_read_anew(write: Write, card: TaskCard) -> None:
 def test_a_missing_file_is_named_with_its_nearest_neighbour(write: Write) -> None:
     folder = write("still.py", STILL).parent
     assert "Did you mean 'still.py'?" in refusal(folder / "stil.py")
+    assert "still.py" not in refusal(folder / "other.py")
 
 
 def test_a_word_that_is_no_baseline_is_answered_with_the_baselines() -> None:
     message = refusal("rule_base")
     assert "neither a file or folder here nor a baseline" in message
     assert "Did you mean 'rule_based'" in message
+    assert refusal("nothere").count("rule_based_fair") == 1
 
 
 @pytest.mark.parametrize("ref", [None, 3, ["rule_based"]])

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from glbench import __version__
+from glbench.cli.console import say
 from glbench.errors import GlbenchError
 from tests.cli.command_line import Command
 
@@ -38,6 +41,24 @@ def test_help_loads_nothing_heavy() -> None:
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
 
     assert loaded.stdout.strip() == "[]"
+
+
+def test_a_paragraph_ends_its_lines_between_words_in_a_terminal_only() -> None:
+    text = "30 runs of 60 days, 5760 steps of 900 s; 2 workers, [bold]compiled[/bold] kernel, in a sandbox"
+    path = "/a/folder/with/a/name/that/is/longer/than/the/line.json"
+
+    def printed(text: str, *, terminal: bool) -> list[str]:
+        console = Console(file=io.StringIO(), width=30, force_terminal=terminal, color_system=None, highlight=False)
+        say(console, text)
+        assert isinstance(console.file, io.StringIO)
+        return console.file.getvalue().splitlines()
+
+    plain = text.replace("[bold]", "").replace("[/bold]", "")
+    assert printed(text, terminal=False) == [plain]
+    lines = printed(text, terminal=True)
+    assert len(lines) > 1
+    assert [word for line in lines for word in line.split()] == plain.split()
+    assert printed(f"Saved: {path}", terminal=True) == [f"Saved: {path}"]
 
 
 def test_wrong_usage_leaves_with_2(glbench: Command) -> None:
