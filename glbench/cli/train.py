@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, output
+from glbench.cli.console import messages, output, say
+from glbench.cli.leaving import INTERRUPTED, tell_interrupted
 from glbench.cli.training_support import Task, needs_the_extra, say_what_came_out, the_task
 from glbench.errors import TrainingError
 
@@ -66,10 +67,10 @@ def train(
     check_settings(settings)
     total, rollout = steps_to_make(settings, chosen.steps), rollout_steps(settings, chosen.steps)
     rounded = "" if total == settings.n_timesteps else f" ({settings.n_timesteps:,} in whole rollouts of {rollout:,})"
-    messages().print(
+    say(
+        messages(),
         f"Training [bold]{algorithm}[/bold] on [bold]{chosen.id}[/bold]: {total:,} steps{rounded}, "
         f"{settings.n_envs} greenhouses, seed {seed}, in {folder}",
-        soft_wrap=True,
     )
     trained = _trained(chosen, settings, folder, seed=seed, resume=resume, wandb=wandb, tensorboard=tensorboard)
     if trained.already_done:
@@ -149,10 +150,8 @@ def sweep(
     try:
         trials = run_sweep(search, folder, workers=workers, report=_say_trial)
     except KeyboardInterrupt:
-        messages().print(
-            "\n[bold yellow]Interrupted.[/bold yellow] Trials that ended are kept: the same command goes on."
-        )
-        raise typer.Exit(130) from None
+        tell_interrupted("Trials that ended are kept: the same command goes on.")
+        raise typer.Exit(INTERRUPTED) from None
     _print_trials(trials)
 
 
@@ -162,6 +161,8 @@ def _trained(
     from glbench.cli.training_progress import TrainingBar
     from glbench.training import train as run_training
     from glbench.training.algorithms import steps_to_make
+    from glbench.training.checkpoint import find_checkpoint
+    from glbench.training.folder import CHECKPOINT
 
     with contextlib.ExitStack() as stack:
         bar = stack.enter_context(TrainingBar(steps_to_make(settings, task.steps)))
@@ -178,10 +179,12 @@ def _trained(
             )
         except KeyboardInterrupt:
             bar.__exit__(None, None, None)
-            messages().print(
-                "\n[bold yellow]Interrupted.[/bold yellow] The same command with --resume goes on from the last checkpoint."
+            tell_interrupted(
+                "The same command with --resume goes on from the last checkpoint."
+                if find_checkpoint(folder / CHECKPOINT)
+                else "Nothing was trained long enough to be kept: the same command starts again."
             )
-            raise typer.Exit(130) from None
+            raise typer.Exit(INTERRUPTED) from None
 
 
 def _say_trial(trial: TrialReport) -> None:

@@ -56,8 +56,8 @@ class TrainingBar:
         sums = point.result.sums
         best = "  [green]best[/green]" if point.is_best else ""
         messages().print(
-            f"{point.steps:>9,} steps {_duration(point.seconds):>7}  reward {sums['reward']:8,.1f}  "
-            f"EPI {sums['epi']:6.2f} EUR/m2  penalty {sums['penalty']:6.1f}{best}",
+            f"{point.steps:>9,} steps {_duration(point.seconds):>6}  reward {sums['reward']:8,.1f}  "
+            f"EPI {sums['epi']:6.2f} EUR/m²  penalty {sums['penalty']:6.1f}{best}",
             soft_wrap=True,
         )
 

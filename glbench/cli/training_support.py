@@ -42,7 +42,10 @@ def needs_the_extra(extra: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        msg = f"This needs packages that are not installed ({error.name}). Install them with: uv sync --extra {extra}"
+        msg = (
+            f"This needs packages that are not installed ({error.name}). "
+            f'Install them with `pip install "glbench[{extra}]"`, or in a checkout with `uv sync --extra {extra}`.'
+        )
         raise TrainingError(msg) from error
 
 

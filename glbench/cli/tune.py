@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from glbench.cli.console import messages
+from glbench.cli.leaving import INTERRUPTED, tell_interrupted
 from glbench.cli.training_support import Task, needs_the_extra, say_what_came_out, the_task
 
 
@@ -53,10 +54,8 @@ def tune(
         with bar:
             found = search(chosen, settings, folder, seed=seed, resume=resume, listeners=[bar])
     except KeyboardInterrupt:
-        messages().print(
-            "\n[bold yellow]Interrupted.[/bold yellow] The same command with --resume goes on from the last evaluation."
-        )
-        raise typer.Exit(130) from None
+        tell_interrupted("The same command with --resume goes on from the last evaluation.")
+        raise typer.Exit(INTERRUPTED) from None
     if found.already_done:
         messages().print("Already tuned with these settings. More: --generations N --resume.")
     say_what_came_out(found, task)

@@ -12,7 +12,10 @@ from glbench.training.progress import CurvePoint, Progress
 if TYPE_CHECKING:
     from glbench.training.search_space import Search
 
-_NOT_INSTALLED = "Weights & Biases is not installed. Install it with: uv sync --extra train --extra wandb"
+_NOT_INSTALLED = (
+    'Weights & Biases is not installed. Install it with `pip install "glbench[train,wandb]"`, '
+    "or in a checkout with `uv sync --extra train --extra wandb`."
+)
 _NOT_IN_AN_ID = re.compile(r"[^A-Za-z0-9_-]")
 
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import importlib
 import tomllib
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
 pytest.importorskip("stable_baselines3", reason="training needs the extra 'train'")
 
+from glbench.cli.training_support import needs_the_extra
+from glbench.errors import TrainingError
 from tests.cli.command_line import Command
 
 TINY = """
@@ -170,3 +174,33 @@ def test_a_mistake_is_explained(glbench: Command, settings: Path, arguments: tup
     answer = glbench(*arguments)
     assert answer.code == 1
     assert said in answer.err
+
+
+def interrupted(*_: object, **__: object) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+def test_an_interrupted_training_says_once_what_was_kept(
+    glbench: Command, settings: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("glbench.training.train", interrupted)
+    arguments = ("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "run")
+    nothing = glbench(*arguments)
+    assert (nothing.code, nothing.err.count("Interrupted.")) == (130, 1)
+    assert "Nothing was trained long enough to be kept: the same command starts again." in nothing.err
+    monkeypatch.setattr("glbench.training.checkpoint.find_checkpoint", lambda folder: folder)
+    assert "with --resume goes on from the last checkpoint" in glbench(*arguments).err
+
+
+def test_an_interrupted_search_says_so_once(glbench: Command, settings: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("glbench.training.sweep.sweep", interrupted)
+    answer = glbench("sweep", "--config", "sweep.yml")
+    assert (answer.code, answer.err.count("Interrupted.")) == (130, 1)
+    assert "Trials that ended are kept" in answer.err
+
+
+def test_what_to_install_is_said_for_a_wheel_and_for_a_checkout() -> None:
+    with pytest.raises(TrainingError) as caught, needs_the_extra("train"):
+        importlib.import_module("glbench_is_not_this")
+    for words in ("glbench_is_not_this", '`pip install "glbench[train]"`', "`uv sync --extra train`"):
+        assert words in str(caught.value)
