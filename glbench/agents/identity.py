@@ -193,7 +193,7 @@ def name_of(place: Path) -> str:
         )
         raise SubmissionError(msg)
     if name.casefold().endswith(".proof"):
-        msg = f"The result of '{name}' would be taken for the proof of another one. Rename {place} so that it does not end in '.proof'."
+        msg = f"The result of '{name}' would be taken for a note of `glbench verify`. Rename {place} so that it does not end in '.proof'."
         raise SubmissionError(msg)
     baseline = baseline_like(name)
     if baseline is not None:

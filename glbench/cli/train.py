@@ -179,7 +179,7 @@ def _trained(
         except KeyboardInterrupt:
             bar.__exit__(None, None, None)
             messages().print(
-                "\n[bold yellow]Interrupted.[/bold yellow] The same command with --resume goes on from the last checkpoint."
+                "\n[bold yellow]Interrupted.[/bold yellow] The same command with --resume continues from the last checkpoint."
             )
             raise typer.Exit(130) from None
 

@@ -67,7 +67,7 @@ def verify(
         with messages().status(f"simulating {escape(_printable(path.name))} again"):
             verdict = verify_result(path, episodes=episodes, task=task, workers=workers)
         codes.append(verdict.exit_code)
-        if proof and not is_released(path):  # released results keep the proof that came with them
+        if proof and not is_released(path):  # released results keep the note that came with them
             try:
                 save_proof(verdict)
             except GlbenchError as error:

@@ -19,7 +19,7 @@ ORIGINS: tuple[Origin, ...] = ("released", "own", "trial")
 
 @dataclass(frozen=True)
 class StoredResult:
-    """A result, the file that holds it, and whether a proof of this very file lies beside it: its runs were reproduced."""
+    """A result, the file that holds it, and whether a note of this very file lies beside it: its runs were reproduced."""
 
     path: Path
     result: Result
