@@ -5,8 +5,8 @@
     python baselines/release.py --work runs/release --only recording # some agents
 
 All results come from one commit without changes and from one build of the kernel. Each must have the bits of the one that
-is released, unless --new-digests says that the scores are meant to change. Results, profiles and notes of `glbench verify` are copied when all
-three are right; what is not right is printed, stops nothing else, and makes the exit code 1.
+is released, unless --new-digests says that the scores are meant to change. Results, profiles and notes of `glbench verify` are copied
+when all three are right; what is not right is printed, stops nothing else, and makes the exit code 1.
 """
 
 from __future__ import annotations

@@ -12,16 +12,15 @@ import os
 import re
 import stat
 import unicodedata
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 MIB: Final = 2**20
 LARGEST_INTEGER: Final = 2**53 - 1
 """Largest whole number in a result or a record: beyond it, JSON programs disagree about the value."""
-AGENT_NAME_RULE: Final = (
-    "letters, digits, '.', '_' and '-', beginning with a letter or digit, not ending in '.proof', at most 100"
-)
+AGENT_NAME_RULE: Final = "letters, digits, '.', '_' and '-', beginning with a letter or digit, not ending in '.proof', at most 100 characters"
 _AGENT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _LONGEST_QUOTE = 80
 _STEERING = frozenset("\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
@@ -36,20 +35,34 @@ def read_regular(path: Path, largest: int) -> bytes:
     OSError
         When it is missing, cannot be read, is larger, or is a folder, a pipe or a device. A pipe is not waited for.
     """
+    with open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > largest:
+            msg = f"it is larger than {_size(largest)}"
+            raise OSError(msg)
+        return read_pieces(file.read, size)
+
+
+@contextmanager
+def open_regular(path: Path) -> Iterator[IO[bytes]]:
+    """The regular file ``path``, open for reading without a buffer.
+
+    Raises
+    ------
+    OSError
+        When it is missing, cannot be read, or is a folder, a pipe or a device. A pipe is not waited for.
+    """
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
     try:
-        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        handle = os.open(path, flags)
     except ValueError as error:  # a null character in the path
         raise OSError(str(error)) from error
     try:
-        about = os.fstat(handle)
-        if not stat.S_ISREG(about.st_mode):
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
             msg = "it is a folder, a pipe or a device, and not a regular file"
             raise OSError(msg)
-        if about.st_size > largest:
-            msg = f"it is larger than {_size(largest)}"
-            raise OSError(msg)
-        with os.fdopen(handle, "rb", closefd=False) as file:
-            return file.read(about.st_size)
+        with os.fdopen(handle, "rb", buffering=0, closefd=False) as file:
+            yield file
     finally:
         os.close(handle)
 
@@ -103,7 +116,12 @@ def quoted(value: object) -> str:
     except (ValueError, RecursionError):  # an integer of thousands of digits, or lists nested without end
         return "a value that is too large to show"
     text = text if len(text) <= _LONGEST_QUOTE else f"{text[: _LONGEST_QUOTE - 4]} ..."
-    return shown(text)
+    return visible(text)
+
+
+def visible(text: str, keep: str = "") -> str:
+    """``text`` as it may be displayed: a question mark for every character that is not printable and not in ``keep``."""
+    return "".join(letter if letter.isprintable() or letter in keep else "?" for letter in text)
 
 
 def is_agent_name(name: str) -> bool:
@@ -111,8 +129,8 @@ def is_agent_name(name: str) -> bool:
     return _AGENT_NAME.fullmatch(name) is not None and not name.lower().endswith(".proof")
 
 
-def shown(text: str) -> str:
-    """``text`` with characters that would steer a terminal or break a line replaced by U+FFFD."""
+def as_one_line(text: str) -> str:
+    """``text`` as ``one_line`` takes it: U+FFFD in the place of every character that it refuses."""
     return "".join("\ufffd" if steers(letter) else letter for letter in text)
 
 

@@ -28,7 +28,7 @@ from glbench.episodes.mcap_stream import McapStream
 from glbench.episodes.writing import PROVENANCE, TASK
 from glbench.errors import EpisodeError
 from glbench.model import STATE_NAMES
-from glbench.untrusted import shown
+from glbench.untrusted import visible
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -180,7 +180,7 @@ def read_log(path: Path | str) -> ActionLog:
         runs = RunTable.model_validate_json(found.attachments[_RUNS]).runs
         return _log(found, provenance, runs, words["actions_as"])
     except (KeyError, ValueError, IndexError, OverflowError, DecodeError, ValidationError) as error:
-        msg = f"{path} is no whole file of recorded actions ({shown(' '.join(str(error).split())[:200])})."
+        msg = f"{path} is no whole file of recorded actions ({visible(' '.join(str(error).split())[:200])})."
         raise EpisodeError(msg) from error
 
 

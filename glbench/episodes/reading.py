@@ -18,7 +18,7 @@ from glbench.episodes.mcap_scan import Scan, scan
 from glbench.episodes.wire import Layout, layout_from
 from glbench.episodes.writing import FORMAT, PROVENANCE, RUN, TASK
 from glbench.errors import EpisodeError
-from glbench.untrusted import one_line, shown
+from glbench.untrusted import one_line, visible
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,7 +67,7 @@ def read_episode(path: Path | str, *, partial: bool = False) -> Episode:
     try:
         return _episode(path, found, provenance, run)
     except (ValueError, KeyError, IndexError, TypeError, OverflowError, StopIteration, DecodeError) as error:
-        msg = f"{path} does not hold an episode as glbench writes it ({shown(' '.join(str(error).split())[:200])})."
+        msg = f"{path} does not hold an episode as glbench writes it ({visible(' '.join(str(error).split())[:200])})."
         raise EpisodeError(msg) from error
 
 
@@ -79,7 +79,7 @@ def _attached(path: Path, found: Scan, name: str, kind: type[Record]) -> Record:
         return kind.model_validate_json(data)
     except ValidationError as error:
         first = error.errors()[0]
-        msg = f"{path}: the attached {name} is invalid ({shown('.'.join(map(str, first['loc'])))}: {first['msg']})."
+        msg = f"{path}: the attached {name} is invalid ({visible('.'.join(map(str, first['loc'])))}: {first['msg']})."
         raise EpisodeError(msg) from error
 
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 from glbench.evaluation.metrics import METRICS, UNITS
 from glbench.leaderboard.comparisons import RESOLUTION
-from glbench.leaderboard.escaping import markdown_text, number_text, visible
+from glbench.leaderboard.escaping import markdown_text, number_text
 from glbench.leaderboard.ranking import Estimate, Row, TaskTable
+from glbench.untrusted import visible
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -45,7 +45,7 @@ def odd(here: Path) -> Path:
         (("tasks", "show", "early.toml"), "in the years 1900 to 2199"),
         (("tasks", "show", "red-title.toml"), "It holds the character U+001B"),
         (("tasks", "show", "red-description.toml"), "It holds the character U+001B"),
-        (("evaluate", "x.proof.py", *TASK), "would be taken for a note of `glbench verify`"),
+        (("evaluate", "x.proof.py", *TASK), "not ending in '.proof'"),
         (("evaluate", "Rule-Based.py", *TASK), "'Rule-Based' looks like 'rule_based', the name of a baseline"),
         (("evaluate", f"{ODD}.py", *TASK), "'odd?' cannot be the name of an agent"),
         (("evaluate", f"{ODD}s.py", *TASK), "There is no file or folder odd?s.py"),

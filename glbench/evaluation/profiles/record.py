@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from glbench.errors import ResultError
 from glbench.evaluation.records import Count, Digest, Word
-from glbench.untrusted import LARGEST_INTEGER, MIB, gunzip, parse_json, quoted, read_regular, shown
+from glbench.untrusted import LARGEST_INTEGER, MIB, gunzip, parse_json, quoted, read_regular, visible
 
 SCHEMA: Final = "glbench/profile"
 VERSION: Final = 1
@@ -158,7 +158,7 @@ def read_profile(path: Path) -> Profile:
         _Document.model_validate(document)
     except ValidationError as error:
         problem = error.errors()[0]
-        where = shown(".".join(str(part)[:80] for part in problem["loc"]))
+        where = visible(".".join(str(part)[:80] for part in problem["loc"]))
         msg = f"{path} is no profile as glbench writes it ({where}: {problem['msg']}). Delete it and run `glbench report --complete`."
         raise ResultError(msg) from error
     return Profile(document)
