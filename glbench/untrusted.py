@@ -20,7 +20,9 @@ from typing import IO, Any, Final
 MIB: Final = 2**20
 LARGEST_INTEGER: Final = 2**53 - 1
 """Largest whole number in a result or a record: beyond it, JSON programs disagree about the value."""
-AGENT_NAME_RULE: Final = "letters, digits, '.', '_' and '-', beginning with a letter or digit, not ending in '.proof', at most 100 characters"
+AGENT_NAME_RULE: Final = (
+    "1 to 100 letters, digits, '.', '_' and '-', beginning with a letter or digit, not ending in '.proof'"
+)
 _AGENT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _LONGEST_QUOTE = 80
 _STEERING = frozenset("\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
