@@ -13,7 +13,8 @@ from typing import Annotated, Any, Literal, Self, get_args
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from glbench.errors import SubmissionError, did_you_mean
-from glbench.untrusted import LARGEST_INTEGER, quoted, read_regular
+from glbench.fields import Count
+from glbench.untrusted import quoted, read_regular
 
 _LARGEST_CARD = 64 * 1024
 _LONGEST_KEY = 80
@@ -52,7 +53,6 @@ Words = Annotated[Shown, Field(min_length=1, max_length=200)]
 Names = Annotated[tuple[Words, ...], BeforeValidator(_as_tuple), Field(max_length=100)]
 Number = Annotated[float, Field(ge=-1e30, le=1e30)]
 Numbers = Annotated[tuple[Number, ...], BeforeValidator(_as_tuple), Field(max_length=_MOST_ITEMS)]
-Count = Annotated[int, Field(ge=0, le=LARGEST_INTEGER)]
 FileName = Annotated[Shown, Field(pattern=r"^[^/\\.][^\\]*$", max_length=200)]
 
 

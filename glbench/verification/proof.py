@@ -12,7 +12,8 @@ from glbench import __version__
 from glbench.errors import GlbenchError
 from glbench.evaluation import load_result, provenance
 from glbench.evaluation.files import LARGEST_RESULT
-from glbench.evaluation.records import Count, Digest, Machine, Record, Word
+from glbench.evaluation.records import Digest, Machine, Record
+from glbench.fields import Count, Word
 from glbench.resources import write_atomically
 from glbench.untrusted import MIB, read_regular
 from glbench.verification.comparing import TOLERANCE

@@ -14,7 +14,8 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from glbench.errors import ResultError
-from glbench.evaluation.records import Count, Digest, Word
+from glbench.evaluation.records import Digest
+from glbench.fields import Count, Word
 from glbench.untrusted import LARGEST_INTEGER, MIB, gunzip, parse_json, quoted, read_regular, visible
 
 SCHEMA: Final = "glbench/profile"
