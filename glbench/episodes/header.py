@@ -14,7 +14,6 @@ import rfc8785
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from glbench import __version__
-from glbench.episodes.definition import definition_json
 from glbench.errors import TaskError
 from glbench.fields import MOST_ENTRIES, Count, Text, Word
 from glbench.model import CONTROL_NAMES, MODEL_VERSION
@@ -182,8 +181,3 @@ def as_words(provenance: Provenance, run: RunFacts | None = None) -> dict[str, s
         words |= {"seed": str(run.seed), "status": run.status, "steps": str(run.steps)}
         words |= {} if run.reason is None else {"reason": run.reason}
     return words
-
-
-def task_attachment(task: TaskSpec) -> bytes:
-    """The task's definition as it is attached to a record."""
-    return definition_json(task)
