@@ -298,6 +298,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ("PPO lie {} apart and three of SAC {}", lambda: (spread("ppo")[1], spread("sac")[1])),
         ("rewards closer than {} count as equal", lambda: RESOLUTION),
         ("compiled model: {} times as fast", lambda: us("env/reference") / us("vector/512")),
+        ("greenhouses it steps {} times as fast", lambda: us("env/reference") / us("vector/512")),
         ("{} states, {} controls", lambda: (len(STATE_NAMES), len(CONTROL_NAMES))),
         ("{} parameters", lambda: len(default_parameters())),
         ("sees the {} observations", lambda: len(TASK.observed())),
