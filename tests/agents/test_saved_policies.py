@@ -104,7 +104,9 @@ def test_a_reset_forgets_what_a_recurrent_model_remembers(models: Path, card: Ta
 @needs_sb3
 def test_loading_a_model_opens_no_pickle_before_the_agent_is_made(models: Path, tmp_path: Path, card: TaskCard) -> None:
     shutil.copytree(models / "my-PPO", tmp_path / "my-PPO")
-    (tmp_path / "my-PPO" / "vecnormalize.pkl").write_bytes(b"cos\nmkdir\n(S'%s'\ntR." % str(tmp_path / "was-run").encode())
+    (tmp_path / "my-PPO" / "vecnormalize.pkl").write_bytes(
+        b"cos\nmkdir\n(S'%s'\ntR." % str(tmp_path / "was-run").encode()
+    )
     loaded = load_agent(tmp_path / "my-PPO")
     assert not (tmp_path / "was-run").exists()
     with pytest.raises(SubmissionError, match="expected VecNormalize"):
