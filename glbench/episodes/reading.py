@@ -18,7 +18,7 @@ from glbench.episodes.mcap_scan import Scan, scan
 from glbench.episodes.wire import Layout, layout_from
 from glbench.episodes.writing import FORMAT, PROVENANCE, RUN, TASK
 from glbench.errors import EpisodeError
-from glbench.untrusted import one_line, shown
+from glbench.untrusted import one_line, refuse_crowd, shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -76,10 +76,14 @@ def _attached(path: Path, found: Scan, name: str, kind: type[Record]) -> Record:
     if data is None:
         raise EpisodeError(_too_short(path, name, found))
     try:
+        refuse_crowd(data)
         return kind.model_validate_json(data)
     except ValidationError as error:
         first = error.errors()[0]
         msg = f"{path}: the attached {name} is invalid ({shown('.'.join(map(str, first['loc'])))}: {first['msg']})."
+        raise EpisodeError(msg) from error
+    except ValueError as error:
+        msg = f"{path}: the attached {name} is invalid: {error}."
         raise EpisodeError(msg) from error
 
 
