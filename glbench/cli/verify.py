@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, output, print_warning
+from glbench.cli.console import harmless, messages, output, print_warning
 from glbench.errors import GlbenchError
 
 if TYPE_CHECKING:
@@ -120,8 +120,8 @@ def _show(verdict: Verdict) -> None:
 
 
 def _printable(text: str) -> str:
-    """``text`` without the bytes of file names that are no UTF-8, which cannot be printed."""
-    return text.encode("utf-8", "replace").decode()
+    """``text`` without what names of files may hold: bytes that are no UTF-8, characters that steer the terminal."""
+    return harmless(text.encode("utf-8", "replace").decode())
 
 
 def _plain(verdict: Verdict) -> dict[str, object]:
