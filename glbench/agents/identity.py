@@ -19,6 +19,7 @@ The card is ``submission.toml`` in a folder, or ``anna.toml`` beside ``anna.py``
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -49,6 +50,7 @@ FORM_WORDS: dict[Form, str] = {
     "onnx": "ONNX policy",
 }
 _LONGEST_QUOTE = 40
+_SEED = re.compile(r"(?<=.)[_-]seed[0-9]{1,10}$")
 EXPECTED = (
     f"A submission is a .py file with make_agent(task), a saved policy (.zip of Stable-Baselines3, .pt or .ts of TorchScript, .onnx), "
     f"or a folder with {AGENT_FILE} or a saved policy"
@@ -163,8 +165,17 @@ def baseline_names() -> tuple[str, ...]:
 
 
 def baseline_like(name: str) -> str | None:
-    """The baseline that ``name`` is, or could be mistaken for: capital letters and punctuation do not tell names apart."""
-    return next((known for known in baseline_names() if letters_of(known) == letters_of(name)), None)
+    """The baseline that ``name`` is, or could be mistaken for.
+
+    Capital letters and punctuation do not tell names apart, and ``ppo_seed7`` says that it is a training of ``ppo``.
+    """
+    alike = {letters_of(name), letters_of(without_seed(name))}
+    return next((known for known in baseline_names() if letters_of(known) in alike), None)
+
+
+def without_seed(name: str) -> str:
+    """The name of the recipe of which ``NAME_seed3`` or ``NAME-seed3`` is a training; other names as they are."""
+    return _SEED.sub("", name)
 
 
 def letters_of(name: str) -> str:

@@ -11,7 +11,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import rfc8785
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, FailFast, Field, model_validator
 
 from glbench import __version__
 from glbench.errors import TaskError
@@ -54,7 +54,7 @@ class AgentFacts(Facts):
     privileged: bool
     information: Text
     acts: Acts
-    columns: Annotated[tuple[Word, ...], Field(max_length=MOST_ENTRIES)]
+    columns: Annotated[tuple[Word, ...], FailFast(), Field(max_length=MOST_ENTRIES)]
 
     @model_validator(mode="after")
     def _has_a_name(self) -> Self:

@@ -11,7 +11,7 @@ import math
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 import rfc8785
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, model_validator
 
 from glbench.agents.card import SubmissionCard
 from glbench.evaluation.metrics import METRIC_NAMES, UNITS
@@ -101,7 +101,7 @@ class EvaluationRecord(Record):
     """
 
     runs: Annotated[Count, Field(ge=1)]
-    seeds: tuple[Count, ...]
+    seeds: Annotated[tuple[Count, ...], FailFast()]
     workers: Annotated[Count, Field(ge=1)]
     wall_seconds: Seconds
     steps_per_second: Seconds
@@ -171,7 +171,7 @@ class Result(Record):
     git: GitState | None
     created: Word
     units: Annotated[dict[str, str], Field(max_length=MOST_ENTRIES)]
-    runs: tuple[RunResult, ...]
+    runs: Annotated[tuple[RunResult, ...], FailFast()]
     summary: Summary
     results_digest: Digest
     record: RecordReference | None = None

@@ -113,8 +113,8 @@ def page_data(
     }
 
 
-def _profiles(stored: Sequence[StoredResult]) -> dict[str, Profile]:
-    """Profiles by ``results_digest``; one that cannot be used is left out with a warning, as one that is missing."""
+def _profiles(stored: Sequence[StoredResult]) -> dict[tuple[str, str], Profile]:
+    """Profiles by task id and ``results_digest``; one that cannot be used is left out with a warning, as one that is missing."""
     found = {}
     for item in stored:
         try:
@@ -123,7 +123,7 @@ def _profiles(stored: Sequence[StoredResult]) -> dict[str, Profile]:
             logger.warning("%s", error)
             continue
         if profile is not None:
-            found[item.result.results_digest] = profile
+            found[item.result.task.id, item.result.results_digest] = profile
     return found
 
 

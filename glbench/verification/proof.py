@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import AliasChoices, ConfigDict, Field, ValidationError
+from pydantic import AliasChoices, ConfigDict, FailFast, Field, ValidationError
 
 from glbench import __version__
 from glbench.errors import GlbenchError
@@ -49,7 +49,7 @@ class Proof(Record):
     largest_difference: Annotated[float, Field(ge=0, le=TOLERANCE)]
     runs: Count
     steps: Count
-    full_episodes: tuple[Count, ...]
+    full_episodes: Annotated[tuple[Count, ...], FailFast()]
     reproduced: tuple[Word, ...] = ()
     stated: tuple[Word, ...] = ()
     glbench: Word

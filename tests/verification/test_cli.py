@@ -165,3 +165,12 @@ def test_the_table_on_the_terminal_marks_what_is_verified_within_80_columns(repo
     assert sum("✓" in line for line in lines) == 2  # the row, and the note that explains the mark
     assert any("wavy ‡✓" in line for line in lines)  # evaluated in this process, hence unsandboxed
     assert max(len(line) for line in lines) <= 80
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such names")
+def test_names_of_files_do_not_steer_the_terminal(tmp_path):
+    (tmp_path / "x\x1b[2J\x07.json").write_text("{", encoding="utf-8")
+    done = CliRunner().invoke(app, ["verify", str(tmp_path), "--no-proof"])
+    assert done.exit_code == 1
+    assert "\x1b[2J" not in done.output
+    assert "\x07" not in done.output

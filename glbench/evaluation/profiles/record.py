@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, ValidationError
 
 from glbench.errors import ResultError
 from glbench.evaluation.records import Digest
@@ -43,16 +43,17 @@ class _Part(BaseModel):
 
 
 _Cell = Annotated[int, Field(ge=-LARGEST_INTEGER, le=LARGEST_INTEGER)] | None
+_Cells = Annotated[list[_Cell], FailFast()]
 
 
 class _Line(_Part):
     resolution: Annotated[float, Field(gt=0, le=1e100)]
-    values: list[_Cell]
+    values: _Cells
 
 
 class _Lines(_Part):
     resolution: Annotated[float, Field(gt=0, le=1e100)]
-    values: list[list[_Cell]]
+    values: Annotated[list[_Cells], FailFast()]
 
 
 class _Column(_Part):
@@ -67,19 +68,19 @@ class _WeatherColumn(_Part):
 
 
 class _Seeds(_Part):
-    all: list[Count]
+    all: Annotated[list[Count], FailFast()]
     best: Count
     worst: Count
 
 
 class _Day(_Part):
     slot_seconds: Annotated[float, Field(gt=0, le=86400)]
-    quantiles: list[float]
+    quantiles: Annotated[list[float], FailFast()]
     columns: dict[Word, _Lines]
 
 
 class _Season(_Part):
-    lines: list[Word]
+    lines: Annotated[list[Word], FailFast()]
     columns: dict[Word, _Lines]
 
 
