@@ -5,8 +5,8 @@
     python baselines/release.py --work runs/release --only recording # some agents
 
 All results come from one commit without changes and from one build of the kernel. Each must have the bits of the one that
-is released, unless --new-digests says that the scores are meant to change. Results, profiles and proofs are copied when all
-three are right; what is not right is told, stops nothing else, and makes the exit code 1.
+is released, unless --new-digests says that the scores are meant to change. Results, profiles and notes of `glbench verify` are copied
+when all three are right; what is not right is printed, stops nothing else, and makes the exit code 1.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ def release(job: Job, out: Path, work: Path, *, new_digests: bool) -> str:
     for source, target in copies(job, work, out):
         write_atomically(target, source.read_bytes())
     new = "" if result.results_digest == job.released else ", new digest"
-    return f"reward {result.summary.mean['reward']:,.1f}, digest {result.results_digest[:12]}{new}, verified"
+    return f"reward {result.summary.mean['reward']:,.1f}, digest {result.results_digest[:12]}{new}, reproduced"
 
 
 def check(job: Job, result: Result, work: Path, *, new_digests: bool) -> None:
@@ -193,7 +193,7 @@ def unlike(out: Path, work: Path) -> list[str]:
 
 
 def copies(job: Job, work: Path, out: Path) -> list[tuple[Path, Path]]:
-    """Files to copy, and where to: profile, result, proof."""
+    """Files to copy, and where to: profile, result, note."""
     ours, theirs = (result_path(folder, job.task_id, job.agent) for folder in (work, out))
     return [(place(ours), place(theirs)) for place in (profile_path, Path, proof_path)]
 

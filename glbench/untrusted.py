@@ -12,15 +12,18 @@ import os
 import re
 import stat
 import unicodedata
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 MIB: Final = 2**20
+MOST_MARKS: Final = 500_000
+"""Objects, lists and keys of a JSON text: each costs up to a kilobyte to read or to refuse. A result of 10,000 runs has 260,000."""
 LARGEST_INTEGER: Final = 2**53 - 1
 """Largest whole number in a result or a record: beyond it, JSON programs disagree about the value."""
 AGENT_NAME_RULE: Final = (
-    "letters, digits, '.', '_' and '-', beginning with a letter or digit, not ending in '.proof', at most 100"
+    "1 to 100 letters, digits, '.', '_' and '-', beginning with a letter or digit, not ending in '.proof'"
 )
 _AGENT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _LONGEST_QUOTE = 80
@@ -36,20 +39,34 @@ def read_regular(path: Path, largest: int) -> bytes:
     OSError
         When it is missing, cannot be read, is larger, or is a folder, a pipe or a device. A pipe is not waited for.
     """
+    with open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > largest:
+            msg = f"it is larger than {_size(largest)}"
+            raise OSError(msg)
+        return read_pieces(file.read, size)
+
+
+@contextmanager
+def open_regular(path: Path) -> Iterator[IO[bytes]]:
+    """The regular file ``path``, open for reading without a buffer.
+
+    Raises
+    ------
+    OSError
+        When it is missing, cannot be read, or is a folder, a pipe or a device. A pipe is not waited for.
+    """
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
     try:
-        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        handle = os.open(path, flags)
     except ValueError as error:  # a null character in the path
         raise OSError(str(error)) from error
     try:
-        about = os.fstat(handle)
-        if not stat.S_ISREG(about.st_mode):
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
             msg = "it is a folder, a pipe or a device, and not a regular file"
             raise OSError(msg)
-        if about.st_size > largest:
-            msg = f"it is larger than {_size(largest)}"
-            raise OSError(msg)
-        with os.fdopen(handle, "rb", closefd=False) as file:
-            return file.read(about.st_size)
+        with os.fdopen(handle, "rb", buffering=0, closefd=False) as file:
+            yield file
     finally:
         os.close(handle)
 
@@ -87,13 +104,29 @@ def parse_json(text: bytes | str) -> Any:
     Raises
     ------
     ValueError
-        When it is no JSON, holds an integer of thousands of digits, or is nested too deeply. ``json.JSONDecodeError`` is one.
+        When it is no JSON, holds an integer of thousands of digits, is nested too deeply, or is too crowded. ``json.JSONDecodeError``
+        is one.
     """
+    refuse_crowd(text)
     try:
         return json.loads(text)
     except RecursionError as error:
         msg = "it is nested too deeply"
         raise ValueError(msg) from error
+
+
+def refuse_crowd(text: bytes | str) -> None:
+    """Refuse a JSON text of so many small parts that they would fill the memory.
+
+    Raises
+    ------
+    ValueError
+        When it has more than ``MOST_MARKS`` objects, lists and keys.
+    """
+    marks = sum(map(text.count, "{[:")) if isinstance(text, str) else sum(map(text.count, (b"{", b"[", b":")))
+    if marks > MOST_MARKS:
+        msg = f"it has more than {MOST_MARKS:,} objects, lists and keys"
+        raise ValueError(msg)
 
 
 def quoted(value: object) -> str:
@@ -103,7 +136,12 @@ def quoted(value: object) -> str:
     except (ValueError, RecursionError):  # an integer of thousands of digits, or lists nested without end
         return "a value that is too large to show"
     text = text if len(text) <= _LONGEST_QUOTE else f"{text[: _LONGEST_QUOTE - 4]} ..."
-    return shown(text)
+    return visible(text)
+
+
+def visible(text: str, keep: str = "") -> str:
+    """``text`` as it may be displayed: a question mark for every character that is not printable and not in ``keep``."""
+    return "".join(letter if letter.isprintable() or letter in keep else "?" for letter in text)
 
 
 def is_agent_name(name: str) -> bool:
@@ -111,8 +149,8 @@ def is_agent_name(name: str) -> bool:
     return _AGENT_NAME.fullmatch(name) is not None and not name.lower().endswith(".proof")
 
 
-def shown(text: str) -> str:
-    """``text`` with characters that would steer a terminal or break a line replaced by U+FFFD."""
+def as_one_line(text: str) -> str:
+    """``text`` as ``one_line`` takes it: U+FFFD in the place of every character that it refuses."""
     return "".join("\ufffd" if steers(letter) else letter for letter in text)
 
 

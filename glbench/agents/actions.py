@@ -18,7 +18,7 @@ def action_problems(returned: object, task: TaskCard, n_runs: int) -> dict[int, 
     """Reasons, by run, why what ``act`` returned cannot be used; empty when all is well.
 
     Expected is an array of shape (n_runs, actions of the task) of numbers, finite and within the bounds of the task card. A
-    wrong shape or type is everyone's problem and stands under every run; a bad value is its own run's.
+    wrong shape or type is reported for every run, a bad value for its own run only.
     """
     whole = _problem_of_the_whole(returned, task, n_runs)
     if whole is not None:

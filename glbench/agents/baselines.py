@@ -7,9 +7,9 @@ data only; the code is here, next to what tests and types can check.
 from __future__ import annotations
 
 import hashlib
-import tomllib
-import zlib
-from collections.abc import Callable
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from operator import attrgetter
@@ -18,10 +18,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from glbench.agents.card import read_toml
+from glbench.agents.contents import check_file, check_sizes, files_of_folder
 from glbench.agents.identity import baseline_names
 from glbench.agents.protocol import Agent, PrivilegedController
-from glbench.errors import SubmissionError, did_you_mean
+from glbench.errors import GlbenchError, SubmissionError, did_you_mean
 from glbench.resources import data_folder, sha256_of_files
+from glbench.untrusted import MIB, quoted
 
 if TYPE_CHECKING:
     from glbench.agents.network_agent import PolicyFiles
@@ -32,6 +35,8 @@ if TYPE_CHECKING:
     Settings = RuleSettings | PolicyFiles | Recording
 
 _HERE = Path(__file__).resolve().parent
+LARGEST_ARCHIVE = 256 * MIB
+"""Size of the unpacked arrays of a policy or a recording [bytes]. The shipped ones have less than 1 MiB."""
 _SAVED_MODEL = "best/model.zip"
 """Where ``glbench train`` leaves its best model in a training's folder."""
 
@@ -51,7 +56,8 @@ class _Controller:
 
     def read(self, place: Path) -> Settings:
         """Read what the card calls the controller's settings: rules from YAML, trained policies, or recorded actions."""
-        settings: Settings = _found(self.reader)(place)
+        with _damage_in_words():
+            settings: Settings = _found(self.reader)(place)
         return settings
 
     def make(self, settings: Settings) -> Agent | PrivilegedController:
@@ -62,12 +68,21 @@ class _Controller:
         SubmissionError
             When it cannot be made with these settings.
         """
-        try:
+        with _damage_in_words():
             controller: Agent | PrivilegedController = _found(self.maker)(settings)
-        except (zlib.error, NotImplementedError, TypeError) as error:  # the second: zipfile of what it cannot unpack
-            msg = f"This agent cannot be made: {error}. Its settings or the file of a policy may be damaged."
-            raise SubmissionError(msg) from error
         return controller
+
+
+@contextmanager
+def _damage_in_words() -> Iterator[None]:
+    """Turn what readers of YAML, zip archives and arrays raise for damaged files into a ``SubmissionError``."""
+    try:
+        yield
+    except (GlbenchError, OSError):
+        raise
+    except Exception as error:
+        msg = f"This agent cannot be made: {quoted(error)}. Its settings or the file of a policy may be damaged."
+        raise SubmissionError(msg) from error
 
 
 def _found(place: tuple[str, str]) -> Callable[..., Any]:
@@ -169,14 +184,45 @@ def read_baseline(ref: str | Path) -> Baseline:
     if not (folder / "card.toml").is_file():
         msg = f"There is no baseline '{ref}'.{did_you_mean(str(ref), baseline_names())}"
         raise SubmissionError(msg)
+    if not isinstance(ref, str):  # somebody's folder, read outside of any sandbox
+        check_file(folder / "card.toml", folder)
     card = _read_card(folder / "card.toml")
-    place = (folder / card.settings).resolve()
+    with _damage_in_words():
+        place = (folder / card.settings).resolve()
+    if not isinstance(ref, str) and place.exists():
+        _check_place(place, folder)
     if not place.exists() and (folder / _SAVED_MODEL).is_file():
         model = folder / _SAVED_MODEL
         msg = f"The policy in {folder} could not be exported to {card.settings}. Evaluate the model itself: glbench evaluate {model}"
         raise SubmissionError(msg)
     settings = _CONTROLLERS[card.controller].read(place)
     return Baseline(card, settings, _digest(card.controller, place, settings))
+
+
+def _check_place(place: Path, folder: Path) -> None:
+    """Refuse settings that lie elsewhere, are no regular files, or are or expand to more than they may.
+
+    Raises
+    ------
+    SubmissionError
+        When they do.
+    """
+    if not place.is_relative_to(folder.resolve()):
+        msg = f"The card in {folder} names settings that lie elsewhere: {place}. Copy them into the folder."
+        raise SubmissionError(msg)
+    files = files_of_folder(place) if place.is_dir() else (place,)
+    for file in files:
+        check_file(file, folder)
+    check_sizes(files, folder.resolve())
+    for file in files:
+        try:
+            with zipfile.ZipFile(file) as archive:
+                size = sum(item.file_size for item in archive.infolist())
+        except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
+            continue  # it is no archive; who reads it says what is wrong
+        if size > LARGEST_ARCHIVE:
+            msg = f"{file} expands to more than {LARGEST_ARCHIVE // MIB} MiB, which no policy and no recording has."
+            raise SubmissionError(msg)
 
 
 def _digest(controller: str, place: Path, settings: Any) -> str:
@@ -192,9 +238,9 @@ def _digest(controller: str, place: Path, settings: Any) -> str:
 
 def _read_card(file: Path) -> Card:
     try:
-        content = tomllib.loads(file.read_text(encoding="utf-8"))
+        content = read_toml(file)
         return Card.model_validate({key: value for key, value in content.items() if not isinstance(value, dict)})
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except SubmissionError as error:
         msg = f"Cannot read the card {file}: {error}."
         raise SubmissionError(msg) from error
     except ValidationError as error:

@@ -10,10 +10,20 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    FailFast,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 from glbench.errors import SubmissionError, did_you_mean
-from glbench.untrusted import LARGEST_INTEGER, quoted, read_regular
+from glbench.fields import Count
+from glbench.untrusted import quoted, read_regular
 
 _LARGEST_CARD = 64 * 1024
 _LONGEST_KEY = 80
@@ -49,10 +59,9 @@ _HARMLESS = "\n\t\u200c\u200d"
 """Ends of lines and tabulators, and the joiners that some scripts are written with."""
 Shown = Annotated[str, AfterValidator(_shown_as_written)]
 Words = Annotated[Shown, Field(min_length=1, max_length=200)]
-Names = Annotated[tuple[Words, ...], BeforeValidator(_as_tuple), Field(max_length=100)]
+Names = Annotated[tuple[Words, ...], FailFast(), BeforeValidator(_as_tuple), Field(max_length=100)]
 Number = Annotated[float, Field(ge=-1e30, le=1e30)]
-Numbers = Annotated[tuple[Number, ...], BeforeValidator(_as_tuple), Field(max_length=_MOST_ITEMS)]
-Count = Annotated[int, Field(ge=0, le=LARGEST_INTEGER)]
+Numbers = Annotated[tuple[Number, ...], FailFast(), BeforeValidator(_as_tuple), Field(max_length=_MOST_ITEMS)]
 FileName = Annotated[Shown, Field(pattern=r"^[^/\\.][^\\]*$", max_length=200)]
 
 
@@ -98,7 +107,10 @@ class SubmissionCard(_Table):
     link: Annotated[Shown, Field(pattern=r"^https?://\S+$", max_length=500)] | None = None
     description: Annotated[Shown, Field(max_length=4000)] = ""
     information: Annotated[
-        tuple[Information, ...], BeforeValidator(_as_tuple), Field(min_length=1, max_length=len(INFORMATION))
+        tuple[Information, ...],
+        FailFast(),
+        BeforeValidator(_as_tuple),
+        Field(min_length=1, max_length=len(INFORMATION)),
     ]
     algorithm: Words | None = None
     seed: Count | None = None
@@ -142,19 +154,37 @@ def read_card(file: Path) -> SubmissionCard:
     return card
 
 
-def check_card(file: Path) -> tuple[SubmissionCard | None, list[str]]:
-    """The card in ``file``, or ``None`` and everything that is wrong with it, one sentence each."""
+def read_toml(file: Path) -> dict[str, Any]:
+    """The content of a card, which anybody may have written.
+
+    Raises
+    ------
+    SubmissionError
+        When it is no TOML, in words that go on after "it".
+    """
     try:
         text = read_regular(file, _LARGEST_CARD).decode("utf-8-sig").replace("\r\n", "\n")
         if any(line.count(".") > _MOST_DOTS for line in text.splitlines()):
-            return None, [f"it has a line with more than {_MOST_DOTS} dots, and no key of a card has two"]
-        document = tomllib.loads(text)
+            msg = f"it has a line with more than {_MOST_DOTS} dots, and no key of a card has two"
+            raise SubmissionError(msg)
+        return tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as error:
-        return None, [f"it cannot be read ({error})"]
+        msg = f"it cannot be read ({error})"
+        raise SubmissionError(msg) from error
     except ValueError as error:  # tomllib's own, and Python's for an integer of thousands of digits
-        return None, [f"it is no valid TOML ({error})"]
-    except RecursionError:
-        return None, ["it is no valid TOML (its tables or lists are nested without end)"]
+        msg = f"it is no valid TOML ({error})"
+        raise SubmissionError(msg) from error
+    except RecursionError as error:
+        msg = "it is no valid TOML (its tables or lists are nested without end)"
+        raise SubmissionError(msg) from error
+
+
+def check_card(file: Path) -> tuple[SubmissionCard | None, list[str]]:
+    """The card in ``file``, or ``None`` and everything that is wrong with it, one sentence each."""
+    try:
+        document = read_toml(file)
+    except SubmissionError as error:
+        return None, [str(error)]
     try:
         return SubmissionCard.model_validate(document), []
     except ValidationError as error:

@@ -7,7 +7,6 @@ files, and stops at the limits.
 from __future__ import annotations
 
 import os
-import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from hashlib import sha256
@@ -16,8 +15,8 @@ from typing import IO
 
 from glbench.agents.isolation import is_part_of_submission
 from glbench.errors import SubmissionError
+from glbench.untrusted import MIB, open_regular
 
-MIB = 2**20
 LARGEST_SUBMISSION = 512 * MIB
 """Size of all files of a submission together [bytes]."""
 MOST_FILES = 10_000
@@ -117,7 +116,7 @@ def digest_of(files: tuple[Path, ...], root: Path, copy: Path | None = None) -> 
     """
     digest, left = sha256(), LARGEST_SUBMISSION
     for name, file in sorted((file.relative_to(root).as_posix(), file) for file in files):
-        with _opened(file) as stream:
+        with open_regular(file) as stream:
             size = os.fstat(stream.fileno()).st_size
             left -= size
             if left < 0:
@@ -143,15 +142,6 @@ def _too_many(folder: Path) -> str:
 
 def _changed(file: Path) -> str:
     return f"{file} changes while it is read. Wait until nothing writes to the submission any more."
-
-
-@contextmanager
-def _opened(file: Path) -> Iterator[IO[bytes]]:
-    """A regular file; anything else that may have taken its place is neither waited for nor read."""
-    with os.fdopen(os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb", buffering=0) as stream:
-        if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
-            raise SubmissionError(_changed(file))
-        yield stream
 
 
 def _pieces(stream: IO[bytes], size: int, file: Path) -> Iterator[bytes]:

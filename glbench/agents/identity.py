@@ -29,6 +29,7 @@ from glbench.agents.contents import MOST_ENTRIES, check_file, check_sizes, diges
 from glbench.agents.isolation import is_part_of_submission
 from glbench.errors import SubmissionError
 from glbench.resources import data_folder
+from glbench.untrusted import AGENT_NAME_RULE, is_agent_name
 
 if TYPE_CHECKING:
     from glbench.agents.card import SubmissionCard
@@ -48,8 +49,8 @@ FORM_WORDS: dict[Form, str] = {
     "torchscript": "TorchScript policy",
     "onnx": "ONNX policy",
 }
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
-_LONGEST_NAME = 100
+_LONGEST_QUOTE = 40
+_SEED = re.compile(r"(?<=.)[_-]seed[0-9]{1,10}$")
 EXPECTED = (
     f"A submission is a .py file with make_agent(task), a saved policy (.zip of Stable-Baselines3, .pt or .ts of TorchScript, .onnx), "
     f"or a folder with {AGENT_FILE} or a saved policy"
@@ -164,8 +165,17 @@ def baseline_names() -> tuple[str, ...]:
 
 
 def baseline_like(name: str) -> str | None:
-    """The baseline that ``name`` is, or could be mistaken for: capital letters and punctuation do not tell names apart."""
-    return next((known for known in baseline_names() if letters_of(known) == letters_of(name)), None)
+    """The baseline that ``name`` is, or could be mistaken for.
+
+    Capital letters and punctuation do not tell names apart, and ``ppo_seed7`` says that it is a training of ``ppo``.
+    """
+    alike = {letters_of(name), letters_of(without_seed(name))}
+    return next((known for known in baseline_names() if letters_of(known) in alike), None)
+
+
+def without_seed(name: str) -> str:
+    """The name of the recipe of which ``NAME_seed3`` or ``NAME-seed3`` is a training; other names as they are."""
+    return _SEED.sub("", name)
 
 
 def letters_of(name: str) -> str:
@@ -183,17 +193,9 @@ def name_of(place: Path) -> str:
     """
     resolved = place.resolve()
     name = resolved.stem if resolved.is_file() else resolved.name
-    if len(name) > _LONGEST_NAME:
-        msg = f"The name '{name[:40]}...' has {len(name)} characters, more than {_LONGEST_NAME}: results are filed under it. Shorten it."
-        raise SubmissionError(msg)
-    if not _NAME.fullmatch(name):
-        msg = (
-            f"'{name}' cannot be the name of an agent, because results are filed under it. "
-            "Rename the file or folder: letters, digits, '.', '_' and '-', beginning with a letter or digit."
-        )
-        raise SubmissionError(msg)
-    if name.casefold().endswith(".proof"):
-        msg = f"The result of '{name}' would be taken for the proof of another one. Rename {place} so that it does not end in '.proof'."
+    if not is_agent_name(name):
+        short = name if len(name) <= _LONGEST_QUOTE else f"{name[:_LONGEST_QUOTE]}..."
+        msg = f"'{short}' cannot be the name of an agent, because results are filed under it. Rename the file or folder: {AGENT_NAME_RULE}."
         raise SubmissionError(msg)
     baseline = baseline_like(name)
     if baseline is not None:

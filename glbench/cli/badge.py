@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from glbench.cli.console import messages
-from glbench.cli.stored import check_folder, warn_of
+from glbench.cli.stored import check_folder, tables_by_name, warn_of
 from glbench.errors import ResultError, did_you_mean
 
 
@@ -30,7 +30,7 @@ def badge(
     stored, problems = own_and_released_results(out)
     warn_of(problems)
     tables = rank(stored, published_expectations())
-    names = {name: table for table in tables for name in (table.task_id, table.task_id.rpartition("/")[2])}
+    names = tables_by_name(tables)
     if wanted not in names:
         msg = f"There are no results of a task '{wanted}'.{did_you_mean(wanted, names)}"
         raise ResultError(msg)

@@ -7,6 +7,8 @@ import os
 from functools import cache
 from typing import TYPE_CHECKING
 
+from glbench.untrusted import visible
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -40,7 +42,7 @@ def say(console: Console, text: str, style: str | None = None) -> None:
 
 def harmless(text: str) -> str:
     """``text`` without characters that steer a terminal: names of files and words of strangers may hold them."""
-    return "".join(letter if letter.isprintable() or letter in "\n\t" else "?" for letter in text)
+    return visible(text, keep="\n\t")
 
 
 def print_error(text: str) -> None:

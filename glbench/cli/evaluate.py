@@ -242,7 +242,7 @@ def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = Non
     _show(result, as_json=as_json)
     if evaluation.path is not None and not as_json:
         messages().print(f"Saved: {_shown(evaluation.path)}", markup=False, soft_wrap=True)
-        messages().print(f"Prove it: glbench verify {_shown(evaluation.path)}", markup=False, soft_wrap=True)
+        messages().print(f"Reproduce it: glbench verify {_shown(evaluation.path)}", markup=False, soft_wrap=True)
     return result
 
 
@@ -282,7 +282,7 @@ def _run(evaluation: Evaluation, *, as_json: bool, viewer: str | None) -> Result
 
 def _what_is_kept(evaluation: Evaluation) -> str:
     if evaluation.interrupted:
-        return "What could be written is kept: the same command (without --fresh) goes on from the last checkpoint."
+        return "What could be written is kept: the same command (without --fresh) continues from the last checkpoint."
     return "Nothing was computed long enough to be kept: the same command starts again."
 
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import harmless, messages, output, print_warning
-from glbench.cli.stored import check_folder, warn_of
+from glbench.cli.stored import check_folder, tables_by_name, warn_of
 from glbench.errors import ResultError, did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from rich.table import Table
 
@@ -96,9 +96,7 @@ def _chosen(
         usual = [item for item in stored if item.result.task.id == DEFAULT_TASK]
         latest = max(own or usual or stored, key=lambda item: (item.result.created, item.result.task.id)).result.task.id
         return [table for table in tables if table.task_id == latest]
-    by_name: Mapping[str, TaskTable] = {
-        name: table for table in tables for name in (table.task_id, table.task_id.rpartition("/")[2])
-    }
+    by_name = tables_by_name(tables)
     for name in wanted:
         if name not in by_name:
             msg = f"There are no results of a task '{name}'.{did_you_mean(name, [table.task_id for table in tables])}"

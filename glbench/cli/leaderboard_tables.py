@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.measure import Measurement
 from rich.table import Table
 
-from glbench.leaderboard.escaping import number_text, visible
+from glbench.leaderboard.escaping import number_text
 from glbench.leaderboard.suite_views import score_text, span_text, suite_label
 from glbench.leaderboard.tables import (
     COLUMNS,
@@ -25,6 +25,7 @@ from glbench.leaderboard.tables import (
     format_estimate,
     steps_text,
 )
+from glbench.untrusted import visible
 
 if TYPE_CHECKING:
     from rich.console import Console

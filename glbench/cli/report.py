@@ -37,7 +37,7 @@ def report(
 ) -> None:
     """Make a page of all results: leaderboard, agents, comparisons, tasks. It works offline and on a phone.
 
-    Results are read from OUT/results and from the released results of the rule-based controllers that come with glbench.
+    Results are read from OUT/results and from the released results that come with glbench.
     Nothing is simulated, but for --complete.
     """
     from glbench.report import write_report

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from glbench.evaluation import Result
+    from glbench.leaderboard import TaskTable
 
 
 def find_results(wanted: str, tasks: Sequence[str], reports: Path) -> list[Result]:
@@ -51,6 +52,16 @@ def find_results(wanted: str, tasks: Sequence[str], reports: Path) -> list[Resul
             msg = f"'{wanted}' has no result on {', '.join(tasks)}.{near} It has: {', '.join(known)}."
             raise ResultError(msg)
     return chosen
+
+
+def tables_by_name(tables: Sequence[TaskTable]) -> dict[str, TaskTable]:
+    """Tables by the id of their task and by its short form, which means the published task where several have it."""
+    from glbench.registration import task_ids
+
+    published = task_ids()
+    ordered = sorted(tables, key=lambda table: table.task_id in published)
+    short = {table.task_id.rpartition("/")[2]: table for table in ordered}
+    return {**short, **{table.task_id: table for table in tables}}
 
 
 def check_folder(out: Path) -> None:

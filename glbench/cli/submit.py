@@ -135,7 +135,7 @@ def _show(report: Report, path: str) -> None:
         style, word = ("bold red", "Problem") if finding.level == "problem" else ("bold yellow", "Note")
         output().print(f"[{style}]{word}[/] ({finding.subject}) {escape(harmless(finding.text))}", soft_wrap=True)
     count = len(report.problems)
-    said = "Nothing has to be mended." if report.ok else f"{count} problem{'s' if count > 1 else ''} to mend."
+    said = "No problems found." if report.ok else f"{count} problem{'s' if count > 1 else ''} found."
     output().print(f"[bold]{said}[/] Checked in {report.seconds:.1f} s.", soft_wrap=True)
     if report.ok:
         messages().print(
@@ -154,7 +154,7 @@ def _table(report: Report) -> Table:
         title_justify="left",
         title_style="bold",
     )
-    for heading in ("What is looked at", "", "Measured"):
+    for heading in ("Check", "", "Measured"):
         table.add_column(heading)
     for subject, words in CHECKS.items():
         levels = {finding.level for finding in report.of(subject)}

@@ -180,7 +180,7 @@ def _trained(
         except KeyboardInterrupt:
             bar.__exit__(None, None, None)
             tell_interrupted(
-                "The same command with --resume goes on from the last checkpoint."
+                "The same command with --resume continues from the last checkpoint."
                 if find_checkpoint(folder / CHECKPOINT)
                 else "Nothing was trained long enough to be kept: the same command starts again."
             )

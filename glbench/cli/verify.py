@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, output, print_warning, say
+from glbench.cli.console import harmless, messages, output, print_warning, say
 from glbench.errors import GlbenchError
 
 if TYPE_CHECKING:
@@ -64,10 +64,10 @@ def verify(
 
     codes = []
     for path in _files(results):
-        with messages().status(f"simulating {escape(_printable(path.name))} again"):
+        with messages().status(f"simulating {escape(harmless(path.name))} again"):
             verdict = verify_result(path, episodes=episodes, task=task, workers=workers)
         codes.append(verdict.exit_code)
-        if proof and not is_released(path):  # released results keep the proof that came with them
+        if proof and not is_released(path):  # released results keep the note that came with them
             try:
                 save_proof(verdict)
             except GlbenchError as error:
@@ -103,8 +103,8 @@ def _show(verdict: Verdict) -> None:
     heading = _HEADINGS[verdict.outcome]
     if verdict.exactness == "tolerance":
         heading = "[bold yellow]reproduced within 1e-9[/]"
-    output().print(f"{heading} {escape(_printable(str(verdict.path)))}", soft_wrap=True)
-    say(output(), f"  {escape(_printable(verdict.reason))}")
+    output().print(f"{heading} {escape(harmless(str(verdict.path)))}", soft_wrap=True)
+    say(output(), f"  {escape(harmless(verdict.reason))}")
     if verdict.outcome == "reproduced":
         seeds = ", ".join(map(str, verdict.episodes[:8])) + (" ..." if len(verdict.episodes) > 8 else "")
         whole = f"; every column of the full episodes of the seeds {seeds}" if verdict.episodes else ""
@@ -116,12 +116,7 @@ def _show(verdict: Verdict) -> None:
         )
         say(output(), f"  Stated, not checked: {'; '.join(stated_words(verdict.stated))}.")
     for note in verdict.notes:
-        say(output(), f"  Note: {escape(note)}")
-
-
-def _printable(text: str) -> str:
-    """``text`` without the bytes of file names that are no UTF-8, which cannot be printed."""
-    return text.encode("utf-8", "replace").decode()
+        say(output(), f"  Note: {escape(harmless(note))}")
 
 
 def _plain(verdict: Verdict) -> dict[str, object]:

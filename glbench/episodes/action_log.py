@@ -20,7 +20,7 @@ from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import FailFast, Field, ValidationError
 
 from glbench.episodes.header import Facts, Provenance, RunFacts, as_words, canonical
 from glbench.episodes.mcap_scan import Scan, largest_content, scan
@@ -28,7 +28,7 @@ from glbench.episodes.mcap_stream import McapStream
 from glbench.episodes.writing import PROVENANCE, TASK
 from glbench.errors import EpisodeError
 from glbench.model import STATE_NAMES
-from glbench.untrusted import shown
+from glbench.untrusted import refuse_crowd, visible
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -52,7 +52,7 @@ _BYTES, _NUMBERS = (
 class RunTable(Facts):
     """How each run ended, in the order of the seeds."""
 
-    runs: Annotated[tuple[RunFacts, ...], Field(max_length=_MOST_RUNS)]
+    runs: Annotated[tuple[RunFacts, ...], FailFast(), Field(min_length=1, max_length=_MOST_RUNS)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,11 +176,13 @@ def read_log(path: Path | str) -> ActionLog:
         msg = f"{path}: {found.problem}. Evaluate again with `glbench evaluate ... --fresh`."
         raise EpisodeError(msg)
     try:
+        for name in (PROVENANCE, _RUNS):
+            refuse_crowd(found.attachments[name])
         provenance = Provenance.model_validate_json(found.attachments[PROVENANCE])
         runs = RunTable.model_validate_json(found.attachments[_RUNS]).runs
         return _log(found, provenance, runs, words["actions_as"])
     except (KeyError, ValueError, IndexError, OverflowError, DecodeError, ValidationError) as error:
-        msg = f"{path} is no whole file of recorded actions ({shown(' '.join(str(error).split())[:200])})."
+        msg = f"{path} is no whole file of recorded actions ({visible(' '.join(str(error).split())[:200])})."
         raise EpisodeError(msg) from error
 
 

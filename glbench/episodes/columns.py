@@ -19,7 +19,7 @@ from glbench.model import CONTROLS, DISTURBANCES, STATES
 
 Moment = Literal["start", "end"]
 TOPICS: dict[Moment, str] = {"start": "/inputs", "end": "/outcome"}
-"""Topics of a record: what acts during a step, and what has come of it at its end."""
+"""Topics of a record: what acts during a step, and the result at its end."""
 MESSAGES = {"/inputs": "Inputs", "/outcome": "Outcome"}
 """Message type of each topic."""
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from glbench.errors import EpisodeError
-from glbench.untrusted import parse_json, shown
+from glbench.untrusted import parse_json, visible
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -46,12 +46,10 @@ def task_of(definition: bytes) -> TaskSpec:
 
     try:
         plain = parse_json(definition)
-        task = TaskSpec.model_validate(_as_written(plain))
-        task.weather.start + dt.timedelta(days=task.weather.days + 2)  # beyond the year 9999 there are no dates
+        return TaskSpec.model_validate(_as_written(plain))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, ValidationError) as error:
-        msg = f"The task definition in the record cannot be read ({shown(' '.join(str(error).split())[:200])}). Evaluate again."
+        msg = f"The task definition in the record cannot be read ({visible(' '.join(str(error).split())[:200])}). Evaluate again."
         raise EpisodeError(msg) from error
-    return task
 
 
 def _as_written(plain: Mapping[str, Any]) -> dict[str, Any]:

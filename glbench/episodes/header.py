@@ -11,13 +11,13 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import rfc8785
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, FailFast, Field, model_validator
 
 from glbench import __version__
-from glbench.episodes.definition import definition_json
 from glbench.errors import TaskError
+from glbench.fields import MOST_ENTRIES, Count, Text, Word
 from glbench.model import CONTROL_NAMES, MODEL_VERSION
-from glbench.untrusted import LARGEST_INTEGER, is_agent_name, one_line, steers
+from glbench.untrusted import is_agent_name, steers
 
 if TYPE_CHECKING:
     from glbench.agents import LoadedAgent
@@ -25,11 +25,6 @@ if TYPE_CHECKING:
 
 Status = Literal["ok", "crashed", "timed_out", "invalid_action", "simulation_failed"]
 Acts = Literal["actions", "controls"]
-Count = Annotated[int, Field(ge=0, le=LARGEST_INTEGER)]
-Line = Annotated[str, AfterValidator(one_line)]
-Word = Annotated[Line, Field(max_length=300)]
-Text = Annotated[Line, Field(max_length=2000)]
-_MOST_ENTRIES = 100
 
 
 class Facts(BaseModel):
@@ -47,7 +42,7 @@ class TaskFacts(Facts):
     steps: Count
     step_seconds: Annotated[float, Field(gt=0, le=86400)]
     start: Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")]
-    parts: Annotated[dict[Word, Word], Field(max_length=_MOST_ENTRIES)]
+    parts: Annotated[dict[Word, Word], Field(max_length=MOST_ENTRIES)]
 
 
 class AgentFacts(Facts):
@@ -59,7 +54,7 @@ class AgentFacts(Facts):
     privileged: bool
     information: Text
     acts: Acts
-    columns: Annotated[tuple[Word, ...], Field(max_length=_MOST_ENTRIES)]
+    columns: Annotated[tuple[Word, ...], FailFast(), Field(max_length=MOST_ENTRIES)]
 
     @model_validator(mode="after")
     def _has_a_name(self) -> Self:
@@ -97,8 +92,8 @@ class Provenance(Facts):
 
     task: TaskFacts
     agent: AgentFacts
-    kernel: Annotated[dict[Word, Text | float], Field(max_length=_MOST_ENTRIES)]
-    versions: Annotated[dict[Word, Word], Field(max_length=_MOST_ENTRIES)]
+    kernel: Annotated[dict[Word, Text | float], Field(max_length=MOST_ENTRIES)]
+    versions: Annotated[dict[Word, Word], Field(max_length=MOST_ENTRIES)]
 
     @model_validator(mode="after")
     def _says_what_computed(self) -> Self:
@@ -186,8 +181,3 @@ def as_words(provenance: Provenance, run: RunFacts | None = None) -> dict[str, s
         words |= {"seed": str(run.seed), "status": run.status, "steps": str(run.steps)}
         words |= {} if run.reason is None else {"reason": run.reason}
     return words
-
-
-def task_attachment(task: TaskSpec) -> bytes:
-    """The task's definition as it is attached to a record."""
-    return definition_json(task)

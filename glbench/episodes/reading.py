@@ -18,7 +18,7 @@ from glbench.episodes.mcap_scan import Scan, scan
 from glbench.episodes.wire import Layout, layout_from
 from glbench.episodes.writing import FORMAT, PROVENANCE, RUN, TASK
 from glbench.errors import EpisodeError
-from glbench.untrusted import one_line, shown
+from glbench.untrusted import one_line, quoted, refuse_crowd, visible
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,7 +67,7 @@ def read_episode(path: Path | str, *, partial: bool = False) -> Episode:
     try:
         return _episode(path, found, provenance, run)
     except (ValueError, KeyError, IndexError, TypeError, OverflowError, StopIteration, DecodeError) as error:
-        msg = f"{path} does not hold an episode as glbench writes it ({shown(' '.join(str(error).split())[:200])})."
+        msg = f"{path} does not hold an episode as glbench writes it ({visible(' '.join(str(error).split())[:200])})."
         raise EpisodeError(msg) from error
 
 
@@ -76,10 +76,14 @@ def _attached(path: Path, found: Scan, name: str, kind: type[Record]) -> Record:
     if data is None:
         raise EpisodeError(_too_short(path, name, found))
     try:
+        refuse_crowd(data)
         return kind.model_validate_json(data)
     except ValidationError as error:
         first = error.errors()[0]
-        msg = f"{path}: the attached {name} is invalid ({shown('.'.join(map(str, first['loc'])))}: {first['msg']})."
+        msg = f"{path}: the attached {name} is invalid ({visible('.'.join(map(str, first['loc'])))}: {first['msg']})."
+        raise EpisodeError(msg) from error
+    except ValueError as error:
+        msg = f"{path}: the attached {name} is invalid: {error}."
         raise EpisodeError(msg) from error
 
 
@@ -90,6 +94,9 @@ def _too_short(path: Path, name: str, found: Scan) -> str:
 def _episode(path: Path, found: Scan, provenance: Provenance, run: RunFacts) -> Episode:
     topics = [(channel, _layout(path, found, channel)) for channel in found.channels.values()]
     groups = {group.name: (channel, layout, group) for channel, layout in topics for group in _groups(channel, layout)}
+    if "action" not in groups:
+        msg = f"{path} holds no actions. It was not written by glbench."
+        raise EpisodeError(msg)
     begun = {name: row for name, row in groups.items() if row[2].at_start}
     if not found.chunks or not begun:
         msg = f"{path} holds no steps{f': {found.problem}' if found.problem else ''}."
@@ -134,6 +141,9 @@ def _groups(channel: Channel, layout: Layout) -> list[Group]:
         at_start = about.get(f"at_start.{part.field}") == "true"
         for column in columns:
             one_line(column.name + column.unit + column.meaning)
+            if not column.name.isidentifier():  # in a spreadsheet it could be a formula
+                msg = f"a column is called {quoted(column.name)}"
+                raise ValueError(msg)
         groups.append(
             Group(about.get(f"group.{part.field}", part.field), part.field, part.message, moment, at_start, columns)
         )

@@ -1,4 +1,4 @@
-"""Calling an agent: what it returns is checked, what goes wrong becomes a sentence.
+"""Calling an agent: its answers are checked, and its errors become reasons in words.
 
 Nothing that an agent does in a call raises out of this module, except Ctrl-C.
 """

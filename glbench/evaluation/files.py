@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation.records import SCHEMA_NAME, SCHEMA_VERSION, Result
 from glbench.resources import write_atomically
-from glbench.untrusted import MIB, parse_json, quoted, read_regular, shown
+from glbench.untrusted import MIB, parse_json, quoted, read_regular, visible
 
 _SHOWN_PROBLEMS = 3
 _LONGEST_KEY = 80
@@ -123,7 +123,7 @@ def _problems(error: ValidationError) -> str:
     """The first problems in words: where in the file, and what."""
     listed = []
     for problem in error.errors()[:_SHOWN_PROBLEMS]:
-        where = shown(".".join(str(part)[:_LONGEST_KEY] for part in problem["loc"]))
+        where = visible(".".join(str(part)[:_LONGEST_KEY] for part in problem["loc"]))
         what = problem["msg"].removeprefix("Value error, ")
         listed.append(f"{where}: {what}" if where else what)
     more = error.error_count() - len(listed)

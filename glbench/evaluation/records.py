@@ -11,11 +11,12 @@ import math
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 import rfc8785
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, model_validator
 
 from glbench.agents.card import SubmissionCard
 from glbench.evaluation.metrics import METRIC_NAMES, UNITS
-from glbench.untrusted import AGENT_NAME_RULE, LARGEST_INTEGER, is_agent_name, one_line
+from glbench.fields import MOST_ENTRIES, Count, Text, Word
+from glbench.untrusted import AGENT_NAME_RULE, is_agent_name
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,16 +26,9 @@ SCHEMA_VERSION: Final = 1
 
 Status = Literal["ok", "crashed", "timed_out", "invalid_action", "simulation_failed"]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-Count = Annotated[int, Field(ge=0, le=LARGEST_INTEGER)]
 Seconds = Annotated[float, Field(ge=0, le=1e15)]
-LONGEST_REASON = 2000
-"""Characters of the words that say why a run failed."""
-Line = Annotated[str, AfterValidator(one_line)]
-Word = Annotated[Line, Field(max_length=300)]
-Text = Annotated[Line, Field(max_length=LONGEST_REASON)]
 MOST_STEPS = 10_000_000
 """A task has at most ten years of minutes."""
-_MOST_ENTRIES = 100
 _LARGEST_METRIC = 1e100
 """Beyond what any run can reach; sums of larger numbers overflow."""
 
@@ -63,7 +57,7 @@ class RunResult(Record):
     status: Status
     reason: Text | None
     steps: Count
-    metrics: Annotated[dict[Word, float], Field(max_length=_MOST_ENTRIES)]
+    metrics: Annotated[dict[Word, float], Field(max_length=MOST_ENTRIES)]
 
     @model_validator(mode="after")
     def _has_every_metric(self) -> Self:
@@ -107,15 +101,15 @@ class EvaluationRecord(Record):
     """
 
     runs: Annotated[Count, Field(ge=1)]
-    seeds: tuple[Count, ...]
+    seeds: Annotated[tuple[Count, ...], FailFast()]
     workers: Annotated[Count, Field(ge=1)]
     wall_seconds: Seconds
     steps_per_second: Seconds
     decision_seconds: Seconds
     decision_milliseconds: Seconds
     resumed_at_step: Count | None
-    limits: Annotated[dict[Word, Seconds], Field(max_length=_MOST_ENTRIES)]
-    kernel: Annotated[dict[Word, Text | float], Field(max_length=_MOST_ENTRIES)]
+    limits: Annotated[dict[Word, Seconds], Field(max_length=MOST_ENTRIES)]
+    kernel: Annotated[dict[Word, Text | float], Field(max_length=MOST_ENTRIES)]
     sandbox: Literal["bubblewrap", "unsandboxed", "built-in"] | None = None
     """How the agent ran: in a sandbox, without one, or as a part of glbench; ``None`` in results of glbench without sandboxes."""
 
@@ -161,7 +155,7 @@ class Summary(Record):
     ok: Count
     failed: Count
     statuses: dict[Status, Count]
-    mean: Annotated[dict[Word, float], Field(max_length=_MOST_ENTRIES)]
+    mean: Annotated[dict[Word, float], Field(max_length=MOST_ENTRIES)]
 
 
 class Result(Record):
@@ -176,8 +170,8 @@ class Result(Record):
     machine: Machine
     git: GitState | None
     created: Word
-    units: Annotated[dict[str, str], Field(max_length=_MOST_ENTRIES)]
-    runs: tuple[RunResult, ...]
+    units: Annotated[dict[str, str], Field(max_length=MOST_ENTRIES)]
+    runs: Annotated[tuple[RunResult, ...], FailFast()]
     summary: Summary
     results_digest: Digest
     record: RecordReference | None = None

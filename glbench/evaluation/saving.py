@@ -73,7 +73,7 @@ def save(computed: Computed, out: Path, task: TaskSpec, selection: Sequence[str]
         if actions.is_file() and result.record is not None:
             again = "makes what is missing"
         else:
-            again = "goes on from the last checkpoint" if checkpointed else "evaluates again"
+            again = "continues from the last checkpoint" if checkpointed else "evaluates again"
         msg = f"{error}\n{lacking}: free some space; the same command then {again}."
         raise SavingError(msg, result) from error
     return result

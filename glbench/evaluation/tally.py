@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from glbench.env import StepResult
 from glbench.evaluation.acting import Failure
 from glbench.evaluation.metrics import METRIC_NAMES, METRICS, step_values, with_missing_steps
-from glbench.evaluation.records import LONGEST_REASON, RunResult, Status
+from glbench.evaluation.records import RunResult, Status
+from glbench.fields import LONGEST_TEXT
 from glbench.kernel.finite import all_finite
-from glbench.untrusted import shown
+from glbench.untrusted import as_one_line
 
 
 class Tally:
@@ -43,7 +44,7 @@ class Tally:
             for row in rows:
                 if self.alive[row]:
                     self.alive[row] = self.all_alive = False
-                    self._ends[row] = (failure.status, shown(failure.reason[:LONGEST_REASON]))
+                    self._ends[row] = (failure.status, as_one_line(failure.reason[:LONGEST_TEXT]))
                     ended.append(row)
         return ended
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from html import escape
 
 from glbench.errors import ResultError, did_you_mean
-from glbench.leaderboard.escaping import number_text, visible
+from glbench.leaderboard.escaping import number_text
 from glbench.leaderboard.ranking import TaskTable
+from glbench.untrusted import visible
 
 _CHARACTER = 6.6  # px, about the mean width of a character at 11 px
 _PADDING = 8

@@ -1,7 +1,7 @@
 """What a result's agent was trained for: from the card of a submission, or from the trainings that a shipped baseline keeps.
 
 A baseline that ships several policies acts with the one trained under the nearest uncertainty, so that one's training counts. What
-nobody says is ``None`` and not 0.
+is not stated is ``None`` and not 0.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from glbench.tasks import list_tasks
 
 @dataclass(frozen=True)
 class Budget:
-    """Control steps of all environments together, and hours on the machine that trained; 0 steps where nothing was learnt."""
+    """Control steps of all environments together, and hours on the machine that trained; 0 steps: not trained."""
 
     steps: int | None
     hours: float | None

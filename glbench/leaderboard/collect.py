@@ -10,7 +10,7 @@ from typing import Literal
 from glbench.errors import ResultError
 from glbench.evaluation import Result, load_result
 from glbench.resources import is_released
-from glbench.verification import SUFFIX, read_proof
+from glbench.verification import SUFFIX, was_reproduced
 
 Origin = Literal["released", "own", "trial"]
 """Where a result comes from: it came with glbench, is the user's own, or is the user's own with other seeds than the task's."""
@@ -19,7 +19,7 @@ ORIGINS: tuple[Origin, ...] = ("released", "own", "trial")
 
 @dataclass(frozen=True)
 class StoredResult:
-    """A result, the file that holds it, and whether a proof of this very file lies beside it: its runs were reproduced."""
+    """A result, the file that holds it, and whether its runs were reproduced, here or before it was released."""
 
     path: Path
     result: Result
@@ -90,7 +90,7 @@ def read_folder(folder: Path) -> tuple[list[StoredResult], list[ResultError]]:
         if path.name.endswith(SUFFIX):
             continue
         try:
-            found.append(StoredResult(path, load_result(path), reproduced=read_proof(path) is not None))
+            found.append(StoredResult(path, load_result(path), reproduced=was_reproduced(path)))
         except ResultError as error:
             problems.append(error)
     return found, problems

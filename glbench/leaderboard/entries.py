@@ -120,9 +120,7 @@ def entry_of(result: StoredResult) -> Entry:
 
 def origin_of(item: StoredResult, seeds: tuple[int, ...]) -> Origin:
     """Whether a result came with glbench, is the user's own, or a trial: one with other seeds than the task's ``seeds``."""
-    if item.released:
-        return "released"
-    return "trial" if item.trial or item.result.evaluation.seeds != seeds else "own"
+    return "trial" if item.origin == "own" and item.result.evaluation.seeds != seeds else item.origin
 
 
 def expected_seeds(task_id: str, items: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> tuple[int, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from glbench.untrusted import visible
+
 _LATEX = str.maketrans(
     {
         "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "%": r"\%", "_": r"\_",
@@ -13,11 +15,6 @@ _MARKDOWN = str.maketrans(
     {"&": "&amp;", "<": "&lt;", ">": "&gt;", "|": r"\|", "`": r"\`", "[": r"\[", "]": r"\]", "*": r"\*", "\\": r"\\"}
 )
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
-
-
-def visible(text: str) -> str:
-    """``text`` on one line, with a question mark for every character that steers a terminal or the direction of writing."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def markdown_text(text: str) -> str:

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 from glbench.evaluation.metrics import UNITS
 from glbench.leaderboard.aggregates import Interval
 from glbench.leaderboard.collect import Origin
-from glbench.leaderboard.escaping import latex_text, number_text, visible
+from glbench.leaderboard.escaping import latex_text, number_text
 from glbench.leaderboard.ranking import Row, TaskTable
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
 from glbench.leaderboard.tables import (
@@ -23,6 +23,7 @@ from glbench.leaderboard.tables import (
     sandbox_word,
     steps_text,
 )
+from glbench.untrusted import visible
 
 
 class _Frozen(BaseModel):

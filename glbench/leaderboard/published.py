@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from glbench.agents.baselines import read_baseline
-from glbench.agents.identity import baseline_names, letters_of
+from glbench.agents.identity import baseline_names, letters_of, without_seed
 from glbench.errors import ResultError
 from glbench.evaluation import Result
 from glbench.evaluation.preparing import TRIALS
@@ -85,7 +85,7 @@ class _Names:
     def problem(self, item: StoredResult) -> str | None:
         """Why a result cannot stand under its agent's name; ``None`` where it can."""
         agent = item.result.agent
-        known = self._known.get(letters_of(agent.name))
+        known = self._known.get(letters_of(agent.name)) or self._known.get(letters_of(without_seed(agent.name)))
         if known is None:
             if agent.kind != "baseline":
                 return None

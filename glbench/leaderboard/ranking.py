@@ -67,7 +67,7 @@ class Row:
     build: str = ""
     """A short name of the kernel's build and settings, see ``kernels.kernel_build``."""
     training_steps: int | None = None
-    """Control steps of the (longest) training; 0 when nothing was learnt, ``None`` when nobody says."""
+    """Control steps of the (longest) training; 0: not trained; ``None``: not stated."""
     training_hours: float | None = None
     """Hours that the (longest) training took on its machine [h]."""
     sandbox: str | None = None

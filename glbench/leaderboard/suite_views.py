@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from glbench.evaluation.metrics import METRIC_NAMES, UNITS
 from glbench.leaderboard.aggregates import Interval
-from glbench.leaderboard.escaping import latex_text, markdown_text, number_text, visible
+from glbench.leaderboard.escaping import latex_text, markdown_text, number_text
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
 from glbench.leaderboard.tables import (
     COLUMNS,
@@ -19,6 +19,7 @@ from glbench.leaderboard.tables import (
     sandbox_word,
     steps_text,
 )
+from glbench.untrusted import visible
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -39,7 +39,7 @@ _LOWEST_THRESHOLD = -0.25
 class SuiteFigures:
     """What an agent earned, grew and used over a suite: means over the tasks of the means over the runs, in the metrics' units.
 
-    ``training_steps`` is that of the task with the longest training; ``None`` when nobody says. ``origin`` is ``released`` when all of
+    ``training_steps`` is that of the task with the longest training; ``None``: not stated. ``origin`` is ``released`` when all of
     its results are.
     """
 

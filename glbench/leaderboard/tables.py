@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 from glbench.evaluation.metrics import METRICS, UNITS
 from glbench.leaderboard.comparisons import RESOLUTION
-from glbench.leaderboard.escaping import markdown_text, number_text, visible
+from glbench.leaderboard.escaping import markdown_text, number_text
 from glbench.leaderboard.ranking import Estimate, Row, TaskTable
+from glbench.untrusted import visible
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -237,12 +238,12 @@ def runs_label(row: Row) -> str:
 
 
 def reproduced_label(row: Row) -> str:
-    """A mark, or a dash where no proof of the result is there."""
+    """A mark, or a dash where no note of `glbench verify` is there."""
     return REPRODUCED_MARK if row.reproduced else "–"
 
 
 def steps_text(steps: int | None) -> str:
-    """Steps of a training as people write them: ``2.02M``; 0 when nothing was learnt, a dash when nobody says."""
+    """Steps of a training as people write them: ``2.02M``; 0: not trained; a dash: not stated."""
     if steps is None:
         return "–"
     for size, letter in ((1_000_000, "M"), (1_000, "k")):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from glbench.episodes.definition import task_of
+from glbench.evaluation.files import short_task_id
 from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.evaluation.profiles import Profile
 from glbench.leaderboard import Row, StoredResult, TaskTable
@@ -32,12 +33,15 @@ class Known:
 
 
 def known_results(
-    stored: Sequence[StoredResult], tables: Sequence[TaskTable], profiles: Mapping[str, Profile]
+    stored: Sequence[StoredResult], tables: Sequence[TaskTable], profiles: Mapping[tuple[str, str], Profile]
 ) -> list[Known]:
-    """All results in the order of the leaderboards, trainings one by one; ``profiles`` are by ``results_digest``."""
-    by_digest = {item.result.results_digest: item for item in stored}
+    """All results in the order of the leaderboards, trainings one by one; ``profiles`` are by task id and ``results_digest``.
+
+    The digest alone will not do: it does not cover the id of the task.
+    """
+    by_digest = {(item.result.task.id, item.result.results_digest): item for item in stored}
     return [
-        Known(by_digest[row.results_digest], row, profiles.get(row.results_digest))
+        Known(by_digest[row.task_id, row.results_digest], row, profiles.get((row.task_id, row.results_digest)))
         for table in tables
         for row in table.results
     ]
@@ -58,10 +62,10 @@ def task_specs(known: Sequence[Known]) -> dict[str, TaskSpec]:
 
 def task_facts(table: TaskTable, steps: int, step_seconds: float, spec: TaskSpec | None) -> dict[str, Any]:
     """A task as the page shows it; without its definition only what results say of it."""
-    lock = read_lock()
+    lock, short = read_lock(), short_task_id(table.task_id)
     facts: dict[str, Any] = {
         "id": table.task_id,
-        "short": table.task_id.rpartition("/")[2],
+        "short": table.task_id if table.task_id not in lock and short in map(short_task_id, lock) else short,
         "title": table.title,
         "digest": table.digest,
         "metric": table.metric,
@@ -172,16 +176,18 @@ def training_name(entry: Row, training: Row) -> str:
     return f"{training.agent}_seed{training.training_seed}" if training.agent == entry.agent else training.agent
 
 
-def entry_facts(entry: Row, known: Mapping[tuple[str, str], Known], blocks: Mapping[str, str]) -> list[dict[str, Any]]:
+def entry_facts(
+    entry: Row, known: Mapping[tuple[str, str], Known], blocks: Mapping[tuple[str, str], str]
+) -> list[dict[str, Any]]:
     """What the page shows of one row of a leaderboard: a result, or several trainings as one and then one by one.
 
-    ``known`` holds results by task id and ``results_digest``, ``blocks`` the names of their profiles by ``results_digest``. Of several
+    ``known`` holds results by task id and ``results_digest``, ``blocks`` the names of their profiles likewise. Of several
     trainings the values are means over them, run by run, so that all that is linear in amounts can be computed again; days and seasons are
     those of the first.
     """
     items = [known[row.task_id, row.results_digest] for row in entry.results]
     results = [
-        {**result_facts(replace(item, row=row)), "profile": blocks.get(row.results_digest)}
+        {**result_facts(replace(item, row=row)), "profile": blocks.get((row.task_id, row.results_digest))}
         for item, row in zip(items, entry.results, strict=True)
     ]
     first = {**results[0], "agent": entry.agent, "trainings": len(entry.trainings)}

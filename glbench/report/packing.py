@@ -50,16 +50,17 @@ def squeezed(text: bytes) -> str:
     return base64.b64encode(gzip.compress(text, compresslevel=9, mtime=0)).decode("ascii")
 
 
-def profile_blocks(known: Sequence[Known], blocks: Blocks) -> tuple[dict[str, str], dict[str, str]]:
-    """Names of the profiles by ``results_digest``, and of the weather by task id."""
-    profiles, weather = {}, {}
+def profile_blocks(known: Sequence[Known], blocks: Blocks) -> tuple[dict[tuple[str, str], str], dict[str, str]]:
+    """Names of the profiles by task id and ``results_digest``, and of the weather by task id."""
+    profiles: dict[tuple[str, str], str] = {}
+    weather: dict[str, str] = {}
     for item in known:
         if item.profile is None:
             continue
-        document = item.profile.document
-        profiles[item.row.results_digest] = blocks.add("profile", embedded_profile(item.profile))
-        if item.row.task_id not in weather:
-            weather[item.row.task_id] = blocks.add("weather", _weather(document))
+        profiles[item.row.task_id, item.row.results_digest] = blocks.add("profile", embedded_profile(item.profile))
+    for item in sorted(known, key=lambda one: not one.stored.released):  # what came with glbench knows the weather best
+        if item.profile is not None and item.row.task_id not in weather:
+            weather[item.row.task_id] = blocks.add("weather", _weather(item.profile.document))
     return profiles, weather
 
 

@@ -16,7 +16,6 @@ from glbench.errors import ResultError
 from glbench.evaluation.profiles import Profile, load_profile
 from glbench.leaderboard import StoredResult, TaskTable, rank
 from glbench.leaderboard.comparisons import RESOLUTION
-from glbench.leaderboard.escaping import visible
 from glbench.leaderboard.published import own_and_released_results, published_expectations
 from glbench.leaderboard.suite_views import SCORE_STEP
 from glbench.leaderboard.suites import SuiteTable, suite_tables
@@ -26,6 +25,7 @@ from glbench.report.packing import Blocks, profile_blocks, squeezed
 from glbench.report.words import words
 from glbench.resources import write_atomically
 from glbench.tasks import DEFAULT_TASK
+from glbench.untrusted import visible
 
 PAGE = "index.html"
 logger = logging.getLogger(__name__)
@@ -113,8 +113,8 @@ def page_data(
     }
 
 
-def _profiles(stored: Sequence[StoredResult]) -> dict[str, Profile]:
-    """Profiles by ``results_digest``; one that cannot be used is left out with a warning, as one that is missing."""
+def _profiles(stored: Sequence[StoredResult]) -> dict[tuple[str, str], Profile]:
+    """Profiles by task id and ``results_digest``; one that cannot be used is left out with a warning, as one that is missing."""
     found = {}
     for item in stored:
         try:
@@ -123,7 +123,7 @@ def _profiles(stored: Sequence[StoredResult]) -> dict[str, Profile]:
             logger.warning("%s", error)
             continue
         if profile is not None:
-            found[item.result.results_digest] = profile
+            found[item.result.task.id, item.result.results_digest] = profile
     return found
 
 
@@ -158,9 +158,9 @@ def packed_data(data: dict[str, Any]) -> str:
 
 
 def _shown(part: Any) -> Any:
-    """The same document, every text in it line by line ``visible``."""
+    """The same document with every text in it ``visible``."""
     if isinstance(part, str):
-        return "\n".join(visible(line) for line in part.split("\n"))
+        return visible(part, keep="\n")
     if isinstance(part, dict):
         return {_shown(key): _shown(value) for key, value in part.items()}
     return [_shown(one) for one in part] if isinstance(part, list | tuple) else part

@@ -7,7 +7,6 @@ comes out is checked, digested and recorded like a file that is written out: nob
 
 from __future__ import annotations
 
-import stat
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from typing import Any
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.registration import task_files, task_ids
 from glbench.resources import data_folder
+from glbench.untrusted import MIB, read_regular
 
 BASE = "base"
 NOT_INHERITED = ("id", "title", "description", "suites")
@@ -24,7 +24,7 @@ NOT_INHERITED = ("id", "title", "description", "suites")
 LONGEST_CHAIN = 8
 """Files that a task may be made of."""
 
-_LARGEST_FILE = 2**20
+_LARGEST_FILE = MIB
 _DEEPEST = 8
 _LARGEST_INTEGER = 2**63
 _LONGEST_VALUE = 80
@@ -166,19 +166,12 @@ def _file_of(base: object, path: Path, shown: str) -> Path | None:
 
 def _read_toml(path: Path, shown: str) -> dict[str, Any]:
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            msg = f"{shown} is no file, but a folder, a pipe or a device. Give a .toml file or the id of a task."
-            raise TaskError(msg)
-        if status.st_size > _LARGEST_FILE:
-            msg = f"{shown} has {status.st_size:,} bytes; a task file has some thousand. Is it the right file?"
-            raise TaskError(msg)
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(read_regular(path, _LARGEST_FILE).decode())
     except FileNotFoundError:
         msg = f"There is no task file {shown}. `glbench tasks list` shows the tasks that are there."
         raise TaskError(msg) from None
     except (OSError, UnicodeDecodeError) as error:
-        msg = f"Cannot read the task file {shown}: {error}."
+        msg = f"Cannot read the task file {shown}: {error}. Give a .toml file or the id of a task."
         raise TaskError(msg) from error
     except tomllib.TOMLDecodeError as error:
         msg = f"{shown} is no valid TOML: {error}. Correct that line; tasks/ has files to compare with."

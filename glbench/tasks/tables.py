@@ -14,6 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from glbench.errors import did_you_mean
 from glbench.tasks import vocabulary as words
+from glbench.tasks.bases import as_written
 from glbench.tasks.quantities import CONTROLS, LIMITED
 
 SECONDS_A_DAY = 86400
@@ -25,11 +26,6 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False, validate_by_name=False)
 
 
-def quoted(value: object) -> str:
-    """A value as a TOML file writes it, as far as short messages need it."""
-    return f'"{value}"' if isinstance(value, str) else str(value)
-
-
 def in_unit(unit: str) -> BeforeValidator:
     """Read ``{ value = ..., unit = "..." }`` and hand on the value, if the unit is ``unit``."""
 
@@ -38,7 +34,7 @@ def in_unit(unit: str) -> BeforeValidator:
             msg = f'Write it with its unit: {{ value = ..., unit = "{unit}" }}.'
             raise ValueError(msg)
         if given["unit"] != unit:
-            msg = f'Its unit is "{unit}", not {quoted(given["unit"])}: convert the value and write that unit.'
+            msg = f'Its unit is "{unit}", not {as_written(given["unit"])}: convert the value and write that unit.'
             raise ValueError(msg)
         return given["value"]
 
@@ -120,7 +116,7 @@ def _sorted_overrides(given: object) -> tuple[Override, ...]:
             msg = f'Write {name} with its unit: {name} = {{ value = ..., unit = "..." }}.'
             raise ValueError(msg)
         if isinstance(entry["value"], bool) or not isinstance(entry["value"], int | float):
-            msg = f"The value of {name} is {quoted(entry['value'])}, which is not a number."
+            msg = f"The value of {name} is {as_written(entry['value'])}, which is not a number."
             raise ValueError(msg)  # noqa: TRY004 -- see one_of
         overrides.append((name, float(entry["value"]), entry["unit"]))
     return tuple(overrides)
@@ -232,7 +228,7 @@ class Limits(Table):
 def _limits_in(unit: str) -> BeforeValidator:
     def check(given: object) -> object:
         if isinstance(given, Mapping) and given.get("unit", unit) != unit:
-            msg = f'Its unit is "{unit}", not {quoted(given["unit"])}: convert low and high and write that unit.'
+            msg = f'Its unit is "{unit}", not {as_written(given["unit"])}: convert low and high and write that unit.'
             raise ValueError(msg)
         return given
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from glbench.verification.comparing import TOLERANCE
 from glbench.verification.coverage import stated_words
-from glbench.verification.proof import SUFFIX, Proof, proof_path, read_proof, save_proof
+from glbench.verification.proof import SUFFIX, Proof, proof_path, read_proof, save_proof, was_reproduced
 from glbench.verification.proving import verify
 from glbench.verification.verdict import Verdict
 
@@ -21,4 +21,5 @@ __all__ = [
     "save_proof",
     "stated_words",
     "verify",
+    "was_reproduced",
 ]

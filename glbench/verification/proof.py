@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import hmac
+import os
+import secrets
+import tempfile
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import AliasChoices, ConfigDict, Field, ValidationError
+from pydantic import AliasChoices, ConfigDict, FailFast, Field, ValidationError
 
 from glbench import __version__
 from glbench.errors import GlbenchError
 from glbench.evaluation import load_result, provenance
 from glbench.evaluation.files import LARGEST_RESULT
-from glbench.evaluation.records import Count, Digest, Machine, Record, Word
-from glbench.resources import write_atomically
+from glbench.evaluation.records import Digest, Machine, Record
+from glbench.fields import Count, Word
+from glbench.resources import is_released, user_data_folder, write_atomically
 from glbench.untrusted import MIB, read_regular
 from glbench.verification.comparing import TOLERANCE
 from glbench.verification.verdict import Exactness, Verdict
@@ -21,6 +27,7 @@ from glbench.verification.verdict import Exactness, Verdict
 SUFFIX: Final = ".proof.json"
 SCHEMA: Final = "glbench/proof"
 _LARGEST = MIB
+_KEY = "proof.key"
 
 
 class Proof(Record):
@@ -42,11 +49,13 @@ class Proof(Record):
     largest_difference: Annotated[float, Field(ge=0, le=TOLERANCE)]
     runs: Count
     steps: Count
-    full_episodes: tuple[Count, ...]
+    full_episodes: Annotated[tuple[Count, ...], FailFast()]
     reproduced: tuple[Word, ...] = ()
     stated: tuple[Word, ...] = ()
     glbench: Word
     machine: Machine
+    seal: Digest | None = None
+    """HMAC-SHA256 over the other fields with this user's key, without which the note counts for nothing outside the released results."""
 
 
 def proof_path(result: Path) -> Path:
@@ -88,6 +97,7 @@ def save_proof(verdict: Verdict) -> Path | None:
         glbench=__version__,
         machine=provenance.machine(),
     )
+    proof = proof.model_copy(update={"seal": _seal(proof, create=True)})
     write_atomically(path, proof.model_dump_json(by_alias=True, indent=2) + "\n")
     return path
 
@@ -99,6 +109,42 @@ def read_proof(result: Path) -> Proof | None:
         return proof if proof.result_sha256 == _sha256(result) else None
     except (OSError, ValidationError):
         return None
+
+
+def was_reproduced(result: Path) -> bool:
+    """Whether `glbench verify` of this user reproduced exactly this result file, or it came reproduced with glbench.
+
+    A note that came along with somebody else's result proves nothing: anyone can write one.
+    """
+    proof = read_proof(result)
+    if proof is None:
+        return False
+    seal = _seal(proof, create=False)
+    return is_released(result) or (
+        seal is not None and proof.seal is not None and hmac.compare_digest(seal, proof.seal)
+    )
+
+
+def _seal(proof: Proof, *, create: bool) -> str | None:
+    """The seal that this user's key gives ``proof``; ``None`` where there is no key and none can, or is to, be made."""
+    try:
+        file = user_data_folder() / _KEY
+        if create and not file.exists():
+            file.parent.mkdir(parents=True, exist_ok=True)
+            handle, name = tempfile.mkstemp(dir=file.parent)  # readable by its owner alone
+            try:
+                with os.fdopen(handle, "wb") as opened:
+                    opened.write(secrets.token_bytes(32))
+                with contextlib.suppress(
+                    FileExistsError
+                ):  # of two processes that make a key at once the first one's stays
+                    os.link(name, file)
+            finally:
+                Path(name).unlink()
+        key = read_regular(file, _LARGEST)
+    except (OSError, GlbenchError):
+        return None
+    return hmac.new(key, proof.model_dump_json(exclude={"seal"}).encode(), "sha256").hexdigest()
 
 
 def _sha256(path: Path) -> str:

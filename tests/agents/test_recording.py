@@ -14,6 +14,7 @@ from glbench.agents.baselines import read_baseline
 from glbench.agents.recording import Recording, RecordingAgent, read_recording
 from glbench.errors import ShapeError, SubmissionError
 from glbench.evaluation import evaluate, load_result, result_path
+from glbench.evaluation.preparing import TRIALS
 from glbench.evaluation.recordings import write_recording
 from glbench.resources import data_folder
 from glbench.tasks import get_task, task_card
@@ -123,7 +124,7 @@ def test_the_card_says_what_a_blind_recording_earns(tmp_path):
         released = load_result(data_folder("reports/released/results") / task / "ppo_tuned.json")
         assert np.mean(released.values("reward")) == pytest.approx(figure, abs=0.05)
     evaluate(get_task(widest), "ppo_tuned", runs=1, first_seed=10000, out=tmp_path)
-    write_recording(result_path(tmp_path, widest, "ppo_tuned"), 10000, tmp_path / "widest")
+    write_recording(result_path(tmp_path / TRIALS, widest, "ppo_tuned"), 10000, tmp_path / "widest")
     assert mean_reward(tmp_path / "widest", widest) == pytest.approx(own_thirty, abs=8.0)
 
 

@@ -38,10 +38,10 @@ needs_onnx = pytest.mark.skipif(lacks("onnx", "onnxruntime"), reason="onnx or on
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder a model, called as its algorithm."""
+    """A folder a model, ``my-PPO`` and so on: the bare names are too like those of baselines."""
     folder = tmp_path_factory.mktemp("models")
     for algorithm in ALGORITHMS:
-        save_model(folder / algorithm, algorithm)
+        save_model(folder / f"my-{algorithm}", algorithm)
     return folder
 
 
@@ -87,7 +87,7 @@ def test_a_model_acts_as_its_own_library_makes_it_act(models: Path, card: TaskCa
 def test_a_model_decides_for_a_run_alone_as_among_others_to_the_last_bit(
     models: Path, card: TaskCard, algorithm: str
 ) -> None:
-    agent, seen = made(models / algorithm, card), dialogue()
+    agent, seen = made(models / f"my-{algorithm}", card), dialogue()
     together = answers(agent, card, seen)
     for row in (0, 7, 29):
         assert answers(agent, card, seen[:, row : row + 1]).tobytes() == together[:, row : row + 1].tobytes()
@@ -95,7 +95,7 @@ def test_a_model_decides_for_a_run_alone_as_among_others_to_the_last_bit(
 
 @needs_sb3
 def test_a_reset_forgets_what_a_recurrent_model_remembers(models: Path, card: TaskCard) -> None:
-    agent, seen = made(models / "RecurrentPPO", card), dialogue()
+    agent, seen = made(models / "my-RecurrentPPO", card), dialogue()
     first = answers(agent, card, seen)
     assert answers(agent, card, seen).tobytes() == first.tobytes()
     assert not np.array_equal(answers(agent, card, seen[1:])[0], first[1])
@@ -103,9 +103,11 @@ def test_a_reset_forgets_what_a_recurrent_model_remembers(models: Path, card: Ta
 
 @needs_sb3
 def test_loading_a_model_opens_no_pickle_before_the_agent_is_made(models: Path, tmp_path: Path, card: TaskCard) -> None:
-    shutil.copytree(models / "PPO", tmp_path / "PPO")
-    (tmp_path / "PPO" / "vecnormalize.pkl").write_bytes(b"cos\nmkdir\n(S'%s'\ntR." % str(tmp_path / "was-run").encode())
-    loaded = load_agent(tmp_path / "PPO")
+    shutil.copytree(models / "my-PPO", tmp_path / "my-PPO")
+    (tmp_path / "my-PPO" / "vecnormalize.pkl").write_bytes(
+        b"cos\nmkdir\n(S'%s'\ntR." % str(tmp_path / "was-run").encode()
+    )
+    loaded = load_agent(tmp_path / "my-PPO")
     assert not (tmp_path / "was-run").exists()
     with pytest.raises(SubmissionError, match="expected VecNormalize"):
         loaded.make(card)
@@ -117,11 +119,11 @@ def test_loading_a_model_opens_no_pickle_before_the_agent_is_made(models: Path, 
 def test_statistics_are_found_and_are_part_of_the_digest(models: Path, tmp_path: Path, place: str) -> None:
     folder = tmp_path / "mine"
     folder.mkdir()
-    shutil.copy(models / "PPO" / "model.zip", folder / "model.zip")
+    shutil.copy(models / "my-PPO" / "model.zip", folder / "model.zip")
     where = {"beside": "vecnormalize.pkl", "named": "model_vecnormalize.pkl", "deeper": "env/vecnormalize.pkl"}[place]
     without = load_agent(folder)
     (folder / where).parent.mkdir(exist_ok=True)
-    shutil.copy(models / "PPO" / "vecnormalize.pkl", folder / where)
+    shutil.copy(models / "my-PPO" / "vecnormalize.pkl", folder / where)
     found = load_agent(folder)
     assert found.submission is not None
     assert found.submission.statistics == (folder / where).resolve()

@@ -137,7 +137,7 @@ def test_ctrl_c_leaves_with_130_and_the_same_command_goes_on(here: Path) -> None
 
     assert process.returncode == 130
     assert "Interrupted." in err
-    assert "the same command (without --fresh) goes on from the last checkpoint" in err
+    assert "the same command (without --fresh) continues from the last checkpoint" in err
     assert "Traceback" not in err
     assert out == ""
     (here / "hurry").touch()

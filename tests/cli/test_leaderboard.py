@@ -59,12 +59,12 @@ def test_every_row_says_its_source(reports, monkeypatch):
 
 
 def test_trainings_are_one_row_and_each_by_itself_on_request(reports, monkeypatch):
-    for seed, name in enumerate(("ppo", "ppo_seed1", "ppo_seed2")):
+    for seed, name in enumerate(("mine", "mine_seed1", "mine_seed2")):
         save_result(make_result(name, [100.0 + 10 * seed] * 4), reports)
     monkeypatch.setenv("COLUMNS", "80")
     console.output.cache_clear()
     shown = run("--out", reports, "--task", "Meadow-v1").stdout
-    assert re.search(r"ppo \(3 trainings\) +110\.0 +100\.0 ↔ 120\.0 ", shown)
+    assert re.search(r"mine \(3 trainings\) +110\.0 +100\.0 ↔ 120\.0 ", shown)
     assert "seed 0" not in shown
     members = run("--out", reports, "--task", "Meadow-v1", "--members").stdout
     assert max(len(line) for line in members.splitlines()) <= 80

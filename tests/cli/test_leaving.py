@@ -43,7 +43,7 @@ def test_being_ended_from_outside_is_told_and_the_same_command_goes_on(slow: Pat
 
     assert process.returncode == code
     assert "Interrupted." in err
-    assert "goes on from the last checkpoint" in err
+    assert "continues from the last checkpoint" in err
     assert "Traceback" not in err
     (slow / "hurry").touch()
     rest = subprocess.run([*GLBENCH, "evaluate", "slow.py", *ARGUMENTS], capture_output=True, text=True, check=False)
@@ -69,7 +69,7 @@ def test_signals_that_are_ignored_stay_ignored_and_it_can_still_be_ended(slow: P
     _, err = process.communicate(timeout=300)
 
     assert process.returncode == 143
-    assert "goes on from the last checkpoint" in err
+    assert "continues from the last checkpoint" in err
 
 
 WITHOUT_PROBLEMS = """

@@ -88,3 +88,27 @@ def test_agents_are_compared_over_all_tasks_that_both_have(glbench):
 def test_a_sparkline_rises_with_its_values():
     assert sparkline([0.0, 1.0, 2.0, 7.0]) == "▁▂▃█"
     assert sparkline([3.0, 3.0]) == "▁▁"
+
+
+@pytest.mark.parametrize("place", [("agent", "information"), ("evaluation", "sandbox"), ("created",)], ids=str)
+def test_a_changed_copy_of_a_released_result_is_not_called_released(glbench, tmp_path, place):
+    """The digest of its runs is the same: it does not cover what the file states of the agent and its evaluation."""
+    document = json.loads((RELEASED / TASK / "rule_based_fair.json").read_text(encoding="utf-8"))
+    inner = document
+    for key in place[:-1]:
+        inner = inner[key]
+    inner[place[-1]] = "bubblewrap"
+    (tmp_path / "x.json").write_text(json.dumps(document), encoding="utf-8")
+    shown = glbench("show", str(tmp_path / "x.json"))
+    assert shown.code == 0
+    assert "Source:" not in shown.out
+
+
+def test_a_short_task_name_is_the_published_one(glbench, tmp_path):
+    document = json.loads((RELEASED / TASK / "rule_based_fair.json").read_text(encoding="utf-8"))
+    document["task"].update(id=f"zzz/{TASK}")
+    folder = tmp_path / "results" / "x"
+    folder.mkdir(parents=True)
+    (folder / "rule_based_fair.json").write_text(json.dumps(document), encoding="utf-8")
+    shown = glbench("leaderboard", "--task", TASK, "--out", str(tmp_path), "--json")
+    assert {row["task"] for row in json.loads(shown.out)} == {f"glbench/{TASK}"}

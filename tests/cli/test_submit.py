@@ -16,8 +16,8 @@ def test_a_new_submission_passes_its_check_and_is_evaluated(glbench: Command, he
     assert "Next: glbench submit check anna" in written.err
     checked = glbench("submit", "check", "anna", "--task", "day.toml")
     assert checked.code == 0, checked.out + checked.err
-    assert "Nothing has to be mended." in checked.out
-    assert "A run is decided alone as among others" in checked.out
+    assert "No problems found." in checked.out
+    assert "Same decisions alone and in a batch" in checked.out
     assert glbench("evaluate", "anna", "--task", "day.toml").code == 0
     result = json.loads(Path("reports/results/Day-v1/anna.json").read_text(encoding="utf-8"))
     assert result["agent"]["card"]["name"] == "anna"

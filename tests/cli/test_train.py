@@ -189,7 +189,7 @@ def test_an_interrupted_training_says_once_what_was_kept(
     assert (nothing.code, nothing.err.count("Interrupted.")) == (130, 1)
     assert "Nothing was trained long enough to be kept: the same command starts again." in nothing.err
     monkeypatch.setattr("glbench.training.checkpoint.find_checkpoint", lambda folder: folder)
-    assert "with --resume goes on from the last checkpoint" in glbench(*arguments).err
+    assert "with --resume continues from the last checkpoint" in glbench(*arguments).err
 
 
 def test_an_interrupted_search_says_so_once(glbench: Command, settings: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -298,6 +298,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ("PPO lie {} apart and three of SAC {}", lambda: (spread("ppo")[1], spread("sac")[1])),
         ("rewards closer than {} count as equal", lambda: RESOLUTION),
         ("compiled model: {} times as fast", lambda: us("env/reference") / us("vector/512")),
+        ("greenhouses it steps {} times as fast", lambda: us("env/reference") / us("vector/512")),
         ("{} states, {} controls", lambda: (len(STATE_NAMES), len(CONTROL_NAMES))),
         ("{} parameters", lambda: len(default_parameters())),
         ("sees the {} observations", lambda: len(TASK.observed())),
@@ -388,6 +389,7 @@ CLAIMS: dict[str, list[Claim]] = {
             "fewer hours ({} against {})",
             lambda: (mean("sac", 0, "hours_outside_limits"), mean("ppo", 0, "hours_outside_limits")),
         ),
+        ("695: {} of 2 million steps", lambda: settings("ppo")["n_envs"] * TASK.steps),
         ("takes {} gradient steps, PPO {},", lambda: (sac_gradient_steps(), ppo_gradient_steps())),
         (
             "revenue falls from {} to {} EUR/m²",
@@ -633,6 +635,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ),
         ("near -5 EUR/m²", "source: the paper"),
         ("(10000)", "definition: the seed of the recording"),
+        ("from 10,000,000,000 on", "definition: glbench/training/settings.py"),
         ("5,761", "source: the published code"),
         ("12 hours", "source: the published code"),
     ],
@@ -704,6 +707,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("shows 100 %", "definition: an observation"),
         ("With the limit of 85 % a violation is thus at most 15 %", "definition: the default task"),
         ("within its 15 minutes", "definition: the default task"),
+        ("from 10,000,000,000 on", "definition: glbench/training/settings.py"),
     ],
     "docs/episodes.md": [
         ("Above 512 MB", "definition: glbench/episodes/recorder.py"),

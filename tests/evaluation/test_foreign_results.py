@@ -72,7 +72,7 @@ def test_a_name_that_results_cannot_be_filed_under(good_result: Result, saved: P
     agent = AgentRecord.model_construct(**{**good_result.agent.__dict__, "name": name})
     document["results_digest"] = results_digest(good_result.task.digest, agent, good_result.runs)
     saved.write_text(json.dumps(document), encoding="utf-8")
-    refused(saved, r"agent\.name: an agent's name has letters")
+    refused(saved, r"agent\.name: an agent's name has 1 to 100 letters")
 
 
 @pytest.mark.parametrize(

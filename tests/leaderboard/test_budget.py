@@ -1,4 +1,4 @@
-"""What an agent was trained for: from its card, from the trainings of a shipped baseline, or nobody says."""
+"""What an agent was trained for: from its card, from the trainings of a shipped baseline, or not stated."""
 
 from __future__ import annotations
 

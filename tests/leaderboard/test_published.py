@@ -161,3 +161,11 @@ def test_the_released_results_alone_are_seen_where_they_lie():
     assert problems == ()
     assert all(item.origin == "released" for item in stored)
     assert len(stored) == len([path for path in RELEASED.rglob("*.json") if not path.name.endswith(".proof.json")])
+
+
+@pytest.mark.parametrize("name", ["ppo_seed3", "ppo-seed0", "PPO_seed03", "rule_based_seed1", "ppo_seed1_seed2"])
+@pytest.mark.parametrize("kind", ["submission", "baseline"])
+def test_nobody_else_adds_a_training_to_a_released_recipe(tmp_path, name, kind):
+    save_result(changed(released("ppo"), reward=100.0, name=name, kind=kind), tmp_path)
+    assert rows(tmp_path, name) == []
+    assert any(name in str(problem) for problem in own_and_released_results(tmp_path)[1])

@@ -7,6 +7,7 @@ import gzip
 import json
 import re
 from base64 import b64decode
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from glbench.report.collecting import optional_facts
 from glbench.report.packing import LEVELS
 from glbench.report.page import _asset, _scripts
 from glbench.report.words import words
+from glbench.tasks import DEFAULT_TASK
 
 
 def blocks_of(html: str) -> dict:
@@ -232,3 +234,18 @@ def test_a_profile_that_cannot_be_used_leaves_the_other_results_on_the_page(made
     assert report.results == 2
     assert path in report.without_profile
     assert "Cannot read the profile" in caplog.text
+
+
+def test_a_result_that_shares_its_digest_under_another_task_does_not_speak_for_the_released_one(made):
+    original = next(item for item in made.stored if item.result.task.id == DEFAULT_TASK)
+    task = original.result.task.model_copy(update={"id": "zzz/Schiphol2010-Delta10-v1"})
+    agent = original.result.agent.model_copy(update={"information": "something else"})
+    foreign = replace(original, result=original.result.model_copy(update={"task": task, "agent": agent}))
+    data = build_report([*made.stored, foreign]).data
+    sees = {(one["task"], one["agent"]): one["sees"] for one in data["results"]}
+    name = original.result.agent.name
+    assert sees[original.result.task.id, name] == original.result.agent.information
+    assert sees[task.id, name] == "something else"
+    short = {task["id"]: task["short"] for task in data["tasks"]}
+    assert short[original.result.task.id] == "Schiphol2010-Delta10-v1"
+    assert short[task.id] == task.id

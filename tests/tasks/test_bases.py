@@ -105,14 +105,14 @@ def test_what_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe.toml"
     os.mkfifo(pipe)
     for path in (pipe, tmp_path, Path("/dev/zero")):
-        with pytest.raises(TaskError, match="is no file, but a folder, a pipe or a device"):
+        with pytest.raises(TaskError, match="it is a folder, a pipe or a device"):
             get_task(path)
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("#" * 2_000_000, "has 2,000,000 bytes; a task file has some thousand"),
+        ("#" * 2_000_000, "it is larger than 1 MiB"),
         ("schema = " + "[" * 100_000, "holds a number or a nesting that no task has"),
         ("schema = " + "[" * 20 + "]" * 20, "nested more than 8 deep"),
         ("schema = " + "9" * 5000, "holds a number or a nesting that no task has"),

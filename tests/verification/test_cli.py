@@ -13,7 +13,7 @@ from glbench.cli.app import app
 from glbench.cli.console import messages, output
 from glbench.evaluation import result_path
 from glbench.leaderboard import collect_results, rank, to_frame, to_markdown
-from glbench.verification import proof_path, save_proof, verify
+from glbench.verification import proof_path, read_proof, save_proof, verify, was_reproduced
 from tests.verification.forging import record_of, rewrite, rewrite_record
 
 RUNNER = CliRunner()
@@ -132,6 +132,25 @@ def test_leaderboard_rows_say_verified_only_with_a_proof_of_this_very_file(repor
     assert verified() == {"rule_based"}
 
 
+def test_a_note_that_somebody_else_wrote_gives_no_mark(wavy, tmp_path, monkeypatch):
+    """Of two users with the same result and note only the one who reproduced it sees the mark."""
+    monkeypatch.setenv("GLBENCH_DATA", str(tmp_path / "me"))
+    save_proof(verify(wavy))
+    assert was_reproduced(wavy)
+    assert (tmp_path / "me" / "proof.key").stat().st_mode & 0o077 == 0
+    note = json.loads(proof_path(wavy).read_text())
+
+    monkeypatch.setenv("GLBENCH_DATA", str(tmp_path / "you"))
+    assert read_proof(wavy) is not None
+    assert not was_reproduced(wavy)
+    for seal in (None, "0" * 64):
+        proof_path(wavy).write_text(json.dumps({**note, "seal": seal}))
+        assert read_proof(wavy) is not None
+        assert not was_reproduced(wavy)
+    save_proof(verify(wavy))
+    assert was_reproduced(wavy)
+
+
 def test_a_proof_of_changed_actions_is_not_carried_over(wavy):
     save_proof(verify(wavy))
     rewrite_record(wavy, lambda log: log)
@@ -146,3 +165,12 @@ def test_the_table_on_the_terminal_marks_what_is_verified_within_80_columns(repo
     assert sum("✓" in line for line in lines) == 2  # the row, and the note that explains the mark
     assert any("wavy ‡✓" in line for line in lines)  # evaluated in this process, hence unsandboxed
     assert max(len(line) for line in lines) <= 80
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such names")
+def test_names_of_files_do_not_steer_the_terminal(tmp_path):
+    (tmp_path / "x\x1b[2J\x07.json").write_text("{", encoding="utf-8")
+    done = CliRunner().invoke(app, ["verify", str(tmp_path), "--no-proof"])
+    assert done.exit_code == 1
+    assert "\x1b[2J" not in done.output
+    assert "\x07" not in done.output

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, ValidationError
 
 from glbench.errors import ResultError
-from glbench.evaluation.records import Count, Digest, Word
-from glbench.untrusted import LARGEST_INTEGER, MIB, gunzip, parse_json, quoted, read_regular, shown
+from glbench.evaluation.records import Digest
+from glbench.fields import Count, Word
+from glbench.untrusted import LARGEST_INTEGER, MIB, gunzip, parse_json, quoted, read_regular, visible
 
 SCHEMA: Final = "glbench/profile"
 VERSION: Final = 1
@@ -42,16 +43,17 @@ class _Part(BaseModel):
 
 
 _Cell = Annotated[int, Field(ge=-LARGEST_INTEGER, le=LARGEST_INTEGER)] | None
+_Cells = Annotated[list[_Cell], FailFast()]
 
 
 class _Line(_Part):
     resolution: Annotated[float, Field(gt=0, le=1e100)]
-    values: list[_Cell]
+    values: _Cells
 
 
 class _Lines(_Part):
     resolution: Annotated[float, Field(gt=0, le=1e100)]
-    values: list[list[_Cell]]
+    values: Annotated[list[_Cells], FailFast()]
 
 
 class _Column(_Part):
@@ -66,19 +68,19 @@ class _WeatherColumn(_Part):
 
 
 class _Seeds(_Part):
-    all: list[Count]
+    all: Annotated[list[Count], FailFast()]
     best: Count
     worst: Count
 
 
 class _Day(_Part):
     slot_seconds: Annotated[float, Field(gt=0, le=86400)]
-    quantiles: list[float]
+    quantiles: Annotated[list[float], FailFast()]
     columns: dict[Word, _Lines]
 
 
 class _Season(_Part):
-    lines: list[Word]
+    lines: Annotated[list[Word], FailFast()]
     columns: dict[Word, _Lines]
 
 
@@ -158,7 +160,7 @@ def read_profile(path: Path) -> Profile:
         _Document.model_validate(document)
     except ValidationError as error:
         problem = error.errors()[0]
-        where = shown(".".join(str(part)[:80] for part in problem["loc"]))
+        where = visible(".".join(str(part)[:80] for part in problem["loc"]))
         msg = f"{path} is no profile as glbench writes it ({where}: {problem['msg']}). Delete it and run `glbench report --complete`."
         raise ResultError(msg) from error
     return Profile(document)

@@ -27,7 +27,7 @@ CHECKS: dict[Subject, str] = {
     "loading": "The agent can be loaded and made",
     "decisions": "Actions have the right shape, are finite and within their bounds",
     "repeatable": "The same observations give the same actions",
-    "rows": "A run is decided alone as among others",
+    "rows": "Same decisions alone and in a batch",
     "time": "Decisions are fast enough",
     "memory": "Memory stays within its limit",
     "surroundings": "It needs no network and writes no files",
@@ -68,7 +68,7 @@ class Report:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing has to be mended."""
+        """Whether there are no problems."""
         return not self.problems
 
     def of(self, subject: Subject) -> tuple[Finding, ...]:
@@ -77,7 +77,7 @@ class Report:
 
 
 def problem(subject: Subject, text: str) -> Finding:
-    """A finding that has to be mended."""
+    """A finding that is a problem."""
     return Finding(subject, "problem", text)
 
 

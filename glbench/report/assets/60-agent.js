@@ -130,7 +130,7 @@ const noProfile = (result, task) => h("div", { class: "missing" },
     h("code", {}, `glbench evaluate ${result.agent} --task ${task.short} --fresh`)));
 
 const provenance = (result) => h("details", { class: "data" }, h("summary", {}, "Where this result comes from"),
-  h("p", { class: "small" }, result.reproduced ? "Reproduced: glbench verify simulated all runs again from the recorded actions and got the same numbers. " : "Not reproduced: no proof of glbench verify lies beside the result. ",
+  h("p", { class: "small" }, result.reproduced ? "Reproduced: glbench verify simulated all runs again from the recorded actions and got the same numbers. " : "Not reproduced: no note of glbench verify lies beside the result. ",
     `Stated by the file, not checked: decision time, training, sandbox, what the agent\u2019s makers say of it; made by glbench ${result.glbench} on ${result.created.slice(0, 10)}, kernel ${result.kernel}. Seeds ${result.seeds[0]} to ${result.seeds.at(-1)}. Result `, h("code", {}, result.digest.slice(0, 16)), ", agent ", h("code", {}, result.agent_digest.slice(0, 16)), "."));
 
 const missingPage = (text) => ({ title: "Not found", content: [h("h1", {}, "Not found"), h("p", {}, text), h("p", {}, h("a", { href: "#/" }, "To the leaderboard"))] });

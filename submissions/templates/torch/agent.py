@@ -43,7 +43,7 @@ class Policy:
 
     def act(self, observations):
         """Called in every step: actions (runs, actions) for observations (runs, columns)."""
-        # Row by row: torch rounds by the size of a batch, and a run should be decided alone as among others, to the last bit.
+        # Row by row: torch rounds by the size of a batch, and a run should get the same decisions alone and in a batch, to the last bit.
         with torch.inference_mode():
             rows = [self.network(torch.from_numpy(row[None].copy())) for row in observations]
         return np.clip(torch.cat(rows).numpy().astype(float), -1.0, 1.0)

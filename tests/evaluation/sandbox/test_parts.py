@@ -115,7 +115,7 @@ def test_the_watch_sees_children_and_what_they_hold() -> None:
     with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
         child.stdout.readline()
-        small = Watch(os.getpid(), SandboxLimits(memory=32 << 20)).complaint()
+        small = Watch(os.getpid(), SandboxLimits(memory=32 << 20, tasks=10**6)).complaint()  # other tests left threads
         crowd = Watch(os.getpid(), SandboxLimits(memory=1 << 50, tasks=-8)).complaint()
         wide = Watch(child.pid, SandboxLimits(memory=1 << 30, made=1 << 60)).complaint()  # its /tmp is everybody's
         child.communicate(b"\n")

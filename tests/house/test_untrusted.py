@@ -1,0 +1,61 @@
+"""Small files that would become large in memory: they end in a sentence before they do."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from pathlib import Path
+
+import pytest
+from pydantic import TypeAdapter, ValidationError
+
+from glbench.agents.card import Names, Numbers
+from glbench.episodes.action_log import RunTable
+from glbench.errors import ResultError
+from glbench.evaluation import Result
+from glbench.evaluation.profiles import profile_path
+from glbench.evaluation.profiles.record import _Lines, read_profile
+from glbench.evaluation.records import EvaluationRecord
+from glbench.untrusted import MOST_MARKS, parse_json
+
+
+@pytest.mark.parametrize("part", ["{}", "[]", '{"a":1}'])
+@pytest.mark.parametrize("kind", [str, str.encode], ids=["text", "bytes"])
+def test_a_text_of_too_many_small_parts_is_not_parsed(part, kind) -> None:
+    text = "[" + ",".join([part] * MOST_MARKS) + "]"
+    with pytest.raises(ValueError, match="objects, lists and keys"):
+        parse_json(kind(text))
+
+
+def test_a_long_list_of_numbers_is_no_crowd() -> None:
+    assert len(parse_json("[" + "1," * MOST_MARKS + "1]")) == MOST_MARKS + 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "document"),
+    [
+        (EvaluationRecord, {"seeds": ["x"] * 1000}),
+        (Result, {"runs": [0] * 1000}),
+        (RunTable, {"runs": [0] * 1000}),
+        (_Lines, {"resolution": 1.0, "values": [["x"] * 1000] * 1000}),
+        (Names, [0] * 1000),
+        (Numbers, ["x"] * 1000),
+    ],
+)
+def test_of_a_list_of_wrong_items_only_the_first_is_told(kind, document) -> None:
+    with pytest.raises(ValidationError) as caught:
+        TypeAdapter(kind).validate_json(json.dumps(document))
+    assert sum(1000 in place or 1 in place for place in (problem["loc"] for problem in caught.value.errors())) == 0
+
+
+def test_a_small_profile_of_many_wrong_cells_is_refused(tmp_path: Path) -> None:
+    path = profile_path(tmp_path / "x.json")
+    path.write_bytes(gzip.compress(b'{"schema":"glbench/profile","x":[' + b"{}," * MOST_MARKS + b"{}]}"))
+    assert path.stat().st_size < 10_000
+    with pytest.raises(ResultError, match="objects, lists and keys"):
+        read_profile(path)
+
+
+def test_no_runs_are_no_recorded_actions() -> None:
+    with pytest.raises(ValidationError):
+        RunTable.model_validate_json(b'{"runs":[]}')
