@@ -54,14 +54,14 @@ def copy_examples(folder: Path) -> tuple[Path, ...]:
     Raises
     ------
     SubmissionError
-        When one of them is there already.
+        When a file of one of their names is there that is not the example itself.
     GlbenchError
         When they cannot be written.
     """
     sources = sorted(data_folder("submissions").glob("*.py"))
     written = tuple(folder / source.name for source in sources)
-    for target in written:
-        if target.exists():
+    for source, target in zip(sources, written, strict=True):
+        if target.exists() and not (target.is_file() and target.read_bytes() == source.read_bytes()):
             msg = f"{target} is there already, and nothing is overwritten. Choose another folder, or move it away."
             raise SubmissionError(msg)
     for source, target in zip(sources, written, strict=True):

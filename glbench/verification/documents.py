@@ -20,6 +20,9 @@ from glbench.registration import task_ids
 from glbench.tasks import TaskSpec, get_task
 from glbench.verification.verdict import cannot_tell, refute
 
+_MOST_STEPS = 600_000
+"""Of a task that a record brings along: a year of minutes has 525,600, and a task takes memory for the weather of each step."""
+
 
 def read_result(path: Path) -> Result:
     """The result, or the verdict on a file that is none."""
@@ -123,6 +126,9 @@ def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
     published = result.task.id in task_ids()
     try:
         own = task_of(log.definition) if file is None and not published else None
+        if own is not None and own.steps > _MOST_STEPS:
+            reason = f"The task in the record has {own.steps:,} steps, more than {_MOST_STEPS:,}. If you trust it, give its file with --task."
+            cannot_tell("no_task", reason)
         task = own or get_task(result.task.id if published or file is None else file)
         found = task.fingerprint()
     except EpisodeError as error:

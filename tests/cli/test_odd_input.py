@@ -88,6 +88,9 @@ def test_examples_are_written_where_there_are_none(glbench: Command, here: Path)
     assert f"Next: glbench evaluate {Path('submissions') / 'my_agent.py'}" in answer.err
     written = {path.name for path in (here / "submissions").iterdir()}
     assert {"my_agent.py", "constant_setpoints.py", "pi_controller.py", "do_nothing.py"} <= written
+    assert glbench("submit", "new", "submissions", "--kind", "example").code == 0, (
+        "the examples themselves are no obstacle"
+    )
     (here / "submissions" / "my_agent.py").write_text("# mine\n", encoding="utf-8")
     again = glbench("submit", "new", "submissions", "--kind", "example")
     assert again.code == 1

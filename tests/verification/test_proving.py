@@ -15,7 +15,7 @@ from glbench.evaluation.preparing import TRIALS
 from glbench.evaluation.profiles import load_profile, profile_path
 from glbench.evaluation.records import AgentRecord, EvaluationRecord, RunResult, TaskRecord
 from glbench.tasks import get_task
-from glbench.verification import comparing, proof_path, read_proof, save_proof, verify
+from glbench.verification import comparing, documents, proof_path, read_proof, save_proof, verify
 from glbench.verification.comparing import Agreement
 from tests.episodes.day import RANDOM
 from tests.evaluation.agent_files import GOOD
@@ -105,6 +105,13 @@ def test_fewer_runs_than_the_task_asks_for_are_reproduced_as_a_trial(day_task, w
     verdict = verify(result_path(tmp_path / TRIALS, day_task.id, "agent_under_test"))
     assert verdict.outcome == "reproduced"
     assert "trial of 2 runs" in verdict.notes[0]
+
+
+def test_a_task_that_a_record_brings_along_is_not_simulated_without_end(wavy, monkeypatch):
+    monkeypatch.setattr(documents, "_MOST_STEPS", 23)
+    verdict = verify(wavy)
+    assert (verdict.outcome, verdict.cause) == ("unknown", "no_task")
+    assert "has 24 steps, more than 23" in verdict.reason
 
 
 # What was reproduced, and what is stated
