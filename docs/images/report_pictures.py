@@ -36,5 +36,7 @@ with sync_playwright() as playwright:
         file = Path(__file__).with_name(f"{name}.png")
         page.screenshot(path=file)
         with Image.open(file) as picture:  # flat colours: a palette says the same in a third of the bytes
-            picture.convert("RGB").quantize(128, dither=Image.Dither.NONE).save(file, optimize=True)
+            picture.convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+                file, optimize=True
+            )
     browser.close()

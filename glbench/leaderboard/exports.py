@@ -21,6 +21,7 @@ from glbench.leaderboard.tables import (
     format_estimate,
     runs_label,
     sandbox_word,
+    sees_word,
     steps_text,
 )
 from glbench.untrusted import visible
@@ -208,7 +209,7 @@ def _latex_resources(row: Row, columns: Sequence[Column]) -> list[str]:
         f"${number_text(row.decision_milliseconds, 3)}$",
         latex_text(steps_text(row.training_steps)),
         row.origin,
-        "privileged" if row.privileged else "observations",
+        sees_word(privileged=row.privileged, information=row.information),
         latex_text(sandbox_word(row.sandbox)),
         "yes" if row.reproduced else "no",
     ]

@@ -17,6 +17,7 @@ from glbench.leaderboard.tables import (
     REPRODUCED_MARK,
     WORD_HEADINGS,
     sandbox_word,
+    sees_word,
     steps_text,
 )
 from glbench.untrusted import visible
@@ -187,7 +188,7 @@ def _figures(row: SuiteRow) -> list[str]:
         number_text(figures.decision_milliseconds, 3),
         steps_text(figures.training_steps),
         figures.origin,
-        "privileged" if figures.privileged else "observations",
+        sees_word(privileged=figures.privileged, information=figures.information),
         sandbox_word(figures.sandbox),
         REPRODUCED_MARK if figures.reproduced else "–",
     ]

@@ -106,6 +106,11 @@ def to_markdown(
     return "\n".join(parts).rstrip() + "\n"
 
 
+def sees_word(*, privileged: bool, information: str) -> str:
+    """What an agent sees, in one word; ``information`` says it in full."""
+    return "privileged" if privileged else "nothing" if information.startswith("nothing") else "observations"
+
+
 def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
     """One row a result: rank, provenance, and ``<metric>_mean``, ``_iqm``, ``_low``, ``_high`` with the unit in brackets.
 
@@ -268,7 +273,7 @@ def _cells(row: Row, columns: Sequence[Column]) -> list[str]:
         steps_text(row.training_steps),
         f"{runs_label(row)}; {row.remark}" if row.remark else runs_label(row),
         row.origin,
-        "privileged" if row.privileged else "observations",
+        sees_word(privileged=row.privileged, information=row.information),
         sandbox_word(row.sandbox),
         reproduced_label(row),
     ]

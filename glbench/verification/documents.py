@@ -127,7 +127,9 @@ def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
     try:
         own = task_of(log.definition) if file is None and not published else None
         if own is not None and own.steps > _MOST_STEPS:
-            reason = f"The task in the record has {own.steps:,} steps, more than {_MOST_STEPS:,}. Give its file with --task."
+            reason = (
+                f"The task in the record has {own.steps:,} steps, more than {_MOST_STEPS:,}. Give its file with --task."
+            )
             cannot_tell("no_task", reason)
         task = own or get_task(result.task.id if published or file is None else file)
         found = task.fingerprint()

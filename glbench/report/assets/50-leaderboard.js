@@ -47,13 +47,14 @@ const unfold = (result, refill) => h("button", {
 }, plural(result.trainings, "training"));
 
 // How an agent came to its decisions, and how far one can trust the result: the same columns for a task and for a suite.
+const seesNothing = (row) => Boolean(row.sees?.startsWith("nothing"));
 const aboutColumns = (of) => [
   { key: "decision", label: "Decision", unit: "ms", value: (row) => of(row).decision, start: "ascending", explain: otherWords("Decision"),
     cell: (row) => h("td", {}, number(of(row).decision, of(row).decision < 0.1 ? 3 : of(row).decision < 10 ? 2 : 0)) },
   { key: "training", label: "Training", unit: "steps", value: (row) => of(row).steps ?? null, start: "ascending", explain: otherWords("Training"),
     cell: (row) => { const { steps, hours } = of(row); return h("td", { title: hours || null }, steps === null || steps === undefined ? "\u2013" : millions(steps)); } },
-  { key: "sees", label: "Sees", value: (row) => (of(row).privileged ? "privileged" : "observations"), start: "ascending", left: true, explain: otherWords("Sees"),
-    cell: (row) => h("td", { class: "left", title: of(row).sees ?? null }, of(row).privileged ? tag("privileged") : "observed") },
+  { key: "sees", label: "Sees", value: (row) => (of(row).privileged ? "privileged" : seesNothing(of(row)) ? "nothing" : "observed"), start: "ascending", left: true, explain: otherWords("Sees"),
+    cell: (row) => h("td", { class: "left", title: of(row).sees ?? null }, of(row).privileged ? tag("privileged") : seesNothing(of(row)) ? "nothing" : "observed") },
   { key: "sandbox", label: "Sandbox", value: (row) => SANDBOX_WORDS[of(row).sandbox]?.[0] ?? "", left: true, start: "ascending", explain: otherWords("Sandbox"),
     cell: (row) => { const [words, kind] = SANDBOX_WORDS[of(row).sandbox] ?? ["\u2013", ""]; return h("td", { class: "left" }, kind === "bad" ? tag(words, kind) : words); } },
   { key: "source", label: "Source", value: (row) => `${of(row).origin} ${of(row).reproduced ? 0 : 1}`, left: true, start: "ascending", explain: [...otherWords("Source"), " ", ...otherWords("Reproduced")],

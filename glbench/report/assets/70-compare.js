@@ -61,7 +61,7 @@ const byItem = (one, two, task) => {
     h("h2", {}, "By item"),
     h("div", { class: "grid two" },
       chart(captionOf(`${one.agent} minus ${two.agent}`, "EUR/m\u00b2; to the right, A is better"), build, { height: 460, says: gaps.map((gap) => `${gap.label} ${number(gap.value, 2, true)}`).join(", ") }),
-      plainTable(`A is ${one.agent}, B is ${two.agent}; differences with 95 % intervals over shared seeds: draws of one season, these trainings`, ["", "A", "B", "A \u2212 B", "95 % interval"], rows)),
+      plainTable(`A is ${one.agent}, B is ${two.agent}; differences with 95 % intervals over shared seeds: draws of one season, these trainings (\u2013: narrower than the digits shown)`, ["", "A", "B", "A \u2212 B", "95 % interval"], rows)),
   ];
 };
 
