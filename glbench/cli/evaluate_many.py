@@ -31,7 +31,7 @@ _CAPTION = "* some runs failed; their missing steps count at the task's price"
 
 @dataclass(frozen=True)
 class Told:
-    """What is told of the outcomes: results as JSON and no words, or words, with all that agents print or a little of those that fail."""
+    """How outcomes are reported: as JSON only, or in words, with everything that agents print or only the last lines of those that fail."""
 
     as_json: bool = False
     prints: bool = False

@@ -79,7 +79,7 @@ class Alarm:
             self._timer = signal.setitimer(signal.ITIMER_REAL, seconds, _AGAIN_SECONDS)
 
     def stop(self) -> None:
-        """Take the alarm back; one that somebody else had set (a test runner's time-out) goes on with what is left of it."""
+        """Cancel the timer; a timer that was running before (a test runner's time-out) continues with its remaining time."""
         if not self._running:
             return
         signal.setitimer(signal.ITIMER_REAL, 0.0)
