@@ -9,7 +9,7 @@ from pathlib import Path
 from glbench.agents.baselines import read_baseline
 from glbench.agents.identity import baseline_names, letters_of, without_seed
 from glbench.errors import ResultError
-from glbench.evaluation import Result
+from glbench.evaluation import Result, result_path
 from glbench.evaluation.preparing import TRIALS
 from glbench.evaluation.records import AgentRecord
 from glbench.leaderboard.collect import Expectation, StoredResult, by_task_and_agent, read_folder
@@ -46,7 +46,7 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
     Raises
     ------
     ResultError
-        When one folder holds two results of one agent and task.
+        When the released results hold two of one agent and task.
     """
     home = data_folder("reports/released/results")
     released, problems = read_folder(home)
@@ -61,17 +61,24 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
         own = []
         for item in found:
             result = item.result
-            problem = names.problem(item) or _problem_beside(item, chosen.get((result.task.id, result.agent.name)))
+            published = expected.get(result.task.id)
+            problem = (
+                names.problem(item)
+                or _problem_of_task(item, published)
+                or _problem_beside(item, chosen.get((result.task.id, result.agent.name)))
+            )
             if problem is not None:
                 problems.append(ResultError(problem))
                 continue
-            published = expected.get(result.task.id)
             is_trial = folder.parent.name == TRIALS or (
                 published is not None and published.seeds != result.evaluation.seeds
             )
             own.append(replace(item, trial=is_trial))
-        chosen = {**by_task_and_agent(own), **chosen}
-    return tuple(chosen[key] for key in sorted(chosen)), tuple(problems)
+        single, doubles = _one_each(own, folder.parent)
+        problems += doubles
+        chosen = {**single, **chosen}
+    kept, strangers = _one_version_each([chosen[key] for key in sorted(chosen)])
+    return kept, (*problems, *strangers)
 
 
 class _Names:
@@ -107,6 +114,64 @@ class _Names:
             return False
         baseline = read_baseline(agent.name)
         return stated == (baseline.digest, "baseline", baseline.privileged)
+
+
+def _one_each(
+    stored: Iterable[StoredResult], out: Path
+) -> tuple[dict[tuple[str, str], StoredResult], list[ResultError]]:
+    """One result an agent and task, the one in the place that an evaluation gives it before all others; and an error for each other."""
+    found: dict[tuple[str, str], StoredResult] = {}
+    problems = []
+    for item in sorted(stored, key=lambda one: one.path != result_path(out, one.result.task.id, one.result.agent.name)):
+        key = task_id, name = item.result.task.id, item.result.agent.name
+        if key in found:
+            msg = (
+                f"{item.path} is a second result of '{name}' on '{task_id}', beside {found[key].path}. "
+                "Remove one, or give one of the agents another name."
+            )
+            problems.append(ResultError(msg))
+        else:
+            found[key] = item
+    return found, problems
+
+
+def _one_version_each(stored: list[StoredResult]) -> tuple[tuple[StoredResult, ...], list[ResultError]]:
+    """Of each task the version with the most results, of equally many that of the latest; and an error for each result of another."""
+    by_digest: dict[tuple[str, str], list[StoredResult]] = {}
+    for item in stored:
+        by_digest.setdefault((item.result.task.id, item.result.task.digest), []).append(item)
+    best: dict[str, list[StoredResult]] = {}
+    for (task_id, _), items in by_digest.items():
+        best[task_id] = max(best.get(task_id, []), items, key=_weight)
+    kept, problems = [], []
+    for item in stored:
+        task = item.result.task
+        wanted = best[task.id][0].result.task.digest
+        if task.digest == wanted:
+            kept.append(item)
+            continue
+        msg = (
+            f"{item.path} is of another version of '{task.id}' (digest {task.digest[:12]}...) than most results of it "
+            f"({wanted[:12]}...). Evaluate the agent again, or give the changed task another id."
+        )
+        problems.append(ResultError(msg))
+    return tuple(kept), problems
+
+
+def _weight(stored: list[StoredResult]) -> tuple[int, str]:
+    """How many results, and when the latest was made."""
+    return len(stored), max((item.result.created for item in stored), default="")
+
+
+def _problem_of_task(item: StoredResult, published: Expectation | None) -> str | None:
+    """Why a result cannot stand under the id of a published task; ``None`` where it can, or where the task is a user's own."""
+    task = item.result.task
+    if published is None or task.digest == published.digest:
+        return None
+    return (
+        f"{item.path} is not of '{task.id}' as it is published (digest {task.digest[:12]}..., published {published.digest[:12]}...): it "
+        "was made with another definition, other weather or another version of the model. Evaluate the agent again with `glbench evaluate`."
+    )
 
 
 def _problem_beside(item: StoredResult, released: StoredResult | None) -> str | None:

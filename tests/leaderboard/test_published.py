@@ -10,8 +10,8 @@ from glbench.evaluation import Result, load_result
 from glbench.evaluation.files import result_path, save_result
 from glbench.evaluation.preparing import TRIALS
 from glbench.evaluation.records import results_digest, summarise
-from glbench.leaderboard import StoredResult
-from glbench.leaderboard.published import own_and_released_results
+from glbench.leaderboard import StoredResult, rank
+from glbench.leaderboard.published import own_and_released_results, published_expectations
 from glbench.resources import data_folder
 from tests.leaderboard.synthetic import digest_of, make_result
 
@@ -169,3 +169,33 @@ def test_nobody_else_adds_a_training_to_a_released_recipe(tmp_path, name, kind):
     save_result(changed(released("ppo"), reward=100.0, name=name, kind=kind), tmp_path)
     assert rows(tmp_path, name) == []
     assert any(name in str(problem) for problem in own_and_released_results(tmp_path)[1])
+
+
+def test_a_result_of_another_version_of_a_published_task_is_left_out_and_stops_nobody(tmp_path):
+    """Somebody's file with a published id and another digest does not end the board of the others."""
+    path = save_result(make_result("stranger", [1.0, 2.0], task_id=TASK, task_digest=digest_of("other")), tmp_path)
+    stored, (problem,) = own_and_released_results(tmp_path)
+    assert "stranger" not in {item.result.agent.name for item in stored}
+    assert f"{path} is not of '{TASK}' as it is published" in str(problem)
+    assert rank(stored, published_expectations())
+
+
+def test_of_two_results_of_one_agent_the_one_in_its_place_counts(tmp_path):
+    mine = make_result("mine", [1.0, 2.0])
+    place = save_result(mine, tmp_path)
+    double = tmp_path / "results" / "A-copy.json"
+    double.write_text(make_result("mine", [8.0, 9.0]).to_json(), encoding="utf-8")
+    (row,) = rows(tmp_path, "mine", mine.task.id)
+    assert row.path == place
+    (problem,) = own_and_released_results(tmp_path)[1]
+    assert f"{double} is a second result of 'mine'" in str(problem)
+
+
+def test_of_two_versions_of_a_task_of_ones_own_the_one_with_more_results_counts(tmp_path):
+    for name in ("one", "two"):
+        save_result(make_result(name, [1.0, 2.0]), tmp_path)
+    path = save_result(make_result("three", [8.0, 9.0], task_digest=digest_of("other")), tmp_path)
+    stored, (problem,) = own_and_released_results(tmp_path)
+    assert {item.result.agent.name for item in stored if not item.released} == {"one", "two"}
+    assert f"{path} is of another version of 'glbench/Meadow-v1'" in str(problem)
+    assert rank(stored, published_expectations())
