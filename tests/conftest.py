@@ -18,6 +18,8 @@ settings.load_profile("busy")
 
 _SUBREAPER = 36
 _ENDING_SECONDS = 60.0
+_SERVERS = ("multiprocessing.resource_tracker import main", "multiprocessing.forkserver import main")
+"""Python's own helpers, of which it starts one each and which end with it."""
 
 
 def pytest_configure() -> None:
@@ -63,7 +65,7 @@ def _descendants() -> dict[int, str]:
         children = [pid for pid, its_parent in parents.items() if its_parent == parent]
         waiting += children
         found |= {pid: _command_line(pid) for pid in children}
-    return found
+    return {pid: line for pid, line in found.items() if not any(server in line for server in _SERVERS)}
 
 
 def _command_line(pid: int) -> str:
