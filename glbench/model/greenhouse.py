@@ -297,8 +297,8 @@ def _annotated(name: str, notes: Mapping[str, Any]) -> type[Any]:
 
 
 def _typed(name: str, fields: Mapping[str, Any]) -> type[Any]:
-    record: Any = namedtuple("Record", list(fields))
-    record.__name__ = name
+    make: Any = namedtuple  # the fields are known at run time only
+    record = make(name, list(fields))
     record.__annotations__ = dict(fields)
     return record
 
