@@ -298,7 +298,7 @@ def _annotated(name: str, notes: Mapping[str, Any]) -> type[Any]:
 
 def _typed(name: str, fields: Mapping[str, Any]) -> type[Any]:
     make: Any = namedtuple  # the fields are known at run time only
-    record = make(name, list(fields))
+    record: type[Any] = make(name, list(fields))
     record.__annotations__ = dict(fields)
     return record
 
