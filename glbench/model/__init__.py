@@ -12,7 +12,7 @@ from __future__ import annotations
 from glbench.model.air import co2_density, co2_ppm, relative_humidity, saturation_vapour_pressure
 from glbench.model.bounds import Horizon
 from glbench.model.greenhouse import Meter, compose
-from glbench.model.model import Capacity, Evaluation, Flow, Model, Seen, Signal, Step
+from glbench.model.model import Capacity, Evaluation, Flow, Model, Seen, Signal, Step, Stock
 from glbench.model.paper import (
     AUXILIARIES,
     CONTROL_NAMES,
@@ -68,6 +68,7 @@ __all__ = [
     "Seen",
     "Signal",
     "Step",
+    "Stock",
     "auxiliaries",
     "build_auxiliaries",
     "build_jacobian",

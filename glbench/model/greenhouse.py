@@ -14,7 +14,7 @@ from glbench.model.balances import DAY
 from glbench.model.bounds import Horizon
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr
-from glbench.model.model import Capacity, Evaluation, Flow, Model, Record, Seen, Signal, Start, Step
+from glbench.model.model import Capacity, Evaluation, Flow, Model, Record, Seen, Signal, Start, Step, Stock
 from glbench.model.parameter_checks import Order, Shares
 from glbench.model.parameter_table import ParameterInfo
 from glbench.model.quantities import Variable, public_name
@@ -182,6 +182,9 @@ class Greenhouse(Model):
     def flows(self) -> tuple[Flow, ...]:
         metered = (Flow(m.flow, m.unit, m.meaning, m.label, m.amount) for m in self.meters)
         return (*chain.from_iterable(part.flows() for part in self.parts), *metered)
+
+    def stocks(self) -> tuple[Stock, ...]:
+        return tuple(chain.from_iterable(part.stocks() for part in self.parts))
 
     def signals(self) -> tuple[Signal, ...]:
         return tuple(chain.from_iterable(part.signals() for part in self.parts))

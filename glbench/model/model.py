@@ -80,6 +80,25 @@ class Flow:
 
 
 @dataclass(frozen=True)
+class Stock:
+    """An amount per m2 of floor that stands in the greenhouse: what a ledger can value at the start and at the end.
+
+    Attributes
+    ----------
+    name, unit, meaning, label
+        As for :class:`Flow`.
+    amount
+        The amount, from state and nominal parameters. Arithmetic as in :class:`Flow`.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    label: str
+    amount: Callable[[Record, Record], Expr]
+
+
+@dataclass(frozen=True)
 class Capacity:
     """What a control is and what it delivers at 1.
 
@@ -224,6 +243,10 @@ class Model(ABC):
 
     def flows(self) -> tuple[Flow, ...]:
         """Amounts that a ledger can price."""
+        return ()
+
+    def stocks(self) -> tuple[Stock, ...]:
+        """Amounts that stand in the greenhouse."""
         return ()
 
     def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:

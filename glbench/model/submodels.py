@@ -14,7 +14,7 @@ from glbench.model.actuators import Actuators
 from glbench.model.bounds import Horizon
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr
-from glbench.model.model import Capacity, Flow, Record, Seen, Signal
+from glbench.model.model import Capacity, Flow, Record, Seen, Signal, Stock
 from glbench.model.parameter_checks import Order, Shares
 from glbench.model.parameter_table import ParameterInfo, declared_table
 from glbench.model.surroundings import CropExchange, Surroundings
@@ -59,6 +59,10 @@ class Submodel(ABC):
 
     def flows(self) -> tuple[Flow, ...]:
         """Amounts that a ledger can price."""
+        return ()
+
+    def stocks(self) -> tuple[Stock, ...]:
+        """Amounts that stand in the greenhouse, which a ledger can value."""
         return ()
 
     def signals(self) -> tuple[Signal, ...]:

@@ -16,7 +16,7 @@ from glbench.model.crop.temperature import growth_inhibition
 from glbench.model.derived import derived_tomato
 from glbench.model.expressions import Expr
 from glbench.model.greenlight import CANOPY_EXCESS
-from glbench.model.model import Flow, Seen, Signal, Step
+from glbench.model.model import Flow, Seen, Signal, Step, Stock
 from glbench.model.parameter_checks import Order
 from glbench.model.parameter_table import BENCHMARK, read_table
 from glbench.model.parameters import TomatoParameters
@@ -97,6 +97,17 @@ class VanthoorTomato(Crop):
         return (
             Flow(
                 "fruit_growth", "mg m-2", "carbohydrate gained by the fruit, harvest taken off", "Fruit", _fruit_growth
+            ),
+        )
+
+    def stocks(self) -> tuple[Stock, ...]:
+        return (
+            Stock(
+                "fruit",
+                "mg m-2",
+                "carbohydrate in the fruit on the plants",
+                "Fruit on the plants",
+                lambda x, p: x.c_fruit,
             ),
         )
 
