@@ -5,12 +5,12 @@ area; the symbols are those of the paper, with sigma as ``s`` and the two gammas
 of a dynamic lettuce growth model for greenhouse climate control, Agricultural Systems 45, 55-72. Van Straten, van Willigenburg,
 van Henten and van Ooteghem (2011), Optimal control of greenhouse cultivation, chapter 6, takes the crop up again.
 
-How this was checked. Every equation and all constants but `laiSat`, `dmSht` and `nHead`, which are chosen, agree with public
+How this was checked. The equations and the values, all but the chosen `laiSat`, `dmSht` and `nHead`, agree with public
 implementations that quote the paper or its sensitivity analysis (van Henten and van Straten, Journal of Agricultural Engineering
-Research 59, 19-31, 1994). The constants they agree on: `cAlpha`, `cGrMax`, `q10Gr`, `cRespSht`, `cRespRt`, `q10Resp`, `cK`, `cLar`,
-`cEps`, `q10Comp` and the three of `sCar`. Those that differ between versions: `cBeta` 0.8 or 0.72; `cTau` 0.07 or 0.15 (soil); `sStm`
-0.007, 0.005 or 0.02; the compensation point 40 or 71.5 ppm; `cGrHalf` 1 or, fitted, 1.2; `sBnd` 0.004 or a function of leaf
-size, wind and leaf area. The first of each is taken. The full text of the two papers and of the book was not at hand.
+Research 59, 19-31, 1994); one, of a plant factory, has every one of these values. The others differ from it in `cBeta` (0.72 instead
+of 0.8), `cTau` (0.15, of a crop in soil, instead of 0.07), `sStm` (0.005 or 0.02 instead of 0.007), `cGrHalf` (1.2, fitted, instead of
+1), the compensation point (71.5 instead of 40 ppm) and `sBnd` (a function of leaf size, wind and leaf area). The full text of the two
+papers and of the book was not at hand, so the papers named in the table as sources of a value are quoted at second hand.
 
 The paper takes CO2 in ppm, of 1.83 mg m-3 each whatever the temperature (right at 20 °C). Here the density itself comes in.
 """
@@ -259,7 +259,8 @@ def rates(f: LettuceFluxes, p: LettuceParameters) -> LettuceState:
 def co2_uptake(f: LettuceFluxes, p: LettuceParameters) -> Expr:
     """CO2 taken from the main air, net of both respirations [mg m-2 s-1]; negative at night.
 
-    Respired carbohydrate becomes CO2 by the same `cAlpha` by which it was made, so that carbon closes: 44/30 would leave 0.3 %.
+    Respired carbohydrate becomes CO2 by the same `cAlpha` by which it was made, as in the greenhouse models with this crop, so that
+    carbon closes: 44/30 would leave 0.3 %.
     """
     ph, _, re = f
     return (ph.f_phot - (re.f_resp_main + re.f_resp_gr) / p.c_alpha) / KILOGRAMS
