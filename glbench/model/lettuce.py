@@ -17,14 +17,12 @@ The paper takes CO2 in ppm, of 1.83 mg m-3 each whatever the temperature (right 
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, NamedTuple
 
 from glbench.model.expressions import Expr, exp, fmax, sqrt, square
-from glbench.model.parameter_table import BENCHMARK, ParameterInfo
-from glbench.model.quantities import Quantity, public_name, table_of
+from glbench.model.parameter_table import BENCHMARK, read_table
+from glbench.model.quantities import Quantity, Variable, states_of
 
 KILOGRAMS = 1e-6
 """Turns milligrams to kilograms [kg mg-1]."""
@@ -47,14 +45,14 @@ YOUNG_HEAD = 3.0
 YOUNG_STRUCTURAL = 0.75
 """Share of structural matter in the dry matter of a young plant [-]."""
 
-TABLE_FILE = Path(__file__).with_name("lettuce.csv")
-
 
 class LettuceState(NamedTuple):
     """State of the lettuce; also used for its time derivative (the unit then gains s-1)."""
 
-    x_n: Annotated[Expr, Quantity("kg m-2", "non-structural dry matter; slightly negative after days of darkness")]
-    x_s: Annotated[Expr, Quantity("kg m-2", "structural dry matter")]
+    x_n: Annotated[
+        Expr, Variable("kg m-2", "non-structural dry matter; slightly negative in long darkness", scale=0.1, small=1e-4)
+    ]
+    x_s: Annotated[Expr, Variable("kg m-2", "structural dry matter", scale=0.1, small=1e-4)]
 
 
 class CropClimate(NamedTuple):
@@ -124,34 +122,10 @@ class LettuceFluxes(NamedTuple):
     respiration: Respiration
 
 
-def read_table(path: Path = TABLE_FILE) -> tuple[ParameterInfo, ...]:
-    """Table of the lettuce's parameters, in the order of `LettuceParameters`."""
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = {row["name"]: row for row in csv.DictReader(file)}
-    named = [(attribute, rows[public_name(attribute)]) for attribute in LettuceParameters._fields]
-    return tuple(
-        ParameterInfo(
-            name=row["name"],
-            attribute=attribute,
-            unit=row["unit"],
-            meaning=row["description"],
-            source=row["source"],
-            group=row["group"],
-            check=row["check"],  # type: ignore[arg-type]
-            formula=row["formula"],
-            used=row["used"],  # type: ignore[arg-type]
-            in_crop28=False,
-            in_crop34=False,
-            values=MappingProxyType({BENCHMARK: float(row[BENCHMARK])}),
-        )
-        for attribute, row in named
-    )
-
-
-LETTUCE_STATES = table_of(LettuceState)
+LETTUCE_STATES = states_of(LettuceState)
 """Name, unit and meaning of the lettuce's states, in the order of the vector."""
 
-LETTUCE_PARAMETERS: tuple[ParameterInfo, ...] = read_table()
+LETTUCE_PARAMETERS = read_table(LettuceParameters, Path(__file__).with_name("lettuce.csv"))
 """Name, unit, meaning, source and value of the lettuce's parameters, in the order of the vector."""
 
 
