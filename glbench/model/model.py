@@ -124,7 +124,7 @@ class Capacity:
 
 @dataclass(frozen=True)
 class Seen:
-    """A column of an observation that the model supplies: a state, or a quantity of the air, times a factor.
+    """A column of an observation that the model supplies.
 
     Attributes
     ----------
@@ -132,10 +132,12 @@ class Seen:
         As observed.
     source
         Public name of a state, or ``air_temperature``, ``co2``, ``relative_humidity`` of the main air.
-    factor
-        From the unit of the source to ``unit``.
     low, high
         Finite bounds.
+    factor
+        From the unit of the source to ``unit``.
+    of
+        Instead of a source: the column from state and nominal parameters. Arithmetic as in :class:`Flow`.
     """
 
     name: str
@@ -145,17 +147,22 @@ class Seen:
     low: float
     high: float
     factor: float = 1.0
+    of: Callable[[Record, Record], Expr] | None = None
 
 
 @dataclass(frozen=True)
 class Signal:
-    """A series that the viewer and the report draw: a state, a control or a disturbance times a factor, under a label."""
+    """A series that the viewer and the report draw under a label: a state, a control or a disturbance times a factor.
+
+    ``path`` is ``group/quantity``. ``of``, if given, takes the place of ``source``: the series from state and nominal parameters.
+    """
 
     path: str
     label: str
     unit: str
     source: str
     factor: float = 1.0
+    of: Callable[[Record, Record], Expr] | None = None
 
 
 Start: TypeAlias = Callable[[Disturbances, float, Record], Record]

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from glbench.model import AUXILIARIES, PARAMETER_NAMES, STATE_NAMES, co2_density
-from glbench.model.lettuce import (
+from glbench.model.crop.lettuce import (
     CARBOXYLATION_ROUNDING,
     LETTUCE_PARAMETERS,
     LETTUCE_STATES,

@@ -17,12 +17,20 @@ The paper takes CO2 in ppm, of 1.83 mg m-3 each whatever the temperature (right 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
+import numpy as np
+
+from glbench.model.bounds import Horizon
 from glbench.model.expressions import Expr, exp, fmax, sqrt, square
+from glbench.model.model import Flow, Seen, Signal, Step, Stock
 from glbench.model.parameter_table import BENCHMARK, read_table
 from glbench.model.quantities import Quantity, Variable, states_of
+from glbench.model.submodels import Crop, CropStart
+from glbench.model.surroundings import CropExchange, Surroundings
 
 KILOGRAMS = 1e-6
 """Turns milligrams to kilograms [kg mg-1]."""
@@ -44,6 +52,18 @@ YOUNG_HEAD = 3.0
 
 YOUNG_STRUCTURAL = 0.75
 """Share of structural matter in the dry matter of a young plant [-]."""
+
+
+LIGHTEST_SOLD = 180.0
+"""Fresh mass below which a head earns nothing [g]; chosen, of the usual trade."""
+
+FULL_PRICE = 250.0
+"""Fresh mass from which a head earns its full price [g]; the price rises linearly in between. Chosen, of the usual trade."""
+
+_LARGEST_HEAD = 2000.0  # g
+_MOST_DRY_MATTER = 5.0  # kg m-2; 25 heads of 2 kg are 2.4 kg m-2
+_LARGEST_LEAF_AREA = 350.0  # m2 m-2; all of that as leaves
+_BELOW_ZERO = 0.1  # kg m-2; the store is drawn below zero in long darkness
 
 
 class LettuceState(NamedTuple):
@@ -115,7 +135,7 @@ class Respiration(NamedTuple):
 
 
 class LettuceFluxes(NamedTuple):
-    """All fluxes of the crop."""
+    """What matter does in the crop."""
 
     photosynthesis: Photosynthesis
     growth: Growth
@@ -253,3 +273,99 @@ def fresh_mass(x: LettuceState, p: LettuceParameters) -> Expr:
 def head_mass(x: LettuceState, p: LettuceParameters) -> Expr:
     """Fresh mass of one head [g]."""
     return GRAMS * fresh_mass(x, p) / p.n_head
+
+
+class LettuceSize(NamedTuple):
+    """How large the plants are."""
+
+    lai_crop: Annotated[Expr, Quantity("m2 m-2", "leaf area per floor area that intercepts light")]
+    head: Annotated[Expr, Quantity("g", "fresh mass of one head")]
+
+
+class Fluxes(NamedTuple):
+    """Everything that the balances of the lettuce are made of, one record a process."""
+
+    photosynthesis: Photosynthesis
+    growth: Growth
+    respiration: Respiration
+    size: LettuceSize
+    crop: CropExchange
+
+
+@dataclass(frozen=True)
+class VanHentenLettuce(Crop):
+    """Stored and structural dry matter of one planting, from young plants to heads."""
+
+    name: ClassVar[str] = "lettuce"
+    State: ClassVar[type[LettuceState]] = LettuceState
+    Parameters: ClassVar[type[LettuceParameters]] = LettuceParameters
+    table = LETTUCE_PARAMETERS
+    observation_modules: ClassVar[Mapping[str, str]] = {"crop": "fresh mass of a head, dry matter, leaf area index"}
+
+    def leaf_area_index(self, x: LettuceState, p: LettuceParameters) -> Expr:
+        return climate_leaf_area_index(x, p)
+
+    def processes(self, x: LettuceState, s: Surroundings, p: LettuceParameters) -> Fluxes:
+        light = s.light.r_par_gh_sun + s.light.r_par_gh_lamp
+        f = fluxes(x, CropClimate(s.x.t_can, s.x.co2_air, light), p)
+        size = LettuceSize(leaf_area_index(x, p), head_mass(x, p))
+        return Fluxes(*f, size, CropExchange(co2_uptake(f, p)))
+
+    def rates(self, x: LettuceState, s: Surroundings, fluxes: Fluxes, p: LettuceParameters) -> LettuceState:
+        return rates(LettuceFluxes(fluxes.photosynthesis, fluxes.growth, fluxes.respiration), p)
+
+    def starts(self) -> Mapping[str, CropStart]:
+        return {"young_lettuce": lambda air_temperature, p: start_state(p)}
+
+    def flows(self) -> tuple[Flow, ...]:
+        return (Flow("fresh_growth", "kg m-2", "fresh mass gained by the shoots", "Fresh mass", _fresh_growth),)
+
+    def stocks(self) -> tuple[Stock, ...]:
+        return (
+            Stock("fresh_mass", "kg m-2", "fresh mass of the shoots", "Fresh mass", fresh_mass),
+            Stock(
+                "heads",
+                "m-2",
+                f"heads at full price: none below {LIGHTEST_SOLD:g} g, all from {FULL_PRICE:g} g fresh, in between a share of each",
+                "Heads",
+                saleable_heads,
+            ),
+        )
+
+    def signals(self) -> tuple[Signal, ...]:
+        return (
+            Signal("crop/head", "Fresh mass of a head", "g", "head", of=head_mass),
+            Signal("crop/stored", "Dry matter, stored", "g m⁻²", "xN", GRAMS),
+            Signal("crop/structural", "Dry matter, structural", "g m⁻²", "xS", GRAMS),
+            Signal("crop/leaf_area_index", "Leaf area index", "m² m⁻²", "leaf_area", of=leaf_area_index),
+        )
+
+    def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
+        return {"xN": (-_BELOW_ZERO, _MOST_DRY_MATTER), "xS": (-_BELOW_ZERO, _MOST_DRY_MATTER)}
+
+    def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
+        if module != "crop":
+            return None
+        return (
+            Seen("head_fresh_mass", "g", "fresh mass of one head", "head", -10.0, _LARGEST_HEAD, of=head_mass),
+            Seen(
+                "dry_matter", "kg m-2", "dry matter of shoot and roots", "dry", -_BELOW_ZERO, 2 * _MOST_DRY_MATTER,
+                of=lambda x, p: dry_mass(x),
+            ),
+            Seen(
+                "leaf_area_index", "m2 m-2", "leaf area per floor area that intercepts light", "leaf_area", -10.0, _LARGEST_LEAF_AREA,
+                of=leaf_area_index,
+            ),
+        )  # fmt: skip
+
+
+def saleable_heads(x: Any, p: Any) -> Expr:
+    """Heads per floor area, counted by the share of the full price that they earn [m-2]."""
+    share = (head_mass(x, p) - LIGHTEST_SOLD) / (FULL_PRICE - LIGHTEST_SOLD)
+    return np.minimum(np.maximum(share, 0.0), 1.0) * p.n_head
+
+
+def _fresh_growth(step: Step) -> Expr:
+    """Fresh mass gained by the shoots [kg m-2]."""
+    p = step.parameters
+    return fresh_mass(step.after, p) - fresh_mass(step.before, p)
