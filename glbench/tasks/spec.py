@@ -26,6 +26,7 @@ from glbench.tasks.tables import (
 )
 
 if TYPE_CHECKING:
+    from glbench.model import Model
     from glbench.tasks.digest import Fingerprint
     from glbench.weather import Disturbances, WeatherRecord
 
@@ -107,6 +108,19 @@ class TaskSpec(Table):
     def changes(self) -> tuple[Change, ...]:
         """What its file changes in the base."""
         return self._changes
+
+    @property
+    def model_value(self) -> Model:
+        """The model.
+
+        Raises
+        ------
+        UnknownNameError
+            When there is no such variant.
+        """
+        from glbench.model import tomato  # not at the top: task files are read without the model
+
+        return tomato(self.model.variant)
 
     @property
     def short_id(self) -> str:
