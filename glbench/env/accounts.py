@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import TaskError
-from glbench.model import Flow, Model, Step
+from glbench.model import Flow, Model, Step, Stock
 from glbench.tasks.ledger import LIMITED, STOCK, Ledger, LedgerItem, price_rows
 
 if TYPE_CHECKING:
@@ -78,6 +78,11 @@ class Accounts:
     def flows(self) -> Mapping[str, Flow]:
         """The model's flows by name."""
         return {flow.name: flow for flow in self.model.flows()}
+
+    @cached_property
+    def stocks(self) -> Mapping[str, Stock]:
+        """The model's stocks by name."""
+        return {stock.name: stock for stock in self.model.stocks()}
 
     @property
     def price_tables(self) -> tuple[str, ...]:
@@ -180,7 +185,7 @@ class Accounts:
             amount = amounts[item.amount] = self._amount(item, step)
             now, then = self._price(item, prices), self._price(item, later)
             if item.valued == STOCK and isinstance(item.price, str):
-                held, kept = (_times(self._state(item, record), item.factor) for record in (step.before, step.after))
+                held, kept = (_times(self._stock(item, record), item.factor) for record in (step.before, step.after))
                 worth = kept * then - held * now
             else:
                 worth = amount * now
@@ -211,11 +216,11 @@ class Accounts:
 
     def _amount(self, item: LedgerItem, step: Step) -> Any:
         if item.valued == STOCK:
-            return _times(self._state(item, step.after) - self._state(item, step.before), item.factor)
+            return _times(self._stock(item, step.after) - self._stock(item, step.before), item.factor)
         return _times(self.flows[item.flow].amount(step), item.factor)
 
-    def _state(self, item: LedgerItem, record: ByName) -> Any:
-        return getattr(record, self.model.states[self.model.state_index(item.flow)].attribute)
+    def _stock(self, item: LedgerItem, record: ByName) -> Any:
+        return self.stocks[item.flow].amount(record, self.parameters)
 
     def _price(self, item: LedgerItem, prices: Values) -> Any:
         return prices[self.price_tables.index(item.price)] if isinstance(item.price, str) else item.price

@@ -1,7 +1,7 @@
 """The ledger of a task: what is earned and paid in a control step, and every quantity of a step that follows from it.
 
-An item prices a flow of the model (heat, fruit harvested), or values a state as stock (fruit on the plants) at the end of the episode
-minus at its start. Money columns, amounts, profit and the quantities of a step are generated from the items: a new cost is one line.
+An item prices a flow of the model (heat, fruit harvested), or values a stock (fruit on the plants) at the end of the episode minus at its
+start. Money columns, amounts, profit and the quantities of a step are generated from the items: a new cost is one line.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class LedgerItem:
     name
         The money column: ``revenue``, ``cost_heat``.
     flow
-        Name of a flow of the model; of a state, where a stock is valued.
+        Name of a flow of the model; of one of its stocks, where that is valued.
     amount, amount_unit
         The amount column: ``fruit_fresh`` [kg m-2].
     factor

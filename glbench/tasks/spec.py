@@ -385,20 +385,14 @@ class TaskSpec:
     def _item(self, name: str, table: ItemTable) -> LedgerItem:
         from glbench.model.units import parse_unit
 
-        model = self.model_value
-        if table.flow is not None:
-            flows = {flow.name: flow for flow in model.flows()}
-            if table.flow not in flows:
-                msg = f"{model.id} has no flow '{table.flow}'.{did_you_mean(table.flow, flows)} Its flows: {', '.join(flows)}."
-                raise UnknownNameError(msg)
-            source, label, words = table.flow, flows[table.flow].label, flows[table.flow].meaning
-            unit = flows[table.flow].unit
-        else:
-            source = str(table.stock)
-            state = model.states[model.state_index(source)]
-            label = words = state.meaning
-            unit = state.unit
-        amount, amount_unit = table.amount or (source if table.flow else f"stock_{source}"), table.unit or unit
+        kind, source = ("flow", table.flow) if table.flow is not None else ("stock", table.stock)
+        known: dict[str, Any] = {entry.name: entry for entry in getattr(self.model_value, f"{kind}s")()}
+        if source is None or source not in known:
+            msg = f"{self.model_id} has no {kind} '{source}'.{did_you_mean(str(source), known)} It has: {', '.join(known) or 'none'}."
+            raise UnknownNameError(msg)
+        entry = known[source]
+        amount, unit = table.amount or (source if kind == "flow" else f"{source}_gained"), entry.unit
+        amount_unit = table.unit or unit
         price_unit = table.price_unit
         if isinstance(table.price, str):
             tables = self.price_tables
@@ -414,7 +408,7 @@ class TaskSpec:
             raise ParameterError(msg)
         return LedgerItem(
             name, source, amount, amount_unit, table.factor, table.price, 1 if table.side == "earned" else -1,
-            label=table.label or label, valued=FLOW if table.flow is not None else STOCK, amount_meaning=words,
+            label=table.label or entry.label, valued=FLOW if kind == "flow" else STOCK, amount_meaning=entry.meaning,
         )  # fmt: skip
 
     @cached_property

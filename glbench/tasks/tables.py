@@ -436,7 +436,7 @@ class ItemTable(Table):
 
     side: Literal["earned", "paid"] = Field(description='"earned" or "paid"')
     flow: str | None = Field(default=None, min_length=1, description="the name of a flow of the model, in quotes")
-    stock: str | None = Field(default=None, min_length=1, description="the name of a state of the model, in quotes")
+    stock: str | None = Field(default=None, min_length=1, description="the name of a stock of the model, in quotes")
     price: float | str = Field(description='{ value = 0.09, unit = "EUR kWh-1" }, or the name of a price table')
     price_unit: str | None = Field(default=None, exclude=True)
     amount: str | None = Field(default=None, min_length=1, description="the name of the amount's column, in quotes")
@@ -458,7 +458,7 @@ class ItemTable(Table):
     @model_validator(mode="after")
     def _one_source(self) -> Self:
         if (self.flow is None) == (self.stock is None):
-            msg = "It must name either a flow or a stock: flow = \"heat\", or stock = \"cFruit\"."
+            msg = "It must name either a flow or a stock: flow = \"heat\", or stock = \"fruit\"."
             raise ValueError(msg)
         if self.factor != 1.0 and (self.amount is None or self.unit is None):
             msg = "With a factor the amount is another one than the flow: name it, and its unit: amount = ..., unit = ..."
