@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.accounts import FRUIT_STATE, Accounts, make_accounts
+from glbench.env.accounts import Accounts, make_accounts
 from glbench.env.actuation import ACTUATIONS, ActionReader, RecordedActuation
 from glbench.env.climate import AIR_STATES, record_air
 from glbench.env.derived import DerivedParameters
@@ -129,7 +129,8 @@ def _quantities(
     task: TaskSpec, accounts: Accounts, recorder: Recorder, controls: list[Value], air: list[Value]
 ) -> list[Value]:
     """In the order of ``QUANTITY_NAMES``."""
-    before, after = (recorder.input(source, FRUIT_STATE) for source in ("before", "after"))
+    places = accounts.ledger_states()
+    before, after = ({place: recorder.input(source, place) for place in places} for source in ("before", "after"))
     rows = accounts.of_step(before, after, controls, air)
     table = [rows.get(name) for name in QUANTITY_NAMES]
     nothing = cast("NDArray[np.float64]", None)  # the recorded parts look at quantities only

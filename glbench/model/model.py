@@ -70,6 +70,8 @@ class Flow:
         Heading in tables and plots.
     amount
         The amount of a step. Arithmetic, ``np.minimum``, ``np.maximum`` and ``np.sign`` only: it is recorded for the kernel.
+    potential
+        The amount at the rate that the parameters allow at best, where there is one: what a profit can be scaled by.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Flow:
     meaning: str
     label: str
     amount: Callable[[Step], Expr]
+    potential: Callable[[Step], Expr] | None = None
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """The greenhouse of the benchmark's paper, and the models that tasks can name.
 
 ``greenlight-tomato-1.0.0`` is the GreenLight greenhouse with its tomato crop: 28 states, 6 controls, 10 disturbances, 208
-parameters. The names and functions below are those of this model; code that serves any model asks the model instead.
+parameters. ``greenlight-tomato-harvest-1.0.0`` has a meter on its harvest besides. The names and functions below are those of this model; code that serves any model asks the model instead.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from glbench.errors import UnknownNameError, did_you_mean
 from glbench.model.crop.lettuce import VanHentenLettuce
 from glbench.model.crop.tomato import VanthoorTomato
-from glbench.model.greenhouse import Greenhouse, compose
+from glbench.model.greenhouse import Greenhouse, Meter, compose
 from glbench.model.greenlight import GreenLightClimate
 from glbench.model.model import Evaluation, Model, Symbolic
 from glbench.model.parameter_sets import Given
@@ -36,6 +36,27 @@ def tomato(variant: str = "author") -> Greenhouse:
     """
     reading = get_variant(variant)
     return compose(GreenLightClimate(reading), VanthoorTomato(reading))
+
+
+HARVEST = Meter(
+    "mc_fruit_har", "fruit_harvested", "mg m-2", "carbohydrate of the fruit harvested", "Fruit harvested", scale=1e5, small=100.0
+)
+"""The harvest of a control step: what is picked can be paid when it is picked."""
+
+
+@cache
+def tomato_harvest(variant: str = "author") -> Greenhouse:
+    """The tomato greenhouse with a meter on its harvest: ``greenlight-tomato-harvest-1.0.0``.
+
+    Raises
+    ------
+    UnknownNameError
+        When there is no such variant.
+    """
+    reading = get_variant(variant)
+    return compose(
+        GreenLightClimate(reading), VanthoorTomato(reading), meters=(HARVEST,), name="greenlight-tomato-harvest"
+    )
 
 
 TOMATO = tomato()
@@ -157,4 +178,5 @@ def registered_models() -> tuple[Model, ...]:
 
 for _variant in ("author", "gl_gym2"):
     register_model(tomato(_variant))
+    register_model(tomato_harvest(_variant))
 register_model(LETTUCE)
