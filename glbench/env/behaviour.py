@@ -23,9 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.accounts import FRUIT_STATE
-from glbench.env.climate import AIR_STATES
 from glbench.env.quantities import QUANTITY_NAMES
-from glbench.env.reference import ReferenceRuns
+from glbench.env.runs import Runs
 from glbench.errors import TaskError
 from glbench.model import STATE_NAMES
 from glbench.registration import BEHAVIOUR_NAME
@@ -168,10 +167,11 @@ def _step(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
     before = np.tile(10.0 + np.arange(len(STATE_NAMES)), (n, 1))
     before[:, FRUIT_STATE] = 2.0e5
     after = before.copy()
-    after[:, AIR_STATES] = _AIR
+    model = task.model_value
+    after[:, [model.state_index(name) for name in model.air or ()]] = _AIR
     after[:, FRUIT_STATE] += _FRUIT_GROWN
     fixed = _FixedStep(after)
-    runs = ReferenceRuns(task, n, fixed)
+    runs = Runs(task, n, fixed, fused=False)
     runs.start(np.arange(n), _SEEDS, before)
     low, high = task_card(task).action_bounds
     part = 0.5 + 0.45 * (np.arange(1, n * len(low) + 1) * _GOLDEN % 1.0).reshape(n, -1)

@@ -57,7 +57,7 @@ class InfoWriter:
 
     def __init__(self, task: TaskSpec) -> None:
         names = tuple(quantity.name for quantity in info_quantities(task))
-        self._of_head = names[1 : len(names) - len(OF_STEP)]
+        self._of_info = names[1 : len(names) - len(OF_STEP)]
         self._of_step = names[1:]
         self._masks = tuple(f"_{name}" for name in names)
         # Filling in a dictionary that has its keys is quicker than making one.
@@ -69,10 +69,10 @@ class InfoWriter:
         if simulation.seeds is not self._seeds:
             self._seeds, self._shown_seeds = simulation.seeds, _signed(simulation.seeds)
         columns: dict[str, NDArray[np.generic]] = {"seed": self._shown_seeds}
-        columns.update(zip(self._of_head, simulation.head, strict=True))
+        columns.update(zip(self._of_info, simulation.info_columns, strict=True))
         columns["step"] = simulation.k
         if result is not None:
-            columns.update(zip(self._of_step[len(self._of_head) :], result.table, strict=True))
+            columns.update(zip(self._of_step[len(self._of_info) :], result.table, strict=True))
         return columns
 
     def everywhere(self, columns: dict[str, NDArray[np.generic]], n: int) -> dict[str, Any]:

@@ -26,7 +26,9 @@ from glbench.tasks.tables import (
 )
 
 if TYPE_CHECKING:
+    from glbench.model import Model
     from glbench.tasks.digest import Fingerprint
+    from glbench.tasks.scenario import Scenario
     from glbench.weather import Disturbances, WeatherRecord
 
 FloatArray = npt.NDArray[np.float64]
@@ -112,6 +114,20 @@ class TaskSpec(Table):
     def short_id(self) -> str:
         """The id without its namespace, such as ``Schiphol2010-Delta10-v1``."""
         return self.id.partition("/")[2]
+
+    @property
+    def model_value(self) -> Model:
+        """The model whose equations are stepped."""
+        from glbench.model import get_model
+
+        return get_model("greenlight-tomato-1.0.0", self.model.variant)
+
+    @property
+    def scenario(self) -> Scenario:
+        """What a run draws: season, start, parameters."""
+        from glbench.tasks.scenario import scenario_of
+
+        return scenario_of(self)
 
     @property
     def steps(self) -> int:

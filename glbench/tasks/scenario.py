@@ -1,0 +1,98 @@
+"""What a run draws: its season, its start, its parameters. Plain data; ``glbench.env`` draws from it.
+
+All numbers come from counter-based streams (docs/adr/0006): a number is a function of its address and of nothing else. Tasks of one
+``family`` and ``salt`` share their numbers, so that they can be compared run by run.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from glbench.tasks.spec import TaskSpec
+
+Redraw = Literal["step", "day", "episode"]
+
+
+@dataclass(frozen=True)
+class ParameterGroup:
+    """Parameters that are drawn together: each is its nominal value times 1 + e.
+
+    Attributes
+    ----------
+    name
+        Name of the group; its stream is called after it.
+    parameters
+        Their names, in the order in which numbers are drawn.
+    distribution, half_width
+        Of e.
+    redraw
+        How often: at every step, at the start of every day, once an episode.
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+    distribution: str
+    half_width: float
+    redraw: Redraw
+
+
+@dataclass(frozen=True)
+class StartGroup:
+    """States whose values at the start are multiplied by factors 1 + e, one a state and run."""
+
+    name: str
+    states: tuple[str, ...]
+    distribution: str
+    half_width: float
+
+
+@dataclass(frozen=True)
+class Season:
+    """A weather record, and the first day of an episode in it."""
+
+    source: str
+    start: dt.date
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What a run draws.
+
+    Attributes
+    ----------
+    family, salt
+        Tasks that agree in both share their random numbers.
+    groups, start_groups
+        Parameters, and states at the start, that are drawn.
+    seasons
+        A run draws one of these evenly.
+    start_within_days
+        A run's first day is drawn evenly from the season's first day to this many days later.
+    legacy
+        Schema 1: streams are keyed by task id and seed, as they always were.
+    """
+
+    family: str
+    salt: str
+    groups: tuple[ParameterGroup, ...]
+    start_groups: tuple[StartGroup, ...]
+    seasons: tuple[Season, ...]
+    start_within_days: int = 0
+    legacy: bool = False
+
+
+def scenario_of(task: TaskSpec) -> Scenario:
+    """The scenario of a task of schema 1: one season, one start, one group of uncertain parameters."""
+    uncertainty, weather = task.uncertainty, task.weather
+    group = ParameterGroup(
+        "parameters",
+        task.uncertain_parameters(),
+        uncertainty.distribution,
+        uncertainty.half_width,
+        uncertainty.redraw,
+    )
+    groups = (group,) if uncertainty.delta else ()
+    return Scenario(task.id, "", groups, (), (Season(weather.source, weather.start),), legacy=True)
