@@ -39,7 +39,13 @@ def tomato(variant: str = "author") -> Greenhouse:
 
 
 HARVEST = Meter(
-    "mc_fruit_har", "fruit_harvested", "mg m-2", "carbohydrate of the fruit harvested", "Fruit harvested", scale=1e5, small=100.0
+    "mc_fruit_har",
+    "fruit_harvested",
+    "mg m-2",
+    "carbohydrate of the fruit harvested",
+    "Fruit harvested",
+    scale=1e5,
+    small=100.0,
 )
 """The harvest of a control step: what is picked can be paid when it is picked."""
 

@@ -200,9 +200,7 @@ class PriceTable:
     dated: tuple[tuple[int, int, float], ...] = ()
     series: tuple[tuple[dt.datetime, float], ...] = ()
 
-    def values(
-        self, times: NDArray[np.datetime64], hour_of_day: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def values(self, times: NDArray[np.datetime64], hour_of_day: NDArray[np.float64]) -> NDArray[np.float64]:
         """The price at each row of a calendar ``(rows,)``, from its moments [UTC] and the hours of day of the task's clock."""
         if self.hourly:
             return np.array(self.hourly)[np.floor(hour_of_day + 1e-9).astype(np.int64) % 24]
@@ -230,7 +228,10 @@ def _local(times: NDArray[np.datetime64], hour_of_day: NDArray[np.float64]) -> N
 
 
 def price_rows(
-    tables: Mapping[str, PriceTable], names: Iterable[str], times: NDArray[np.datetime64], hour_of_day: NDArray[np.float64]
+    tables: Mapping[str, PriceTable],
+    names: Iterable[str],
+    times: NDArray[np.datetime64],
+    hour_of_day: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Prices of the tables ``names`` at each row of a calendar, ``(rows, names)``."""
     columns = [tables[name].values(times, hour_of_day) for name in names]

@@ -446,7 +446,9 @@ class TaskSpec:
             for place, start in enumerate(scenario.start):
                 for name in start.states:
                     self.model_value.state_index(name)
-                starts.append(StartGroup(start.name or f"start {place}", start.states, start.distribution, start.half_width))
+                starts.append(
+                    StartGroup(start.name or f"start {place}", start.states, start.distribution, start.half_width)
+                )
         drawn = [name for one in groups for name in one.parameters]
         for name in drawn:
             if drawn.count(name) > 1:
@@ -471,9 +473,12 @@ class TaskSpec:
         else:
             whole = self.file.model_dump(**options)
             plain = {
-                table: {key: whole[table][key] for key in keys} if keys else whole[table] for table, keys in SCHEMA_1.items()
+                table: {key: whole[table][key] for key in keys} if keys else whole[table]
+                for table, keys in SCHEMA_1.items()
             }
-            if self.evaluation.time_limits is not None:  # a task that says nothing about time has the digest it always had
+            if (
+                self.evaluation.time_limits is not None
+            ):  # a task that says nothing about time has the digest it always had
                 plain["evaluation"]["time_limits"] = whole["evaluation"]["time_limits"]
         if self.schema_version == 1 or self.model.overrides:
             plain["model"]["overrides"] = {name: [value, unit] for name, value, unit in self.model.overrides}

@@ -280,9 +280,9 @@ class PenaltyScale(OfTheAir):
 class RewardTable(Table):
     """``[reward]``: the sum of these modules is the reward of a step."""
 
-    modules: Annotated[tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", lambda: words.REWARD_MODULES.names)] = Field(
-        description="a list of reward modules"
-    )
+    modules: Annotated[
+        tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", lambda: words.REWARD_MODULES.names)
+    ] = Field(description="a list of reward modules")
     penalty_scale: PenaltyScale
 
 
@@ -424,9 +424,9 @@ class ProfitScale(Limits):
 class AnyRewardTable(Table):
     """``[reward]``: the sum of these modules is the reward of a step."""
 
-    modules: Annotated[tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", lambda: words.REWARD_MODULES.names)] = Field(
-        description="a list of reward modules"
-    )
+    modules: Annotated[
+        tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", lambda: words.REWARD_MODULES.names)
+    ] = Field(description="a list of reward modules")
     penalty_scale: SomePenaltyScales = SomePenaltyScales()
     epi_scale: Annotated[ProfitScale | None, _limits_in("EUR m-2")] = None
 
@@ -458,10 +458,12 @@ class ItemTable(Table):
     @model_validator(mode="after")
     def _one_source(self) -> Self:
         if (self.flow is None) == (self.stock is None):
-            msg = "It must name either a flow or a stock: flow = \"heat\", or stock = \"fruit\"."
+            msg = 'It must name either a flow or a stock: flow = "heat", or stock = "fruit".'
             raise ValueError(msg)
         if self.factor != 1.0 and (self.amount is None or self.unit is None):
-            msg = "With a factor the amount is another one than the flow: name it, and its unit: amount = ..., unit = ..."
+            msg = (
+                "With a factor the amount is another one than the flow: name it, and its unit: amount = ..., unit = ..."
+            )
             raise ValueError(msg)
         return self
 
@@ -511,7 +513,6 @@ class PriceTableTable(Table):
                 raise ValueError(msg)
         return self
 
-
     def value(self) -> PriceTable:
         """The prices."""
         return PriceTable(
@@ -541,8 +542,12 @@ def _month_and_day(text: str) -> tuple[int, int]:
 class SeasonTable(Table):
     """A season that a run may be in."""
 
-    start: dt.date = Field(ge=dt.date(1900, 1, 1), lt=dt.date(2200, 1, 1), description="a first day, such as 2010-03-01")
-    source: str | None = Field(default=None, min_length=1, description="a weather record, in quotes; that of [weather] if none is named")
+    start: dt.date = Field(
+        ge=dt.date(1900, 1, 1), lt=dt.date(2200, 1, 1), description="a first day, such as 2010-03-01"
+    )
+    source: str | None = Field(
+        default=None, min_length=1, description="a weather record, in quotes; that of [weather] if none is named"
+    )
 
 
 class DrawTable(Table):
@@ -592,7 +597,9 @@ class ScenarioTable(Table):
     @model_validator(mode="after")
     def _one_list_of_seasons(self) -> Self:
         if self.seasons and self.years:
-            msg = "It has both seasons and years: years are seasons that start on the day of [weather]. Keep one of them."
+            msg = (
+                "It has both seasons and years: years are seasons that start on the day of [weather]. Keep one of them."
+            )
             raise ValueError(msg)
         if len(set(self.years)) < len(self.years) or not all(1900 <= year < 2200 for year in self.years):
             msg = "years must be different years, from 1900 to 2199."

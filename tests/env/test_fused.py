@@ -43,7 +43,7 @@ def both(task: TaskSpec, kernel: Kernel, n: int = N) -> tuple[Simulation, Simula
 
 def standing(simulation: Simulation) -> list[bytes]:
     arrays: tuple[np.ndarray[Any, Any], ...] = (
-        simulation.x, simulation.u, simulation.k, simulation.ended, simulation.air, simulation.head, simulation.seeds,
+        simulation.x, simulation.u, simulation.k, simulation.ended, simulation.air, simulation.info_columns, simulation.seeds,
     )  # fmt: skip
     return [array.tobytes() for array in arrays]
 
@@ -235,7 +235,7 @@ def test_one_run_by_itself_has_the_same_numbers(day: TaskSpec, kernel: Kernel) -
         for simulation in (single, by_reference):
             observation, numbers, ended = simulation.step_single(action)
             assert observation.tobytes() == result.observations[0].tobytes()
-            assert numbers == [*many.head[:, 0].tolist(), *result.table[:, 0].tolist()]
+            assert numbers == [*many.info_columns[:, 0].tolist(), *result.table[:, 0].tolist()]
             assert not ended
             assert simulation.result is not None
             assert given(simulation.result) == given(result)
@@ -292,7 +292,7 @@ def test_nothing_that_was_handed_out_changes_later(day: TaskSpec, kernel: Kernel
     result = simulation.step(np.ones((3, 6)))
     held: list[np.ndarray[Any, Any]] = [
         observations, result.observations, result.rewards, result.terminated, result.table, result.quantities["epi"],
-        simulation.x, simulation.u, simulation.k, simulation.ended, simulation.air, simulation.head, simulation.seeds,
+        simulation.x, simulation.u, simulation.k, simulation.ended, simulation.air, simulation.info_columns, simulation.seeds,
     ]  # fmt: skip
     kept = [array.copy() for array in held]
     for actions in walk(1, 95, 3):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from glbench.kernel import Kernel, why_not_compiled
-from glbench.kernel.environment import Lookup, Program, Reader
+from glbench.kernel.environment import ActionBounds, Lookup, Program
 from glbench.kernel.tape import OPERATORS, Recorder, RecordingError, Tape
 from glbench.model import TOMATO, default_parameters
 
@@ -21,14 +21,14 @@ needs_compiler = pytest.mark.skipif(why_not_compiled() is not None, reason=str(w
 
 def program(outcome: Tape, width: int = 0, columns: int = 0, lookups: tuple[Lookup, ...] = ()) -> Program:
     """Nothing but a look at controls and clock."""
-    bounds = Reader(np.zeros(6), np.ones(6), np.zeros(6), np.ones(6))
+    bounds = ActionBounds(np.zeros(6), np.ones(6), np.zeros(6), np.ones(6))
     recorder = Recorder()
     for index in range(6):
         recorder.output("controls", index, recorder.input("given", index))
     return Program(
         actuation=recorder.tape(), outcome=outcome, actions=bounds, controls=bounds, steps=10, weather=np.zeros((12, 10)),
-        clock=np.zeros((12, 2)), lag=1, nominal=default_parameters(), draws=None, lookups=lookups, columns=columns,
-        width=width, head=0, charges={},
+        day=12, days=1, calendar=np.zeros((12, 2)), lag=1, nominal=default_parameters(), lookups=lookups, columns=columns,
+        width=width, info_columns=0, charges={},
     )  # fmt: skip
 
 
@@ -42,7 +42,7 @@ def played(formula: Callable[..., Any], *arguments: Array) -> Array:
     assert environments is not None
     for index, values in enumerate(arguments):
         environments.u[:, index] = values
-    environments.look()
+    environments.observe()
     result: Array = environments.table[:, 0].copy()
     return result
 
@@ -108,7 +108,7 @@ def test_rows_of_tables_are_looked_up_by_clock_and_weather() -> None:
     )
     assert environments is not None
     environments.k[:] = [0, 1, 4]
-    environments.look()
+    environments.observe()
     for row, (clock, shown) in enumerate([(0, 0), (1, 0), (4, 3)]):
         expected = [*table[clock], *table[shown], *table[shown + 1], *table[shown + 2]]
         assert environments.observations[row].tolist() == expected

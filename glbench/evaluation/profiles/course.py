@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.climate import AirReader
+from glbench.env.climate import read_air
 from glbench.env.quantities import QUANTITIES, QUANTITY_NAMES
 from glbench.episodes import ActionLog, Replay, Trace
 from glbench.episodes.recorder import BYTES_A_STEP, LARGEST_TRACE
@@ -118,6 +118,6 @@ def _read(trace: Trace, lengths: NDArray[np.int64]) -> dict[str, Floats]:
 def _weather(task: TaskSpec) -> dict[str, Floats]:
     values = task.disturbances(extra_rows=task.observation.forecast_steps).values[: task.steps]
     outside = {name: values[:, DISTURBANCE_NAMES.index(name)] for name in ("iGlob", "tOut", "vpOut", "co2Out", "wind")}
-    humidity = AirReader(task.steps)(outside["tOut"], outside["co2Out"], outside["vpOut"])[2]
+    humidity = read_air(outside["tOut"], outside["co2Out"], outside["vpOut"])[2]
     series = (outside["iGlob"], outside["tOut"], humidity, outside["wind"])
     return {column.name: one.astype(np.float32) for column, one in zip(WEATHER_COLUMNS, series, strict=True)}

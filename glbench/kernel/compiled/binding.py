@@ -84,8 +84,8 @@ class TapePointers(ctypes.Structure):
     )
 
 
-class ReaderPointers(ctypes.Structure):
-    """``glb::Reader`` of native/environment.hpp."""
+class ActionBoundsPointers(ctypes.Structure):
+    """``glb::ActionBounds`` of native/environment.hpp."""
 
     _fields_ = (
         ("count", ctypes.c_int64),
@@ -109,29 +109,44 @@ class LookupPointers(ctypes.Structure):
     )
 
 
+class ParameterNoisePointers(ctypes.Structure):
+    """``glb::ParameterNoise`` of native/environment.hpp."""
+
+    _fields_ = (
+        ("count", ctypes.c_int64),
+        ("place", ctypes.c_void_p),
+        ("half_width", ctypes.c_double),
+        ("every", ctypes.c_int64),
+    )
+
+
 class ProgramPointers(ctypes.Structure):
     """``glb::Program`` of native/environment.hpp."""
 
     _fields_ = (
         ("actuation", TapePointers),
         ("followers", TapePointers),
+        ("update", TapePointers),
         ("outcome", TapePointers),
-        ("actions", ReaderPointers),
-        ("controls", ReaderPointers),
+        ("actions", ActionBoundsPointers),
+        ("controls", ActionBoundsPointers),
         ("steps", ctypes.c_int64),
         ("weather", ctypes.c_void_p),
-        ("clock", ctypes.c_void_p),
+        ("day", ctypes.c_int64),
+        ("calendar", ctypes.c_void_p),
+        ("calendar_width", ctypes.c_int64),
         ("lag", ctypes.c_int64),
-        ("nominal", ctypes.c_void_p),
         ("drawn", ctypes.c_int64),
-        ("place", ctypes.c_void_p),
-        ("half_width", ctypes.c_double),
-        ("once", ctypes.c_int64),
+        ("group", ctypes.POINTER(ParameterNoisePointers)),
+        ("streams", ctypes.c_int64),
+        ("numbers", ctypes.c_void_p),
+        ("traits", ctypes.c_int64),
+        ("memory", ctypes.c_int64),
         ("lookups", ctypes.c_int64),
         ("lookup", ctypes.POINTER(LookupPointers)),
         ("columns", ctypes.c_int64),
         ("width", ctypes.c_int64),
-        ("head", ctypes.c_int64),
+        ("info_columns", ctypes.c_int64),
         ("charges", ctypes.c_int64),
         ("charged", ctypes.c_void_p),
         ("charge", ctypes.c_void_p),
@@ -150,6 +165,13 @@ class EnvironmentPointers(ctypes.Structure):
         ("k", ctypes.c_void_p),
         ("ended", ctypes.c_void_p),
         ("key", ctypes.c_void_p),
+        ("days", ctypes.c_void_p),
+        ("days_stride", ctypes.c_int64),
+        ("first", ctypes.c_void_p),
+        ("p", ctypes.c_void_p),
+        ("p_stride", ctypes.c_int64),
+        ("traits", ctypes.c_void_p),
+        ("memory", ctypes.c_void_p),
         ("given", ctypes.c_void_p),
         ("given_controls", ctypes.c_void_p),
         ("table", ctypes.c_void_p),
@@ -196,15 +218,15 @@ class Library:
         self.step_rows.argtypes = (ctypes.POINTER(settings), ctypes.POINTER(RowPointers))
         self.environment.restype = None
         self.environment.argtypes = (ctypes.c_void_p,)  # the address as a number is the quickest argument
-        own, others = (ctypes.c_int64 * 7)(), (ctypes.c_int64 * 7)()
+        own, others = (ctypes.c_int64 * 7)(), (ctypes.c_int64 * 8)()
         handle.glb_layout(own)
         handle.glb_environment_layout(others)
-        laid_out = map(ctypes.sizeof, (ProgramPointers, EnvironmentPointers, EnvironmentCall, LookupPointers))
+        environments = ProgramPointers, EnvironmentPointers, EnvironmentCall, LookupPointers, ParameterNoisePointers
         expected = ctypes.sizeof(settings), ctypes.sizeof(RowPointers), *model.sizes.values()
-        if tuple(own[:6]) != expected or tuple(others[:5]) != (*laid_out, model.sizes["p"]):
+        if tuple(own[:6]) != expected or tuple(others[:6]) != (*map(ctypes.sizeof, environments), model.sizes["p"]):
             raise of_another_version(path)
         self.width = int(own[6])
-        self.most_registers, self.most_drawn = int(others[5]), int(others[6])
+        self.most_registers, self.most_drawn = int(others[6]), int(others[7])
 
 
 def open_library(path: str, *functions: str) -> ctypes.CDLL:

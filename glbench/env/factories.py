@@ -11,7 +11,7 @@ from glbench.tasks.vocabulary import Registry, Word
 Make = TypeVar("Make")
 
 
-class Parts(Generic[Make]):
+class Factories(Generic[Make]):
     """Makers of parts by name.
 
     The tasks' vocabulary knows which words a task file may use; this knows what they do. Registering a part adds its name
