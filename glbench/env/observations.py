@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +54,14 @@ class TableRows:
     ahead: int = 0
 
 
-Shown = Numbers | TableRows
+@dataclass(frozen=True)
+class Formula:
+    """A column that the model computes from its states and nominal parameters (``Seen.of``)."""
+
+    of: Callable[[Any, Any], Any]
+
+
+Shown = Numbers | TableRows | Formula
 
 ObservationPart = Callable[[ObservationInputs], NDArray[np.floating]]
 """Columns of one module, ``(n, columns)``. Row i may depend on row i of the inputs only."""
@@ -109,7 +116,9 @@ def shown_by(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Shown, .
     air = list(AIR) if model.air else []
     shown: list[Shown] = []
     for column in seen:
-        if column.source in air:
+        if column.of is not None:
+            shown.append(Formula(column.of))
+        elif column.source in air:
             shown.append(Numbers("air", (air.index(column.source),), (column.factor,)))
         elif column.source in model.state_names:
             shown.append(Numbers("states", (model.state_index(column.source),), (column.factor,)))

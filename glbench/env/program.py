@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.accounts import make_accounts
+from glbench.env.accounts import ByName, make_accounts
 from glbench.env.actuation import ActionReader, make_actuation, recorded_actuation
 from glbench.env.climate import AIR, record_air
-from glbench.env.observations import Numbers, TableRows, observed_widths, python_part, shown_by
+from glbench.env.observations import Formula, Numbers, TableRows, observed_widths, python_part, shown_by
 from glbench.env.quantities import REWARD
 from glbench.env.reference import NO_PARTS, PythonParts
 from glbench.env.rewards import REWARDS, StepOutcome, make_reward
@@ -192,7 +192,7 @@ def _quantities(
 def _observation(
     task: TaskSpec, recorder: Recorder, controls: list[Value], air: list[Value]
 ) -> tuple[tuple[Lookup, ...], tuple[tuple[slice, Any], ...], int]:
-    tables = WeatherTables.of(task)
+    tables, nominal = WeatherTables.of(task), task.model_value.Parameters(*task.parameters().tolist())
     lookups: list[Lookup] = []
     parts: list[tuple[slice, Any]] = []
     at = 0
@@ -206,9 +206,22 @@ def _observation(
             if isinstance(shown, TableRows):
                 lookups.append(Lookup(shown.table, at, shown.rows, shown.clocked, shown.ahead))
                 at += shown.rows * shown.table.shape[1]
+            elif isinstance(shown, Formula):
+                recorder.output("observation", at, shown.of(_recorded_states(task, recorder), nominal))
+                at += 1
             else:
                 at = _numbers(shown, at, recorder, controls, air)
     return tuple(lookups), tuple(parts), at
+
+
+def _recorded_states(task: TaskSpec, recorder: Recorder) -> ByName:
+    """The state after the step by the names of the equations, recorded as far as it is asked for."""
+
+    class AsAskedFor(dict[int, Value]):
+        def __missing__(self, place: int) -> Value:
+            return recorder.input("after", place)
+
+    return ByName(task.model_value.states, AsAskedFor())
 
 
 def _numbers(shown: Numbers, at: int, recorder: Recorder, controls: list[Value], air: list[Value]) -> int:
