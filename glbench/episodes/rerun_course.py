@@ -1,4 +1,4 @@
-"""What one controller did in one run, as plain columns: what the viewer's recording is made of."""
+"""What controllers did in their runs, as plain columns: what the viewer shows together, in which colours, and the card beside the plots."""
 
 from __future__ import annotations
 
@@ -10,10 +10,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.episodes.episode import Episode
-from glbench.episodes.rerun_colours import PALETTE
-from glbench.episodes.rerun_signals import NEEDED_COLUMNS, Floats
+from glbench.episodes.signals import Floats, Signals, price_words, signals_of
 from glbench.errors import GlbenchError
-from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec, task_card
+
+
+@dataclass(frozen=True)
+class Colour:
+    """A colour with its name in words and its red, green and blue (0 to 255)."""
+
+    name: str
+    rgb: tuple[int, int, int]
+
+
+PALETTE: tuple[Colour, ...] = (
+    Colour("orange", (230, 159, 0)),
+    Colour("sky blue", (86, 180, 233)),
+    Colour("bluish green", (0, 158, 115)),
+    Colour("reddish purple", (204, 121, 167)),
+    Colour("yellow", (240, 228, 66)),
+    Colour("vermilion", (213, 94, 0)),
+)
+"""In the order in which controllers get them. Black is left out, and blue: they drown in the viewer's dark plots."""
+
+WEATHER = Colour("light grey", (190, 190, 190))
+LIMITS = Colour("green", (96, 176, 96))
+
 
 Times = NDArray[np.datetime64]
 
@@ -35,7 +57,7 @@ class Course:
     times
         UTC at the start and at the end of every step, ``(steps + 1,)`` datetime64[ns].
     columns
-        Values of each step by column name, ``(steps,)`` float64 each; at least ``NEEDED_COLUMNS``.
+        Values of each step by column name, ``(steps,)`` float64 each.
     remark
         Why the run ended early, in words; empty when it did not.
     """
@@ -45,12 +67,6 @@ class Course:
     times: Times
     columns: Mapping[str, Floats]
     remark: str = ""
-
-    def __post_init__(self) -> None:
-        missing = [name for name in NEEDED_COLUMNS if name not in self.columns]
-        if missing:
-            msg = f"The record of '{self.controller}' lacks {', '.join(missing)}, which the viewer shows."
-            raise GlbenchError(msg)
 
     @property
     def steps(self) -> int:
@@ -68,6 +84,8 @@ class Shown:
         The task and what was done in it.
     labels
         What the curves of each course are called.
+    signals
+        What is shown of them; every course has the columns that it needs.
     first_day, days
         The days that fast quantities show first; without a first day those with most violations.
     """
@@ -75,8 +93,16 @@ class Shown:
     task: TaskSpec
     courses: tuple[Course, ...]
     labels: tuple[str, ...]
+    signals: Signals
     first_day: dt.date | None = None
     days: int = SHOWN_DAYS
+
+    def __post_init__(self) -> None:
+        for course in self.courses:
+            missing = [name for name in self.signals.needed if name not in course.columns]
+            if missing:
+                msg = f"The record of '{course.controller}' lacks {', '.join(missing)}, which the viewer shows."
+                raise GlbenchError(msg)
 
     @property
     def longest(self) -> Course:
@@ -112,7 +138,7 @@ class Shown:
         """Step at which the ``width`` steps with the largest penalty begin, at the start of a day."""
         penalty = np.zeros(self.longest.steps)
         for course in self.courses:
-            penalty[: course.steps] += course.columns["penalty"]
+            penalty[: course.steps] += course.columns[self.signals.worst]
         before = np.concatenate([[0.0], np.cumsum(penalty)])
         firsts = np.arange(0, len(penalty) - width + 1, per_day)
         return int(firsts[np.argmax(before[firsts + width] - before[firsts])])
@@ -121,7 +147,7 @@ class Shown:
 def course_of(episode: Episode) -> Course:
     """The course of a recorded episode."""
     run = episode.run
-    columns = {name: np.asarray(episode[name], dtype=np.float64) for name in NEEDED_COLUMNS}
+    columns = {name: np.asarray(episode[name], dtype=np.float64) for name in episode.names}
     remark = run.reason or episode.problem or ""
     return Course(episode.provenance.agent.name, run.seed, episode.times, columns, remark)
 
@@ -165,20 +191,6 @@ def show_together(task: TaskSpec, courses: Sequence[Course]) -> Shown:
     GlbenchError
         For no course, an empty one, the same run twice, or more courses than there are colours.
     """
-    _check(courses)
-    names = [course.controller for course in courses]
-    labels = tuple(
-        name if names.count(name) == 1 else f"{name} (seed {course.seed})"
-        for name, course in zip(names, courses, strict=True)
-    )
-    for label in labels:
-        if labels.count(label) > 1:
-            msg = f"{label} is there twice. Give each run once, or rename one of the agents."
-            raise GlbenchError(msg)
-    return Shown(task, tuple(courses), labels)
-
-
-def _check(courses: Sequence[Course]) -> None:
     if not courses:
         raise GlbenchError(_NOTHING)
     if len(courses) > len(PALETTE):
@@ -188,3 +200,68 @@ def _check(courses: Sequence[Course]) -> None:
         if course.steps == 0:
             msg = f"The run of '{course.controller}' with seed {course.seed} has no steps to show."
             raise GlbenchError(msg)
+    names = [course.controller for course in courses]
+    labels = tuple(
+        name if names.count(name) == 1 else f"{name} (seed {course.seed})"
+        for name, course in zip(names, courses, strict=True)
+    )
+    for label in labels:
+        if labels.count(label) > 1:
+            msg = f"{label} is there twice. Give each run once, or rename one of the agents."
+            raise GlbenchError(msg)
+    return Shown(task, tuple(courses), labels, signals_of(task))
+
+
+_UNITS = {"degC": "°C"}
+
+
+def card(shown: Shown) -> str:
+    """The card beside the plots, as Markdown: the task in words, and who is shown in which colour."""
+    task, signals, facts = shown.task, shown.signals, task_card(shown.task)
+    limits = "; ".join(
+        f"{signals.names.get(limit.name, limit.name)} **{limit.low:g} to {limit.high:g} {_UNITS.get(limit.unit, limit.unit)}**"
+        for limit in facts.constraints
+    )
+    lines = [
+        f"# {task.title}",
+        "",
+        " ".join(task.description.split()),
+        "",
+        f"**Where and when:** {facts.place.station}, from {facts.start:%-d %B %Y}, {task.weather.days} days, "
+        f"a decision every {task.step_seconds / 60:g} minutes.",
+        "",
+        f"**Climate to stay within:** {limits}.",
+        "",
+        f"**Prices:** {price_words(task, signals)}.",
+        "",
+        f"Task `{task.id}`",
+        "",
+        "## Controllers",
+        "",
+    ]
+    for colour, label, course in zip(PALETTE, shown.labels, shown.courses, strict=False):
+        lines += [f"**{label}** ({colour.name}), seed {course.seed}", ""]
+        lines += [f"- {line}" for line in _outcome(course, signals)] if course.steps else ["- running"]
+        if course.remark:
+            lines.append(f"- **ended after step {course.steps}: {course.remark}**")
+        lines.append("")
+    lines += [
+        "",
+        "## Reading the plots",
+        "",
+        "Green: inside the limits. Slow quantities show the whole episode; the others show a few days, by default those in "
+        "which limits were broken most. Ctrl + scroll zooms in and out, and the ? above a plot tells more. All amounts are "
+        "per m² of floor; times are UTC.",
+    ]
+    return "\n".join(lines)
+
+
+def _outcome(course: Course, signals: Signals) -> list[str]:
+    def total(*names: str) -> float:
+        return sum(float(course.columns[name].sum()) for name in names)
+
+    result = f"{total(signals.total):.2f}".replace("-", "−")
+    return [
+        f"EPI {result} EUR/m² = revenue {total(signals.income):.2f} − costs {total(*signals.costs):.2f}",
+        f"{total(signals.harvest):.2f} kg/m² of fruit grown; reward {total(signals.reward):.1f}",
+    ]

@@ -16,9 +16,33 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from glbench.episodes.rerun_package import load_rerun
 from glbench.errors import GlbenchError
 from glbench.resources import write_atomically
+
+
+def load_rerun() -> Any:
+    """The module ``rerun``.
+
+    Raises
+    ------
+    GlbenchError
+        When it is not installed; it says how to install it.
+    """
+    try:
+        return importlib.import_module("rerun")
+    except ImportError as error:
+        msg = (
+            "The viewer is not installed: it needs the package rerun-sdk. "
+            'Install it with `pip install "glbench[view]"`, or in a checkout with `uv sync --extra view`.'
+        )
+        raise GlbenchError(msg) from error
+
+
+def load_blueprint() -> Any:
+    """The module ``rerun.blueprint``; raises as ``load_rerun`` does."""
+    load_rerun()
+    return importlib.import_module("rerun.blueprint")
+
 
 LOOPBACK = "127.0.0.1"
 """Without being told, the viewer's server listens on all interfaces: anybody in the network could send to it."""

@@ -17,11 +17,10 @@ import pytest
 
 from glbench.env import Simulation
 from glbench.episodes import rerun_viewer
-from glbench.episodes.rerun_colours import PALETTE
-from glbench.episodes.rerun_course import course_of, show_together, shown_of
+from glbench.episodes.rerun_course import PALETTE, course_of, show_together, shown_of
 from glbench.episodes.rerun_live import LiveView
 from glbench.episodes.rerun_recording import save_recording
-from glbench.episodes.rerun_signals import SIGNALS
+from glbench.episodes.signals import GREENHOUSE
 from glbench.errors import GlbenchError
 from glbench.tasks import get_task
 from tests.episodes.rerun_runs import Runs, make_runs, read_recording
@@ -72,7 +71,7 @@ def test_what_is_streamed_is_what_is_recorded(runs: Runs, tmp_path: Path) -> Non
     live = read_recording(tmp_path / "live.rrd")
     save_recording(shown_of([runs.episode()]), tmp_path / "recorded.rrd")
     recorded = read_recording(tmp_path / "recorded.rrd")
-    for signal in SIGNALS:
+    for signal in GREENHOUSE.curves:
         entity = f"/{signal.path}" if signal.shared else f"/{signal.path}/rule_based"
         assert live.curves[entity].values.tobytes() == recorded.curves[entity].values.tobytes(), entity
         assert (live.curves[entity].times == recorded.curves[entity].times).all()
