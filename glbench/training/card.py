@@ -18,7 +18,7 @@ from glbench.errors import TrainingError
 from glbench.evaluation.provenance import git_state, machine
 from glbench.model import MODEL_VERSION
 from glbench.resources import write_atomically
-from glbench.training.checkpoint import History
+from glbench.training.probe import History
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec

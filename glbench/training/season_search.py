@@ -31,14 +31,10 @@ from glbench.env import Simulation
 from glbench.errors import TrainingError, did_you_mean
 from glbench.kernel import make_kernel
 from glbench.resources import write_atomically
-from glbench.training.batched_policy import BatchedPolicy
 from glbench.training.card import CARD, POLICY, Making, note_session, write_card
-from glbench.training.checkpoint import DAMAGED, History, altered
-from glbench.training.curve import add_point, write_curve
-from glbench.training.folder import SEARCH, SETTINGS, alone_in, finished_in, may_begin
-from glbench.training.normalization import varies, without_steady_columns
-from glbench.training.probe import Probe, season_sums
-from glbench.training.progress import CurvePoint, Listener, Pace, Progress, TimeAccount
+from glbench.training.checkpoint import DAMAGED, SEARCH, SETTINGS, alone_in, altered, finished_in, may_begin
+from glbench.training.export import policy_in, start_of
+from glbench.training.probe import CurvePoint, History, Listener, Pace, Probe, Progress, season_sums
 from glbench.training.run import Trained
 from glbench.training.settings import (
     FIRST_TRAINING_SEED,
@@ -49,10 +45,75 @@ from glbench.training.settings import (
     in_words,
     section,
 )
-from glbench.training.starting import policy_in, start_of
+from glbench.training.vec_env import varies, without_steady_columns
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
+
+
+Singles = NDArray[np.float32]
+
+
+class BatchedPolicy:
+    """As fast as training asks for; ``NetworkPolicy`` gives the same to 1e-6 and the same bits everywhere.
+
+    Attributes
+    ----------
+    seconds
+        Time spent on actions so far [s].
+    """
+
+    def __init__(self, policy: NetworkPolicy) -> None:
+        self._policy = policy
+        self._shared = list(zip(policy.weights[:-1], policy.biases[:-1], strict=True))
+        self._between = _ACTIVATIONS[policy.activation]
+        self.take([(policy.weights[-1], policy.biases[-1])])
+        self.seconds = 0.0
+
+    def take(self, layers: Sequence[tuple[Singles, Singles]]) -> None:
+        """Last layers, one a run: weights ``(hidden, actions)`` and biases ``(actions,)``."""
+        self._weights = np.stack([weights for weights, _ in layers])
+        self._biases = np.stack([biases for _, biases in layers])
+
+    def hidden(self, observations: Singles) -> Singles:
+        """The last hidden layer ``(n, hidden)``."""
+        policy = self._policy
+        x = np.clip((observations - policy.mean) / policy.scale, -policy.clip, policy.clip).astype(np.float32)
+        for weights, biases in self._shared:
+            x = self._between(x @ weights + biases)
+        return x
+
+    def act(self, observations: Singles) -> NDArray[np.float64]:
+        """Actions ``(n, actions)`` for observations ``(n, columns)``, row i by the last layer i."""
+        began = time.perf_counter()
+        policy = self._policy
+        last = (self.hidden(observations)[:, None, :] @ self._weights)[:, 0] + self._biases
+        x: NDArray[np.float64] = last.astype(np.float64)
+        if policy.output == "tanh":
+            x = policy.low + 0.5 * (np.tanh(x) + 1.0) * (policy.high - policy.low)
+        actions: NDArray[np.float64] = np.clip(x, policy.low, policy.high)
+        self.seconds += time.perf_counter() - began
+        return actions
+
+
+def _silu(x: Singles) -> Singles:
+    with np.errstate(over="ignore"):  # exp(-x) of a large negative x is infinite, and x / infinity is 0
+        silu: Singles = np.divide(x, 1.0 + np.exp(-x))
+    return silu
+
+
+def _tanh(x: Singles) -> Singles:
+    tanh: Singles = np.tanh(x)
+    return tanh
+
+
+def _relu(x: Singles) -> Singles:
+    relu: Singles = np.maximum(x, 0.0)
+    return relu
+
+
+_ACTIVATIONS = {"SiLU": _silu, "Tanh": _tanh, "ReLU": _relu}
+
 
 Floats = NDArray[np.float64]
 _LOOKED_AT = 5
@@ -220,7 +281,7 @@ class _Search:
         self.history.time.evaluation += time.perf_counter() - began
         if self.steps >= self.history.next_evaluation:  # an end between two evaluations moves none
             self.history.next_evaluation = self.steps + self.settings.evaluation.every
-        return add_point(self.history, self.steps, result)
+        return self.history.add(self.steps, result)
 
     def _hidden_of_a_season(self, policy: NetworkPolicy) -> NDArray[np.float32]:
         batched = BatchedPolicy(policy)
@@ -316,7 +377,7 @@ def _evaluate(under_way: _Search, folder: Path, listeners: Sequence[Listener], i
             folder / POLICY,
             replace(policy, task_id=under_way.task.id, delta=under_way.task.uncertainty.delta).to_bytes(),
         )
-    write_curve(folder, under_way.history)
+    under_way.history.write_curve(folder)
     _keep(under_way, folder / SEARCH, identity)
     for listener in listeners:
         listener.on_evaluation(point)
@@ -345,8 +406,7 @@ def _continue(under_way: _Search, file: Path, identity: dict[str, Any]) -> None:
         raise TrainingError(msg)
     if facts.pop("digest", None) != _digest(facts, rewards):
         raise altered(file)
-    past = facts["history"]
-    under_way.repeat(rewards, History(**{**past, "time": TimeAccount(**past["time"])}))
+    under_way.repeat(rewards, History.from_dict(facts["history"]))
 
 
 def _digest(facts: dict[str, Any], rewards: Floats) -> str:

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from glbench.errors import TrainingError
-from glbench.training.progress import CurvePoint, Progress
+from glbench.training.probe import CurvePoint, Progress
 
 if TYPE_CHECKING:
-    from glbench.training.search_space import Search
+    from glbench.training.sweep import Search
 
 _NOT_INSTALLED = (
     'Weights & Biases is not installed. Install it with `pip install "glbench[train,wandb]"`, '
@@ -100,8 +100,7 @@ def wandb_sweep(search: Search, folder: Path) -> None:
         raise TrainingError(_NOT_INSTALLED) from error
     from glbench.tasks import get_task
     from glbench.training.run import train
-    from glbench.training.search_space import with_choices
-    from glbench.training.sweep import base_settings
+    from glbench.training.sweep import base_settings, with_choices
 
     settings, task = base_settings(search), get_task(search.task)
 

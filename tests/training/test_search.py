@@ -13,12 +13,10 @@ import yaml
 from glbench.cli.train import _say_trial
 from glbench.errors import TrainingError
 from glbench.tasks import TaskSpec
-from glbench.training.probe import ProbeResult
-from glbench.training.progress import CurvePoint
+from glbench.training.probe import CurvePoint, ProbeResult
 from glbench.training.run import Trained
-from glbench.training.search_space import Search, read_search, with_choices
 from glbench.training.settings import TrainingSettings
-from glbench.training.sweep import TrialReport, _Pruning, open_study, sweep
+from glbench.training.sweep import Search, TrialReport, _Pruning, open_study, read_search, sweep, with_choices
 
 BASE = TrainingSettings(algorithm="ppo", policy_kwargs={"activation_fn": "Tanh"}, hyperparameters={"gamma": 0.9})
 

@@ -14,10 +14,8 @@ from glbench.tasks import TaskSpec
 from glbench.training import TrainingSettings, read_settings, train
 from glbench.training.algorithms import make_model
 from glbench.training.card import settings_digest
-from glbench.training.export import export_model, torch_action
-from glbench.training.normalization import Normalizer
-from glbench.training.starting import begin_with, start_of
-from glbench.training.vec_env import TrainingVecEnv
+from glbench.training.export import begin_with, export_model, start_of, torch_action
+from glbench.training.vec_env import Normalizer, TrainingVecEnv
 from tests.training.conftest import PPO
 
 pytestmark = pytest.mark.train
