@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import WeatherError
-from glbench.weather.clock import time_zone
-from glbench.weather.preprocessing import RAW_SECONDS
+from glbench.weather.preprocessing import RAW_SECONDS, time_zone
 from glbench.weather.record import (
     QUANTITIES,
     REQUIRED,

@@ -16,10 +16,13 @@ from collections.abc import Callable
 import numpy as np
 
 from glbench.errors import WeatherError
-from glbench.weather.preprocessing import RAW_SECONDS, Prepared, Window, sigmoid
-from glbench.weather.psychrometrics import (
+from glbench.weather.preprocessing import (
+    RAW_SECONDS,
+    Prepared,
+    Window,
     co2_density,
     seconds_into_year,
+    sigmoid,
     sky_temperature_from_cloud,
     sky_temperature_from_infrared,
     soil_temperature,
