@@ -251,24 +251,46 @@ OCTANTS_PER_TENTH = 0.8
 EPW_HEADER_LINES = 8
 TMY3_HEADER_LINES = 2
 TMY2_HEADER_LINES = 1
-TMY3_COLUMNS = ("temp_air", "relative_humidity", "wind_speed", "ghi", "TotCld (tenths)")
 
 
 @dataclass(frozen=True)
 class _Local:
-    """A file's rows in local standard time: calendar of each slot's start, values, place and clock."""
+    """A file's rows in local standard time: calendar of each slot's start ``(n, 4)`` (year, month, day, hour), values, place, clock."""
 
     file: str
-    years: IntArray
-    months: IntArray
-    days: IntArray
-    hours: IntArray
+    calendar: IntArray
     columns: dict[str, FloatArray]
     row_numbers: IntArray
     utc_offset: float  # h
     station: str
     coordinates: tuple[float, float, float]
     source: str
+
+
+_Sources = Mapping[str, tuple[str, float, tuple[float, ...]]]
+"""Of each quantity: pvlib's name of its column, the factor to the canonical unit, and the codes for a missing value."""
+EPW_COLUMNS: _Sources = {
+    "air_temperature": ("temp_air", 1.0, (99.9,)),
+    "relative_humidity": ("relative_humidity", 1.0, (999,)),
+    "wind_speed": ("wind_speed", 1.0, (999,)),
+    "global_radiation": ("ghi", 1.0, (9999,)),
+    "cloud_cover": ("total_sky_cover", OCTANTS_PER_TENTH, (99,)),
+    "sky_infrared": ("ghi_infrared", 1.0, (9999,)),
+}
+TMY3_COLUMNS: _Sources = {
+    "air_temperature": ("temp_air", 1.0, (-9900,)),
+    "relative_humidity": ("relative_humidity", 1.0, (-9900,)),
+    "wind_speed": ("wind_speed", 1.0, (-9900,)),
+    "global_radiation": ("ghi", 1.0, (-9900,)),
+    "cloud_cover": ("TotCld (tenths)", OCTANTS_PER_TENTH, (-9900, 99)),
+}
+TMY2_COLUMNS: _Sources = {
+    "air_temperature": ("DryBulb", 0.1, (9999,)),
+    "relative_humidity": ("RHum", 1.0, (999,)),
+    "wind_speed": ("Wspd", 0.1, (999,)),
+    "global_radiation": ("GHI", 1.0, (9999,)),
+    "cloud_cover": ("TotCld", OCTANTS_PER_TENTH, (99,)),
+}
 
 
 def read_epw(
@@ -303,33 +325,21 @@ def read_epw(
     from pvlib.iotools import read_epw as pvlib_read_epw
 
     data, meta = _through_pvlib(path, "an EnergyPlus weather file (EPW)", lambda: pvlib_read_epw(str(path)))
-    columns = {
-        "air_temperature": _known(data["temp_air"], 99.9),
-        "relative_humidity": _known(data["relative_humidity"], 999),
-        "wind_speed": _known(data["wind_speed"], 999),
-        "global_radiation": _known(data["ghi"], 9999),
-        "cloud_cover": _known(data["total_sky_cover"], 99) * OCTANTS_PER_TENTH,
-        "sky_infrared": _known(data["ghi_infrared"], 9999),
-    }
-    years = _whole(data["year"])
-    typical = np.unique(years).size > 1
-    if year is not None and not typical:
-        msg = f"{path} holds the weather of one real year ({years[0]}): --year is only for typical years. Leave it out."
-        raise WeatherError(msg)
     place_name = ", ".join(str(meta[key]).strip() for key in ("city", "country"))
     local = _Local(
         file=str(path),
-        years=years,
-        months=_whole(data["month"]),
-        days=_whole(data["day"]),
-        hours=_whole(data["hour"]) - 1,
-        columns=columns,
-        row_numbers=np.arange(len(data), dtype=np.int64) + EPW_HEADER_LINES + 1,
+        calendar=_calendar(data),
+        columns=_values_of(data, EPW_COLUMNS),
+        row_numbers=_rows_after(EPW_HEADER_LINES, data),
         utc_offset=meta["TZ"],
         station=place_name,
         coordinates=(meta["latitude"], meta["longitude"], meta["altitude"]),
         source=f"EnergyPlus weather file {path.name} ({place_name}; {str(meta['data_type']).strip()})",
     )
+    typical = np.unique(local.calendar[:, 0]).size > 1
+    if year is not None and not typical:
+        msg = f"{path} holds the weather of one real year ({local.calendar[0, 0]}): --year is only for typical years. Leave it out."
+        raise WeatherError(msg)
     return _record(local, name, timezone, (year or NOMINAL_YEAR) if typical else None, fill_gaps)
 
 
@@ -354,7 +364,7 @@ def _read_tmy3(path: Path) -> _Local:
     from pvlib.iotools import read_tmy3
 
     data, meta = _through_pvlib(path, "a TMY3 file", lambda: read_tmy3(str(path), coerce_year=NOMINAL_YEAR))
-    require_columns(str(path), [str(title) for title in data.columns], TMY3_COLUMNS)
+    require_columns(str(path), [str(title) for title in data.columns], [source for source, *_ in TMY3_COLUMNS.values()])
     index = cast("pd.DatetimeIndex", data.index)
     if bool(np.any(index.minute != 0)):
         msg = f"{path}: its stamps are not whole hours, so it is unclear which hour a value belongs to. Use hour-ending TMY3."
@@ -362,18 +372,9 @@ def _read_tmy3(path: Path) -> _Local:
     starts = index.tz_localize(None) - np.timedelta64(1, "h")
     return _Local(
         file=str(path),
-        years=np.asarray(starts.year, dtype=np.int64),
-        months=np.asarray(starts.month, dtype=np.int64),
-        days=np.asarray(starts.day, dtype=np.int64),
-        hours=np.asarray(starts.hour, dtype=np.int64),
-        columns={
-            "air_temperature": _known(data["temp_air"], -9900),
-            "relative_humidity": _known(data["relative_humidity"], -9900),
-            "wind_speed": _known(data["wind_speed"], -9900),
-            "global_radiation": _known(data["ghi"], -9900),
-            "cloud_cover": _known(data["TotCld (tenths)"], -9900, 99) * OCTANTS_PER_TENTH,
-        },
-        row_numbers=np.arange(len(data), dtype=np.int64) + TMY3_HEADER_LINES + 1,
+        calendar=np.stack([starts.year, starts.month, starts.day, starts.hour], axis=1).astype(np.int64),
+        columns=_values_of(data, TMY3_COLUMNS),
+        row_numbers=_rows_after(TMY3_HEADER_LINES, data),
         utc_offset=meta["TZ"],
         station=str(meta["Name"]).strip().strip('"'),
         coordinates=(meta["latitude"], meta["longitude"], meta["altitude"]),
@@ -387,18 +388,9 @@ def _read_tmy2(path: Path) -> _Local:
     data, meta = _through_pvlib(path, "a TMY2 file", lambda: read_tmy2(str(path)))
     return _Local(
         file=str(path),
-        years=_whole(data["year"]) + 1900,
-        months=_whole(data["month"]),
-        days=_whole(data["day"]),
-        hours=_whole(data["hour"]) - 1,
-        columns={
-            "air_temperature": _known(data["DryBulb"], 9999) / 10.0,
-            "relative_humidity": _known(data["RHum"], 999),
-            "wind_speed": _known(data["Wspd"], 999) / 10.0,
-            "global_radiation": _known(data["GHI"], 9999),
-            "cloud_cover": _known(data["TotCld"], 99) * OCTANTS_PER_TENTH,
-        },
-        row_numbers=np.arange(len(data), dtype=np.int64) + TMY2_HEADER_LINES + 1,
+        calendar=_calendar(data, first_year=1900),
+        columns=_values_of(data, TMY2_COLUMNS),
+        row_numbers=_rows_after(TMY2_HEADER_LINES, data),
         utc_offset=float(meta["TZ"]),
         station=str(meta["City"]).replace("_", " ").title(),
         coordinates=(meta["latitude"], meta["longitude"], meta["altitude"]),
@@ -421,17 +413,27 @@ def _through_pvlib(
     return data, meta
 
 
-def _known(column: pd.Series[Any], *missing: float) -> FloatArray:
-    """Values with the codes for "missing" turned into NaN; a text that is no number is a missing value too."""
+def _values_of(data: pd.DataFrame, sources: _Sources) -> dict[str, FloatArray]:
+    """Columns in canonical units, with the codes for "missing" turned into NaN; a text that is no number is a missing value too."""
     import pandas as pd
 
-    values = pd.to_numeric(column, errors="coerce").to_numpy(dtype=np.float64, copy=True)
-    values[np.isin(values, missing)] = np.nan
-    return values
+    columns = {}
+    for quantity, (source, factor, missing) in sources.items():
+        values = pd.to_numeric(data[source], errors="coerce").to_numpy(dtype=np.float64, copy=True)
+        values[np.isin(values, missing)] = np.nan
+        # Tenths are divided, as one correctly rounded operation.
+        columns[quantity] = values / 10.0 if factor == 0.1 else values * factor
+    return columns
 
 
-def _whole(column: pd.Series[Any]) -> IntArray:
-    return np.asarray(column.to_numpy(dtype=np.int64))
+def _calendar(data: pd.DataFrame, first_year: int = 0) -> IntArray:
+    """Year, month, day and hour of each slot's start ``(n, 4)``, from columns whose hours count to the slot's end."""
+    stamps: IntArray = data[["year", "month", "day", "hour"]].to_numpy(dtype=np.int64)
+    return np.asarray(stamps + np.array([first_year, 0, 0, -1]), dtype=np.int64)
+
+
+def _rows_after(header_lines: int, data: pd.DataFrame) -> IntArray:
+    return np.arange(len(data), dtype=np.int64) + header_lines + 1
 
 
 def _record(
@@ -457,14 +459,14 @@ def _starts(local: _Local, nominal_year: int | None) -> IntArray:
     if nominal_year is not None and calendar.isleap(nominal_year):
         msg = f"{nominal_year} is a leap year and a typical year has no 29 February. Choose a common year with --year."
         raise WeatherError(msg)
-    years = local.years if nominal_year is None else np.full_like(local.years, nominal_year)
-    starts = np.empty(years.size, dtype=np.int64)
-    for i, (year, month, day, hour) in enumerate(zip(years, local.months, local.days, local.hours, strict=True)):
-        if not (1 <= month <= 12 and 1 <= day <= calendar.monthrange(int(year), int(month))[1] and 0 <= hour <= 23):
+    starts = np.empty(len(local.calendar), dtype=np.int64)
+    for i, (own_year, month, day, hour) in enumerate(local.calendar.tolist()):
+        year = own_year if nominal_year is None else nominal_year
+        if not (1 <= month <= 12 and 1 <= day <= calendar.monthrange(year, month)[1] and 0 <= hour <= 23):
             row = local.row_numbers[i]
             msg = f"{local.file}, row {row}: {year}-{month:02d}-{day:02d}, hour {hour + 1} does not exist. Correct the file."
             raise WeatherError(msg)
-        starts[i] = calendar.timegm((int(year), int(month), int(day), int(hour), 0, 0))
+        starts[i] = calendar.timegm((year, month, day, hour, 0, 0))
     return starts - round(local.utc_offset * SLOT_SECONDS)
 
 
