@@ -45,7 +45,7 @@ _NOTHING = "There is nothing to show: no run was chosen."
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class Trajectory:
     """One run of one controller.
 
     Attributes
@@ -76,38 +76,38 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """Courses of one task to be shown together.
+    """Trajectories of one task to be shown together.
 
     Attributes
     ----------
-    task, courses
+    task, trajectories
         The task and what was done in it.
     labels
-        What the curves of each course are called.
+        What the curves of each trajectory are called.
     signals
-        What is shown of them; every course has the columns that it needs.
+        What is shown of them; every trajectory has the columns that it needs.
     first_day, days
         The days that fast quantities show first; without a first day those with most violations.
     """
 
     task: TaskSpec
-    courses: tuple[Course, ...]
+    trajectories: tuple[Trajectory, ...]
     labels: tuple[str, ...]
     signals: Signals
     first_day: dt.date | None = None
     days: int = SHOWN_DAYS
 
     def __post_init__(self) -> None:
-        for course in self.courses:
-            missing = [name for name in self.signals.needed if name not in course.columns]
+        for trajectory in self.trajectories:
+            missing = [name for name in self.signals.needed if name not in trajectory.columns]
             if missing:
-                msg = f"The record of '{course.controller}' lacks {', '.join(missing)}, which the viewer shows."
+                msg = f"The record of '{trajectory.controller}' lacks {', '.join(missing)}, which the viewer shows."
                 raise GlbenchError(msg)
 
     @property
-    def longest(self) -> Course:
-        """The course with the most steps."""
-        return max(self.courses, key=lambda course: course.steps)
+    def longest(self) -> Trajectory:
+        """The trajectory with the most steps."""
+        return max(self.trajectories, key=lambda trajectory: trajectory.steps)
 
     def closeup(self) -> tuple[np.datetime64, np.datetime64]:
         """Start and end of the days that fast quantities show first.
@@ -137,19 +137,19 @@ class Shown:
     def _most_broken(self, per_day: int, width: int) -> int:
         """Step at which the ``width`` steps with the largest penalty begin, at the start of a day."""
         penalty = np.zeros(self.longest.steps)
-        for course in self.courses:
-            penalty[: course.steps] += course.columns[self.signals.worst]
+        for trajectory in self.trajectories:
+            penalty[: trajectory.steps] += trajectory.columns[self.signals.worst]
         before = np.concatenate([[0.0], np.cumsum(penalty)])
         firsts = np.arange(0, len(penalty) - width + 1, per_day)
         return int(firsts[np.argmax(before[firsts + width] - before[firsts])])
 
 
-def course_of(episode: Episode) -> Course:
-    """The course of a recorded episode."""
+def trajectory_of(episode: Episode) -> Trajectory:
+    """The trajectory of a recorded episode."""
     run = episode.run
     columns = {name: np.asarray(episode[name], dtype=np.float64) for name in episode.names}
     remark = run.reason or episode.problem or ""
-    return Course(episode.provenance.agent.name, run.seed, episode.times, columns, remark)
+    return Trajectory(episode.provenance.agent.name, run.seed, episode.times, columns, remark)
 
 
 def shown_of(episodes: Sequence[Episode]) -> Shown:
@@ -168,7 +168,7 @@ def shown_of(episodes: Sequence[Episode]) -> Shown:
             what = "another version of it" if other.id == facts[0].id else other.id
             msg = f"Only runs of one task can be shown together: the first is of {facts[0].id}, another of {what}."
             raise GlbenchError(msg)
-    return show_together(episodes[0].task(), [course_of(episode) for episode in episodes])
+    return show_together(episodes[0].task(), [trajectory_of(episode) for episode in episodes])
 
 
 def provenance_words(episodes: Sequence[Episode]) -> dict[str, str]:
@@ -183,33 +183,33 @@ def provenance_words(episodes: Sequence[Episode]) -> dict[str, str]:
     return words
 
 
-def show_together(task: TaskSpec, courses: Sequence[Course]) -> Shown:
-    """Courses with labels: the controller's name, with the seed where one controller is shown twice.
+def show_together(task: TaskSpec, trajectories: Sequence[Trajectory]) -> Shown:
+    """Trajectories with labels: the controller's name, with the seed where one controller is shown twice.
 
     Raises
     ------
     GlbenchError
-        For no course, an empty one, the same run twice, or more courses than there are colours.
+        For no trajectory, an empty one, the same run twice, or more trajectories than there are colours.
     """
-    if not courses:
+    if not trajectories:
         raise GlbenchError(_NOTHING)
-    if len(courses) > len(PALETTE):
-        msg = f"At most {len(PALETTE)} runs can be told apart by their colours; these are {len(courses)}. Choose fewer."
+    if len(trajectories) > len(PALETTE):
+        msg = f"At most {len(PALETTE)} runs can be told apart by their colours; these are {len(trajectories)}. Choose fewer."
         raise GlbenchError(msg)
-    for course in courses:
-        if course.steps == 0:
-            msg = f"The run of '{course.controller}' with seed {course.seed} has no steps to show."
+    for trajectory in trajectories:
+        if trajectory.steps == 0:
+            msg = f"The run of '{trajectory.controller}' with seed {trajectory.seed} has no steps to show."
             raise GlbenchError(msg)
-    names = [course.controller for course in courses]
+    names = [trajectory.controller for trajectory in trajectories]
     labels = tuple(
-        name if names.count(name) == 1 else f"{name} (seed {course.seed})"
-        for name, course in zip(names, courses, strict=True)
+        name if names.count(name) == 1 else f"{name} (seed {trajectory.seed})"
+        for name, trajectory in zip(names, trajectories, strict=True)
     )
     for label in labels:
         if labels.count(label) > 1:
             msg = f"{label} is there twice. Give each run once, or rename one of the agents."
             raise GlbenchError(msg)
-    return Shown(task, tuple(courses), labels, signals_of(task))
+    return Shown(task, tuple(trajectories), labels, signals_of(task))
 
 
 _UNITS = {"degC": "°C"}
@@ -239,11 +239,11 @@ def card(shown: Shown) -> str:
         "## Controllers",
         "",
     ]
-    for colour, label, course in zip(PALETTE, shown.labels, shown.courses, strict=False):
-        lines += [f"**{label}** ({colour.name}), seed {course.seed}", ""]
-        lines += [f"- {line}" for line in _outcome(course, signals)] if course.steps else ["- running"]
-        if course.remark:
-            lines.append(f"- **ended after step {course.steps}: {course.remark}**")
+    for colour, label, trajectory in zip(PALETTE, shown.labels, shown.trajectories, strict=False):
+        lines += [f"**{label}** ({colour.name}), seed {trajectory.seed}", ""]
+        lines += [f"- {line}" for line in _outcome(trajectory, signals)] if trajectory.steps else ["- running"]
+        if trajectory.remark:
+            lines.append(f"- **ended after step {trajectory.steps}: {trajectory.remark}**")
         lines.append("")
     lines += [
         "",
@@ -256,9 +256,9 @@ def card(shown: Shown) -> str:
     return "\n".join(lines)
 
 
-def _outcome(course: Course, signals: Signals) -> list[str]:
+def _outcome(trajectory: Trajectory, signals: Signals) -> list[str]:
     def total(*names: str) -> float:
-        return sum(float(course.columns[name].sum()) for name in names)
+        return sum(float(trajectory.columns[name].sum()) for name in names)
 
     result = f"{total(signals.total):.2f}".replace("-", "−")
     return [

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from glbench.env import Simulation, StepResult
-from glbench.episodes.rerun_course import Course, Shown
+from glbench.episodes.rerun_course import Shown, Trajectory
 from glbench.episodes.rerun_recording import (
     APPLICATION,
     send_card,
-    send_courses,
     send_frame,
     send_layout,
     send_limits,
+    send_trajectories,
 )
 from glbench.episodes.rerun_viewer import load_rerun
 from glbench.episodes.signals import Floats, Source, signals_of
@@ -109,7 +109,7 @@ class LiveView:
 
     def _send(self) -> None:
         shown = self._shown(self._done)
-        send_courses(self._stream, shown, self._sent)
+        send_trajectories(self._stream, shown, self._sent)
         # Sent as far as the curves reach, and no further: the viewer follows the latest time that it knows of.
         send_limits(self._stream, shown, [self._done])
         self._sent, self._sent_at = self._done, time.monotonic()
@@ -117,5 +117,5 @@ class LiveView:
     def _shown(self, steps: int) -> Shown:
         """The run so far."""
         columns = {name: column[:steps] for name, column in self._columns.items()}
-        course = Course(self._controller, self._seed, self._times[: steps + 1], columns)
-        return Shown(self._task, (course,), (self._controller,), self._signals)
+        trajectory = Trajectory(self._controller, self._seed, self._times[: steps + 1], columns)
+        return Shown(self._task, (trajectory,), (self._controller,), self._signals)

@@ -1,4 +1,4 @@
-"""Courses as a recording of the Rerun viewer: curves, limits, the card, what they were made from, and the layout of the pages.
+"""Trajectories as a recording of the Rerun viewer: curves, limits, the card, what they were made from, and the layout of the pages.
 
 Every curve is sent as whole columns, which is a thousand times faster than value by value.
 """
@@ -19,8 +19,8 @@ from glbench.episodes.rerun_course import (
     SHOWN_DAYS,
     WEATHER,
     Colour,
-    Course,
     Shown,
+    Trajectory,
     card,
 )
 from glbench.episodes.rerun_viewer import load_blueprint, load_rerun
@@ -67,13 +67,13 @@ def save_recording(
     rerun = load_rerun()
     shown.closeup()  # an impossible choice of days is told before anything is made
     # A name in the viewer: the same runs of the same task replace each other there.
-    runs = "+".join(f"{course.controller}-{course.seed}" for course in shown.courses)
+    runs = "+".join(f"{trajectory.controller}-{trajectory.seed}" for trajectory in shown.trajectories)
     stream = rerun.RecordingStream(APPLICATION, recording_id=f"{shown.task.short_id}:{runs}")
     memory = stream.memory_recording()
     send_frame(stream, shown)
     if properties:
         stream.send_property("glbench", rerun.AnyValues(**properties))
-    send_courses(stream, shown)
+    send_trajectories(stream, shown)
     send_limits(stream, shown, [0, shown.task.steps])
     send_layout(stream, shown, plain=plain)
     write_atomically(path, memory.drain_as_bytes())
@@ -103,14 +103,14 @@ def send_card(stream: rr.RecordingStream, shown: Shown) -> None:
     stream.log("card", rerun.TextDocument(card(shown), media_type=rerun.MediaType.MARKDOWN), static=True)
 
 
-def send_courses(stream: rr.RecordingStream, shown: Shown, first: int = 0) -> None:
-    """Send the curves of all controllers from step ``first`` on; those that are the same for all once, from the longest course."""
+def send_trajectories(stream: rr.RecordingStream, shown: Shown, first: int = 0) -> None:
+    """Send the curves of all controllers from step ``first`` on; those that are the same for all once, from the longest trajectory."""
     for curve in shown.signals.curves:
         if curve.shared:
             _send_curve(stream, _entity(curve, None), curve, shown.longest, first)
             continue
-        for label, course in zip(shown.labels, shown.courses, strict=True):
-            _send_curve(stream, _entity(curve, label), curve, course, first)
+        for label, trajectory in zip(shown.labels, shown.trajectories, strict=True):
+            _send_curve(stream, _entity(curve, label), curve, trajectory, first)
 
 
 def send_limits(stream: rr.RecordingStream, shown: Shown, steps: Sequence[int]) -> None:
@@ -139,16 +139,16 @@ def _entity(curve: Curve, label: str | None) -> str:
     return path
 
 
-def _send_curve(stream: rr.RecordingStream, path: str, curve: Curve, course: Course, first: int) -> None:
+def _send_curve(stream: rr.RecordingStream, path: str, curve: Curve, trajectory: Trajectory, first: int) -> None:
     rerun = load_rerun()
-    times = course.times[:-1] if curve.moment == "start" else course.times[1:]
+    times = trajectory.times[:-1] if curve.moment == "start" else trajectory.times[1:]
     stream.send_columns(
         path,
         indexes=[
-            rerun.TimeColumn(STEP, sequence=np.arange(first, course.steps) + 1),
+            rerun.TimeColumn(STEP, sequence=np.arange(first, trajectory.steps) + 1),
             rerun.TimeColumn(TIME, timestamp=times[first:].astype("datetime64[ns]")),
         ],
-        columns=rerun.Scalars.columns(scalars=curve.values(course.columns)[first:]),
+        columns=rerun.Scalars.columns(scalars=curve.values(trajectory.columns)[first:]),
     )
 
 
@@ -254,7 +254,7 @@ class _Layout:
         """Range of values shown first; ``None`` leaves it to the viewer."""
         if curve.span is not None:
             return curve.span
-        seen = [curve.values(course.columns) for course in self._shown.courses if course.steps]
+        seen = [curve.values(trajectory.columns) for trajectory in self._shown.trajectories if trajectory.steps]
         bounds = [bound for values in seen for bound in (float(values.min()), float(values.max()))]
         if curve.limits is not None:
             limit = self._limits[curve.limits]

@@ -28,7 +28,7 @@ from glbench.evaluation.provenance import machine, versions
 from glbench.kernel import Kernel
 from glbench.kernel.compiled.accuracy import make_cvodes
 from glbench.speed.record import FirstUse, Measurement, Memory, SpeedRecord
-from glbench.speed.subjects import STEP_SECONDS, Course, Points, Subject, Work, paper_course, points
+from glbench.speed.subjects import STEP_SECONDS, Points, Season, Subject, Work, paper_season, points
 
 ROUNDS = 7
 TOLERANCE = 1e-6
@@ -87,12 +87,12 @@ class Reference:
 
         return work
 
-    def course(self, course: Course) -> Work:
-        """All steps of ``course``, each from where the one before ended."""
-        held = np.concatenate([course.controls, course.weather], axis=1)
+    def season(self, season: Season) -> Work:
+        """All steps of ``season``, each from where the one before ended."""
+        held = np.concatenate([season.controls, season.weather], axis=1)
 
         def work() -> int:
-            x = course.start
+            x = season.start
             for inputs in held:
                 x = self.integrator(x0=x, p=inputs)["xf"]
             return len(held)
@@ -141,7 +141,7 @@ class Comparisons:
             group=subject.group,
             title=subject.title,
             microseconds=1e6 * min(ours for _, ours in pairs),
-            reference=f"{'course' if subject.follows_course else subject.controls}, {subject.step_seconds:g} s",
+            reference=f"{'course' if subject.follows_season else subject.controls}, {subject.step_seconds:g} s",
             reference_microseconds=1e6 * min(theirs for theirs, _ in pairs),
             ratio=statistics.median(ratios),
             ratio_low=min(ratios),
@@ -150,12 +150,12 @@ class Comparisons:
         )
 
     def _reference_of(self, subject: Subject) -> Timed:
-        key = (subject.step_seconds, subject.controls, subject.follows_course)
+        key = (subject.step_seconds, subject.controls, subject.follows_season)
         if key not in self._prepared:
             reference = self._known[subject.step_seconds]
             self._prepared[key] = timed(
-                reference.course(paper_course())
-                if subject.follows_course
+                reference.season(paper_season())
+                if subject.follows_season
                 else reference.scattered(points(subject.controls, subject.step_seconds))
             )
         return self._prepared[key]

@@ -44,7 +44,7 @@ GROUPS = {
 
 
 @dataclass(frozen=True)
-class Course:
+class Season:
     """Consecutive steps of one greenhouse: controls (steps, controls), weather (steps, disturbances), state at the start (states,)."""
 
     controls: Array
@@ -83,14 +83,14 @@ def controls_of(kind: Controls, steps: int, seed: int) -> Array:
 
 
 @cache
-def course(kind: Controls, step_seconds: float, start: dt.date, days: float, seed: int = 0) -> Course:
+def season(kind: Controls, step_seconds: float, start: dt.date, days: float, seed: int = 0) -> Season:
     """A greenhouse at Schiphol from ``start``, with a grown crop, under controls of that kind."""
     steps = round(days * 86400.0 / step_seconds)
     weather = disturbances(load_weather("schiphol"), start=start, steps=steps, step_seconds=step_seconds).values
-    return Course(controls_of(kind, steps, seed), weather, initial_state(weather[0], 16.5, default_parameters()))
+    return Season(controls_of(kind, steps, seed), weather, initial_state(weather[0], 16.5, default_parameters()))
 
 
-paper_course = partial(course, "walk", PAPER_SECONDS, PAPER_START, PAPER_DAYS)
+paper_season = partial(season, "walk", PAPER_SECONDS, PAPER_START, PAPER_DAYS)
 """Ten days from 1 October 2009 in steps of 300 s: the setting of the paper's comparison, with Schiphol's weather."""
 
 
@@ -101,7 +101,7 @@ def points(kind: Controls, step_seconds: float, count: int = 512, seed: int = 0)
     parameters = default_parameters()
     found: list[tuple[Array, Array, Array]] = []
     for month in range(1, 13):
-        one = course(kind, step_seconds, dt.date(2010, month, 1), _SEASON_DAYS, seed + month)
+        one = season(kind, step_seconds, dt.date(2010, month, 1), _SEASON_DAYS, seed + month)
         x = one.start
         for u, d in zip(one.controls, one.weather, strict=True):
             found.append((x, u, d))
@@ -126,8 +126,8 @@ class Subject:
         Length of its steps [s]; the reference has the same.
     controls : str
         How controls move, for it and for the reference.
-    follows_course : bool
-        Whether the reference, too, steps the course of the paper's setting instead of scattered points.
+    follows_season : bool
+        Whether the reference, too, steps the season of the paper's setting instead of scattered points.
     quick : bool
         Whether ``--quick`` measures it.
     on_the_wall : bool
@@ -139,7 +139,7 @@ class Subject:
     make: Callable[[], Work]
     step_seconds: float = STEP_SECONDS
     controls: Controls = "walk"
-    follows_course: bool = False
+    follows_season: bool = False
     quick: bool = False
     on_the_wall: bool = False
 
@@ -177,7 +177,7 @@ def _many(preset: str, controls: Controls, rows: int, seconds: float = STEP_SECO
 
 def _along(preset: str, seconds: float, start: dt.date, days: float) -> Work:
     """One greenhouse through a season."""
-    kernel, one, p = Kernel(seconds, preset=preset), course("walk", seconds, start, days), default_parameters()
+    kernel, one, p = Kernel(seconds, preset=preset), season("walk", seconds, start, days), default_parameters()
     x, u, d = np.empty(one.start.shape), one.controls[0].copy(), one.weather[0].copy()
     step = kernel.bind(x, u, d, p, x)
 
@@ -243,7 +243,7 @@ def _subjects() -> Iterator[Subject]:
     for preset in ("standard", "reference"):
         quick = preset == "standard"
         along = partial(_along, preset, PAPER_SECONDS, PAPER_START, PAPER_DAYS)
-        yield Subject(f"paper/{preset}", preset, along, PAPER_SECONDS, follows_course=True, quick=quick)
+        yield Subject(f"paper/{preset}", preset, along, PAPER_SECONDS, follows_season=True, quick=quick)
         together = partial(_many, preset, "walk", 512, PAPER_SECONDS)
         yield Subject(f"paper-batch/{preset}", preset, together, PAPER_SECONDS)
         yield Subject(f"env/{preset}", preset, partial(_environment, preset), quick=quick)

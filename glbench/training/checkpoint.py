@@ -21,10 +21,12 @@ from typing import Any
 
 import numpy as np
 import torch
+import yaml
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from glbench.errors import TrainingError
+from glbench.resources import write_atomically
 from glbench.training.algorithms import algorithm_class
 from glbench.training.card import CARD, POLICY, read_card
 from glbench.training.probe import History
@@ -36,7 +38,7 @@ _LOCK = ".lock"
 
 
 @contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
+def folder_lock(folder: Path) -> Iterator[None]:
     """Keep other processes out of ``folder`` meanwhile, which is made when there is none.
 
     Raises
@@ -66,10 +68,16 @@ def _take(lock: int, folder: Path) -> None:
         raise TrainingError(msg) from error
 
 
-def finished_in(
-    folder: Path, identity: Mapping[str, Any], state: Path | None, start: Path | None = None
+def claim(
+    folder: Path,
+    identity: Mapping[str, Any],
+    state: Path | None,
+    *,
+    start: Path | None,
+    wanted: Mapping[str, int],
+    resume: bool,
 ) -> dict[str, Any] | None:
-    """The card of this very training in ``folder``, if it was finished there, perhaps with fewer steps.
+    """The card of this very training if ``folder`` holds it, finished as far as is wanted; ``None`` when there is work to do.
 
     Parameters
     ----------
@@ -79,43 +87,38 @@ def finished_in(
         What the training would go on from; ``None`` when there is nothing.
     start
         Policy that it starts from, if any.
+    wanted
+        How far, in the card's terms, such as ``{"steps": 100_000}``.
+    resume
+        Whether it may go on from ``state``.
 
     Raises
     ------
     TrainingError
-        When the folder holds something else that this training would overwrite.
+        When the folder holds something else that this training would overwrite, something that is not to be resumed, or what it
+        would go on from is gone.
     """
     if start is not None and start.resolve() == (folder / POLICY).resolve():
         msg = f"{folder} holds the policy that is to be started from, and would be overwritten. Choose another folder with --out."
         raise TrainingError(msg)
-    states = {folder / SEARCH, find_checkpoint(folder / CHECKPOINT)}
     card = read_card(folder / CARD)
-    ours = card is not None and _identity_of(card) == {key: identity[key] for key in _identity_of(card)}
-    if any(other is not None and other != state and other.exists() for other in states) or (
+    others = {folder / SEARCH, find_checkpoint(folder / CHECKPOINT)} - {state, None}
+    ours = (
+        card is not None
+        and {
+            "task_digest": card["task"]["digest"],
+            "settings_digest": card["training"]["settings_digest"],
+            "seed": card["training"]["seed"],
+        }.items()
+        <= identity.items()
+    )
+    if any(other is not None and other.exists() for other in others) or (
         card is not None and not ours and state is None
     ):
         msg = f"{folder} holds another training. Choose another folder with --out."
         raise TrainingError(msg)
-    return card if ours else None
-
-
-def _identity_of(card: Mapping[str, Any]) -> dict[str, Any]:
-    training = card["training"]
-    return {
-        "task_digest": card["task"]["digest"],
-        "settings_digest": training["settings_digest"],
-        "seed": training["seed"],
-    }
-
-
-def may_begin(folder: Path, card: Mapping[str, Any] | None, state: Path | None, resume: bool) -> None:
-    """Whether a training may begin in ``folder``, or go on with more steps from ``state``.
-
-    Raises
-    ------
-    TrainingError
-        When there is something that is not to be resumed, or what it would go on from is gone.
-    """
+    if card is not None and ours and all(card["training"][name] >= count for name, count in wanted.items()):
+        return card
     if state is not None and not resume:
         msg = f"{folder} holds a training that was begun. Go on with --resume, or choose another folder with --out."
         raise TrainingError(msg)
@@ -125,6 +128,13 @@ def may_begin(folder: Path, card: Mapping[str, Any] | None, state: Path | None, 
             "Choose another folder with --out."
         )
         raise TrainingError(msg)
+    return None
+
+
+def open_folder(folder: Path, settings: Mapping[str, Any]) -> None:
+    """Write the settings of a training that begins or goes on. Until it finishes, the folder has no card and cannot be evaluated."""
+    (folder / CARD).unlink(missing_ok=True)
+    write_atomically(folder / SETTINGS, yaml.safe_dump({"default": dict(settings)}, sort_keys=False))
 
 
 MODEL, NORMALIZATION, BUFFER = "model.zip", "vecnormalize.pkl", "replay_buffer.pkl"

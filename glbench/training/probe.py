@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -47,9 +48,12 @@ class TimeAccount:
         """Simulator, policy and learning [s]: what every training pays, however often it is evaluated and saved."""
         return self.simulator + self.policy + self.learning
 
-    def as_dict(self) -> dict[str, float]:
-        """Seconds by name."""
-        return asdict(self)
+    @contextmanager
+    def spend(self, on: str) -> Iterator[None]:
+        """Add the time of a block to what was spent ``on`` something."""
+        began = time.perf_counter()
+        yield
+        setattr(self, on, getattr(self, on) + time.perf_counter() - began)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
-import yaml
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
@@ -22,12 +21,11 @@ from glbench.training.checkpoint import (
     CHECKPOINT,
     MODEL,
     NORMALIZATION,
-    SETTINGS,
-    alone_in,
+    claim,
     find_checkpoint,
-    finished_in,
+    folder_lock,
     load_checkpoint,
-    may_begin,
+    open_folder,
     replaced,
     save_checkpoint,
 )
@@ -172,18 +170,10 @@ class Trained:
     """Why its policy could not be exported to a file for numpy; ``None`` when it was."""
 
     @classmethod
-    def before(cls, folder: Path, card: dict[str, Any], not_exported: str | None = None) -> Trained:
-        """What ``folder`` held already, as its card says."""
-        best = card["best"]
-        return cls(
-            folder,
-            card["training"]["steps"],
-            best["reward"],
-            best["steps"],
-            best["last_reward"],
-            already_done=True,
-            not_exported=not_exported,
-        )
+    def of(cls, folder: Path, card: dict[str, Any], *, already_done: bool, not_exported: str | None = None) -> Trained:
+        """What ``folder`` holds, as its card says."""
+        steps, best = card["training"]["steps"], card["best"]
+        return cls(folder, steps, best["reward"], best["steps"], best["last_reward"], already_done, not_exported)
 
     @property
     def learnt(self) -> bool:
@@ -235,13 +225,20 @@ def train(
     TrainingError
         When ``folder`` holds something else, or a training that was begun and is not to be resumed; when the algorithm fails.
     """
-    with alone_in(folder):
+    with folder_lock(folder):
         identity = _identity(task, settings, seed)
         state = find_checkpoint(folder / CHECKPOINT)
-        card = finished_in(folder, identity, state, settings.start_from)
-        if card is not None and card["training"]["steps"] >= settings.n_timesteps:
-            return _done(folder, card, task)
-        may_begin(folder, card, state, resume)
+        card = claim(
+            folder,
+            identity,
+            state,
+            start=settings.start_from,
+            wanted={"steps": settings.n_timesteps},
+            resume=resume,
+        )
+        if card is not None:  # its policy is exported if a kill came before that
+            reason = None if (folder / POLICY).is_file() else export_best(folder, task)
+            return Trained.of(folder, card, already_done=True, not_exported=reason)
         start = start_of(settings.start_from) if settings.start_from is not None else None
         prepare_torch()
         env = TrainingVecEnv(
@@ -249,11 +246,9 @@ def train(
         )
         try:
             model, normalization, history = _begin_or_continue(env, task, settings, state, seed, identity)
-            if card is not None:  # until it finishes, the folder cannot be evaluated
-                (folder / CARD).unlink()
+            open_folder(folder, _as_yaml(settings))
             note_session(history, model.num_timesteps)
             model.tensorboard_log = str(folder / "tensorboard") if tensorboard else None
-            write_atomically(folder / SETTINGS, yaml.safe_dump({"default": _as_yaml(settings)}, sort_keys=False))
             callback = TrainingCallback(
                 folder,
                 env,
@@ -271,16 +266,8 @@ def train(
             env.close()
         reason = _export(folder, task, settings.algorithm, seed, history.best_steps)
         making = making_of(task, settings, identity["settings_digest"], seed, model.num_timesteps, history.ends[:-1])
-        write_card(folder, task, making, settings.evaluation, history, start)
-    return Trained(
-        folder,
-        model.num_timesteps,
-        history.best_reward,
-        history.best_steps,
-        history.last_reward,
-        already_done=False,
-        not_exported=reason,
-    )
+        card = write_card(folder, task, making, settings.evaluation, history, start)
+    return Trained.of(folder, card, already_done=False, not_exported=reason)
 
 
 def export_best(folder: Path, task: TaskSpec | None = None) -> str | None:
@@ -358,12 +345,6 @@ def _begin_or_continue(
     if settings.start_from is not None:
         begin_with(settings.start_from, model, normalization, task)
     return model, normalization, History()
-
-
-def _done(folder: Path, card: dict[str, Any], task: TaskSpec) -> Trained:
-    """The finished training of ``folder``, whose policy is exported if a kill came before that."""
-    reason = None if (folder / POLICY).is_file() else export_best(folder, task)
-    return Trained.before(folder, card, reason)
 
 
 def _identity(task: TaskSpec, settings: TrainingSettings, seed: int) -> dict[str, Any]:

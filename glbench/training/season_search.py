@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import yaml
 from cmaes import CMA
 from numpy.typing import NDArray
 from pydantic import Field
@@ -31,15 +30,15 @@ from glbench.env import Simulation
 from glbench.errors import TrainingError, did_you_mean
 from glbench.kernel import make_kernel
 from glbench.resources import write_atomically
-from glbench.training.card import CARD, POLICY, Making, note_session, write_card
-from glbench.training.checkpoint import DAMAGED, SEARCH, SETTINGS, alone_in, altered, finished_in, may_begin
+from glbench.training.card import POLICY, Making, note_session, write_card
+from glbench.training.checkpoint import DAMAGED, SEARCH, SETTINGS, altered, claim, folder_lock, open_folder
 from glbench.training.export import policy_in, start_of
 from glbench.training.probe import CurvePoint, History, Listener, Pace, Probe, Progress, season_sums
 from glbench.training.run import Trained
 from glbench.training.settings import (
     FIRST_TRAINING_SEED,
     EvaluationPlan,
-    Part,
+    FrozenSettings,
     PolicyFile,
     TrainingSeed,
     in_words,
@@ -120,7 +119,7 @@ _LOOKED_AT = 5
 """Every fifth step of the seasons from which the directions are taken is enough."""
 
 
-class SearchSettings(Part):
+class SearchSettings(FrozenSettings):
     """Settings of a search.
 
     Attributes
@@ -257,28 +256,25 @@ class _Search:
 
     def generation(self) -> None:
         """Ask for variations, let each have a season, and tell what came of it."""
-        clock = self.history.time
-        began = time.perf_counter()
-        asked = [self._strategy.ask() for _ in range(self.settings.population)]
-        self._batched.take([self.variations.layer(numbers) for numbers in asked])
-        clock.learning += time.perf_counter() - began
-        seconds = self._batched.seconds
-        began = time.perf_counter()
-        seeds = [self.settings.first_seed + len(self.rewards)] * self.settings.population
-        rewards = season_sums(self._simulation, seeds, self._batched.act)["reward"]
-        clock.policy += self._batched.seconds - seconds
-        clock.simulator += time.perf_counter() - began - (self._batched.seconds - seconds)
-        began = time.perf_counter()
-        self._strategy.tell([(numbers, -float(reward)) for numbers, reward in zip(asked, rewards, strict=True)])
-        self.rewards.append(rewards)
-        clock.learning += time.perf_counter() - began
+        clock, batched = self.history.time, self._batched
+        with clock.spend("learning"):
+            asked = [self._strategy.ask() for _ in range(self.settings.population)]
+            batched.take([self.variations.layer(numbers) for numbers in asked])
+        before = batched.seconds
+        with clock.spend("simulator"):
+            seeds = [self.settings.first_seed + len(self.rewards)] * self.settings.population
+            rewards = season_sums(self._simulation, seeds, batched.act)["reward"]
+        clock.policy += batched.seconds - before
+        clock.simulator -= batched.seconds - before
+        with clock.spend("learning"):
+            self._strategy.tell([(numbers, -float(reward)) for numbers, reward in zip(asked, rewards, strict=True)])
+            self.rewards.append(rewards)
 
     def evaluate(self) -> CurvePoint:
         """A point of the learning curve: the middle of the variations."""
-        began = time.perf_counter()
-        self._batched.take([self.variations.layer(self.mean)] * len(self._probe.seeds))
-        result = self._probe.of(self._batched.act)
-        self.history.time.evaluation += time.perf_counter() - began
+        with self.history.time.spend("evaluation"):
+            self._batched.take([self.variations.layer(self.mean)] * len(self._probe.seeds))
+            result = self._probe.of(self._batched.act)
         if self.steps >= self.history.next_evaluation:  # an end between two evaluations moves none
             self.history.next_evaluation = self.steps + self.settings.evaluation.every
         return self.history.add(self.steps, result)
@@ -326,28 +322,29 @@ def search(
     SubmissionError
         When there is no policy to start from.
     """
-    with alone_in(folder):
+    with folder_lock(folder):
         identity = {"task_digest": task.digest, "settings_digest": settings.digest, "seed": seed}
         state = folder / SEARCH if (folder / SEARCH).is_file() else None
-        card = finished_in(folder, identity, state, settings.start_from)
-        if card is not None and card["training"]["generations"] >= settings.generations:
-            return Trained.before(folder, card)
-        may_begin(folder, card, state, resume)
+        card = claim(
+            folder,
+            identity,
+            state,
+            start=settings.start_from,
+            wanted={"generations": settings.generations},
+            resume=resume,
+        )
+        if card is not None:
+            return Trained.of(folder, card, already_done=True)
         start = start_of(settings.start_from)
         under_way = _Search(task, settings, seed)
         if state is not None:
             _continue(under_way, state, identity)
         note_session(under_way.history, under_way.steps)
-        if card is not None:  # until it finishes, the folder cannot be evaluated
-            (folder / CARD).unlink()
-        content = settings.model_dump(mode="json")
-        write_atomically(folder / SETTINGS, yaml.safe_dump({"default": content}, sort_keys=False))
+        open_folder(folder, settings.model_dump(mode="json"))
         _run(under_way, folder, listeners, identity)
         history, making = under_way.history, _making(under_way, identity)
-        write_card(folder, task, making, settings.evaluation, history, start)
-    return Trained(
-        folder, under_way.steps, history.best_reward, history.best_steps, history.last_reward, already_done=False
-    )
+        card = write_card(folder, task, making, settings.evaluation, history, start)
+    return Trained.of(folder, card, already_done=False)
 
 
 def _run(under_way: _Search, folder: Path, listeners: Sequence[Listener], identity: dict[str, Any]) -> None:

@@ -20,7 +20,7 @@ import yaml
 from optuna.storages import RDBStorage
 from optuna.study import MaxTrialsCallback
 from optuna.trial import FrozenTrial, TrialState
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from glbench.errors import GlbenchError, TrainingError, did_you_mean
 from glbench.tasks import get_task
@@ -29,7 +29,14 @@ from glbench.training.card import settings_digest
 from glbench.training.checkpoint import CHECKPOINT
 from glbench.training.probe import CurvePoint, Listener, Progress
 from glbench.training.run import train
-from glbench.training.settings import TrainingSettings, numbers, problems_of, read_settings, shipped_settings
+from glbench.training.settings import (
+    FrozenSettings,
+    TrainingSettings,
+    numbers,
+    problems_of,
+    read_settings,
+    shipped_settings,
+)
 
 if TYPE_CHECKING:
     import optuna
@@ -38,11 +45,7 @@ if TYPE_CHECKING:
 Choice = bool | int | float | str
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Parameter(_Part):
+class Parameter(FrozenSettings):
     """What a setting may be: one ``value``, some ``values``, or from ``min`` to ``max`` (whole numbers when both are)."""
 
     value: Choice | None = None
@@ -95,7 +98,7 @@ class Parameter(_Part):
         return trial.suggest_float(name, float(low), float(high), log=log)
 
 
-class Search(_Part):
+class Search(FrozenSettings):
     """What is searched, how, and for which agent.
 
     Attributes

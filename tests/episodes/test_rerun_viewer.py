@@ -17,7 +17,7 @@ import pytest
 
 from glbench.env import Simulation
 from glbench.episodes import rerun_viewer
-from glbench.episodes.rerun_course import PALETTE, course_of, show_together, shown_of
+from glbench.episodes.rerun_course import PALETTE, show_together, shown_of, trajectory_of
 from glbench.episodes.rerun_live import LiveView
 from glbench.episodes.rerun_recording import save_recording
 from glbench.episodes.signals import GREENHOUSE
@@ -198,7 +198,7 @@ def test_where_nothing_can_draw_it_says_what_to_install(
         monkeypatch.setenv(name, "/there/is/none")
     monkeypatch.setenv("WGPU_BACKEND", "vulkan")
     task = get_task(runs.task_file)
-    save_recording(show_together(task, [course_of(runs.episode())]), tmp_path / "one.rrd")
+    save_recording(show_together(task, [trajectory_of(runs.episode())]), tmp_path / "one.rrd")
     with pytest.raises(GlbenchError, match="mesa-vulkan-drivers"):
         rerun_viewer.take_picture(tmp_path / "one.rrd", tmp_path / "none.png")
     assert not (tmp_path / "none.png").exists()

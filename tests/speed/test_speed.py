@@ -8,7 +8,7 @@ import pytest
 from glbench.errors import ResultError, UnknownNameError
 from glbench.speed import SUBJECTS, choose_subjects, measure, read_record, save_record
 from glbench.speed.run import _PEAK, Comparisons, Timed, _run
-from glbench.speed.subjects import GROUPS, LARGEST_CHANGE, Subject, controls_of, course, points
+from glbench.speed.subjects import GROUPS, LARGEST_CHANGE, Subject, controls_of, points, season
 
 
 class Ticks:
@@ -86,7 +86,7 @@ def test_points_are_states_of_real_seasons_in_all_months():
 def test_the_setting_of_the_paper_is_ten_days_of_300_s():
     import datetime as dt
 
-    assert len(course("walk", 300.0, dt.date(2009, 10, 1), 10.0).controls) == 2880
+    assert len(season("walk", 300.0, dt.date(2009, 10, 1), 10.0).controls) == 2880
 
 
 @pytest.mark.slow
