@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 
 
 Floats = NDArray[np.float64]
+LARGEST_TRACE = 512 * 2**20
+"""Bytes of memory above which no trace is kept: the episodes are then made by replaying."""
+BYTES_A_STEP = 8 * signals_of().width
+"""Bytes of memory that a trace takes for a step of a run."""
 
 
 class Trace:
@@ -75,12 +79,6 @@ class Trace:
             start={name: values[0] for name, values in begun.items()},
             times=weather.times[: steps + 1].astype("datetime64[ns]"),
         )
-
-
-LARGEST_TRACE = 512 * 2**20
-"""Bytes of memory above which no trace is kept: the episodes are then made by replaying."""
-BYTES_A_STEP = 8 * signals_of().width
-"""Bytes of memory that a trace takes for a step of a run."""
 
 
 class Recorder:

@@ -14,6 +14,12 @@ from glbench.episodes.signals import Floats, Signals, price_words, signals_of
 from glbench.errors import GlbenchError
 from glbench.tasks import TaskSpec, task_card
 
+Times = NDArray[np.datetime64]
+HOURS_PER_DAY = 24
+SHOWN_DAYS = 2
+_NOTHING = "There is nothing to show: no run was chosen."
+_UNITS = {"degC": "°C"}
+
 
 @dataclass(frozen=True)
 class Colour:
@@ -35,13 +41,6 @@ PALETTE: tuple[Colour, ...] = (
 
 WEATHER = Colour("light grey", (190, 190, 190))
 LIMITS = Colour("green", (96, 176, 96))
-
-
-Times = NDArray[np.datetime64]
-
-HOURS_PER_DAY = 24
-SHOWN_DAYS = 2
-_NOTHING = "There is nothing to show: no run was chosen."
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,9 +209,6 @@ def show_together(task: TaskSpec, trajectories: Sequence[Trajectory]) -> Shown:
             msg = f"{label} is there twice. Give each run once, or rename one of the agents."
             raise GlbenchError(msg)
     return Shown(task, tuple(trajectories), labels, signals_of(task))
-
-
-_UNITS = {"degC": "°C"}
 
 
 def card(shown: Shown) -> str:

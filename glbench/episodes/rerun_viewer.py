@@ -19,6 +19,17 @@ from urllib.parse import quote
 from glbench.errors import GlbenchError
 from glbench.resources import write_atomically
 
+LOOPBACK = "127.0.0.1"
+"""Without being told, the viewer's server listens on all interfaces: anybody in the network could send to it."""
+PICTURE_SIZE = (1920, 1080)
+_START_SECONDS = 20.0
+_LOAD_SECONDS = 30.0
+_SETTLE_SECONDS = 0.4
+_SAME_PICTURES = 2
+_TERMINAL_CODES = re.compile(r"\x1b\[[0-9;]*m")
+_CANNOT_DRAW = ("render context", "graphics adapter", "NoSuitableAdapter")
+_RENDERER = "Pictures and windows need Vulkan or OpenGL; without a graphics card: `apt-get install mesa-vulkan-drivers` (Debian, Ubuntu)."
+
 
 def load_rerun() -> Any:
     """The module ``rerun``.
@@ -42,18 +53,6 @@ def load_blueprint() -> Any:
     """The module ``rerun.blueprint``; raises as ``load_rerun`` does."""
     load_rerun()
     return importlib.import_module("rerun.blueprint")
-
-
-LOOPBACK = "127.0.0.1"
-"""Without being told, the viewer's server listens on all interfaces: anybody in the network could send to it."""
-PICTURE_SIZE = (1920, 1080)
-_START_SECONDS = 20.0
-_LOAD_SECONDS = 30.0
-_SETTLE_SECONDS = 0.4
-_SAME_PICTURES = 2
-_TERMINAL_CODES = re.compile(r"\x1b\[[0-9;]*m")
-_CANNOT_DRAW = ("render context", "graphics adapter", "NoSuitableAdapter")
-_RENDERER = "Pictures and windows need Vulkan or OpenGL; without a graphics card: `apt-get install mesa-vulkan-drivers` (Debian, Ubuntu)."
 
 
 def viewer_program() -> Path:

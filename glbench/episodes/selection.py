@@ -9,6 +9,7 @@ from glbench.errors import EpisodeError, did_you_mean
 
 WORDS = ("all", "none", "best", "worst", "median")
 DEFAULT = "best,worst,median"
+ACTIONS_SUFFIX = ".actions.mcap"
 
 
 def parse_selection(text: str) -> tuple[str, ...]:
@@ -57,9 +58,6 @@ def chosen_rows(words: Sequence[str], seeds: Sequence[int], values: Sequence[flo
                 raise EpisodeError(msg)
             rows.add(list(seeds).index(int(word)))
     return tuple(sorted(rows))
-
-
-ACTIONS_SUFFIX = ".actions.mcap"
 
 
 def actions_path(result: Path) -> Path:

@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 
 CARD, POLICY = "card.toml", "policy.npz"
 _PACKAGES = ("torch", "stable-baselines3", "sb3-contrib", "cmaes", "numpy", "gymnasium", "casadi")
+_NOT_LEARNT = (
+    "Nothing was learnt: this is the policy that the training began with, which no later one of {:,} steps beat."
+)
+_SHARED = ("simulator", "policy", "learning")
 
 
 def settings_digest(settings: TrainingSettings) -> str:
@@ -132,12 +136,6 @@ def write_card(
         content["git"] = {"commit": git.commit, "dirty": git.dirty}
     write_atomically(folder / CARD, to_toml(content))
     return content
-
-
-_NOT_LEARNT = (
-    "Nothing was learnt: this is the policy that the training began with, which no later one of {:,} steps beat."
-)
-_SHARED = ("simulator", "policy", "learning")
 
 
 def read_card(file: Path) -> dict[str, Any] | None:

@@ -35,6 +35,13 @@ from glbench.training.vec_env import Normalizer, TrainingVecEnv
 CHECKPOINT, SEARCH, SETTINGS = "checkpoint", "search.npz", "settings.yml"
 """State of a training, state of a search, and the settings of either."""
 _LOCK = ".lock"
+MODEL, NORMALIZATION, BUFFER = "model.zip", "vecnormalize.pkl", "replay_buffer.pkl"
+_STATE, _ARRAYS = "state.json", "state.npz"
+DAMAGED = (
+    OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, IndexError, AssertionError, RuntimeError, ImportError,
+    pickle.UnpicklingError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What reading a damaged file of Stable-Baselines3 or numpy may end in."""
 
 
 @contextmanager
@@ -135,15 +142,6 @@ def open_folder(folder: Path, settings: Mapping[str, Any]) -> None:
     """Write the settings of a training that begins or goes on. Until it finishes, the folder has no card and cannot be evaluated."""
     (folder / CARD).unlink(missing_ok=True)
     write_atomically(folder / SETTINGS, yaml.safe_dump({"default": dict(settings)}, sort_keys=False))
-
-
-MODEL, NORMALIZATION, BUFFER = "model.zip", "vecnormalize.pkl", "replay_buffer.pkl"
-_STATE, _ARRAYS = "state.json", "state.npz"
-DAMAGED = (
-    OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, IndexError, AssertionError, RuntimeError, ImportError,
-    pickle.UnpicklingError, zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
-"""What reading a damaged file of Stable-Baselines3 or numpy may end in."""
 
 
 def save_checkpoint(

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 
 Output = Literal["clip", "tanh"]
+_WEIGHT = 1e6
+"""Observations that a policy's statistics count for: they follow what is new within a training of the usual length."""
 
 
 def load_model(file: Path, algorithm: str, normalization: Path | None) -> tuple[BaseAlgorithm, VecNormalize | None]:
@@ -175,10 +177,6 @@ def torch_action(model: BaseAlgorithm, normalization: VecNormalize | None, obser
     with torch.no_grad():
         actions, _ = model.predict(seen, deterministic=True)
     return actions
-
-
-_WEIGHT = 1e6
-"""Observations that a policy's statistics count for: they follow what is new within a training of the usual length."""
 
 
 def begin_with(file: Path, model: BaseAlgorithm, normalization: Normalizer, task: TaskSpec) -> None:

@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 
 
 CURVE = "learning_curve.csv"
+SUMS = ("reward", "epi", "penalty", "revenue", "cost_heat", "cost_electricity", "cost_co2")
+"""What is summed over a season: reward and penalty without unit, money in EUR/m2."""
+Act = Callable[[NDArray[np.float32]], NDArray[np.floating[Any]]]
+"""Actions ``(n, m)`` for observations ``(n, columns)``, within their bounds."""
 
 
 @dataclass
@@ -112,10 +116,6 @@ class Pace:
         return (steps - self.first_steps) / max(time.perf_counter() - self.began, 1e-9)
 
 
-SUMS = ("reward", "epi", "penalty", "revenue", "cost_heat", "cost_electricity", "cost_co2")
-"""What is summed over a season: reward and penalty without unit, money in EUR/m2."""
-
-
 @dataclass(frozen=True)
 class ProbeResult:
     """Sums over a season, averaged over the runs; names in ``SUMS``."""
@@ -126,10 +126,6 @@ class ProbeResult:
     def reward(self) -> float:
         """Cumulative reward, by which the best model is chosen."""
         return self.sums["reward"]
-
-
-Act = Callable[[NDArray[np.float32]], NDArray[np.floating[Any]]]
-"""Actions ``(n, m)`` for observations ``(n, columns)``, within their bounds."""
 
 
 def season_sums(simulation: Simulation, seeds: Sequence[int], act: Act) -> dict[str, NDArray[np.float64]]:

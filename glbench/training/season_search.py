@@ -51,6 +51,9 @@ if TYPE_CHECKING:
 
 
 Singles = NDArray[np.float32]
+Floats = NDArray[np.float64]
+_LOOKED_AT = 5
+"""Every fifth step of the seasons from which the directions are taken is enough."""
 
 
 class BatchedPolicy:
@@ -112,11 +115,6 @@ def _relu(x: Singles) -> Singles:
 
 
 _ACTIVATIONS = {"SiLU": _silu, "Tanh": _tanh, "ReLU": _relu}
-
-
-Floats = NDArray[np.float64]
-_LOOKED_AT = 5
-"""Every fifth step of the seasons from which the directions are taken is enough."""
 
 
 class SearchSettings(FrozenSettings):

@@ -43,6 +43,10 @@ if TYPE_CHECKING:
 
 
 Choice = bool | int | float | str
+STUDY = "study.db"
+_ENDED = (TrialState.COMPLETE, TrialState.PRUNED, TrialState.FAIL)
+_REASON = "reason"
+_LOCK_SECONDS, _LOOK_SECONDS = 60, 1.0
 
 
 class Parameter(FrozenSettings):
@@ -212,12 +216,6 @@ def _put(content: dict[str, Any], name: str, value: Any) -> None:
         msg = f"The search names '{name}', but '{first}' has no parts.{did_you_mean(first, known)}"
         raise TrainingError(msg)
     part[rest[-1]] = value
-
-
-STUDY = "study.db"
-_ENDED = (TrialState.COMPLETE, TrialState.PRUNED, TrialState.FAIL)
-_REASON = "reason"
-_LOCK_SECONDS, _LOOK_SECONDS = 60, 1.0
 
 
 @dataclass(frozen=True)

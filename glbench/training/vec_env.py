@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 _SCALAR_ATTRIBUTES = {"render_mode": None}
+Mask = NDArray[np.bool_]
+_STEADY = 1e-3
 
 
 class TrainingVecEnv(VecEnv):
@@ -145,10 +147,6 @@ class TrainingVecEnv(VecEnv):
 
     def _count(self, indices: Any) -> int:
         return len(list(self._get_indices(indices)))
-
-
-Mask = NDArray[np.bool_]
-_STEADY = 1e-3
 
 
 def varies(low: Floats, high: Floats) -> Mask:

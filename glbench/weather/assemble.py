@@ -28,6 +28,18 @@ LONGEST_FILL = 48
 """Most hours in a row that may be filled on request: beyond two days a straight line says nothing about the weather."""
 
 
+USUAL_TIMING: Mapping[str, Timing] = {
+    "air_temperature": "instant",
+    "relative_humidity": "instant",
+    "cloud_cover": "instant",
+    "sky_temperature": "instant",
+    "wind_speed": "mean",
+    "global_radiation": "mean",
+    "sky_infrared": "mean",
+}
+"""What a value is in most files: of means, the slot's mean; of instants, the value at its end."""
+
+
 @dataclass(frozen=True)
 class Rows:
     """The rows of one file, as read: NaN where the file has no value.

@@ -29,8 +29,7 @@ from glbench.weather.preprocessing import (
     co2_density,
     seconds_into_year,
     sigmoid,
-    sky_temperature_from_cloud,
-    sky_temperature_from_infrared,
+    sky_temperature,
     soil_temperature,
     time_zone,
     utc_offsets,
@@ -42,6 +41,11 @@ DELTA_T = 67.0  # s, terrestrial minus universal time; 65.5 to 69.4 s from 2008 
 STANDARD_PRESSURE_HPA = 1013.25
 MEAN_TEMPERATURE = 12.0  # degC; enters the refraction only, which is not used
 REFRACTION_AT_SUNRISE = 0.5667  # deg; likewise
+VERSION = 1
+PARTS = SLOT_SECONDS // RAW_SECONDS
+DAY_SECONDS = 86400
+BRIGHTEST_BEAM = 1361.0  # W m-2, solar constant: kappa above it cannot be sunshine on a sun this low
+TWILIGHT_SINE = float(np.sin(np.radians(6.0)))  # civil twilight lasts until the sun is 6 deg below the horizon
 
 
 def sine_of_elevation(times: FloatArray, place: Place) -> FloatArray:
@@ -134,13 +138,6 @@ class Means:
         return np.asarray(head + between + partial(self._last, self._to))
 
 
-VERSION = 1
-PARTS = SLOT_SECONDS // RAW_SECONDS
-DAY_SECONDS = 86400
-BRIGHTEST_BEAM = 1361.0  # W m-2, solar constant: kappa above it cannot be sunshine on a sun this low
-TWILIGHT_SINE = float(np.sin(np.radians(6.0)))  # civil twilight lasts until the sun is 6 deg below the horizon
-
-
 @dataclass(frozen=True)
 class _Days:
     """The local calendar days of a window: begin and end of each (seconds since 1970-01-01 UTC), and each step's day."""
@@ -176,7 +173,7 @@ def prepare(record: WeatherRecord, window: Window) -> Prepared:
             slots.step_means("vapour_pressure", steps),
             co2_density(temperature, window.co2_ppm),
             slots.step_means("wind_speed", steps),
-            _sky_temperature(slots, steps, temperature),
+            sky_temperature(record, lambda name: slots.step_means(name, steps), temperature, overcast=8.0),
             soil_temperature(seconds_into_year(np.asarray(window.times + window.step / 2.0, dtype=np.float64))),
             _radiation_sums(slots, days)[days.of_step],
             samples.of_constants(is_day),
@@ -278,15 +275,6 @@ def _normalised(weights: FloatArray) -> FloatArray:
     """``weights`` (slots, parts) with mean 1 in every row; a row of zeros becomes ones (spread evenly)."""
     mean = weights.mean(axis=1, keepdims=True)
     return np.where(mean > 0.0, weights, 1.0) / np.where(mean > 0.0, mean, 1.0)
-
-
-def _sky_temperature(slots: _Slots, steps: Means, temperature: FloatArray) -> FloatArray:
-    """Sky temperature [degC] of each step: measured where the record has it, else from cloud in octants of 8."""
-    if "sky_temperature" in slots.record.counts:
-        return slots.step_means("sky_temperature", steps)
-    if "sky_infrared" in slots.record.counts:
-        return sky_temperature_from_infrared(slots.step_means("sky_infrared", steps))
-    return sky_temperature_from_cloud(temperature, slots.step_means("cloud_cover", steps) / 8.0)
 
 
 def _local_days(window: Window, timezone: str) -> _Days:

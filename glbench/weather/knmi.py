@@ -25,8 +25,8 @@ import numpy as np
 
 from glbench.errors import WeatherError, whole_number
 from glbench.resources import cache_folder, write_atomically
-from glbench.weather.assemble import Origin, Rows, assemble, require_columns
-from glbench.weather.record import SLOT_SECONDS, FloatArray, IntArray, Place, Timing, WeatherRecord
+from glbench.weather.assemble import USUAL_TIMING, Origin, Rows, assemble, require_columns
+from glbench.weather.record import SLOT_SECONDS, FloatArray, IntArray, Place, WeatherRecord
 
 KNMI_SOURCE = "Royal Netherlands Meteorological Institute (KNMI), hourly observations"
 KNMI_LICENCE = (
@@ -34,19 +34,21 @@ KNMI_LICENCE = (
     "Royal Netherlands Meteorological Institute"
 )
 KNMI_TIMEZONE = "Europe/Amsterdam"
-KNMI_TIMING: Mapping[str, Timing] = {
-    "air_temperature": "instant",
-    "relative_humidity": "instant",
-    "cloud_cover": "instant",
-    "wind_speed": "mean",
-    "global_radiation": "mean",
-}
 # For files without a station table: the station whose record is shipped.
 KNOWN_STATIONS: Mapping[int, Place] = {240: Place("KNMI 240, Schiphol", 52.318, 4.790, -3.3, KNMI_TIMEZONE)}
 NATIVE_COLUMNS = ("T", "U", "N", "FH", "Q")
 
 _HEADER = re.compile(r"^STN\s*,\s*YYYYMMDD\s*,\s*HH?\s*(,|$)")
 _STATION = re.compile(r"^(\d{3})[:\s]\s*(-?\d+\.\d+)\s+(-?\d+\.\d+)\s+(-?\d+(?:\.\d+)?)\s+(\S.*)$")
+KNMI_URL = "https://www.daggegevens.knmi.nl/klimatologie/uurgegevens"
+URL_VARIABLE = "GLBENCH_KNMI_URL"
+FIRST_YEAR = 1951  # KNMI's hourly observations begin here
+TIMEOUT_SECONDS = 60.0
+TOTAL_SECONDS = 600.0
+_BLOCK_BYTES = 65536
+_LARGEST_BYTES = 64 * 2**20
+Progress = Callable[[int, int | None], None]
+"""Called with the bytes received so far, and the bytes to come in all where the service says so."""
 
 
 def native_rows(
@@ -74,7 +76,7 @@ def native_rows(
         # J cm-2 in the slot; 1e4 J m-2 over 3600 s as one rounded division.
         "global_radiation": value["Q"] * 10000.0 / SLOT_SECONDS,
     }
-    return Rows(file, _slot_ends(file, value["YYYYMMDD"], value["HH"], numbers), columns, KNMI_TIMING, numbers)
+    return Rows(file, _slot_ends(file, value["YYYYMMDD"], value["HH"], numbers), columns, USUAL_TIMING, numbers)
 
 
 def _slot_ends(file: str, dates: FloatArray, hours: FloatArray, numbers: IntArray) -> IntArray:
@@ -246,18 +248,6 @@ def _text(path: Path) -> str:
     except UnicodeDecodeError:
         # KNMI's older files carry Dutch comments in Latin-1; the figures themselves are ASCII.
         return content.decode("latin-1")
-
-
-KNMI_URL = "https://www.daggegevens.knmi.nl/klimatologie/uurgegevens"
-URL_VARIABLE = "GLBENCH_KNMI_URL"
-FIRST_YEAR = 1951  # KNMI's hourly observations begin here
-TIMEOUT_SECONDS = 60.0
-TOTAL_SECONDS = 600.0
-_BLOCK_BYTES = 65536
-_LARGEST_BYTES = 64 * 2**20
-
-Progress = Callable[[int, int | None], None]
-"""Called with the bytes received so far, and the bytes to come in all where the service says so."""
 
 
 def fetch_knmi(

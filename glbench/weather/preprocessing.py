@@ -6,13 +6,14 @@ Every function of the physics takes numpy arrays (or floats) and returns arrays 
 from __future__ import annotations
 
 import datetime as dt
+from collections.abc import Callable
 from dataclasses import dataclass
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
 
 from glbench.errors import WeatherError
-from glbench.weather.record import FloatArray, IntArray
+from glbench.weather.record import FloatArray, IntArray, WeatherRecord
 
 COLUMNS = (
     "iGlob",
@@ -30,6 +31,16 @@ RAW_SECONDS = 300
 """Both preprocessings pass through a 5-minute grid, like the published data."""
 SLOPE = 10.0
 """Steepness of the sigmoid that rounds the day flag's ramps."""
+EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
+OFFSET_SECONDS = 900
+"""Clocks change at whole quarters of an hour (UTC), so the offset needs to be looked up once a quarter."""
+KELVIN = 273.15
+STEFAN_BOLTZMANN = 5.67e-8  # W m-2 K-4, as the cloud correlation was published
+STEFAN_BOLTZMANN_ENERGYPLUS = 5.6697e-8  # W m-2 K-4, as EnergyPlus turns sky infrared into a temperature
+GAS_CONSTANT = 8.3144598  # J mol-1 K-1
+MOLAR_MASS_CO2 = 44.01e-3  # kg mol-1
+PRESSURE = 101325.0  # Pa
+COMMON_YEAR_SECONDS = 365.0 * 86400.0
 
 
 @dataclass(frozen=True)
@@ -64,11 +75,6 @@ class Prepared:
 def sigmoid(ramp: FloatArray) -> FloatArray:
     """The published rounding of a ramp from 0 to 1: 0.0067 at its foot, 0.9933 at its head."""
     return np.asarray(1.0 / (1.0 + np.exp(-SLOPE * (ramp - 0.5))))
-
-
-EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
-OFFSET_SECONDS = 900
-"""Clocks change at whole quarters of an hour (UTC), so the offset needs to be looked up once a quarter."""
 
 
 def time_zone(name: str) -> ZoneInfo:
@@ -133,15 +139,6 @@ def clock_time(window: Window, clock: str) -> tuple[FloatArray, FloatArray]:
     return hour_of_day, (local - year_begin) / 86400.0
 
 
-KELVIN = 273.15
-STEFAN_BOLTZMANN = 5.67e-8  # W m-2 K-4, as the cloud correlation was published
-STEFAN_BOLTZMANN_ENERGYPLUS = 5.6697e-8  # W m-2 K-4, as EnergyPlus turns sky infrared into a temperature
-GAS_CONSTANT = 8.3144598  # J mol-1 K-1
-MOLAR_MASS_CO2 = 44.01e-3  # kg mol-1
-PRESSURE = 101325.0  # Pa
-COMMON_YEAR_SECONDS = 365.0 * 86400.0
-
-
 def saturation_vapour_pressure(temperature: FloatArray) -> FloatArray:
     """Saturation vapour pressure [Pa] at ``temperature`` [degC]. Magnus form of the GreenLight model."""
     return np.asarray(610.78 * np.exp(17.2694 * temperature / (temperature + 238.3)))
@@ -171,6 +168,21 @@ def sky_temperature_from_cloud(temperature: FloatArray, cloud_fraction: FloatArr
 def sky_temperature_from_infrared(infrared: FloatArray) -> FloatArray:
     """Apparent sky temperature [degC] from the sky's infrared radiation on the horizontal [W m-2] (EnergyPlus)."""
     return np.asarray((infrared / STEFAN_BOLTZMANN_ENERGYPLUS) ** 0.25 - KELVIN)
+
+
+def sky_temperature(
+    record: WeatherRecord, values: Callable[[str], FloatArray], temperature: FloatArray, *, overcast: float
+) -> FloatArray:
+    """Apparent sky temperature [degC]: measured where the record has it, else from what it has.
+
+    ``values`` gives the record's columns at the moments of the air ``temperature`` [degC]; ``overcast`` is the cloud cover of a wholly
+    clouded sky [octants].
+    """
+    if "sky_temperature" in record.counts:
+        return values("sky_temperature")
+    if "sky_infrared" in record.counts:
+        return sky_temperature_from_infrared(values("sky_infrared"))
+    return sky_temperature_from_cloud(temperature, values("cloud_cover") / overcast)
 
 
 def soil_temperature(seconds_into_year: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 import numpy as np
 
 from glbench.errors import UnknownNameError, WeatherError, did_you_mean
-from glbench.weather.assemble import Origin, Rows, assemble, check_order, require_columns
+from glbench.weather.assemble import USUAL_TIMING, Origin, Rows, assemble, check_order, require_columns
 from glbench.weather.knmi import read_knmi
 from glbench.weather.preprocessing import KELVIN
 from glbench.weather.record import QUANTITIES, SLOT_SECONDS, FloatArray, IntArray, Place, Timing, WeatherRecord
@@ -46,15 +46,6 @@ UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
 }
 """For every column, the units it may come in: factor and offset to the canonical unit."""
 
-DEFAULT_TIMING: Mapping[str, Timing] = {
-    "air_temperature": "instant",
-    "relative_humidity": "instant",
-    "cloud_cover": "instant",
-    "sky_temperature": "instant",
-    "wind_speed": "mean",
-    "global_radiation": "mean",
-    "sky_infrared": "mean",
-}
 TIME_COLUMNS = {"slot_end [UTC]": 0, "slot_start [UTC]": SLOT_SECONDS}
 _MOST_PROBLEMS = 12
 _LONGEST_HEADER = 300
@@ -82,6 +73,42 @@ _SHORT = {
 }
 REQUIRED_KEYS = ("latitude", "longitude", "altitude", "timezone")
 TEXT_KEYS = ("station", "source", "licence")
+NOMINAL_YEAR = 2001
+"""Year given to typical years: a common year, like every typical year."""
+YEAR_HOURS = 8760
+UNKNOWN_LICENCE = "Not stated in the file: ask its provider before you pass it on."
+TIMING: Mapping[str, Timing] = {**USUAL_TIMING, "wind_speed": "instant"}
+OCTANTS_PER_TENTH = 0.8
+EPW_HEADER_LINES = 8
+TMY3_HEADER_LINES = 2
+TMY2_HEADER_LINES = 1
+_Sources = Mapping[str, tuple[str, float, tuple[float, ...]]]
+"""Of each quantity: pvlib's name of its column, the factor to the canonical unit, and the codes for a missing value."""
+EPW_COLUMNS: _Sources = {
+    "air_temperature": ("temp_air", 1.0, (99.9,)),
+    "relative_humidity": ("relative_humidity", 1.0, (999,)),
+    "wind_speed": ("wind_speed", 1.0, (999,)),
+    "global_radiation": ("ghi", 1.0, (9999,)),
+    "cloud_cover": ("total_sky_cover", OCTANTS_PER_TENTH, (99,)),
+    "sky_infrared": ("ghi_infrared", 1.0, (9999,)),
+}
+TMY3_COLUMNS: _Sources = {
+    "air_temperature": ("temp_air", 1.0, (-9900,)),
+    "relative_humidity": ("relative_humidity", 1.0, (-9900,)),
+    "wind_speed": ("wind_speed", 1.0, (-9900,)),
+    "global_radiation": ("ghi", 1.0, (-9900,)),
+    "cloud_cover": ("TotCld (tenths)", OCTANTS_PER_TENTH, (-9900, 99)),
+}
+TMY2_COLUMNS: _Sources = {
+    "air_temperature": ("DryBulb", 0.1, (9999,)),
+    "relative_humidity": ("RHum", 1.0, (999,)),
+    "wind_speed": ("Wspd", 0.1, (999,)),
+    "global_radiation": ("GHI", 1.0, (9999,)),
+    "cloud_cover": ("TotCld", OCTANTS_PER_TENTH, (99,)),
+}
+Format = Literal["knmi", "epw", "tmy", "csv"]
+FORMATS: tuple[Format, ...] = get_args(Format)
+_HEAD_BYTES = 65536
 
 
 def read_csv(path: Path | str, *, name: str | None = None, fill_gaps: int = 0) -> WeatherRecord:
@@ -174,7 +201,7 @@ def meant_by(title: str) -> str | None:
 
 
 def _described(file: str, comments: Mapping[str, str], name: str) -> tuple[Origin, dict[str, Timing]]:
-    timing = dict(DEFAULT_TIMING)
+    timing = dict(USUAL_TIMING)
     known = (*REQUIRED_KEYS, *TEXT_KEYS, *(f"timing {quantity}" for quantity in QUANTITIES))
     for key, value in comments.items():
         if key not in known:
@@ -235,24 +262,6 @@ def _number(file: str, row: int, what: str, text: str) -> float:
     return value
 
 
-NOMINAL_YEAR = 2001
-"""Year given to typical years: a common year, like every typical year."""
-YEAR_HOURS = 8760
-UNKNOWN_LICENCE = "Not stated in the file: ask its provider before you pass it on."
-TIMING: Mapping[str, Timing] = {
-    "air_temperature": "instant",
-    "relative_humidity": "instant",
-    "wind_speed": "instant",
-    "cloud_cover": "instant",
-    "global_radiation": "mean",
-    "sky_infrared": "mean",
-}
-OCTANTS_PER_TENTH = 0.8
-EPW_HEADER_LINES = 8
-TMY3_HEADER_LINES = 2
-TMY2_HEADER_LINES = 1
-
-
 @dataclass(frozen=True)
 class _Local:
     """A file's rows in local standard time: calendar of each slot's start ``(n, 4)`` (year, month, day, hour), values, place, clock."""
@@ -265,32 +274,6 @@ class _Local:
     station: str
     coordinates: tuple[float, float, float]
     source: str
-
-
-_Sources = Mapping[str, tuple[str, float, tuple[float, ...]]]
-"""Of each quantity: pvlib's name of its column, the factor to the canonical unit, and the codes for a missing value."""
-EPW_COLUMNS: _Sources = {
-    "air_temperature": ("temp_air", 1.0, (99.9,)),
-    "relative_humidity": ("relative_humidity", 1.0, (999,)),
-    "wind_speed": ("wind_speed", 1.0, (999,)),
-    "global_radiation": ("ghi", 1.0, (9999,)),
-    "cloud_cover": ("total_sky_cover", OCTANTS_PER_TENTH, (99,)),
-    "sky_infrared": ("ghi_infrared", 1.0, (9999,)),
-}
-TMY3_COLUMNS: _Sources = {
-    "air_temperature": ("temp_air", 1.0, (-9900,)),
-    "relative_humidity": ("relative_humidity", 1.0, (-9900,)),
-    "wind_speed": ("wind_speed", 1.0, (-9900,)),
-    "global_radiation": ("ghi", 1.0, (-9900,)),
-    "cloud_cover": ("TotCld (tenths)", OCTANTS_PER_TENTH, (-9900, 99)),
-}
-TMY2_COLUMNS: _Sources = {
-    "air_temperature": ("DryBulb", 0.1, (9999,)),
-    "relative_humidity": ("RHum", 1.0, (999,)),
-    "wind_speed": ("Wspd", 0.1, (999,)),
-    "global_radiation": ("GHI", 1.0, (9999,)),
-    "cloud_cover": ("TotCld", OCTANTS_PER_TENTH, (99,)),
-}
 
 
 def read_epw(
@@ -494,11 +477,6 @@ def _fixed_zone(file: str, utc_offset: float) -> str:
         )
         raise WeatherError(msg)
     return f"Etc/GMT{-int(utc_offset):+d}" if utc_offset else "Etc/GMT"
-
-
-Format = Literal["knmi", "epw", "tmy", "csv"]
-FORMATS: tuple[Format, ...] = get_args(Format)
-_HEAD_BYTES = 65536
 
 
 def read_weather(
