@@ -8,8 +8,8 @@ plain proto3 fields leave zeros out. A message has a part for each group of colu
 message would take longer than the simulation did. No clock is read: two files with the same content have the same bytes.
 
 **Reading.** The library's readers want the summary at the end of the file, which a killed writer never wrote, or parse every index. Here
-record by record is taken from the front, checksums are checked, and it is told where and why reading stopped. Files may be hostile: what
-they expand to is limited.
+records are read one by one from the front, checksums are checked, and the result says where and why reading stopped. Files may be
+hostile: what they expand to is limited.
 """
 
 from __future__ import annotations
@@ -369,7 +369,7 @@ def _bytes_of(record: McapRecord) -> bytes:
 class Scan:
     """What a file holds. ``problem`` says in words why reading stopped before the end; ``None`` for a whole file.
 
-    ``chunks`` are the messages, chunk by chunk, uncompressed; of a chunk that was cut, as much as can be had.
+    ``chunks`` are the messages, chunk by chunk, uncompressed; of a chunk that was cut, what its compression gives back.
     """
 
     size: int

@@ -85,7 +85,7 @@ class Recorder:
     """The record of runs in lockstep.
 
     ``actions`` ``(steps, n, m)`` and ``rewards`` ``(steps, n)`` fill up step by step. ``trace`` holds everything else that full
-    episodes show; it is ``None`` when nobody wants them, when they would not fit into memory, and after an interruption.
+    episodes show; it is ``None`` when none are wanted, when they would not fit into memory, and after an interruption.
     """
 
     def __init__(self, simulation: Simulation, columns: int, *, traced: bool) -> None:

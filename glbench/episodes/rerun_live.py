@@ -36,8 +36,8 @@ _FLUSH_SECONDS = 5.0
 class LiveView:
     """Streams one run of an evaluation to a viewer, several times a second.
 
-    A viewer that is closed meanwhile does not disturb the evaluation. Of an evaluation that goes on after an interruption it
-    shows the steps that are simulated now; its sums count from there.
+    Closing the viewer does not disturb the evaluation. After an interruption it shows the steps from there on, and its sums count from
+    there.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class LiveView:
         send_layout(self._stream, shown, live=True)
 
     def add(self, simulation: Simulation, outcome: StepResult) -> None:
-        """Take over the step that was just simulated, and send what has gathered when it is time."""
+        """Keep the step that was just simulated, and send the new steps several times a second."""
         step = int(simulation.k[self._row]) - 1
         if step < self._done or step < 0:
             return  # this run has ended, others go on
@@ -89,7 +89,7 @@ class LiveView:
             self._send()
 
     def close(self) -> None:
-        """Send the rest and let go of the viewer."""
+        """Send the rest and disconnect."""
         if self._done > self._sent:
             self._send()
         send_card(self._stream, self._shown(self._done))

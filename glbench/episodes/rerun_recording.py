@@ -65,7 +65,7 @@ def save_recording(
         Without the viewer's package, when the chosen days are none of the episode's, or when the file cannot be written.
     """
     rerun = load_rerun()
-    shown.closeup()  # an impossible choice of days is told before anything is made
+    shown.closeup()  # an impossible choice of days raises before anything is made
     # A name in the viewer: the same runs of the same task replace each other there.
     runs = "+".join(f"{trajectory.controller}-{trajectory.seed}" for trajectory in shown.trajectories)
     stream = rerun.RecordingStream(APPLICATION, recording_id=f"{shown.task.short_id}:{runs}")

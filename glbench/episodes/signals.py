@@ -235,7 +235,7 @@ class Signals:
         return sum(signal.source != "disturbance" for signal in self.recorded)
 
     def groups(self, agent_columns: Iterable[str], *, controls: bool) -> tuple[Group, ...]:
-        """All groups, in the order in which they stand in a step: what acts first, then what came of it.
+        """All groups, in the order of the record: what acts during a step, then its result.
 
         ``agent_columns`` are the controls that the agent drives; ``controls`` is true for privileged ones, which set the controls
         themselves.

@@ -46,7 +46,7 @@ DAMAGED = (
 
 @contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
-    """Keep other processes out of ``folder`` meanwhile, which is made when there is none.
+    """Make ``folder`` where it is missing, and keep other processes out of it until the block is left.
 
     Raises
     ------

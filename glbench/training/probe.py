@@ -92,16 +92,19 @@ class Progress:
 
 
 class Listener(Protocol):
-    """Whoever wants to know how a training goes."""
+    """Receives the news of a training; what it does not override, it ignores."""
 
     def on_progress(self, progress: Progress) -> None:
         """Called about once a second."""
+        return
 
     def on_evaluation(self, point: CurvePoint) -> None:
         """Called after every evaluation."""
+        return
 
     def on_saved(self, steps: int) -> None:
         """Called after every checkpoint."""
+        return
 
 
 @dataclass

@@ -218,7 +218,7 @@ def train(
     tensorboard
         Whether to write TensorBoard's files to ``folder/tensorboard``.
     listeners
-        Who is told how it goes.
+        Receive progress, evaluations and saves.
 
     Raises
     ------

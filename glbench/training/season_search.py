@@ -253,7 +253,7 @@ class _Search:
         self.history = history
 
     def generation(self) -> None:
-        """Ask for variations, let each have a season, and tell what came of it."""
+        """Ask the strategy for variations, reward each with a season, and tell it the rewards."""
         clock, batched = self.history.time, self._batched
         with clock.spend("learning"):
             asked = [self._strategy.ask() for _ in range(self.settings.population)]
@@ -311,7 +311,7 @@ def search(
     resume
         Go on from what ``folder`` holds, to the same bits as without the interruption; begin when it holds nothing.
     listeners
-        Who is told how it goes.
+        Receive progress, evaluations and saves.
 
     Raises
     ------

@@ -27,7 +27,7 @@ from glbench.tasks import get_task
 from glbench.training.algorithms import check_settings
 from glbench.training.card import settings_digest
 from glbench.training.checkpoint import CHECKPOINT
-from glbench.training.probe import CurvePoint, Listener, Progress
+from glbench.training.probe import CurvePoint, Listener
 from glbench.training.run import train
 from glbench.training.settings import (
     FrozenSettings,
@@ -301,17 +301,11 @@ class _Pruning(Listener):
     def __init__(self, trial: optuna.Trial, last_step: int) -> None:
         self._trial, self._last_step = trial, last_step
 
-    def on_progress(self, progress: Progress) -> None:
-        """Nothing to tell."""
-
     def on_evaluation(self, point: CurvePoint) -> None:
-        """Report; raise when the trial is to be pruned, which at its end it is no more."""
+        """Report; raise when the trial is to be pruned, unless it is at its end."""
         self._trial.report(point.result.reward, point.steps)
         if point.steps < self._last_step and self._trial.should_prune():
             raise optuna.TrialPruned
-
-    def on_saved(self, steps: int) -> None:
-        """Nothing to tell."""
 
 
 def _work(search: Search, folder: Path, share: int, *tell: Callable[[optuna.Study, FrozenTrial], None]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from glbench.errors import TrainingError
-from glbench.training.probe import CurvePoint, Progress
+from glbench.training.probe import CurvePoint, Listener, Progress
 
 if TYPE_CHECKING:
     from glbench.training.sweep import Search
@@ -19,7 +19,7 @@ _NOT_INSTALLED = (
 _NOT_IN_AN_ID = re.compile(r"[^A-Za-z0-9_-]")
 
 
-class WandbListener:
+class WandbListener(Listener):
     """Logs evaluations and speed to a run of Weights & Biases.
 
     Parameters
@@ -77,9 +77,6 @@ class WandbListener:
         self._run.log({"steps": point.steps, **sums})
         if point.is_best:
             self._run.summary["best_reward"] = point.result.reward
-
-    def on_saved(self, steps: int) -> None:
-        """Nothing to log."""
 
     def close(self) -> None:
         """End the run."""
