@@ -171,14 +171,6 @@ def _normalization(normalization: VecNormalize | None, columns: int) -> tuple[np
     return statistics.mean, np.sqrt(statistics.var + normalization.epsilon), float(normalization.clip_obs)
 
 
-def torch_action(model: BaseAlgorithm, normalization: VecNormalize | None, observations: np.ndarray) -> np.ndarray:
-    """What Stable-Baselines3 itself answers, to compare with."""
-    seen = observations if normalization is None else normalization.normalize_obs(observations)
-    with torch.no_grad():
-        actions, _ = model.predict(seen, deterministic=True)
-    return actions
-
-
 def begin_with(file: Path, model: BaseAlgorithm, normalization: Normalizer, task: TaskSpec) -> None:
     """Give ``model`` and ``normalization``, which are untrained, the actor and the statistics of the policy in ``file``.
 

@@ -72,19 +72,6 @@ class Parameter(FrozenSettings):
             raise ValueError(msg)
         return self
 
-    def bounds(self) -> tuple[int | float, int | float]:
-        """``min`` and ``max`` of a range.
-
-        Raises
-        ------
-        TrainingError
-            When it is none.
-        """
-        if self.min is None or self.max is None:
-            msg = "This parameter has values to choose from, no range."
-            raise TrainingError(msg)
-        return self.min, self.max
-
     @property
     def first(self) -> Choice:
         """One of the choices: the value, the first of the values, or the least."""
@@ -92,9 +79,9 @@ class Parameter(FrozenSettings):
 
     def suggest(self, trial: optuna.Trial, name: str) -> Any:
         """What a trial of Optuna's takes for the parameter, which has that name."""
-        if self.min is None:
+        low, high = self.min, self.max
+        if low is None or high is None:
             return trial.suggest_categorical(name, list(self.values or (self.first,)))
-        low, high = self.bounds()
         log = self.distribution == "log_uniform_values"
         whole = isinstance(low, int) and isinstance(high, int) and self.distribution != "uniform"
         if whole or self.distribution == "int_uniform":

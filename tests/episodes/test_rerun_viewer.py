@@ -38,7 +38,7 @@ def stream_into(file: Path) -> Iterator[str]:
     """A viewer without a window that writes what is streamed to it into ``file``; gives its address."""
     port = rerun_viewer.free_port()
     listening = ["--bind", rerun_viewer.LOOPBACK, "--port", str(port)]
-    with rerun_viewer._running(rerun_viewer.viewer_program(), ["--save", str(file), *listening]) as viewer:
+    with rerun_viewer.Viewer(rerun_viewer.viewer_program(), ["--save", str(file), *listening]) as viewer:
         viewer.await_port(port)
         yield rerun_viewer.stream_address(port)
         _await_quiet(file)

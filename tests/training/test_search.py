@@ -249,7 +249,7 @@ def test_numbers_that_yaml_takes_for_text_are_numbers_in_a_search(tmp_path: Path
     search = read(tmp_path, "  lr: {values: [1e-3, lin_1e-4]}\n  n_steps: {min: 1e1, max: 1e2}", "steps: 2e5")
     assert search.steps == 200_000
     assert search.parameters["lr"].values == (1e-3, "lin_1e-4")
-    low, high = search.parameters["n_steps"].bounds()
+    low, high = search.parameters["n_steps"].min, search.parameters["n_steps"].max
     assert (low, high, type(low), type(high)) == (10, 100, int, int)
 
 
