@@ -134,7 +134,7 @@ def sweep(
 ) -> None:
     """Search hyperparameters: an Optuna study in a local file. The same command goes on with an interrupted search."""
     with needs_the_extra("train"):
-        from glbench.training.search_space import read_search
+        from glbench.training.sweep import read_search
         from glbench.training.sweep import sweep as run_sweep
         from glbench.training.wandb_log import wandb_sweep
     search = read_search(config)
@@ -161,8 +161,7 @@ def _trained(
     from glbench.cli.training_progress import TrainingBar
     from glbench.training import train as run_training
     from glbench.training.algorithms import steps_to_make
-    from glbench.training.checkpoint import find_checkpoint
-    from glbench.training.folder import CHECKPOINT
+    from glbench.training.checkpoint import CHECKPOINT, find_checkpoint
 
     with contextlib.ExitStack() as stack:
         bar = stack.enter_context(TrainingBar(steps_to_make(settings, task.steps)))

@@ -184,7 +184,7 @@ def test_on_a_terminal_a_bar_shows_step_speed_and_time_left(here: Path) -> None:
     [
         ("glbench.evaluation.files.write_atomically", "Nothing of this evaluation is saved"),
         ("glbench.evaluation.saving.write_atomically", "The result is saved, and not the recorded actions"),
-        ("glbench.episodes.writing.write_atomically", "are saved, and not all of profile and full episodes"),
+        ("glbench.episodes.episode.write_atomically", "are saved, and not all of profile and full episodes"),
     ],
 )
 def test_a_full_disk_takes_nobody_the_table(
