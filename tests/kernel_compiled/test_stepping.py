@@ -125,7 +125,7 @@ def test_a_bound_step_with_interlights_is_stepped_by_the_full_model(rows: RowArr
         p[1, PARAMETER_NAMES.index(name)] = value
     stepper = CompiledStepper(TOMATO, 900.0, preset="fast")
     expected = step(stepper, x, u, d, p)
-    bound = stepper.bind(x, u, d, p, x)
+    bound = stepper.bind(Rows(x, u, d, p), x)
     bound()
     assert x.tobytes() == expected.tobytes()
     assert not bound.status.any()
