@@ -14,7 +14,7 @@ from glbench.model.balances import DAY
 from glbench.model.bounds import Horizon
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr
-from glbench.model.model import Capacity, Evaluation, Flow, Model, Record, Seen, Signal, Start, Step
+from glbench.model.model import Capacity, Evaluation, Flow, Model, Record, Seen, Signal, Start, Step, Stock
 from glbench.model.parameter_checks import Order, Shares
 from glbench.model.parameter_table import ParameterInfo
 from glbench.model.quantities import Variable, public_name
@@ -183,6 +183,9 @@ class Greenhouse(Model):
         metered = (Flow(m.flow, m.unit, m.meaning, m.label, m.amount) for m in self.meters)
         return (*chain.from_iterable(part.flows() for part in self.parts), *metered)
 
+    def stocks(self) -> tuple[Stock, ...]:
+        return tuple(chain.from_iterable(part.stocks() for part in self.parts))
+
     def signals(self) -> tuple[Signal, ...]:
         return tuple(chain.from_iterable(part.signals() for part in self.parts))
 
@@ -298,7 +301,7 @@ def _annotated(name: str, notes: Mapping[str, Any]) -> type[Any]:
 
 def _typed(name: str, fields: Mapping[str, Any]) -> type[Any]:
     make: Any = namedtuple  # the fields are known at run time only
-    record = make(name, list(fields))
+    record: type[Any] = make(name, list(fields))
     record.__annotations__ = dict(fields)
     return record
 

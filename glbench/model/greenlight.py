@@ -31,7 +31,7 @@ from glbench.model.derived import derived_climate
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr
 from glbench.model.longwave import long_wave, views
-from glbench.model.model import Capacity, Flow, Seen, Step
+from glbench.model.model import Capacity, Flow, Seen, Signal, Step
 from glbench.model.optics import cover_optics
 from glbench.model.parameter_checks import Order, Shares
 from glbench.model.parameter_table import read_table
@@ -190,6 +190,22 @@ class GreenLightClimate(Climate):
             Flow("heat", "kWh m-2", "heat of the boiler", "Heat", _heat),
             Flow("electricity", "kWh m-2", "electricity of the lamps", "Electricity", _electricity),
             Flow("co2_dosed", "kg m-2", "CO2 dosed", "CO₂ dosed", _co2_dosed),
+        )
+
+    def signals(self) -> tuple[Signal, ...]:
+        return (
+            Signal("climate/canopy_temperature", "Canopy temperature", "°C", "tCan"),
+            Signal("climate/pipe_temperature", "Rail pipe temperature", "°C", "tPipe"),
+            Signal("controls/boiler", "Boiler valve (heating)", "%", "uBoil", 100.0),
+            Signal("controls/vents", "Roof vents open", "%", "uVent", 100.0),
+            Signal("controls/lamps", "Lamps", "%", "uLamp", 100.0),
+            Signal("controls/co2_dosing", "CO₂ dosing valve", "%", "uCo2", 100.0),
+            Signal("controls/thermal_screen", "Thermal screen closed", "%", "uThScr", 100.0),
+            Signal("controls/blackout_screen", "Blackout screen closed", "%", "uBlScr", 100.0),
+            Signal("weather/global_radiation", "Sun outside (global radiation)", "W m⁻²", "iGlob"),
+            Signal("weather/temperature", "Outside temperature", "°C", "tOut"),
+            Signal("weather/wind", "Wind", "m s⁻¹", "wind"),
+            Signal("weather/vapour_pressure", "Outside vapour pressure", "Pa", "vpOut"),
         )
 
     def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:

@@ -80,6 +80,25 @@ class Flow:
 
 
 @dataclass(frozen=True)
+class Stock:
+    """An amount per m2 of floor that stands in the greenhouse: what a ledger can value at the start and at the end.
+
+    Attributes
+    ----------
+    name, unit, meaning, label
+        As for :class:`Flow`.
+    amount
+        The amount, from state and nominal parameters. Arithmetic as in :class:`Flow`.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    label: str
+    amount: Callable[[Record, Record], Expr]
+
+
+@dataclass(frozen=True)
 class Capacity:
     """What a control is and what it delivers at 1.
 
@@ -105,7 +124,7 @@ class Capacity:
 
 @dataclass(frozen=True)
 class Seen:
-    """A column of an observation that the model supplies: a state, or a quantity of the air, times a factor.
+    """A column of an observation that the model supplies.
 
     Attributes
     ----------
@@ -113,10 +132,12 @@ class Seen:
         As observed.
     source
         Public name of a state, or ``air_temperature``, ``co2``, ``relative_humidity`` of the main air.
-    factor
-        From the unit of the source to ``unit``.
     low, high
         Finite bounds.
+    factor
+        From the unit of the source to ``unit``.
+    of
+        Instead of a source: the column from state and nominal parameters. Arithmetic as in :class:`Flow`.
     """
 
     name: str
@@ -126,17 +147,22 @@ class Seen:
     low: float
     high: float
     factor: float = 1.0
+    of: Callable[[Record, Record], Expr] | None = None
 
 
 @dataclass(frozen=True)
 class Signal:
-    """A series that the viewer and the report draw: a state, a control or a disturbance times a factor, under a label."""
+    """A series that the viewer and the report draw under a label: a state, a control or a disturbance times a factor.
+
+    ``path`` is ``group/quantity``. ``of``, if given, takes the place of ``source``: the series from state and nominal parameters.
+    """
 
     path: str
     label: str
     unit: str
     source: str
     factor: float = 1.0
+    of: Callable[[Record, Record], Expr] | None = None
 
 
 Start: TypeAlias = Callable[[Disturbances, float, Record], Record]
@@ -224,6 +250,10 @@ class Model(ABC):
 
     def flows(self) -> tuple[Flow, ...]:
         """Amounts that a ledger can price."""
+        return ()
+
+    def stocks(self) -> tuple[Stock, ...]:
+        """Amounts that stand in the greenhouse."""
         return ()
 
     def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.errors import UnknownNameError, did_you_mean
+from glbench.model.crop.lettuce import VanHentenLettuce
 from glbench.model.crop.tomato import VanthoorTomato
 from glbench.model.greenhouse import Greenhouse, compose
 from glbench.model.greenlight import GreenLightClimate
@@ -39,6 +40,9 @@ def tomato(variant: str = "author") -> Greenhouse:
 
 TOMATO = tomato()
 """The model author's own equations: the model of the paper."""
+
+LETTUCE = compose(GreenLightClimate(), VanHentenLettuce())
+"""The same greenhouse with lettuce in it."""
 
 STATES, CONTROLS, DISTURBANCES, PARAMETERS = TOMATO.states, TOMATO.controls, TOMATO.disturbances, TOMATO.table
 STATE_NAMES, CONTROL_NAMES = TOMATO.state_names, TOMATO.control_names
@@ -153,3 +157,4 @@ def registered_models() -> tuple[Model, ...]:
 
 for _variant in ("author", "gl_gym2"):
     register_model(tomato(_variant))
+register_model(LETTUCE)

@@ -6,9 +6,9 @@ import csv
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_type_hints
 
-from glbench.model.quantities import public_name
+from glbench.model.quantities import Quantity, public_name
 
 Check: TypeAlias = Literal["fraction", "positive", "nonnegative", "negative", "any"]
 """What values a parameter may have: 0 to 1, above 0, at least 0, below 0, any finite number."""
@@ -96,3 +96,39 @@ def read_table(record: type[Any], path: Path = TABLE_FILE) -> tuple[ParameterInf
             )
         )
     return tuple(table)
+
+
+@dataclass(frozen=True)
+class Parameter(Quantity):
+    """Unit and meaning of a parameter, written beside its field, with its value: for submodels without a table in a file.
+
+    ``value`` is that of the benchmark; ``sets`` holds those of other named sets. ``check`` is what values are possible.
+    """
+
+    value: float
+    source: str = "chosen"
+    check: Check = "any"
+    group: str = "other"
+    sets: tuple[tuple[str, float], ...] = ()
+
+
+def declared_table(record: type[Any]) -> tuple[ParameterInfo, ...]:
+    """Rows for the fields of ``record`` that are annotated with :class:`Parameter`, in their order."""
+    return tuple(
+        ParameterInfo(
+            name=public_name(attribute),
+            attribute=attribute,
+            unit=note.unit,
+            meaning=note.meaning,
+            source=note.source,
+            group=note.group,
+            check=note.check,
+            formula="",
+            used="yes",
+            drawn_in=frozenset(),
+            values=MappingProxyType({BENCHMARK: note.value, **dict(note.sets)}),
+        )
+        for attribute, hint in get_type_hints(record, include_extras=True).items()
+        for note in getattr(hint, "__metadata__", ())
+        if isinstance(note, Parameter)
+    )

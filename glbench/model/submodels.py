@@ -14,9 +14,9 @@ from glbench.model.actuators import Actuators
 from glbench.model.bounds import Horizon
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr
-from glbench.model.model import Capacity, Flow, Record, Seen, Signal
+from glbench.model.model import Capacity, Flow, Record, Seen, Signal, Stock
 from glbench.model.parameter_checks import Order, Shares
-from glbench.model.parameter_table import ParameterInfo
+from glbench.model.parameter_table import ParameterInfo, declared_table
 from glbench.model.surroundings import CropExchange, Surroundings
 
 
@@ -25,19 +25,26 @@ class Nothing(NamedTuple):
 
 
 class Submodel(ABC):
-    """A part of a model. ``State``, ``Controls`` and ``Parameters`` are annotated records; ``table`` says the rest of the parameters."""
+    """A part of a model.
+
+    ``State``, ``Controls`` and ``Parameters`` are records whose fields are annotated with ``Variable``, ``Quantity`` and ``Parameter``.
+    """
 
     name: ClassVar[str]
     State: ClassVar[type[Any]] = Nothing
     Controls: ClassVar[type[Any]] = Nothing
     Parameters: ClassVar[type[Any]] = Nothing
-    table: ClassVar[tuple[ParameterInfo, ...]] = ()
     shares: ClassVar[tuple[Shares, ...]] = ()
     """Parameters whose sum cannot exceed 1."""
     orders: ClassVar[tuple[Order, ...]] = ()
     """Parameters of which one must be below the other."""
     observation_modules: ClassVar[Mapping[str, str]] = {}
     """Names of the observation modules that ``observed`` knows, with a sentence each."""
+
+    @property
+    def table(self) -> tuple[ParameterInfo, ...]:
+        """Its parameters in the order of their record; a submodel with a table in a file reads that instead."""
+        return declared_table(self.Parameters)
 
     def derived(self, p: Record) -> Record:
         """Parameters with every derived entry computed from the base entries."""
@@ -52,6 +59,10 @@ class Submodel(ABC):
 
     def flows(self) -> tuple[Flow, ...]:
         """Amounts that a ledger can price."""
+        return ()
+
+    def stocks(self) -> tuple[Stock, ...]:
+        """Amounts that stand in the greenhouse, which a ledger can value."""
         return ()
 
     def signals(self) -> tuple[Signal, ...]:

@@ -16,7 +16,7 @@ from glbench.model.crop.temperature import growth_inhibition
 from glbench.model.derived import derived_tomato
 from glbench.model.expressions import Expr
 from glbench.model.greenlight import CANOPY_EXCESS
-from glbench.model.model import Flow, Seen, Step
+from glbench.model.model import Flow, Seen, Signal, Step, Stock
 from glbench.model.parameter_checks import Order
 from glbench.model.parameter_table import BENCHMARK, read_table
 from glbench.model.parameters import TomatoParameters
@@ -43,7 +43,7 @@ _OLD_CROP_SUM = 4000.0  # degC day; above every temperature sum an episode can s
 _FASTEST_FRUIT_GROWTH = 0.25  # kg m-2 a day; 0.328 mg m-2 s-1 is 0.028 kg m-2 a day, times 2^3 for the best parameters
 _FRUIT_AT_START = 1.0  # kg m-2
 _BELOW_ZERO = 0.01  # kg m-2; a mass that is used up may undershoot zero by the tolerance of the integration
-_KG_PER_MG = 1e-6
+_KG_PER_MG, _GRAM_PER_MG = 1e-6, 1e-3
 
 
 @dataclass(frozen=True)
@@ -98,6 +98,26 @@ class VanthoorTomato(Crop):
             Flow(
                 "fruit_growth", "mg m-2", "carbohydrate gained by the fruit, harvest taken off", "Fruit", _fruit_growth
             ),
+        )
+
+    def stocks(self) -> tuple[Stock, ...]:
+        return (
+            Stock(
+                "fruit",
+                "mg m-2",
+                "carbohydrate in the fruit on the plants",
+                "Fruit on the plants",
+                lambda x, p: x.c_fruit,
+            ),
+        )
+
+    def signals(self) -> tuple[Signal, ...]:
+        return (
+            Signal("crop/fruit", "Carbohydrates in the fruit", "g m⁻²", "cFruit", _GRAM_PER_MG),
+            Signal("crop/leaves", "Carbohydrates in the leaves", "g m⁻²", "cLeaf", _GRAM_PER_MG),
+            Signal("crop/stems", "Carbohydrates in stems and roots", "g m⁻²", "cStem", _GRAM_PER_MG),
+            Signal("crop/buffer", "Carbohydrate buffer", "g m⁻²", "cBuf", _GRAM_PER_MG),
+            Signal("crop/canopy_temperature_24h", "Canopy temperature, 24 h mean", "°C", "tCan24"),
         )
 
     def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
