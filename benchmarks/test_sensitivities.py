@@ -14,11 +14,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from glbench.kernel import STATE_SCALE, Kernel
+from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
 from glbench.kernel.compiled.accuracy import EXACT, make_inputs, run_compiled
 from glbench.kernel.records import Rows, as_rows
 from glbench.model import TOMATO, default_parameters
+
+STATE_SCALE = state_scale(TOMATO)
 
 Array = NDArray[np.float64]
 
@@ -41,7 +43,7 @@ def rows() -> Rows:
     states = np.concatenate([inputs.initial[None], exact[:-1]])
     pick = np.random.default_rng(0).choice(states.shape[0] * 12, ROWS, replace=False)
     tables = (a.reshape(-1, a.shape[2])[pick] for a in (states, inputs.controls, inputs.weather))
-    return as_rows(*tables, default_parameters())
+    return as_rows(TOMATO.names, *tables, default_parameters())
 
 
 def best(run: Callable[[], object]) -> float:

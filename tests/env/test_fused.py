@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from glbench.kernel.compiled.backend import CompiledBackend
 
 from glbench.env import GreenhouseEnv, Simulation, StepResult, register_reward
 from glbench.errors import ActionError
-from glbench.kernel import Kernel, KernelPool, why_not_compiled
+from glbench.kernel import Kernel, why_not_compiled
 from glbench.kernel.compiled import CompiledStepper
 from glbench.model import TOMATO
 from glbench.registration import task_ids
@@ -75,7 +74,7 @@ def step_both(pair: tuple[Simulation, Simulation], steps: int, m: int = 6, seed:
 @pytest.mark.parametrize("task_id", task_ids())
 def test_every_shipped_task_has_the_bits_of_the_reference(task_id: str) -> None:
     task = get_task(task_id)
-    pair = both(task, Kernel(TOMATO, 900.0, variant=task.model.variant, backend="compiled", preset="fast"))
+    pair = both(task, Kernel(task.model_value, 900.0, backend="compiled", preset="fast"))
     step_both(pair, 12)
     for simulation in pair:
         simulation.end([3, 7])
@@ -145,7 +144,7 @@ def impatient() -> Kernel:
 
 
 def allow(kernel: Kernel, substeps: int) -> None:
-    kernel._backend.stepper.settings.most = float(substeps)  # type: ignore[attr-defined]
+    kernel._backend.settings.most = float(substeps)  # type: ignore[attr-defined]
 
 
 def test_failed_steps_cost_and_say_the_same(make_task: MakeTask, impatient: Kernel) -> None:
@@ -154,7 +153,7 @@ def test_failed_steps_cost_and_say_the_same(make_task: MakeTask, impatient: Kern
     trial = Simulation(pair[0].task, N, impatient, fused=False)
     trial.restore(pair[0].snapshot())
     trial.step(np.zeros((N, 6)))
-    enough_for_some = int(impatient._backend.stepper.substeps.min())  # type: ignore[attr-defined]
+    enough_for_some = int(impatient._backend.substeps.min())  # type: ignore[attr-defined]
     allow(impatient, enough_for_some)
     results = [simulation.step(np.zeros((N, 6))) for simulation in pair]
     assert_alike(pair, results)
@@ -195,7 +194,7 @@ def test_a_row_has_the_same_bits_in_every_batch_and_thread(day: TaskSpec, n: int
 def numbers_of(stepper: CompiledStepper, task: TaskSpec) -> list[bytes]:
     """Everything about a few fused steps of eleven runs."""
     kernel = Kernel(TOMATO, 900.0, backend="compiled", preset="fast")
-    kernel._backend = CompiledBackend(stepper)
+    kernel._backend = stepper
     simulation = Simulation(task, N, kernel)
     simulation.reset(SEEDS)
     results = [simulation.step(actions) for actions in walk(5, 3, N)]
@@ -334,8 +333,6 @@ def test_formulas_beyond_arithmetic_are_stepped_by_the_reference(make_task: Make
 def test_kernels_that_step_states_only_are_used_by_the_reference(day: TaskSpec) -> None:
     assert not Simulation(day, 2, StillKernel()).fused
     assert not Simulation(day, 2, Kernel(TOMATO, 900.0, backend="casadi")).fused
-    with KernelPool(1) as pool:
-        assert not Simulation(day, 2, pool).fused
 
 
 def test_the_seeds_decide_the_draws(day: TaskSpec, kernel: Kernel) -> None:

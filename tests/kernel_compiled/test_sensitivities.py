@@ -11,23 +11,24 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from glbench.kernel.compiled.backend import CompiledBackend
-from glbench.kernel.directions import Directions
 from numpy.typing import NDArray
 
 from glbench.errors import StepError
-from glbench.kernel import STATE_SCALE, Kernel, Linearisation
+from glbench.kernel import Kernel, Linearisation, state_scale
 from glbench.kernel.compiled import Preset, absent_equipment
 from glbench.kernel.compiled.differentiator import CompiledDifferentiator
 from glbench.kernel.compiled.stepper import CompiledStepper
 from glbench.kernel.records import Rows, as_rows
-from glbench.model import PARAMETER_NAMES, TOMATO, VARIANTS, default_parameters
+from glbench.kernel.sensitivities import Directions
+from glbench.model import PARAMETER_NAMES, TOMATO, VARIANTS, default_parameters, tomato
+
+STATE_SCALE = state_scale(TOMATO)
 
 Array = NDArray[np.float64]
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
-ONE_SUBSTEP = Preset(relative=1.0, first_substep=5.0, forgotten=1.0, guard=1.0)
+ONE_SUBSTEP = Preset(relative=1.0, first_substep=5.0, fast_error_floor=1.0, singular_error_factor=1.0)
 """With steps of 5 s: a single, coarse substep, so that finite differences see the numerical step and nothing else."""
 
 SCALES = {
@@ -45,7 +46,7 @@ def points(golden_steps: dict[str, Array], parameters: Array) -> Rows:
     Without the first state of each: there all temperatures are equal, which is a kink of every exchange by convection.
     """
     x, d = (np.concatenate([golden_steps[f"winter_{k}"][1:], golden_steps[f"summer_{k}"][1:]]) for k in "xd")
-    return as_rows(x, np.random.default_rng(1).uniform(0.01, 0.99, (78, 6)), d, parameters)
+    return as_rows(TOMATO.names, x, np.random.default_rng(1).uniform(0.01, 0.99, (78, 6)), d, parameters)
 
 
 @pytest.fixture(scope="module")
@@ -59,8 +60,8 @@ def kernel() -> Kernel:
 
 
 def own_kernel(seconds: float, preset: Preset, variant: str = "author") -> Kernel:
-    kernel = Kernel(TOMATO, seconds, backend="compiled", variant=variant)
-    kernel._backend = CompiledBackend(CompiledStepper(TOMATO, seconds, variant=variant, preset=preset))
+    kernel = Kernel(tomato(variant), seconds, backend="compiled")
+    kernel._backend = CompiledStepper(tomato(variant), seconds, preset=preset)
     return kernel
 
 
@@ -119,7 +120,7 @@ def test_the_derivative_is_that_of_the_solution(points: Rows) -> None:
 
 
 def test_parameters_have_derivatives_also_those_of_absent_equipment(one_substep: Kernel, points: Rows) -> None:
-    absent = set(absent_equipment())
+    absent = set(absent_equipment(TOMATO))
     chosen = [k for k in range(0, 208, 5) if k not in absent] + sorted(absent)[::4]
     some = points.part(0, 30)
     lines = one_substep.linearise(*some, parameters=[PARAMETER_NAMES[k] for k in chosen])
