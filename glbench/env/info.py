@@ -23,7 +23,6 @@ STEP_REWARD = "step_reward"
 """Key of the reward: tools that merge ``info`` with what a step returns (TorchRL) have a ``reward`` of their own."""
 
 
-
 def _in_info(quantities: tuple[StepQuantity, ...]) -> tuple[StepQuantity, ...]:
     """The quantities of a step under their names in ``info``."""
     return tuple(replace(q, name=STEP_REWARD) if q.name == "reward" else q for q in quantities)

@@ -9,7 +9,9 @@ from glbench.tasks.ledger import LIMITED, StepQuantity, paper_v1, step_quantitie
 from glbench.tasks.tables import PricesTable
 
 _PAPER = paper_v1(
-    PricesTable.model_construct(fruit=1.0, dry_matter_content=1.0, co2=1.0, heat=1.0, electricity=1.0)  # names, not prices
+    PricesTable.model_construct(
+        fruit=1.0, dry_matter_content=1.0, co2=1.0, heat=1.0, electricity=1.0
+    )  # names, not prices
 )
 
 QUANTITIES: tuple[StepQuantity, ...] = step_quantities(_PAPER, LIMITED)

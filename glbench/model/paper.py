@@ -1,7 +1,8 @@
 """The greenhouse of the benchmark's paper, and the models that tasks can name.
 
 ``greenlight-tomato-1.0.0`` is the GreenLight greenhouse with its tomato crop: 28 states, 6 controls, 10 disturbances, 208
-parameters. ``greenlight-tomato-harvest-1.0.0`` has a meter on its harvest besides. The names and functions below are those of this model; code that serves any model asks the model instead.
+parameters. ``greenlight-tomato-harvest-1.0.0`` has a meter on its harvest besides.
+The names and functions below are those of the first; code that serves any model asks the model instead.
 """
 
 from __future__ import annotations
@@ -39,7 +40,13 @@ def tomato(variant: str = "author") -> Greenhouse:
 
 
 HARVEST = Meter(
-    "mc_fruit_har", "fruit_harvested", "mg m-2", "carbohydrate of the fruit harvested", "Fruit harvested", scale=1e5, small=100.0
+    "mc_fruit_har",
+    "fruit_harvested",
+    "mg m-2",
+    "carbohydrate of the fruit harvested",
+    "Fruit harvested",
+    scale=1e5,
+    small=100.0,
 )
 """The harvest of a control step: what is picked can be paid when it is picked."""
 

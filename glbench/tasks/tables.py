@@ -9,10 +9,12 @@ from __future__ import annotations
 import datetime as dt
 import re
 import unicodedata
+from calendar import monthrange
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
 from glbench.errors import did_you_mean
 from glbench.tasks import vocabulary as words
@@ -280,9 +282,9 @@ class PenaltyScale(OfTheAir):
 class RewardTable(Table):
     """``[reward]``: the sum of these modules is the reward of a step."""
 
-    modules: Annotated[tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", lambda: words.REWARD_MODULES.names)] = Field(
-        description="a list of reward modules"
-    )
+    modules: Annotated[
+        tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", lambda: words.REWARD_MODULES.names)
+    ] = Field(description="a list of reward modules")
     penalty_scale: PenaltyScale
 
 
@@ -424,9 +426,9 @@ class ProfitScale(Limits):
 class AnyRewardTable(Table):
     """``[reward]``: the sum of these modules is the reward of a step."""
 
-    modules: Annotated[tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", lambda: words.REWARD_MODULES.names)] = Field(
-        description="a list of reward modules"
-    )
+    modules: Annotated[
+        tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", lambda: words.REWARD_MODULES.names)
+    ] = Field(description="a list of reward modules")
     penalty_scale: SomePenaltyScales = SomePenaltyScales()
     epi_scale: Annotated[ProfitScale | None, _limits_in("EUR m-2")] = None
 
@@ -458,10 +460,12 @@ class ItemTable(Table):
     @model_validator(mode="after")
     def _one_source(self) -> Self:
         if (self.flow is None) == (self.stock is None):
-            msg = "It must name either a flow or a stock: flow = \"heat\", or stock = \"fruit\"."
+            msg = 'It must name either a flow or a stock: flow = "heat", or stock = "fruit".'
             raise ValueError(msg)
         if self.factor != 1.0 and (self.amount is None or self.unit is None):
-            msg = "With a factor the amount is another one than the flow: name it, and its unit: amount = ..., unit = ..."
+            msg = (
+                "With a factor the amount is another one than the flow: name it, and its unit: amount = ..., unit = ..."
+            )
             raise ValueError(msg)
         return self
 
@@ -506,11 +510,10 @@ class PriceTableTable(Table):
             raise ValueError(msg)
         if self.series is not None:
             moments = [point.time for point in self.series]
-            if not moments or any(later <= earlier for earlier, later in zip(moments, moments[1:], strict=False)):
+            if not moments or any(later <= earlier for earlier, later in pairwise(moments)):
                 msg = "series must have moments, each later than the one before."
                 raise ValueError(msg)
         return self
-
 
     def value(self) -> PriceTable:
         """The prices."""
@@ -528,21 +531,22 @@ def _utc(moment: dt.datetime) -> dt.datetime:
 
 def _month_and_day(text: str) -> tuple[int, int]:
     found = _DAY.fullmatch(text)
-    try:
-        if found is None:
-            raise ValueError
-        day = dt.date(2000, int(found[1]), int(found[2]))
-    except ValueError:
+    month, day = (int(found[1]), int(found[2])) if found else (0, 0)
+    if not 1 <= month <= 12 or not 1 <= day <= monthrange(2000, month)[1]:
         msg = f"'{text}' is no day of the year. Write month and day with two digits each, such as \"01-15\"."
-        raise ValueError(msg) from None
-    return day.month, day.day
+        raise ValueError(msg)
+    return month, day
 
 
 class SeasonTable(Table):
     """A season that a run may be in."""
 
-    start: dt.date = Field(ge=dt.date(1900, 1, 1), lt=dt.date(2200, 1, 1), description="a first day, such as 2010-03-01")
-    source: str | None = Field(default=None, min_length=1, description="a weather record, in quotes; that of [weather] if none is named")
+    start: dt.date = Field(
+        ge=dt.date(1900, 1, 1), lt=dt.date(2200, 1, 1), description="a first day, such as 2010-03-01"
+    )
+    source: str | None = Field(
+        default=None, min_length=1, description="a weather record, in quotes; that of [weather] if none is named"
+    )
 
 
 class DrawTable(Table):
@@ -592,7 +596,9 @@ class ScenarioTable(Table):
     @model_validator(mode="after")
     def _one_list_of_seasons(self) -> Self:
         if self.seasons and self.years:
-            msg = "It has both seasons and years: years are seasons that start on the day of [weather]. Keep one of them."
+            msg = (
+                "It has both seasons and years: years are seasons that start on the day of [weather]. Keep one of them."
+            )
             raise ValueError(msg)
         if len(set(self.years)) < len(self.years) or not all(1900 <= year < 2200 for year in self.years):
             msg = "years must be different years, from 1900 to 2199."
@@ -618,11 +624,14 @@ class TaskFile2(TaskFile):
     scenario: ScenarioTable
     reward: AnyRewardTable
 
+    _written: Mapping[str, Any] | None = PrivateAttr(default=None)
+
     @model_validator(mode="after")
     def _penalties_have_scales(self) -> Self:
         scales = dict(self.reward.penalty_scale.items())
         for name, limits in self.constraints.items():
             if name not in scales:
-                msg = f'[constraints.{name}] needs the violation that costs 1 a step: [reward.penalty_scale] {name} = {{ value = ..., unit = "{limits.unit}" }}.'
+                line = f'{name} = {{ value = ..., unit = "{limits.unit}" }}'
+                msg = f"[constraints.{name}] needs the violation that costs 1 a step: add {line} to [reward.penalty_scale]."
                 raise ValueError(msg)
         return self

@@ -125,7 +125,9 @@ PREPROCESSINGS: Registry[Word] = Registry("preprocessing")
 MODEL_VARIANTS: Registry[Word] = Registry("model variant")
 
 for _module in (
-    ObservationModule("indoor_climate", "air temperature, CO2, humidity; pipe temperature", tables.of_model("indoor_climate")),
+    ObservationModule(
+        "indoor_climate", "air temperature, CO2, humidity; pipe temperature", tables.of_model("indoor_climate")
+    ),
     ObservationModule("crop", "fruit mass, 24-hour mean temperature, temperature sum", tables.of_model("crop")),
     ObservationModule("time", "hour of day and day of year, each as sine and cosine", tables.time),
     ObservationModule("controls", "the controls in force, in physical units", tables.controls),
@@ -134,8 +136,12 @@ for _module in (
     ObservationModule("step_counter", "number of steps taken", tables.step_counter),
     ObservationModule("forecast", "the weather of the next steps, without error", tables.forecast, is_forecast=True),
     # The groups and units of the published code, so that a task can show its 263 columns (docs/tasks.md).
-    ObservationModule("published_indoor_climate", "as indoor_climate, CO2 first", tables.of_model("published_indoor_climate")),
-    ObservationModule("published_crop", "as crop, temperature first, fruit in mg m-2", tables.of_model("published_crop")),
+    ObservationModule(
+        "published_indoor_climate", "as indoor_climate, CO2 first", tables.of_model("published_indoor_climate")
+    ),
+    ObservationModule(
+        "published_crop", "as crop, temperature first, fruit in mg m-2", tables.of_model("published_crop")
+    ),
     ObservationModule("control_fractions", "the controls in force, as fractions of capacity", tables.control_fractions),
     ObservationModule("published_time", "as time, day of year first", tables.published_time),
     ObservationModule(
