@@ -426,7 +426,7 @@ class TaskSpec:
         kind, source = ("flow", table.flow) if table.flow is not None else ("stock", table.stock)
         known: dict[str, Any] = {entry.name: entry for entry in getattr(self.model_value, f"{kind}s")()}
         if source is None or source not in known:
-            msg = f"{self.model_id} has no {kind} '{source}'.{did_you_mean(str(source), known)} It has: {', '.join(known) or 'none'}."
+            msg = f"{self.model_id} has no {kind} '{source}'.{did_you_mean(str(source), known)}"
             raise UnknownNameError(msg)
         entry = known[source]
         amount, unit = table.amount or (source if kind == "flow" else f"{source}_gained"), entry.unit
@@ -526,9 +526,9 @@ class TaskSpec:
         """The digest and the parts it is made of, remembered; needs the model and the weather.
 
         It is the SHA-256 of canonical JSON (RFC 8785) over: the definition without prose, the resolved parameters, the state at the
-        start, the names, units and bounds of the observed columns, the weather, and the model's equations. Each part also has a digest of its own, so
-        that a mismatch can be blamed on the right one. Computed numbers enter with nine significant digits, because the last bit of
-        ``exp`` may differ between machines.
+        start, the names, units and bounds of the observed columns, the weather, and the model's equations; for schema 2 over the ledger
+        and the names of drawn parameters as well. Each part also has a digest of its own, so that a mismatch can be blamed on the right
+        one. Computed numbers enter with nine significant digits, because the last bit of ``exp`` may differ between machines.
 
         It does not cover the code that computes a step from these: draws, accounts, reward, and for schema 1 the weather between the
         hours. What that code gives for the published tasks is in ``tasks/behaviour.toml`` (``glbench.env.behaviour``).

@@ -304,12 +304,16 @@ class TimeLimitsTable(Table):
     run: Annotated[float, in_unit("s")] = Field(gt=0.0, description="above 0 s")
 
 
+def _profit_is_epi(given: object) -> object:
+    return "epi" if given == "profit" else given
+
+
 class EvaluationTable(Table):
     """``[evaluation]``: the seeds of the evaluation and the number that ranks."""
 
     first_seed: int = Field(ge=0, lt=2**32, description="a whole number, 0 or more")
     runs: int = Field(ge=1, le=10000, description="a whole number, 1 to 10000")
-    metric: Annotated[str, one_of(words.METRICS)] = Field(description="a metric")
+    metric: Annotated[str, one_of(words.METRICS), BeforeValidator(_profit_is_epi)] = Field(description="a metric")
     failed_step: FailedStep
     time_limits: TimeLimitsTable | None = None
 
