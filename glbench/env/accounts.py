@@ -98,10 +98,11 @@ class Accounts:
         TaskError
             When an amount depends on more than controls.
         """
-        step, states = self._step(0.0, 1.0), ", ".join(item.name for item in self.ledger.paid)
+        step = self._step(0.0, 1.0)
         amounts = [self._amount(item, step) for item in self.ledger.paid]
         if step.before.asked | step.after.asked:
-            raise self._no_bounds(f"what is paid ({states}) does not follow from the controls alone")
+            reason = "what is paid does not follow from the controls alone"
+            raise self._no_bounds(reason)
         return _frozen(amounts)
 
     @cached_property
@@ -117,7 +118,8 @@ class Accounts:
         for item in self.ledger.earned:
             potential = self.flows[item.flow].potential if item.valued != STOCK else None
             if potential is None:
-                raise self._no_bounds(f"{self.model.id} states no potential rate of what '{item.name}' earns")
+                reason = f"{self.model.id} states no potential rate of what '{item.name}' earns"
+                raise self._no_bounds(reason)
             amounts.append(_times(potential(step), item.factor))
         return _frozen(amounts)
 
@@ -191,9 +193,11 @@ class Accounts:
                 worth = amount * now
             money[item.name] = worth
             if profit is None:
-                profit = worth if item.sign > 0 else 0.0 - worth
+                profit = worth if item.sign > 0 else -worth
+            elif item.sign > 0:
+                profit = profit + worth
             else:
-                profit = profit + worth if item.sign > 0 else profit - worth
+                profit = profit - worth
         return {"epi": 0.0 if profit is None else profit, **money, **amounts, **self._judged(air)}
 
     def ledger_states(self) -> tuple[int, ...]:
@@ -228,7 +232,8 @@ class Accounts:
     def _worth(self, items: tuple[LedgerItem, ...], amounts: NDArray[np.float64]) -> list[float]:
         for item in items:
             if isinstance(item.price, str):
-                raise self._no_bounds(f"the price of '{item.name}' changes with the calendar")
+                reason = f"the price of '{item.name}' changes with the calendar"
+                raise self._no_bounds(reason)
         return [amount * item.price for amount, item in zip(amounts.tolist(), items, strict=True)]
 
     def _no_bounds(self, reason: str) -> TaskError:

@@ -100,6 +100,15 @@ class Ledger:
         """Items that are paid."""
         return tuple(item for item in self.items if item.sign < 0)
 
+    def lines(self) -> tuple[str, ...]:
+        """The items in words, one line each: what, at which price, of what."""
+        return tuple(
+            f"{'+' if item.sign > 0 else '-'} {item.name}: {item.amount_meaning or item.label} [{item.amount_unit}] x "
+            + (f"the price '{item.price}'" if isinstance(item.price, str) else f"{item.price:g} EUR")
+            + (", valued at the end minus at the start" if item.valued == STOCK else "")
+            for item in (*self.earned, *self.paid)
+        )
+
     @property
     def price_tables(self) -> tuple[str, ...]:
         """Names of the price tables that the items use, each once, in the order of the items."""
@@ -203,11 +212,13 @@ class PriceTable:
     def values(self, times: NDArray[np.datetime64], hour_of_day: NDArray[np.float64]) -> NDArray[np.float64]:
         """The price at each row of a calendar ``(rows,)``, from its moments [UTC] and the hours of day of the task's clock."""
         if self.hourly:
-            return np.array(self.hourly)[np.floor(hour_of_day + 1e-9).astype(np.int64) % 24]
+            hourly: NDArray[np.float64] = np.array(self.hourly)
+            return hourly[np.floor(hour_of_day + 1e-9).astype(np.int64) % 24]
         if self.series:
             starts = np.array([moment.replace(tzinfo=None) for moment, _ in self.series], dtype="datetime64[s]")
             places = np.searchsorted(starts, times.astype("datetime64[s]"), side="right") - 1
-            return np.array([price for _, price in self.series])[np.maximum(places, 0)]
+            series: NDArray[np.float64] = np.array([price for _, price in self.series])
+            return series[np.maximum(places, 0)]
         days = _local(times, hour_of_day).astype("datetime64[D]")
         year = days.astype("datetime64[Y]")
         month = days.astype("datetime64[M]")
@@ -215,7 +226,9 @@ class PriceTable:
         numbers += (days - month.astype("datetime64[D]")).astype(np.int64) + 1
         ordered = sorted(self.dated)
         places = np.searchsorted([100 * m + d for m, d, _ in ordered], numbers, side="right") - 1
-        return np.array([price for _, _, price in ordered])[places]  # -1, before the first: the last of the year before
+        prices: NDArray[np.float64] = np.array([price for _, _, price in ordered])
+        dated: NDArray[np.float64] = prices[places]  # place -1, before the first: the last of the year before
+        return dated
 
 
 def _local(times: NDArray[np.datetime64], hour_of_day: NDArray[np.float64]) -> NDArray[np.datetime64]:
@@ -234,5 +247,8 @@ def price_rows(
     hour_of_day: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Prices of the tables ``names`` at each row of a calendar, ``(rows, names)``."""
-    columns = [tables[name].values(times, hour_of_day) for name in names]
-    return np.stack(columns, axis=1) if columns else np.zeros((len(times), 0))
+    names = tuple(names)
+    rows = np.zeros((len(times), len(names)))
+    for column, name in enumerate(names):
+        rows[:, column] = tables[name].values(times, hour_of_day)
+    return rows

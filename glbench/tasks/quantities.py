@@ -1,12 +1,12 @@
 """Names, units and bounds of what a task can show to an agent, whatever the model: the clock, the weather, the controls, all states.
 
-What a model shows besides (the climate inside, the crop) is its own, with its bounds (``Model.observed``, ``Model.bounds``). Bounds outdoors are
-a little beyond what was ever measured on earth (-89 and 57 degC; 1900 W m-2 under broken cloud).
+What a model shows besides (the climate inside, the crop) is its own, with its bounds (``Model.observed``, ``Model.bounds``). Bounds
+outdoors are a little beyond what was ever measured on earth (-89 and 57 degC; 1900 W m-2 under broken cloud).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
@@ -91,7 +91,7 @@ class QuantityTable(Protocol):
         """Columns in the order observed."""
 
 
-def of_model(module: str) -> Callable[[ObservationContext], tuple[Quantity, ...]]:
+def of_model(module: str) -> QuantityTable:
     """The columns of a module that the model supplies; none where it has no such module."""
 
     def columns(context: ObservationContext) -> tuple[Quantity, ...]:

@@ -62,7 +62,7 @@ def _explain(root: type[BaseModel], detail: ErrorDetails) -> str:
         return f"[{'.'.join([*tables, key])}] must be a table, not {as_written(detail['input'])}."
     if kind == "value_error":
         reason = str(detail["ctx"]["error"])
-        if _is_table(owner, key):
+        if _is_table(owner, key) or _is_entry(root, tables):
             return f"[{'.'.join([*tables, key])}] {reason}"
         return f"{place}{key} = {as_written(detail['input'])}: {reason}"
     return f"{place}{key} = {as_written(detail['input'])} is not allowed. It must be {allowed}."
@@ -100,6 +100,14 @@ def _record_of(owner: type[BaseModel], key: str) -> type[BaseModel] | None:
 
 def _is_table(owner: type[BaseModel], key: str) -> bool:
     return _record_of(owner, key) is not None
+
+
+def _is_entry(root: type[BaseModel], tables: list[str]) -> bool:
+    """Whether what stands right below ``tables`` is one of several tables."""
+    if not tables:
+        return False
+    owner = _table_at(root, tables[:-1])
+    return _is_table(owner, tables[-1]) and get_origin(_field(owner, tables[-1]).annotation) in (dict, tuple)
 
 
 def _keys(owner: type[BaseModel]) -> list[str]:

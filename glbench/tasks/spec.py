@@ -1,13 +1,15 @@
 """A task: what its file says, and what follows from that: model, parameters, weather, start, observed columns, ledger, digest.
 
-What a file says is pure data (``glbench.tasks.tables.TaskFile``), read without the model and the weather. A :class:`TaskSpec` holds it, and
-works out the rest when asked; docs/adr/0013. Errors of the model and the weather name the task's file and the table that asked for the impossible.
+What a file says is pure data (``glbench.tasks.tables.TaskFile``), read without the model and the weather. A :class:`TaskSpec` holds
+it, and works out the rest when asked (docs/adr/0015). Errors of the model and the weather name the task's file and the table that asked
+for the impossible.
 """
 
 from __future__ import annotations
 
 import datetime as dt
 import hashlib
+import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import FrozenInstanceError
@@ -142,7 +144,43 @@ class TaskSpec:
 
     def model_copy(self, update: Mapping[str, Any]) -> TaskSpec:
         """A copy with other tables. They are not checked."""
-        return TaskSpec(self.file.model_copy(update=dict(update)), self.source, self.base, self.changes)
+        file = self.file.model_copy(update=dict(update))
+        if isinstance(file, TaskFile2):
+            file._written = None
+        return TaskSpec(file, self.source, self.base, self.changes)
+
+    def written(self) -> dict[str, Any]:
+        """The tables of a task of schema 2 as its file writes them, dates as text: what ``of_written`` reads.
+
+        Raises
+        ------
+        TaskError
+            When there is no such file: schema 1, or a copy that was changed.
+        """
+        content = self.file._written if isinstance(self.file, TaskFile2) else None
+        if content is None:
+            msg = f"{self.source} is a changed copy of a task. Write it as a file to record it."
+            raise TaskError(msg)
+        plain: dict[str, Any] = json.loads(json.dumps(content, default=lambda moment: moment.isoformat()))
+        return plain
+
+    @classmethod
+    def of_written(cls, plain: Mapping[str, Any]) -> Self:
+        """The task of which ``written`` gave ``plain``.
+
+        Raises
+        ------
+        pydantic.ValidationError, ValueError, KeyError, TypeError
+            When it defines none.
+        """
+        content = json.loads(json.dumps(plain))
+        content["weather"]["start"] = dt.date.fromisoformat(content["weather"]["start"])
+        for season in content["scenario"].get("seasons", ()):
+            season["start"] = dt.date.fromisoformat(season["start"])
+        for table in content.get("price_tables", {}).values():
+            for point in table.get("series", ()):
+                point["time"] = dt.datetime.fromisoformat(point["time"])
+        return cls.model_validate(content)
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
         """What the file says as plain values, as ``pydantic.BaseModel.model_dump`` gives them."""
@@ -388,7 +426,7 @@ class TaskSpec:
         kind, source = ("flow", table.flow) if table.flow is not None else ("stock", table.stock)
         known: dict[str, Any] = {entry.name: entry for entry in getattr(self.model_value, f"{kind}s")()}
         if source is None or source not in known:
-            msg = f"{self.model_id} has no {kind} '{source}'.{did_you_mean(str(source), known)} It has: {', '.join(known) or 'none'}."
+            msg = f"{self.model_id} has no {kind} '{source}'.{did_you_mean(str(source), known)}"
             raise UnknownNameError(msg)
         entry = known[source]
         amount, unit = table.amount or (source if kind == "flow" else f"{source}_gained"), entry.unit
@@ -487,10 +525,10 @@ class TaskSpec:
     def fingerprint(self) -> Fingerprint:
         """The digest and the parts it is made of, remembered; needs the model and the weather.
 
-        It is the SHA-256 of canonical JSON (RFC 8785) over: the definition without prose, the resolved parameters, the state at the start, the
-        names, units and bounds of the observed columns, the weather, and the model's equations. Each part also has a digest of its own, so
-        that a mismatch can be blamed on the right one. Computed numbers enter with nine significant digits, because the last bit of
-        ``exp`` may differ between machines.
+        It is the SHA-256 of canonical JSON (RFC 8785) over: the definition without prose, the resolved parameters, the state at the
+        start, the names, units and bounds of the observed columns, the weather, and the model's equations; for schema 2 over the ledger
+        and the names of drawn parameters as well. Each part also has a digest of its own, so that a mismatch can be blamed on the right
+        one. Computed numbers enter with nine significant digits, because the last bit of ``exp`` may differ between machines.
 
         It does not cover the code that computes a step from these: draws, accounts, reward, and for schema 1 the weather between the
         hours. What that code gives for the published tasks is in ``tasks/behaviour.toml`` (``glbench.env.behaviour``).
@@ -527,8 +565,8 @@ class TaskSpec:
             parts["weather"] = [self._season_digest(season) for season in scenario.seasons]
             parts["model"]["id"] = model.id
             parts["ledger"] = [
-                [i.name, i.flow, i.amount, i.amount_unit, _rounded(i.factor), i.price if isinstance(i.price, str) else _rounded(i.price), i.sign, i.valued]
-                for i in ledger.items
+                [item.name, item.flow, item.amount, item.amount_unit, item.factor, item.price, item.sign, item.valued]
+                for item in ledger.items
             ]  # fmt: skip
             parts["draws"] = [[g.name, list(g.parameters)] for g in scenario.groups]
         named = {name: canonical_sha256(part) for name, part in parts.items() if name in Fingerprint.PARTS}
@@ -591,7 +629,10 @@ def file_of(content: Mapping[str, Any]) -> TaskFile1 | TaskFile2:
     pydantic.ValidationError
         When they define no task.
     """
-    return schema_of(content).model_validate(content)
+    file = schema_of(content).model_validate(content)
+    if isinstance(file, TaskFile2):
+        file._written = content
+    return file
 
 
 def schema_of(content: Mapping[str, Any]) -> type[TaskFile1] | type[TaskFile2]:

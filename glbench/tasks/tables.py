@@ -9,10 +9,12 @@ from __future__ import annotations
 import datetime as dt
 import re
 import unicodedata
+from calendar import monthrange
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
 from glbench.errors import did_you_mean
 from glbench.tasks import vocabulary as words
@@ -302,12 +304,16 @@ class TimeLimitsTable(Table):
     run: Annotated[float, in_unit("s")] = Field(gt=0.0, description="above 0 s")
 
 
+def _profit_is_epi(given: object) -> object:
+    return "epi" if given == "profit" else given
+
+
 class EvaluationTable(Table):
     """``[evaluation]``: the seeds of the evaluation and the number that ranks."""
 
     first_seed: int = Field(ge=0, lt=2**32, description="a whole number, 0 or more")
     runs: int = Field(ge=1, le=10000, description="a whole number, 1 to 10000")
-    metric: Annotated[str, one_of(words.METRICS)] = Field(description="a metric")
+    metric: Annotated[str, one_of(words.METRICS), BeforeValidator(_profit_is_epi)] = Field(description="a metric")
     failed_step: FailedStep
     time_limits: TimeLimitsTable | None = None
 
@@ -508,7 +514,7 @@ class PriceTableTable(Table):
             raise ValueError(msg)
         if self.series is not None:
             moments = [point.time for point in self.series]
-            if not moments or any(later <= earlier for earlier, later in zip(moments, moments[1:], strict=False)):
+            if not moments or any(later <= earlier for earlier, later in pairwise(moments)):
                 msg = "series must have moments, each later than the one before."
                 raise ValueError(msg)
         return self
@@ -529,14 +535,11 @@ def _utc(moment: dt.datetime) -> dt.datetime:
 
 def _month_and_day(text: str) -> tuple[int, int]:
     found = _DAY.fullmatch(text)
-    try:
-        if found is None:
-            raise ValueError
-        day = dt.date(2000, int(found[1]), int(found[2]))
-    except ValueError:
+    month, day = (int(found[1]), int(found[2])) if found else (0, 0)
+    if not 1 <= month <= 12 or not 1 <= day <= monthrange(2000, month)[1]:
         msg = f"'{text}' is no day of the year. Write month and day with two digits each, such as \"01-15\"."
-        raise ValueError(msg) from None
-    return day.month, day.day
+        raise ValueError(msg)
+    return month, day
 
 
 class SeasonTable(Table):
@@ -625,11 +628,14 @@ class TaskFile2(TaskFile):
     scenario: ScenarioTable
     reward: AnyRewardTable
 
+    _written: Mapping[str, Any] | None = PrivateAttr(default=None)
+
     @model_validator(mode="after")
     def _penalties_have_scales(self) -> Self:
         scales = dict(self.reward.penalty_scale.items())
         for name, limits in self.constraints.items():
             if name not in scales:
-                msg = f'[constraints.{name}] needs the violation that costs 1 a step: [reward.penalty_scale] {name} = {{ value = ..., unit = "{limits.unit}" }}.'
+                line = f'{name} = {{ value = ..., unit = "{limits.unit}" }}'
+                msg = f"[constraints.{name}] needs the violation that costs 1 a step: add {line} to [reward.penalty_scale]."
                 raise ValueError(msg)
         return self
