@@ -27,6 +27,7 @@ from glbench.evaluation.tally import Tally
 from glbench.kernel import Kernel
 from glbench.kernel.compiled import CompiledStepper, availability
 from glbench.kernel.compiled.accuracy import make_cvodes
+from glbench.model import TOMATO
 from glbench.tasks import TaskSpec, get_task, task_card
 
 Array = NDArray[np.float64]
@@ -50,7 +51,7 @@ def actions() -> NDArray[np.float32]:
 @pytest.fixture(scope="module")
 def inputs(task: TaskSpec, actions: NDArray[np.float32]) -> list[tuple[Array, ...]]:
     """What the kernel gets in these steps: states, controls, disturbances, one row each."""
-    simulation = Simulation(task, 1, Kernel(900.0, preset="standard"))
+    simulation = Simulation(task, 1, Kernel(TOMATO, 900.0, preset="standard"))
     simulation.reset([1])
     found = []
     for action in actions:
@@ -94,8 +95,8 @@ def test_one_environment(
     preset: str,
     benchmark: Any,
 ) -> None:
-    env = GreenhouseEnv(task, Kernel(900.0, preset=preset))
-    stepper, out, nominal = CompiledStepper(900.0, preset=preset), np.empty((1, 28)), task.parameters()
+    env = GreenhouseEnv(task, Kernel(TOMATO, 900.0, preset=preset))
+    stepper, out, nominal = CompiledStepper(TOMATO, 900.0, preset=preset), np.empty((1, 28)), task.parameters()
 
     def run() -> None:
         env.reset(seed=1)
@@ -116,8 +117,8 @@ def test_one_environment(
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("n", [8, 64, 512, 4096])
 def test_a_vector_environment(task: TaskSpec, n: int, threads: int, benchmark: Any) -> None:
-    envs = GreenhouseVectorEnv(task, n, kernel=Kernel(900.0, preset="standard", threads=threads))
-    stepper = CompiledStepper(900.0, preset="standard", threads=threads)
+    envs = GreenhouseVectorEnv(task, n, kernel=Kernel(TOMATO, 900.0, preset="standard", threads=threads))
+    stepper = CompiledStepper(TOMATO, 900.0, preset="standard", threads=threads)
     rng = np.random.default_rng(0)
     envs.reset(seed=0)
     for _ in range(40):
@@ -158,7 +159,7 @@ def test_thirty_runs_of_sixty_days(task: TaskSpec, agent: str, benchmark: Any) -
     seeds, limits, seconds = tuple(range(666, 696)), TimeLimits(), []
 
     def run() -> None:
-        simulation = Simulation(task, 30, Kernel(900.0, preset="standard"))
+        simulation = Simulation(task, 30, Kernel(TOMATO, 900.0, preset="standard"))
         driver = make_driver(load_agent(agent), task, task_card(task), 30, limits)
         recorder = Recorder(simulation, 6, traced=False)
         lockstep = Lockstep(simulation, driver, Tally(seeds), Checkpoint(None, 2.0), recorder, limits, None)

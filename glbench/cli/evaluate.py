@@ -159,7 +159,7 @@ def _engine(name: EngineName, address: str | None, workers: int | None) -> Engin
 def _kernel_is_new(tasks: Sequence[TaskSpec]) -> bool:
     from glbench.kernel import will_compile
 
-    return any(will_compile(task.model.variant) for task in tasks)
+    return any(will_compile(task.model_value) for task in tasks)
 
 
 def _say_if_slow() -> None:

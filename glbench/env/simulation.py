@@ -52,7 +52,7 @@ class Simulation:
         Number of runs, 1 or more.
     kernel
         What integrates a step: a ``Kernel``, or the name of a preset, by default ``"reference"``, for a kernel that all
-        simulations of this thread share. A ``KernelPool`` spreads the rows over processes; who made it closes it.
+        simulations of this thread share.
     fused
         Whether a step may be one call of the compiled kernel, where that is the kernel and every part of the task is one that
         glbench ships. It changes no bit; without it numpy steps around the kernel.
@@ -85,7 +85,7 @@ class Simulation:
         """What integrates a step."""
         given = self._given_kernel
         if given is None or isinstance(given, str):
-            return shared_kernel(self.task.step_seconds, self.task.model.variant, given or SCORING_PRESET)
+            return shared_kernel(self.task.model_value, self.task.step_seconds, given or SCORING_PRESET)
         return given
 
     @cached_property

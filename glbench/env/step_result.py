@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.quantities import QUANTITY_NAMES
-from glbench.kernel.finite import all_finite
+from glbench.kernel.records import all_finite
 
 if TYPE_CHECKING:
     from glbench.kernel import StepFailure

@@ -23,7 +23,7 @@ from glbench.env.simulation import Simulation, check_runs
 from glbench.env.spaces import action_space, observation_space, the_task
 from glbench.env.vector_info import add_failures, add_objects, with_masks
 from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean, whole_number
-from glbench.kernel import Kernel, KernelPool, make_kernel
+from glbench.kernel import Kernel, make_kernel
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
@@ -57,7 +57,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         Name of a preset or a ``Kernel``, as for ``GreenhouseEnv``. ``"standard"`` and ``"fast"`` trade accuracy for speed in
         training; scores are made with the default, ``"reference"``.
     workers
-        Cores that share the rows, to the same bits: threads of the compiled kernel, else processes, which ``close`` ends. Goes
+        Cores that share the rows, to the same bits: threads of the compiled kernel (CasADi steps on one core). Goes
         with a preset, not with a ``Kernel``, which has its own.
     autoreset_mode
         What happens to a row whose episode ended. ``NEXT_STEP`` (the default, as in Gymnasium): the next step ignores its
@@ -68,7 +68,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         As for ``GreenhouseEnv``; ``render`` returns one text or picture for each row.
     """
 
-    _own_kernel: Kernel | KernelPool | None = None
+    _own_kernel: Kernel | None = None
 
     def __init__(
         self,
@@ -96,7 +96,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         if workers != 1:
             preset = str(kernel or SCORING_PRESET)
-            made = make_kernel(self.task.step_seconds, workers=workers, variant=self.task.model.variant, preset=preset)
+            made = make_kernel(self.task.model_value, self.task.step_seconds, workers=workers, preset=preset)
             kernel = self._own_kernel = made
         self.simulation = Simulation(self.task, num_envs, kernel)
         self._info = InfoWriter(self.task)

@@ -40,7 +40,7 @@ from glbench.evaluation.sandbox.limits import SandboxLimits
 from glbench.evaluation.sandbox.prints import Prints
 from glbench.evaluation.saving import Computed, agent_folder, alone, save
 from glbench.evaluation.tally import Tally
-from glbench.kernel import Kernel, KernelPool, make_kernel
+from glbench.kernel import Kernel, make_kernel
 from glbench.model import CONTROL_NAMES
 from glbench.tasks import TaskSpec, task_card
 
@@ -294,10 +294,10 @@ def agent_record(agent: LoadedAgent) -> AgentRecord:
 
 
 @contextmanager
-def _open_kernel(task: TaskSpec, workers: int) -> Iterator[Kernel | KernelPool | None]:
+def _open_kernel(task: TaskSpec, workers: int) -> Iterator[Kernel | None]:
     """A kernel whose rows several cores share, or ``None`` for the one that all simulations of this thread share."""
     if workers == 1:
         yield None
         return
-    with make_kernel(task.step_seconds, workers=workers, variant=task.model.variant) as kernel:
+    with make_kernel(task.model_value, task.step_seconds, workers=workers) as kernel:
         yield kernel

@@ -63,7 +63,7 @@ def prepare(
         raise GlbenchError(msg)
     # Absolute at once: an agent may change the working directory.
     folder = None if out is None else Path(out).expanduser().resolve()
-    kernel = shared_kernel(task.step_seconds, task.model.variant).describe()
+    kernel = shared_kernel(task.model_value, task.step_seconds).describe()
     stored = None
     if folder is not None and seeds != tuple(task.evaluation.seeds):
         folder = folder / TRIALS

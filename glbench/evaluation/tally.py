@@ -13,7 +13,7 @@ from glbench.evaluation.acting import Failure
 from glbench.evaluation.metrics import METRIC_NAMES, METRICS, step_values, with_missing_steps
 from glbench.evaluation.records import RunResult, Status
 from glbench.fields import LONGEST_TEXT
-from glbench.kernel.finite import all_finite
+from glbench.kernel.records import all_finite
 from glbench.untrusted import as_one_line
 
 

@@ -146,5 +146,10 @@ def model_ids() -> tuple[str, ...]:
     return tuple(_MODELS)
 
 
+def registered_models() -> tuple[Model, ...]:
+    """Every model that task files can name, in each of its variants."""
+    return tuple(model for variants in _MODELS.values() for model in variants.values())
+
+
 for _variant in ("author", "gl_gym2"):
     register_model(tomato(_variant))

@@ -17,7 +17,8 @@ _TIMEOUT_SECONDS = 600.0
 _FIRST_USE = """
 import resource
 from glbench.kernel import Kernel
-kernel = Kernel(900.0)
+from glbench.model import TOMATO
+kernel = Kernel(TOMATO, 900.0)
 peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 print(peak / 1024)
 """

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from glbench.evaluation.provenance import machine, versions
 from glbench.kernel import Kernel
+from glbench.model import TOMATO
 from glbench.speed.clock import Timed, processor_time, timed, wall_time
 from glbench.speed.first_use import measure_first_use, measure_memory
 from glbench.speed.record import Measurement, SpeedRecord
@@ -56,7 +57,7 @@ def measure(
         created=dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
         machine=machine(),
         versions=versions(),
-        kernel=Kernel(STEP_SECONDS, preset="standard").describe(),
+        kernel=Kernel(TOMATO, STEP_SECONDS, preset="standard").describe(),
         reference=f"CasADi CVODES, tolerances 1e-6, {'compiled with -O3' if compiled else 'not compiled: no gcc here'}",
         rounds=rounds,
         measurements=tuple(found),

@@ -10,7 +10,7 @@ import numpy as np
 
 from glbench.errors import UnknownNameError, did_you_mean
 from glbench.kernel import Kernel, make_kernel
-from glbench.model import default_parameters
+from glbench.model import TOMATO, default_parameters
 from glbench.speed.clock import Timed, processor_time, timed, wall_time
 from glbench.speed.workloads import Controls, Course, course, points
 
@@ -76,7 +76,7 @@ def paper_course() -> Course:
 
 def _alone(preset: str, controls: Controls, seconds: float) -> Callable[[], Timed]:
     def make() -> Timed:
-        kernel = Kernel(seconds, preset=preset)
+        kernel = Kernel(TOMATO, seconds, preset=preset)
         chosen, p = points(controls, seconds), default_parameters()
         steps = [kernel.bind(chosen.x[i], chosen.u[i], chosen.d[i], p, np.empty(28)) for i in range(256)]
 
@@ -92,7 +92,7 @@ def _alone(preset: str, controls: Controls, seconds: float) -> Callable[[], Time
 
 def _many(preset: str, controls: Controls, seconds: float, rows: int, threads: int = 1) -> Callable[[], Timed]:
     def make() -> Timed:
-        kernel = make_kernel(seconds, preset=preset, workers=threads)
+        kernel = make_kernel(TOMATO, seconds, preset=preset, workers=threads)
         chosen, p = points(controls, seconds), default_parameters()
         # Every size steps the same points, those of one call at a time, or more of them than there are.
         parts = chosen.parts(rows) if rows < len(chosen.x) else (chosen.resized(rows),)
@@ -117,7 +117,7 @@ def _on_the_wall(make: Callable[[], Timed]) -> Callable[[], Timed]:
 
 def _along(followed: Callable[[], Course], seconds: float, preset: str) -> Callable[[], Timed]:
     def make() -> Timed:
-        kernel, one, p = Kernel(seconds, preset=preset), followed(), default_parameters()
+        kernel, one, p = Kernel(TOMATO, seconds, preset=preset), followed(), default_parameters()
 
         x, u, d = np.empty(one.start.shape), one.controls[0].copy(), one.weather[0].copy()
         step = kernel.bind(x, u, d, p, x)
@@ -141,7 +141,7 @@ def _environment(preset: str) -> Callable[[], Timed]:
     def make() -> Timed:
         from glbench.env import GreenhouseEnv
 
-        env = GreenhouseEnv(TASK, kernel=Kernel(STEP_SECONDS, preset=preset))
+        env = GreenhouseEnv(TASK, kernel=Kernel(TOMATO, STEP_SECONDS, preset=preset))
         generator = np.random.default_rng(0)
         actions = generator.uniform(-1.0, 1.0, (960, *(env.action_space.shape or ()))).astype(np.float32)
         seeds = iter(range(10**6))
@@ -163,7 +163,7 @@ def _vector(count: int, preset: str, threads: int = 1) -> Callable[[], Timed]:
     def make() -> Timed:
         from glbench.env import GreenhouseVectorEnv
 
-        kernel = make_kernel(STEP_SECONDS, preset=preset, workers=threads)
+        kernel = make_kernel(TOMATO, STEP_SECONDS, preset=preset, workers=threads)
         envs = GreenhouseVectorEnv(TASK, count, kernel=kernel)
         generator = np.random.default_rng(0)
         steps = max(16, min(192, 8192 // count))

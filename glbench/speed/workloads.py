@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.kernel import Kernel
-from glbench.model import CONTROL_NAMES, default_parameters, initial_state
+from glbench.model import CONTROL_NAMES, TOMATO, default_parameters, initial_state
 from glbench.weather import disturbances, load_weather
 
 Array = NDArray[np.float64]
@@ -76,7 +76,7 @@ def course(kind: Controls, step_seconds: float, start: dt.date, days: float, see
 @cache
 def points(kind: Controls, step_seconds: float, count: int = 512, seed: int = 0) -> Points:
     """``count`` steps out of all months of a year, with the states that controls of that kind lead to."""
-    kernel = Kernel(step_seconds, preset="standard")
+    kernel = Kernel(TOMATO, step_seconds, preset="standard")
     parameters = default_parameters()
     found: list[tuple[Array, Array, Array]] = []
     for month in range(1, 13):

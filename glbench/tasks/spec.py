@@ -111,16 +111,22 @@ class TaskSpec(Table):
         return self._changes
 
     @property
+    def model_value(self) -> Model:
+        """The model.
+
+        Raises
+        ------
+        UnknownNameError
+            When there is no such variant.
+        """
+        from glbench.model import tomato  # not at the top: task files are read without the model
+
+        return tomato(self.model.variant)
+
+    @property
     def short_id(self) -> str:
         """The id without its namespace, such as ``Schiphol2010-Delta10-v1``."""
         return self.id.partition("/")[2]
-
-    @property
-    def model_value(self) -> Model:
-        """The model whose equations are stepped."""
-        from glbench.model import get_model
-
-        return get_model("greenlight-tomato-1.0.0", self.model.variant)
 
     @property
     def scenario(self) -> Scenario:

@@ -60,7 +60,7 @@ class Probe:
 
     def __init__(self, task: TaskSpec, plan: EvaluationPlan, kernel_preset: str) -> None:
         self.seeds = plan.seeds(task)
-        kernel = make_kernel(task.step_seconds, variant=task.model.variant, preset=kernel_preset)
+        kernel = make_kernel(task.model_value, task.step_seconds, preset=kernel_preset)
         self._simulation = Simulation(task, len(self.seeds), kernel)
 
     def run(self, model: BaseAlgorithm, normalization: VecNormalize) -> ProbeResult:

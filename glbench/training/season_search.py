@@ -163,7 +163,7 @@ class _Search:
 
     def __init__(self, task: TaskSpec, settings: SearchSettings, seed: int) -> None:
         self.task, self.settings = task, settings
-        kernel = make_kernel(task.step_seconds, variant=task.model.variant, preset=settings.kernel_preset)
+        kernel = make_kernel(task.model_value, task.step_seconds, preset=settings.kernel_preset)
         self._simulation = Simulation(task, settings.population, kernel)
         self._probe = Probe(task, settings.evaluation, settings.kernel_preset)
         start = _begun_anew(settings, task)

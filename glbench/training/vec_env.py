@@ -45,7 +45,7 @@ class TrainingVecEnv(VecEnv):
     def __init__(
         self, task: TaskSpec, n_envs: int, *, first_seed: int = FIRST_TRAINING_SEED, kernel_preset: str = "fast"
     ) -> None:
-        kernel = make_kernel(task.step_seconds, variant=task.model.variant, preset=kernel_preset)
+        kernel = make_kernel(task.model_value, task.step_seconds, preset=kernel_preset)
         self.environment = GreenhouseVectorEnv(task, n_envs, kernel=kernel, autoreset_mode="Disabled")
         self.first_seed = first_seed
         self.simulator_seconds = 0.0

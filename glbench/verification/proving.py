@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.evaluation.profiles import load_profile, make_profile
 from glbench.evaluation.records import RunResult
 from glbench.evaluation.tally import Tally
-from glbench.kernel import Kernel, KernelPool, available
+from glbench.kernel import Kernel, available
 from glbench.model import STATE_NAMES
 from glbench.tasks import TaskSpec
 from glbench.verification.comparing import TOLERANCE, Agreement, same_bits
@@ -117,19 +116,14 @@ class _Again:
     trace: Trace | None
 
 
-def _kernel(result: Result, task: TaskSpec, workers: int | None) -> AbstractContextManager[Kernel | KernelPool]:
+def _kernel(result: Result, task: TaskSpec, workers: int | None) -> Kernel:
     """The kernel that made the result where it works here, else the best there is."""
     recorded = str(result.evaluation.kernel.get("backend"))
-    backend = recorded if recorded in available() else "auto"
-    alone = Kernel(task.step_seconds, variant=task.model.variant, backend=backend)
-    count = workers or (1 if alone.backend == "compiled" else provenance.usable_cores())
-    count = min(count, len(result.runs))
-    if count == 1:
-        return nullcontext(alone)
-    return KernelPool(count, task.step_seconds, variant=task.model.variant, backend=backend)
+    backend = recorded if recorded in available(task.model_value) else "auto"
+    return Kernel(task.model_value, task.step_seconds, backend=backend, threads=min(workers or 1, len(result.runs)))
 
 
-def _stated_machine(result: Result, kernel: Kernel | KernelPool) -> str:
+def _stated_machine(result: Result, kernel: Kernel) -> str:
     """What the result states of its machine, beside this one: an explanation of differences for people, and evidence of nothing."""
     here, there = provenance.machine(), result.machine
     versions = provenance.versions().model_dump()
@@ -174,7 +168,7 @@ def _same_profile(result: Result, task: TaskSpec, log: ActionLog, again: _Again)
 
 
 def _simulate(
-    task: TaskSpec, log: ActionLog, traced: Sequence[int], kernel: Kernel | KernelPool, progress: Progress | None
+    task: TaskSpec, log: ActionLog, traced: Sequence[int], kernel: Kernel, progress: Progress | None
 ) -> _Again:
     """All runs again, booked as the evaluation books them."""
     replay = Replay(task, log, kernel=kernel)

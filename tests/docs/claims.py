@@ -29,7 +29,7 @@ from glbench.kernel.compiled.tolerances import LARGEST_SUBSTEPS, PRESETS, SMALLE
 from glbench.kernel.sundials import SUBSTEP_LIMIT
 from glbench.leaderboard.comparisons import RESOLUTION
 from glbench.leaderboard.statistics import RESAMPLES, bootstrap_interval
-from glbench.model import CONTROL_NAMES, STATE_NAMES, build_rhs, default_parameters
+from glbench.model import CONTROL_NAMES, STATE_NAMES, TOMATO, build_rhs, default_parameters
 from glbench.speed import SpeedRecord, read_record
 from glbench.tasks import get_task
 from glbench.weather import load_weather
@@ -265,7 +265,7 @@ def errors(backend: str, preset: str) -> tuple[float, float, float]:
         step, held = make_cvodes(1e-6, 300.0), np.hstack([steps.u, steps.d])
         got = np.array([step(x0=x, p=q)["xf"].full().ravel() for x, q in zip(steps.x, held, strict=True)])
     else:
-        got = Kernel(300.0, backend=backend, preset=preset).step(steps.x, steps.u, steps.d, p)
+        got = Kernel(TOMATO, 300.0, backend=backend, preset=preset).step(steps.x, steps.u, steps.d, p)
     worst = (np.abs(got - steps.after) / STATE_SCALE).max(axis=1)
     winter = np.array(["winter" in label for label in steps.labels])
     return float(worst[winter].max()), float(worst[~winter].max()), float((worst > 1e-6).sum())

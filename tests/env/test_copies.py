@@ -16,6 +16,7 @@ import pytest
 
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation
 from glbench.kernel import Kernel, KernelPool
+from glbench.model import TOMATO
 from glbench.tasks import TaskSpec
 from tests.env.stepping import StillKernel, walk
 
@@ -33,7 +34,7 @@ KERNELS = pytest.mark.parametrize("kernel", [None, "fast", "own"])
 
 
 def own(kernel: str | None) -> Kernel | str | None:
-    return Kernel(900.0, preset="standard", threads=2) if kernel == "own" else kernel
+    return Kernel(TOMATO, 900.0, preset="standard", threads=2) if kernel == "own" else kernel
 
 
 def bits(value: Any) -> Any:
@@ -71,7 +72,7 @@ def test_an_environment_is_copied_before_and_after_reset_and_half_way(
 
 @COPIES
 def test_wrappers_are_copied_too(day: TaskSpec, copied: Copy) -> None:
-    environment = gymnasium.make(ID, task=day, kernel=Kernel(900.0, preset="fast"), max_episode_steps=20)
+    environment = gymnasium.make(ID, task=day, kernel=Kernel(TOMATO, 900.0, preset="fast"), max_episode_steps=20)
     environment = gymnasium.wrappers.RecordEpisodeStatistics(gymnasium.wrappers.NormalizeObservation(environment))
     environment.reset(seed=5)
     environment.step(np.zeros(6, dtype=np.float32))

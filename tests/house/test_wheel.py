@@ -71,10 +71,11 @@ def test_the_wheel_carries_tasks_weather_baselines_examples_and_released_results
 
 STEP = """
 import hashlib, numpy as np
+from glbench.model import TOMATO
 from glbench.kernel import Kernel
 from glbench.tasks import get_task
 task = get_task("glbench/Schiphol2010-Delta00-v1")
-kernel = Kernel(900.0)
+kernel = Kernel(TOMATO, 900.0)
 x = task.initial_state()
 for d in task.disturbances().values[:96]:
     x = kernel.step(x, np.full(6, 0.3), d, task.parameters())

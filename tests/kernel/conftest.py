@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from glbench.kernel import Kernel, KernelPool
-from glbench.model import default_parameters
+from glbench.model import TOMATO, default_parameters
 from tests.kernel.known_steps import Array, KnownSteps, known_steps
 
 
@@ -29,7 +29,7 @@ def p() -> Array:
 @pytest.fixture(scope="session")
 def kernel() -> Kernel:
     """The kernel that works everywhere, 900 s."""
-    return Kernel(900.0, backend="casadi")
+    return Kernel(TOMATO, 900.0, backend="casadi")
 
 
 @pytest.fixture(scope="session")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from glbench.kernel import Kernel, KernelPool
+from glbench.model import TOMATO
 from tests.kernel.known_steps import Array, KnownSteps
 
 
@@ -45,7 +46,7 @@ def test_what_was_stepped_before_does_not_matter(
 
 
 def test_two_kernels_in_turn_do_not_disturb_each_other(kernel: Kernel, steps_900: KnownSteps, p: Array) -> None:
-    other = Kernel(300.0, backend="casadi")
+    other = Kernel(TOMATO, 300.0, backend="casadi")
     x, u, d = steps_900.x[:6], steps_900.u[:6], steps_900.d[:6]
     expected = kernel.step(x, u, d, p)
     for row in range(6):

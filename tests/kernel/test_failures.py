@@ -11,10 +11,10 @@ from types import FrameType
 
 import numpy as np
 import pytest
+from glbench.kernel.signals import signals_wait
 
 from glbench.errors import StepError
 from glbench.kernel import Kernel, KernelPool, Stepper
-from glbench.kernel.signals import signals_wait
 from glbench.kernel.sundials import SUBSTEP_LIMIT
 from tests.kernel.known_steps import Array, KnownSteps
 

@@ -9,6 +9,7 @@ import pytest
 
 from glbench.errors import ActionError, GlbenchError, ShapeError, UnknownNameError
 from glbench.kernel import Kernel, KernelPool, backends, make_kernel
+from glbench.model import TOMATO
 from tests.kernel.known_steps import Array, KnownSteps
 
 
@@ -100,7 +101,7 @@ def test_try_step_refuses_a_single_state(kernel: Kernel, inputs: dict[str, Array
 @pytest.mark.parametrize("seconds", [0.0, -300.0, float("nan"), float("inf")])
 def test_a_step_has_a_positive_length(seconds: float) -> None:
     with pytest.raises(ShapeError, match="must be a positive, finite number"):
-        Kernel(seconds)
+        Kernel(TOMATO, seconds)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +115,7 @@ def test_a_step_has_a_positive_length(seconds: float) -> None:
 )
 def test_unknown_names_get_a_did_you_mean(settings: dict[str, str], message: str) -> None:
     with pytest.raises(UnknownNameError, match=message):
-        Kernel(900.0, **settings)
+        Kernel(TOMATO, 900.0, **settings)
 
 
 def test_auto_takes_the_compiled_backend_where_it_works(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,7 +123,7 @@ def test_auto_takes_the_compiled_backend_where_it_works(monkeypatch: pytest.Monk
     assert backends.choose("auto") == "compiled"
     monkeypatch.setattr(backends, "why_not_compiled", lambda: "There is no compiler.")
     assert backends.choose("auto") == "casadi"
-    assert Kernel(900.0).backend == "casadi"
+    assert Kernel(TOMATO, 900.0).backend == "casadi"
 
 
 def test_the_choice_of_a_name_never_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -141,8 +142,8 @@ def test_a_description_says_what_made_the_numbers(kernel: Kernel, pool: KernelPo
 
 
 def test_make_kernel_makes_a_pool_for_more_than_one_worker() -> None:
-    assert isinstance(make_kernel(900.0, backend="casadi"), Kernel)
-    with make_kernel(900.0, workers=2, backend="casadi") as found:
+    assert isinstance(make_kernel(TOMATO, 900.0, backend="casadi"), Kernel)
+    with make_kernel(TOMATO, 900.0, workers=2, backend="casadi") as found:
         assert isinstance(found, KernelPool)
         assert found.workers == 2
 
@@ -156,11 +157,11 @@ def test_a_pool_needs_a_whole_number_of_workers(workers: Any) -> None:
 @pytest.mark.parametrize("backend", ["auto", "casadi"])
 def test_an_unknown_variant_is_answered_with_the_nearest(backend: str) -> None:
     with pytest.raises(UnknownNameError, match=r"no model variant 'autor'\. Did you mean 'author'"):
-        Kernel(900.0, variant="autor", backend=backend)
+        Kernel(TOMATO, 900.0, variant="autor", backend=backend)
 
 
 def test_numbers_of_the_wrong_kind_are_told_in_words() -> None:
     with pytest.raises(ShapeError, match="The control step lasts 'long' s"):
-        Kernel("long")  # type: ignore[arg-type]
+        Kernel(TOMATO, "long")  # type: ignore[arg-type]
     with pytest.raises(GlbenchError, match="The number of threads is a whole number; got '2'"):
-        Kernel(900.0, threads="2")  # type: ignore[arg-type]
+        Kernel(TOMATO, 900.0, threads="2")  # type: ignore[arg-type]

@@ -13,6 +13,7 @@ import pytest
 
 from glbench.errors import StepError, UnknownNameError
 from glbench.kernel import Kernel, KernelPool, available, make_kernel
+from glbench.model import TOMATO
 from tests.kernel.known_steps import Array, KnownSteps
 
 # No ``if __name__ == "__main__"``: workers do not import the program that made them.
@@ -118,10 +119,10 @@ def test_a_worker_that_cannot_start_says_why() -> None:
 
 
 def test_cores_are_threads_of_the_compiled_backend_and_processes_of_the_others() -> None:
-    with make_kernel(900.0, workers=2, backend="casadi") as kernel:
+    with make_kernel(TOMATO, 900.0, workers=2, backend="casadi") as kernel:
         assert isinstance(kernel, KernelPool)
     if "compiled" in available():
-        with make_kernel(900.0, workers=2, backend="compiled") as kernel:
+        with make_kernel(TOMATO, 900.0, workers=2, backend="compiled") as kernel:
             assert isinstance(kernel, Kernel)
-    with make_kernel(900.0, backend="casadi") as kernel:
+    with make_kernel(TOMATO, 900.0, backend="casadi") as kernel:
         assert isinstance(kernel, Kernel)

@@ -7,7 +7,7 @@ import pytest
 
 from glbench.errors import GlbenchError, ShapeError, StepError, UnknownNameError
 from glbench.kernel import STATE_SCALE, Kernel, KernelPool, available
-from glbench.model import PARAMETER_NAMES
+from glbench.model import PARAMETER_NAMES, TOMATO
 from tests.kernel.known_steps import Array, KnownSteps
 
 
@@ -15,12 +15,12 @@ from tests.kernel.known_steps import Array, KnownSteps
 def compiled() -> Kernel:
     if "compiled" not in available():
         pytest.skip("no compiled kernel here")
-    return Kernel(900.0, backend="compiled")
+    return Kernel(TOMATO, 900.0, backend="compiled")
 
 
 @pytest.fixture(scope="module")
 def tight(compiled: Kernel) -> Kernel:
-    return Kernel(900.0, backend="compiled", preset="tight")
+    return Kernel(TOMATO, 900.0, backend="compiled", preset="tight")
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_gradients_agree_with_those_of_cvodes(
     tight: Kernel, inner: tuple[Array, Array, Array], p: Array, backend: str
 ) -> None:
     weights = np.random.default_rng(5).normal(size=(3, 28)) / STATE_SCALE
-    reference = Kernel(900.0, backend=backend)
+    reference = Kernel(TOMATO, 900.0, backend=backend)
     x_next, expected = reference.adjoint(*inner, p, weights, parameters=True)
     _, found = tight.adjoint(*inner, p, weights, parameters=True)
     assert x_next.tobytes() == reference.step(*inner, p).tobytes()

@@ -12,7 +12,7 @@ import pytest
 from glbench.kernel import Kernel, why_not_compiled
 from glbench.kernel.environment import ActionBounds, Lookup, Program
 from glbench.kernel.tape import OPERATORS, Recorder, RecordingError, Tape
-from glbench.model import default_parameters
+from glbench.model import TOMATO, default_parameters
 
 Array = np.ndarray[Any, Any]
 
@@ -36,7 +36,9 @@ def played(formula: Callable[..., Any], *arguments: Array) -> Array:
     """``formula`` of some columns as a tape, whose inputs stand in the place of controls."""
     recorder = Recorder()
     recorder.output("table", 0, formula(*(recorder.input("controls", index) for index in range(len(arguments)))))
-    environments = Kernel(900.0, backend="compiled").environments(program(recorder.tape(), width=1), len(arguments[0]))
+    environments = Kernel(TOMATO, 900.0, backend="compiled").environments(
+        program(recorder.tape(), width=1), len(arguments[0])
+    )
     assert environments is not None
     for index, values in enumerate(arguments):
         environments.u[:, index] = values
@@ -101,7 +103,7 @@ def test_the_larger_of_a_number_and_none_is_the_number_in_c() -> None:
 def test_rows_of_tables_are_looked_up_by_clock_and_weather() -> None:
     table = np.arange(60, dtype=np.float32).reshape(12, 5)
     lookups = (Lookup(table, 0, clocked=True), Lookup(table, 5), Lookup(table, 10, rows=2, ahead=1))
-    environments = Kernel(900.0, backend="compiled").environments(
+    environments = Kernel(TOMATO, 900.0, backend="compiled").environments(
         program(Recorder().tape(), columns=20, lookups=lookups), 3
     )
     assert environments is not None
@@ -159,4 +161,4 @@ def test_a_program_that_is_too_large_is_declined() -> None:
     for number in range(2000):
         value = value + float(number)
     recorder.output("table", 0, value)
-    assert Kernel(900.0, backend="compiled").environments(program(recorder.tape(), width=1), 1) is None
+    assert Kernel(TOMATO, 900.0, backend="compiled").environments(program(recorder.tape(), width=1), 1) is None

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.kernel.compiled.batch import SIZES
 from glbench.kernel.compiled.binding import (
     ActionBoundsPointers,
     EnvironmentCall,
@@ -20,8 +19,8 @@ from glbench.kernel.compiled.binding import (
     ProgramPointers,
     Settings,
     TapePointers,
+    explain,
 )
-from glbench.kernel.compiled.failures import explain
 from glbench.kernel.environment import ActionBounds, Program
 from glbench.kernel.records import Rows, StepFailure, inputs_in_words
 from glbench.kernel.tape import Tape
@@ -33,10 +32,11 @@ class CompiledEnvironments:
     """``n`` environments of ``program``, see ``glbench.kernel.environment.Environments``."""
 
     def __init__(self, library: Library, settings: Settings, program: Program, n: int) -> None:
-        self._program, self._settings = program, settings
+        self._program, self._settings, self._model = program, settings, library.model
+        sizes = library.model.sizes
         self._kept: list[Any] = []  # what the library holds addresses of
-        self.x, self._after = np.zeros((n, SIZES["x"])), np.zeros((n, SIZES["x"]))
-        self.u, self._next = np.zeros((n, SIZES["u"])), np.zeros((n, SIZES["u"]))
+        self.x, self._after = np.zeros((n, sizes["x"])), np.zeros((n, sizes["x"]))
+        self.u, self._next = np.zeros((n, sizes["u"])), np.zeros((n, sizes["u"]))
         self.k = np.zeros(n, np.int64)
         self.ended = np.zeros(n, np.bool_)
         self.keys = np.zeros((n, program.keys, 2), np.uint64)
@@ -44,12 +44,12 @@ class CompiledEnvironments:
         self.parameters = np.tile(program.nominal, (n if program.own_parameters else 1, 1))
         self.traits, self.memory = np.zeros((n, program.traits)), np.zeros((n, program.memory))
         self.given = np.zeros((n, len(program.actions.low)))
-        self.given_controls = np.zeros((n, SIZES["u"]))
+        self.given_controls = np.zeros((n, sizes["u"]))
         self.table = np.zeros((n, program.width))
         self.observations = np.zeros((n, program.columns), np.float32)
         self._status, self._substeps, self._reached = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n)
         self._pointers = EnvironmentPointers(
-            n=n, days_stride=program.days, p_stride=SIZES["p"] if program.own_parameters else 0
+            n=n, days_stride=program.days, p_stride=sizes["p"] if program.own_parameters else 0
         )
         for name, array in {
             "x": self.x, "after": self._after, "u": self.u, "next": self._next, "k": self.k, "ended": self.ended, "key": self.keys,
@@ -102,7 +102,7 @@ class CompiledEnvironments:
         parameters = self.parameters[rows] if self._program.own_parameters else self.parameters
         inputs = Rows(self._after[rows], self.u[rows], weather, parameters)
         return [
-            StepFailure(row, f"{self._explain(row)} ({inputs_in_words(inputs, place)})")
+            StepFailure(row, f"{self._explain(row)} ({inputs_in_words(self._model, inputs, place)})")
             for place, row in enumerate(rows.tolist())
         ]
 
@@ -117,7 +117,7 @@ class CompiledEnvironments:
 
     def _explain(self, row: int) -> str:
         reached, substeps = float(self._reached[row]), int(self._substeps[row])
-        return explain(int(self._status[row]), reached, substeps, self._settings)
+        return explain(self._model, int(self._status[row]), reached, substeps, self._settings)
 
     def _program_pointers(self, program: Program) -> ProgramPointers:
         lookups = (LookupPointers * len(program.lookups))(

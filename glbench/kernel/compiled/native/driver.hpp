@@ -45,5 +45,8 @@ extern "C" void glb_layout(int64_t* sizes) {
     sizes[0] = sizeof(glb::Settings);
     sizes[1] = sizeof(glb::Rows);
     sizes[2] = glb::model::STATES;
-    sizes[3] = BATCH_WIDTH;
+    sizes[3] = glb::model::CONTROLS;
+    sizes[4] = glb::model::DISTURBANCES;
+    sizes[5] = glb::model::PARAMETERS;
+    sizes[6] = BATCH_WIDTH;
 }
