@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation
-from glbench.kernel import Kernel, KernelPool
+from glbench.kernel import Kernel
 from glbench.model import TOMATO
 from glbench.tasks import TaskSpec
 from tests.env.stepping import StillKernel, walk
@@ -132,13 +132,14 @@ def test_the_last_step_is_still_told_after_copying(day: TaskSpec) -> None:
         assert "this step" in str(environment.render())
 
 
-def test_a_pool_is_copied_as_a_pool(day: TaskSpec) -> None:
-    with KernelPool(1, preset="fast") as pool, pickled(pool) as twin:
-        assert twin.describe() == pool.describe()
-        one, other = Simulation(day, 1, pool), Simulation(day, 1, twin)
-        one.reset([1])
-        other.reset([1])
-        assert one.step(np.ones((1, 6))).rewards == other.step(np.ones((1, 6))).rewards
+def test_a_copied_kernel_has_the_same_settings_and_bits(day: TaskSpec) -> None:
+    kernel = Kernel(TOMATO, preset="fast", threads=2)
+    twin = pickled(kernel)
+    assert (twin.describe(), twin.threads) == (kernel.describe(), 2)
+    one, other = Simulation(day, 1, kernel), Simulation(day, 1, twin)
+    one.reset([1])
+    other.reset([1])
+    assert one.step(np.ones((1, 6))).rewards == other.step(np.ones((1, 6))).rewards
 
 
 def test_another_process_continues_with_the_same_bits(day: TaskSpec, tmp_path: Path) -> None:

@@ -61,7 +61,8 @@ def test_what_is_no_kernel_of_the_task_is_refused_at_once(day: TaskSpec, make: t
         make(day, kernel="fats")
     for wrong in (3, {}, Kernel, object()):
         with pytest.raises(
-            GlbenchError, match=r"name of a preset \('reference', .* or a Kernel, such as Kernel\(900\)"
+            GlbenchError,
+            match=r"name of a preset \('reference', .* or a Kernel, such as Kernel\(task\.model_value, 900\)",
         ):
             make(day, kernel=wrong)  # type: ignore[arg-type]
     with pytest.raises(GlbenchError, match=r"step_seconds = 300.0, but tests/\w+-Delta10-v1 needs 900.0"):
