@@ -39,7 +39,8 @@ def air_columns(task: TaskSpec) -> slice:
 
 def info_columns(task: TaskSpec) -> int:
     """How many columns the table has before the quantities of the step: those before, the air, the controls in physical units."""
-    return air_columns(task).stop + len(task.model_value.control_names)
+    first: int = air_columns(task).stop
+    return first + len(task.model_value.control_names)
 
 
 def make_program(task: TaskSpec) -> tuple[Program, PythonParts]:

@@ -82,15 +82,11 @@ def _pool(task: TaskSpec) -> WeatherPool:
     lengths = [len(season.values) for season in seasons]
     clock = [np.concatenate([getattr(season, name) for season in seasons]) for name in CLOCK]
     values = seasons[0].values if len(seasons) == 1 else np.concatenate([season.values for season in seasons])
-    return WeatherPool(
-        _frozen(values),
-        _frozen(np.concatenate([season.times for season in seasons])),
-        _frozen(np.stack([*clock, *prices], axis=1)),
-        tuple(tables),
-        tuple(int(row) for row in np.cumsum([0, *lengths[:-1]])),
-        day,
-        -(-length // day),
-    )
+    arrays = values, np.concatenate([season.times for season in seasons]), np.stack([*clock, *prices], axis=1)
+    for array in arrays:
+        array.flags.writeable = False
+    firsts = tuple(int(row) for row in np.cumsum([0, *lengths[:-1]]))
+    return WeatherPool(*arrays, tuple(tables), firsts, day, -(-length // day))
 
 
 def _seasons(task: TaskSpec, scenario: Scenario) -> list[Disturbances]:
@@ -216,8 +212,3 @@ class RunScenarios:
 def parameter_stream(group: ParameterGroup) -> str:
     """Name of the stream from which a group of parameters is drawn."""
     return f"parameters {group.name}"
-
-
-def _frozen(array: NDArray[np.generic]) -> NDArray[np.generic]:
-    array.flags.writeable = False
-    return array

@@ -91,7 +91,7 @@ class Tape:
             Target, index and values of each output; what depends on no input is a plain number.
         """
         registers: list[Any] = self.constants.tolist()
-        registers += [read(SOURCES[source], index) for source, index in self.inputs.tolist()]  # type: ignore[arg-type]
+        registers += [read(SOURCES[source], index) for source, index in self.inputs.tolist()]
         with np.errstate(all="ignore"):  # as silent as the compiled kernel; whoever uses a number judges it
             for operator, a, b in self._steps:
                 registers.append(operator(registers[a], registers[b]))

@@ -221,9 +221,10 @@ class Library:
         own, others = (ctypes.c_int64 * 7)(), (ctypes.c_int64 * 8)()
         handle.glb_layout(own)
         handle.glb_environment_layout(others)
-        environments = ProgramPointers, EnvironmentPointers, EnvironmentCall, LookupPointers, ParameterNoisePointers
+        structures = (ProgramPointers, EnvironmentPointers, EnvironmentCall, LookupPointers, ParameterNoisePointers)
+        laid_out = map(ctypes.sizeof, structures)
         expected = ctypes.sizeof(settings), ctypes.sizeof(RowPointers), *model.sizes.values()
-        if tuple(own[:6]) != expected or tuple(others[:6]) != (*map(ctypes.sizeof, environments), model.sizes["p"]):
+        if tuple(own[:6]) != expected or tuple(others[:6]) != (*laid_out, model.sizes["p"]):
             raise of_another_version(path)
         self.width = int(own[6])
         self.most_registers, self.most_drawn = int(others[6]), int(others[7])
