@@ -20,10 +20,9 @@ from glbench.agents import load_agent
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation
 from glbench.episodes import Recorder
 from glbench.evaluation.checkpoint import Checkpoint
-from glbench.evaluation.drivers import make_driver
 from glbench.evaluation.limits import TimeLimits
-from glbench.evaluation.lockstep import Lockstep
-from glbench.evaluation.tally import Tally
+from glbench.evaluation.rollout import RolloutLoop, RunTotals
+from glbench.evaluation.runners import make_runner
 from glbench.kernel import Kernel
 from glbench.kernel.compiled import CompiledStepper, availability
 from glbench.kernel.compiled.accuracy import make_cvodes
@@ -159,9 +158,9 @@ def test_thirty_runs_of_sixty_days(task: TaskSpec, agent: str, benchmark: Any) -
 
     def run() -> None:
         simulation = Simulation(task, 30, Kernel(900.0, preset="standard"))
-        driver = make_driver(load_agent(agent), task, task_card(task), 30, limits)
+        driver = make_runner(load_agent(agent), task, task_card(task), 30, limits)
         recorder = Recorder(simulation, 6, traced=False)
-        lockstep = Lockstep(simulation, driver, Tally(seeds), Checkpoint(None, 2.0), recorder, limits, None)
+        lockstep = RolloutLoop(simulation, driver, RunTotals(seeds), Checkpoint(None, 2.0), recorder, limits, None)
         observations = simulation.reset(seeds)
         lockstep.start()
         began = time.process_time()

@@ -17,11 +17,11 @@ import pytest
 
 from glbench.agents import identify
 from glbench.evaluation import TimeLimits, prepare
-from glbench.evaluation.drivers import Driver
+from glbench.evaluation.runners import AgentRunner
 from glbench.evaluation.sandbox.bubblewrap import why_no_sandbox
-from glbench.evaluation.sandbox.drivers import Guest, sandboxed_driver
-from glbench.evaluation.sandbox.limits import SandboxLimits
-from glbench.evaluation.sandbox.prints import Prints
+from glbench.evaluation.sandbox.frames import SandboxLimits
+from glbench.evaluation.sandbox.process import Prints
+from glbench.evaluation.sandbox.runners import SandboxedAgent, sandboxed_runner
 from glbench.resources import data_folder
 from glbench.tasks import DEFAULT_TASK, TaskCard, get_task, task_card
 
@@ -47,10 +47,10 @@ def fair(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def started(path: Path, card: TaskCard) -> Driver:
+def started(path: Path, card: TaskCard) -> AgentRunner:
     submission = identify(path)
     assert submission is not None
-    driver = sandboxed_driver(Guest(submission, card, RUNS, TimeLimits(), SandboxLimits(), Prints()))
+    driver = sandboxed_runner(SandboxedAgent(submission, card, RUNS, TimeLimits(), SandboxLimits(), Prints()))
     driver.start()
     return driver
 
@@ -60,7 +60,7 @@ def test_start(benchmark: Any, card: TaskCard) -> None:
     path = data_folder("submissions") / "my_agent.py"
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     rounds = 20
-    drivers: list[Driver] = []
+    drivers: list[AgentRunner] = []
 
     def end() -> None:
         while drivers:

@@ -1,4 +1,4 @@
-"""What is wrong with an answer of ``act``, in words and by run."""
+"""What ``act`` returned: as an array of the evaluation's own, and what is wrong with it, in words and by run."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
+
 
 ROUNDING = 1e-6
 """How far an action may lie outside its bounds: what float32 arithmetic loses."""
@@ -54,3 +55,41 @@ def _problem_of_row(action: NDArray[np.float64], good: NDArray[np.bool_], task: 
     if not np.isfinite(value):
         return f"the action for {allowed.name} is {value}, which is not a finite number"
     return f"the action for {allowed.name} is {value:.9g}, outside its bounds {allowed.low:g} to {allowed.high:g}"
+
+
+def read_actions(returned: object, card: TaskCard, n: int) -> tuple[NDArray[np.float64], dict[int, str]]:
+    """Own copy ``(n, m)`` float64 of what ``act`` returned, and the reasons, by row, why it cannot be used.
+
+    Rows with a problem are zero in the copy. Something of the wrong shape as a whole is wrong in every row; a list of rows of which one
+    has another length is wrong in that row only.
+    """
+    once = _converted(returned)
+    problems = action_problems(once, card, n)
+    if len(problems) < n:
+        actions = np.array(once, dtype=np.float64)
+        if problems:
+            actions[list(problems)] = 0.0
+        return actions, problems
+    actions = np.zeros((n, len(card.actions)))
+    if n == 1 or not isinstance(returned, list | tuple) or len(returned) != n:
+        return actions, problems
+    by_row: dict[int, str] = {}
+    for row, given in enumerate(returned):
+        once = _converted([given])
+        reason = action_problems(once, card, 1).get(0)
+        if reason is None:
+            actions[row] = np.asarray(once, dtype=np.float64)[0]
+        else:
+            by_row[row] = reason
+    return actions, by_row
+
+
+def _converted(returned: object) -> object:
+    """``returned`` as an array of numbers, if it is one: what converts itself may look different every time."""
+    if isinstance(returned, np.ndarray):
+        return returned
+    try:
+        array = np.asarray(returned)
+    except (TypeError, ValueError):  # told in words by who looks at it
+        return returned
+    return array if array.dtype.kind in "fiu" else returned

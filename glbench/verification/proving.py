@@ -14,19 +14,25 @@ from glbench.episodes import ActionLog, Episode, Replay, Trace, episodes_folder
 from glbench.episodes.recorder import BYTES_A_STEP, LARGEST_TRACE
 from glbench.errors import ActionError, ResultError
 from glbench.evaluation import Result, provenance
-from glbench.evaluation.acting import Failure
+from glbench.evaluation.limits import Failure
 from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.evaluation.profiles import load_profile, make_profile
 from glbench.evaluation.records import RunResult
-from glbench.evaluation.tally import Tally
+from glbench.evaluation.rollout import RunTotals
 from glbench.kernel import Kernel, KernelPool, available
 from glbench.model import STATE_NAMES
 from glbench.tasks import TaskSpec
-from glbench.verification.comparing import TOLERANCE, Agreement, same_bits
-from glbench.verification.coverage import coverage
-from glbench.verification.documents import check_seeds, check_setting, check_sums, find_task, read_record, read_result
-from glbench.verification.full_episodes import compare_episode, read_episodes
-from glbench.verification.verdict import Refused, Verdict, refute
+from glbench.verification.documents import (
+    check_seeds,
+    check_setting,
+    check_sums,
+    compare_episode,
+    find_task,
+    read_episodes,
+    read_record,
+    read_result,
+)
+from glbench.verification.verdict import TOLERANCE, Agreement, Refused, Verdict, coverage, refute, same_bits
 
 Progress = Callable[[int, int], None]
 """Called with the steps done and the steps there are."""
@@ -178,7 +184,7 @@ def _simulate(
 ) -> _Again:
     """All runs again, booked as the evaluation books them."""
     replay = Replay(task, log, kernel=kernel)
-    tally, rewards = Tally(log.seeds), np.zeros_like(log.rewards)
+    tally, rewards = RunTotals(log.seeds), np.zeros_like(log.rewards)
     trace = Trace(replay.simulation, traced) if traced else None
     ends = {row: Failure(row, run.status, run.reason or "") for row, run in enumerate(log.runs)}
     last = np.array([run.actions for run in log.runs])

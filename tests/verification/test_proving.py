@@ -15,8 +15,8 @@ from glbench.evaluation.preparing import TRIALS
 from glbench.evaluation.profiles import load_profile, profile_path
 from glbench.evaluation.records import AgentRecord, EvaluationRecord, RunResult, TaskRecord
 from glbench.tasks import get_task
-from glbench.verification import comparing, documents, proof_path, read_proof, save_proof, verify
-from glbench.verification.comparing import Agreement
+from glbench.verification import documents, proof_path, read_proof, save_proof, verify
+from glbench.verification.verdict import TOLERANCE, Agreement
 from tests.episodes.day import RANDOM
 from tests.evaluation.agent_files import GOOD
 from tests.support import write_day_task
@@ -255,7 +255,7 @@ def test_the_tolerance_is_relative_to_the_column():
     one = np.array([[1000.0, 1.0], [0.0, 2.0]])
     found = Agreement().add("x", one, one + np.array([[0.0, 0.0], [5e-7, 0.0]]), ("a", "b"), "here")
     assert found.largest == pytest.approx(5e-10)
-    assert found.largest < comparing.TOLERANCE
+    assert found.largest < TOLERANCE
     assert found.first_large is None
     assert found.first.words == "here, step 2, a: recorded 0.0, found 5e-07"
 

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from glbench.agents.formats.onnx import onnx_agent
+from glbench.agents.formats.exported import onnx_agent, torchscript_agent
 from glbench.agents.formats.sb3 import sb3_agent
-from glbench.agents.formats.torchscript import torchscript_agent
 
 if TYPE_CHECKING:
     from glbench.agents.formats.policy import PolicyAgent

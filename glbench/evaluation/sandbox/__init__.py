@@ -10,7 +10,7 @@ Outside (the evaluation):
 ``visible``    the files that the agent's process sees
 ``syscalls``   the system calls that it may not make
 ``process``    the process: starting it, talking to it with deadlines, watching its size, ending it
-``drivers``    the process behind the evaluation's ``Driver``, as an agent in this process would be
+``drivers``    the process behind the evaluation's ``AgentRunner``, as an agent in this process would be
 =============  ======================================================================================================
 
 Inside: ``guest``, which loads the agent and answers. Both sides share ``frames`` and the ``limits``.

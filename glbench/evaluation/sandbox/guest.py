@@ -28,15 +28,22 @@ if __name__ == "__main__":
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.agents.actions import action_problems
+from glbench.agents.actions import action_problems, read_actions
 from glbench.agents.loading import load_agent
 from glbench.agents.protocol import PerRunAgent
 from glbench.errors import ActionError, SubmissionError
-from glbench.evaluation.acting import guarded, in_words
-from glbench.evaluation.actions import read_actions
+from glbench.evaluation.limits import guarded, in_words
 from glbench.evaluation.sandbox.domain import enter_domain
-from glbench.evaluation.sandbox.frames import HEADER, ROW, STATUSES, Kind, Order, encoded, packed_problems
-from glbench.evaluation.sandbox.limits import SandboxLimits
+from glbench.evaluation.sandbox.frames import (
+    HEADER,
+    ROW,
+    STATUSES,
+    Kind,
+    Order,
+    SandboxLimits,
+    encoded,
+    packed_problems,
+)
 
 if TYPE_CHECKING:
     from glbench.agents.protocol import Agent

@@ -1,7 +1,9 @@
 """The process of a sandboxed agent, from outside: started, asked with deadlines, watched, ended.
 
 Whatever it does, the evaluation gets an answer of the right form or a ``LostError`` with the reason, in bounded time. Nothing waits for the
-process without a deadline, its output is read while it is waited for, and it is gone when ``close`` returns.
+process without a deadline, its output is read while it is waited for, and it is gone when ``close`` returns. The kernel limits each
+process by itself (``guest.limit_this_process``); what many of them take together is found out by looking. So is what stands in nobody's
+account: the kernel's own memory behind sockets and empty files.
 """
 
 from __future__ import annotations
@@ -14,23 +16,149 @@ import signal
 import socket
 import subprocess
 import time
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, NoReturn
 
 from glbench.agents import Identity
 from glbench.errors import SandboxError
+from glbench.evaluation.files import Scratch
 from glbench.evaluation.records import Status
-from glbench.evaluation.sandbox.bubblewrap import ENVIRONMENT_OF_BUBBLEWRAP, command, program
-from glbench.evaluation.sandbox.frames import HEADER, LONGEST_TEXT, Kind
-from glbench.evaluation.sandbox.limits import SandboxLimits
-from glbench.evaluation.sandbox.prints import Prints
-from glbench.evaluation.sandbox.size import Watch
-from glbench.evaluation.sandbox.syscalls import system_call_filter
-from glbench.evaluation.scratch import Scratch
+from glbench.evaluation.sandbox.bubblewrap import ENVIRONMENT_OF_BUBBLEWRAP, command, program, system_call_filter
+from glbench.evaluation.sandbox.frames import GIB, HEADER, LONGEST_TEXT, Kind, SandboxLimits
+
+
+class Prints:
+    """The output of an agent's processes: the first half of ``size`` bytes, and the last."""
+
+    def __init__(self, size: int = 64 * 1024) -> None:
+        self._half = size // 2
+        self._head = b""
+        self._tail = b""
+        self._total = 0
+
+    def add(self, said: bytes) -> None:
+        """Take in more output."""
+        self._total += len(said)
+        room = self._half - len(self._head)
+        self._head += said[:room]
+        self._tail = (self._tail + said[room:])[-self._half :] if len(said) > room else self._tail
+
+    @property
+    def size(self) -> int:
+        """Bytes of all that was printed, kept or not."""
+        return self._total
+
+    def text(self) -> str:
+        """The output with a note where some of it was left out; free of control characters, which could forge what a terminal shows."""
+        left_out = self._total - len(self._head) - len(self._tail)
+        note = f"\n[... {left_out:,} bytes left out ...]\n".encode() if left_out else b""
+        return plain((self._head + note + self._tail).decode("utf-8", errors="replace"))
+
+    def last_lines(self, number: int) -> list[str]:
+        """The last lines that are not empty."""
+        return [line for line in self.text().splitlines() if line.strip()][-number:]
+
+
+def plain(text: str) -> str:
+    """``text`` without control characters other than ends of lines and tabulators."""
+    return "".join(letter for letter in text if letter.isprintable() or letter in "\n\t")
+
+
+_LOOK_SECONDS = 0.2
+_SOME_MORE = 8
+"""Tasks that do not belong to the agent: bubblewrap's own, and those that are just coming or going."""
+_KIB = 1024
+
+
+class Watch:
+    """Looks at the processes below ``root``, a process id, not more often than is useful."""
+
+    def __init__(self, root: int, sizes: SandboxLimits) -> None:
+        self._root = root
+        self._sizes = sizes
+        self._next = 0.0
+
+    def complaint(self) -> str | None:
+        """What has grown too large, in words; ``None`` while nothing has, and between two looks."""
+        now = time.monotonic()
+        if now < self._next:
+            return None
+        self._next = now + _LOOK_SECONDS
+        return self._look()
+
+    def memory(self) -> int:
+        """Memory of all processes now [bytes]."""
+        return self._taken().memory
+
+    def _look(self) -> str | None:
+        taken, sizes = self._taken(), self._sizes
+        if taken.tasks > sizes.tasks + _SOME_MORE:
+            return f"the agent started more than {sizes.tasks} processes and threads, which is its limit"
+        if taken.memory > sizes.memory:
+            return f"the agent's processes took more than {sizes.memory / GIB:.3g} GiB of memory together, which is their limit"
+        if taken.open_files > sizes.open_files:
+            return f"the agent's processes opened more than {sizes.open_files:,} files, pipes and sockets together, which is their limit"
+        if sum(map(self._made, ("tmp", "dev/shm"))) > sizes.made:
+            return f"the agent made more than {sizes.made:,} files in /tmp and /dev/shm, which is its limit"
+        return None
+
+    def _taken(self) -> _Taken:
+        """What all processes take; not counted on where there are too many already."""
+        waiting, taken = [self._root], _Taken()
+        while waiting and taken.tasks <= self._sizes.tasks + _SOME_MORE:
+            place = Path("/proc") / str(waiting.pop())
+            threads: list[Path] = []
+            try:
+                threads = list((place / "task").iterdir())
+                taken.memory += _memory(place)
+                waiting += [int(child) for thread in threads for child in _children(thread)]
+                taken.open_files += sum(1 for _ in (place / "fd").iterdir())
+            except OSError:  # it ended while we looked
+                continue
+            finally:
+                taken.tasks += len(threads)
+        return taken
+
+    def _made(self, place: str) -> int:
+        """Files in a folder of the sandbox that lies in memory: each takes some of it, which no size limits."""
+        try:
+            told = os.statvfs(f"/proc/{self._root}/root/{place}")
+        except OSError:  # it has ended
+            return 0
+        return told.f_files - told.f_ffree
+
+
+@dataclass
+class _Taken:
+    """What the processes of a sandbox take together; ``memory`` in bytes."""
+
+    tasks: int = 0
+    memory: int = 0
+    open_files: int = 0
+
+
+def _memory(place: Path) -> int:
+    """Memory of a process that is not the content of files [bytes]."""
+    numbers = [
+        int(line.split()[1]) * _KIB
+        for line in (place / "status").read_text(encoding="utf-8", errors="replace").splitlines()
+        if line.startswith(("RssAnon:", "RssShmem:"))
+    ]
+    return sum(numbers)
+
+
+def _children(thread: Path) -> list[str]:
+    """Ids of the processes that a thread started; none where the kernel keeps no such list."""
+    try:
+        return (thread / "children").read_text(encoding="ascii").split()
+    except FileNotFoundError:
+        return []
+
 
 _START_SECONDS: Final = 60.0
 """For Python and numpy to come up; the agent's own time begins afterwards."""
 _END_SECONDS: Final = 5.0
-_LOOK_SECONDS: Final = 0.2
 _GULP: Final = 1 << 16
 _EAGER_SECONDS: Final = 0.5e-3
 """An answer that comes so soon is not slept for: waking up takes as long as a small agent's decision, on a colder processor."""
@@ -45,7 +173,7 @@ class LostError(Exception):
         self.reason = reason
 
 
-class GuestProcess:
+class AgentProcess:
     """A process with the submission in it, ready to be asked.
 
     Parameters

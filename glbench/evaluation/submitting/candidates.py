@@ -11,18 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents import Agent, Identity, load_agent
+from glbench.agents.actions import read_actions
 from glbench.errors import GlbenchError, SubmissionError
-from glbench.evaluation.acting import Answer, Failure, guarded
-from glbench.evaluation.actions import read_actions
-from glbench.evaluation.drivers import Driver
-from glbench.evaluation.limits import TimeLimits
-from glbench.evaluation.sandbox.drivers import Guest, SandboxedBatch, SandboxedRuns
-from glbench.evaluation.sandbox.frames import Kind
-from glbench.evaluation.sandbox.limits import SandboxLimits
+from glbench.evaluation.limits import Answer, Failure, TimeLimits, guarded
+from glbench.evaluation.runners import AgentRunner
+from glbench.evaluation.sandbox.frames import Kind, SandboxLimits
 from glbench.evaluation.sandbox.listening import Listener
-from glbench.evaluation.sandbox.prints import Prints
-from glbench.evaluation.sandbox.process import LostError
-from glbench.evaluation.submitting.memory import peak, resident
+from glbench.evaluation.sandbox.process import LostError, Prints
+from glbench.evaluation.sandbox.runners import SandboxedAgent, SandboxedBatch, SandboxedRuns
+from glbench.evaluation.submitting.findings import peak, resident
 from glbench.tasks import TaskCard
 
 T = TypeVar("T")
@@ -119,9 +116,9 @@ class SandboxedCandidate:
     def __init__(self, submission: Identity, card: TaskCard, limits: TimeLimits, packages: tuple[str, ...]) -> None:
         sizes = SandboxLimits()
         self._prints = Prints(sizes.printed)
-        self._guest = Guest(submission, card, 1, limits, sizes, self._prints)
+        self._guest = SandboxedAgent(submission, card, 1, limits, sizes, self._prints)
         self._most = 0
-        self._driver: Driver | None = None
+        self._driver: AgentRunner | None = None
         self._process = self._guest.process()
         self._process.ask(Kind.REHEARSE, 0, "\0".join(packages).encode(), seconds=_PACKAGES_SECONDS)
         self._process.answer(0, time.monotonic() + _PACKAGES_SECONDS, "importing its packages takes too long")
@@ -182,7 +179,7 @@ class SandboxedCandidate:
         """End its process."""
         (self._driver or self._process).close()
 
-    def _made(self, runs: int, seconds: float) -> tuple[Guest, bool]:
+    def _made(self, runs: int, seconds: float) -> tuple[SandboxedAgent, bool]:
         limits = self._guest.time
         start, step = min(limits.start, round(seconds, 1)), min(limits.step, round(seconds / runs, 1))
         hasty = TimeLimits(start=start, step=step, run=limits.run)

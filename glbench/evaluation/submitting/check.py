@@ -18,8 +18,8 @@ from glbench.agents.identity import FORM_WORDS, Identity, baseline_names, is_bui
 from glbench.agents.loading import find_submission
 from glbench.errors import SandboxError, SubmissionError
 from glbench.evaluation.sandbox.choosing import Protection, SandboxChoice, protection_of
-from glbench.evaluation.sandbox.limits import SandboxLimits
-from glbench.evaluation.submitting import files
+from glbench.evaluation.sandbox.frames import SandboxLimits
+from glbench.evaluation.submitting import findings as files
 from glbench.evaluation.submitting.findings import Finding, Report, Subject, note, problem
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task, task_card
 

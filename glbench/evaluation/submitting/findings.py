@@ -1,9 +1,28 @@
-"""What a check found: findings in words, by subject, and the report that holds them."""
+"""What a check finds: the report, what the files of a submission tell without being run, and findings about a short run, in words."""
 
 from __future__ import annotations
 
+import ast
+import os
+import resource
+import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from glbench.agents.card import SubmissionCard, check_card
+from glbench.agents.formats.exported import torchscript_complaint
+from glbench.agents.formats.packages import how_to_install, missing
+from glbench.agents.formats.sb3 import read_archive, space_complaints, statistics_complaints
+from glbench.agents.identity import FORM_WORDS, Identity, find_card
+from glbench.errors import SubmissionError
+from glbench.evaluation.limits import TimeLimits
+from glbench.evaluation.sandbox.frames import MIB, SandboxLimits
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskCard
+
 
 Level = Literal["problem", "note"]
 Subject = Literal[
@@ -84,3 +103,305 @@ def problem(subject: Subject, text: str) -> Finding:
 def note(subject: Subject, text: str) -> Finding:
     """A finding that is good to know."""
     return Finding(subject, "note", text)
+
+
+MANY_FILES = 1000
+_LARGEST_LOOK, _LARGEST_SOURCE = 64 * MIB, 2 * MIB
+"""Sizes up to which a saved policy is opened and a source file parsed before the agent runs."""
+_ALWAYS_THERE = frozenset({"numpy", "glbench"})
+_NEEDS = {"sb3": ("torch", "stable_baselines3"), "torchscript": ("torch",), "onnx": ("onnxruntime",), "python": ()}
+_LARGE = frozenset(
+    {"torch", "stable_baselines3", "sb3_contrib", "onnxruntime", "scipy", "pandas", "sklearn", "jax", "tensorflow"}
+)
+_PACKAGE_OF = {
+    "stable_baselines3": "stable-baselines3",
+    "sb3_contrib": "sb3-contrib",
+    "sklearn": "scikit-learn",
+    "yaml": "pyyaml",
+    "PIL": "pillow",
+}
+"""What a module is called where it is installed from, when that is another name."""
+
+
+def card_findings(path: Path) -> tuple[SubmissionCard | None, list[Finding]]:
+    """The card of the submission at ``path``, and what is wrong with it."""
+    file = find_card(path.resolve())
+    if file is None:
+        where = "submission.toml in the folder" if path.is_dir() else f"{path.stem}.toml beside the file"
+        text = (
+            f"There is no card ({where}). Results then say nothing of authors, licence and training. "
+            "`glbench submit new` writes one to copy."
+        )
+        return None, [note("card", text)]
+    card, problems = check_card(file)
+    return card, [problem("card", f"{file.name}: {text}.") for text in problems]
+
+
+def card_notes(identity: Identity) -> list[Finding]:
+    """What a valid card leaves open."""
+    card = identity.card
+    if card is None:
+        return []
+    found = []
+    if identity.form != "python" and card.training is None:
+        found.append(
+            note(
+                "card",
+                "The card of a trained policy has no table [training] (steps, wall_hours): others cannot tell what it cost.",
+            )
+        )
+    if "privileged" in card.information:
+        text = (
+            "The card says 'privileged'. A submission is shown observations only, so it cannot be; "
+            "if it knows more, say from where in 'description'."
+        )
+        found.append(note("card", text))
+    return found
+
+
+def size_findings(identity: Identity) -> list[Finding]:
+    """Whether the files are few; those that are too large have no identity at all."""
+    count = len(identity.all_files())
+    if count > MANY_FILES:
+        return [note("files", f"The folder holds {count} files. Is all of it needed? Each is part of the digest.")]
+    return []
+
+
+def size_in_words(identity: Identity) -> str:
+    """How many files there are, and how large they are together."""
+    files = identity.all_files()
+    size = sum(file.stat().st_size for file in files)
+    amount = f"{size / MIB:.1f} MiB" if size >= MIB / 10 else f"{size / 1024:.1f} KiB"
+    return f"{len(files)} file{'s' if len(files) > 1 else ''}, {amount}"
+
+
+def package_findings(identity: Identity) -> list[Finding]:
+    """Whether what the submission imports is installed, and declared where there is a card."""
+    found = [
+        problem(
+            "packages",
+            f"A {FORM_WORDS[identity.form]} needs {module}, which is not installed here. {how_to_install(module)}",
+        )
+        for module in missing(*_NEEDS[identity.form])
+    ]
+    declared = (
+        {name.lower().replace("_", "-") for name in identity.card.requires} if identity.card is not None else set()
+    )
+    own = _own_modules(identity)
+    seen: set[str] = set()
+    for file in (file for file in identity.all_files() if file.suffix == ".py"):
+        for module, line, guarded in _imported(file):
+            if module in seen or module in own or module in sys.stdlib_module_names or module in _ALWAYS_THERE:
+                continue
+            seen.add(module)
+            place = f"{file.relative_to(identity.root)}:{line}"
+            if missing(module):
+                text = f"{place} imports '{module}', which is not installed here. {how_to_install(module)}"
+                found.append(
+                    note("packages", f"{text} (It is imported within try, so the agent may do without.)")
+                    if guarded
+                    else problem("packages", text)
+                )
+            package = _PACKAGE_OF.get(module, module).lower().replace("_", "-")
+            if identity.card is not None and package not in declared and not guarded:
+                text = f"{place} imports '{module}', which the card does not name: requires = [\"{package}\"]."
+                found.append(note("packages", text))
+    return found
+
+
+def large_packages(identity: Identity) -> tuple[str, ...]:
+    """Those packages that a submission needs and that take seconds to import."""
+    imported = {module for file in identity.all_files() if file.suffix == ".py" for module, _, _ in _imported(file)}
+    wanted = imported if identity.form == "python" else set(_NEEDS[identity.form])
+    return tuple(sorted(module for module in wanted & _LARGE if not missing(module)))
+
+
+def policy_findings(identity: Identity, task: TaskCard) -> list[Finding]:
+    """What a saved policy says about itself that does not fit; of a huge file its loading will tell, where it can do no harm."""
+    if identity.entry.stat().st_size > _LARGEST_LOOK:
+        return []
+    if identity.form == "torchscript":
+        complaint = torchscript_complaint(identity.entry)
+        return [problem("loading", complaint)] if complaint is not None else []
+    if identity.form != "sb3":
+        return []
+    try:
+        archive = read_archive(identity.entry)
+    except SubmissionError as error:
+        return [problem("loading", str(error))]
+    found = [problem("loading", text) for text in space_complaints(archive, task, identity.entry.name)]
+    found += [problem("loading", text) for text in statistics_complaints(archive, identity)]
+    if archive.algorithm.module == "sb3_contrib" and missing("sb3_contrib"):
+        text = f"The {archive.algorithm.name} model needs sb3-contrib, which is not installed here. {how_to_install('sb3_contrib')}"
+        found.append(problem("packages", text))
+    said = identity.card.algorithm if identity.card is not None else None
+    if said is not None and said.lower() != archive.algorithm.name.lower():
+        found.append(note("card", f'The card says algorithm = "{said}", the model is of {archive.algorithm.name}.'))
+    return found
+
+
+def _own_modules(identity: Identity) -> set[str]:
+    if identity.folder is None:
+        return set()
+    return {item.stem for item in identity.folder.iterdir() if item.is_dir() or item.suffix == ".py"}
+
+
+def _imported(file: Path) -> Iterator[tuple[str, int, bool]]:
+    """Top-level name, line, and whether it stands within ``try``, of every import that is not relative."""
+    if file.stat().st_size > _LARGEST_SOURCE:
+        return
+    try:
+        tree = ast.parse(file.read_bytes())
+    except (SyntaxError, ValueError, RecursionError, MemoryError):  # told by the loading, with the line
+        return
+    guarded = {id(inner) for outer in ast.walk(tree) if isinstance(outer, ast.Try) for inner in ast.walk(outer)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names = [name.name for name in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            names = [node.module]
+        else:
+            continue
+        for name in names:
+            yield name.partition(".")[0], node.lineno, id(node) in guarded
+
+
+_SAME = 1e-4
+"""Differences of an action that rounding explains; what is larger is information from other runs."""
+
+
+def company(difference: float, step: int) -> Finding:
+    """A run alone was decided differently, by ``difference``, than among others."""
+    if difference > _SAME:
+        text = (
+            f"A run shown alone is decided differently than among others, by {difference:.2g} in step {step}: rows learn of each other. "
+            "Decide each row from that row only, and keep one memory a row."
+        )
+        return problem("rows", text)
+    text = (
+        f"A run shown alone is decided differently than among others in the last digits ({difference:.1g} in step {step}), as matrix "
+        "products round by the size of a batch. `--runs 1` will differ a little from the first of many runs."
+    )
+    return note("rows", text)
+
+
+def unrepeatable(step: int, difference: float | None, reason: str) -> Finding:
+    """A fresh agent decided differently by ``difference``, or failed for a ``reason``."""
+    how = f"by up to {difference:.2g}" if difference is not None else f"because it failed: {reason}"
+    text = (
+        f"Shown the same observations again, a fresh agent decided differently in step {step}, {how}. Draw random numbers from a "
+        "generator that is seeded in reset, and do not look at the clock: otherwise nobody can repeat the result."
+    )
+    return problem("repeatable", text)
+
+
+def no_answer(seconds: float, runs: int, step: int, steps: int, limits: TimeLimits) -> Finding:
+    """``act`` was stopped after so many ``seconds`` for that many runs."""
+    whom = "one run" if runs == 1 else f"{runs} runs"
+    began = f"act did not come back within {duration(seconds)} for {whom} in step {step}"
+    each, whole = seconds / runs, seconds / runs * steps
+    if each >= limits.step:
+        return problem("time", f"{began}. The limit is {limits.step:g} s for one decision of one run.")
+    if whole > limits.run:
+        text = f"{began}. At that pace all decisions of a run take {duration(whole)} or more, and the limit is {duration(limits.run)}."
+        return problem("time", text)
+    return note("time", f"{began}, which is too slow for this check, though not for an evaluation: more was not seen.")
+
+
+def times(each: float, slowest: float, steps: int, limits: TimeLimits) -> list[Finding]:
+    """Decisions of one run took ``each`` seconds on the average and ``slowest`` at most."""
+    found = []
+    if slowest > limits.step:
+        found.append(problem("time", f"One decision took {slowest:.1f} s a run; the limit is {limits.step:g} s."))
+    if each * steps > limits.run:
+        text = f"All decisions of a run would take {duration(each * steps)}, and the limit is {duration(limits.run)}: runs would end early."
+        found.append(problem("time", text))
+    return found
+
+
+def unseen(done: int, steps: int, seconds: float) -> Finding:
+    """Only some steps fitted into the time."""
+    text = f"Only {done} of {steps} steps fitted into the check ({seconds:.0f} s); what goes wrong later was not seen."
+    return note("time", text)
+
+
+def memory(growth: float, last: int, steps: int) -> list[Finding]:
+    """Memory grows by ``growth`` bytes a step from ``last`` bytes."""
+    later = last + growth * steps
+    if later <= MEMORY_LIMIT:
+        return []
+    text = (
+        f"Memory grows by {growth / MIB:.2f} MiB a step and would reach {later / MIB / 1024:,.1f} GiB by the end of a run; the limit is "
+        f"{MEMORY_LIMIT / MIB / 1024:,.0f} GiB. Keep only what the next decision needs."
+    )
+    return [problem("memory", text)]
+
+
+def surroundings(connections: Sequence[str], written: Sequence[str]) -> list[Finding]:
+    """The agent connected to hosts, or wrote files."""
+    found = []
+    if connections:
+        text = f"It connects to {', '.join(connections)}. In the evaluation there is no network: bring along what it needs."
+        found.append(problem("surroundings", text))
+    if written:
+        text = f"It writes to {', '.join(written)}. In the evaluation only /tmp can be written to, and that is gone afterwards."
+        found.append(problem("surroundings", text))
+    return found
+
+
+def duration(seconds: float) -> str:
+    """Seconds, minutes or hours, as suits."""
+    if seconds < 90:
+        return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+MEMORY_LIMIT = SandboxLimits().memory
+"""What an agent may take, in bytes."""
+
+_STATM = Path("/proc/self/statm")
+
+
+class Memory:
+    """What was taken after every step [bytes]; where the system does not tell, growth is 0."""
+
+    def __init__(self) -> None:
+        self._seen: list[int] = []
+        self.peak = 0
+
+    def add(self, now: int, most: int) -> None:
+        """Remember what is taken now, and the most that ever was."""
+        self._seen.append(now)
+        self.peak = most
+
+    @property
+    def last(self) -> int:
+        """Bytes at the last look."""
+        return self._seen[-1] if self._seen else 0
+
+    def growth_a_step(self) -> float:
+        """Bytes a step over the second half of what was seen; the first half warms up."""
+        half = self._seen[len(self._seen) // 2 :]
+        return max(0.0, (half[-1] - half[0]) / (len(half) - 1)) if len(half) > 1 else 0.0
+
+
+def address_space() -> int:
+    """Address space of this process [bytes]; 0 where the system does not tell."""
+    return _pages(0)
+
+
+def peak() -> int:
+    """Most resident memory that this process ever had [bytes]."""
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return most if sys.platform == "darwin" else most * 1024
+
+
+def resident() -> int:
+    """Resident memory of this process [bytes]; 0 where the system does not tell."""
+    return _pages(1)
+
+
+def _pages(column: int) -> int:
+    if not _STATM.is_file():
+        return 0
+    return int(_STATM.read_text(encoding="ascii").split()[column]) * os.sysconf("SC_PAGE_SIZE")

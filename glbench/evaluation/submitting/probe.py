@@ -23,14 +23,12 @@ from numpy.typing import NDArray
 from glbench.agents import identify
 from glbench.env import Simulation
 from glbench.errors import GlbenchError, SubmissionError
-from glbench.evaluation.acting import Answer
-from glbench.evaluation.limits import TimeLimits
-from glbench.evaluation.sandbox.limits import MIB
+from glbench.evaluation.limits import Answer, TimeLimits
+from glbench.evaluation.sandbox.frames import MIB
 from glbench.evaluation.sandbox.process import LostError
-from glbench.evaluation.submitting import words
+from glbench.evaluation.submitting import findings as words
 from glbench.evaluation.submitting.candidates import Candidate, Decided, LocalCandidate, SandboxedCandidate
-from glbench.evaluation.submitting.findings import Finding, problem
-from glbench.evaluation.submitting.memory import MEMORY_LIMIT, Memory, address_space
+from glbench.evaluation.submitting.findings import MEMORY_LIMIT, Finding, Memory, address_space, problem
 from glbench.tasks import TaskCard, TaskSpec, get_task, task_card
 
 STEPS = 96

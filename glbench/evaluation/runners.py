@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents import Agent, LoadedAgent, PerRunAgent, PrivilegedController
+from glbench.agents.actions import read_actions
 from glbench.env import Simulation, StepResult
 from glbench.errors import SubmissionError
-from glbench.evaluation.acting import Answer, Failure, guarded
-from glbench.evaluation.actions import read_actions
-from glbench.evaluation.limits import TimeLimits
+from glbench.evaluation.limits import Answer, Failure, TimeLimits, guarded
 from glbench.model import CONTROL_NAMES
 from glbench.tasks import Action, TaskCard, TaskSpec
 
@@ -40,7 +39,7 @@ class Decision:
     seconds: Array
 
 
-class Driver(Protocol):
+class AgentRunner(Protocol):
     """An agent in its harness."""
 
     def start(self) -> tuple[Failure, ...]:
@@ -62,7 +61,7 @@ class Driver(Protocol):
         """Let go of whatever the agent holds outside this process."""
 
 
-def make_driver(agent: LoadedAgent, task: TaskSpec, card: TaskCard, n: int, limits: TimeLimits) -> Driver:
+def make_runner(agent: LoadedAgent, task: TaskSpec, card: TaskCard, n: int, limits: TimeLimits) -> AgentRunner:
     """A fresh agent for ``n`` runs of ``task`` in the harness that fits it.
 
     Raises
@@ -73,11 +72,11 @@ def make_driver(agent: LoadedAgent, task: TaskSpec, card: TaskCard, n: int, limi
     first = _made(agent, card, limits)
     if isinstance(first, PerRunAgent):
         others = [_made(agent, card, limits) for _ in range(n - 1)]
-        return PerRunDriver([first, *others], card, limits)  # type: ignore[list-item]
+        return PerRunRunner([first, *others], card, limits)  # type: ignore[list-item]
     # What the loader says counts, not what the object looks like: a submission is never privileged.
     if agent.privileged:
-        return PrivilegedDriver(cast(PrivilegedController, first), task, card, n, limits)
-    return BatchDriver(cast(Agent, first), card, n, limits)
+        return PrivilegedRunner(cast(PrivilegedController, first), task, card, n, limits)
+    return BatchRunner(cast(Agent, first), card, n, limits)
 
 
 def _made(agent: LoadedAgent, card: TaskCard, limits: TimeLimits) -> Agent | PrivilegedController:
@@ -107,7 +106,7 @@ class Observing:
         """Nothing to do: the agent lives in this process."""
 
 
-class BatchDriver(Observing):
+class BatchRunner(Observing):
     """One agent that decides for all runs at once: what breaks its call ends all runs, a bad row ends one."""
 
     def __init__(self, agent: Agent, card: TaskCard, n: int, limits: TimeLimits) -> None:
@@ -132,7 +131,7 @@ class BatchDriver(Observing):
         return _batch_decision(answer, alive, (n, len(self._card.actions)))
 
 
-class PerRunDriver(Observing):
+class PerRunRunner(Observing):
     """One agent a run, each asked by itself: whatever one of them does ends its own run only."""
 
     def __init__(self, agents: list[PerRunAgent], card: TaskCard, limits: TimeLimits) -> None:
@@ -167,7 +166,7 @@ class PerRunDriver(Observing):
         return Decision(actions, (*failures, *invalid_rows(problems, alive)), seconds)
 
 
-class PrivilegedDriver:
+class PrivilegedRunner:
     """A controller of glbench that sees states and disturbances and sets the controls themselves."""
 
     def __init__(

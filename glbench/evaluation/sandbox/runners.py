@@ -1,6 +1,6 @@
-"""A sandboxed agent behind the evaluation's ``Driver``: what an agent in this process may do, this one may, and nothing more.
+"""A sandboxed agent behind the evaluation's ``AgentRunner``: what an agent in this process may do, this one may, and nothing more.
 
-The rules are those of ``glbench.evaluation.drivers``. What breaks a call of a batched agent ends all runs, and the end of its process
+The rules are those of ``glbench.evaluation.runners``. What breaks a call of a batched agent ends all runs, and the end of its process
 does, too. Agents for single runs share one process and are asked one after the other; when one of them ends the process, its own run
 ends, and a new process brings the others back by showing them again what they had seen.
 """
@@ -18,17 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents import Identity
-from glbench.agents.actions import ROUNDING
+from glbench.agents.actions import ROUNDING, read_actions
 from glbench.errors import SubmissionError
-from glbench.evaluation.acting import Failure
-from glbench.evaluation.actions import read_actions
-from glbench.evaluation.drivers import Array, Decision, Driver, Inputs, Mask, Observing, invalid_rows
-from glbench.evaluation.limits import TimeLimits
-from glbench.evaluation.sandbox.frames import LONGEST_TEXT, ROW, STATUSES, Kind, Order, unpacked_problems
-from glbench.evaluation.sandbox.limits import SandboxLimits
-from glbench.evaluation.sandbox.prints import Prints, plain
-from glbench.evaluation.sandbox.process import GuestProcess, LostError
-from glbench.evaluation.sandbox.visible import place_inside
+from glbench.evaluation.limits import Failure, TimeLimits
+from glbench.evaluation.runners import AgentRunner, Array, Decision, Inputs, Mask, Observing, invalid_rows
+from glbench.evaluation.sandbox.bubblewrap import place_inside
+from glbench.evaluation.sandbox.frames import LONGEST_TEXT, ROW, STATUSES, Kind, Order, SandboxLimits, unpacked_problems
+from glbench.evaluation.sandbox.process import AgentProcess, LostError, Prints, plain
 from glbench.tasks import TaskCard
 
 _LONGEST_REASON = 640
@@ -38,7 +34,7 @@ _SHOWN_LINES = 8
 
 
 @dataclass(frozen=True)
-class Guest:
+class SandboxedAgent:
     """All that is needed to start the process of an agent."""
 
     submission: Identity
@@ -48,7 +44,7 @@ class Guest:
     sizes: SandboxLimits
     prints: Prints
 
-    def started(self) -> tuple[GuestProcess, bool]:
+    def started(self) -> tuple[AgentProcess, bool]:
         """A process with the agent made, and whether it is one agent a run.
 
         Raises
@@ -65,7 +61,7 @@ class Guest:
             process.close()
             raise
 
-    def process(self) -> GuestProcess:
+    def process(self) -> AgentProcess:
         """A process with nothing in it yet.
 
         Raises
@@ -74,9 +70,9 @@ class Guest:
             When the sandbox does not start.
         """
         n, m = self.runs, len(self.card.actions)
-        return GuestProcess(self.submission, self.sizes, self.prints, n * (8 * m + ROW.size + LONGEST_TEXT))
+        return AgentProcess(self.submission, self.sizes, self.prints, n * (8 * m + ROW.size + LONGEST_TEXT))
 
-    def made_in(self, process: GuestProcess) -> bool:
+    def made_in(self, process: AgentProcess) -> bool:
         """Load the submission in ``process`` and make the agent; whether it is one agent a run.
 
         Raises
@@ -107,7 +103,7 @@ class Guest:
         return bool(body[0])
 
 
-def sandboxed_driver(guest: Guest) -> Driver:
+def sandboxed_runner(guest: SandboxedAgent) -> AgentRunner:
     """The agent in its sandbox, made and ready to be reset.
 
     Raises
@@ -124,7 +120,7 @@ def sandboxed_driver(guest: Guest) -> Driver:
 class SandboxedBatch(Observing):
     """One agent that decides for all runs at once."""
 
-    def __init__(self, guest: Guest, process: GuestProcess) -> None:
+    def __init__(self, guest: SandboxedAgent, process: AgentProcess) -> None:
         self._guest = guest
         self._process = process
         self._shape = (guest.runs, len(guest.card.actions))
@@ -224,7 +220,7 @@ class _Exchange:
 class SandboxedRuns(Observing):
     """One agent a run, all in one process: what ends the process ends the run that was being asked."""
 
-    def __init__(self, guest: Guest, process: GuestProcess) -> None:
+    def __init__(self, guest: SandboxedAgent, process: AgentProcess) -> None:
         self._guest = guest
         self._process = process
         self._shape = (guest.runs, len(guest.card.actions))

@@ -1,22 +1,110 @@
-"""All runs of an evaluation, step by step together; and going on where an interrupted one stopped."""
+"""The rollout: all runs of an evaluation, step by step together, with their running totals; and going on where one was interrupted."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env import Simulation, Snapshot, StepResult
 from glbench.episodes import Recorder
-from glbench.evaluation.acting import Failure
 from glbench.evaluation.checkpoint import Checkpoint, Saved
-from glbench.evaluation.drivers import Driver
-from glbench.evaluation.limits import TimeLimits
-from glbench.evaluation.tally import Tally
+from glbench.evaluation.limits import Failure, TimeLimits
+from glbench.evaluation.metrics import METRIC_NAMES, METRICS, step_values, with_missing_steps
+from glbench.evaluation.records import RunResult, Status
+from glbench.evaluation.runners import AgentRunner
+from glbench.fields import LONGEST_TEXT
+from glbench.kernel.finite import all_finite
+from glbench.untrusted import as_one_line
+
+
+class RunTotals:
+    """Books of ``n`` runs, kept step by step.
+
+    ``totals`` has shape ``(metrics, n)``; ``asked`` ``(n,)`` counts the decisions asked for, ``steps`` ``(n,)`` the simulated steps;
+    ``seconds`` ``(n,)`` is the time of the decisions; ``alive`` ``(n,)`` is true for runs that have not failed,
+    ``all_alive`` while that is all of them.
+    """
+
+    def __init__(self, seeds: tuple[int, ...]) -> None:
+        n = len(seeds)
+        self.seeds = seeds
+        self.totals = np.zeros((len(METRICS), n))
+        self.asked = np.zeros(n, dtype=np.int64)
+        self.steps = np.zeros(n, dtype=np.int64)
+        self.seconds = np.zeros(n)
+        self.alive = np.ones(n, dtype=np.bool_)
+        self.all_alive = True
+        self._ends: dict[int, tuple[Status, str]] = {}
+
+    def end(self, failures: Iterable[Failure]) -> list[int]:
+        """End the runs that failed, all that still run where a failure names none; the rows that ended now."""
+        ended = []
+        for failure in failures:
+            rows = range(len(self.seeds)) if failure.row is None else (failure.row,)
+            for row in rows:
+                if self.alive[row]:
+                    self.alive[row] = self.all_alive = False
+                    self._ends[row] = (failure.status, as_one_line(failure.reason[:LONGEST_TEXT]))
+                    ended.append(row)
+        return ended
+
+    def add(self, outcome: StepResult) -> list[int]:
+        """Book a simulated step; the rows that could not be simulated end and are returned."""
+        values = step_values(outcome.table)
+        failures = [Failure(failure.row, "simulation_failed", failure.reason) for failure in outcome.failed]
+        if not all_finite(values):  # huge values only look broken
+            broken = ~np.isfinite(values).all(axis=0)
+            failures += [_not_finite(int(row), values[:, row]) for row in np.flatnonzero(broken)]
+        ended = self.end(failures) if failures else []
+        if self.all_alive:
+            self.totals += values
+        else:
+            np.add(self.totals, values, out=self.totals, where=self.alive)
+        self.steps += self.alive
+        return ended
+
+    def results(self, all_steps: int, failed_step: Mapping[str, float]) -> tuple[RunResult, ...]:
+        """Every run as a record, missing steps at the task's price."""
+        return tuple(self._result(row, all_steps, failed_step) for row in range(len(self.seeds)))
+
+    def _result(self, row: int, all_steps: int, failed_step: Mapping[str, float]) -> RunResult:
+        end: tuple[Status, str | None] = self._ends.get(row, ("ok", None))
+        status, reason = end
+        steps = int(self.steps[row])
+        totals = dict(zip(METRIC_NAMES, self.totals[:, row].tolist(), strict=True))
+        return RunResult(
+            seed=self.seeds[row],
+            status=status,
+            reason=reason,
+            steps=steps,
+            metrics=with_missing_steps(totals, all_steps - steps, failed_step),
+        )
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The numbers, for a checkpoint."""
+        return {name: getattr(self, name) for name in ("totals", "asked", "steps", "seconds", "alive")}
+
+    def ends(self) -> dict[str, list[str]]:
+        """Status and reason by row, for a checkpoint."""
+        return {str(row): [status, reason] for row, (status, reason) in self._ends.items()}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], ends: Mapping[str, tuple[Status, str]]) -> None:
+        """Go back to what ``arrays`` and ``ends`` gave."""
+        self.totals = arrays["totals"].copy()
+        self.asked, self.steps = arrays["asked"].copy(), arrays["steps"].copy()
+        self.seconds, self.alive = arrays["seconds"].copy(), arrays["alive"].copy()
+        self.all_alive = bool(self.alive.all())
+        self._ends = {int(row): (status, reason) for row, (status, reason) in ends.items()}
+
+
+def _not_finite(row: int, values: NDArray[np.float64]) -> Failure:
+    name = METRIC_NAMES[int(np.flatnonzero(~np.isfinite(values))[0])]
+    return Failure(row, "simulation_failed", f"the step's {name} is not a finite number")
 
 
 @dataclass(frozen=True)
@@ -36,26 +124,26 @@ class Progress:
 ProgressCallback = Callable[[Progress], None]
 
 
-class Watcher(Protocol):
+class StepCallback(Protocol):
     """Something that looks on while an evaluation runs, such as a live view."""
 
     def add(self, simulation: Simulation, outcome: StepResult) -> None:
         """Called after every simulated step, before runs that failed in it are ended."""
 
 
-class Lockstep:
+class RolloutLoop:
     """One agent in one simulation, from the first step or from a checkpoint to the last."""
 
     def __init__(
         self,
         simulation: Simulation,
-        driver: Driver,
-        tally: Tally,
+        driver: AgentRunner,
+        tally: RunTotals,
         checkpoint: Checkpoint,
         recorder: Recorder,
         limits: TimeLimits,
         progress: ProgressCallback | None,
-        watcher: Watcher | None = None,
+        watcher: StepCallback | None = None,
     ) -> None:
         self._simulation = simulation
         self._driver = driver
