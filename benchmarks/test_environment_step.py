@@ -153,18 +153,18 @@ def test_a_vector_environment(task: TaskSpec, n: int, threads: int, benchmark: A
 
 @pytest.mark.parametrize("agent", ["rule_based", "rule_based_fair"])
 def test_thirty_runs_of_sixty_days(task: TaskSpec, agent: str, benchmark: Any) -> None:
-    """The evaluation's lockstep, with the preset ``standard`` instead of the one that scores are made with."""
+    """The evaluation's rollout, with the preset ``standard`` instead of the one that scores are made with."""
     seeds, limits, seconds = tuple(range(666, 696)), TimeLimits(), []
 
     def run() -> None:
         simulation = Simulation(task, 30, Kernel(900.0, preset="standard"))
-        driver = make_runner(load_agent(agent), task, task_card(task), 30, limits)
+        runner = make_runner(load_agent(agent), task, task_card(task), 30, limits)
         recorder = Recorder(simulation, 6, traced=False)
-        lockstep = RolloutLoop(simulation, driver, RunTotals(seeds), Checkpoint(None, 2.0), recorder, limits, None)
+        rollout = RolloutLoop(simulation, runner, RunTotals(seeds), Checkpoint(None, 2.0), recorder, limits, None)
         observations = simulation.reset(seeds)
-        lockstep.start()
+        rollout.start()
         began = time.process_time()
-        lockstep.run(observations, 0)
+        rollout.run(observations, 0)
         seconds.append(time.process_time() - began)
 
     benchmark.pedantic(run, rounds=3)

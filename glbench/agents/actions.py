@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
-
 ROUNDING = 1e-6
 """How far an action may lie outside its bounds: what float32 arithmetic loses."""
 
@@ -24,12 +23,49 @@ def action_problems(returned: object, task: TaskCard, n_runs: int) -> dict[int, 
     whole = _problem_of_the_whole(returned, task, n_runs)
     if whole is not None:
         return dict.fromkeys(range(n_runs), whole)
-    actions = np.asarray(returned, dtype=np.float64)
+    return value_problems(np.asarray(returned, dtype=np.float64), task)
+
+
+def value_problems(actions: NDArray[np.float64], task: TaskCard) -> dict[int, str]:
+    """Reasons, by row, why ``actions`` (n, actions of the task) are not finite or not within the bounds of the task card."""
     low, high = task.action_bounds
     good = (actions >= low - ROUNDING) & (actions <= high + ROUNDING)  # False for nan too
     if good.all():
         return {}
     return {int(run): _problem_of_row(actions[run], good[run], task) for run in np.flatnonzero(~good.all(axis=1))}
+
+
+def read_actions(returned: object, card: TaskCard, n: int) -> tuple[NDArray[np.float64], dict[int, str]]:
+    """Own copy ``(n, m)`` float64 of what ``act`` returned, and the reasons, by row, why its shape or type is wrong; such rows are zero.
+
+    Something of the wrong shape as a whole is wrong in every row; a list of rows of which one has another length is wrong in that row
+    only. Values are not looked at: ``value_problems`` does that where the agent cannot reach.
+    """
+    once = _converted(returned)
+    whole = _problem_of_the_whole(once, card, n)
+    if whole is None:
+        return np.array(once, dtype=np.float64), {}
+    actions = np.zeros((n, len(card.actions)))
+    if n == 1 or not isinstance(returned, list | tuple) or len(returned) != n:
+        return actions, dict.fromkeys(range(n), whole)
+    problems: dict[int, str] = {}
+    for row, given in enumerate(returned):
+        one, wrong = read_actions([given], card, 1)
+        actions[row] = one[0]
+        if wrong:
+            problems[row] = wrong[0]
+    return actions, problems
+
+
+def _converted(returned: object) -> object:
+    """``returned`` as an array of numbers, if it is one: what converts itself may look different every time."""
+    if isinstance(returned, np.ndarray):
+        return returned
+    try:
+        array = np.asarray(returned)
+    except (TypeError, ValueError):  # told in words by who looks at it
+        return returned
+    return array if array.dtype.kind in "fiu" else returned
 
 
 def _problem_of_the_whole(returned: object, task: TaskCard, n_runs: int) -> str | None:
@@ -55,41 +91,3 @@ def _problem_of_row(action: NDArray[np.float64], good: NDArray[np.bool_], task: 
     if not np.isfinite(value):
         return f"the action for {allowed.name} is {value}, which is not a finite number"
     return f"the action for {allowed.name} is {value:.9g}, outside its bounds {allowed.low:g} to {allowed.high:g}"
-
-
-def read_actions(returned: object, card: TaskCard, n: int) -> tuple[NDArray[np.float64], dict[int, str]]:
-    """Own copy ``(n, m)`` float64 of what ``act`` returned, and the reasons, by row, why it cannot be used.
-
-    Rows with a problem are zero in the copy. Something of the wrong shape as a whole is wrong in every row; a list of rows of which one
-    has another length is wrong in that row only.
-    """
-    once = _converted(returned)
-    problems = action_problems(once, card, n)
-    if len(problems) < n:
-        actions = np.array(once, dtype=np.float64)
-        if problems:
-            actions[list(problems)] = 0.0
-        return actions, problems
-    actions = np.zeros((n, len(card.actions)))
-    if n == 1 or not isinstance(returned, list | tuple) or len(returned) != n:
-        return actions, problems
-    by_row: dict[int, str] = {}
-    for row, given in enumerate(returned):
-        once = _converted([given])
-        reason = action_problems(once, card, 1).get(0)
-        if reason is None:
-            actions[row] = np.asarray(once, dtype=np.float64)[0]
-        else:
-            by_row[row] = reason
-    return actions, by_row
-
-
-def _converted(returned: object) -> object:
-    """``returned`` as an array of numbers, if it is one: what converts itself may look different every time."""
-    if isinstance(returned, np.ndarray):
-        return returned
-    try:
-        array = np.asarray(returned)
-    except (TypeError, ValueError):  # told in words by who looks at it
-        return returned
-    return array if array.dtype.kind in "fiu" else returned

@@ -115,11 +115,11 @@ def _check_schema(path: Path, text: str) -> None:
     if name != SCHEMA_NAME:
         msg = f"{path} is no result of glbench: its 'schema' is {quoted(name)} and should be '{SCHEMA_NAME}'."
         raise ResultError(msg)
-    number = document.get("schema_version")
+    number = document.get("schema_version", 1)
     if number != SCHEMA_VERSION:
         msg = (
             f"{path} has result schema version {quoted(number)}; this glbench reads version {SCHEMA_VERSION}. "
-            "Use the glbench that wrote it, or evaluate again."
+            "Update glbench, or use the one that wrote it."
         )
         raise ResultError(msg)
 

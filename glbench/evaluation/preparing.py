@@ -28,14 +28,19 @@ from glbench.evaluation.metrics import UNITS
 from glbench.evaluation.provenance import usable_cores
 from glbench.evaluation.records import AgentRecord, EvaluationRecord, Result, TaskRecord, results_digest, summarise
 from glbench.evaluation.rollout import ProgressCallback, RolloutLoop, RunTotals, StepCallback
-from glbench.evaluation.runners import AgentRunner, PerRunRunner, make_runner
+from glbench.evaluation.runners import (
+    AgentRunner,
+    PerRunRunner,
+    SandboxedAgent,
+    SandboxedRuns,
+    make_runner,
+    sandboxed_runner,
+)
 from glbench.evaluation.sandbox.choosing import Protected, Protection, SandboxChoice, protect
 from glbench.evaluation.sandbox.frames import SandboxLimits
 from glbench.evaluation.sandbox.process import Prints
-from glbench.evaluation.sandbox.runners import SandboxedAgent, SandboxedRuns, sandboxed_runner
 from glbench.evaluation.saving import Computed, agent_folder, alone, save, settle, tidy
 from glbench.kernel import Kernel, KernelPool, make_kernel
-from glbench.model import CONTROL_NAMES
 from glbench.tasks import TaskSpec, get_task, task_card
 
 logger = logging.getLogger(__name__)
@@ -290,8 +295,8 @@ class Evaluation:
         if self.folder is not None:
             discard(self.folder)
 
-    def run(self, progress: ProgressCallback | None = None, watcher: StepCallback | None = None) -> Result:
-        """Run it, from its checkpoint if there is one, and save the result; ``watcher`` looks on.
+    def run(self, progress: ProgressCallback | None = None, callback: StepCallback | None = None) -> Result:
+        """Run it, from its checkpoint if there is one, and save the result; ``callback`` looks on.
 
         Raises
         ------
@@ -305,16 +310,20 @@ class Evaluation:
             When another process works on the same result.
         """
         with self.alone():
-            computed = self.compute(progress, watcher)
+            computed = self.compute(progress, callback)
             return self.save(computed)
 
-    def compute(self, progress: ProgressCallback | None = None, watcher: StepCallback | None = None) -> Computed:
+    def compute(self, progress: ProgressCallback | None = None, callback: StepCallback | None = None) -> Computed:
         """Run it, from its checkpoint if there is one, and save nothing but checkpoints. Errors as for ``run``."""
         with _open_kernel(self.task, self.workers) as kernel:
             simulation = Simulation(self.task, len(self.seeds), kernel=kernel)
-            result, recorder = self._resumed(simulation, progress, watcher) or self._from_the_start(
-                simulation, progress, watcher
-            )
+            saved = read_checkpoint(self.folder) if self.folder is not None else None
+            done = self._rolled_out(simulation, saved, progress, callback) if saved is not None else None
+            if done is None:
+                self.forget()
+                done = self._rolled_out(simulation, None, progress, callback)
+            assert done is not None  # from the start on there is nothing that the agent could do otherwise
+            result, recorder = done
             provenance = provenance_of(self.task, self.agent, self.kernel)
             log = recorder.log(simulation, provenance, run_facts(result.runs))
         return Computed(result, log, recorder.trace, self.prints.text())
@@ -354,32 +363,31 @@ class Evaluation:
         if self.path is not None and self.episodes != ("none",):
             make_episodes(self.episodes, result, self.path, self.task)
 
-    def _from_the_start(
-        self, simulation: Simulation, progress: ProgressCallback | None, watcher: StepCallback | None
-    ) -> tuple[Result, Recorder]:
-        self.forget()
-        with self._lockstep(simulation, progress, watcher) as (lockstep, tally, recorder):
-            lockstep.start()
-            lockstep.run(simulation.reset(self.seeds), 0)
-            return self._result(tally, lockstep.wall_seconds, None), recorder
-
-    def _resumed(
-        self, simulation: Simulation, progress: ProgressCallback | None, watcher: StepCallback | None
+    def _rolled_out(
+        self,
+        simulation: Simulation,
+        saved: Saved | None,
+        progress: ProgressCallback | None,
+        callback: StepCallback | None,
     ) -> tuple[Result, Recorder] | None:
-        """The result by way of the checkpoint; ``None`` when there is none or it leads nowhere."""
-        saved = read_checkpoint(self.folder) if self.folder is not None else None
-        if saved is None:
-            return None
-        with self._lockstep(simulation, progress, watcher) as (lockstep, tally, recorder):
-            lockstep.start()
-            if not self._replayed(lockstep, saved):
+        """Result and record of a fresh agent, from the start or on from ``saved``; ``None`` when it cannot be brought back there."""
+        totals = RunTotals(self.seeds)
+        checkpoint = Checkpoint(self.folder, self.checkpoint_seconds)
+        with closing(self._runner()) as runner:
+            recorder = Recorder(simulation, runner.shape[1], traced=self.out is not None)
+            rollout = RolloutLoop(simulation, runner, totals, checkpoint, recorder, self.limits, progress, callback)
+            rollout.start()
+            if saved is None:
+                rollout.run(simulation.reset(self.seeds), 0)
+            elif self._replayed(rollout, saved):
+                rollout.run(simulation.observe(), saved.step)
+            else:
                 return None
-            lockstep.run(simulation.observe(), saved.step)
-            return self._result(tally, lockstep.wall_seconds, saved.step), recorder
+            return self._result(totals, rollout.wall_seconds, saved.step if saved is not None else None), recorder
 
-    def _replayed(self, lockstep: RolloutLoop, saved: Saved) -> bool:
+    def _replayed(self, rollout: RolloutLoop, saved: Saved) -> bool:
         try:
-            if lockstep.replay(saved):
+            if rollout.replay(saved):
                 return True
         except ResultError as error:
             logger.warning("The checkpoint cannot be used (%s); starting from the beginning.", error)
@@ -391,35 +399,22 @@ class Evaluation:
         )
         return False
 
-    @contextmanager
-    def _lockstep(
-        self, simulation: Simulation, progress: ProgressCallback | None, watcher: StepCallback | None
-    ) -> Iterator[tuple[RolloutLoop, RunTotals, Recorder]]:
-        """A fresh agent, empty books and an empty record; the agent is let go in the end."""
-        tally = RunTotals(self.seeds)
-        checkpoint = Checkpoint(self.folder, self.checkpoint_seconds)
-        columns = len(CONTROL_NAMES) if self.agent.privileged else len(self.task.actuation.controls)
-        recorder = Recorder(simulation, columns, traced=self.out is not None)
-        with closing(self._driver()) as driver:
-            lockstep = RolloutLoop(simulation, driver, tally, checkpoint, recorder, self.limits, progress, watcher)
-            yield lockstep, tally, recorder
-
-    def _driver(self) -> AgentRunner:
+    def _runner(self) -> AgentRunner:
         """The agent in its harness, made and not yet reset."""
         card, n = task_card(self.task), len(self.seeds)
         if self.submission is None:
-            driver = make_runner(self.agent, self.task, card, n, self.limits)
+            runner = make_runner(self.agent, self.task, card, n, self.limits)
         else:
-            driver = sandboxed_runner(SandboxedAgent(self.submission, card, n, self.limits, self.sizes, self.prints))
-        if self.is_part and not isinstance(driver, PerRunRunner | SandboxedRuns):
-            driver.close()
+            runner = sandboxed_runner(SandboxedAgent(self.submission, card, n, self.limits, self.sizes, self.prints))
+        if self.is_part and not isinstance(runner, PerRunRunner | SandboxedRuns):
+            runner.close()
             msg = f"'{self.agent.name}' decides for all runs at once: they cannot be computed apart."
             raise JointAgentError(msg)
-        return driver
+        return runner
 
-    def _result(self, tally: RunTotals, wall_seconds: float, resumed_at: int | None) -> Result:
+    def _result(self, totals: RunTotals, wall_seconds: float, resumed_at: int | None) -> Result:
         task, failed_step = self.task, self.task.evaluation.failed_step
-        runs = tally.results(
+        runs = totals.results(
             task.steps, {"reward": failed_step.reward, "epi": failed_step.epi, "penalty": failed_step.penalty}
         )
         agent = agent_record(self.agent)
@@ -428,7 +423,7 @@ class Evaluation:
                 id=task.id, digest=task.digest, title=task.title, steps=task.steps, step_seconds=task.step_seconds
             ),
             agent=agent,
-            evaluation=self._evaluation_record(tally, wall_seconds, resumed_at),
+            evaluation=self._evaluation_record(totals, wall_seconds, resumed_at),
             versions=provenance.versions(),
             machine=provenance.machine(),
             git=provenance.git_state(),
@@ -439,9 +434,9 @@ class Evaluation:
             results_digest=results_digest(task.digest, agent, runs),
         )
 
-    def _evaluation_record(self, tally: RunTotals, wall_seconds: float, resumed_at: int | None) -> EvaluationRecord:
-        steps = int(tally.steps.sum())
-        decision_seconds = float(tally.seconds.sum())
+    def _evaluation_record(self, totals: RunTotals, wall_seconds: float, resumed_at: int | None) -> EvaluationRecord:
+        steps = int(totals.steps.sum())
+        decision_seconds = float(totals.seconds.sum())
         return EvaluationRecord(
             runs=len(self.seeds),
             seeds=self.seeds,

@@ -137,22 +137,22 @@ class RolloutLoop:
     def __init__(
         self,
         simulation: Simulation,
-        driver: AgentRunner,
-        tally: RunTotals,
+        runner: AgentRunner,
+        totals: RunTotals,
         checkpoint: Checkpoint,
         recorder: Recorder,
         limits: TimeLimits,
         progress: ProgressCallback | None,
-        watcher: StepCallback | None = None,
+        callback: StepCallback | None = None,
     ) -> None:
         self._simulation = simulation
-        self._driver = driver
-        self._tally = tally
+        self._runner = runner
+        self._totals = totals
         self._checkpoint = checkpoint
         self._recorder = recorder
         self._limits = limits
         self._progress = progress
-        self._watcher = watcher
+        self._callback = callback
         self._earlier_seconds = 0.0
         self._began = time.perf_counter()
         self._unbooked: tuple[NDArray[np.float64], StepResult] | None = None
@@ -164,20 +164,20 @@ class RolloutLoop:
 
     def start(self) -> None:
         """Make the agent ready; when that fails, all of its runs have failed before the first step."""
-        self._tally.end(self._driver.start())
+        self._totals.end(self._runner.start())
 
     def replay(self, saved: Saved) -> bool:
         """Bring a fresh agent to where ``saved`` left it, and everything else too; false when it decides differently this time."""
         asked = saved.arrays["asked"]
-        if (self._tally.alive != (asked > 0)).any():
+        if (self._totals.alive != (asked > 0)).any():
             return False
         for step in range(saved.step):
-            decision = self._driver.decide(step, saved.inputs[step], asked > step)
+            decision = self._runner.decide(step, saved.inputs[step], asked > step)
             if decision.actions.tobytes() != saved.actions[step].tobytes():
                 return False
             self._report(step + 1, replaying=True)
         self._simulation.restore(Snapshot.from_bytes(saved.arrays["simulation"].tobytes()))
-        self._tally.restore(saved.arrays, saved.facts["ends"])
+        self._totals.restore(saved.arrays, saved.facts["ends"])
         self._recorder.restore(saved.arrays, saved.actions)
         self._earlier_seconds = float(saved.facts["wall_seconds"])
         self._began = time.perf_counter()
@@ -186,13 +186,13 @@ class RolloutLoop:
 
     def run(self, observations: NDArray[np.float32], first_step: int) -> None:
         """Take the steps from ``first_step`` on, until the horizon or until no run is left."""
-        tally, steps = self._tally, self._simulation.task.steps
+        totals, steps = self._totals, self._simulation.task.steps
         if first_step == 0:
-            self._simulation.end(~tally.alive)
+            self._simulation.end(~totals.alive)
             self._recorder.begin(self._simulation)
         self._report(first_step)
         for step in range(first_step, steps):
-            if not (tally.all_alive or tally.alive.any()):
+            if not (totals.all_alive or totals.alive.any()):
                 break
             observations = self._step(step, observations)
             if self._checkpoint.due:
@@ -202,20 +202,20 @@ class RolloutLoop:
         self._keep_books()
 
     def _step(self, step: int, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        tally, simulation = self._tally, self._simulation
-        inputs = self._driver.inputs(simulation, observations)
-        self._driver.ask(step, inputs, tally.alive)
+        totals, simulation = self._totals, self._simulation
+        inputs = self._runner.inputs(simulation, observations)
+        self._runner.ask(step, inputs, totals.alive)
         self._keep_books()
-        decision = self._driver.decide(step, inputs, tally.alive)
-        tally.asked += tally.alive
-        tally.seconds += decision.seconds
-        ended = tally.end((*decision.failures, *self._overdue()))
+        decision = self._runner.decide(step, inputs, totals.alive)
+        totals.asked += totals.alive
+        totals.seconds += decision.seconds
+        ended = totals.end((*decision.failures, *self._overdue()))
         self._checkpoint.record(inputs, decision.actions)
         if ended:
             simulation.end(ended)
-            if not tally.alive.any():
+            if not totals.alive.any():
                 return observations
-        outcome = self._driver.apply(simulation, decision.actions)
+        outcome = self._runner.apply(simulation, decision.actions)
         self._unbooked = decision.actions, outcome
         if not outcome.whole:
             simulation.end(self._keep_books())
@@ -230,15 +230,15 @@ class RolloutLoop:
             return []
         actions, outcome = self._unbooked
         self._unbooked = None
-        ended = self._tally.add(outcome)
+        ended = self._totals.add(outcome)
         self._recorder.add(actions, self._simulation, outcome)
-        if self._watcher is not None:
-            self._watcher.add(self._simulation, outcome)
+        if self._callback is not None:
+            self._callback.add(self._simulation, outcome)
         return ended
 
     def _overdue(self) -> list[Failure]:
         """Runs whose decisions together took too long."""
-        limit, seconds = self._limits.run, self._tally.seconds
+        limit, seconds = self._limits.run, self._totals.seconds
         if np.maximum.reduce(seconds) <= limit:
             return []
         late = np.flatnonzero(seconds > limit)
@@ -249,10 +249,10 @@ class RolloutLoop:
 
     def _save(self, step: int) -> None:
         snapshot = np.frombuffer(self._simulation.snapshot().to_bytes(), dtype=np.uint8)
-        facts = {"ends": self._tally.ends(), "wall_seconds": self.wall_seconds}
-        self._checkpoint.save(step, {**self._tally.arrays(), **self._recorder.arrays(), "simulation": snapshot}, facts)
+        facts = {"ends": self._totals.ends(), "wall_seconds": self.wall_seconds}
+        self._checkpoint.save(step, {**self._totals.arrays(), **self._recorder.arrays(), "simulation": snapshot}, facts)
 
     def _report(self, step: int, *, replaying: bool = False) -> None:
         if self._progress is not None:
-            alive = int(np.count_nonzero(self._tally.alive))
-            self._progress(Progress(step, self._simulation.task.steps, alive, len(self._tally.seeds), replaying))
+            alive = int(np.count_nonzero(self._totals.alive))
+            self._progress(Progress(step, self._simulation.task.steps, alive, len(self._totals.seeds), replaying))

@@ -12,9 +12,9 @@ from glbench.agents.formats.packages import need
 from glbench.agents.formats.policy import (
     BLOCK,
     EvenRows,
+    Function,
     PolicyAgent,
     Rows,
-    check_answer,
     normaliser,
     opened_archive,
     without_warnings,
@@ -43,24 +43,14 @@ def onnx_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
     """
     file = submission.entry
     runtime = need("onnxruntime", f"The ONNX policy {file.name}")
-    columns, actions = len(task.observations), len(task.actions)
     # onnxruntime has error types of its own below Exception, and names none of them in its interface.
     try:
         session = _session(runtime, str(file))
     except Exception as error:
         msg = f"{file.name} cannot be loaded as ONNX: {last_line(error)}."
         raise SubmissionError(msg) from error
-    block, kind, name = _input(session, columns, file.name)
-    normalise = normaliser(submission, columns)
-    try:
-        ask = EvenRows(_function(session, name, kind), columns, block)
-        check_answer(ask, columns, actions, file.name)
-    except SubmissionError:
-        raise
-    except Exception as error:
-        msg = f"{file.name} fails on observations of {columns} columns, which the task shows: {last_line(error)}."
-        raise SubmissionError(msg) from error
-    return PolicyAgent(ask, normalise, actions, clip=submission.card is not None and submission.card.clip_actions)
+    block, kind, name = _input(session, len(task.observations), file.name)
+    return _agent(submission, task, _function(session, name, kind), block)
 
 
 def _session(runtime: Any, file: str) -> Any:
@@ -126,14 +116,24 @@ def torchscript_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
     except (RuntimeError, ValueError, OSError) as error:
         msg = f"{file.name} cannot be loaded as TorchScript: {last_line(error)}."
         raise SubmissionError(msg) from error
-    columns, actions = len(task.observations), len(task.actions)
+    return _agent(submission, task, _torch_function(torch, module))
+
+
+def _agent(submission: Identity, task: TaskCard, function: Function, block: int = BLOCK) -> PolicyAgent:
+    """The agent around ``function``, which was tried out on a row of zeros."""
+    file, columns, actions = submission.entry.name, len(task.observations), len(task.actions)
     normalise = normaliser(submission, columns)
     try:
-        ask = EvenRows(_torch_function(torch, module), columns)
-        check_answer(ask, columns, actions, file.name)
-    except RuntimeError as error:
-        msg = f"{file.name} fails on observations of {columns} columns, which the task shows: {last_line(error)}."
+        ask = EvenRows(function, columns, block)
+        shape = ask(np.zeros((1, columns), dtype=np.float32)).shape
+    except SubmissionError:
+        raise
+    except Exception as error:
+        msg = f"{file} fails on observations of {columns} columns, which the task shows: {last_line(error)}."
         raise SubmissionError(msg) from error
+    if shape != (1, actions):
+        msg = f"{file} answers a row of {columns} observations with {shape[1]} numbers, the task has {actions} actions."
+        raise SubmissionError(msg)
     return PolicyAgent(ask, normalise, actions, clip=submission.card is not None and submission.card.clip_actions)
 
 

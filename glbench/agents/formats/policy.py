@@ -268,17 +268,3 @@ class PolicyAgent:
             answer[:, self._actions :].astype(np.float32),
         )
         return np.clip(actions, self._low, self._high) if self._clip else actions
-
-
-def check_answer(ask: EvenRows, columns: int, actions: int, name: str) -> None:
-    """Try the policy on zeros: it must answer with as many actions as the task has.
-
-    Raises
-    ------
-    SubmissionError
-        When it answers with something else.
-    """
-    shape = ask(np.zeros((1, columns), dtype=np.float32)).shape
-    if shape != (1, actions):
-        msg = f"{name} answers a row of {columns} observations with {shape[1]} numbers, the task has {actions} actions."
-        raise SubmissionError(msg)

@@ -41,7 +41,7 @@ _NOBODY: Final = 65534
 _FIRST_USER, _USERS = 61184, 4336
 """User ids that nobody has: those that systemd sets aside for services."""
 _PATIENCE_SECONDS = 20.0
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 _REMEDY = (
     "or, for code that you wrote or have read, give --sandbox none: it then runs unprotected, and the result says so"
 )
@@ -203,7 +203,7 @@ def _environment() -> list[str]:
         "PATH": "/usr/bin:/bin", "HOME": "/tmp", "TMPDIR": "/tmp", "USER": "agent", "LOGNAME": "agent", "LANG": "C.UTF-8",
         "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONUNBUFFERED": "1", "PYTHONHASHSEED": "0",
         "PYDANTIC_DISABLE_PLUGINS": "1",
-        **dict.fromkeys(_THREAD_VARIABLES, "1"),
+        **dict.fromkeys(THREAD_VARIABLES, "1"),
     }  # fmt: skip
     return ["--clearenv", *(word for name, value in variables.items() for word in ("--setenv", name, value))]
 

@@ -1,12 +1,14 @@
 """Inside the sandbox: the process that loads an agent, shows it observations and sends its actions.
 
-It is started as a script with the number of its socket and the version of glbench. Until it loads the submission everything here can
+In a sandbox it is started as a script with the number of its socket and the version of glbench; for a check without a sandbox as a module,
+with the number of its socket. Until it loads the submission everything here can
 be trusted; from then on nothing can, and whoever reads the answers knows that.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import gc
 import importlib
 import os
@@ -14,11 +16,12 @@ import pickle
 import resource
 import socket
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
-if __name__ == "__main__":
+if __name__ == "__main__" and "glbench" not in sys.modules:
     # The package without what its __init__ does: there are no tasks here to register, and Gymnasium takes its time to load.
     _package = ModuleType("glbench")
     _package.__path__ = [str(Path(__file__).parents[2])]
@@ -33,7 +36,6 @@ from glbench.agents.loading import load_agent
 from glbench.agents.protocol import PerRunAgent
 from glbench.errors import ActionError, SubmissionError
 from glbench.evaluation.limits import guarded, in_words
-from glbench.evaluation.sandbox.domain import enter_domain
 from glbench.evaluation.sandbox.frames import (
     HEADER,
     ROW,
@@ -47,8 +49,15 @@ from glbench.evaluation.sandbox.frames import (
 
 if TYPE_CHECKING:
     from glbench.agents.protocol import Agent
-    from glbench.evaluation.sandbox.listening import Listener
 
+_CREATE_RULESET, _RESTRICT_SELF = 444, 446
+"""Numbers of the system calls, on all processors the same."""
+_MAKE_DEVICES: Final = 1 << 6 | 1 << 11
+"""A domain must forbid something; devices cannot be made in the sandbox anyhow."""
+_WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+_MOST_HEARD = 5
+_REMOVING = frozenset({"os.remove", "os.rename", "os.mkdir", "os.rmdir"})
+_NETWORK = (socket.AF_INET, socket.AF_INET6)
 _NOBODY_ASKS_ANY_MORE = 0
 _LETTING_GO_SECONDS = 0.25
 """Less than the patience of who asked, on top of a call that took all of its time."""
@@ -152,8 +161,6 @@ class Host:
 
 def rehearse(packages: str) -> Listener:
     """Import packages whose time is not the agent's, and begin to listen."""
-    from glbench.evaluation.sandbox.listening import Listener
-
     for package in filter(None, packages.split("\0")):
         with contextlib.suppress(ImportError):  # told when the agent itself imports it
             importlib.import_module(package)
@@ -191,12 +198,9 @@ def act(line: Line, order: Order, agent: Agent, body: memoryview) -> None:
     observations = np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy()
     try:
         returned: object = agent.act(observations)
-        actions = _plain(returned, (n, len(card.actions)))
-        if actions is not None:
-            line.answer(Kind.ACTIONS, actions.tobytes())
-            return
         actions, problems = read_actions(returned, card, n)
-        line.answer(Kind.PROBLEMS, actions.tobytes(), packed_problems(problems))
+        kind = Kind.PROBLEMS if problems else Kind.ACTIONS
+        line.answer(kind, actions.tobytes(), packed_problems(problems))
     except ActionError as error:
         line.failed("invalid_action", str(error).rstrip("."))
     except BaseException as error:
@@ -243,16 +247,86 @@ def described(error: BaseException) -> str:
         return str(type.__getattribute__(type(error), "__name__"))
 
 
-def _plain(returned: object, shape: tuple[int, int]) -> NDArray[np.float64] | None:
-    """What ``act`` returned, when it is an array of numbers of the right shape; the other side looks at the values."""
-    if isinstance(returned, np.ndarray) and returned.dtype.kind in "fiu" and returned.shape == shape:
-        return np.ascontiguousarray(returned, dtype=np.float64)
-    return None
+def enter_domain() -> bool:
+    """Put this process and all that it starts into a domain of its own (Landlock), so that they cannot look into bubblewrap's.
+
+    In a user namespace the first process of the sandbox, which is bubblewrap's, belongs to the same user as the agent. System calls to
+    trace it are refused by the filter, but ``/proc/1/mem`` is a file. ``/proc`` is read-only, and the kernel lets no process of a Landlock
+    domain look into one outside of it. False where the kernel has none. Needs ``no_new_privs``.
+    """
+    library = ctypes.CDLL(None, use_errno=True)
+    forbidden = ctypes.c_uint64(_MAKE_DEVICES)
+    ruleset: int = library.syscall(
+        _CREATE_RULESET, ctypes.byref(forbidden), ctypes.c_size_t(ctypes.sizeof(forbidden)), 0
+    )
+    return ruleset >= 0 and library.syscall(_RESTRICT_SELF, ruleset, 0) == 0
 
 
-def main(descriptor: int) -> NoReturn:
-    """Say hello and serve."""
-    enter_domain()
+class Listener:
+    """Hears of connections and of files opened for writing, while it is told to listen, for a check of the agent.
+
+    Code that avoids Python's own calls is not heard. An audit hook cannot be taken away again: for processes that end with the agent.
+    """
+
+    def __init__(self) -> None:
+        import tempfile  # here: only a check needs it
+
+        self._addresses: list[str] = []
+        self._network = False
+        self.written: list[str] = []
+        self._on = False
+        self._free = (str(Path(tempfile.gettempdir()).resolve()), "/tmp", "/dev/", "/proc/")
+        sys.addaudithook(self._hear)
+
+    @property
+    def connections(self) -> list[str]:
+        """Where it connected to, or wanted to."""
+        return self._addresses or (["the network"] if self._network else [])
+
+    @contextlib.contextmanager
+    def listening(self) -> Iterator[None]:
+        """Listen while the agent's code runs."""
+        self._on = True
+        try:
+            yield
+        finally:
+            self._on = False
+
+    def _hear(self, event: str, arguments: tuple[object, ...]) -> None:
+        if not self._on:
+            return
+        if event in {"socket.connect", "socket.getaddrinfo"}:
+            self._add(self._addresses, _address(event, arguments))
+        elif event == "socket.__new__" and arguments[1] in _NETWORK:
+            self._network = True  # a sandbox refuses here, before any address is named
+        elif event in _REMOVING or (event == "open" and isinstance(arguments[2], int) and arguments[2] & _WRITING):
+            self._write(arguments[0])
+
+    def _write(self, path: object) -> None:
+        if isinstance(path, str | bytes | os.PathLike):
+            given = Path(os.fsdecode(path))
+            place = str(given)
+            # Beside the agent's own /tmp nothing will be there to write to; a relative path may lead anywhere.
+            if not given.is_absolute() or not place.startswith(self._free):
+                self._add(self.written, place)
+
+    @staticmethod
+    def _add(told: list[str], what: str) -> None:
+        if what not in told and len(told) < _MOST_HEARD:
+            told.append(what)
+
+
+def _address(event: str, arguments: tuple[object, ...]) -> str:
+    if event == "socket.getaddrinfo":
+        return str(arguments[0])
+    address = arguments[1]
+    return f"{address[0]}:{address[1]}" if isinstance(address, tuple) and len(address) >= 2 else str(address)
+
+
+def main(descriptor: int, *, walls: bool) -> NoReturn:
+    """Say hello and serve; ``walls``: in a sandbox, whose own process the agent must not look into."""
+    if walls:
+        enter_domain()
     os.closerange(3, descriptor)
     os.closerange(descriptor + 1, 1024)
     line = Line(socket.socket(fileno=descriptor))
@@ -263,4 +337,4 @@ def main(descriptor: int) -> NoReturn:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(int(sys.argv[1]), walls=len(sys.argv) > 2)

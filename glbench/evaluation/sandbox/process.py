@@ -15,6 +15,7 @@ import select
 import signal
 import socket
 import subprocess
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +25,13 @@ from glbench.agents import Identity
 from glbench.errors import SandboxError
 from glbench.evaluation.files import Scratch
 from glbench.evaluation.records import Status
-from glbench.evaluation.sandbox.bubblewrap import ENVIRONMENT_OF_BUBBLEWRAP, command, program, system_call_filter
+from glbench.evaluation.sandbox.bubblewrap import (
+    ENVIRONMENT_OF_BUBBLEWRAP,
+    THREAD_VARIABLES,
+    command,
+    program,
+    system_call_filter,
+)
 from glbench.evaluation.sandbox.frames import GIB, HEADER, LONGEST_TEXT, Kind, SandboxLimits
 
 
@@ -186,6 +193,8 @@ class AgentProcess:
         Takes in what it prints.
     largest_answer : int
         Bytes of the longest answer there can be.
+    walls : bool
+        Whether it runs in a sandbox; without, it has all rights of this process.
 
     Raises
     ------
@@ -193,7 +202,10 @@ class AgentProcess:
         When the sandbox cannot be built, or does not start.
     """
 
-    def __init__(self, submission: Identity, sizes: SandboxLimits, prints: Prints, largest_answer: int) -> None:
+    def __init__(
+        self, submission: Identity, sizes: SandboxLimits, prints: Prints, largest_answer: int, *, walls: bool = True
+    ) -> None:
+        self._walls = walls
         self._prints = prints
         self._longest = max(largest_answer, 2 * LONGEST_TEXT)
         self._inbox = memoryview(bytearray(2 * (HEADER.size + self._longest)))
@@ -296,28 +308,31 @@ class AgentProcess:
         self._staging.remove()
 
     def _start(self, submission: Identity, sizes: SandboxLimits) -> None:
-        call_filter = system_call_filter()
         with contextlib.ExitStack() as undo, contextlib.ExitStack() as stack:
             self._sock, theirs = socket.socketpair()
             undo.callback(self._sock.close)
             stack.callback(theirs.close)
-            self._output, writing = os.pipe2(os.O_CLOEXEC)
+            self._output, writing = os.pipe()
             undo.callback(os.close, self._output)
             stack.callback(os.close, writing)
-            self._facts, facts_writing = os.pipe2(os.O_CLOEXEC)
+            self._facts, facts_writing = os.pipe()
             undo.callback(os.close, self._facts)
             stack.callback(os.close, facts_writing)
-            filter_file = _readable(call_filter, stack) if call_filter is not None else None
-            inside, arguments = command(
-                submission, self._staging.folder, sizes, (theirs.fileno(), filter_file, facts_writing)
-            )
-            words = _readable("\0".join(arguments).encode() + b"\0", stack)
-            inherited = [theirs.fileno(), facts_writing, words, *([filter_file] if filter_file is not None else [])]
+            inherited, environment = [theirs.fileno()], {**os.environ, **dict.fromkeys(THREAD_VARIABLES, "1")}
+            line = [sys.executable, "-m", "glbench.evaluation.sandbox.guest", str(theirs.fileno())]
+            if self._walls:
+                call_filter, environment = system_call_filter(), ENVIRONMENT_OF_BUBBLEWRAP
+                filter_file = _readable(call_filter, stack) if call_filter is not None else None
+                inside, arguments = command(
+                    submission, self._staging.folder, sizes, (theirs.fileno(), filter_file, facts_writing)
+                )
+                words = _readable("\0".join(arguments).encode() + b"\0", stack)
+                inherited += [facts_writing, words, *([filter_file] if filter_file is not None else [])]
+                line = [*program(), "--args", str(words), *inside]
             # A session of its own: Ctrl-C in the terminal is for the evaluation, which ends the agent in its own time.
-            self._bubblewrap = subprocess.Popen(
-                [*program(), "--args", str(words), *inside],
-                stdin=subprocess.DEVNULL, stdout=writing, stderr=writing, pass_fds=inherited,
-                start_new_session=True, env=ENVIRONMENT_OF_BUBBLEWRAP,
+            self._started = subprocess.Popen(
+                line, stdin=subprocess.DEVNULL, stdout=writing, stderr=writing, pass_fds=inherited,
+                start_new_session=True, env=environment,
             )  # fmt: skip
             undo.pop_all()
         self._sock.setblocking(False)
@@ -327,19 +342,23 @@ class AgentProcess:
         self._poll.register(self._output, select.POLLIN)
 
     def _await_hello(self, sizes: SandboxLimits) -> None:
+        what = "sandbox" if self._walls else "agent's process"
         try:
             kind, _ = self.answer(0, time.monotonic() + _START_SECONDS, "Python does not come up")
         except LostError as lost:
             said = " ".join(self._prints.last_lines(5))
-            msg = f"The sandbox does not start: {lost.reason}. {said or 'It said nothing.'}"
+            msg = f"The {what} does not start: {lost.reason}. {said or 'It said nothing.'}"
             raise SandboxError(msg) from lost
         if kind != Kind.HELLO:
-            msg = f"The sandbox does not start: it began with a frame of kind {kind}."
+            msg = f"The {what} does not start: it began with a frame of kind {kind}."
             raise SandboxError(msg)
+        first = self._started.pid
         with os.fdopen(self._facts, "rb") as facts:
-            first = int(json.loads(facts.read())["child-pid"])
-        self._facts = -1
-        self._pidfd = os.pidfd_open(first)
+            self._facts = -1
+            if self._walls:
+                first = int(json.loads(facts.read())["child-pid"])
+        if hasattr(os, "pidfd_open"):
+            self._pidfd = os.pidfd_open(first)
         self._watch = Watch(first, sizes)
 
     def _have(self, size: int, until: float, late: str) -> None:
@@ -420,7 +439,7 @@ class AgentProcess:
     def _gone(self) -> NoReturn:
         """The other end is closed: find out how the process ended."""
         try:
-            code = self._bubblewrap.wait(1.0)
+            code = self._started.wait(1.0)
         except subprocess.TimeoutExpired:
             self._end("crashed", "the agent's process closed the connection")
         self._end("crashed", f"the agent's process ended {_how(code)}")
@@ -431,6 +450,9 @@ class AgentProcess:
         raise self._lost
 
     def _kill(self) -> None:
+        if not self._walls:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._started.pid, signal.SIGKILL)
         if self._pidfd >= 0:
             # The first process of the sandbox takes all others with it, and has ended when they have.
             with contextlib.suppress(ProcessLookupError):
@@ -443,9 +465,9 @@ class AgentProcess:
         if self._facts >= 0:
             os.close(self._facts)
             self._facts = -1
-        self._bubblewrap.kill()
+        self._started.kill()
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self._bubblewrap.wait(_END_SECONDS)
+            self._started.wait(_END_SECONDS)
 
 
 def _how(code: int) -> str:

@@ -1,12 +1,10 @@
-"""What a check finds: the report, what the files of a submission tell without being run, and findings about a short run, in words."""
+"""What a check finds: the report, and what the files of a submission tell without being run."""
 
 from __future__ import annotations
 
 import ast
-import os
-import resource
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -17,8 +15,7 @@ from glbench.agents.formats.packages import how_to_install, missing
 from glbench.agents.formats.sb3 import read_archive, space_complaints, statistics_complaints
 from glbench.agents.identity import FORM_WORDS, Identity, find_card
 from glbench.errors import SubmissionError
-from glbench.evaluation.limits import TimeLimits
-from glbench.evaluation.sandbox.frames import MIB, SandboxLimits
+from glbench.evaluation.sandbox.frames import MIB
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
@@ -264,144 +261,3 @@ def _imported(file: Path) -> Iterator[tuple[str, int, bool]]:
             continue
         for name in names:
             yield name.partition(".")[0], node.lineno, id(node) in guarded
-
-
-_SAME = 1e-4
-"""Differences of an action that rounding explains; what is larger is information from other runs."""
-
-
-def company(difference: float, step: int) -> Finding:
-    """A run alone was decided differently, by ``difference``, than among others."""
-    if difference > _SAME:
-        text = (
-            f"A run shown alone is decided differently than among others, by {difference:.2g} in step {step}: rows learn of each other. "
-            "Decide each row from that row only, and keep one memory a row."
-        )
-        return problem("rows", text)
-    text = (
-        f"A run shown alone is decided differently than among others in the last digits ({difference:.1g} in step {step}), as matrix "
-        "products round by the size of a batch. `--runs 1` will differ a little from the first of many runs."
-    )
-    return note("rows", text)
-
-
-def unrepeatable(step: int, difference: float | None, reason: str) -> Finding:
-    """A fresh agent decided differently by ``difference``, or failed for a ``reason``."""
-    how = f"by up to {difference:.2g}" if difference is not None else f"because it failed: {reason}"
-    text = (
-        f"Shown the same observations again, a fresh agent decided differently in step {step}, {how}. Draw random numbers from a "
-        "generator that is seeded in reset, and do not look at the clock: otherwise nobody can repeat the result."
-    )
-    return problem("repeatable", text)
-
-
-def no_answer(seconds: float, runs: int, step: int, steps: int, limits: TimeLimits) -> Finding:
-    """``act`` was stopped after so many ``seconds`` for that many runs."""
-    whom = "one run" if runs == 1 else f"{runs} runs"
-    began = f"act did not come back within {duration(seconds)} for {whom} in step {step}"
-    each, whole = seconds / runs, seconds / runs * steps
-    if each >= limits.step:
-        return problem("time", f"{began}. The limit is {limits.step:g} s for one decision of one run.")
-    if whole > limits.run:
-        text = f"{began}. At that pace all decisions of a run take {duration(whole)} or more, and the limit is {duration(limits.run)}."
-        return problem("time", text)
-    return note("time", f"{began}, which is too slow for this check, though not for an evaluation: more was not seen.")
-
-
-def times(each: float, slowest: float, steps: int, limits: TimeLimits) -> list[Finding]:
-    """Decisions of one run took ``each`` seconds on the average and ``slowest`` at most."""
-    found = []
-    if slowest > limits.step:
-        found.append(problem("time", f"One decision took {slowest:.1f} s a run; the limit is {limits.step:g} s."))
-    if each * steps > limits.run:
-        text = f"All decisions of a run would take {duration(each * steps)}, and the limit is {duration(limits.run)}: runs would end early."
-        found.append(problem("time", text))
-    return found
-
-
-def unseen(done: int, steps: int, seconds: float) -> Finding:
-    """Only some steps fitted into the time."""
-    text = f"Only {done} of {steps} steps fitted into the check ({seconds:.0f} s); what goes wrong later was not seen."
-    return note("time", text)
-
-
-def memory(growth: float, last: int, steps: int) -> list[Finding]:
-    """Memory grows by ``growth`` bytes a step from ``last`` bytes."""
-    later = last + growth * steps
-    if later <= MEMORY_LIMIT:
-        return []
-    text = (
-        f"Memory grows by {growth / MIB:.2f} MiB a step and would reach {later / MIB / 1024:,.1f} GiB by the end of a run; the limit is "
-        f"{MEMORY_LIMIT / MIB / 1024:,.0f} GiB. Keep only what the next decision needs."
-    )
-    return [problem("memory", text)]
-
-
-def surroundings(connections: Sequence[str], written: Sequence[str]) -> list[Finding]:
-    """The agent connected to hosts, or wrote files."""
-    found = []
-    if connections:
-        text = f"It connects to {', '.join(connections)}. In the evaluation there is no network: bring along what it needs."
-        found.append(problem("surroundings", text))
-    if written:
-        text = f"It writes to {', '.join(written)}. In the evaluation only /tmp can be written to, and that is gone afterwards."
-        found.append(problem("surroundings", text))
-    return found
-
-
-def duration(seconds: float) -> str:
-    """Seconds, minutes or hours, as suits."""
-    if seconds < 90:
-        return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
-
-
-MEMORY_LIMIT = SandboxLimits().memory
-"""What an agent may take, in bytes."""
-
-_STATM = Path("/proc/self/statm")
-
-
-class Memory:
-    """What was taken after every step [bytes]; where the system does not tell, growth is 0."""
-
-    def __init__(self) -> None:
-        self._seen: list[int] = []
-        self.peak = 0
-
-    def add(self, now: int, most: int) -> None:
-        """Remember what is taken now, and the most that ever was."""
-        self._seen.append(now)
-        self.peak = most
-
-    @property
-    def last(self) -> int:
-        """Bytes at the last look."""
-        return self._seen[-1] if self._seen else 0
-
-    def growth_a_step(self) -> float:
-        """Bytes a step over the second half of what was seen; the first half warms up."""
-        half = self._seen[len(self._seen) // 2 :]
-        return max(0.0, (half[-1] - half[0]) / (len(half) - 1)) if len(half) > 1 else 0.0
-
-
-def address_space() -> int:
-    """Address space of this process [bytes]; 0 where the system does not tell."""
-    return _pages(0)
-
-
-def peak() -> int:
-    """Most resident memory that this process ever had [bytes]."""
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return most if sys.platform == "darwin" else most * 1024
-
-
-def resident() -> int:
-    """Resident memory of this process [bytes]; 0 where the system does not tell."""
-    return _pages(1)
-
-
-def _pages(column: int) -> int:
-    if not _STATM.is_file():
-        return 0
-    return int(_STATM.read_text(encoding="ascii").split()[column]) * os.sysconf("SC_PAGE_SIZE")
