@@ -48,17 +48,7 @@ class Job:
 
     def prepare(self) -> Evaluation:
         """The evaluation, with the stored result if it is there and current. Errors as for ``glbench.evaluation.prepare``."""
-        options = self.options
-        return prepare(
-            self.task,
-            self.agent,
-            runs=options.runs,
-            first_seed=options.first_seed,
-            workers=options.workers,
-            out=options.out,
-            fresh=options.fresh,
-            episodes=options.episodes,
-        )
+        return prepare(self.task, self.agent, **vars(self.options))
 
 
 @dataclass(frozen=True)

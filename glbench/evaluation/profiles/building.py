@@ -47,11 +47,6 @@ class Column:
     kind: Literal["level", "amount"]
 
 
-def _amounts() -> tuple[Column, ...]:
-    wanted = ("fruit_fresh", "heat", "electricity", "co2_dosed", "epi", "penalty", "reward")
-    return tuple(Column(q.name, q.unit, q.meaning, "amount") for q in QUANTITIES if q.name in wanted)
-
-
 CONTROL_COLUMNS = tuple(Column(control.name, "-", control.meaning, "level") for control in CONTROLS)
 CLIMATE_COLUMNS = (
     Column("air_temperature", "degC", "air temperature at the end of the step", "level"),
@@ -59,7 +54,8 @@ CLIMATE_COLUMNS = (
     Column("relative_humidity", "%", "relative humidity of the indoor air at the end of the step", "level"),
 )
 PIPE = Column("pipe_temperature", "degC", "temperature of the rail pipes", "level")
-AMOUNTS = _amounts()
+_WANTED = ("fruit_fresh", "heat", "electricity", "co2_dosed", "epi", "penalty", "reward")
+AMOUNTS = tuple(Column(q.name, q.unit, q.meaning, "amount") for q in QUANTITIES if q.name in _WANTED)
 COLUMNS = (*CONTROL_COLUMNS, *CLIMATE_COLUMNS, PIPE, *AMOUNTS)
 LIMITS = tuple(q for q in QUANTITIES if q.name.startswith("hours_outside_"))
 WEATHER_COLUMNS = (
@@ -148,7 +144,7 @@ def make_profile(
     kernel: Stepper | None = None,
 ) -> Profile:
     """The profile of ``result``, from the ``trace`` of its evaluation or by replaying its recorded actions, with the same bytes."""
-    course = course_of(task, log, trace, kernel)
+    made = _Made(task, course_of(task, log, trace, kernel))
     values = result.values(task.evaluation.metric)
     (best,), (worst,) = (chosen_rows((word,), log.seeds, values) for word in ("best", "worst"))
     return Profile(
@@ -159,12 +155,12 @@ def make_profile(
             "task": json.loads(definition_json(task)),
             "columns": {c.name: {"unit": c.unit, "meaning": c.meaning, "kind": c.kind} for c in COLUMNS},
             "seeds": {"all": list(log.seeds), "best": log.seeds[best], "worst": log.seeds[worst]},
-            "weather": _weather(task, course),
-            "day": _day(task, course),
-            "season": _season(task, course, best, worst),
-            "calendar": _calendar(task, course),
-            "worst": _worst(task, course, worst),
-            "hours": _hours(task, course),
+            "weather": made.weather(),
+            "day": made.day(),
+            "season": made.season(best, worst),
+            "calendar": made.calendar(),
+            "worst": made.worst(worst),
+            "hours": made.hours(),
         }
     )
 
@@ -248,84 +244,79 @@ def _has_shape(values: list[Any], shape: tuple[int, ...]) -> bool:
     return len(values) == shape[0] and (len(shape) == 1 or all(len(row) == shape[1] for row in values))
 
 
-def _a_day(task: TaskSpec) -> int:
-    return round(tables.SECONDS_A_DAY / task.step_seconds)
+class _Made:
+    """The parts of a profile, made from the course of all runs."""
 
+    def __init__(self, task: TaskSpec, course: Course) -> None:
+        self._course, self._lengths, self._seconds = course, course.lengths, task.step_seconds
+        self._a_day, self._a_slot = round(tables.SECONDS_A_DAY / self._seconds), tables.steps_a_slot(self._seconds)
 
-def _day(task: TaskSpec, course: Course) -> dict[str, Any]:
-    """By time of day: levels as they are, amounts an hour."""
-    a_slot, a_day = tables.steps_a_slot(task.step_seconds), _a_day(task)
-    an_hour = 3600.0 / task.step_seconds
-    columns = {
-        column.name: tables.pack(
-            tables.typical_day(course.columns[column.name], course.lengths, a_day, a_slot)
-            * (an_hour if column.kind == "amount" else 1.0),
-            _DAY_DIGITS,
-        )
-        for column in COLUMNS
-    }
-    return {"slot_seconds": a_slot * task.step_seconds, "quantiles": list(tables.QUANTILES), "columns": columns}
+    def day(self) -> dict[str, Any]:
+        """By time of day: levels as they are, amounts an hour."""
+        scale = {"level": 1.0, "amount": 3600.0 / self._seconds}
+        columns = {
+            c.name: tables.pack(self._typical(self._course.columns[c.name], self._lengths) * scale[c.kind], _DAY_DIGITS)
+            for c in COLUMNS
+        }
+        return {
+            "slot_seconds": self._a_slot * self._seconds,
+            "quantiles": list(tables.QUANTILES),
+            "columns": columns,
+        }
 
+    def season(self, best: int, worst: int) -> dict[str, Any]:
+        """By day: means of levels, totals of amounts; the median over the runs, the best and the worst run."""
+        columns = {}
+        for c in COLUMNS:
+            days = tables.by_day(self._course.columns[c.name], self._lengths, self._a_day, add=c.kind == "amount")
+            lines = np.stack([tables.middle_run(days), days[:, best], days[:, worst]])
+            columns[c.name] = tables.pack(lines, _SEASON_DIGITS)
+        return {"lines": ["median", "best", "worst"], "columns": columns}
 
-def _season(task: TaskSpec, course: Course, best: int, worst: int) -> dict[str, Any]:
-    """By day: means of levels, totals of amounts; the median over the runs, the best and the worst run."""
-    columns = {}
-    for column in COLUMNS:
-        days = tables.by_day(course.columns[column.name], course.lengths, _a_day(task), add=column.kind == "amount")
-        lines = np.stack([tables.middle_run(days), days[:, best], days[:, worst]])
-        columns[column.name] = tables.pack(lines, _SEASON_DIGITS)
-    return {"lines": ["median", "best", "worst"], "columns": columns}
+    def calendar(self) -> dict[str, Any]:
+        """By day and hour of day: minutes outside each limit, mean over the runs, in tenths."""
+        return {
+            name.removeprefix("hours_outside_"): tables.pack(
+                tables.calendar(outside, self._lengths, self._a_day, self._seconds), 2
+            )
+            for name, outside in self._course.outside.items()
+        }
 
+    def worst(self, run: int) -> dict[str, Any]:
+        """Hour by hour through the ``run`` that earned the smallest metric."""
+        length = int(self._lengths[run])
+        return {
+            c.name: self._hourly(self._course.columns[c.name][:, run], length, add=c.kind == "amount")
+            for c in _WORST_RUN
+        }
 
-def _calendar(task: TaskSpec, course: Course) -> dict[str, Any]:
-    """By day and hour of day: minutes outside each limit, mean over the runs, in tenths."""
-    return {
-        limit.name.removeprefix("hours_outside_"): tables.pack(
-            tables.calendar(course.outside[limit.name], course.lengths, _a_day(task), task.step_seconds), 2
-        )
-        for limit in LIMITS
-    }
+    def hours(self) -> dict[str, Any]:
+        """By hour of day and run: sums over the whole season."""
+        sums = {
+            name: tables.by_hour_of_day(self._course.columns[name], self._a_day, self._seconds)
+            for name in _BY_HOUR_OF_DAY
+        }
+        return {name: tables.pack(values, _HOUR_DIGITS) for name, values in sums.items()}
 
+    def weather(self) -> dict[str, Any]:
+        """Weather by time of day, by day (mean, lowest, highest) and by hour."""
+        day, season, hours = {}, {}, {}
+        for name, series in self._course.weather.items():
+            everything = np.array([len(series)])
+            day[name] = tables.pack(self._typical(series[:, None], everything), _DAY_DIGITS)
+            days = series.reshape(-1, self._a_day)
+            lines = np.stack([days.mean(axis=1, dtype=np.float64), days.min(axis=1), days.max(axis=1)])
+            season[name] = tables.pack(lines, _SEASON_DIGITS)
+            hours[name] = self._hourly(series, len(series), add=False)
+        return {
+            "columns": {c.name: {"unit": c.unit, "meaning": c.meaning} for c in WEATHER_COLUMNS},
+            "day": day,
+            "season": {"lines": ["mean", "lowest", "highest"], "columns": season},
+            "hours": hours,
+        }
 
-def _worst(task: TaskSpec, course: Course, worst: int) -> dict[str, Any]:
-    """Hour by hour through the run that earned the smallest metric."""
-    length = int(course.lengths[worst])
-    return {
-        column.name: tables.pack(
-            tables.by_hour(
-                course.columns[column.name][:, worst], length, task.step_seconds, add=column.kind == "amount"
-            ),
-            _COURSE_DIGITS,
-        )
-        for column in _WORST_RUN
-    }
+    def _typical(self, values: Floats, lengths: NDArray[np.int64]) -> Floats:
+        return tables.typical_day(values, lengths, self._a_day, self._a_slot)
 
-
-def _hours(task: TaskSpec, course: Course) -> dict[str, Any]:
-    """By hour of day and run: sums over the whole season."""
-    return {
-        name: tables.pack(tables.by_hour_of_day(course.columns[name], _a_day(task), task.step_seconds), _HOUR_DIGITS)
-        for name in _BY_HOUR_OF_DAY
-    }
-
-
-def _weather(task: TaskSpec, course: Course) -> dict[str, Any]:
-    """Weather by time of day, by day (mean, lowest, highest) and by hour."""
-    a_slot, a_day = tables.steps_a_slot(task.step_seconds), _a_day(task)
-    day, season, hours = {}, {}, {}
-    everything = np.array([task.steps])
-    for column in WEATHER_COLUMNS:
-        series = course.weather[column.name]
-        day[column.name] = tables.pack(tables.typical_day(series[:, None], everything, a_day, a_slot), _DAY_DIGITS)
-        days = series.reshape(-1, a_day)
-        lines = np.stack([days.mean(axis=1, dtype=np.float64), days.min(axis=1), days.max(axis=1)])
-        season[column.name] = tables.pack(lines, _SEASON_DIGITS)
-        hours[column.name] = tables.pack(
-            tables.by_hour(series, task.steps, task.step_seconds, add=False), _COURSE_DIGITS
-        )
-    return {
-        "columns": {c.name: {"unit": c.unit, "meaning": c.meaning} for c in WEATHER_COLUMNS},
-        "day": day,
-        "season": {"lines": ["mean", "lowest", "highest"], "columns": season},
-        "hours": hours,
-    }
+    def _hourly(self, values: Floats, length: int, *, add: bool) -> tables.Packed:
+        return tables.pack(tables.by_hour(values, length, self._seconds, add=add), _COURSE_DIGITS)
