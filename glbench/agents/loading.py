@@ -301,10 +301,16 @@ def load_agent(ref: str | Path) -> LoadedAgent:
 def _maker_of(submission: Identity) -> Callable[[TaskCard], Agent]:
     if submission.form == "python":
         return python_maker(submission)
-    # Not at the top: the process of an agent in Python does not need it.
-    from glbench.agents.formats import policy_agent
 
-    return lambda task: policy_agent(submission, task)
+    def make(task: TaskCard) -> Agent:
+        # Not at the top: the process of an agent in Python does not need them.
+        from glbench.agents.formats.exported import onnx_agent, torchscript_agent
+        from glbench.agents.formats.sb3 import sb3_agent
+
+        makers = {"sb3": sb3_agent, "torchscript": torchscript_agent, "onnx": onnx_agent}
+        return makers[submission.form](submission, task)
+
+    return make
 
 
 def find_submission(ref: str | Path) -> Path:

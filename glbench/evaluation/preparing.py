@@ -26,7 +26,15 @@ from glbench.evaluation.files import ensure_writable, load_result, result_path
 from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.metrics import UNITS
 from glbench.evaluation.provenance import usable_cores
-from glbench.evaluation.records import AgentRecord, EvaluationRecord, Result, TaskRecord, results_digest, summarise
+from glbench.evaluation.records import (
+    AgentRecord,
+    EvaluationRecord,
+    Result,
+    RunResult,
+    TaskRecord,
+    results_digest,
+    summarise,
+)
 from glbench.evaluation.rollout import ProgressCallback, RolloutLoop, RunTotals, StepCallback
 from glbench.evaluation.runners import (
     AgentRunner,
@@ -383,7 +391,14 @@ class Evaluation:
                 rollout.run(simulation.observe(), saved.step)
             else:
                 return None
-            return self._result(totals, rollout.wall_seconds, saved.step if saved is not None else None), recorder
+            result = self.result(
+                totals.results(self.task),
+                workers=self.workers,
+                wall_seconds=rollout.wall_seconds,
+                decision_seconds=float(totals.seconds.sum()),
+                resumed_at=saved.step if saved is not None else None,
+            )
+            return result, recorder
 
     def _replayed(self, rollout: RolloutLoop, saved: Saved) -> bool:
         try:
@@ -412,18 +427,36 @@ class Evaluation:
             raise JointAgentError(msg)
         return runner
 
-    def _result(self, totals: RunTotals, wall_seconds: float, resumed_at: int | None) -> Result:
-        task, failed_step = self.task, self.task.evaluation.failed_step
-        runs = totals.results(
-            task.steps, {"reward": failed_step.reward, "epi": failed_step.epi, "penalty": failed_step.penalty}
-        )
-        agent = agent_record(self.agent)
+    def result(
+        self,
+        runs: tuple[RunResult, ...],
+        *,
+        workers: int,
+        wall_seconds: float,
+        decision_seconds: float,
+        resumed_at: int | None,
+    ) -> Result:
+        """The result of ``runs`` that were made by so many ``workers``, with the versions and the machine of this process."""
+        task, agent = self.task, agent_record(self.agent)
+        steps = sum(run.steps for run in runs)
         return Result(
             task=TaskRecord(
                 id=task.id, digest=task.digest, title=task.title, steps=task.steps, step_seconds=task.step_seconds
             ),
             agent=agent,
-            evaluation=self._evaluation_record(totals, wall_seconds, resumed_at),
+            evaluation=EvaluationRecord(
+                runs=len(self.seeds),
+                seeds=self.seeds,
+                workers=workers,
+                wall_seconds=wall_seconds,
+                steps_per_second=steps / wall_seconds,
+                decision_seconds=decision_seconds,
+                decision_milliseconds=1e3 * decision_seconds / max(steps, 1),
+                resumed_at_step=resumed_at,
+                limits=self.limits.as_dict(),
+                kernel=self.kernel,
+                sandbox=self.protection,
+            ),
             versions=provenance.versions(),
             machine=provenance.machine(),
             git=provenance.git_state(),
@@ -432,23 +465,6 @@ class Evaluation:
             runs=runs,
             summary=summarise(runs),
             results_digest=results_digest(task.digest, agent, runs),
-        )
-
-    def _evaluation_record(self, totals: RunTotals, wall_seconds: float, resumed_at: int | None) -> EvaluationRecord:
-        steps = int(totals.steps.sum())
-        decision_seconds = float(totals.seconds.sum())
-        return EvaluationRecord(
-            runs=len(self.seeds),
-            seeds=self.seeds,
-            workers=self.workers,
-            wall_seconds=wall_seconds,
-            steps_per_second=steps / wall_seconds,
-            decision_seconds=decision_seconds,
-            decision_milliseconds=1e3 * decision_seconds / max(steps, 1),
-            resumed_at_step=resumed_at,
-            limits=self.limits.as_dict(),
-            kernel=self.kernel,
-            sandbox=self.protection,
         )
 
     @property

@@ -19,6 +19,7 @@ from glbench.evaluation.records import RunResult, Status
 from glbench.evaluation.runners import AgentRunner
 from glbench.fields import LONGEST_TEXT
 from glbench.kernel.finite import all_finite
+from glbench.tasks import TaskSpec
 from glbench.untrusted import as_one_line
 
 
@@ -68,22 +69,19 @@ class RunTotals:
         self.steps += self.alive
         return ended
 
-    def results(self, all_steps: int, failed_step: Mapping[str, float]) -> tuple[RunResult, ...]:
+    def results(self, task: TaskSpec) -> tuple[RunResult, ...]:
         """Every run as a record, missing steps at the task's price."""
-        return tuple(self._result(row, all_steps, failed_step) for row in range(len(self.seeds)))
-
-    def _result(self, row: int, all_steps: int, failed_step: Mapping[str, float]) -> RunResult:
-        end: tuple[Status, str | None] = self._ends.get(row, ("ok", None))
-        status, reason = end
-        steps = int(self.steps[row])
-        totals = dict(zip(METRIC_NAMES, self.totals[:, row].tolist(), strict=True))
-        return RunResult(
-            seed=self.seeds[row],
-            status=status,
-            reason=reason,
-            steps=steps,
-            metrics=with_missing_steps(totals, all_steps - steps, failed_step),
-        )
+        charge = task.evaluation.failed_step
+        prices = {"reward": charge.reward, "epi": charge.epi, "penalty": charge.penalty}
+        found = []
+        for row, seed in enumerate(self.seeds):
+            end: tuple[Status, str | None] = self._ends.get(row, ("ok", None))
+            status, reason = end
+            steps = int(self.steps[row])
+            sums = dict(zip(METRIC_NAMES, self.totals[:, row].tolist(), strict=True))
+            metrics = with_missing_steps(sums, task.steps - steps, prices)
+            found.append(RunResult(seed=seed, status=status, reason=reason, steps=steps, metrics=metrics))
+        return tuple(found)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The numbers, for a checkpoint."""

@@ -219,9 +219,7 @@ def _simulate(
             trace.add(replay.simulation, outcome)
         if progress is not None:
             progress(step + 1, task.steps)
-    charge = task.evaluation.failed_step
-    runs = totals.results(task.steps, {"reward": charge.reward, "epi": charge.epi, "penalty": charge.penalty})
-    return _Again(runs, rewards, np.array(replay.simulation.x), trace)
+    return _Again(totals.results(task), rewards, np.array(replay.simulation.x), trace)
 
 
 def _try_to_read(folder: Path, log: ActionLog, *, wanted: bool) -> tuple[list[tuple[int, Episode]], Refused | None]:

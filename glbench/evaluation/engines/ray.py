@@ -29,7 +29,6 @@ from glbench.errors import GlbenchError, SubmissionError
 from glbench.evaluation.engines.local import Job, Outcome, Report, failed
 from glbench.evaluation.files import Scratch
 from glbench.evaluation.preparing import Evaluation, JointAgentError, prepare
-from glbench.evaluation.records import EvaluationRecord, Result, results_digest, summarise
 from glbench.evaluation.rollout import Progress
 from glbench.evaluation.sandbox.choosing import Protection
 from glbench.evaluation.saving import Computed, agent_folder
@@ -112,38 +111,21 @@ def put_together(evaluation: Evaluation, parts: Sequence[Computed]) -> Computed:
         rewards=np.concatenate([part.log.rewards for part in parts], axis=1),
         final_states=np.concatenate([part.log.final_states for part in parts], axis=0),
     )
-    runs = tuple(run for part in parts for run in part.result.runs)
-    whole = first.result.model_copy(
-        update={
-            "runs": runs,
-            "summary": summarise(runs),
-            "evaluation": _evaluation_record(evaluation, [part.result for part in parts]),
-            "results_digest": results_digest(first.result.task.digest, first.result.agent, runs),
-            "created": max(part.result.created for part in parts),
-        }
-    )
-    # Copying checks nothing; what is put together must be as consistent as what was computed in one piece.
-    printed = "\n".join(part.printed for part in parts if part.printed)
-    return Computed(Result.model_validate_json(whole.to_json()), log, printed=printed)
-
-
-def _evaluation_record(evaluation: Evaluation, results: Sequence[Result]) -> EvaluationRecord:
+    results = [part.result for part in parts]
     records = [result.evaluation for result in results]
-    steps = sum(run.steps for result in results for run in result.runs)
-    seconds, wall = sum(record.decision_seconds for record in records), max(record.wall_seconds for record in records)
     resumed = [record.resumed_at_step for record in records if record.resumed_at_step is not None]
-    return records[0].model_copy(
-        update={
-            "runs": len(evaluation.seeds),
-            "seeds": evaluation.seeds,
-            "workers": len(results),
-            "wall_seconds": wall,
-            "steps_per_second": steps / wall,
-            "decision_seconds": seconds,
-            "decision_milliseconds": 1e3 * seconds / max(steps, 1),
-            "resumed_at_step": min(resumed) if resumed else None,
-        }
+    whole = evaluation.result(
+        tuple(run for result in results for run in result.runs),
+        workers=len(parts),
+        wall_seconds=max(record.wall_seconds for record in records),
+        decision_seconds=sum(record.decision_seconds for record in records),
+        resumed_at=min(resumed, default=None),
     )
+    # Versions and machine are those that computed.
+    there = {name: getattr(first.result, name) for name in ("versions", "machine", "git")}
+    created = max(result.created for result in results)
+    printed = "\n".join(part.printed for part in parts if part.printed)
+    return Computed(whole.model_copy(update={**there, "created": created}), log, printed=printed)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from glbench.errors import GlbenchError, SandboxError, SubmissionError
 from glbench.evaluation.limits import Failure, TimeLimits
 from glbench.evaluation.runners import AgentRunner, Decision, SandboxedAgent, in_process
 from glbench.evaluation.sandbox.choosing import Protection, SandboxChoice, protection_of
-from glbench.evaluation.sandbox.frames import MIB, Kind, SandboxLimits
+from glbench.evaluation.sandbox.frames import GIB, MIB, Kind, SandboxLimits
 from glbench.evaluation.sandbox.process import LostError, Prints
 from glbench.evaluation.submitting import findings
 from glbench.evaluation.submitting.findings import Finding, Report, Subject, note, problem
@@ -178,7 +178,7 @@ class _DryRun:
                     # An agent that does not repeat itself would be found to decide differently alone, too.
                     if self._short_run() and self._repeat():
                         self._alone()
-                    self._book.add(_surroundings(*self._overheard()), "surroundings")
+                    self._book_surroundings()
         except LostError as error:
             self._book.add([problem("loading", f"{error.reason[:1].upper()}{error.reason[1:]}.")])
         except SandboxError as error:
@@ -248,7 +248,8 @@ class _DryRun:
                 break
         self._measured(seconds, memory)
         if len(seconds) < steps:
-            self._book.add([_unseen(len(seconds), steps, time.monotonic() - began)])
+            done = f"Only {len(seconds)} of {steps} steps fitted into the check ({time.monotonic() - began:.0f} s)"
+            self._book.add([note("time", f"{done}; what goes wrong later was not seen.")])
         return True
 
     def _accepted(self, decision: Decision, took: float, step: int) -> bool:
@@ -273,16 +274,32 @@ class _DryRun:
         return False
 
     def _measured(self, seconds: list[float], taken: list[int]) -> None:
+        """What decisions of one run took [s], and what memory was taken after each step [bytes]."""
         each, steps, runs = sum(seconds) / len(seconds), self._task.steps, self._task.evaluation.runs
+        limits, found = self._limits, list[Finding]()
+        if max(seconds) > limits.step:
+            text = f"One decision took {max(seconds):.1f} s a run; the limit is {limits.step:g} s."
+            found.append(problem("time", text))
+        if each * steps > limits.run:
+            text = (
+                f"All decisions of a run would take {_duration(each * steps)}, and the limit is {_duration(limits.run)}"
+            )
+            found.append(problem("time", f"{text}: runs would end early."))
         whole = _duration(each * steps * runs)
         self._book.facts["time"] = (
             f"{1e3 * each:.3g} ms a decision of one run; {whole} for {runs} runs of {steps} steps"
         )
-        self._book.add(_times(each, max(seconds), steps, self._limits), "time")
-        self._book.facts["memory"] = f"{max(taken) / MIB:,.0f} MiB; limit {_SIZES.memory / MIB:,.0f} MiB"
         half = taken[len(taken) // 2 :]  # the first half warms up
         growth = max(0.0, (half[-1] - half[0]) / (len(half) - 1)) if len(half) > 1 else 0.0
-        self._book.add(_growing(growth, taken[-1], steps), "memory")
+        later = taken[-1] + growth * steps
+        if later > _SIZES.memory:
+            text = (
+                f"Memory grows by {growth / MIB:.2f} MiB a step and would reach {later / GIB:,.1f} GiB by the end of a run; the limit is "
+                f"{_SIZES.memory / GIB:,.0f} GiB. Keep only what the next decision needs."
+            )
+            found.append(problem("memory", text))
+        self._book.facts["memory"] = f"{max(taken) / MIB:,.0f} MiB; limit {_SIZES.memory / MIB:,.0f} MiB"
+        self._book.add(found, "time", "memory")
 
     def _repeat(self) -> bool:
         """Show a fresh agent the same observations: it must decide the same, to the last bit."""
@@ -325,17 +342,21 @@ class _DryRun:
                 if time.monotonic() > until:
                     break
 
-    def _overheard(self) -> tuple[list[str], list[str]]:
+    def _book_surroundings(self) -> None:
         """Where the agent connected to and what it wrote, as it says itself; nothing once its process has ended."""
-        try:
+        told: dict[str, list[str]] = {"c": [], "w": []}
+        with suppress(LostError):
             self._process.ask(Kind.HEARD, 0, seconds=1.0)
             _, body = self._process.answer(0, time.monotonic() + 1.0, "no answer")
-        except LostError:
-            return [], []
-        told: dict[str, list[str]] = {"c": [], "w": []}
-        for line in bytes(body).decode("utf-8", errors="replace").splitlines():
-            told.get(line[:1], []).append(line[2:])
-        return told["c"], told["w"]
+            for line in bytes(body).decode("utf-8", errors="replace").splitlines():
+                told.get(line[:1], []).append(line[2:])
+        self._book.checked.add("surroundings")
+        if told["c"]:
+            text = f"It connects to {', '.join(told['c'])}. In the evaluation there is no network: bring along what it needs."
+            self._book.add([problem("surroundings", text)])
+        if told["w"]:
+            text = f"It writes to {', '.join(told['w'])}. In the evaluation only /tmp can be written to, and that is gone afterwards."
+            self._book.add([problem("surroundings", text)])
 
     def _book_printing(self) -> None:
         size, kept = self._prints.size, _SIZES.printed
@@ -402,48 +423,6 @@ def _no_answer(seconds: float, runs: int, step: int, steps: int, limits: TimeLim
         text = f"{began}. At that pace all decisions of a run take {_duration(whole)} or more, and the limit is {_duration(limits.run)}."
         return problem("time", text)
     return note("time", f"{began}, which is too slow for this check, though not for an evaluation: more was not seen.")
-
-
-def _times(each: float, slowest: float, steps: int, limits: TimeLimits) -> list[Finding]:
-    """Decisions of one run took ``each`` seconds on the average and ``slowest`` at most."""
-    found = []
-    if slowest > limits.step:
-        found.append(problem("time", f"One decision took {slowest:.1f} s a run; the limit is {limits.step:g} s."))
-    if each * steps > limits.run:
-        whole = _duration(each * steps)
-        text = f"All decisions of a run would take {whole}, and the limit is {_duration(limits.run)}: runs would end early."
-        found.append(problem("time", text))
-    return found
-
-
-def _unseen(done: int, steps: int, seconds: float) -> Finding:
-    """Only some steps fitted into the time."""
-    text = f"Only {done} of {steps} steps fitted into the check ({seconds:.0f} s); what goes wrong later was not seen."
-    return note("time", text)
-
-
-def _growing(growth: float, last: int, steps: int) -> list[Finding]:
-    """Memory grows by ``growth`` bytes a step from ``last`` bytes."""
-    later = last + growth * steps
-    if later <= _SIZES.memory:
-        return []
-    text = (
-        f"Memory grows by {growth / MIB:.2f} MiB a step and would reach {later / MIB / 1024:,.1f} GiB by the end of a run; the limit is "
-        f"{_SIZES.memory / MIB / 1024:,.0f} GiB. Keep only what the next decision needs."
-    )
-    return [problem("memory", text)]
-
-
-def _surroundings(connections: Sequence[str], written: Sequence[str]) -> list[Finding]:
-    """The agent connected to hosts, or wrote files."""
-    found = []
-    if connections:
-        text = f"It connects to {', '.join(connections)}. In the evaluation there is no network: bring along what it needs."
-        found.append(problem("surroundings", text))
-    if written:
-        text = f"It writes to {', '.join(written)}. In the evaluation only /tmp can be written to, and that is gone afterwards."
-        found.append(problem("surroundings", text))
-    return found
 
 
 def _duration(seconds: float) -> str:
