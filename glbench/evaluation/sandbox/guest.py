@@ -19,7 +19,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import Any, Final, NoReturn
 
 if __name__ == "__main__" and "glbench" not in sys.modules:
     # The package without what its __init__ does: there are no tasks here to register, and Gymnasium takes its time to load.
@@ -46,9 +46,6 @@ from glbench.evaluation.sandbox.frames import (
     encoded,
     packed_problems,
 )
-
-if TYPE_CHECKING:
-    from glbench.agents.protocol import Agent
 
 _CREATE_RULESET, _RESTRICT_SELF = 444, 446
 """Numbers of the system calls, on all processors the same."""
@@ -129,108 +126,95 @@ class Host:
     def do(self, kind: int, body: memoryview) -> None:
         """Answer a question."""
         if kind == Kind.REHEARSE:
-            self._listener = rehearse(bytes(body).decode())
-            self._line.answer(Kind.DONE)
-        elif kind == Kind.HEARD and self._listener is not None:
-            heard = [f"c {where}" for where in self._listener.connections] + [
-                f"w {what}" for what in self._listener.written
-            ]
+            self._rehearse(bytes(body).decode())
+        elif self._listener is None:
+            self._ask_agent(kind, body)
+        elif kind == Kind.HEARD:
+            heard = [f"c {where}" for where in self._listener.connections]
+            heard += [f"w {what}" for what in self._listener.written]
             self._line.answer(Kind.TOLD, encoded("\n".join(heard)))
-        elif self._listener is not None:
+        else:
             with self._listener.listening():
                 self._ask_agent(kind, body)
-        else:
-            self._ask_agent(kind, body)
+
+    def _rehearse(self, packages: str) -> None:
+        """Import packages whose time is not the agent's, and begin to listen."""
+        for package in filter(None, packages.split("\0")):
+            with contextlib.suppress(ImportError):  # told when the agent itself imports it
+                importlib.import_module(package)
+        self._listener = Listener()
+        self._line.answer(Kind.DONE)
 
     def _ask_agent(self, kind: int, body: memoryview) -> None:
-        line = self._line
         if kind == Kind.LOAD:
-            order = self._order = pickle.loads(body)
-            limit_this_process(order.sizes)
-            self._agents = make_agents(line, order)
-            self._single = bool(self._agents) and isinstance(self._agents[0], PerRunAgent)
-            if self._agents:
-                line.answer(Kind.MADE, bytes([self._single]))
+            self._make(pickle.loads(body))
         elif self._single:
-            answer_by_row(line, self._order, self._agents, kind, body)
-        elif kind == Kind.RESET:
-            reset(line, self._order, self._agents[0])
+            self._ask_one_by_one(kind, body)
         else:
-            act(line, self._order, self._agents[0], body)
+            self._ask_for_all(kind, body)
 
-
-def rehearse(packages: str) -> Listener:
-    """Import packages whose time is not the agent's, and begin to listen."""
-    for package in filter(None, packages.split("\0")):
-        with contextlib.suppress(ImportError):  # told when the agent itself imports it
-            importlib.import_module(package)
-    return Listener()
-
-
-def make_agents(line: Line, order: Order) -> list[Any]:
-    """The agent, or one adapter with its agent for each run; none when it failed, which is answered."""
-    try:
-        loaded = load_agent(Path(order.path))
-        line.answer(Kind.LOADED)
-        first = loaded.make(order.card)
-        others = order.runs - 1 if isinstance(first, PerRunAgent) else 0
-        return [first, *(loaded.make(order.card) for _ in range(others))]
-    except SubmissionError as error:
-        line.failed("crashed", str(error))
-    except BaseException as error:  # the submission's code may raise anything; it is told, not swallowed
-        line.failed("crashed", f"The agent '{Path(order.path).stem}' cannot be made: {described(error)}.")
-    return []
-
-
-def reset(line: Line, order: Order, agent: Agent) -> None:
-    """Reset a batched agent."""
-    try:
-        agent.reset(order.card, order.runs)
-    except BaseException as error:
-        line.failed("crashed", described(error))
-    else:
-        line.answer(Kind.DONE)
-
-
-def act(line: Line, order: Order, agent: Agent, body: memoryview) -> None:
-    """Ask a batched agent for all rows."""
-    card, n = order.card, order.runs
-    observations = np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy()
-    try:
-        returned: object = agent.act(observations)
-        actions, problems = read_actions(returned, card, n)
-        kind = Kind.PROBLEMS if problems else Kind.ACTIONS
-        line.answer(kind, actions.tobytes(), packed_problems(problems))
-    except ActionError as error:
-        line.failed("invalid_action", str(error).rstrip("."))
-    except BaseException as error:
-        line.failed("crashed", described(error))
-
-
-def answer_by_row(line: Line, order: Order, agents: list[Any], kind: int, body: memoryview) -> None:
-    """Reset or ask one agent after the other, and answer row by row, so that one who never returns is known by its place."""
-    card, n = order.card, order.runs
-    rows = np.flatnonzero(np.frombuffer(body[:n], dtype=np.uint8))
-    observations = np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy() if kind == Kind.ACT else None
-    for row in rows.tolist():
-        if observations is None:
-            failure = guarded(lambda r=row: agents[r].reset(card, 1), order.time.start, "reset", through=()).failure  # type: ignore[misc]
-            given: NDArray[np.float64] = np.empty(0)
+    def _make(self, order: Order) -> None:
+        """Make the agent, or one adapter with its agent for each run."""
+        self._order, self._agents = order, []
+        limit_this_process(order.sizes)
+        try:
+            loaded = load_agent(Path(order.path))
+            self._line.answer(Kind.LOADED)
+            first = loaded.make(order.card)
+            self._single = isinstance(first, PerRunAgent)
+            others = order.runs - 1 if self._single else 0
+            self._agents = [first, *(loaded.make(order.card) for _ in range(others))]
+        except SubmissionError as error:
+            self._line.failed("crashed", str(error))
+        except BaseException as error:  # the submission's code may raise anything; it is told, not swallowed
+            reason = f"The agent '{Path(order.path).stem}' cannot be made: {described(error)}."
+            self._line.failed("crashed", reason)
         else:
-            shown = observations[row : row + 1]
-            answer = guarded(lambda r=row, o=shown: agents[r].act(o)[0], order.time.step, "act", through=())  # type: ignore[misc]
-            failure, given = answer.failure, np.asarray(answer.value)
-        if failure is not None:
-            # It is not asked again. What it holds is the others' to have, and the time in which it lets go is its own.
-            guarded(lambda r=row: let_go(agents, r), _LETTING_GO_SECONDS, "letting go", through=())  # type: ignore[misc]
-            # The adapter counts its own runs, of which it has one here.
-            reason = failure.reason.replace(" in run 0", "")
-            line.answer(Kind.ROW, ROW.pack(row, STATUSES.index(failure.status)), encoded(reason))
-        elif observations is not None and given.shape != (len(card.actions),):
-            reason = action_problems([given], card, 1)[0]
-            line.answer(Kind.ROW, ROW.pack(row, STATUSES.index("invalid_action")), encoded(reason))
-        else:
-            line.answer(Kind.ROW, ROW.pack(row, 0), given.tobytes())
+            self._line.answer(Kind.MADE, bytes([self._single]))
+
+    def _ask_for_all(self, kind: int, body: memoryview) -> None:
+        """Reset a batched agent, or ask it for all rows."""
+        card, n, agent = self._order.card, self._order.runs, self._agents[0]
+        try:
+            if kind == Kind.RESET:
+                agent.reset(card, n)
+                self._line.answer(Kind.DONE)
+                return
+            observations = np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy()
+            actions, problems = read_actions(agent.act(observations), card, n)
+            said = Kind.PROBLEMS if problems else Kind.ACTIONS
+            self._line.answer(said, actions.tobytes(), packed_problems(problems))
+        except BaseException as error:
+            if isinstance(error, ActionError) and kind == Kind.ACT:
+                self._line.failed("invalid_action", str(error).rstrip("."))
+            else:
+                self._line.failed("crashed", described(error))
+
+    def _ask_one_by_one(self, kind: int, body: memoryview) -> None:
+        """Reset or ask one agent after the other, and answer row by row, so that one who never returns is known by its place."""
+        order, agents, line = self._order, self._agents, self._line
+        card, n = order.card, order.runs
+        rows = np.flatnonzero(np.frombuffer(body[:n], dtype=np.uint8))
+        observations = np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy() if kind == Kind.ACT else None
+        for row in rows.tolist():
+            if observations is None:
+                failure = guarded(lambda r=row: agents[r].reset(card, 1), order.time.start, "reset", through=()).failure  # type: ignore[misc]
+                given: NDArray[np.float64] = np.empty(0)
+            else:
+                shown = observations[row : row + 1]
+                answer = guarded(lambda r=row, o=shown: agents[r].act(o)[0], order.time.step, "act", through=())  # type: ignore[misc]
+                failure, given = answer.failure, np.asarray(answer.value)
+            if failure is not None:
+                # It is not asked again. What it holds is the others' to have, and the time in which it lets go is its own.
+                guarded(lambda r=row: let_go(agents, r), _LETTING_GO_SECONDS, "letting go", through=())  # type: ignore[misc]
+                # The adapter counts its own runs, of which it has one here.
+                reason = failure.reason.replace(" in run 0", "")
+                line.answer(Kind.ROW, ROW.pack(row, STATUSES.index(failure.status)), encoded(reason))
+            elif observations is not None and given.shape != (len(card.actions),):
+                reason = action_problems([given], card, 1)[0]
+                line.answer(Kind.ROW, ROW.pack(row, STATUSES.index("invalid_action")), encoded(reason))
+            else:
+                line.answer(Kind.ROW, ROW.pack(row, 0), given.tobytes())
 
 
 def let_go(agents: list[Any], row: int) -> None:
