@@ -107,6 +107,28 @@ def test_fewer_runs_than_the_task_asks_for_are_reproduced_as_a_trial(day_task, w
     assert "trial of 2 runs" in verdict.notes[0]
 
 
+def test_metrics_of_another_version_are_not_vouched_for(wavy):
+    def more(document):
+        for values in (*(run["metrics"] for run in document["runs"]), document["units"]):
+            values["water"] = 2.5
+        document["units"]["water"] = "l m-2"
+
+    rewrite(wavy, more)
+    verdict = verify(wavy)
+    assert (verdict.outcome, verdict.cause) == ("unknown", "unknown_metrics")
+    assert verdict.reason == "This glbench does not measure water. Verify with the one that did."
+
+
+def test_a_result_with_fewer_metrics_is_reproduced_in_those_it_has(wavy):
+    def fewer(document):
+        for values in (*(run["metrics"] for run in document["runs"]), document["units"]):
+            del values["heat"]
+
+    rewrite(wavy, fewer)
+    verdict = verify(wavy)
+    assert (verdict.outcome, verdict.exactness) == ("reproduced", "bits")
+
+
 def test_a_task_that_a_record_brings_along_is_not_simulated_without_end(wavy, monkeypatch):
     monkeypatch.setattr(documents, "_MOST_STEPS", 23)
     verdict = verify(wavy)
