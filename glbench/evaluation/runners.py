@@ -16,7 +16,7 @@ import pickle
 import re
 import time
 from dataclasses import dataclass, replace
-from typing import Final, cast
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from glbench.agents import Agent, Identity, LoadedAgent, PerRunAgent, Privileged
 from glbench.agents.actions import ROUNDING, read_actions, value_problems
 from glbench.env import Simulation, StepResult
 from glbench.errors import SubmissionError
-from glbench.evaluation.limits import Answer, Failure, TimeLimits, guarded
+from glbench.evaluation.limits import Failure, TimeLimits, guarded
 from glbench.evaluation.sandbox.bubblewrap import place_inside
 from glbench.evaluation.sandbox.frames import (
     LONGEST_TEXT,
@@ -138,56 +138,62 @@ def _made(agent: LoadedAgent, card: TaskCard, limits: TimeLimits) -> Agent | Pri
 class BatchRunner(AgentRunner):
     """One agent that decides for all runs at once."""
 
+    _call = "act (for all runs)"
+
     def __init__(self, agent: Agent, card: TaskCard, n: int, limits: TimeLimits) -> None:
         super().__init__(card, n, limits)
-        self._agent = agent
+        self._agent: Any = agent
+        self._task = card
 
     def start(self) -> tuple[Failure, ...]:
         """Reset the agent."""
-        answer = guarded(lambda: self._agent.reset(self.card, self.n), self.limits.start, "reset")
+        answer = guarded(lambda: self._agent.reset(self._task, self.n), self.limits.start, "reset")
         return (answer.failure,) if answer.failure else ()
 
     def _decided(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
+        deciding = int(np.count_nonzero(alive))
         # A copy: an agent that works in its observations must not change what is recorded or what the simulation holds.
-        shown = inputs.astype(np.float32)
-        limit = self.limits.step * int(np.count_nonzero(alive))
-        answer = guarded(lambda: read_actions(self._agent.act(shown), self.card, self.n), limit, "act (for all runs)")
-        return _batch_decision(answer, alive, self.shape)
+        shown = inputs.copy()
+        answer = guarded(
+            lambda: read_actions(self._returned(step, shown), self.card, self.n),
+            self.limits.step * deciding,
+            self._call,
+        )
+        seconds: Array = np.where(alive, answer.seconds / deciding, 0.0)
+        if answer.value is None:
+            return Decision(np.zeros(self.shape), (answer.failure,) if answer.failure else (), seconds)
+        actions, problems = answer.value
+        return Decision(actions, _invalid(problems, alive), seconds)
+
+    def _returned(self, step: int, shown: Inputs) -> object:
+        return self._agent.act(shown.astype(np.float32, copy=False))
 
 
-class PrivilegedRunner(AgentRunner):
+class PrivilegedRunner(BatchRunner):
     """A controller of glbench that sees states and disturbances and sets the controls themselves."""
+
+    _call = "controls (for all runs)"
 
     def __init__(
         self, controller: PrivilegedController, task: TaskSpec, card: TaskCard, n: int, limits: TimeLimits
     ) -> None:
-        super().__init__(replace(card, actions=tuple(Action(name, 0.0, 1.0) for name in CONTROL_NAMES)), n, limits)
-        self._controller, self._task_card = controller, card
+        controls = tuple(Action(name, 0.0, 1.0) for name in CONTROL_NAMES)
+        super().__init__(cast(Agent, controller), replace(card, actions=controls), n, limits)
+        self._task = card
         self._weather = task.disturbances(extra_rows=task.observation.forecast_steps)
-
-    def start(self) -> tuple[Failure, ...]:
-        """Reset the controller."""
-        answer = guarded(lambda: self._controller.reset(self._task_card, self.n), self.limits.start, "reset")
-        return (answer.failure,) if answer.failure else ()
 
     def inputs(self, simulation: Simulation, observations: NDArray[np.float32]) -> Inputs:
         """Show the states."""
         return np.array(simulation.x, dtype=np.float64)
 
-    def _decided(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
-        weather, shown = self._weather, inputs.astype(np.float64)
-        d, hour, day = weather.values[step], float(weather.hour_of_day[step]), float(weather.day_of_year[step])
-        limit = self.limits.step * int(np.count_nonzero(alive))
-        answer = guarded(
-            lambda: read_actions(self._controller.controls(shown, d, hour, day), self.card, self.n),
-            limit,
-            "controls (for all runs)",
-        )
-        return _batch_decision(answer, alive, self.shape)
-
     def apply(self, simulation: Simulation, actions: Array) -> StepResult:
         """Take a step with controls, past the actuation."""
         return simulation.step_controls(actions)
+
+    def _returned(self, step: int, shown: Inputs) -> object:
+        weather = self._weather
+        hour, day = float(weather.hour_of_day[step]), float(weather.day_of_year[step])
+        return self._agent.controls(shown, weather.values[step], hour, day)
 
 
 class PerRunRunner(AgentRunner):
@@ -219,14 +225,6 @@ class PerRunRunner(AgentRunner):
                 failures.append(replace(answer.failure, row=row, reason=answer.failure.reason.replace(" in run 0", "")))
         actions, problems = read_actions(rows, self.card, self.n)
         return Decision(actions, (*failures, *_invalid(problems, alive)), seconds)
-
-
-def _batch_decision(answer: Answer[tuple[Array, dict[int, str]]], alive: Mask, shape: tuple[int, int]) -> Decision:
-    seconds = answer.seconds / np.count_nonzero(alive) * alive
-    if answer.value is None:
-        return Decision(np.zeros(shape), (answer.failure,) if answer.failure else (), seconds)
-    actions, problems = answer.value
-    return Decision(actions, _invalid(problems, alive), seconds)
 
 
 def _invalid(problems: dict[int, str], alive: Mask) -> tuple[Failure, ...]:
