@@ -46,6 +46,26 @@ _CACHE = "__pycache__"
 _COPY_MODE = 0o755
 _COPY_TIME = (315_532_800, 315_532_800)
 """Of every copy, so that times tell an agent nothing; 1980 is the first year that zip archives know."""
+SUBMISSION_CARD = "submission.toml"
+CARD_FILE = "card.toml"
+"""The card of settings of one's own for a built-in controller; such a folder has no code."""
+OBSERVATIONS_ONLY = "observations and the public task card"
+AGENT_FILE = "agent.py"
+STATISTICS_FILE = "vecnormalize.pkl"
+Form = Literal["python", "sb3", "torchscript", "onnx"]
+FORMS: dict[str, Form] = {".py": "python", ".zip": "sb3", ".pt": "torchscript", ".ts": "torchscript", ".onnx": "onnx"}
+FORM_WORDS: dict[Form, str] = {
+    "python": "Python code",
+    "sb3": "Stable-Baselines3 model",
+    "torchscript": "TorchScript policy",
+    "onnx": "ONNX policy",
+}
+_LONGEST_QUOTE = 40
+_SEED = re.compile(r"(?<=.)[_-]seed[0-9]{1,10}$")
+EXPECTED = (
+    f"A submission is a .py file with make_agent(task), a saved policy (.zip of Stable-Baselines3, .pt or .ts of TorchScript, .onnx), "
+    f"or a folder with {AGENT_FILE} or a saved policy"
+)
 
 
 def is_part_of_submission(file: Path, folder: Path) -> bool:
@@ -196,29 +216,6 @@ def _even_out(folder: Path) -> None:
     for item in (*folder.rglob("*"), folder):
         item.chmod(_COPY_MODE)
         os.utime(item, _COPY_TIME)
-
-
-SUBMISSION_CARD = "submission.toml"
-CARD_FILE = "card.toml"
-"""The card of settings of one's own for a built-in controller; such a folder has no code."""
-OBSERVATIONS_ONLY = "observations and the public task card"
-AGENT_FILE = "agent.py"
-STATISTICS_FILE = "vecnormalize.pkl"
-
-Form = Literal["python", "sb3", "torchscript", "onnx"]
-FORMS: dict[str, Form] = {".py": "python", ".zip": "sb3", ".pt": "torchscript", ".ts": "torchscript", ".onnx": "onnx"}
-FORM_WORDS: dict[Form, str] = {
-    "python": "Python code",
-    "sb3": "Stable-Baselines3 model",
-    "torchscript": "TorchScript policy",
-    "onnx": "ONNX policy",
-}
-_LONGEST_QUOTE = 40
-_SEED = re.compile(r"(?<=.)[_-]seed[0-9]{1,10}$")
-EXPECTED = (
-    f"A submission is a .py file with make_agent(task), a saved policy (.zip of Stable-Baselines3, .pt or .ts of TorchScript, .onnx), "
-    f"or a folder with {AGENT_FILE} or a saved policy"
-)
 
 
 @dataclass(frozen=True)

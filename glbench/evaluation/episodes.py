@@ -32,6 +32,8 @@ from glbench.registration import task_ids
 from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec, get_task, task_card
 
+ACTIONS_FILE = "actions.npz"
+
 
 def run_facts(runs: Iterable[RunResult]) -> tuple[RunFacts, ...]:
     """The runs as records of episodes name them."""
@@ -138,9 +140,6 @@ def _write(episodes: Iterable[Episode], folder: Path) -> tuple[Path, ...]:
         write_episode(path, episode)
         paths.append(path)
     return tuple(paths)
-
-
-ACTIONS_FILE = "actions.npz"
 
 
 def write_recording(result: Path, seed: int, folder: Path) -> Recording:

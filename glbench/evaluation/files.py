@@ -22,6 +22,10 @@ _SHOWN_PROBLEMS = 3
 _LONGEST_KEY = 80
 LARGEST_RESULT = 32 * MIB
 """A run takes less than 1.5 kB, and a task has at most 10,000."""
+_PREFIX: Final = "glbench-scratch-"
+_LOCK: Final = ".in-use"
+_OLD_SECONDS: Final = 60.0
+"""Younger folders may be in the making: there is a moment between a folder and its lock."""
 
 
 class SavingError(GlbenchError):
@@ -133,12 +137,6 @@ def _problems(error: ValidationError) -> str:
         listed.append(f"{where}: {what}" if where else what)
     more = error.error_count() - len(listed)
     return "; ".join(listed) + (f"; and {more} more" if more > 0 else "")
-
-
-_PREFIX: Final = "glbench-scratch-"
-_LOCK: Final = ".in-use"
-_OLD_SECONDS: Final = 60.0
-"""Younger folders may be in the making: there is a moment between a folder and its lock."""
 
 
 class Scratch:

@@ -26,6 +26,13 @@ if TYPE_CHECKING:
 
 _AGAIN_SECONDS = 1.0
 """Interval at which the alarm repeats, for an agent that swallows the first one in a bare ``except``."""
+# ``signal.signal`` itself turns numbers into enumerations and back, which takes ten times as long as what it does.
+_set_handler: Callable[[int, Any], Any] = getattr(signal.signal, "__wrapped__", signal.signal)
+_ALARM = int(getattr(signal, "SIGALRM", 0))
+T = TypeVar("T")
+_LONGEST_REASON = 400
+_ADDRESS = re.compile(r"0x[0-9a-fA-F]{6,}")
+_OWN_FOLDER = Path(__file__).resolve().parents[1]
 
 
 @dataclass(frozen=True)
@@ -51,11 +58,6 @@ class TimeLimits:
     def as_dict(self) -> dict[str, float]:
         """The limits in seconds, as recorded in results."""
         return {f"{name}_seconds": value for name, value in asdict(self).items()}
-
-
-# ``signal.signal`` itself turns numbers into enumerations and back, which takes ten times as long as what it does.
-_set_handler: Callable[[int, Any], Any] = getattr(signal.signal, "__wrapped__", signal.signal)
-_ALARM = int(getattr(signal, "SIGALRM", 0))
 
 
 class TimeUp(BaseException):
@@ -99,13 +101,6 @@ class Alarm:
 
 def _ring(_signal: int, _frame: FrameType | None) -> None:
     raise TimeUp
-
-
-T = TypeVar("T")
-
-_LONGEST_REASON = 400
-_ADDRESS = re.compile(r"0x[0-9a-fA-F]{6,}")
-_OWN_FOLDER = Path(__file__).resolve().parents[1]
 
 
 @dataclass(frozen=True)

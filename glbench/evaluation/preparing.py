@@ -62,6 +62,7 @@ CHECKPOINT_SECONDS = 2.0
 TRIALS = "trials"
 """Folder below ``out`` for trials, which are evaluations with other seeds than the task's."""
 _MOST_RUNS = 10_000
+_CHECKPOINT_FORMAT = 3
 
 
 def prepare(
@@ -251,9 +252,6 @@ def _finished(
         logger.warning("%s lacks its recorded actions, without which nobody can verify it; evaluating again.", path)
         return None
     return None
-
-
-_CHECKPOINT_FORMAT = 3
 
 
 class JointAgentError(SubmissionError):

@@ -21,6 +21,32 @@ Outcome = Literal["reproduced", "refuted", "unknown"]
 Exactness = Literal["bits", "tolerance"]
 
 EXIT_CODES: dict[Outcome, int] = {"reproduced": 0, "refuted": 1, "unknown": 2}
+_ALWAYS: Final = (
+    "schema", "schema_version", "task.id", "task.digest", "task.title", "task.steps", "task.step_seconds",
+    "evaluation.runs", "evaluation.seeds", "runs.seed", "runs.steps", "runs.metrics", "summary", "units", "results_digest", "record",
+)  # fmt: skip
+ENDS: Final = ("runs.status", "runs.reason")
+"""Reproduced where all runs went to the end or stopped at a step that cannot be simulated here either; otherwise stated."""
+PROFILE: Final = "profile"
+_STATED: Final[dict[str, tuple[str, ...]]] = {
+    "that this agent gave these actions (its name, kind, digest, card, and what it saw)": (
+        "agent.name", "agent.kind", "agent.digest", "agent.privileged", "agent.information", "agent.card",
+    ),
+    "why runs ended early": ENDS,
+    "sandbox and time limits": ("evaluation.sandbox", "evaluation.limits"),
+    "decision time, wall time and workers": (
+        "evaluation.decision_seconds", "evaluation.decision_milliseconds", "evaluation.wall_seconds", "evaluation.steps_per_second",
+        "evaluation.workers", "evaluation.resumed_at_step",
+    ),
+    "kernel, versions, machine, commit and date": ("evaluation.kernel", "versions", "machine", "git", "created"),
+    "the profile (typical day, season, worst run)": (PROFILE,),
+}  # fmt: skip
+_OWN_ENDS = frozenset({"ok", "simulation_failed"})
+TOLERANCE = 1e-9
+"""Largest relative difference at which a result is reproduced, though not to the last bit."""
+CHAOS = 1e-3
+"""Between the tolerance and this, another machine can be the cause: an adaptive step that was accepted there and not here."""
+Floats = NDArray[np.floating]
 
 
 @dataclass(frozen=True)
@@ -88,29 +114,6 @@ def cannot_tell(cause: str, reason: str) -> NoReturn:
     raise Refused("unknown", cause, reason)  # noqa: EM101 -- words of the program, not a message
 
 
-_ALWAYS: Final = (
-    "schema", "schema_version", "task.id", "task.digest", "task.title", "task.steps", "task.step_seconds",
-    "evaluation.runs", "evaluation.seeds", "runs.seed", "runs.steps", "runs.metrics", "summary", "units", "results_digest", "record",
-)  # fmt: skip
-ENDS: Final = ("runs.status", "runs.reason")
-"""Reproduced where all runs went to the end or stopped at a step that cannot be simulated here either; otherwise stated."""
-PROFILE: Final = "profile"
-_STATED: Final[dict[str, tuple[str, ...]]] = {
-    "that this agent gave these actions (its name, kind, digest, card, and what it saw)": (
-        "agent.name", "agent.kind", "agent.digest", "agent.privileged", "agent.information", "agent.card",
-    ),
-    "why runs ended early": ENDS,
-    "sandbox and time limits": ("evaluation.sandbox", "evaluation.limits"),
-    "decision time, wall time and workers": (
-        "evaluation.decision_seconds", "evaluation.decision_milliseconds", "evaluation.wall_seconds", "evaluation.steps_per_second",
-        "evaluation.workers", "evaluation.resumed_at_step",
-    ),
-    "kernel, versions, machine, commit and date": ("evaluation.kernel", "versions", "machine", "git", "created"),
-    "the profile (typical day, season, worst run)": (PROFILE,),
-}  # fmt: skip
-_OWN_ENDS = frozenset({"ok", "simulation_failed"})
-
-
 def coverage(result: Result, *, profile: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Fields of a reproduced ``result`` that were reproduced, and those that are stated; ``profile``: whether that was made again."""
     ends = all(run.status in _OWN_ENDS for run in result.runs)
@@ -122,14 +125,6 @@ def coverage(result: Result, *, profile: bool) -> tuple[tuple[str, ...], tuple[s
 def stated_words(stated: Collection[str]) -> Sequence[str]:
     """The stated fields in words, as groups."""
     return [words for words, fields in _STATED.items() if any(field in stated for field in fields)]
-
-
-TOLERANCE = 1e-9
-"""Largest relative difference at which a result is reproduced, though not to the last bit."""
-CHAOS = 1e-3
-"""Between the tolerance and this, another machine can be the cause: an adaptive step that was accepted there and not here."""
-
-Floats = NDArray[np.floating]
 
 
 @dataclass(frozen=True)

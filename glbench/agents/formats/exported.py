@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 _KINDS: dict[str, type[np.floating]] = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 _ONLY_ERRORS = 3
+_HOW = (
+    'Write one with: torch.jit.script(policy).save("policy.pt"), or torch.jit.trace(policy, example).save("policy.pt").'
+)
 
 
 def onnx_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
@@ -149,11 +152,6 @@ def torchscript_complaint(file: Path) -> str | None:
     if any(name.endswith("/data.pkl") for name in names):
         return f"{file.name} holds weights or a pickled module (torch.save), which say nothing of how they are used. {_HOW}"
     return f"{file.name} is no TorchScript file. {_HOW}"
-
-
-_HOW = (
-    'Write one with: torch.jit.script(policy).save("policy.pt"), or torch.jit.trace(policy, example).save("policy.pt").'
-)
 
 
 def _torch_function(torch: Any, module: Any) -> Any:

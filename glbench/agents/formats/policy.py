@@ -34,6 +34,13 @@ if TYPE_CHECKING:
 
 _LONGEST_READ = 4 * 2**20
 """Bytes that are read at once: tens of thousands of names, where a model has hundreds."""
+Normalise = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+Rows = NDArray[np.float32]
+Function = Callable[[Rows], NDArray[np.floating]]
+"""Answers ``(b, m)`` for ``b`` rows ``(b, k)``."""
+BLOCK = 32
+"""Rows in a block: the 30 runs of an evaluation fit into one."""
+_SIZES = (0.01, 1.0, 100.0)
 
 
 @contextmanager
@@ -72,9 +79,6 @@ def without_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
-
-
-Normalise = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 
 def normaliser(submission: Identity, columns: int) -> Normalise:
@@ -146,15 +150,6 @@ def _check_columns(what: str, found: int, columns: int) -> None:
     if found != columns:
         msg = f"{what} are of {found} columns, the task shows {columns}: they belong to another task or other observations."
         raise SubmissionError(msg.replace("[normalisation] are", "[normalisation] is"))
-
-
-Rows = NDArray[np.float32]
-Function = Callable[[Rows], NDArray[np.floating]]
-"""Answers ``(b, m)`` for ``b`` rows ``(b, k)``."""
-
-BLOCK = 32
-"""Rows in a block: the 30 runs of an evaluation fit into one."""
-_SIZES = (0.01, 1.0, 100.0)
 
 
 class EvenRows:

@@ -46,6 +46,31 @@ _HOW = 'A model is saved with: model.save("model.zip").'
 _PIECE, _LONGEST_VERSION, _LONGEST_SETTINGS, _LONGEST_WEIGHTS = 2**20, 2**20, 2**26, 2**29
 """Bytes: what is read at once, and what of an archive is read at most."""
 _VERSION = "_stable_baselines3_version"
+_SB3, _CONTRIB = "stable_baselines3", "sb3_contrib"
+# In this order: the first whose settings are all there. What distinguishes an algorithm from those below it comes first.
+_SIGNS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("TQC", ("top_quantiles_to_drop_per_net", "target_entropy")),
+    ("CrossQ", ("target_entropy", "policy_delay")),
+    ("SAC", ("target_entropy",)),
+    ("TD3", ("target_policy_noise", "policy_delay")),
+    ("QRDQN", ("exploration_initial_eps", "n_quantiles")),
+    ("DQN", ("exploration_initial_eps",)),
+    ("TRPO", ("cg_max_steps",)),
+    ("ARS", ("n_delta",)),
+    ("PPO", ("clip_range", "gae_lambda")),
+    ("A2C", ("gae_lambda", "n_steps")),
+)
+_FAILURES = (
+    RuntimeError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    ImportError,
+    AssertionError,
+    EOFError,
+    OSError,
+)
 
 
 @dataclass(frozen=True)
@@ -58,7 +83,6 @@ class Algorithm:
     recurrent: bool = False
 
 
-_SB3, _CONTRIB = "stable_baselines3", "sb3_contrib"
 ALGORITHMS = {
     algorithm.name: algorithm
     for algorithm in (
@@ -77,19 +101,6 @@ ALGORITHMS = {
         Algorithm("MaskablePPO", _CONTRIB, on_policy=True),
     )
 }
-# In this order: the first whose settings are all there. What distinguishes an algorithm from those below it comes first.
-_SIGNS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("TQC", ("top_quantiles_to_drop_per_net", "target_entropy")),
-    ("CrossQ", ("target_entropy", "policy_delay")),
-    ("SAC", ("target_entropy",)),
-    ("TD3", ("target_policy_noise", "policy_delay")),
-    ("QRDQN", ("exploration_initial_eps", "n_quantiles")),
-    ("DQN", ("exploration_initial_eps",)),
-    ("TRPO", ("cg_max_steps",)),
-    ("ARS", ("n_delta",)),
-    ("PPO", ("clip_range", "gae_lambda")),
-    ("A2C", ("gae_lambda", "n_steps")),
-)
 
 
 @dataclass(frozen=True)
@@ -233,19 +244,6 @@ def _space(described: object) -> tuple[int | None, str]:
         return None, f"an array of shape ({', '.join(str(size) for size in shape or ())})"
     words = {"Discrete": "one choice out of several (Discrete)", "MultiDiscrete": "several choices (MultiDiscrete)"}
     return None, words.get(kind, f"a {kind} space")
-
-
-_FAILURES = (
-    RuntimeError,
-    ValueError,
-    KeyError,
-    TypeError,
-    AttributeError,
-    ImportError,
-    AssertionError,
-    EOFError,
-    OSError,
-)
 
 
 def sb3_agent(submission: Identity, task: TaskCard) -> PolicyAgent:

@@ -35,6 +35,12 @@ from glbench.evaluation.saving import Computed, agent_folder
 from glbench.kernel import why_not_compiled
 from glbench.resources import write_atomically
 
+_TRIES = 3
+_STARTS = 3
+_LOOK_SECONDS = 0.5
+_TELL_SECONDS = 0.5
+_PACKAGE = Path(__file__).resolve().parents[3]
+
 
 @dataclass(frozen=True)
 class Parcel:
@@ -199,13 +205,6 @@ def _differences(order: Order, evaluation: Evaluation) -> str | None:
         reason = why_not_compiled() or f"It has {evaluation.kernel}."
         return f"The worker's kernel is another one than this machine's, which would change the numbers. {reason}"
     return None
-
-
-_TRIES = 3
-_STARTS = 3
-_LOOK_SECONDS = 0.5
-_TELL_SECONDS = 0.5
-_PACKAGE = Path(__file__).resolve().parents[3]
 
 
 @contextmanager

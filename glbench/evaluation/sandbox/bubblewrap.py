@@ -45,6 +45,47 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 _REMEDY = (
     "or, for code that you wrote or have read, give --sandbox none: it then runs unprotected, and the result says so"
 )
+CODE: Final = Path("/opt/glbench")
+"""Where glbench is inside the sandbox: a place of its file system, on no machine."""
+SUBMISSION: Final = Path("/submission")
+"""Where the submission is inside."""
+_SYSTEM = ("usr", "bin", "sbin", "lib", "lib32", "lib64", "nix/store")
+_SETTINGS = ("ld.so.cache", "ld.so.conf", "ld.so.conf.d", "alternatives")
+_LIBRARIES = {"site-packages", "dist-packages"}
+_HIDDEN_DATA: tuple[DataFolder, ...] = ("tasks", "weather", "submissions", "reports/released/results")
+_PACKAGE = Path(__file__).resolve().parents[2]
+_LOAD, _EQUAL, _AT_LEAST, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06
+_ALLOW: Final = 0x7FFF0000
+_KILL: Final = 0x80000000
+_ERROR: Final = 0x00050000
+_NUMBER, _ARCHITECTURE, _FIRST_ARGUMENT, _SECOND_ARGUMENT, _THIRD_ARGUMENT = 0, 4, 16, 24, 32
+_NEW_NAMESPACES: Final = 0x7E020000
+"""Flags of ``clone`` that ask for a namespace of any kind."""
+_OTHER_ABI: Final = 0x40000000
+"""System calls of x86-64 from here on are those of x32, with numbers of their own."""
+_FAMILIES: Final = (socket.AF_UNIX,)
+"""Sockets of other families reach past a network namespace (AF_VSOCK), deep into the kernel (AF_ALG, AF_PACKET), or hold memory that
+all networks of the machine share (AF_INET, AF_INET6, of which there is none inside but the sandbox's own)."""
+_LARGER_BUFFERS: Final = (7, 32)
+"""Options of sockets (SO_SNDBUF, SO_SNDBUFFORCE) with which each could hold megabytes of the kernel's memory."""
+_REFUSED: Final = {
+    # name: (x86-64, AArch64)
+    "ptrace": (101, 117), "process_vm_readv": (310, 270), "process_vm_writev": (311, 271), "kcmp": (312, 272),
+    "pidfd_getfd": (438, 438), "perf_event_open": (298, 241), "bpf": (321, 280), "userfaultfd": (323, 282),
+    "memfd_create": (319, 279), "memfd_secret": (447, 447), "shmget": (29, 194), "msgget": (68, 186), "semget": (64, 190),
+    "io_setup": (206, 0), "fanotify_init": (300, 262),
+    "io_uring_setup": (425, 425), "io_uring_enter": (426, 426), "io_uring_register": (427, 427),
+    "add_key": (248, 217), "request_key": (249, 218), "keyctl": (250, 219),
+    "unshare": (272, 97), "setns": (308, 268), "mount": (165, 40), "umount2": (166, 39), "pivot_root": (155, 41),
+    "chroot": (161, 51), "open_tree": (428, 428), "move_mount": (429, 429), "fsopen": (430, 430), "fsconfig": (431, 431),
+    "fsmount": (432, 432), "fspick": (433, 433), "mount_setattr": (442, 442),
+    "name_to_handle_at": (303, 264), "open_by_handle_at": (304, 265), "quotactl": (179, 60), "acct": (163, 89),
+    "init_module": (175, 105), "finit_module": (313, 273), "delete_module": (176, 106), "kexec_load": (246, 104),
+    "kexec_file_load": (320, 294), "reboot": (169, 142), "swapon": (167, 224), "swapoff": (168, 225), "syslog": (103, 116),
+    "settimeofday": (164, 170), "clock_settime": (227, 112), "clock_adjtime": (305, 266), "adjtimex": (159, 171),
+    "sethostname": (170, 161), "setdomainname": (171, 162), "personality": (135, 92), "vhangup": (153, 58),
+}  # fmt: skip
+_CLONE, _CLONE3, _SOCKET, _LIMITS, _OPTION = (56, 220), (435, 435), (41, 198), (302, 261), (54, 208)
 
 
 class Mode(Enum):
@@ -212,18 +253,6 @@ def _scratch(place: str, size: int) -> list[str]:
     return ["--perms", "1777", "--size", str(size), "--tmpfs", place]
 
 
-CODE: Final = Path("/opt/glbench")
-"""Where glbench is inside the sandbox: a place of its file system, on no machine."""
-SUBMISSION: Final = Path("/submission")
-"""Where the submission is inside."""
-
-_SYSTEM = ("usr", "bin", "sbin", "lib", "lib32", "lib64", "nix/store")
-_SETTINGS = ("ld.so.cache", "ld.so.conf", "ld.so.conf.d", "alternatives")
-_LIBRARIES = {"site-packages", "dist-packages"}
-_HIDDEN_DATA: tuple[DataFolder, ...] = ("tasks", "weather", "submissions", "reports/released/results")
-_PACKAGE = Path(__file__).resolve().parents[2]
-
-
 @dataclass(frozen=True)
 class Bound:
     """A file or folder of this machine, and where it is inside."""
@@ -345,42 +374,6 @@ def _secrets() -> list[Path]:
 
 def _bind(bound: Bound) -> list[str]:
     return ["--ro-bind", str(bound.outside), str(bound.inside)]
-
-
-_LOAD, _EQUAL, _AT_LEAST, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06
-_ALLOW: Final = 0x7FFF0000
-_KILL: Final = 0x80000000
-_ERROR: Final = 0x00050000
-_NUMBER, _ARCHITECTURE, _FIRST_ARGUMENT, _SECOND_ARGUMENT, _THIRD_ARGUMENT = 0, 4, 16, 24, 32
-_NEW_NAMESPACES: Final = 0x7E020000
-"""Flags of ``clone`` that ask for a namespace of any kind."""
-_OTHER_ABI: Final = 0x40000000
-"""System calls of x86-64 from here on are those of x32, with numbers of their own."""
-_FAMILIES: Final = (socket.AF_UNIX,)
-"""Sockets of other families reach past a network namespace (AF_VSOCK), deep into the kernel (AF_ALG, AF_PACKET), or hold memory that
-all networks of the machine share (AF_INET, AF_INET6, of which there is none inside but the sandbox's own)."""
-
-_LARGER_BUFFERS: Final = (7, 32)
-"""Options of sockets (SO_SNDBUF, SO_SNDBUFFORCE) with which each could hold megabytes of the kernel's memory."""
-
-_REFUSED: Final = {
-    # name: (x86-64, AArch64)
-    "ptrace": (101, 117), "process_vm_readv": (310, 270), "process_vm_writev": (311, 271), "kcmp": (312, 272),
-    "pidfd_getfd": (438, 438), "perf_event_open": (298, 241), "bpf": (321, 280), "userfaultfd": (323, 282),
-    "memfd_create": (319, 279), "memfd_secret": (447, 447), "shmget": (29, 194), "msgget": (68, 186), "semget": (64, 190),
-    "io_setup": (206, 0), "fanotify_init": (300, 262),
-    "io_uring_setup": (425, 425), "io_uring_enter": (426, 426), "io_uring_register": (427, 427),
-    "add_key": (248, 217), "request_key": (249, 218), "keyctl": (250, 219),
-    "unshare": (272, 97), "setns": (308, 268), "mount": (165, 40), "umount2": (166, 39), "pivot_root": (155, 41),
-    "chroot": (161, 51), "open_tree": (428, 428), "move_mount": (429, 429), "fsopen": (430, 430), "fsconfig": (431, 431),
-    "fsmount": (432, 432), "fspick": (433, 433), "mount_setattr": (442, 442),
-    "name_to_handle_at": (303, 264), "open_by_handle_at": (304, 265), "quotactl": (179, 60), "acct": (163, 89),
-    "init_module": (175, 105), "finit_module": (313, 273), "delete_module": (176, 106), "kexec_load": (246, 104),
-    "kexec_file_load": (320, 294), "reboot": (169, 142), "swapon": (167, 224), "swapoff": (168, 225), "syslog": (103, 116),
-    "settimeofday": (164, 170), "clock_settime": (227, 112), "clock_adjtime": (305, 266), "adjtimex": (159, 171),
-    "sethostname": (170, 161), "setdomainname": (171, 162), "personality": (135, 92), "vhangup": (153, 58),
-}  # fmt: skip
-_CLONE, _CLONE3, _SOCKET, _LIMITS, _OPTION = (56, 220), (435, 435), (41, 198), (302, 261), (54, 208)
 
 
 @dataclass(frozen=True)

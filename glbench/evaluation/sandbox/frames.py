@@ -27,6 +27,8 @@ STATUSES = ("", "crashed", "timed_out", "invalid_action")
 """Statuses by the number that stands for them; the first means that nothing is wrong."""
 LONGEST_TEXT = 1024
 """Bytes of one text in an answer; a longer one makes it no answer."""
+MIB = 2**20
+GIB = 2**30
 
 
 class Kind(IntEnum):
@@ -106,10 +108,6 @@ def unpacked_problems(body: bytes) -> Iterator[tuple[int, bytes]]:
             raise ValueError(msg)
         yield row, body[at : at + length]
         at += length
-
-
-MIB = 2**20
-GIB = 2**30
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,17 @@ from glbench.evaluation.sandbox.bubblewrap import (
 )
 from glbench.evaluation.sandbox.frames import GIB, HEADER, LONGEST_TEXT, Kind, SandboxLimits
 
+_LOOK_SECONDS = 0.2
+_SOME_MORE = 8
+"""Tasks that do not belong to the agent: bubblewrap's own, and those that are just coming or going."""
+_KIB = 1024
+_START_SECONDS: Final = 60.0
+"""For Python and numpy to come up; the agent's own time begins afterwards."""
+_END_SECONDS: Final = 5.0
+_GULP: Final = 1 << 16
+_EAGER_SECONDS: Final = 0.5e-3
+"""An answer that comes so soon is not slept for: waking up takes as long as a small agent's decision, on a colder processor."""
+
 
 class Prints:
     """The output of an agent's processes: the first half of ``size`` bytes, and the last."""
@@ -70,12 +81,6 @@ class Prints:
 def plain(text: str) -> str:
     """``text`` without control characters other than ends of lines and tabulators."""
     return "".join(letter for letter in text if letter.isprintable() or letter in "\n\t")
-
-
-_LOOK_SECONDS = 0.2
-_SOME_MORE = 8
-"""Tasks that do not belong to the agent: bubblewrap's own, and those that are just coming or going."""
-_KIB = 1024
 
 
 class Watch:
@@ -161,14 +166,6 @@ def _children(thread: Path) -> list[str]:
         return (thread / "children").read_text(encoding="ascii").split()
     except FileNotFoundError:
         return []
-
-
-_START_SECONDS: Final = 60.0
-"""For Python and numpy to come up; the agent's own time begins afterwards."""
-_END_SECONDS: Final = 5.0
-_GULP: Final = 1 << 16
-_EAGER_SECONDS: Final = 0.5e-3
-"""An answer that comes so soon is not slept for: waking up takes as long as a small agent's decision, on a colder processor."""
 
 
 class LostError(Exception):
