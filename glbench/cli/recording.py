@@ -16,7 +16,7 @@ def recording(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write, which glbench evaluate runs.")],
 ) -> None:
     """Make an agent of the recorded actions of one run. It replays them without looking: what feedback is worth is what it loses."""
-    from glbench.evaluation.episodes import write_recording
+    from glbench.evaluation.recordings import write_recording
 
     made = write_recording(result, run, out)
     output().print(str(out), markup=False, soft_wrap=True)
