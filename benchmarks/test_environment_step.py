@@ -17,10 +17,9 @@ from glbench.agents import load_agent
 from glbench.env import Simulation
 from glbench.episodes import Recorder
 from glbench.evaluation.checkpoint import Checkpoint
-from glbench.evaluation.drivers import make_driver
 from glbench.evaluation.limits import TimeLimits
-from glbench.evaluation.lockstep import Lockstep
-from glbench.evaluation.tally import Tally
+from glbench.evaluation.rollout import RolloutLoop, RunTotals
+from glbench.evaluation.runners import make_runner
 from glbench.kernel import Kernel
 from glbench.model import TOMATO
 from glbench.kernel.compiled import availability
@@ -40,18 +39,18 @@ def task() -> TaskSpec:
 
 @pytest.mark.parametrize("agent", ["rule_based", "rule_based_fair"])
 def test_thirty_runs_of_sixty_days(task: TaskSpec, agent: str, benchmark: Any) -> None:
-    """The evaluation's lockstep, with the preset ``standard`` instead of the one that scores are made with."""
+    """The evaluation's rollout, with the preset ``standard`` instead of the one that scores are made with."""
     seeds, limits, seconds = tuple(range(666, 696)), TimeLimits(), []
 
     def run() -> None:
         simulation = Simulation(task, 30, Kernel(TOMATO, 900.0, preset="standard"))
-        driver = make_driver(load_agent(agent), task, task_card(task), 30, limits)
+        runner = make_runner(load_agent(agent), task, task_card(task), 30, limits)
         recorder = Recorder(simulation, 6, traced=False)
-        lockstep = Lockstep(simulation, driver, Tally(seeds), Checkpoint(None, 2.0), recorder, limits, None)
+        rollout = RolloutLoop(simulation, runner, RunTotals(seeds), Checkpoint(None, 2.0), recorder, limits, None)
         observations = simulation.reset(seeds)
-        lockstep.start()
+        rollout.start()
         began = time.process_time()
-        lockstep.run(observations, 0)
+        rollout.run(observations, 0)
         seconds.append(time.process_time() - began)
 
     benchmark.pedantic(run, rounds=3)

@@ -13,7 +13,7 @@ import pytest
 
 from glbench.errors import SubmissionError
 from glbench.evaluation import Result, TimeLimits
-from glbench.evaluation.sandbox.limits import GIB, MIB, SandboxLimits
+from glbench.evaluation.sandbox.frames import GIB, MIB, SandboxLimits
 from tests.evaluation.agent_files import AgentWriter
 from tests.evaluation.sandbox.conftest import Prepare, ends
 
