@@ -5,21 +5,29 @@ judged pair by pair (Wilcoxon signed-rank test). All pairs of agents are correct
 the test says so and the ranks favour the one with the higher mean: an agent that is a little better in most runs and fails in some has
 the lower mean and the higher ranks, and calling it worse *because of the test* would be wrong. Agents that cannot be told apart from the
 first of their tier share its rank.
+
+The signed-rank test is our own code, so that a p-value has the same bits with every version of scipy, and ties (runs that failed alike) are
+judged exactly, too: exact for as many pairs as a task has runs. Pairs without a difference say nothing and are left out, as Wilcoxon did.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
 
 from glbench.errors import ResultError
-from glbench.leaderboard.resampling import Array
-from glbench.leaderboard.signed_rank import SignedRank, signed_rank
+from glbench.leaderboard.statistics import Array, mean_score
 
 SIGNIFICANCE = 0.05
+EXACT_UP_TO = 60
+"""Number of differing pairs up to which all signs are gone through; beyond, the normal approximation is as good as exact."""
+
 
 RESOLUTION = 8.0
 """Difference in a 60-day reward that means something where a task draws nothing.
@@ -119,16 +127,11 @@ def compare_all(
     pairs = list(combinations(sorted(scores), 2))
     found = [paired_test(scores[a], scores[b], resolutions) for a, b in pairs]
     corrected = holm([one.p_value for one in found])
-    means = {agent: mean_of(values) for agent, values in scores.items()}
+    means = {agent: float(mean_score(values)) for agent, values in scores.items()}
     return tuple(
         Comparison(a, b, means[a] - means[b], one.p_value, p, one.favours)
         for (a, b), one, p in zip(pairs, found, corrected, strict=True)
     )
-
-
-def mean_of(values: Sequence[Array]) -> float:
-    """Mean over tasks of the mean over runs."""
-    return float(np.mean([runs.mean() for runs in values]))
 
 
 def tiers(
@@ -147,7 +150,7 @@ def tiers(
     if not scores:
         return ()
     apart = {frozenset((one.first, one.second)) for one in compare_all(scores, resolutions) if one.differ}
-    order = sorted(scores, key=lambda agent: (-mean_of(scores[agent]), agent))
+    order = sorted(scores, key=lambda agent: (-float(mean_score(scores[agent])), agent))
     found: list[list[str]] = []
     for agent in order:
         if found and frozenset((found[-1][0], agent)) not in apart:
@@ -155,3 +158,43 @@ def tiers(
         else:
             found.append([agent])
     return tuple(tuple(tier) for tier in found)
+
+
+@dataclass(frozen=True)
+class SignedRank:
+    """Two-sided p-value, and which side the ranks favour: 1 above zero, -1 below, 0 neither."""
+
+    p_value: float
+    favours: int
+
+
+def signed_rank(differences: Array) -> SignedRank:
+    """Test whether paired differences ``(n,)`` lie as often and as far above zero as below."""
+    known = differences[differences != 0.0]
+    if known.size == 0:
+        return SignedRank(1.0, 0)
+    # Twice the ranks, so that ranks shared by ties are whole numbers, too.
+    ranks = np.rint(2.0 * stats.rankdata(np.abs(known))).astype(np.int64)
+    above, total = int(ranks[known > 0.0].sum()), int(ranks.sum())
+    favours = (2 * above > total) - (2 * above < total)
+    tail = min(above, total - above)
+    p_value = _exact(ranks, tail) if known.size <= EXACT_UP_TO else _normal(ranks, tail)
+    return SignedRank(min(1.0, 2.0 * p_value), favours)
+
+
+def _exact(ranks: NDArray[np.int64], tail: int) -> float:
+    """Probability that the ranks above zero sum up to at most ``tail`` when every sign is a coin's."""
+    chance = np.zeros(int(ranks.sum()) + 1)
+    chance[0] = 1.0
+    for rank in ranks.tolist():
+        shifted = np.zeros_like(chance)
+        shifted[rank:] = chance[:-rank]
+        chance = 0.5 * chance + 0.5 * shifted
+    return float(chance[: tail + 1].sum())
+
+
+def _normal(ranks: NDArray[np.int64], tail: int) -> float:
+    """The same by the normal approximation; the sum of squares holds the correction for ties."""
+    deviation = 0.5 * math.sqrt(float((ranks.astype(np.float64) ** 2).sum()))
+    z = (tail - 0.5 * float(ranks.sum())) / deviation
+    return 0.5 * math.erfc(-z / math.sqrt(2.0))

@@ -15,13 +15,12 @@ import numpy as np
 
 from glbench.errors import ResultError, did_you_mean
 from glbench.evaluation import Result
+from glbench.leaderboard.catalogue import catalogue
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult
-from glbench.leaderboard.resampling import Array
+from glbench.leaderboard.statistics import Array
 
 RANKING_METRIC = "reward"
 """What ranks where no task says otherwise."""
-RANKABLE = ("reward", "epi", "revenue", "yield")
-"""Metrics of which more is better."""
 
 _SEEDED = re.compile(r"(.+)[_-]seed([0-9]{1,10})", re.DOTALL)
 _Family = tuple[str, str, bool, Origin]
@@ -56,6 +55,10 @@ class Entry:
     def seeds(self) -> tuple[int, ...]:
         """Seeds of the evaluation."""
         return self.first.evaluation.seeds
+
+    def states(self, metric: str) -> bool:
+        """Whether all its results hold a metric: one of another version may lack it."""
+        return all(metric in run.metrics for item in self.trainings for run in item.result.runs)
 
     def by_training(self, metric: str) -> Array:
         """Values ``(trainings, runs)`` of a metric, in its unit."""
@@ -141,10 +144,11 @@ def metric_of(task_id: str, expected: Mapping[str, Expectation]) -> str:
         When it is one that results do not hold, or of which less is better.
     """
     metric = expected[task_id].metric if task_id in expected else RANKING_METRIC
-    if metric not in RANKABLE:
+    rankable = [one.name for one in catalogue().metrics.values() if one.better == "high"]
+    if metric not in rankable:
         msg = (
-            f"The task {task_id} asks for a ranking by '{metric}'.{did_you_mean(metric, RANKABLE)} "
-            f"Results are ranked by a metric of which more is better: {', '.join(RANKABLE)}."
+            f"The task {task_id} asks for a ranking by '{metric}'.{did_you_mean(metric, rankable)} "
+            f"Results are ranked by a metric of which more is better: {', '.join(rankable)}."
         )
         raise ResultError(msg)
     return metric
