@@ -55,10 +55,12 @@ def put_json(value: Any, indent: int | None = 2) -> None:
     output().out(json.dumps(value, indent=indent, allow_nan=False), highlight=False)
 
 
-def table(title: str | None, *headings: str, right: Collection[str] = (), folded: Collection[str] = (), **look: Any) -> Table:
+def table(
+    title: str | None, *headings: str, right: Collection[str] = (), folded: Collection[str] = (), **look: Any
+) -> Table:
     """An empty table with these headings; columns in ``right`` hold numbers, only those in ``folded`` break their lines."""
-    look = {"title_justify": "left", "title_style": "bold", "box": box.SIMPLE_HEAD} | look
-    view = Table(title=title, **look)
+    style: dict[str, Any] = {"title_justify": "left", "title_style": "bold", "box": box.SIMPLE_HEAD}
+    view = Table(title=title, **(style | look))
     for heading in headings:
         fold = heading in folded
         view.add_column(

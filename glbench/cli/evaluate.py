@@ -414,7 +414,9 @@ def _print_prints(name: str, printed: str, *, everything: bool, last: int = _SHO
     """What the sandboxed agent ``name`` printed: all that was kept of it, or its last lines."""
     lines = printed.rstrip().splitlines()
     shown = lines if everything else lines[-last:]
-    more = f" (the last {len(shown)} of {len(lines)} lines; --show-prints shows more)" if len(shown) < len(lines) else ""
+    more = (
+        f" (the last {len(shown)} of {len(lines)} lines; --show-prints shows more)" if len(shown) < len(lines) else ""
+    )
     if lines:
         messages().print(f"{indent}What {escape(name)} printed{more}:", soft_wrap=True)
     for line in shown:
@@ -482,7 +484,11 @@ class _Progress(Bar):
             return
         self._line = (now, standing.step)
         share = f"{100.0 * standing.step / standing.steps:.0f} %"
-        words = [f"{description}: step {standing.step} of {standing.steps} ({share})", self._speed(now, standing), failed]
+        words = [
+            f"{description}: step {standing.step} of {standing.steps} ({share})",
+            self._speed(now, standing),
+            failed,
+        ]
         messages().print(", ".join(word for word in words if word), soft_wrap=True)
 
     def _speed(self, now: float, standing: Standing) -> str:

@@ -213,7 +213,9 @@ def _print_task(table: TaskTable, *, members: bool) -> None:
         t.Column("Runs", runs, gives_way=4),
         replace(t.SOURCE, cell=lambda row: "" if row.training_seed is not None else str(row.origin)),
     ]
-    ranks = t.Column("#", lambda row: "" if row.training_seed is not None else t.NONE if row.rank is None else str(row.rank))
+    ranks = t.Column(
+        "#", lambda row: "" if row.training_seed is not None else t.NONE if row.rank is None else str(row.rank)
+    )
     title = f"{escape(visible(table.title))}\n[dim]{escape(visible(table.task_id))}[/dim]"
     _print_fitted(title, scores, rows, agent, lambda row: row.rank is None or row.training_seed is not None, ranks)
     used = _resources(t.resources(without_intervals=True), before=0)
@@ -251,7 +253,7 @@ def _print_suite(table: SuiteTable) -> None:
     ranks = t.Column("#", lambda row: t.NONE if row.rank is None else str(row.rank))
     _print_fitted(title, scores, table.rows, agent, lambda row: row.rank is None, ranks)
     rows = [row for row in table.rows if row.figures is not None]
-    used = [replace(one, cell=lambda row, cell=one.cell: cell(row.figures)) for one in _resources(t.resources(), before=1)]
+    used = [t.of_figures(one) for one in _resources(t.resources(), before=1)]
     title = "Money, harvest, resources, climate: means over the tasks with results"
     _print_fitted(title, used, rows, agent, lambda row: bool(row.missing))
 

@@ -15,9 +15,7 @@ _REFRESH_SECONDS = 0.1
 class Bar:
     """A bar with words before it (``description``) and after it (``columns``, which show ``fields``); to be entered."""
 
-    def __init__(
-        self, description: str, total: float, *columns: str, time_left: bool = False, **fields: str
-    ) -> None:
+    def __init__(self, description: str, total: float, *columns: str, time_left: bool = False, **fields: Any) -> None:
         self.on_terminal = messages().is_terminal
         left = (TimeRemainingColumn(), TextColumn("left")) if time_left else ()
         words = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), *map(TextColumn, columns), *left)

@@ -65,8 +65,8 @@ def _where_from(result: Result, out: Path) -> list[str]:
     if all(item.result != result for item in stored):
         return []  # the digest of the runs leaves out what the file states of the agent
     expected = {task_id: one for task_id, one in published_expectations().items() if one.digest == result.task.digest}
-    entries = [entry for ranked in rank(stored, expected) for entry in ranked.rows]
-    for entry, row in [(entry, row) for entry in entries for row in entry.results]:
+    entries = [one for ranked in rank(stored, expected) for one in ranked.rows]
+    for entry, row in [(one, row) for one in entries for row in one.results]:
         if (row.task_id, row.results_digest) != (result.task.id, result.results_digest):
             continue
         checked = "reproduced by glbench verify" if row.reproduced else "not reproduced yet (glbench verify)"
@@ -174,7 +174,14 @@ def money_lines(result: Result) -> list[str]:
         f"{'█' * round(_BAR_WIDTH * abs(signed) / scale)}[/]"
         for words, signed in items
     ]
-    return [*lines, *(f"  [bold]{'EPI':<6}{_signed(mean[one.name]):>9} EUR/m²[/]" for one in catalogue().of_kind("profit") if one.name in mean)]
+    return [
+        *lines,
+        *(
+            f"  [bold]{'EPI':<6}{_signed(mean[one.name]):>9} EUR/m²[/]"
+            for one in catalogue().of_kind("profit")
+            if one.name in mean
+        ),
+    ]
 
 
 def _signed(value: float) -> str:
@@ -208,9 +215,7 @@ def print_reasons(result: Result, most: int, indent: str = "  ") -> None:
     for (status, reason, steps), members in list(groups.items())[:most]:
         seeds = ", ".join(str(run.seed) for run in members[:3]) + (", ..." if len(members) > 3 else "")
         where = f"{count(steps, 'step')} ({count(len(members), 'run')}: seed {seeds})"
-        messages().print(
-            f"{indent}[red]{status}[/red] after {where}: {escape(harmless(reason or ''))}", soft_wrap=True
-        )
+        messages().print(f"{indent}[red]{status}[/red] after {where}: {escape(harmless(reason or ''))}", soft_wrap=True)
     if len(groups) > most:
         messages().print(f"{indent}and {len(groups) - most} more kinds of failure; the result file has them all.")
 
@@ -309,7 +314,9 @@ def _metrics_table(pair: Pair) -> Table:
         "Sum over the period", "Unit", "A", "B", "A - B", "95 % interval",
         right=("A", "B", "A - B", "95 % interval"), padding=(0, 1, 0, 0),
     )  # fmt: skip
-    for metric in shown_metrics(dict.fromkeys(pair.metrics, 0.0), units={name: one.unit for name, one in pair.metrics.items()}):
+    for metric in shown_metrics(
+        dict.fromkeys(pair.metrics, 0.0), units={name: one.unit for name, one in pair.metrics.items()}
+    ):
         one = pair.metrics[metric.name]
         gap = one.difference
         values = (one.first, one.second, None if gap is None else gap.value)

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from glbench.cli.console import print_warning
+from glbench.cli.options import REPORTS
 from glbench.errors import ResultError, did_you_mean
-
-REPORTS = Path("reports")
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

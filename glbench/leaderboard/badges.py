@@ -5,8 +5,8 @@ from __future__ import annotations
 from html import escape
 
 from glbench.errors import ResultError, did_you_mean
-from glbench.leaderboard.tables import number_text
 from glbench.leaderboard.ranking import TaskTable
+from glbench.leaderboard.tables import number_text
 from glbench.untrusted import visible
 
 _CHARACTER = 6.6  # px, about the mean width of a character at 11 px

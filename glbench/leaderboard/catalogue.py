@@ -1,7 +1,7 @@
 """What tables, the terminal and the report call things: metrics, what is sold and bought, controls, limits and recorded columns.
 
-This module and ``catalogue.toml`` are the only places above the tasks that name any of them; everything else is handed this catalogue and goes by
-kinds. The words are in the file, units and order come from the evaluation. A metric that is not in here is shown by its name.
+This module and ``catalogue.toml`` are the only places above the tasks that name any of them; everything else is handed this catalogue
+and goes by kinds. The words are in the file, units and order come from the evaluation. A metric that is not in here is shown by its name.
 """
 
 from __future__ import annotations
@@ -123,5 +123,7 @@ def unknown_metric(name: str, unit: str) -> Metric:
 
 def pretty_unit(unit: str) -> str:
     """A unit as people write it: ``EUR/m²`` for ``EUR m-2``; empty for none."""
-    text = re.sub(r" (\w+?)-(\d)", lambda match: f"/{match[1]}{'' if match[2] == '1' else '²' if match[2] == '2' else '³'}", unit)
+    text = re.sub(
+        r" (\w+?)-(\d)", lambda match: f"/{match[1]}{'' if match[2] == '1' else '²' if match[2] == '2' else '³'}", unit
+    )
     return {"-": "", "degC": "°C"}.get(text, text)

@@ -88,7 +88,10 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
     places = [[entry.seeds.index(seed) for seed in seeds] for entry in (one, other)]
     units = {**second.units, **first.units}
     metrics = {
-        name: _metric(words.metric(name, units).unit, *(_values(entry, name, place) for entry, place in zip((one, other), places, strict=True)))
+        name: _metric(
+            words.metric(name, units).unit,
+            *(_values(entry, name, place) for entry, place in zip((one, other), places, strict=True)),
+        )
         for name in words.known_first([*first.runs[0].metrics, *second.runs[0].metrics])
     }
     runs = [entry.by_training(RANKING_METRIC)[:, place] for entry, place in zip((one, other), places, strict=True)]
@@ -119,8 +122,9 @@ def _values(entry: Entry, metric: str, place: list[int]) -> Array | None:
 
 
 def _metric(unit: str, first: Array | None, second: Array | None) -> MetricPair:
-    means = [None if values is None else float(values.mean()) for values in (first, second)]
+    ours, theirs = (None if values is None else float(values.mean()) for values in (first, second))
     if first is None or second is None:
-        return MetricPair(unit, *means, None)
+        return MetricPair(unit, ours, theirs, None)
     low, high = bootstrap_interval(first - second)
-    return MetricPair(unit, *means, Interval(value=float((first - second).mean()), low=low, high=high))
+    difference = Interval(value=float((first - second).mean()), low=low, high=high)
+    return MetricPair(unit, ours, theirs, difference)

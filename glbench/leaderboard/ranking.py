@@ -1,4 +1,4 @@
-"""From stored results to ranked rows: entries with their estimates, complete results first. The rows are also what ``leaderboard.json`` holds."""
+"""From stored results to ranked rows: entries with their estimates, complete results first. ``leaderboard.json`` holds them, too."""
 
 from __future__ import annotations
 

@@ -200,9 +200,7 @@ SCORES: Mapping[Score, Callable[[Sequence[Array]], Array]] = {
 }
 
 
-def aggregate(
-    tasks: Sequence[Array], score: Score, *, resamples: int = RESAMPLES, seed: int = 0
-) -> Interval:
+def aggregate(tasks: Sequence[Array], score: Score, *, resamples: int = RESAMPLES, seed: int = 0) -> Interval:
     """A score over tasks, from one array of normalised scores ``(n_i,)`` or ``(trainings_i, n_i)`` a task.
 
     Where a task has several trainings, the ends are what the lowest and the highest training of each task make; else they are those of

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
-
 from pydantic import Field
 
 from glbench.leaderboard.collect import Expectation, Origin, StoredResult
@@ -144,7 +143,8 @@ def suite_table(
         shared = len(rows) + 1
         rows += [_row(agent, shared, whole[agent], usable, shown.get(agent, ())) for agent in tier]
     rows += [
-        _row(agent, None, normalised[agent], usable, shown.get(agent, ())) for agent in sorted(set(normalised) - set(whole))
+        _row(agent, None, normalised[agent], usable, shown.get(agent, ()))
+        for agent in sorted(set(normalised) - set(whole))
     ]
     return SuiteTable(
         suite=suite,

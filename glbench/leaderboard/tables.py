@@ -1,7 +1,7 @@
 """Leaderboards as files: Markdown for people, LaTeX for papers, CSV, Parquet and JSON for programs.
 
-A table is a list of columns and a list of rows; the writers here and that of the terminal (``glbench.cli.leaderboard``) know nothing else. The
-rows of tasks and those of suites hold the same facts about an agent, so they share their columns.
+A table is a list of columns and a list of rows; the writers here and that of the terminal (``glbench.cli.leaderboard``) know nothing
+else. The rows of tasks and those of suites hold the same facts about an agent, so they share their columns.
 """
 
 from __future__ import annotations
@@ -181,9 +181,6 @@ def _score_columns() -> list[Column]:
 def _figure_columns() -> list[Column]:
     """What was earned, grown and used over a suite; of the figures of a row."""
 
-    def of_figures(column: Column) -> Column:
-        return replace(column, cell=lambda row: column.cell(row.figures))
-
     def agent(row: SuiteRow) -> str:
         return suite_label(row) + (f" {PRIVILEGED_MARK}" if row.figures and row.figures.privileged else "")
 
@@ -192,6 +189,11 @@ def _figure_columns() -> list[Column]:
         Column("Agent", agent, words=True, free=True),
         *map(of_figures, (*metrics, DECISION, TRAINING, *WORDS, _CHECKED)),
     ]
+
+
+def of_figures(column: Column) -> Column:
+    """The same column for the figures of a row of a suite."""
+    return replace(column, cell=lambda row: column.cell(row.figures))
 
 
 def resources(*, without_intervals: bool = False) -> list[Metric]:
@@ -259,7 +261,7 @@ def _overview(suite: str, tables: Sequence[TaskTable]) -> list[str]:
         def of_task(table: TaskTable, metric: Metric = metric) -> Column:
             means = {row.agent: row.means.get(metric.name) for row in table.rows if row.rank is not None}
             heading = markdown_text(table.task_id.rpartition("/")[2])
-            return Column(heading, lambda agent: number_text(means.get(agent), metric.digits))
+            return Column(heading, lambda name: number_text(means.get(name), metric.digits))
 
         agent = Column(f"{metric.headed}, mean", str, words=True, free=True)
         lines += [*markdown([agent, *map(of_task, tables)], agents), ""]
@@ -394,7 +396,7 @@ def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
     """One row an agent and suite: scores with intervals, and the mean over tasks of every metric with the unit in brackets."""
     known = catalogue()
     records = []
-    for table, row in [(table, row) for table in tables for row in table.rows]:
+    for table, row in [(one, row) for one in tables for row in one.rows]:
         figures = row.figures
         record: dict[str, object] = {
             "suite": table.suite, "rank": row.rank, "agent": row.agent, "tasks": row.tasks, "runs": row.runs,
@@ -462,7 +464,7 @@ def write_leaderboard(
     out: Path,
     aggregated: Sequence[SuiteTable] = (),
 ) -> tuple[Path, ...]:
-    """Write ``leaderboard.md``, ``.csv``, ``.parquet``, ``.json`` and ``.tex`` into ``out``, each whole or not at all, and return their paths.
+    """Write ``leaderboard.md``, ``.csv``, ``.parquet``, ``.json`` and ``.tex`` into ``out``, each whole or not at all; the paths.
 
     ``suites`` are task ids by suite, for the overviews. With normalised scores over suites (``aggregated``), ``leaderboard.suites.csv`` and
     ``.parquet`` hold one row an entry and suite.

@@ -9,9 +9,9 @@ import pytest
 
 from glbench.errors import ResultError
 from glbench.leaderboard import Expectation, StoredResult, rank, to_frame, to_markdown
-from glbench.leaderboard.statistics import aggregate
 from glbench.leaderboard.entries import entries_by_task
 from glbench.leaderboard.pairs import compare_entries
+from glbench.leaderboard.statistics import aggregate
 from glbench.leaderboard.suites import scores_by_task, suite_table
 from glbench.leaderboard.tables import agent_label, kernel_note, runs_label
 from glbench.tasks.references import References
