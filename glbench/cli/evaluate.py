@@ -376,9 +376,11 @@ def _summary(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> Table:
 
 
 def _cell(outcome: Outcome) -> str:
+    from glbench.leaderboard.catalogue import catalogue
+
     if outcome.result is None:
         return "[red]failed[/red]"
-    mean = outcome.result.summary.mean.get("reward")
+    mean = outcome.result.summary.mean.get(catalogue().score.name)
     return ("–" if mean is None else f"{mean:,.1f}") + ("*" if outcome.result.failed else "")
 
 
@@ -403,11 +405,12 @@ def _announcement(evaluation: Evaluation) -> str:
 
 def _reward_in_words(result: Result) -> str:
     """``reward 3,751.9 (3,750.9 to 3,752.8)``: mean and 95 % interval."""
+    from glbench.leaderboard.entries import RANKING_METRIC
     from glbench.leaderboard.ranking import estimate
 
-    one = estimate(result.values("reward"))
+    one = estimate(result.values(RANKING_METRIC))
     interval = f" ({one.low:,.1f} to {one.high:,.1f})" if len(result.runs) > 1 and one.low < one.high else ""
-    return f"reward {one.mean:,.1f}{interval}"
+    return f"{RANKING_METRIC} {one.mean:,.1f}{interval}"
 
 
 def _print_prints(name: str, printed: str, *, everything: bool, last: int = _SHOWN_PRINTS, indent: str = "") -> None:

@@ -65,7 +65,7 @@ def leaderboard(
     (NAME, NAME_seed1, NAME_seed2) are one entry with its range.
     """
     from glbench.leaderboard import rank, to_frame, write_leaderboard
-    from glbench.leaderboard.published import own_and_released_results, published_expectations
+    from glbench.leaderboard.collect import own_and_released_results, published_expectations
     from glbench.leaderboard.suites import suite_tables
     from glbench.leaderboard.tables import suite_frame
     from glbench.tasks import list_suites
@@ -117,7 +117,7 @@ def badge(
     """Draw a badge: task, rank, reward, and whether the result was reproduced."""
     from glbench.leaderboard import rank
     from glbench.leaderboard.badges import badge as draw
-    from glbench.leaderboard.published import own_and_released_results, published_expectations
+    from glbench.leaderboard.collect import own_and_released_results, published_expectations
     from glbench.resources import write_atomically
     from glbench.tasks import DEFAULT_TASK
 

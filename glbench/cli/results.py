@@ -58,7 +58,8 @@ def show(
 def _where_from(result: Result, out: Path) -> list[str]:
     """Origin of the result, whether it was reproduced, and the trainings that it belongs to."""
     from glbench.leaderboard import rank
-    from glbench.leaderboard.published import own_and_released_results, published_expectations
+    from glbench.leaderboard.collect import own_and_released_results, published_expectations
+    from glbench.leaderboard.entries import RANKING_METRIC
     from glbench.leaderboard.tables import entry_label
 
     stored = [item for item in own_and_released_results(out)[0] if item.result.task.digest == result.task.digest]
@@ -70,29 +71,32 @@ def _where_from(result: Result, out: Path) -> list[str]:
         if (row.task_id, row.results_digest) != (result.task.id, result.results_digest):
             continue
         checked = "reproduced by glbench verify" if row.reproduced else "not reproduced yet (glbench verify)"
-        source, mean = f"Source: {row.origin}; {checked}", entry.estimates.get("reward")
+        source, mean = f"Source: {row.origin}; {checked}", entry.estimates.get(RANKING_METRIC)
         if not entry.is_range or mean is None:
             return [source]
         others = ", ".join(one.agent for one in entry.results if one is not row)
-        family = f"One of {entry_label(entry)}: reward {mean.mean:,.1f}, {mean.low:,.1f} to {mean.high:,.1f}."
+        family = f"One of {entry_label(entry)}: {RANKING_METRIC} {mean.mean:,.1f}, {mean.low:,.1f} to {mean.high:,.1f}."
         return [source, f"{family} The others: {others}."]
     return []
 
 
 def _show(result: Result, where_from: Sequence[str]) -> None:
+    from glbench.leaderboard.catalogue import catalogue
+
     output().print(summary_table(result))
     output().print(f"\n[bold]Where the money went[/] (mean of {len(result.runs)} runs)")
     for line in money_lines(result):
         output().print(line)
-    metrics = result.runs[0].metrics
-    if "reward" in metrics:
-        rewards = sorted(result.values("reward"))
-        if rewards[0] < rewards[-1]:
-            spark = f"{rewards[0]:,.1f} {sparkline(rewards)} {rewards[-1]:,.1f}"
-            output().print(f"\n[bold]Rewards[/], worst to best: {spark}", soft_wrap=True)
-        worst = min(result.runs, key=lambda run: run.metrics["reward"])
-        profit = f", EPI {worst.metrics['epi']:,.3f} EUR/m²" if "epi" in worst.metrics else ""
-        output().print(f"Worst run: seed {worst.seed}, reward {worst.metrics['reward']:,.1f}{profit}")
+    known, metrics = catalogue(), result.runs[0].metrics
+    if (score := known.score.name) in metrics:
+        scores = sorted(result.values(score))
+        if scores[0] < scores[-1]:
+            spark = f"{scores[0]:,.1f} {sparkline(scores)} {scores[-1]:,.1f}"
+            output().print(f"\n[bold]{known.score.heading}s[/], worst to best: {spark}", soft_wrap=True)
+        worst = min(result.runs, key=lambda run: run.metrics[score])
+        profit = worst.metrics.get(known.profit.name)
+        words = "" if profit is None else f", {known.profit.heading} {profit:,.3f} {unit_of(known.profit)}"
+        output().print(f"Worst run: seed {worst.seed}, {score} {worst.metrics[score]:,.1f}{words}")
     print_failures(result)
     kernel = result.evaluation.kernel
     stated = [
@@ -166,22 +170,18 @@ def money_lines(result: Result) -> list[str]:
     """What was earned and paid as bars of one scale, and what is left."""
     from glbench.leaderboard.catalogue import catalogue
 
-    mean = result.summary.mean
-    items = [(item.short, item.sign * mean[item.money]) for item in catalogue().items if item.money in mean]
+    known, mean = catalogue(), result.summary.mean
+    items = [(item.short, item.sign * mean[item.money]) for item in known.items if item.money in mean]
     scale = max(*(abs(signed) for _, signed in items), 1e-9, 1e-9)
+    profit = known.profit
     lines = [
-        f"  {words:<6}{_signed(signed):>9} EUR/m²  [{'green' if signed >= 0.0 else 'red'}]"
+        f"  {words:<6}{_signed(signed):>9} {unit_of(profit)}  [{'green' if signed >= 0.0 else 'red'}]"
         f"{'█' * round(_BAR_WIDTH * abs(signed) / scale)}[/]"
         for words, signed in items
     ]
-    return [
-        *lines,
-        *(
-            f"  [bold]{'EPI':<6}{_signed(mean[one.name]):>9} EUR/m²[/]"
-            for one in catalogue().of_kind("profit")
-            if one.name in mean
-        ),
-    ]
+    if profit.name in mean:
+        lines.append(f"  [bold]{profit.heading:<6}{_signed(mean[profit.name]):>9} {unit_of(profit)}[/]")
+    return lines
 
 
 def _signed(value: float) -> str:
@@ -282,9 +282,8 @@ def compare(
 def _entries(wanted: str, tasks: Sequence[str], out: Path) -> dict[str, Entry]:
     """By task what ``wanted`` means: an agent with all its trainings, one training, or a result file."""
     from glbench.cli.stored import check_folder, find_results
-    from glbench.leaderboard.collect import StoredResult
+    from glbench.leaderboard.collect import StoredResult, own_and_released_results, published_expectations
     from glbench.leaderboard.entries import entries_by_task, entry_of
-    from glbench.leaderboard.published import own_and_released_results, published_expectations
 
     check_folder(out)
     if not (wanted.endswith(".json") or Path(wanted).is_file()):
@@ -327,16 +326,15 @@ def _metrics_table(pair: Pair) -> Table:
 
 
 def _tasks_table(judged: Sequence[tuple[Pair, float]]) -> Table:
+    from glbench.leaderboard.catalogue import catalogue
     from glbench.leaderboard.tables import chance_text
 
-    pair = judged[0][0]
-    view = table(
-        f"{escape(harmless(pair.first))} (A) minus {escape(harmless(pair.second))} (B), task by task",
-        "Task", "Reward", "EPI\n\\[EUR/m²]", "Penalty", "P(A > B)", "p",
-        right=("Reward", "EPI\n\\[EUR/m²]", "Penalty", "P(A > B)", "p"), folded=("Task",), collapse_padding=True,
-    )  # fmt: skip
+    pair, shown = judged[0][0], catalogue().headlines
+    numbers = [*(metric.headed.replace(" [", "\n\\[") for metric in shown), "P(A > B)", "p"]
+    title = f"{escape(harmless(pair.first))} (A) minus {escape(harmless(pair.second))} (B), task by task"
+    view = table(title, "Task", *numbers, right=numbers, folded=("Task",), collapse_padding=True)
     for pair, p_value in judged:
-        gaps = [(pair.gap(name), digits) for name, digits in (("reward", 1), ("epi", 3), ("penalty", 1))]
+        gaps = [(pair.gap(metric.name), metric.digits) for metric in shown]
         view.add_row(
             escape(harmless(pair.task_id.rpartition("/")[2])),
             *(_NONE if gap is None else f"{gap:+,.{digits}f}" for gap, digits in gaps),
@@ -353,11 +351,11 @@ def _sentence(pair: Pair, p_value: float, *, named: bool) -> str:
     names = harmless(pair.first), harmless(pair.second)
     verdict = "Their rewards cannot be told apart"
     if pair.told_apart(p_value):
-        verdict = f"{escape(names[(pair.gap('reward') or 0.0) <= 0])} has the higher reward"
+        verdict = f"{escape(names[pair.headline <= 0])} has the higher reward"
     words = _p_words(pair, p_value)
     shown = "nothing is drawn here" if words == _NONE else f"p < {words[1:]}" if words[0] == "<" else f"p = {words}"
     where = f"{escape(pair.task_id.rpartition('/')[2])}: " if named else ""
-    epi = pair.gap("epi")
+    epi = pair.gap(catalogue().profit.name)
     if epi is None:
         return f"{where}{verdict} ({shown})."
     more, less = names if epi >= 0.0 else names[::-1]
@@ -371,8 +369,7 @@ def _sentence(pair: Pair, p_value: float, *, named: bool) -> str:
 
 def _p_words(pair: Pair, p_value: float) -> str:
     """A p-value, or a dash where a task draws nothing and there is no chance to test against."""
-    reward = pair.metrics["reward"].difference
-    if reward is None or reward.low == reward.high:
+    if pair.is_certain:
         return _NONE
     return f"{p_value:.3f}" if p_value >= 0.001 else "<0.001"
 
@@ -380,7 +377,7 @@ def _p_words(pair: Pair, p_value: float) -> str:
 def _count(judged: Sequence[tuple[Pair, float]]) -> str:
     """On how many tasks who is ahead."""
     clear = [pair for pair, p_value in judged if pair.told_apart(p_value)]
-    ahead = sum((pair.gap("reward") or 0.0) > 0.0 for pair in clear)
+    ahead = sum(pair.headline > 0.0 for pair in clear)
     first, second = (escape(harmless(name)) for name in (judged[0][0].first, judged[0][0].second))
     return (
         f"[bold]{first}[/] has the higher reward on {ahead} of {len(judged)} tasks, {second} on {len(clear) - ahead}; "

@@ -205,7 +205,7 @@ def references_command(
     Both come from results: that of submissions/do_nothing.py, and the best of all agents.
     """
     from glbench.leaderboard import collect_results
-    from glbench.leaderboard.published import published_expectations
+    from glbench.leaderboard.collect import published_expectations
     from glbench.leaderboard.suites import references_from
     from glbench.tasks.references import read_references, write_references
 

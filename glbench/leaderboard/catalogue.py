@@ -90,6 +90,21 @@ class Catalogue:
         """A metric; one that is unknown here by its name, with its unit in ``units``."""
         return self.metrics.get(name) or unknown_metric(name, units.get(name, "-"))
 
+    @property
+    def score(self) -> Metric:
+        """What ranks where no task says otherwise."""
+        return self.of_kind("score")[0]
+
+    @property
+    def profit(self) -> Metric:
+        """What is earned minus what is paid."""
+        return self.of_kind("profit")[0]
+
+    @property
+    def headlines(self) -> list[Metric]:
+        """Columns that are shown with their intervals."""
+        return [metric for metric in self.metrics.values() if metric.column and metric.interval]
+
     def of_kind(self, *kinds: Kind) -> list[Metric]:
         """The metrics of these kinds, in their order."""
         return [metric for metric in self.metrics.values() if metric.kind in kinds]

@@ -19,7 +19,7 @@ from glbench.leaderboard.catalogue import catalogue
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult
 from glbench.leaderboard.statistics import Array
 
-RANKING_METRIC = "reward"
+RANKING_METRIC = catalogue().score.name
 """What ranks where no task says otherwise."""
 
 _SEEDED = re.compile(r"(.+)[_-]seed([0-9]{1,10})", re.DOTALL)

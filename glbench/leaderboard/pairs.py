@@ -53,7 +53,18 @@ class Pair:
 
     def told_apart(self, corrected: float) -> bool:
         """Whether the rewards differ beyond chance, at the p-value corrected for the number of tasks."""
-        return told_apart(corrected, self.favours, self.gap(RANKING_METRIC) or 0.0)
+        return told_apart(corrected, self.favours, self.headline)
+
+    @property
+    def headline(self) -> float:
+        """Mean reward of A minus that of B."""
+        return self.gap(RANKING_METRIC) or 0.0
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether all runs differ alike, because the task draws nothing."""
+        difference = self.metrics[RANKING_METRIC].difference
+        return difference is None or difference.low == difference.high
 
     def gap(self, metric: str) -> float | None:
         """Mean of A minus B, where both hold the metric."""

@@ -256,7 +256,7 @@ def _overview(suite: str, tables: Sequence[TaskTable]) -> list[str]:
         return []
     agents = sorted({row.agent for table in tables for row in table.rows if row.rank is not None})
     lines = [f"## Suite `{suite}` at a glance", ""]
-    for metric in (one for one in catalogue().metrics.values() if one.column and one.interval):
+    for metric in catalogue().headlines:
 
         def of_task(table: TaskTable, metric: Metric = metric) -> Column:
             means = {row.agent: row.means.get(metric.name) for row in table.rows if row.rank is not None}

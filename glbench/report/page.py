@@ -17,8 +17,8 @@ from glbench import __version__
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation.profiles import Profile, load_profile
 from glbench.leaderboard import StoredResult, TaskTable, rank
+from glbench.leaderboard.collect import own_and_released_results, published_expectations
 from glbench.leaderboard.comparisons import RESOLUTION
-from glbench.leaderboard.published import own_and_released_results, published_expectations
 from glbench.leaderboard.suites import SuiteTable, suite_tables
 from glbench.leaderboard.tables import SCORE_STEP
 from glbench.report import collecting
