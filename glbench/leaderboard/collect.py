@@ -13,6 +13,7 @@ from glbench.errors import ResultError
 from glbench.evaluation import Result, load_result, result_path
 from glbench.evaluation.preparing import TRIALS
 from glbench.evaluation.records import AgentRecord
+from glbench.leaderboard.catalogue import catalogue
 from glbench.resources import data_folder, is_released
 from glbench.tasks import list_tasks, read_lock
 from glbench.verification import SUFFIX, was_reproduced
@@ -281,13 +282,14 @@ def _problem_beside(item: StoredResult, released: StoredResult | None) -> str | 
         return None
     name, reward, theirs = item.result.agent.name, *(_reward(one.result) for one in (item, released))
     return (
-        f"{item.path} differs from the released result of '{name}', which keeps its row: reward {reward:,.1f}, released {theirs:,.1f}. "
+        f"{item.path} differs from the released result of '{name}', which keeps its row: reward {reward}, released {theirs}. "
         f"{_what_differs(item.result, released.result)} See both with `glbench compare {name} {item.path}`."
     )
 
 
-def _reward(result: Result) -> float:
-    return result.summary.mean["reward"]
+def _reward(result: Result) -> str:
+    score = result.summary.mean.get(catalogue().score.name)
+    return "not stated" if score is None else f"{score:,.1f}"
 
 
 def _what_differs(own: Result, released: Result) -> str:

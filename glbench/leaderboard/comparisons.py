@@ -37,26 +37,6 @@ bit spread the reward of the rule-based controller over 6 to 8 units (docs/resul
 """
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """Two agents on the same seeds: mean of A minus B, p-value of the paired test, the same after Holm's correction.
-
-    ``favours`` says whom the ranks of the test favour: 1 the first, -1 the second, 0 neither.
-    """
-
-    first: str
-    second: str
-    difference: float
-    p_value: float
-    corrected: float
-    favours: int
-
-    @property
-    def differ(self) -> bool:
-        """Whether they can be told apart at the 5 % level: the test says so, of the agent that has the higher mean."""
-        return told_apart(self.corrected, self.favours, self.difference)
-
-
 def told_apart(p_value: float, favours: int, difference: float) -> bool:
     """Whether a corrected p-value is significant and ranks and mean point the same way."""
     return p_value < SIGNIFICANCE and favours * difference > 0.0
@@ -114,10 +94,10 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return corrected
 
 
-def compare_all(
+def pairs_apart(
     scores: Mapping[str, Sequence[Array]], resolutions: Sequence[float] = (RESOLUTION,)
-) -> tuple[Comparison, ...]:
-    """Every pair of agents, from their run values: one array ``(n_i,)`` a task, in the order of the same seeds.
+) -> set[frozenset[str]]:
+    """The pairs of agents that can be told apart, from their run values: one array ``(n_i,)`` a task, in the order of the same seeds.
 
     Raises
     ------
@@ -126,12 +106,13 @@ def compare_all(
     """
     pairs = list(combinations(sorted(scores), 2))
     found = [paired_test(scores[a], scores[b], resolutions) for a, b in pairs]
-    corrected = holm([one.p_value for one in found])
     means = {agent: float(mean_score(values)) for agent, values in scores.items()}
-    return tuple(
-        Comparison(a, b, means[a] - means[b], one.p_value, p, one.favours)
+    corrected = holm([one.p_value for one in found])
+    return {
+        frozenset((a, b))
         for (a, b), one, p in zip(pairs, found, corrected, strict=True)
-    )
+        if told_apart(p, one.favours, means[a] - means[b])
+    }
 
 
 def tiers(
@@ -149,7 +130,7 @@ def tiers(
     """
     if not scores:
         return ()
-    apart = {frozenset((one.first, one.second)) for one in compare_all(scores, resolutions) if one.differ}
+    apart = pairs_apart(scores, resolutions)
     order = sorted(scores, key=lambda agent: (-float(mean_score(scores[agent])), agent))
     found: list[list[str]] = []
     for agent in order:

@@ -208,15 +208,15 @@ def _reward(task: TaskSpec) -> list[str]:
     modules, prices, words = task.reward.modules, task.prices, catalogue()
     lines = [f"reward = {' + '.join(modules)}", *(f"  {name}: {REWARD_MODULES[name].meaning}." for name in modules)]
     if {"epi", "scaled_epi"} & set(modules):
+        priced = [(getattr(prices, item.price), item) for item in words.items]
+        sold = [f"{price:g} x {item.words} growth [kg dry m-2]" for price, item in priced if item.sign > 0]
         bought = [
-            f"{getattr(prices, item.price):g} x {item.words} [{words.metrics[item.amount].unit}]"
-            for item in words.items
-            if item.sign < 0
+            f"- {price:g} x {item.words} [{words.metrics[item.amount].unit}]" for price, item in priced if item.sign < 0
         ]
         lines += [
             "Economic performance EPI [EUR m-2] =",
-            f"  {prices.fruit:g} x fruit growth [kg dry m-2] / {prices.dry_matter_content:g} - {bought[0]}",
-            f"  - {' - '.join(bought[1:])}; fruit is paid as it grows.",
+            f"  {' + '.join(sold)} / {prices.dry_matter_content:g} {bought[0]}",
+            f"  {' '.join(bought[1:])}; fruit is paid as it grows.",
         ]
     if "scaled_epi" in modules:
         accounts = make_accounts(task)
