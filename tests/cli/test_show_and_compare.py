@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from glbench.cli.show import sparkline
+from glbench.cli.results import sparkline
 from glbench.evaluation import load_result
 from glbench.resources import data_folder
 

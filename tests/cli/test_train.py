@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="training needs the extra 'train'")
 
-from glbench.cli.training_support import needs_the_extra
+from glbench.cli.train import needs_the_extra
 from glbench.errors import TrainingError
 from tests.cli.command_line import Command
 

@@ -11,7 +11,7 @@ from glbench.evaluation.files import result_path, save_result
 from glbench.evaluation.preparing import TRIALS
 from glbench.evaluation.records import results_digest, summarise
 from glbench.leaderboard import StoredResult, rank
-from glbench.leaderboard.published import own_and_released_results, published_expectations
+from glbench.leaderboard.collect import own_and_released_results, published_expectations
 from glbench.resources import data_folder
 from tests.leaderboard.synthetic import digest_of, make_result
 
