@@ -26,7 +26,10 @@ def pytest_configure() -> None:
     """Let children start with the signals' own meanings, also under nohup, or in the background of a script, where SIGINT is ignored.
 
     A handler is not inherited by another program, and what is ignored is; so what is ignored here gets a handler that does nothing.
+    And keep compiled modules, whatever the environment says: each of the thousand processes that tests start would compile them again.
     """
+    sys.dont_write_bytecode = False
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) == signal.SIG_IGN:
             signal.signal(number, lambda *_: None)
