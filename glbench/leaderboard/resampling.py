@@ -7,7 +7,6 @@ with every numpy version. Runs are drawn with replacement within their task (str
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -21,13 +20,10 @@ RESAMPLES = 10_000
 CONFIDENCE = 0.95
 
 
-@lru_cache(maxsize=16)  # a table draws the same indices for each of its figures; of 30 runs they take 2.4 MB
 def resampling_indices(size: int, resamples: int, seed: int) -> NDArray[np.intp]:
-    """Indices ``(resamples, size)`` in ``[0, size)`` from the upper 32 bits of PCG64's raw 64-bit words (multiply and shift); read-only."""
+    """Indices ``(resamples, size)`` in ``[0, size)`` from the upper 32 bits of PCG64's raw 64-bit words (multiply and shift)."""
     raw = np.random.PCG64(seed).random_raw(resamples * size) >> np.uint64(32)
-    indices = ((raw * np.uint64(size)) >> np.uint64(32)).astype(np.intp).reshape(resamples, size)
-    indices.flags.writeable = False
-    return indices
+    return ((raw * np.uint64(size)) >> np.uint64(32)).astype(np.intp).reshape(resamples, size)
 
 
 def resampled(strata: Sequence[Array], resamples: int = RESAMPLES, seed: int = 0) -> list[Array]:
