@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.support import checkout_with_few_results
+
 settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("busy")
 
@@ -50,6 +52,17 @@ def _no_process_is_left_behind() -> Iterator[None]:
     while (left := (_descendants() | _descendants()).items() - before.items()) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not left, f"processes were left behind: {left}"
+
+
+@pytest.fixture(scope="session")
+def _few(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return checkout_with_few_results(tmp_path_factory.mktemp("few"))
+
+
+@pytest.fixture
+def few_released(_few: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let few results have come with glbench, where a test is not about them: to rank all takes ten seconds, and a page of all twenty."""
+    monkeypatch.setattr("glbench.resources._PACKAGE", _few)
 
 
 def _descendants() -> dict[int, str]:
