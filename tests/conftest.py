@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+import glbench
 from tests.support import checkout_with_few_results
 
 settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -63,6 +64,12 @@ def _few(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def few_released(_few: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let few results have come with glbench, where a test is not about them: to rank all takes ten seconds, and a page of all twenty."""
     monkeypatch.setattr("glbench.resources._PACKAGE", _few)
+
+
+@pytest.fixture
+def all_released(few_released: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a file whose tests use ``few_released``: this one is about all."""
+    monkeypatch.setattr("glbench.resources._PACKAGE", Path(glbench.__file__).parent)
 
 
 def _descendants() -> dict[int, str]:

@@ -30,7 +30,7 @@ def write_short_task(folder: Path, name: str, *, days: int) -> Path:
     return path
 
 
-FEW = ("do_nothing", "ppo", "ppo_seed1", "rule_based", "rule_based_fair")
+FEW = ("do_nothing", "ppo", "ppo_seed1", "ppo_seed2", "rule_based", "rule_based_fair")
 """Agents whose results ``checkout_with_few_results`` keeps."""
 
 
