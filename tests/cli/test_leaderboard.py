@@ -182,6 +182,7 @@ def test_another_folder_shows_its_own_agents_and_the_released_baselines_only(rep
     assert "better" not in shown
 
 
+@pytest.mark.slow
 def test_agents_over_a_suite_are_shown_with_scores_and_resources(monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     console.output.cache_clear()

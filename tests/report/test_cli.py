@@ -17,6 +17,7 @@ def folder(made, tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_page_is_written_and_named(glbench, folder):
     answer = glbench("report", "--out", folder)
     assert answer.code == 0

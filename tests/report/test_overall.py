@@ -14,9 +14,10 @@ from glbench.report import build_report
 from tests.report.test_browser import CHROMIUM, browser, change_price, draw_everything, order, visit
 
 __all__ = ["browser", "visit"]
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="there is no chromium on this machine to look at the page with"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine to look at the page with"),
+]
 TASK = "Schiphol2010-Delta10-v1"
 AGENTS = 11
 
