@@ -52,7 +52,7 @@ def test_the_documents_name_the_same_test_command_that_continuous_integration_ru
     ci = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     contributing = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     workflow = (ROOT / ".github" / "workflows" / "tests.yml").read_text(encoding="utf-8")
-    command = "uv run --group dev pytest -n auto\n"
+    command = "uv run --group dev pytest -n auto --dist worksteal\n"
     assert command in README
     assert command in ci.replace("--locked ", "")
     assert command.strip() in contributing
