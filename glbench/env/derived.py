@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.kernel.tape import Recorder, Tape, Value
-from glbench.model import PARAMETER_NAMES
-from glbench.model.derived import with_derived
-from glbench.model.parameters import Parameters
+from glbench.model import PARAMETER_NAMES, TOMATO
 
 Floats = NDArray[np.float64]
 
@@ -65,6 +63,6 @@ class DerivedParameters:
         # What follows from an array is a new array; numbers, and arrays that were handed in, depend on nothing uncertain.
         return {
             place: value
-            for place, value in enumerate(with_derived(Parameters(*given)))
+            for place, value in enumerate(TOMATO.derived(TOMATO.Parameters(*given)))
             if isinstance(value, np.ndarray | Value) and value is not given[place]
         }

@@ -1,7 +1,7 @@
-"""The GreenLight greenhouse and its tomato crop: 28 states, 6 controls, 10 disturbances, 208 parameters.
+"""Models of greenhouses as values: the GreenLight climate with its tomato crop, and what else is composed.
 
-The physics is written once, in one module a process, for floats, NumPy arrays and CasADi symbols. Numbers go in and out
-through the functions below; names, units and signs are in docs/nomenclature.md.
+The physics is written once, in one module a process, for floats, NumPy arrays and CasADi symbols. A
+:class:`Model` is made of submodels by :func:`compose`; names, units and signs are in docs/nomenclature.md.
 
 Sources: Vanthoor (2011) greenhouse and crop, Katzin et al. (2020) and Katzin (2021) lamps, blackout screen and the
 GreenLight model as a whole.
@@ -10,28 +10,48 @@ GreenLight model as a whole.
 from __future__ import annotations
 
 from glbench.model.air import co2_density, co2_ppm, relative_humidity, saturation_vapour_pressure
-from glbench.model.controls import CONTROL_NAMES, CONTROLS
-from glbench.model.derived import recompute_derived
-from glbench.model.digest import MODEL_VERSION, model_digest
-from glbench.model.disturbances import DISTURBANCE_NAMES, DISTURBANCES
-from glbench.model.functions import (
+from glbench.model.bounds import Horizon
+from glbench.model.crop.lettuce import VanHentenLettuce
+from glbench.model.crop.tomato import VanthoorTomato
+from glbench.model.expressions import Expr
+from glbench.model.greenhouse import Meter, compose
+from glbench.model.greenlight import GreenLightClimate
+from glbench.model.model import Capacity, Evaluation, Flow, Model, Seen, Signal, Step, Stock
+from glbench.model.paper import (
     AUXILIARIES,
+    CONTROL_NAMES,
+    CONTROLS,
+    DISTURBANCE_NAMES,
+    DISTURBANCES,
+    LETTUCE,
+    MODEL_VERSION,
+    PARAMETER_NAMES,
+    PARAMETERS,
+    STATE_NAMES,
+    STATES,
+    TOMATO,
     auxiliaries,
     build_auxiliaries,
     build_jacobian,
     build_rhs,
-    jacobian,
-    rhs,
-)
-from glbench.model.initial import initial_state
-from glbench.model.parameter_sets import (
-    PARAMETER_SETS,
     crop_parameter_set,
     default_parameters,
+    get_model,
+    initial_state,
+    jacobian,
+    model_digest,
+    model_ids,
     parameter_group,
+    recompute_derived,
+    register_model,
+    rhs,
+    tomato,
 )
-from glbench.model.parameter_table import PARAMETER_NAMES, PARAMETERS
-from glbench.model.states import STATE_NAMES, STATES
+from glbench.model.parameter_sets import PARAMETER_SETS
+from glbench.model.parameter_table import Parameter
+from glbench.model.quantities import Quantity, Variable
+from glbench.model.submodels import Addition, Around, Climate, Crop, Nothing
+from glbench.model.surroundings import CropExchange, Surroundings
 from glbench.model.variants import VARIANTS
 
 __all__ = [
@@ -40,27 +60,58 @@ __all__ = [
     "CONTROL_NAMES",
     "DISTURBANCES",
     "DISTURBANCE_NAMES",
+    "LETTUCE",
     "MODEL_VERSION",
     "PARAMETERS",
     "PARAMETER_NAMES",
     "PARAMETER_SETS",
     "STATES",
     "STATE_NAMES",
+    "TOMATO",
     "VARIANTS",
+    "Addition",
+    "Around",
+    "Capacity",
+    "Climate",
+    "Crop",
+    "CropExchange",
+    "Evaluation",
+    "Expr",
+    "Flow",
+    "GreenLightClimate",
+    "Horizon",
+    "Meter",
+    "Model",
+    "Nothing",
+    "Parameter",
+    "Quantity",
+    "Seen",
+    "Signal",
+    "Step",
+    "Stock",
+    "Surroundings",
+    "VanHentenLettuce",
+    "VanthoorTomato",
+    "Variable",
     "auxiliaries",
     "build_auxiliaries",
     "build_jacobian",
     "build_rhs",
     "co2_density",
     "co2_ppm",
+    "compose",
     "crop_parameter_set",
     "default_parameters",
+    "get_model",
     "initial_state",
     "jacobian",
     "model_digest",
+    "model_ids",
     "parameter_group",
     "recompute_derived",
+    "register_model",
     "relative_humidity",
     "rhs",
     "saturation_vapour_pressure",
+    "tomato",
 ]

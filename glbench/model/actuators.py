@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 
 from glbench.model.controls import Controls
 from glbench.model.expressions import Expr
-from glbench.model.parameters import Parameters
+from glbench.model.parameters import ClimateParameters
 from glbench.model.quantities import Quantity
 
 
@@ -21,7 +21,7 @@ class Actuators(NamedTuple):
     mc_ext_air: Annotated[Expr, Quantity("mg m-2 s-1", "CO2 dosed into the main air")]
 
 
-def actuators(u: Controls, p: Parameters) -> Actuators:
+def actuators(u: Controls, p: ClimateParameters) -> Actuators:
     """Actuator output.
 
     Lamps: Katzin (2021) eqs 7.8 and 7.34. Boiler: Vanthoor (2011) eq. 8.56. CO2: eq. 8.77. The model has no control for

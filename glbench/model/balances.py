@@ -1,11 +1,11 @@
-"""The 28 differential equations: the balance of every compartment, in the order of the state vector.
+"""The differential equations: the balance of every compartment of greenhouse and tomato crop, in the order of the state vector.
 
 Every flux is positive from its first to its second name. Source: Vanthoor (2011) chapters 8 and 9, Katzin (2021) chapter 7.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 from glbench.model.actuators import Actuators
 from glbench.model.capacities import Capacities
@@ -16,13 +16,12 @@ from glbench.model.crop.harvest import Harvest
 from glbench.model.crop.photosynthesis import Photosynthesis
 from glbench.model.crop.respiration import Respiration
 from glbench.model.crop.temperature import GrowthInhibition
-from glbench.model.expressions import Expr
 from glbench.model.longwave import LongWave, Views
 from glbench.model.optics import Optics
-from glbench.model.parameters import Parameters
-from glbench.model.quantities import Quantity
+from glbench.model.parameters import ClimateParameters, TomatoParameters
 from glbench.model.shortwave import ShortWave
-from glbench.model.states import State
+from glbench.model.states import ClimateState, TomatoState
+from glbench.model.surroundings import CropExchange, Surroundings
 from glbench.model.transpiration import Transpiration
 from glbench.model.vapour import Vapour
 from glbench.model.ventilation import Ventilation
@@ -31,14 +30,8 @@ DAY = 86400.0
 """Seconds in a day; also the time constant of the 24-hour mean temperature."""
 
 
-class CropExchange(NamedTuple):
-    """What the crop as a whole takes from the air."""
-
-    mc_air_can: Annotated[Expr, Quantity("mg m-2 s-1", "CO2, main air to canopy: net uptake")]
-
-
-class Fluxes(NamedTuple):
-    """Everything that the balances are made of, one record a process."""
+class ClimateFluxes(NamedTuple):
+    """Everything that the balances of the greenhouse are made of, one record a process."""
 
     optics: Optics
     capacities: Capacities
@@ -51,6 +44,11 @@ class Fluxes(NamedTuple):
     transpiration: Transpiration
     vapour: Vapour
     co2: Co2Transport
+
+
+class TomatoFluxes(NamedTuple):
+    """Everything that the balances of the tomato crop are made of, one record a process."""
+
     photosynthesis: Photosynthesis
     inhibition: GrowthInhibition
     allocation: Allocation
@@ -59,22 +57,21 @@ class Fluxes(NamedTuple):
     crop: CropExchange
 
 
-def net_uptake(ph: Photosynthesis, re: Respiration, p: Parameters) -> CropExchange:
+def net_uptake(ph: Photosynthesis, re: Respiration, p: TomatoParameters) -> CropExchange:
     """CO2 taken from the main air: photosynthesis less all respiration, as CO2 instead of CH2O. Vanthoor (2011) eq. 9.1."""
     return CropExchange(p.m_co2 / p.m_ch2o * (ph.mc_air_buf - re.mc_buf_air - re.mc_org_air))
 
 
-def balances(x: State, p: Parameters, f: Fluxes) -> State:
-    """Time derivative of every state, in the unit of the state per second.
+def climate_balances(p: ClimateParameters, f: ClimateFluxes, taken: CropExchange) -> ClimateState:
+    """Time derivative of the states of the greenhouse, in the unit of the state per second; ``taken`` is what the crop takes.
 
     The vapour capacities depend on temperature, but as in the source no derivative of them is taken.
     """
     a, cap, s, r, h = f.actuators, f.capacities, f.short_wave, f.long_wave, f.convection
     tr, v, c = f.transpiration, f.vapour, f.co2
-    ph, al, re, ha = f.photosynthesis, f.allocation, f.respiration, f.harvest
-    return State(
+    return ClimateState(
         # Vanthoor (2011) eqs 8.12-8.13
-        co2_air=(a.mc_ext_air - f.crop.mc_air_can - c.mc_air_top - c.mc_air_out) / p.cap_co2_air,
+        co2_air=(a.mc_ext_air - taken.mc_air_can - c.mc_air_top - c.mc_air_out) / p.cap_co2_air,
         co2_top=(c.mc_air_top - c.mc_top_out) / p.cap_co2_top,
         # eq. 8.2 and Katzin (2021) eq. 7.1
         t_air=(
@@ -152,12 +149,20 @@ def balances(x: State, p: Parameters, f: Fluxes) -> State:
             + r.r_can_bl_scr + r.r_flr_bl_scr + r.r_pipe_bl_scr + r.r_lamp_bl_scr + r.r_int_lamp_bl_scr
             - h.h_bl_scr_top - r.r_bl_scr_cov_in - r.r_bl_scr_sky - r.r_bl_scr_th_scr
         ) / p.cap_bl_scr,
-        # Vanthoor (2011) eqs 9.9, 9.1, 9.4, 9.6, 9.2 (Katzin 2021, eq. 7.43) and 9.8
-        t_can24=(x.t_can - x.t_can24) / DAY,
+    )  # fmt: skip
+
+
+def tomato_balances(x: TomatoState, s: Surroundings, f: TomatoFluxes) -> TomatoState:
+    """Time derivative of the states of the tomato crop, in the unit of the state per second.
+
+    Vanthoor (2011) eqs 9.9, 9.1, 9.4, 9.6, 9.2 (Katzin 2021, eq. 7.43) and 9.8.
+    """
+    ph, al, re, ha = f.photosynthesis, f.allocation, f.respiration, f.harvest
+    return TomatoState(
+        t_can24=(s.x.t_can - x.t_can24) / DAY,
         c_buf=ph.mc_air_buf - al.mc_buf_fruit - al.mc_buf_leaf - al.mc_buf_stem - re.mc_buf_air,
         c_leaf=al.mc_buf_leaf - re.mc_leaf_air - ha.mc_leaf_har,
         c_stem=al.mc_buf_stem - re.mc_stem_air,
         c_fruit=al.mc_buf_fruit - re.mc_fruit_air - ha.mc_fruit_har,
-        t_can_sum=x.t_can / DAY,
-        time=1 / DAY,
-    )  # fmt: skip
+        t_can_sum=s.x.t_can / DAY,
+    )

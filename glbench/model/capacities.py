@@ -10,9 +10,9 @@ from typing import Annotated, NamedTuple
 
 from glbench.model.air import kelvin
 from glbench.model.expressions import Expr, cos
-from glbench.model.parameters import Parameters
+from glbench.model.parameters import ClimateParameters
 from glbench.model.quantities import Quantity
-from glbench.model.states import State
+from glbench.model.states import ClimateState
 
 COVER_FACE_SHARE = 0.1
 """Share of the cover's heat capacity that each of its two faces has [-]. Vanthoor (2011) eq. 8.21."""
@@ -30,14 +30,13 @@ class Capacities(NamedTuple):
     cap_vp_top: Annotated[Expr, Quantity("kg m-2 Pa-1", "vapour capacity of the top air")]
 
 
-def vapour_capacity(height: Expr, temperature: Expr, p: Parameters) -> Expr:
+def vapour_capacity(height: Expr, temperature: Expr, p: ClimateParameters) -> Expr:
     """Vapour held by air of a height [m] per pascal [kg m-2 Pa-1]. Vanthoor (2011) eq. 8.25."""
     return p.m_water * height / (p.R * kelvin(temperature))
 
 
-def capacities(x: State, p: Parameters) -> Capacities:
-    """Leaf area index (Vanthoor 2011, eq. 9.5) and capacities (eqs 8.18-8.25)."""
-    lai = p.sla * x.c_leaf
+def capacities(lai: Expr, x: ClimateState, p: ClimateParameters) -> Capacities:
+    """Capacities at the leaf area index that the crop shows to the climate. Vanthoor (2011) eqs 8.18-8.25."""
     cover = cos(p.psi * math.pi / 180) * p.h_rf * p.rho_rf * p.c_p_rf
     return Capacities(
         lai=lai,

@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr
 from glbench.model.quantities import Quantity
-from glbench.model.states import State
+from glbench.model.states import ClimateState
 from glbench.model.ventilation import Ventilation
 
 
@@ -22,7 +22,7 @@ class Co2Transport(NamedTuple):
     mc_air_out: Annotated[Expr, Quantity("mg m-2 s-1", "CO2 with the air, main air to outside")]
 
 
-def co2_transport(x: State, v: Ventilation, d: Disturbances) -> Co2Transport:
+def co2_transport(x: ClimateState, v: Ventilation, d: Disturbances) -> Co2Transport:
     """CO2 carried by each air exchange. Vanthoor (2011) eq. 8.46."""
     return Co2Transport(
         mc_air_top=v.f_scr * (x.co2_air - x.co2_top),

@@ -12,9 +12,9 @@ from typing import Annotated, NamedTuple
 from glbench.model.controls import Controls
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr, if_else, magnitude_power
-from glbench.model.parameters import Parameters
+from glbench.model.parameters import ClimateParameters
 from glbench.model.quantities import Quantity
-from glbench.model.states import State
+from glbench.model.states import ClimateState
 from glbench.model.variants import Variant
 from glbench.model.ventilation import Ventilation
 
@@ -91,18 +91,18 @@ def at_pipe(pipe: Expr, air: Expr, length: Expr, diameter: Expr, variant: Varian
     return COEFFICIENT_PIPE * math.pi * diameter * length * difference_power(pipe, air, EXPONENT_PIPE, variant)
 
 
-def at_outer_cover(wind: Expr, p: Parameters) -> Expr:
+def at_outer_cover(wind: Expr, p: ClimateParameters) -> Expr:
     """Coefficient at the outer face of the cover, per floor area [W m-2 K-1]. Vanthoor (2011) table 8.4."""
     return p.a_cov / p.a_flr * (p.c_hec_out1 + p.c_hec_out2 * (wind + WIND_FLOOR) ** p.c_hec_out3)
 
 
-def between_layers(upper: Expr, lower: Expr, p: Parameters) -> Expr:
+def between_layers(upper: Expr, lower: Expr, p: ClimateParameters) -> Expr:
     """Conductance between the middles of two soil layers of a thickness [m] [W m-2 K-1]. Vanthoor (2011) eq. 8.4."""
     return 2 * p.lambda_so / (upper + lower)
 
 
 def convection(
-    lai: Expr, x: State, v: Ventilation, u: Controls, d: Disturbances, p: Parameters, variant: Variant
+    lai: Expr, x: ClimateState, v: Ventilation, u: Controls, d: Disturbances, p: ClimateParameters, variant: Variant
 ) -> Convection:
     """All sensible heat fluxes. Vanthoor (2011) eq. 8.40 and table 8.4, Katzin (2021) eqs 7.31-7.33."""
     hec_air_th_scr = u.u_th_scr * at_horizontal(x.t_air, x.t_th_scr, variant)

@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-from glbench.errors import ShapeError
 from glbench.model.expressions import Expr, exp, square
-from glbench.model.parameter_table import PARAMETERS
-from glbench.model.parameters import Parameters
+from glbench.model.parameters import ClimateParameters, TomatoParameters
 
 BAROMETRIC_TEMPERATURE = 293.15
 """Temperature of the air column in the density at altitude [K]."""
@@ -24,17 +19,17 @@ PIPE_HALF_SPACE = 0.49
 QUARTER_PI = 0.25 * math.pi
 
 
-def pipe_capacity(length: Expr, outer: Expr, inner: Expr, p: Parameters) -> Expr:
+def pipe_capacity(length: Expr, outer: Expr, inner: Expr, p: ClimateParameters) -> Expr:
     """Heat capacity of water-filled pipes [J K-1 m-2] of a length [m m-2] and diameters [m]. Vanthoor (2011) eq. 8.22."""
     steel = (square(outer) - square(inner)) * p.rho_steel * p.c_p_steel
     water = square(inner) * p.rho_water * p.c_p_water
     return QUARTER_PI * length * (steel + water)
 
 
-def with_derived(p: Parameters) -> Parameters:
+def derived_climate(p: ClimateParameters) -> ClimateParameters:
     """Parameters with every derived entry computed from the base entries.
 
-    Vanthoor (2011) eqs 8.22-8.24, 9.46 and table 8.3; grow pipes: Katzin (2021) eq. 7.35. The density at altitude rises
+    Vanthoor (2011) eqs 8.22-8.24 and table 8.3; grow pipes: Katzin (2021) eq. 7.35. The density at altitude rises
     with altitude: the sign in the exponent is that of the source (Vanthoor 2011, eq. 8.24). At sea level it has no effect.
     """
     rho_air_cap = p.rho_air0 * exp(p.g * p.m_air * p.h_elevation / (BAROMETRIC_TEMPERATURE * p.R))
@@ -58,33 +53,11 @@ def with_derived(p: Parameters) -> Parameters:
         a_pipe=a_pipe,
         f_can_flr=1 - PIPE_HALF_SPACE * a_pipe,
         pressure=SEA_LEVEL_PRESSURE * (1 - 2.5577e-5 * p.h_elevation) ** 5.25588,
-        c_leaf_max=p.lai_max / p.sla,
         a_gro_pipe=math.pi * p.l_gro_pipe * p.phi_gro_pipe_e,
         cap_gro_pipe=pipe_capacity(p.l_gro_pipe, p.phi_gro_pipe_e, p.phi_gro_pipe_i, p),
     )
 
 
-def recompute_derived(parameters: ArrayLike) -> NDArray[np.float64]:
-    """Copy of parameter vectors with the derived entries computed from the base entries.
-
-    Parameters
-    ----------
-    parameters
-        Shape (208,) or (n, 208).
-
-    Returns
-    -------
-    ndarray
-        Same shape.
-
-    Raises
-    ------
-    ShapeError
-        When the last axis does not have 208 entries.
-    """
-    p = np.asarray(parameters, dtype=np.float64)
-    if p.ndim == 0 or p.shape[-1] != len(PARAMETERS):
-        msg = f"Parameters have shape {p.shape}; expected ({len(PARAMETERS)},) or (n, {len(PARAMETERS)})."
-        raise ShapeError(msg)
-    columns = with_derived(Parameters(*np.moveaxis(p, -1, 0)))
-    return np.stack(columns, axis=-1)
+def derived_tomato(p: TomatoParameters) -> TomatoParameters:
+    """Parameters of the tomato crop with the derived one, the leaf mass at which leaves are pruned. Vanthoor (2011) eq. 9.46."""
+    return p._replace(c_leaf_max=p.lai_max / p.sla)

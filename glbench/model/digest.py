@@ -1,4 +1,4 @@
-"""Version of the model, and a digest of its equations."""
+"""A digest of equations."""
 
 from __future__ import annotations
 
@@ -6,26 +6,6 @@ import hashlib
 from functools import cache
 
 import casadi
-
-from glbench.model.functions import build_rhs
-
-MODEL_VERSION = "1.0.0"
-"""Version of the equations. It changes when a result may change."""
-
-
-@cache
-def model_digest(variant: str = "author") -> str:
-    """SHA-256 of the equations of a variant: 64 hexadecimal digits.
-
-    It changes with any equation, with any bit of a constant and with the order of inputs and outputs. It does not change
-    with names, with the order of evaluation or with the machine.
-
-    Raises
-    ------
-    UnknownNameError
-        When there is no such variant.
-    """
-    return digest_of(build_rhs(variant))
 
 
 def digest_of(function: casadi.Function) -> str:

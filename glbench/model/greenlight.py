@@ -1,74 +1,249 @@
-"""The model put together: from state, controls, disturbances and parameters to all fluxes and the time derivative."""
+"""The GreenLight climate: air, construction and equipment of a greenhouse, from weather, controls and a crop's leaf area.
+
+Units and signs are in docs/nomenclature.md. Source: Katzin (2021) on top of Vanthoor (2011).
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
 
-from glbench.model.actuators import actuators
-from glbench.model.balances import Fluxes, balances, net_uptake
+from glbench.errors import ParameterError
+from glbench.model.actuators import Actuators, actuators
+from glbench.model.air import saturation_vapour_pressure
+from glbench.model.balances import ClimateFluxes, climate_balances
+from glbench.model.bounds import (
+    COLDEST,
+    HOTTEST,
+    HOTTEST_METAL,
+    LARGEST_VAPOUR_PRESSURE,
+    Horizon,
+    highest_co2_density,
+    highest_co2_ppm,
+)
 from glbench.model.capacities import capacities
 from glbench.model.co2 import co2_transport
-from glbench.model.controls import Controls
+from glbench.model.controls import CONTROLS
+from glbench.model.controls import Controls as ClimateControls
 from glbench.model.convection import convection
-from glbench.model.crop.allocation import allocation
-from glbench.model.crop.harvest import harvest
-from glbench.model.crop.photosynthesis import photosynthesis
-from glbench.model.crop.respiration import respiration
-from glbench.model.crop.temperature import growth_inhibition
+from glbench.model.derived import derived_climate
 from glbench.model.disturbances import Disturbances
+from glbench.model.expressions import Expr
 from glbench.model.longwave import long_wave, views
+from glbench.model.model import Capacity, Flow, Seen, Signal, Step
 from glbench.model.optics import cover_optics
-from glbench.model.parameters import Parameters
+from glbench.model.parameter_checks import Order, Shares
+from glbench.model.parameter_table import read_table
+from glbench.model.parameters import ClimateParameters
+from glbench.model.quantities import states_of
 from glbench.model.shortwave import short_wave
-from glbench.model.states import State
+from glbench.model.states import ClimateState
+from glbench.model.submodels import Climate
+from glbench.model.surroundings import CropExchange, Surroundings
 from glbench.model.transpiration import transpiration
 from glbench.model.vapour import vapour
 from glbench.model.variants import AUTHOR, Variant
 from glbench.model.ventilation import ventilation
 
+JOULES_PER_KWH = 3.6e6
+KG_PER_MG = 1e-6
 
-class GreenLight(NamedTuple):
-    """One evaluation of the model."""
+START_HUMIDITY = 0.90
+"""Relative humidity of main and top air at the start [-]."""
 
-    derivative: State
-    """Time derivative of the state [unit of the state per second]."""
-    fluxes: Fluxes
-    """Everything computed on the way."""
+CANOPY_EXCESS = 4.0
+"""Canopy temperature above air temperature at the start [K]."""
+
+_METAL = frozenset(("tPipe", "tGroPipe", "tLamp", "tIntLamp"))
+
+SHARES: tuple[Shares, ...] = (
+    Shares("the sun's energy", ("etaGlobPar", "etaGlobNir")),
+    Shares("PAR on the roof", ("tauRfPar", "rhoRfPar")),
+    Shares("NIR on the roof", ("tauRfNir", "rhoRfNir")),
+    Shares("far-infrared on the roof", ("tauRfFir", "rhoRfFir")),
+    Shares("PAR on the thermal screen", ("tauThScrPar", "rhoThScrPar")),
+    Shares("NIR on the thermal screen", ("tauThScrNir", "rhoThScrNir")),
+    Shares("PAR on the blackout screen", ("tauBlScrPar", "rhoBlScrPar")),
+    Shares("NIR on the blackout screen", ("tauBlScrNir", "rhoBlScrNir")),
+    Shares("PAR on the lamp layer", ("tauLampPar", "rhoLampPar")),
+    Shares("NIR on the lamp layer", ("tauLampNir", "rhoLampNir")),
+    Shares("the lamps' power", ("etaLampPar", "etaLampNir", "etaLampCool")),
+    Shares("the interlights' power", ("etaIntLampPar", "etaIntLampNir")),
+)
+"""Sums that energy conservation bounds. The far-infrared properties of the screens are not among them: in the author's
+data the blackout screen transmits 0.7 and emits 0.67."""
 
 
-def greenlight(x: State, u: Controls, d: Disturbances, p: Parameters, variant: Variant = AUTHOR) -> GreenLight:
-    """Evaluate the model for floats, NumPy arrays (one entry a row) or CasADi symbols.
+@dataclass(frozen=True)
+class GreenLightClimate(Climate):
+    """The greenhouse of Katzin (2021): two air layers, canopy, cover, two screens, floor, five soil layers, pipes and lamps."""
 
-    Units and signs are in docs/nomenclature.md. Source: Katzin (2021) on top of Vanthoor (2011).
-    """
-    cap = capacities(x, p)
-    optics = cover_optics(u, p)
-    act = actuators(u, p)
-    light = short_wave(cap.lai, optics, act, d, p)
-    seen = views(cap.lai, optics, p)
-    air = ventilation(x, u, d, p, variant)
-    heat = convection(cap.lai, x, air, u, d, p, variant)
-    sugar = photosynthesis(cap.lai, light, x, p, variant)
-    inhibition = growth_inhibition(x, p)
-    growth = allocation(inhibition, x, p)
-    respired = respiration(growth, x, p)
-    fluxes = Fluxes(
-        optics=optics,
-        capacities=cap,
-        actuators=act,
-        short_wave=light,
-        views=seen,
-        long_wave=long_wave(seen, x, optics, u, d, p, variant),
-        ventilation=air,
-        convection=heat,
-        transpiration=transpiration(cap.lai, light.r_can, x, p),
-        vapour=vapour(x, air, heat, d, p, variant),
-        co2=co2_transport(x, air, d),
-        photosynthesis=sugar,
-        inhibition=inhibition,
-        allocation=growth,
-        respiration=respired,
-        harvest=harvest(x, p, variant),
-        crop=net_uptake(sugar, respired, p),
+    variant: Variant = AUTHOR
+
+    name: ClassVar[str] = "greenlight"
+    State: ClassVar[type[ClimateState]] = ClimateState
+    Controls: ClassVar[type[ClimateControls]] = ClimateControls
+    Parameters: ClassVar[type[ClimateParameters]] = ClimateParameters
+    table = read_table(ClimateParameters)
+    shares = SHARES
+    orders = (
+        Order("hAir", "hGh", "the main air lies below the ridge"),
+        Order("phiPipeI", "phiPipeE", "a pipe's wall has a thickness"),
+        Order("phiGroPipeI", "phiGroPipeE", "a pipe's wall has a thickness"),
     )
-    return GreenLight(balances(x, p, fluxes), fluxes)
+    air = ("tAir", "co2Air", "vpAir")
+    singular = ("tAir", "tTop")
+    observation_modules: ClassVar[Mapping[str, str]] = {
+        "indoor_climate": "air temperature, CO2, relative humidity, pipe temperature",
+        "published_indoor_climate": "as indoor_climate, CO2 first",
+    }
+
+    @property
+    def variant_name(self) -> str:  # type: ignore[override]
+        return self.variant.name
+
+    def actuators(self, u: ClimateControls, p: ClimateParameters) -> Actuators:
+        return actuators(u, p)
+
+    def processes(
+        self, lai: Expr, act: Actuators, x: ClimateState, u: ClimateControls, d: Disturbances, p: ClimateParameters
+    ) -> ClimateFluxes:
+        variant = self.variant
+        cap = capacities(lai, x, p)
+        optics = cover_optics(u, p)
+        light = short_wave(lai, optics, act, d, p)
+        seen = views(lai, optics, p)
+        air = ventilation(x, u, d, p, variant)
+        heat = convection(lai, x, air, u, d, p, variant)
+        return ClimateFluxes(
+            optics=optics,
+            capacities=cap,
+            actuators=act,
+            short_wave=light,
+            views=seen,
+            long_wave=long_wave(seen, x, optics, u, d, p, variant),
+            ventilation=air,
+            convection=heat,
+            transpiration=transpiration(lai, light.r_can, x, p),
+            vapour=vapour(x, air, heat, d, p, variant),
+            co2=co2_transport(x, air, d),
+        )
+
+    def surroundings(self, lai: Expr, x: ClimateState, fluxes: ClimateFluxes, p: ClimateParameters) -> Surroundings:
+        return Surroundings(lai, fluxes.short_wave, x, p)
+
+    def rates(self, x: ClimateState, fluxes: ClimateFluxes, taken: CropExchange, p: ClimateParameters) -> ClimateState:
+        return climate_balances(p, fluxes, taken)
+
+    def derived(self, p: ClimateParameters) -> ClimateParameters:
+        return derived_climate(p)
+
+    def refuse(self, values: Mapping[str, float]) -> None:
+        if not values["aRoof"] + values["aSide"] > 0:
+            msg = "aRoof and aSide are both 0 m2: the model needs vents. Set aRoof to their area; the control may keep them shut."
+            raise ParameterError(msg)
+
+    def start(self, d: Disturbances, air_temperature: float, p: ClimateParameters) -> ClimateState:
+        """Air and surfaces at one temperature [°C], the canopy warmer, soil in between the air and the deep soil."""
+        t0 = air_temperature
+        vapour_pressure = float(START_HUMIDITY * saturation_vapour_pressure(t0))
+        return ClimateState(
+            co2_air=d.co2_out,
+            co2_top=d.co2_out,
+            t_air=t0,
+            t_top=t0,
+            t_can=t0 + CANOPY_EXCESS,
+            t_cov_in=t0,
+            t_cov_e=t0,
+            t_th_scr=t0,
+            t_flr=t0,
+            t_pipe=t0,
+            t_so1=t0,
+            t_so2=(3 * t0 + d.t_so_out) / 4,
+            t_so3=(2 * t0 + 2 * d.t_so_out) / 4,
+            t_so4=(t0 + 3 * d.t_so_out) / 4,
+            t_so5=d.t_so_out,
+            vp_air=vapour_pressure,
+            vp_top=vapour_pressure,
+            t_lamp=t0,
+            t_int_lamp=t0,
+            t_gro_pipe=t0,
+            t_bl_scr=t0,
+        )
+
+    def capacities(self, p: Mapping[str, float]) -> tuple[Capacity, ...]:
+        """Installed capacities: the six controls in their order, and what each delivers at 1."""
+        floor = p["aFlr"]
+        installed = (
+            ("boiler", "W m-2", p["pBoil"] / floor, "heat to the rail pipes", "Heating"),
+            ("co2_supply", "mg m-2 s-1", p["phiExtCo2"] / floor, "CO2 dosed", "CO₂ dosing"),
+            ("thermal_screen", "-", 1.0, "closure of the thermal screen", "Thermal screen"),
+            ("vents", "-", 1.0, "opening of the roof vents", "Vents"),
+            ("lamps", "W m-2", p["thetaLampMax"], "electric power of the lamps", "Lamps"),
+            ("blackout_screen", "-", 1.0, "closure of the blackout screen", "Blackout screen"),
+        )
+        return tuple(Capacity(control.name, *entry) for control, entry in zip(CONTROLS, installed, strict=True))
+
+    def flows(self) -> tuple[Flow, ...]:
+        return (
+            Flow("heat", "kWh m-2", "heat of the boiler", "Heat", _heat),
+            Flow("electricity", "kWh m-2", "electricity of the lamps", "Electricity", _electricity),
+            Flow("co2_dosed", "kg m-2", "CO2 dosed", "CO₂ dosed", _co2_dosed),
+        )
+
+    def signals(self) -> tuple[Signal, ...]:
+        return (
+            Signal("climate/canopy_temperature", "Canopy temperature", "°C", "tCan"),
+            Signal("climate/pipe_temperature", "Rail pipe temperature", "°C", "tPipe"),
+            Signal("controls/boiler", "Boiler valve (heating)", "%", "uBoil", 100.0),
+            Signal("controls/vents", "Roof vents open", "%", "uVent", 100.0),
+            Signal("controls/lamps", "Lamps", "%", "uLamp", 100.0),
+            Signal("controls/co2_dosing", "CO₂ dosing valve", "%", "uCo2", 100.0),
+            Signal("controls/thermal_screen", "Thermal screen closed", "%", "uThScr", 100.0),
+            Signal("controls/blackout_screen", "Blackout screen closed", "%", "uBlScr", 100.0),
+            Signal("weather/global_radiation", "Sun outside (global radiation)", "W m⁻²", "iGlob"),
+            Signal("weather/temperature", "Outside temperature", "°C", "tOut"),
+            Signal("weather/wind", "Wind", "m s⁻¹", "wind"),
+            Signal("weather/vapour_pressure", "Outside vapour pressure", "Pa", "vpOut"),
+        )
+
+    def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
+        by_unit = {
+            "mg m-3": (0.0, highest_co2_density(horizon)),
+            "Pa": (0.0, LARGEST_VAPOUR_PRESSURE),
+            "°C": (COLDEST, HOTTEST),
+        }
+        return {
+            state.name: (COLDEST, HOTTEST_METAL) if state.name in _METAL else by_unit[state.unit]
+            for state in states_of(ClimateState)
+        }
+
+    def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
+        temperature = Seen("air_temperature", "degC", "air below the screens", "air_temperature", COLDEST, HOTTEST)
+        co2 = Seen("co2", "ppm", "CO2 of the air below the screens", "co2", 0.0, highest_co2_ppm(horizon))
+        humidity = Seen(
+            "relative_humidity", "%", "relative humidity of the air below the screens", "relative_humidity", 0.0, 100.0
+        )
+        pipe = Seen("pipe_temperature", "degC", "rail pipes", "tPipe", COLDEST, HOTTEST_METAL)
+        return {
+            "indoor_climate": (temperature, co2, humidity, pipe),
+            "published_indoor_climate": (co2, temperature, humidity, pipe),
+        }.get(module)
+
+
+def _heat(step: Step) -> Expr:
+    """Heat of the boiler [kWh m-2]."""
+    p = step.parameters
+    return step.controls.u_boil * (p.p_boil / p.a_flr * (step.seconds / JOULES_PER_KWH))
+
+
+def _electricity(step: Step) -> Expr:
+    """Electricity of the lamps [kWh m-2]."""
+    return step.controls.u_lamp * (step.parameters.theta_lamp_max * (step.seconds / JOULES_PER_KWH))
+
+
+def _co2_dosed(step: Step) -> Expr:
+    """CO2 dosed [kg m-2]."""
+    p = step.parameters
+    return step.controls.u_co2 * (p.phi_ext_co2 / p.a_flr * step.seconds * KG_PER_MG)

@@ -14,9 +14,9 @@ from glbench.model.controls import Controls
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr, exp, square
 from glbench.model.optics import Optics
-from glbench.model.parameters import Parameters
+from glbench.model.parameters import ClimateParameters
 from glbench.model.quantities import Quantity
-from glbench.model.states import State
+from glbench.model.states import ClimateState
 from glbench.model.variants import Variant
 
 PIPE_HALF_SPACE = 0.49
@@ -77,7 +77,7 @@ class Views(NamedTuple):
     tau_i_l: Annotated[Expr, Quantity("-", "far-infrared transmittance of interlight layer and lamp layer")]
 
 
-def views(lai: Expr, o: Optics, p: Parameters) -> Views:
+def views(lai: Expr, o: Optics, p: ClimateParameters) -> Views:
     """View factors and transmittances. Vanthoor (2011) table 8.3, Katzin (2021) eqs 7.29-7.30.
 
     The floor's share uses the pipes' own surface, not the derived parameter ``fCanFlr``, which may be set apart from it.
@@ -94,12 +94,14 @@ def views(lai: Expr, o: Optics, p: Parameters) -> Views:
     )
 
 
-def black_body(temperature: Expr, p: Parameters) -> Expr:
+def black_body(temperature: Expr, p: ClimateParameters) -> Expr:
     """Radiation of a black body [W m-2] at a temperature [°C]."""
     return p.sigma * square(square(kelvin(temperature)))
 
 
-def long_wave(f: Views, x: State, o: Optics, u: Controls, d: Disturbances, p: Parameters, variant: Variant) -> LongWave:
+def long_wave(
+    f: Views, x: ClimateState, o: Optics, u: Controls, d: Disturbances, p: ClimateParameters, variant: Variant
+) -> LongWave:
     """All far-infrared fluxes, in the order of Vanthoor's table 8.3 and Katzin's table 7.4."""
     can, cov_in, cov_e = black_body(x.t_can, p), black_body(x.t_cov_in, p), black_body(x.t_cov_e, p)
     th_scr, bl_scr = black_body(x.t_th_scr, p), black_body(x.t_bl_scr, p)

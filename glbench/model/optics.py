@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 
 from glbench.model.controls import Controls
 from glbench.model.expressions import Expr, square
-from glbench.model.parameters import Parameters
+from glbench.model.parameters import ClimateParameters
 from glbench.model.quantities import Quantity
 
 
@@ -65,7 +65,7 @@ def screen(closure: Expr, transmittance: Expr, reflectance: Expr) -> Layer:
     return symmetric(screen_transmittance(closure, transmittance), closure * reflectance)
 
 
-def cover_optics(u: Controls, p: Parameters) -> Optics:
+def cover_optics(u: Controls, p: ClimateParameters) -> Optics:
     """Optical properties at the present screen positions. Vanthoor (2011) eqs 8.14-8.17, Katzin (2021) eqs 7.5-7.6.
 
     For far-infrared the cover is the roof alone: screens and lamps stand in the single exchanges (longwave.py).

@@ -30,32 +30,6 @@ class Order:
     reason: str
 
 
-SHARES: tuple[Shares, ...] = (
-    Shares("the sun's energy", ("etaGlobPar", "etaGlobNir")),
-    Shares("PAR on the roof", ("tauRfPar", "rhoRfPar")),
-    Shares("NIR on the roof", ("tauRfNir", "rhoRfNir")),
-    Shares("far-infrared on the roof", ("tauRfFir", "rhoRfFir")),
-    Shares("PAR on the thermal screen", ("tauThScrPar", "rhoThScrPar")),
-    Shares("NIR on the thermal screen", ("tauThScrNir", "rhoThScrNir")),
-    Shares("PAR on the blackout screen", ("tauBlScrPar", "rhoBlScrPar")),
-    Shares("NIR on the blackout screen", ("tauBlScrNir", "rhoBlScrNir")),
-    Shares("PAR on the lamp layer", ("tauLampPar", "rhoLampPar")),
-    Shares("NIR on the lamp layer", ("tauLampNir", "rhoLampNir")),
-    Shares("the lamps' power", ("etaLampPar", "etaLampNir", "etaLampCool")),
-    Shares("the interlights' power", ("etaIntLampPar", "etaIntLampNir")),
-)
-"""Sums that energy conservation bounds. The far-infrared properties of the screens are not among them: in the author's
-data the blackout screen transmits 0.7 and emits 0.67."""
-
-ORDERS: tuple[Order, ...] = (
-    Order("hAir", "hGh", "the main air lies below the ridge"),
-    Order("phiPipeI", "phiPipeE", "a pipe's wall has a thickness"),
-    Order("phiGroPipeI", "phiGroPipeE", "a pipe's wall has a thickness"),
-    Order("tCan24Min", "tCan24Max", "growth needs a range of temperatures"),
-    Order("tCanMin", "tCanMax", "growth needs a range of temperatures"),
-)
-
-
 def check_value(info: ParameterInfo, value: float) -> None:
     """Refuse a value that the parameter cannot have.
 
@@ -78,7 +52,13 @@ def check_value(info: ParameterInfo, value: float) -> None:
         raise ParameterError(msg)
 
 
-def check_together(table: Sequence[ParameterInfo], vector: Sequence[float], changed: Collection[str]) -> None:
+def check_together(
+    table: Sequence[ParameterInfo],
+    vector: Sequence[float],
+    changed: Collection[str],
+    shares: Sequence[Shares] = (),
+    orders: Sequence[Order] = (),
+) -> None:
     """Refuse a complete vector whose entries contradict each other.
 
     Shares are checked where one of them was changed: the published benchmark itself lets its thermal screen transmit 0.75
@@ -90,6 +70,8 @@ def check_together(table: Sequence[ParameterInfo], vector: Sequence[float], chan
         What the entries are, and their values.
     changed
         Names of the entries that differ from those of the named set.
+    shares, orders
+        What must hold between them.
 
     Raises
     ------
@@ -97,13 +79,13 @@ def check_together(table: Sequence[ParameterInfo], vector: Sequence[float], chan
         With the values that contradict each other.
     """
     values = {info.name: value for info, value in zip(table, vector, strict=True)}
-    for shares in SHARES:
-        total = sum(values[name] for name in shares.parts)
-        if total > 1 + ROUNDING and not set(shares.parts).isdisjoint(changed):
-            parts = " + ".join(f"{name} {values[name]:g}" for name in shares.parts)
-            msg = f"More than all of {shares.whole} would be used: {parts} = {total:g}. Their sum cannot exceed 1."
+    for whole in shares:
+        total = sum(values[name] for name in whole.parts)
+        if total > 1 + ROUNDING and not set(whole.parts).isdisjoint(changed):
+            parts = " + ".join(f"{name} {values[name]:g}" for name in whole.parts)
+            msg = f"More than all of {whole.whole} would be used: {parts} = {total:g}. Their sum cannot exceed 1."
             raise ParameterError(msg)
-    for order in ORDERS:
+    for order in orders:
         if not values[order.smaller] < values[order.larger]:
             msg = (
                 f"{order.smaller} ({values[order.smaller]:g}) must be below {order.larger} ({values[order.larger]:g}): "
@@ -112,6 +94,3 @@ def check_together(table: Sequence[ParameterInfo], vector: Sequence[float], chan
             raise ParameterError(msg)
     for info in table:
         check_value(info, values[info.name])
-    if not values["aRoof"] + values["aSide"] > 0:
-        msg = "aRoof and aSide are both 0 m2: the model needs vents. Set aRoof to their area; the control may keep them shut."
-        raise ParameterError(msg)

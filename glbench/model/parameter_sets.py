@@ -1,6 +1,6 @@
 """Named sets of parameters, overrides on them, and the checks that both pass.
 
-A set is a column of parameters.csv. The benchmark's set stands alone; the author's houses refine it. A part of a set
+A set is a column of a table of parameters. The benchmark's set stands alone; the author's houses refine it. A part of a set
 (another lamp, another cultivar) is a mapping of names to values, given as overrides.
 """
 
@@ -9,18 +9,17 @@ from __future__ import annotations
 import contextlib
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from glbench.errors import ParameterError, UnknownNameError, did_you_mean
-from glbench.model.derived import recompute_derived
-from glbench.model.parameter_checks import check_together, check_value
-from glbench.model.parameter_table import BENCHMARK, PARAMETER_NAMES, PARAMETERS, ParameterInfo
+from glbench.errors import ParameterError, ShapeError, UnknownNameError, did_you_mean
+from glbench.model.parameter_checks import Order, Shares, check_together, check_value
+from glbench.model.parameter_table import BENCHMARK, DRAWN_SETS, ParameterInfo
 from glbench.model.units import same_unit
 
 Given: TypeAlias = float | str | tuple[float, str]
@@ -53,88 +52,166 @@ PARAMETER_SETS: Mapping[str, ParameterSet] = MappingProxyType(
 """Every named set. Where the author's houses have no value of their own (minWind, t25k, ...), the benchmark's holds."""
 
 
-def default_parameters(set_name: str = BENCHMARK, overrides: Mapping[str, Given] | None = None) -> NDArray[np.float64]:
-    """Parameter vector of a named set, with overrides and with the derived entries computed from the base entries.
+@dataclass(frozen=True, eq=False)
+class ParameterValues:
+    """The values that the parameters of a model can have.
 
-    Parameters
+    Attributes
     ----------
-    set_name
-        One of ``PARAMETER_SETS``.
-    overrides
-        Values by parameter name. A value may state its unit, ``"116 W m-2"`` or ``(116, "W m-2")``; the unit is then
-        compared with the table's. A derived entry (``capAir``, ``cLeafMax``, ...) may be given only when it agrees with
-        its formula.
-
-    Returns
-    -------
-    ndarray
-        Shape (208,), in the order of ``PARAMETERS``; a new array at every call.
-
-    Raises
-    ------
-    UnknownNameError
-        When there is no such set or parameter; the message names the nearest.
-    ParameterError
-        When a value is impossible, has the wrong unit, or contradicts the formula of a derived entry.
+    table
+        The parameters, in the order of the vector.
+    record
+        Their record, as the equations name them.
+    formulas
+        Completes a record: every derived entry computed from the base entries.
+    shares, orders, refuse
+        What must hold between them.
     """
-    _require_set(set_name)
-    given = {name: _number(_info(name), value) for name, value in (overrides or {}).items()}
-    base = {info.name: _own_value(info, set_name) for info in PARAMETERS}
-    vector = recompute_derived(list((base | given).values()))
-    _check_derived(given, vector)
-    check_together(PARAMETERS, vector.tolist(), [name for name, value in given.items() if value != base[name]])
-    return vector
 
+    table: tuple[ParameterInfo, ...]
+    record: type[Any]
+    formulas: Callable[[Any], Any]
+    shares: tuple[Shares, ...]
+    orders: tuple[Order, ...]
+    refuse: Callable[[Mapping[str, float]], None]
 
-def parameter_group(group: str, set_name: str = BENCHMARK) -> dict[str, float]:
-    """Base entries of one part of a named set, to be used as overrides on another set.
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Public names, in the order of the vector."""
+        return tuple(info.name for info in self.table)
 
-    ``default_parameters("benchmark", parameter_group("lamps", "hps_2020"))`` is the benchmark with other lamps.
+    def default(self, set_name: str = BENCHMARK, overrides: Mapping[str, Given] | None = None) -> NDArray[np.float64]:
+        """Parameter vector of a named set, with overrides and with the derived entries computed from the base entries.
 
-    Parameters
-    ----------
-    group
-        A part of the greenhouse: ``"lamps"``, ``"crop"``, ``"house"``, ``"roof"``, ``"thermal_screen"``, ... (field
-        ``group`` of ``PARAMETERS``).
-    set_name
-        One of ``PARAMETER_SETS``.
+        Parameters
+        ----------
+        set_name
+            One of ``PARAMETER_SETS``.
+        overrides
+            Values by parameter name. A value may state its unit, ``"116 W m-2"`` or ``(116, "W m-2")``; the unit is then
+            compared with the table's. A derived entry (``capAir``, ``cLeafMax``, ...) may be given only when it agrees with
+            its formula.
 
-    Raises
-    ------
-    UnknownNameError
-        When there is no such group or set.
-    """
-    _require_set(set_name)
-    members = {
-        info.name: _own_value(info, set_name) for info in PARAMETERS if info.group == group and not info.is_derived
-    }
-    if not members:
-        groups = dict.fromkeys(info.group for info in PARAMETERS)
-        msg = f"There is no group of parameters '{group}'.{did_you_mean(group, groups)}"
-        raise UnknownNameError(msg)
-    return members
+        Returns
+        -------
+        ndarray
+            Shape (parameters,), in the order of the table; a new array at every call.
 
+        Raises
+        ------
+        UnknownNameError
+            When there is no such set or parameter; the message names the nearest.
+        ParameterError
+            When a value is impossible, has the wrong unit, or contradicts the formula of a derived entry.
+        """
+        _require_set(set_name)
+        given = {name: _number(self.info(name), value) for name, value in (overrides or {}).items()}
+        base = {info.name: _own_value(info, set_name) for info in self.table}
+        vector = self.complete(list((base | given).values()))
+        self._check_derived(given, vector)
+        changed = [name for name, value in given.items() if value != base[name]]
+        check_together(self.table, vector.tolist(), changed, self.shares, self.orders)
+        self.refuse(dict(zip(self.names, vector.tolist(), strict=True)))
+        return vector
 
-def crop_parameter_set(name: str) -> tuple[str, ...]:
-    """Names of the crop parameters that are uncertain, in the order of the vector.
+    def group(self, group: str, set_name: str = BENCHMARK) -> dict[str, float]:
+        """Base entries of one part of a named set, to be used as overrides on another set.
 
-    ``crop28`` is the recommended reading of the benchmark's 28 parameters; ``crop34`` is what the published code
-    perturbs, including conversions, molar masses, a reference temperature and the derived ``cLeafMax``. After a draw from
-    either, ``cLeafMax`` must be computed anew (``recompute_derived``).
+        ``values.default("benchmark", values.group("lamps", "hps_2020"))`` is the benchmark with other lamps.
 
-    Raises
-    ------
-    UnknownNameError
-        When there is no such set.
-    """
-    sets = {
-        "crop28": tuple(info.name for info in PARAMETERS if info.in_crop28),
-        "crop34": tuple(info.name for info in PARAMETERS if info.in_crop34),
-    }
-    if name not in sets:
-        msg = f"There is no set of crop parameters '{name}'.{did_you_mean(name, sets)}"
-        raise UnknownNameError(msg)
-    return sets[name]
+        Parameters
+        ----------
+        group
+            A part of the greenhouse: ``"lamps"``, ``"crop"``, ``"house"``, ``"roof"``, ``"thermal_screen"``, ... (field
+            ``group`` of the table).
+        set_name
+            One of ``PARAMETER_SETS``.
+
+        Raises
+        ------
+        UnknownNameError
+            When there is no such group or set.
+        """
+        _require_set(set_name)
+        members = {
+            info.name: _own_value(info, set_name) for info in self.table if info.group == group and not info.is_derived
+        }
+        if not members:
+            groups = dict.fromkeys(info.group for info in self.table)
+            msg = f"There is no group of parameters '{group}'.{did_you_mean(group, groups)}"
+            raise UnknownNameError(msg)
+        return members
+
+    def drawn_set(self, name: str) -> tuple[str, ...]:
+        """Names of the parameters of a set of uncertain ones, in the order of the vector.
+
+        ``crop28`` is the recommended reading of the benchmark's 28 parameters; ``crop34`` is what the published code
+        perturbs, including conversions, molar masses, a reference temperature and the derived ``cLeafMax``. After a draw from
+        either, ``cLeafMax`` must be computed anew (``complete``).
+
+        Raises
+        ------
+        UnknownNameError
+            When there is no such set.
+        """
+        sets = {known: tuple(info.name for info in self.table if known in info.drawn_in) for known in DRAWN_SETS}
+        sets = {known: members for known, members in sets.items() if members}
+        if name not in sets:
+            msg = f"There is no set of crop parameters '{name}'.{did_you_mean(name, sets)}"
+            raise UnknownNameError(msg)
+        return sets[name]
+
+    def complete(self, parameters: ArrayLike) -> NDArray[np.float64]:
+        """Copy of parameter vectors with the derived entries computed from the base entries.
+
+        Parameters
+        ----------
+        parameters
+            Shape (parameters,) or (n, parameters).
+
+        Returns
+        -------
+        ndarray
+            Same shape.
+
+        Raises
+        ------
+        ShapeError
+            When the last axis has another length.
+        """
+        p = np.asarray(parameters, dtype=np.float64)
+        if p.ndim == 0 or p.shape[-1] != len(self.table):
+            msg = f"Parameters have shape {p.shape}; expected ({len(self.table)},) or (n, {len(self.table)})."
+            raise ShapeError(msg)
+        columns = self.formulas(self.record(*np.moveaxis(p, -1, 0)))
+        return np.stack(columns, axis=-1)
+
+    def info(self, name: str) -> ParameterInfo:
+        """Row of the table.
+
+        Raises
+        ------
+        UnknownNameError
+            When there is no such parameter; the message names the nearest.
+        """
+        if name not in self.names:
+            msg = f"The model has no parameter '{name}'.{did_you_mean(name, self.names)}"
+            raise UnknownNameError(msg)
+        return self.table[self.names.index(name)]
+
+    def _check_derived(self, given: Mapping[str, float], vector: NDArray[np.float64]) -> None:
+        """Refuse a derived entry that contradicts the base entries."""
+        for name, value in given.items():
+            info = self.info(name)
+            computed = float(vector[self.names.index(name)])
+            if info.is_derived and not math.isclose(value, computed, rel_tol=DERIVED_TOLERANCE):
+                bases = [word for word in dict.fromkeys(re.findall(r"[A-Za-z]\w*", info.formula)) if word in self.names]
+                msg = (
+                    f"Parameter {name} cannot be {value:g} {info.unit}: it follows from others, "
+                    f"{name} = {info.formula}, which gives {computed:g} {info.unit}. "
+                    f"Change {' or '.join(bases)} instead."
+                )
+                raise ParameterError(msg)
 
 
 def _own_value(info: ParameterInfo, set_name: str) -> float:
@@ -146,13 +223,6 @@ def _require_set(name: str) -> None:
     if name not in PARAMETER_SETS:
         msg = f"There is no parameter set '{name}'.{did_you_mean(name, PARAMETER_SETS)}"
         raise UnknownNameError(msg)
-
-
-def _info(name: str) -> ParameterInfo:
-    if name not in PARAMETER_NAMES:
-        msg = f"The model has no parameter '{name}'.{did_you_mean(name, PARAMETER_NAMES)}"
-        raise UnknownNameError(msg)
-    return PARAMETERS[PARAMETER_NAMES.index(name)]
 
 
 def _number(info: ParameterInfo, given: Given) -> float:
@@ -183,20 +253,3 @@ def _split(info: ParameterInfo, given: Given) -> tuple[float, str | None]:
         f"give a number in its unit ({info.unit}), or a text such as '{info.values.get(BENCHMARK, 1):g} {info.unit}'."
     )
     raise ParameterError(msg)
-
-
-def _check_derived(given: Mapping[str, float], vector: NDArray[np.float64]) -> None:
-    """Refuse a derived entry that contradicts the base entries."""
-    for name, value in given.items():
-        info = _info(name)
-        computed = float(vector[PARAMETER_NAMES.index(name)])
-        if info.is_derived and not math.isclose(value, computed, rel_tol=DERIVED_TOLERANCE):
-            bases = [
-                word for word in dict.fromkeys(re.findall(r"[A-Za-z]\w*", info.formula)) if word in PARAMETER_NAMES
-            ]
-            msg = (
-                f"Parameter {name} cannot be {value:g} {info.unit}: it follows from others, "
-                f"{name} = {info.formula}, which gives {computed:g} {info.unit}. "
-                f"Change {' or '.join(bases)} instead."
-            )
-            raise ParameterError(msg)

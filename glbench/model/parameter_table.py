@@ -1,4 +1,4 @@
-"""The table of the parameters: unit, meaning, source, and the values of the named sets. It is stored in parameters.csv."""
+"""Tables of parameters: unit, meaning, source, and the values of the named sets. That of greenhouse and tomato is parameters.csv."""
 
 from __future__ import annotations
 
@@ -6,16 +6,18 @@ import csv
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_type_hints
 
-from glbench.model.parameters import Parameters
-from glbench.model.quantities import public_name
+from glbench.model.quantities import Quantity, public_name
 
 Check: TypeAlias = Literal["fraction", "positive", "nonnegative", "negative", "any"]
 """What values a parameter may have: 0 to 1, above 0, at least 0, below 0, any finite number."""
 
 BENCHMARK = "benchmark"
 """Name of the set that every other set refines."""
+
+DRAWN_SETS = ("crop28", "crop34")
+"""Sets of uncertain parameters that a table may have a column for, with 1 in the rows that belong to it."""
 
 TABLE_FILE = Path(__file__).with_name("parameters.csv")
 
@@ -39,6 +41,8 @@ class ParameterInfo:
     used
         ``yes``: the equations read it; ``derived``: only through derived entries; ``inactive``: multiplied by a control
         that this model keeps at 0; ``no``: not read.
+    drawn_in
+        Named sets of uncertain parameters that it belongs to: ``crop28``, ``crop34``.
     values
         Value in each named set; a set without an entry has that of the benchmark. Empty for a derived entry.
     """
@@ -52,8 +56,7 @@ class ParameterInfo:
     check: Check
     formula: str
     used: Literal["yes", "derived", "inactive", "no"]
-    in_crop28: bool
-    in_crop34: bool
+    drawn_in: frozenset[str]
     values: MappingProxyType[str, float] = field(repr=False)
 
     @property
@@ -62,16 +65,21 @@ class ParameterInfo:
         return bool(self.formula)
 
 
-SETS_IN_TABLE: tuple[str, ...] = (BENCHMARK, "hps_2020", "led_2020", "hps_2021", "led_2021")
+_COLUMNS = frozenset(("name", "unit", "group", "check", "description", "source", "formula", "used"))
 
 
-def read_table(path: Path = TABLE_FILE) -> tuple[ParameterInfo, ...]:
-    """Table of parameters, in the order of the vector."""
+def read_table(record: type[Any], path: Path = TABLE_FILE) -> tuple[ParameterInfo, ...]:
+    """Rows of the table for the fields of ``record``, in their order.
+
+    The columns after ``used`` are named sets of values, except those that hold only 0 and 1 and are called after a set of uncertain
+    parameters: ``crop28``, ``crop34``.
+    """
     with path.open(newline="", encoding="utf-8") as file:
         rows = {row["name"]: row for row in csv.DictReader(file)}
     table = []
-    for attribute in Parameters._fields:
+    for attribute in record._fields:
         row = rows[public_name(attribute)]
+        others = {name: text for name, text in row.items() if name not in _COLUMNS and text}
         table.append(
             ParameterInfo(
                 name=row["name"],
@@ -83,15 +91,44 @@ def read_table(path: Path = TABLE_FILE) -> tuple[ParameterInfo, ...]:
                 check=row["check"],  # type: ignore[arg-type]
                 formula=row["formula"],
                 used=row["used"],  # type: ignore[arg-type]
-                in_crop28=row["crop28"] == "1",
-                in_crop34=row["crop34"] == "1",
-                values=MappingProxyType({name: float(row[name]) for name in SETS_IN_TABLE if row[name]}),
+                drawn_in=frozenset(name for name in DRAWN_SETS if others.pop(name, "0") == "1"),
+                values=MappingProxyType({name: float(text) for name, text in others.items()}),
             )
         )
     return tuple(table)
 
 
-PARAMETERS: tuple[ParameterInfo, ...] = read_table()
-"""Name, unit, meaning, source and values of every parameter, in the order of the vector."""
+@dataclass(frozen=True)
+class Parameter(Quantity):
+    """Unit and meaning of a parameter, written beside its field, with its value: for submodels without a table in a file.
 
-PARAMETER_NAMES: tuple[str, ...] = tuple(info.name for info in PARAMETERS)
+    ``value`` is that of the benchmark; ``sets`` holds those of other named sets. ``check`` is what values are possible.
+    """
+
+    value: float
+    source: str = "chosen"
+    check: Check = "any"
+    group: str = "other"
+    sets: tuple[tuple[str, float], ...] = ()
+
+
+def declared_table(record: type[Any]) -> tuple[ParameterInfo, ...]:
+    """Rows for the fields of ``record`` that are annotated with :class:`Parameter`, in their order."""
+    return tuple(
+        ParameterInfo(
+            name=public_name(attribute),
+            attribute=attribute,
+            unit=note.unit,
+            meaning=note.meaning,
+            source=note.source,
+            group=note.group,
+            check=note.check,
+            formula="",
+            used="yes",
+            drawn_in=frozenset(),
+            values=MappingProxyType({BENCHMARK: note.value, **dict(note.sets)}),
+        )
+        for attribute, hint in get_type_hints(record, include_extras=True).items()
+        for note in getattr(hint, "__metadata__", ())
+        if isinstance(note, Parameter)
+    )

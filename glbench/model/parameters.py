@@ -1,6 +1,6 @@
-"""The 208 parameters p, in the order of the vector.
+"""The parameters p of the submodels, in the order of their vectors.
 
-This record gives the equations names that a type checker knows. Unit, meaning, source and values stand in parameters.csv
+These records give the equations names that a type checker knows. Unit, meaning, source and values stand in parameters.csv
 (read by parameter_table.py); named sets, overrides and checks are in parameter_sets.py.
 """
 
@@ -11,8 +11,8 @@ from typing import NamedTuple
 from glbench.model.expressions import Expr
 
 
-class Parameters(NamedTuple):
-    """One value for each parameter: a number, a column of a batch, or a symbol."""
+class ClimateParameters(NamedTuple):
+    """Physics, house and equipment: one value for each parameter, a number, a column of a batch, or a symbol."""
 
     # physics and canopy
     alfa_leaf_air: Expr
@@ -153,44 +153,6 @@ class Parameters(NamedTuple):
     pressure: Expr
     # not read by the equations
     energy_content_gas: Expr
-    # crop
-    glob_jt_umol: Expr
-    j25_leaf_max: Expr
-    c_gamma: Expr
-    eta_co2_air_stom: Expr
-    e_j: Expr
-    t25k: Expr
-    S: Expr
-    H: Expr
-    theta: Expr
-    alpha: Expr
-    m_ch2o: Expr
-    m_co2: Expr
-    par_jto_umol_sun: Expr
-    lai_max: Expr
-    sla: Expr
-    rgr: Expr
-    c_leaf_max: Expr
-    c_fruit_max: Expr
-    c_fruit_g: Expr
-    c_leaf_g: Expr
-    c_stem_g: Expr
-    c_rgr: Expr
-    q10m: Expr
-    c_fruit_m: Expr
-    c_leaf_m: Expr
-    c_stem_m: Expr
-    rg_fruit: Expr
-    rg_leaf: Expr
-    rg_stem: Expr
-    c_buf_max: Expr
-    c_buf_min: Expr
-    t_can24_max: Expr
-    t_can24_min: Expr
-    t_can_max: Expr
-    t_can_min: Expr
-    t_end_sum: Expr
-    t_end_sum_growth: Expr
     # grow pipes
     eps_gro_pipe: Expr
     l_gro_pipe: Expr
@@ -239,3 +201,45 @@ class Parameters(NamedTuple):
     # not read by the equations
     dmfm: Expr
     eps: Expr
+
+
+class TomatoParameters(NamedTuple):
+    """The tomato crop."""
+
+    glob_jt_umol: Expr
+    j25_leaf_max: Expr
+    c_gamma: Expr
+    eta_co2_air_stom: Expr
+    e_j: Expr
+    t25k: Expr
+    S: Expr
+    H: Expr
+    theta: Expr
+    alpha: Expr
+    m_ch2o: Expr
+    m_co2: Expr
+    par_jto_umol_sun: Expr
+    lai_max: Expr
+    sla: Expr
+    rgr: Expr
+    c_leaf_max: Expr
+    c_fruit_max: Expr
+    c_fruit_g: Expr
+    c_leaf_g: Expr
+    c_stem_g: Expr
+    c_rgr: Expr
+    q10m: Expr
+    c_fruit_m: Expr
+    c_leaf_m: Expr
+    c_stem_m: Expr
+    rg_fruit: Expr
+    rg_leaf: Expr
+    rg_stem: Expr
+    c_buf_max: Expr
+    c_buf_min: Expr
+    t_can24_max: Expr
+    t_can24_min: Expr
+    t_can_max: Expr
+    t_can_min: Expr
+    t_end_sum: Expr
+    t_end_sum_growth: Expr

@@ -6,7 +6,7 @@ vectors, tables and files is the literature's ``rCanCovIn``. :func:`public_name`
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, get_type_hints
 
 
@@ -16,6 +16,29 @@ class Quantity:
 
     unit: str
     meaning: str
+
+
+@dataclass(frozen=True)
+class Variable(Quantity):
+    """A state: what the integrators need to know of it, besides unit and meaning.
+
+    Attributes
+    ----------
+    scale
+        Typical size, in the state's unit.
+    small
+        Size below which its value means little for the other states: errors are judged relative to this much at least.
+    sharper, balance
+        Factors on its tolerance: in the presets that weigh all states evenly, and in those that are weighed against CVODES.
+    fast
+        Whether it settles within a minute or so: an error made long before the end of a step is forgotten at its end.
+    """
+
+    scale: float = 10.0
+    small: float = 0.1
+    sharper: float = 1.0
+    balance: float = 1.0
+    fast: bool = False
 
 
 @dataclass(frozen=True)
@@ -40,10 +63,31 @@ class NamedQuantity:
     meaning: str
 
 
+@dataclass(frozen=True)
+class NamedVariable(NamedQuantity):
+    """One entry of a table of states; the fields after ``meaning`` are those of :class:`Variable`."""
+
+    scale: float
+    small: float
+    sharper: float
+    balance: float
+    fast: bool
+
+
 def public_name(attribute: str) -> str:
     """Literature's name of a field: ``r_can_cov_in`` becomes ``rCanCovIn``."""
     head, *tail = attribute.split("_")
     return head + "".join(part[:1].upper() + part[1:] for part in tail)
+
+
+def states_of(record: type[Any]) -> tuple[NamedVariable, ...]:
+    """Table of the annotated states of ``record``, in the order of its fields."""
+    return tuple(
+        NamedVariable(public_name(attribute), attribute, **{f.name: getattr(note, f.name) for f in fields(note)})
+        for attribute, hint in get_type_hints(record, include_extras=True).items()
+        for note in getattr(hint, "__metadata__", ())
+        if isinstance(note, Variable)
+    )
 
 
 def table_of(record: type[Any]) -> tuple[NamedQuantity, ...]:

@@ -11,7 +11,7 @@ from glbench.model.actuators import Actuators
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr, exp
 from glbench.model.optics import Layer, Optics, stack, symmetric
-from glbench.model.parameters import Parameters
+from glbench.model.parameters import ClimateParameters
 from glbench.model.quantities import Quantity
 
 
@@ -54,7 +54,7 @@ class Intercepted(NamedTuple):
     nir_floor: Expr
 
 
-def light_from_above(lai: Expr, p: Parameters) -> Intercepted:
+def light_from_above(lai: Expr, p: ClimateParameters) -> Intercepted:
     """Interception of light that comes from above the canopy, no further reflection by cover and lamps.
 
     PAR in two passes, down and reflected up by the floor: Vanthoor (2011) eqs 8.26-8.29 and 8.35, Katzin (2021) eq. 7.9.
@@ -72,7 +72,7 @@ def light_from_above(lai: Expr, p: Parameters) -> Intercepted:
     )
 
 
-def light_from_within(lai: Expr, p: Parameters) -> Intercepted:
+def light_from_within(lai: Expr, p: ClimateParameters) -> Intercepted:
     """Interception of light of the interlights, at a height within the canopy. Katzin (2021) eqs 7.13-7.21."""
     below, above = p.v_int_lamp_pos * lai, (1 - p.v_int_lamp_pos) * lai
     par_to_floor = p.f_int_lamp_down * exp(-p.k1_int_par * below)
@@ -88,7 +88,7 @@ def light_from_within(lai: Expr, p: Parameters) -> Intercepted:
     )
 
 
-def solar_nir(lai: Expr, o: Optics, p: Parameters) -> Layer:
+def solar_nir(lai: Expr, o: Optics, p: ClimateParameters) -> Layer:
     """Cover, canopy and floor as one stack for solar NIR. Vanthoor (2011) eqs 8.30-8.32 and p. 213.
 
     The stack's "transmittance" is what the floor absorbs. As in the source, the cover transmits all that it does not
@@ -102,7 +102,7 @@ def solar_nir(lai: Expr, o: Optics, p: Parameters) -> Layer:
     return stack(stack(cover, canopy), floor)
 
 
-def short_wave(lai: Expr, o: Optics, a: Actuators, d: Disturbances, p: Parameters) -> ShortWave:
+def short_wave(lai: Expr, o: Optics, a: Actuators, d: Disturbances, p: ClimateParameters) -> ShortWave:
     """All short-wave fluxes. Vanthoor (2011) eqs 8.26-8.37, Katzin (2021) eqs 7.7-7.26."""
     sun_inside = (1 - p.eta_glob_air) * d.i_glob
     par_sun = o.tau_cov_par * p.eta_glob_par * sun_inside

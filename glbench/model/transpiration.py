@@ -9,9 +9,9 @@ from typing import Annotated, NamedTuple
 
 from glbench.model.air import saturation_vapour_pressure
 from glbench.model.expressions import Expr, fmin, sigmoid, square
-from glbench.model.parameters import Parameters
+from glbench.model.parameters import ClimateParameters
 from glbench.model.quantities import Quantity
-from glbench.model.states import State
+from glbench.model.states import ClimateState
 
 CO2_REFERENCE = 200.0
 """CO2 concentration without an effect on the stomata [ppm]. Vanthoor (2011) eq. 8.50."""
@@ -39,7 +39,7 @@ class Transpiration(NamedTuple):
     l_can_air: Annotated[Expr, Quantity("W m-2", "latent heat of the transpiration")]
 
 
-def transpiration(lai: Expr, r_can: Expr, x: State, p: Parameters) -> Transpiration:
+def transpiration(lai: Expr, r_can: Expr, x: ClimateState, p: ClimateParameters) -> Transpiration:
     """Transpiration at a leaf area index and a radiation above the canopy ``r_can`` [W m-2]. Eqs 8.47-8.52.
 
     Here, and only here, CO2 is converted to ppm by the fixed factor ``etaMgPpm``.

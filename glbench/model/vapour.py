@@ -11,9 +11,9 @@ from glbench.model.air import saturation_vapour_pressure
 from glbench.model.convection import Convection
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr, fmax, sigmoid
-from glbench.model.parameters import Parameters
+from glbench.model.parameters import ClimateParameters
 from glbench.model.quantities import Quantity
-from glbench.model.states import State
+from glbench.model.states import ClimateState
 from glbench.model.variants import Variant
 from glbench.model.ventilation import Ventilation
 
@@ -54,7 +54,7 @@ def condensation(hec: Expr, pressure: Expr) -> Expr:
 
 
 def carried_vapour(
-    flow: Expr, vp_from: Expr, vp_to: Expr, t_from: Expr, t_to: Expr, p: Parameters, variant: Variant
+    flow: Expr, vp_from: Expr, vp_to: Expr, t_from: Expr, t_to: Expr, p: ClimateParameters, variant: Variant
 ) -> Expr:
     """Vapour carried by an air exchange [m3 m-2 s-1] [kg m-2 s-1]. Vanthoor (2011) eq. 8.45.
 
@@ -65,7 +65,9 @@ def carried_vapour(
     return factor * flow * (vp_from / (t_from + zero) - vp_to / (t_to + zero))
 
 
-def vapour(x: State, v: Ventilation, h: Convection, d: Disturbances, p: Parameters, variant: Variant) -> Vapour:
+def vapour(
+    x: ClimateState, v: Ventilation, h: Convection, d: Disturbances, p: ClimateParameters, variant: Variant
+) -> Vapour:
     """All vapour fluxes apart from transpiration. Vanthoor (2011) eqs 8.42-8.45, Katzin (2021) eqs 7.39-7.41.
 
     Nothing evaporates from screens and cover to the top air, apart from the small negative lobe of `condensing_pressure`;

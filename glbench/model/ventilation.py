@@ -13,9 +13,9 @@ from glbench.model.air import kelvin
 from glbench.model.controls import Controls
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr, fmax, fmin, fourth_root, if_else, magnitude_power, sqrt, square
-from glbench.model.parameters import Parameters
+from glbench.model.parameters import ClimateParameters
 from glbench.model.quantities import Quantity
-from glbench.model.states import State
+from glbench.model.states import ClimateState
 from glbench.model.variants import Variant
 
 SCREEN_EXPONENT = 0.66
@@ -57,7 +57,7 @@ class Densities(NamedTuple):
     mean: Expr
 
 
-def f_roof_vents(open_area: Expr, x: State, d: Disturbances, p: Parameters) -> Expr:
+def f_roof_vents(open_area: Expr, x: ClimateState, d: Disturbances, p: ClimateParameters) -> Expr:
     """Exchange of the roof vents by buoyancy and wind [m3 m-2 s-1]. Vanthoor (2011) eq. 8.65.
 
     The buoyancy term is negative when the outside is warmer; the root takes the magnitude of the sum.
@@ -67,23 +67,23 @@ def f_roof_vents(open_area: Expr, x: State, d: Disturbances, p: Parameters) -> E
     return open_area * p.c_dgh / (2 * p.a_flr) * fourth_root(square(drive) + SMOOTH_DRIVE)
 
 
-def f_wind_through_vents(open_area: Expr, d: Disturbances, p: Parameters) -> Expr:
+def f_wind_through_vents(open_area: Expr, d: Disturbances, p: ClimateParameters) -> Expr:
     """Exchange by wind pressure between roof and side vents, side vents closed [m3 m-2 s-1]. Vanthoor (2011) eq. 8.66."""
     return p.c_dgh / p.a_flr * open_area / 2 * sqrt(p.c_wgh + SMOOTH_PRESSURE_COEFFICIENT) * d.wind
 
 
-def f_leak(wind: Expr, p: Parameters) -> Expr:
+def f_leak(wind: Expr, p: ClimateParameters) -> Expr:
     """Leakage of the closed greenhouse [m3 m-2 s-1], constant below a wind of ``minWind``. Vanthoor (2011) eq. 8.71."""
     return p.c_leakage * fmax(wind, p.min_wind)
 
 
-def air_density(temperature: Expr, p: Parameters) -> Expr:
+def air_density(temperature: Expr, p: ClimateParameters) -> Expr:
     """Density of dry air [kg m-3] at the pressure of the site."""
     return p.m_air * p.pressure / (p.R * kelvin(temperature))
 
 
 def f_through_screen(
-    closure: Expr, permeability: Expr, x: State, v: Densities, p: Parameters, variant: Variant
+    closure: Expr, permeability: Expr, x: ClimateState, v: Densities, p: ClimateParameters, variant: Variant
 ) -> Expr:
     """Exchange that one screen allows [m3 m-2 s-1]: through its cloth, and through the gap that it leaves open.
 
@@ -103,7 +103,7 @@ def f_through_screen(
     return cloth + gap**1.5 * fourth_root(square(0.5 * p.g / v.mean) * difference)
 
 
-def ventilation(x: State, u: Controls, d: Disturbances, p: Parameters, variant: Variant) -> Ventilation:
+def ventilation(x: ClimateState, u: Controls, d: Disturbances, p: ClimateParameters, variant: Variant) -> Ventilation:
     """All air exchange. Vanthoor (2011) eqs 8.65-8.73, Katzin (2021) eqs 7.37-7.42.
 
     Above a roof share of ``etaRoofThr`` the roof vents work alone; below it the screens decide how much of their exchange

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import sys
+from typing import Any
 
 from hypothesis import given, settings
 
 from glbench.model import VARIANTS
-from glbench.model.balances import Fluxes
-from glbench.model.controls import Controls
-from glbench.model.disturbances import Disturbances
-from glbench.model.greenlight import greenlight
-from glbench.model.parameters import Parameters
-from glbench.model.states import State
+from glbench.model.paper import Controls, Disturbances, Parameters, State, greenlight
 from glbench.model.variants import get_variant
 from tests.model.conditions import Inputs, conditions
 
 ROUNDING = 1e-11
 
 
-def evaluate(inputs: Inputs, variant: str) -> tuple[State, Fluxes, Parameters]:
+def evaluate(inputs: Inputs, variant: str) -> tuple[State, Any, Parameters]:
     x, u, d, p = (values.tolist() for values in inputs)
     parameters = Parameters(*p)
     result = greenlight(State(*x), Controls(*u), Disturbances(*d), parameters, get_variant(variant))

@@ -31,12 +31,8 @@ from glbench.model import (
     rhs,
     saturation_vapour_pressure,
 )
-from glbench.model.controls import Controls
 from glbench.model.digest import digest_of
-from glbench.model.disturbances import Disturbances
-from glbench.model.greenlight import greenlight
-from glbench.model.parameters import Parameters
-from glbench.model.states import State
+from glbench.model.paper import Controls, Disturbances, Parameters, State, greenlight
 from glbench.model.variants import AUTHOR, GL_GYM2, Variant
 from tests.model.conditions import a_day, reference_points, with_entry
 
@@ -230,5 +226,5 @@ def test_the_start_needs_one_finite_row_of_weather(row: np.ndarray[tuple[int], n
 
 
 def test_the_start_refuses_parameters_of_another_model() -> None:
-    with pytest.raises(ShapeError, match=r"208 nominal parameters with a positive sla; got shape \(3,\)"):
+    with pytest.raises(ShapeError, match=r"208 nominal parameters; got shape \(3,\)"):
         initial_state(POINTS.of("day").d[0], parameters=np.zeros(3))

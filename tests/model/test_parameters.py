@@ -17,7 +17,7 @@ from glbench.model import (
     parameter_group,
     recompute_derived,
 )
-from glbench.model.parameter_checks import SHARES
+from glbench.model.greenlight import SHARES
 from glbench.model.parameter_table import ParameterInfo
 from glbench.model.units import same_unit
 from tests.model.conditions import reference_points

@@ -12,11 +12,7 @@ from glbench.model import (
     build_rhs,
     rhs,
 )
-from glbench.model.controls import Controls
-from glbench.model.disturbances import Disturbances
-from glbench.model.greenlight import greenlight
-from glbench.model.parameters import Parameters
-from glbench.model.states import State
+from glbench.model.paper import Controls, Disturbances, Parameters, State, greenlight
 from glbench.model.variants import get_variant
 from tests.model.conditions import Inputs, reference_points
 

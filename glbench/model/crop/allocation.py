@@ -6,9 +6,9 @@ from typing import Annotated, NamedTuple
 
 from glbench.model.crop.temperature import GrowthInhibition
 from glbench.model.expressions import Expr, sigmoid
-from glbench.model.parameters import Parameters
+from glbench.model.parameters import TomatoParameters
 from glbench.model.quantities import Quantity
-from glbench.model.states import State
+from glbench.model.states import TomatoState
 
 BUFFER_EMPTY_SLOPE = 5e-3
 """Steepness of the stop of growth at an empty buffer [m2 mg-1]. Vanthoor (2011) eq. B.1."""
@@ -23,7 +23,7 @@ class Allocation(NamedTuple):
     mc_buf_fruit: Annotated[Expr, Quantity("mg m-2 s-1", "CH2O, buffer to fruit")]
 
 
-def allocation(g: GrowthInhibition, x: State, p: Parameters) -> Allocation:
+def allocation(g: GrowthInhibition, x: TomatoState, p: TomatoParameters) -> Allocation:
     """Growth of leaves, stems (eq. 9.25) and fruit (eq. 9.24).
 
     At an empty buffer ``h_buf_org`` is 0.0067, not 0: the buffer may become slightly negative in darkness.

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 from glbench.model.expressions import Expr, sigmoid
-from glbench.model.parameters import Parameters
+from glbench.model.parameters import TomatoParameters
 from glbench.model.quantities import Quantity
-from glbench.model.states import State
+from glbench.model.states import TomatoState
 from glbench.model.variants import Variant
 
 TRANSITION_WIDTH = 1e4
@@ -32,7 +32,7 @@ def removal(mass: Expr, limit: Expr, rate: float, variant: Variant) -> Expr:
     return rate * sigmoid(2 * variant.harvest_logarithm * (mass - limit) / TRANSITION_WIDTH)
 
 
-def harvest(x: State, p: Parameters, variant: Variant) -> Harvest:
+def harvest(x: TomatoState, p: TomatoParameters, variant: Variant) -> Harvest:
     """Leaf pruning and fruit harvest.
 
     Row 2: Vanthoor (2011) prints 5e4 mg m-2 s-1 for the largest rate of leaf pruning, as the published code has it; the

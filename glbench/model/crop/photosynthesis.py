@@ -6,10 +6,10 @@ from typing import Annotated, NamedTuple
 
 from glbench.model.air import co2_ppm, kelvin
 from glbench.model.expressions import Expr, exp, sigmoid, sqrt, square
-from glbench.model.parameters import Parameters
+from glbench.model.parameters import TomatoParameters
 from glbench.model.quantities import Quantity
-from glbench.model.shortwave import ShortWave
-from glbench.model.states import State
+from glbench.model.states import TomatoState
+from glbench.model.surroundings import Surroundings
 from glbench.model.variants import Variant
 
 JOULES_PER_MOL = 1e-3
@@ -41,12 +41,13 @@ class Photosynthesis(NamedTuple):
     mc_air_buf: Annotated[Expr, Quantity("mg m-2 s-1", "net photosynthesis: CH2O from air to buffer")]
 
 
-def potential_electron_transport(at_25: Expr, t_can: Expr, p: Parameters) -> Expr:
+def potential_electron_transport(at_25: Expr, t_can: Expr, molar: Expr, p: TomatoParameters) -> Expr:
     """Electron transport without limitation by light [umol m-2 s-1] at a canopy temperature [°C].
 
+    ``molar`` is the gas constant [J kmol-1 K-1].
     Arrhenius rise, and deactivation at high temperature. Vanthoor (2011) eq. 9.15.
     """
-    gas_constant = JOULES_PER_MOL * p.R
+    gas_constant = JOULES_PER_MOL * molar
     t_can_k = kelvin(t_can)
     rise = exp(p.e_j * (t_can_k - p.t25k) / (gas_constant * t_can_k * p.t25k))
     at_reference = 1 + exp((p.S * p.t25k - p.H) / (gas_constant * p.t25k))
@@ -54,7 +55,7 @@ def potential_electron_transport(at_25: Expr, t_can: Expr, p: Parameters) -> Exp
     return at_25 * rise * at_reference / at_canopy
 
 
-def electron_transport(potential: Expr, photons: Expr, p: Parameters, variant: Variant) -> Expr:
+def electron_transport(potential: Expr, photons: Expr, p: TomatoParameters, variant: Variant) -> Expr:
     """Smaller root of ``theta j^2 - (potential + alpha photons) j + potential alpha photons = 0`` [umol m-2 s-1].
 
     Vanthoor (2011) eq. 9.14. Written as the product of the roots over the larger one, which does not cancel at low light.
@@ -70,22 +71,23 @@ def electron_transport(potential: Expr, photons: Expr, p: Parameters, variant: V
     return product / (total + root)
 
 
-def photosynthesis(lai: Expr, r: ShortWave, x: State, p: Parameters, variant: Variant) -> Photosynthesis:
+def photosynthesis(s: Surroundings, x: TomatoState, p: TomatoParameters, variant: Variant) -> Photosynthesis:
     """Photosynthesis of the canopy. Vanthoor (2011) eqs 9.10-9.23; photons of lamps: Katzin (2021) eq. 7.27.
 
     Needs leaves: the compensation point is proportional to ``1/lai``.
     """
+    lai, r, air = s.lai, s.light, s.x
     par_can = (
         p.par_jto_umol_sun * r.r_par_sun_can
-        + p.zeta_lamp_par * r.r_par_lamp_can
-        + p.zeta_int_lamp_par * r.r_par_int_lamp_can
+        + s.p.zeta_lamp_par * r.r_par_lamp_can
+        + s.p.zeta_int_lamp_par * r.r_par_int_lamp_can
     )
     j25_can_max = lai * p.j25_leaf_max
     # Eq. 9.23 has j25LeafMax/j25CanMax, which is 1/lai.
-    gamma = p.c_gamma * x.t_can / lai + REFERENCE_TEMPERATURE * p.c_gamma * (1 - 1 / lai)
-    co2_in_ppm = co2_ppm(x.t_air, x.co2_air)
+    gamma = p.c_gamma * air.t_can / lai + REFERENCE_TEMPERATURE * p.c_gamma * (1 - 1 / lai)
+    co2_in_ppm = co2_ppm(air.t_air, air.co2_air)
     co2_stom = p.eta_co2_air_stom * co2_in_ppm
-    j_pot = potential_electron_transport(j25_can_max, x.t_can, p)
+    j_pot = potential_electron_transport(j25_can_max, air.t_can, s.p.R, p)
     j = electron_transport(j_pot, par_can, p, variant)
     photo_gross = j * (co2_stom - gamma) / (4 * (co2_stom + 2 * gamma))
     photo_resp = photo_gross * gamma / co2_stom

@@ -6,9 +6,9 @@ from typing import Annotated, NamedTuple
 
 from glbench.model.crop.allocation import Allocation
 from glbench.model.expressions import Expr, exp
-from glbench.model.parameters import Parameters
+from glbench.model.parameters import TomatoParameters
 from glbench.model.quantities import Quantity
-from glbench.model.states import State
+from glbench.model.states import TomatoState
 
 
 class Respiration(NamedTuple):
@@ -21,12 +21,12 @@ class Respiration(NamedTuple):
     mc_org_air: Annotated[Expr, Quantity("mg m-2 s-1", "CH2O, maintenance respiration of all organs")]
 
 
-def maintenance_level(x: State, p: Parameters) -> Expr:
+def maintenance_level(x: TomatoState, p: TomatoParameters) -> Expr:
     """Maintenance relative to an old organ at 25 °C [-], doubling every 10 K for ``q10m = 2``. Vanthoor (2011) eq. 9.45."""
     return (1 - exp(-p.c_rgr * p.rgr)) * p.q10m ** (0.1 * (x.t_can24 - 25))
 
 
-def respiration(grown: Allocation, x: State, p: Parameters) -> Respiration:
+def respiration(grown: Allocation, x: TomatoState, p: TomatoParameters) -> Respiration:
     """Growth respiration (eqs 9.43-9.44) and maintenance respiration (eq. 9.45)."""
     level = maintenance_level(x, p)
     leaf = level * p.c_leaf_m * x.c_leaf

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 from glbench.model.expressions import Expr, sigmoid, sqrt, square
-from glbench.model.parameters import Parameters
+from glbench.model.parameters import TomatoParameters
 from glbench.model.quantities import Quantity
-from glbench.model.states import State
+from glbench.model.states import TomatoState
 
 RAMP_ROUNDING = 1e-4
 """Rounds the corners of the development ramp [-]. Vanthoor (2011) eq. B.6."""
@@ -36,12 +36,12 @@ def rounded_positive_part(z: Expr) -> Expr:
     return 0.5 * (z + sqrt(square(z) + RAMP_ROUNDING))
 
 
-def growth_inhibition(x: State, p: Parameters) -> GrowthInhibition:
-    """Growth factors. Vanthoor (2011) eqs 9.27-9.28, B.2, B.3 and B.6."""
+def growth_inhibition(t_can: Expr, x: TomatoState, p: TomatoParameters) -> GrowthInhibition:
+    """Growth factors at a canopy temperature [°C]. Vanthoor (2011) eqs 9.27-9.28, B.2, B.3 and B.6."""
     development = x.t_can_sum / p.t_end_sum
     return GrowthInhibition(
         g_t_can24=0.047 * x.t_can24 + 0.06,
         h_t_can24=within(x.t_can24, p.t_can24_min, 1.1587, p.t_can24_max, 1.3904),
-        h_t_can=within(x.t_can, p.t_can_min, 0.869, p.t_can_max, 0.5793),
+        h_t_can=within(t_can, p.t_can_min, 0.869, p.t_can_max, 0.5793),
         h_t_can_sum=rounded_positive_part(development) - rounded_positive_part(development - 1),
     )

@@ -1,0 +1,165 @@
+"""The tomato crop of Vanthoor (2011), chapter 9, as corrected in Katzin (2020, 2021)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+from glbench.model.balances import TomatoFluxes, net_uptake, tomato_balances
+from glbench.model.bounds import COLDEST, HOTTEST, Horizon
+from glbench.model.crop.allocation import allocation
+from glbench.model.crop.harvest import harvest
+from glbench.model.crop.photosynthesis import photosynthesis
+from glbench.model.crop.respiration import respiration
+from glbench.model.crop.temperature import growth_inhibition
+from glbench.model.derived import derived_tomato
+from glbench.model.expressions import Expr
+from glbench.model.greenlight import CANOPY_EXCESS
+from glbench.model.model import Flow, Seen, Signal, Step, Stock
+from glbench.model.parameter_checks import Order
+from glbench.model.parameter_table import BENCHMARK, read_table
+from glbench.model.parameters import TomatoParameters
+from glbench.model.quantities import states_of
+from glbench.model.states import TomatoState
+from glbench.model.submodels import Crop, CropStart
+from glbench.model.surroundings import Surroundings
+from glbench.model.variants import AUTHOR, Variant
+
+LEAVES = 95283.0
+"""Leaf carbohydrates of the mature crop [mg m-2]: a leaf area index of 2.53."""
+
+STEMS = 251070.0
+"""Stem carbohydrates of the mature crop [mg m-2]."""
+
+FRUIT = 55338.0
+"""Fruit carbohydrates of the mature crop [mg m-2]."""
+
+TEMPERATURE_SUM = 3097.8
+"""Temperature sum of the mature crop [°C day], far beyond the start of fruit growth."""
+
+_OLD_CROP_SUM = 4000.0  # degC day; above every temperature sum an episode can start with
+# Growth at three times the rate at 20 degC, with every crop parameter at its most favourable:
+_FASTEST_FRUIT_GROWTH = 0.25  # kg m-2 a day; 0.328 mg m-2 s-1 is 0.028 kg m-2 a day, times 2^3 for the best parameters
+_FRUIT_AT_START = 1.0  # kg m-2
+_BELOW_ZERO = 0.01  # kg m-2; a mass that is used up may undershoot zero by the tolerance of the integration
+_KG_PER_MG, _GRAM_PER_MG = 1e-6, 1e-3
+
+
+@dataclass(frozen=True)
+class VanthoorTomato(Crop):
+    """Carbohydrates in buffer, leaves, stems and fruit, the day's mean temperature and the temperature sum."""
+
+    variant: Variant = AUTHOR
+
+    name: ClassVar[str] = "tomato"
+    State: ClassVar[type[TomatoState]] = TomatoState
+    Parameters: ClassVar[type[TomatoParameters]] = TomatoParameters
+    table = read_table(TomatoParameters)
+    orders = (
+        Order("tCan24Min", "tCan24Max", "growth needs a range of temperatures"),
+        Order("tCanMin", "tCanMax", "growth needs a range of temperatures"),
+    )
+    parameters_after = "energyContentGas"
+    observation_modules: ClassVar[Mapping[str, str]] = {
+        "crop": "fruit dry mass, 24-hour mean canopy temperature, temperature sum",
+        "published_crop": "as crop, mean temperature first and fruit in mg m-2",
+    }
+
+    def leaf_area_index(self, x: TomatoState, p: TomatoParameters) -> Expr:
+        """Vanthoor (2011) eq. 9.5."""
+        return p.sla * x.c_leaf
+
+    def processes(self, x: TomatoState, s: Surroundings, p: TomatoParameters) -> TomatoFluxes:
+        sugar = photosynthesis(s, x, p, self.variant)
+        inhibition = growth_inhibition(s.x.t_can, x, p)
+        growth = allocation(inhibition, x, p)
+        respired = respiration(growth, x, p)
+        return TomatoFluxes(
+            photosynthesis=sugar,
+            inhibition=inhibition,
+            allocation=growth,
+            respiration=respired,
+            harvest=harvest(x, p, self.variant),
+            crop=net_uptake(sugar, respired, p),
+        )
+
+    def rates(self, x: TomatoState, s: Surroundings, fluxes: TomatoFluxes, p: TomatoParameters) -> TomatoState:
+        return tomato_balances(x, s, fluxes)
+
+    def derived(self, p: TomatoParameters) -> TomatoParameters:
+        return derived_tomato(p)
+
+    def starts(self) -> Mapping[str, CropStart]:
+        return {"mature_crop": _mature}
+
+    def flows(self) -> tuple[Flow, ...]:
+        return (
+            Flow(
+                "fruit_growth", "mg m-2", "carbohydrate gained by the fruit, harvest taken off", "Fruit", _fruit_growth
+            ),
+        )
+
+    def stocks(self) -> tuple[Stock, ...]:
+        return (
+            Stock(
+                "fruit",
+                "mg m-2",
+                "carbohydrate in the fruit on the plants",
+                "Fruit on the plants",
+                lambda x, p: x.c_fruit,
+            ),
+        )
+
+    def signals(self) -> tuple[Signal, ...]:
+        return (
+            Signal("crop/fruit", "Carbohydrates in the fruit", "g m⁻²", "cFruit", _GRAM_PER_MG),
+            Signal("crop/leaves", "Carbohydrates in the leaves", "g m⁻²", "cLeaf", _GRAM_PER_MG),
+            Signal("crop/stems", "Carbohydrates in stems and roots", "g m⁻²", "cStem", _GRAM_PER_MG),
+            Signal("crop/buffer", "Carbohydrate buffer", "g m⁻²", "cBuf", _GRAM_PER_MG),
+            Signal("crop/canopy_temperature_24h", "Canopy temperature, 24 h mean", "°C", "tCan24"),
+        )
+
+    def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
+        summed = (COLDEST * horizon.days, _OLD_CROP_SUM + HOTTEST * horizon.days)
+        # Buffer and organs; in long darkness the buffer falls below zero by less than 2000 mg m-2.
+        masses = (-_BELOW_ZERO * 1e6, _heaviest(horizon) * 1e6)
+        by_unit = {"°C": (COLDEST, HOTTEST), "mg m-2": masses, "°C day": summed}
+        return {state.name: by_unit[state.unit] for state in states_of(TomatoState)}
+
+    def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
+        heaviest = _heaviest(horizon)
+        low, high = self.bounds(horizon)["tCanSum"]
+        words = "dry mass of the fruit on the plants"
+        fruit = Seen("fruit_dry_mass", "kg m-2", words, "cFruit", -_BELOW_ZERO, heaviest, _KG_PER_MG)
+        milligrams = Seen("fruit_carbohydrate", "mg m-2", words, "cFruit", -_BELOW_ZERO * 1e6, heaviest * 1e6)
+        mean = Seen(
+            "canopy_temperature_24h", "degC", "24-hour low-pass of the canopy temperature", "tCan24", COLDEST, HOTTEST
+        )
+        summed = Seen(
+            "temperature_sum", "degC day", "temperature sum of the canopy since planting", "tCanSum", low, high
+        )
+        return {"crop": (fruit, mean, summed), "published_crop": (mean, milligrams, summed)}.get(module)
+
+
+def _mature(air_temperature: float, p: TomatoParameters) -> TomatoState:
+    """A bearing crop with a leaf area index of 2.5: of a cultivar with another specific leaf area the same index, not the same mass."""
+    nominal = next(info for info in VanthoorTomato.table if info.name == "sla").values[BENCHMARK]
+    return TomatoState(
+        t_can24=air_temperature + CANOPY_EXCESS,
+        c_buf=0.0,
+        c_leaf=LEAVES * float(nominal / p.sla),
+        c_stem=STEMS,
+        c_fruit=FRUIT,
+        t_can_sum=TEMPERATURE_SUM,
+    )
+
+
+def _fruit_growth(step: Step) -> Expr:
+    """Carbohydrate gained by the fruit [mg m-2]."""
+    return step.after.c_fruit - step.before.c_fruit
+
+
+def _heaviest(horizon: Horizon) -> float:
+    """Dry mass that no fruit load exceeds [kg m-2]."""
+    return _FRUIT_AT_START + _FASTEST_FRUIT_GROWTH * horizon.days

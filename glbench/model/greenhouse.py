@@ -1,0 +1,314 @@
+"""Models of greenhouses, composed of submodels."""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import chain
+from typing import Annotated, Any, get_type_hints
+
+from glbench.errors import GlbenchError
+from glbench.model.balances import DAY
+from glbench.model.bounds import Horizon
+from glbench.model.disturbances import Disturbances
+from glbench.model.expressions import Expr
+from glbench.model.model import Capacity, Evaluation, Flow, Model, Record, Seen, Signal, Start, Step, Stock
+from glbench.model.parameter_checks import Order, Shares
+from glbench.model.parameter_table import ParameterInfo
+from glbench.model.quantities import Variable, public_name
+from glbench.model.states import Clock
+from glbench.model.submodels import Addition, Around, Climate, Crop, Submodel
+
+
+@dataclass(frozen=True)
+class Meter:
+    """A state that adds up a flux, so that what flows within a control step is known exactly.
+
+    Attributes
+    ----------
+    flux
+        Name of the flux in the equations, such as ``mc_fruit_har``: the meter is the state ``sum_mc_fruit_har``.
+    flow
+        Name of the flow that a ledger can price, such as ``fruit_harvested``.
+    unit, meaning, label
+        Of the amount of a step; ``unit`` is that of the flux without ``s-1``.
+    scale, small
+        As for ``Variable``.
+    """
+
+    flux: str
+    flow: str
+    unit: str
+    meaning: str
+    label: str
+    scale: float = 1e5
+    small: float = 100.0
+
+    @property
+    def attribute(self) -> str:
+        """Name of the state in the equations."""
+        return f"sum_{self.flux}"
+
+    def amount(self, step: Step) -> Expr:
+        """What flowed in a step."""
+        return getattr(step.after, self.attribute) - getattr(step.before, self.attribute)
+
+
+@dataclass(frozen=True)
+class Greenhouse(Model):
+    """A greenhouse with its crop; made by :func:`compose`. The states are those of climate, crop, additions and meters, and a clock."""
+
+    climate: Climate
+    crop: Crop
+    additions: tuple[Addition, ...] = ()
+    meters: tuple[Meter, ...] = ()
+    stated_version: str = "1.0.0"
+    stated_name: str = ""
+
+    @property
+    def name(self) -> str:
+        return self.stated_name or "-".join(part.name for part in self.parts)
+
+    @property
+    def version(self) -> str:
+        return self.stated_version
+
+    @property
+    def variant(self) -> str:
+        return self.climate.variant_name
+
+    @cached_property
+    def parts(self) -> tuple[Submodel, ...]:
+        """The submodels."""
+        return (self.climate, self.crop, *self.additions)
+
+    @cached_property
+    def State(self) -> type[Any]:  # type: ignore[override]  # noqa: N802 -- a class
+        return _record("State", (*(part.State for part in self.parts), self._metered, Clock))
+
+    @cached_property
+    def Controls(self) -> type[Any]:  # type: ignore[override]  # noqa: N802 -- a class
+        return _record("Controls", tuple(part.Controls for part in self.parts))
+
+    @cached_property
+    def Parameters(self) -> type[Any]:  # type: ignore[override]  # noqa: N802 -- a class
+        return namedtuple("Parameters", [info.attribute for info in self.table])
+
+    @cached_property
+    def table(self) -> tuple[ParameterInfo, ...]:
+        rows = [*self.climate.table]
+        after = self.crop.parameters_after
+        place = len(rows) if after is None else 1 + [info.name for info in rows].index(after)
+        rows[place:place] = self.crop.table
+        return tuple(chain(rows, *(part.table for part in self.additions)))
+
+    @property
+    def air(self) -> tuple[str, str, str]:
+        return self.climate.air
+
+    @property
+    def singular(self) -> tuple[str, str] | None:
+        return self.climate.singular
+
+    @property
+    def shares(self) -> tuple[Shares, ...]:
+        return tuple(chain.from_iterable(part.shares for part in self.parts))
+
+    @property
+    def orders(self) -> tuple[Order, ...]:
+        return tuple(chain.from_iterable(part.orders for part in self.parts))
+
+    def equations(self, x: Record, u: Record, d: Record, p: Record) -> Evaluation:
+        """Evaluate the model. Units and signs are in docs/nomenclature.md. Source: Katzin (2021) on top of Vanthoor (2011)."""
+        climate, crop = self.climate, self.crop
+        (x_climate, x_crop, *x_added), (p_climate, p_crop, *p_added) = self._states_of(x), self._parameters_of(p)
+        added = tuple(zip(self.additions, x_added, p_added, strict=True))
+        lai = crop.leaf_area_index(x_crop, p_crop)
+        act = climate.actuators(climate.Controls(*u[: len(climate.Controls._fields)]), p_climate)
+        for part, own, values in added:
+            act = part.supply(act, own, u, values)
+        climate_controls = climate.Controls(*u[: len(climate.Controls._fields)])
+        around = climate.processes(lai, act, x_climate, climate_controls, d, p_climate)
+        seen = climate.surroundings(lai, x_climate, around, p_climate)
+        grown = crop.processes(x_crop, seen, p_crop)
+        everything = Around(around, grown, seen, u, d)
+        others = [part.processes(own, everything, values) for part, own, values in added]
+        rates = [
+            *climate.rates(x_climate, around, grown.crop, p_climate),
+            *crop.rates(x_crop, seen, grown, p_crop),
+            *chain.from_iterable(
+                part.rates(own, everything, fluxes, values)
+                for (part, own, values), fluxes in zip(added, others, strict=True)
+            ),
+        ]
+        records = [*around, *grown, *others]
+        metered = [_flux(records, meter.flux) for meter in self.meters]
+        names = [*around._fields, *grown._fields, *(part.name for part in self.additions)]
+        fluxes = namedtuple("Fluxes", names)(*records)
+        return Evaluation(self.State(*rates, *metered, 1 / DAY), fluxes)
+
+    def derived(self, p: Record) -> Record:
+        changed: dict[str, Any] = {}
+        for part, own in zip(self.parts, self._parameters_of(p), strict=True):
+            changed |= part.derived(own)._asdict()
+        return p._replace(**changed)
+
+    def refuse(self, values: Mapping[str, float]) -> None:
+        for part in self.parts:
+            part.refuse(values)
+
+    def starts(self) -> Mapping[str, Start]:
+        return {word: self._start(word) for word in self.crop.starts()}
+
+    def _start(self, word: str) -> Start:
+        def start(d: Disturbances, air_temperature: float, p: Record) -> Record:
+            p_climate, p_crop, *p_added = self._parameters_of(p)
+            added = (part.start(d, air_temperature, own) for part, own in zip(self.additions, p_added, strict=True))
+            return self.State(
+                *self.climate.start(d, air_temperature, p_climate),
+                *self.crop.starts()[word](air_temperature, p_crop),
+                *chain.from_iterable(added),
+                *(0.0 for _ in self.meters),
+                0.0,
+            )
+
+        return start
+
+    def capacities(self, p: Mapping[str, float]) -> tuple[Capacity, ...]:
+        return tuple(chain.from_iterable(part.capacities(p) for part in self.parts))
+
+    def flows(self) -> tuple[Flow, ...]:
+        metered = (Flow(m.flow, m.unit, m.meaning, m.label, m.amount) for m in self.meters)
+        return (*chain.from_iterable(part.flows() for part in self.parts), *metered)
+
+    def stocks(self) -> tuple[Stock, ...]:
+        return tuple(chain.from_iterable(part.stocks() for part in self.parts))
+
+    def signals(self) -> tuple[Signal, ...]:
+        return tuple(chain.from_iterable(part.signals() for part in self.parts))
+
+    def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
+        found: dict[str, tuple[float, float]] = {"time": (0.0, horizon.days * (1.0 + 1e-6))}
+        for part in self.parts:
+            found |= part.bounds(horizon)
+        return found
+
+    @property
+    def observation_modules(self) -> Mapping[str, str]:
+        found: dict[str, str] = {}
+        for part in self.parts:
+            found |= part.observation_modules
+        return found
+
+    def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
+        for part in self.parts:
+            columns = part.observed(module, horizon)
+            if columns is not None:
+                return columns
+        return None
+
+    @cached_property
+    def _metered(self) -> type[Any]:
+        return _annotated(
+            "Metered", {m.attribute: Variable(m.unit, m.meaning, scale=m.scale, small=m.small) for m in self.meters}
+        )
+
+    def _states_of(self, x: Record) -> Iterator[Record]:
+        """The state of each submodel."""
+        place = 0
+        for part in self.parts:
+            count = len(part.State._fields)
+            yield part.State(*x[place : place + count])
+            place += count
+
+    def _parameters_of(self, p: Record) -> Iterator[Record]:
+        """The parameters of each submodel."""
+        for part in self.parts:
+            yield part.Parameters(*(getattr(p, attribute) for attribute in part.Parameters._fields))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Made anew from its submodels: the records of a composed model exist in this process only."""
+        return _composed, (self.climate, self.crop, self.additions, self.meters, self.stated_version, self.stated_name)
+
+
+def compose(
+    climate: Climate,
+    crop: Crop,
+    *additions: Addition,
+    meters: tuple[Meter, ...] = (),
+    version: str = "1.0.0",
+    name: str = "",
+) -> Greenhouse:
+    """A greenhouse model of these submodels.
+
+    Parameters
+    ----------
+    climate, crop, additions
+        The submodels. Additions may read all fluxes, and stand between the actuators and the climate.
+    meters
+        Fluxes that are added up over each control step, to be priced by a ledger.
+    version
+        Version of the whole: it changes when a result may change.
+    name
+        Name of the whole; that of the submodels, joined by hyphens, if there is none.
+
+    Returns
+    -------
+    Greenhouse
+        The same for equal arguments.
+
+    Raises
+    ------
+    GlbenchError
+        When two submodels have a state, a control or a parameter of the same name.
+    """
+    return _composed(climate, crop, additions, meters, version, name)
+
+
+@lru_cache(maxsize=64)
+def _composed(
+    climate: Climate, crop: Crop, additions: tuple[Addition, ...], meters: tuple[Meter, ...], version: str, name: str
+) -> Greenhouse:
+    model = Greenhouse(climate, crop, additions, meters, version, name)
+    parts = (climate, crop, *additions)
+    for kind in ("State", "Controls", "Parameters"):
+        seen: dict[str, str] = {}
+        for part in parts:
+            for attribute in getattr(part, kind)._fields:
+                if attribute in seen:
+                    msg = (
+                        f"{part.name} and {seen[attribute]} both have a {kind.lower().removesuffix('s')} called "
+                        f"'{public_name(attribute)}'. Give one of them another name."
+                    )
+                    raise GlbenchError(msg)
+                seen[attribute] = part.name
+    return model
+
+
+def _record(name: str, records: tuple[type[Any], ...]) -> type[Any]:
+    """A record with the annotated fields of several, in their order."""
+    fields: dict[str, Any] = {}
+    for record in records:
+        fields |= get_type_hints(record, include_extras=True)
+    return _typed(name, fields)
+
+
+def _annotated(name: str, notes: Mapping[str, Any]) -> type[Any]:
+    return _typed(name, {attribute: Annotated[Any, note] for attribute, note in notes.items()})
+
+
+def _typed(name: str, fields: Mapping[str, Any]) -> type[Any]:
+    make: Any = namedtuple  # the fields are known at run time only
+    record: type[Any] = make(name, list(fields))
+    record.__annotations__ = dict(fields)
+    return record
+
+
+def _flux(records: list[Record], name: str) -> Expr:
+    for record in records:
+        if name in record._fields:
+            return getattr(record, name)
+    msg = f"No process has a flux '{name}' that a meter could add up."
+    raise GlbenchError(msg)

@@ -1,0 +1,587 @@
+"""A model as a value: what it is made of, by name and unit, and its equations as functions of numbers.
+
+Everything above this room takes a :class:`Model` and asks it: how many states it has and what they are called, what it starts
+from, what flows through it, what there is to observe. A greenhouse is put together of submodels by
+:func:`glbench.model.compose`; anything else with states and rates can be a model as well (docs/extending.md).
+
+Models are equal when their submodels are, can be pickled, and serve as keys.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
+
+import casadi
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glbench.errors import ShapeError, UnknownNameError, did_you_mean
+from glbench.model.bounds import Horizon
+from glbench.model.digest import digest_of
+from glbench.model.disturbances import Disturbances
+from glbench.model.expressions import Expr
+from glbench.model.parameter_checks import Order, Shares
+from glbench.model.parameter_sets import ParameterValues
+from glbench.model.parameter_table import ParameterInfo
+from glbench.model.quantities import NamedQuantity, NamedVariable, states_of, table_of
+
+Array: TypeAlias = NDArray[np.float64]
+Symbolic: TypeAlias = Literal["SX", "MX"]
+Record: TypeAlias = Any
+"""A ``NamedTuple`` of expressions: what its fields are is known to the model that made it."""
+
+
+class Evaluation(NamedTuple):
+    """One evaluation of a model."""
+
+    derivative: Record
+    """Time derivative of the state [unit of the state per second], a record like the state."""
+    fluxes: Record
+    """Everything computed on the way: a record of records, one a process."""
+
+
+class Step(NamedTuple):
+    """A control step as flows see it: numbers of one run, arrays of many, or values recorded for the compiled kernel."""
+
+    before: Record
+    """State at the start of the step."""
+    after: Record
+    """State at its end."""
+    controls: Record
+    parameters: Record
+    """Nominal values."""
+    seconds: float
+    """Length of the step [s]."""
+
+
+@dataclass(frozen=True)
+class Flow:
+    """An amount per m2 of floor that is used, made or harvested in a control step: what a ledger can price.
+
+    Attributes
+    ----------
+    name, unit, meaning
+        ``heat``, ``kWh m-2``, "heat of the boiler".
+    label
+        Heading in tables and plots.
+    amount
+        The amount of a step. Arithmetic, ``np.minimum``, ``np.maximum`` and ``np.sign`` only: it is recorded for the kernel.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    label: str
+    amount: Callable[[Step], Expr]
+
+
+@dataclass(frozen=True)
+class Stock:
+    """An amount per m2 of floor that stands in the greenhouse: what a ledger can value at the start and at the end.
+
+    Attributes
+    ----------
+    name, unit, meaning, label
+        As for :class:`Flow`.
+    amount
+        The amount, from state and nominal parameters. Arithmetic as in :class:`Flow`.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    label: str
+    amount: Callable[[Record, Record], Expr]
+
+
+@dataclass(frozen=True)
+class Capacity:
+    """What a control is and what it delivers at 1.
+
+    Attributes
+    ----------
+    name
+        The control in the model.
+    quantity
+        What it delivers, as observations name it.
+    unit, capacity
+        Unit, and what is delivered at 1.
+    meaning, label
+        In words; heading in tables and plots.
+    """
+
+    name: str
+    quantity: str
+    unit: str
+    capacity: float
+    meaning: str
+    label: str = ""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A column of an observation that the model supplies.
+
+    Attributes
+    ----------
+    name, unit, meaning
+        As observed.
+    source
+        Public name of a state, or ``air_temperature``, ``co2``, ``relative_humidity`` of the main air.
+    low, high
+        Finite bounds.
+    factor
+        From the unit of the source to ``unit``.
+    of
+        Instead of a source: the column from state and nominal parameters. Arithmetic as in :class:`Flow`.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    source: str
+    low: float
+    high: float
+    factor: float = 1.0
+    of: Callable[[Record, Record], Expr] | None = None
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A series that the viewer and the report draw under a label: a state, a control or a disturbance times a factor.
+
+    ``path`` is ``group/quantity``. ``of``, if given, takes the place of ``source``: the series from state and nominal parameters.
+    """
+
+    path: str
+    label: str
+    unit: str
+    source: str
+    factor: float = 1.0
+    of: Callable[[Record, Record], Expr] | None = None
+
+
+Start: TypeAlias = Callable[[Disturbances, float, Record], Record]
+"""State at the start from the first row of the weather, the temperature of air and surfaces [°C] and the nominal parameters."""
+
+
+class Model(ABC):
+    """A model of a greenhouse, or of anything that weather and controls drive.
+
+    A subclass is a frozen dataclass, so that equal models are one. It names itself, its records and its parameters, and gives the
+    equations; the rest follows, or has a default that says "none".
+    """
+
+    State: type[Any]
+    """Record of the states, annotated with ``Variable``."""
+    Controls: type[Any]
+    """Record of the controls, fractions of an installed capacity, annotated with ``Quantity``."""
+    Disturbances: type[Any] = Disturbances
+    """Record of the disturbances: the ten columns of the weather."""
+    Parameters: type[Any]
+    """Record of the parameters; ``table`` says the rest about them."""
+
+    INPUTS: ClassVar[tuple[str, ...]] = ("x", "u", "d", "p")
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """Name without version, such as ``greenlight-tomato``."""
+
+    @property
+    @abstractmethod
+    def version(self) -> str:
+        """Version of the equations, such as ``1.0.0``. It changes when a result may change."""
+
+    @property
+    @abstractmethod
+    def table(self) -> tuple[ParameterInfo, ...]:
+        """The parameters in the order of the vector."""
+
+    @abstractmethod
+    def equations(self, x: Record, u: Record, d: Record, p: Record) -> Evaluation:
+        """Evaluate the model for floats, NumPy arrays (one entry a row) or CasADi symbols."""
+
+    # What a model may leave as it is.
+
+    @property
+    def variant(self) -> str:
+        """Which reading of the equations, where there are several."""
+        return "author"
+
+    @property
+    def air(self) -> tuple[str, str, str] | None:
+        """States of the main air: temperature [°C], CO2 density [mg m-3], vapour pressure [Pa]; None without an air."""
+        return None
+
+    @property
+    def singular(self) -> tuple[str, str] | None:
+        """Two states whose difference the rates depend on like a root."""
+        return None
+
+    @property
+    def shares(self) -> tuple[Shares, ...]:
+        """Parameters whose sum cannot exceed 1."""
+        return ()
+
+    @property
+    def orders(self) -> tuple[Order, ...]:
+        """Parameters of which one must be below the other."""
+        return ()
+
+    def derived(self, p: Record) -> Record:
+        """Parameters with every derived entry computed from the base entries."""
+        return p
+
+    def refuse(self, values: Mapping[str, float]) -> None:  # noqa: B027 -- most have nothing to refuse
+        """Raise ParameterError for a complete set of values that contradict each other in another way than shares and orders."""
+
+    def starts(self) -> Mapping[str, Start]:
+        """States that an episode can start from, by the word in task files."""
+        return {}
+
+    def capacities(self, p: Mapping[str, float]) -> tuple[Capacity, ...]:
+        """What each control delivers at 1, in the order of the controls."""
+        return tuple(Capacity(c.name, c.attribute.removeprefix("u_"), c.unit, 1.0, c.meaning) for c in self.controls)
+
+    def flows(self) -> tuple[Flow, ...]:
+        """Amounts that a ledger can price."""
+        return ()
+
+    def stocks(self) -> tuple[Stock, ...]:
+        """Amounts that stand in the greenhouse."""
+        return ()
+
+    def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
+        """Finite bounds of the states by public name, for whatever controls and weather; those that are missing have wide ones."""
+        return {}
+
+    def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
+        """Columns of the observation module of that name; None for one that this model does not have."""
+        return None
+
+    @property
+    def observation_modules(self) -> Mapping[str, str]:
+        """Names of the observation modules that ``observed`` knows, with a sentence each."""
+        return {}
+
+    def signals(self) -> tuple[Signal, ...]:
+        """What the viewer draws of states and controls, in this order."""
+        return ()
+
+    # What follows.
+
+    @property
+    def id(self) -> str:
+        """Name and version: ``greenlight-tomato-1.0.0``."""
+        return f"{self.name}-{self.version}"
+
+    @cached_property
+    def states(self) -> tuple[NamedVariable, ...]:
+        """The states, in the order of the vector."""
+        return states_of(self.State)
+
+    @cached_property
+    def controls(self) -> tuple[NamedQuantity, ...]:
+        """The controls, in the order of the vector."""
+        return table_of(self.Controls)
+
+    @cached_property
+    def disturbances(self) -> tuple[NamedQuantity, ...]:
+        """The disturbances, in the order of the vector."""
+        return table_of(self.Disturbances)
+
+    @cached_property
+    def state_names(self) -> tuple[str, ...]:
+        """Public names of the states."""
+        return tuple(entry.name for entry in self.states)
+
+    @cached_property
+    def control_names(self) -> tuple[str, ...]:
+        """Public names of the controls."""
+        return tuple(entry.name for entry in self.controls)
+
+    @cached_property
+    def disturbance_names(self) -> tuple[str, ...]:
+        """Public names of the disturbances."""
+        return tuple(entry.name for entry in self.disturbances)
+
+    @cached_property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Public names of the parameters."""
+        return tuple(entry.name for entry in self.table)
+
+    @cached_property
+    def names(self) -> Mapping[str, tuple[str, ...]]:
+        """Names of the entries of each input vector."""
+        vectors = (self.state_names, self.control_names, self.disturbance_names, self.parameter_names)
+        return dict(zip(self.INPUTS, vectors, strict=True))
+
+    @cached_property
+    def sizes(self) -> Mapping[str, int]:
+        """Lengths of the input vectors ``x``, ``u``, ``d``, ``p``."""
+        return {key: len(names) for key, names in self.names.items()}
+
+    @cached_property
+    def parameters(self) -> ParameterValues:
+        """Named sets of values, overrides, checks, derived entries."""
+        return ParameterValues(self.table, self.Parameters, self.derived, self.shares, self.orders, self.refuse)
+
+    @cached_property
+    def auxiliaries(self) -> tuple[NamedQuantity, ...]:
+        """Name, unit and meaning of every quantity computed on the way to the rates."""
+        fluxes = self._symbolic("SX")[1].fluxes
+        return tuple(entry for record in fluxes for entry in table_of(type(record)))
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the equations: 64 hexadecimal digits.
+
+        It changes with any equation, with any bit of a constant and with the order of inputs and outputs. It does not change
+        with names, with the order of evaluation or with the machine.
+        """
+        return digest_of(self.rhs_function())
+
+    def state_index(self, name: str) -> int:
+        """Place of a state in the vector.
+
+        Raises
+        ------
+        UnknownNameError
+            When there is none of that name; the message names the nearest.
+        """
+        return self._index("state", name, self.state_names)
+
+    def control_index(self, name: str) -> int:
+        """Place of a control in the vector. Errors as for ``state_index``."""
+        return self._index("control", name, self.control_names)
+
+    def disturbance_index(self, name: str) -> int:
+        """Place of a disturbance in the vector. Errors as for ``state_index``."""
+        return self._index("disturbance", name, self.disturbance_names)
+
+    def start(self, kind: str, first: ArrayLike, air_temperature: float, p: ArrayLike) -> Array:
+        """State at the start of an episode.
+
+        Parameters
+        ----------
+        kind
+            One of ``starts``.
+        first
+            The first row of the weather, ``(disturbances,)``.
+        air_temperature
+            Temperature of air and surfaces [°C].
+        p
+            Nominal parameters.
+
+        Returns
+        -------
+        ndarray
+            Shape ``(states,)``.
+
+        Raises
+        ------
+        UnknownNameError
+            When the model has no such start.
+        ShapeError
+            When an input has another shape or is not finite.
+        """
+        starts = self.starts()
+        if kind not in starts:
+            msg = f"{self.id} has no start '{kind}'.{did_you_mean(kind, starts)}"
+            raise UnknownNameError(msg)
+        row = np.asarray(first, dtype=np.float64)
+        if row.shape != (len(self.disturbances),) or not np.isfinite(row).all() or not np.isfinite(air_temperature):
+            msg = (
+                f"The initial state needs one finite row of {len(self.disturbances)} disturbances "
+                f"({', '.join(self.disturbance_names)}) and a finite air temperature; "
+                f"got shape {row.shape}, {row.tolist() if row.size <= 10 else '...'} and {air_temperature} °C."
+            )
+            raise ShapeError(msg)
+        values = np.asarray(p, dtype=np.float64)
+        if values.shape != (len(self.table),):
+            msg = f"The initial state needs {len(self.table)} nominal parameters; got shape {values.shape}."
+            raise ShapeError(msg)
+        state = starts[kind](
+            self.Disturbances(*row.tolist()), float(air_temperature), self.Parameters(*values.tolist())
+        )
+        return np.array(state, dtype=np.float64)
+
+    def rhs_function(self, symbolic: Symbolic = "SX") -> casadi.Function:
+        """CasADi function ``rhs`` of x, u, d, p that gives ``dxdt``, the time derivative of the state.
+
+        ``symbolic`` is the kind of CasADi symbols inside: scalar ``SX`` (fast, for code generation) or matrix ``MX``.
+        """
+        return _rhs_function(self, symbolic)
+
+    def auxiliaries_function(self) -> casadi.Function:
+        """CasADi function of x, u, d, p that gives all quantities of ``auxiliaries``, in that order, as one vector."""
+        return _auxiliaries_function(self)
+
+    def jacobian_function(self, wrt: str = "x") -> casadi.Function:
+        """CasADi function of x, u, d, p that gives the derivative of ``dxdt`` to one of the inputs, a dense matrix.
+
+        Raises
+        ------
+        UnknownNameError
+            When ``wrt`` is none of the inputs.
+        """
+        if wrt not in self.INPUTS:
+            msg = f"The model has no input '{wrt}'.{did_you_mean(wrt, self.INPUTS)}"
+            raise UnknownNameError(msg)
+        return _jacobian_function(self, wrt)
+
+    def rhs(self, x: ArrayLike, u: ArrayLike, d: ArrayLike, p: ArrayLike) -> Array:
+        """Time derivative of the state.
+
+        Parameters
+        ----------
+        x, u, d, p
+            State, controls, disturbances and parameters in the order and units of ``states``, ``controls``, ``disturbances`` and
+            ``table``. Each may have a leading batch axis; those without one apply to every row. Rows are independent, and a row
+            gives the same bits alone and in any batch.
+
+        Returns
+        -------
+        ndarray
+            Shape ``(states,)``, or ``(n, states)`` when any input has a batch axis; unit of the state per second.
+
+        Raises
+        ------
+        ShapeError
+            When an input has another shape, other batch sizes than the rest, or values that are not finite.
+        """
+        return _evaluate(self.names, self.rhs_function(), x, u, d, p)[..., 0]
+
+    def auxiliary_values(self, x: ArrayLike, u: ArrayLike, d: ArrayLike, p: ArrayLike) -> dict[str, Array]:
+        """Every quantity computed on the way to the time derivative, by its public name.
+
+        Parameters and errors as for :meth:`rhs`.
+
+        Returns
+        -------
+        dict of str to ndarray
+            For each entry of ``auxiliaries`` an array of shape () or (n,), in the unit given there.
+        """
+        values = _evaluate(self.names, self.auxiliaries_function(), x, u, d, p)[..., 0]
+        return {entry.name: values[..., index] for index, entry in enumerate(self.auxiliaries)}
+
+    def jacobian(self, x: ArrayLike, u: ArrayLike, d: ArrayLike, p: ArrayLike, wrt: str = "x") -> Array:
+        """Derivative of the time derivative of the state to the input ``wrt``: ``"x"``, ``"u"``, ``"d"`` or ``"p"``.
+
+        Parameters and errors as for :meth:`rhs`.
+
+        Returns
+        -------
+        ndarray
+            Shape ``(states, m)`` or ``(n, states, m)``, with m the length of that input.
+        """
+        return _evaluate(self.names, self.jacobian_function(wrt), x, u, d, p)
+
+    def _index(self, kind: str, name: str, names: tuple[str, ...]) -> int:
+        try:
+            return names.index(name)
+        except ValueError:
+            msg = f"{self.id} has no {kind} '{name}'.{did_you_mean(name, names)}"
+            raise UnknownNameError(msg) from None
+
+    def _symbolic(self, symbolic: str) -> tuple[dict[str, Any], Evaluation]:
+        """Symbols of the inputs, and the model evaluated with them."""
+        return _symbolic_model(self, symbolic)
+
+    def __str__(self) -> str:
+        return self.id
+
+
+@lru_cache(maxsize=32)
+def _symbolic_model(model: Model, symbolic: str) -> tuple[dict[str, Any], Evaluation]:
+    kinds: dict[str, Callable[..., Any]] = {"SX": casadi.SX.sym, "MX": casadi.MX.sym}
+    if symbolic not in kinds:
+        msg = f"There is no kind of CasADi symbols '{symbolic}'.{did_you_mean(symbolic, kinds)}"
+        raise UnknownNameError(msg)
+    vectors = {name: kinds[symbolic](name, len(entries)) for name, entries in model.names.items()}
+    x, u, d, p = (casadi.vertsplit(vector) for vector in vectors.values())
+    records = model.State(*x), model.Controls(*u), model.Disturbances(*d), model.Parameters(*p)
+    return vectors, model.equations(*records)
+
+
+@lru_cache(maxsize=32)
+def _rhs_function(model: Model, symbolic: Symbolic) -> casadi.Function:
+    vectors, evaluation = _symbolic_model(model, symbolic)
+    return _function("rhs", vectors, casadi.vertcat(*evaluation.derivative), "dxdt")
+
+
+@lru_cache(maxsize=32)
+def _auxiliaries_function(model: Model) -> casadi.Function:
+    vectors, evaluation = _symbolic_model(model, "SX")
+    values = casadi.vertcat(*(v for record in evaluation.fluxes for v in record))
+    return _function("auxiliaries", vectors, values, "aux")
+
+
+@lru_cache(maxsize=32)
+def _jacobian_function(model: Model, wrt: str) -> casadi.Function:
+    vectors, evaluation = _symbolic_model(model, "SX")
+    derivative = casadi.jacobian(casadi.vertcat(*evaluation.derivative), vectors[wrt])
+    return _function(f"jacobian_{wrt}", vectors, derivative, "jacobian")
+
+
+def _function(name: str, vectors: dict[str, Any], output: Any, output_name: str) -> casadi.Function:
+    """CasADi function of the four inputs in which no expression occurs twice."""
+    shared = casadi.cse(casadi.densify(output))
+    return casadi.Function(name, list(vectors.values()), [shared], list(vectors), [output_name])
+
+
+def _evaluate(names: Mapping[str, Sequence[str]], function: casadi.Function, *inputs: ArrayLike) -> Array:
+    """Value of a function with one output matrix: shape (rows, columns) or (n, rows, columns)."""
+    arrays = _checked(names, inputs)
+    sizes = {array.shape[0] for array in arrays if array.ndim == 2}
+    n = sizes.pop() if sizes else 1
+    rows, columns = function.size_out(0)
+    values = np.empty((n, columns, rows))  # CasADi stores matrices by columns
+    if n:
+        stacked = [np.ascontiguousarray(np.broadcast_to(array, (n, array.shape[-1]))) for array in arrays]
+        buffer, evaluate = _over_rows(function, n).buffer()
+        for index, array in enumerate(stacked):
+            buffer.set_arg(index, array.data)  # type: ignore[call-arg]
+        buffer.set_res(0, values.data)  # type: ignore[call-arg]
+        evaluate()
+    by_row = values.transpose(0, 2, 1)
+    return by_row if any(array.ndim == 2 for array in arrays) else by_row[0]
+
+
+@lru_cache(maxsize=64)
+def _over_rows(function: casadi.Function, n: int) -> casadi.Function:
+    """The function for n rows; kept, because making it takes longer than evaluating it."""
+    return function.map(n)
+
+
+def _checked(names: Mapping[str, Sequence[str]], inputs: tuple[ArrayLike, ...]) -> list[Array]:
+    """Inputs as arrays of floats, after a check of shape and finiteness."""
+    arrays = []
+    sizes: dict[str, int] = {}
+    for (name, entries), value in zip(names.items(), inputs, strict=True):
+        try:
+            array = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            msg = f"Input {name} is not an array of numbers: {error}."
+            raise ShapeError(msg) from error
+        if array.ndim not in (1, 2) or array.shape[-1] != len(entries):
+            msg = f"Input {name} has shape {array.shape}; expected ({len(entries)},) or (n, {len(entries)})."
+            raise ShapeError(msg)
+        if not np.isfinite(array).all():
+            *row, column = (int(index) for index in np.argwhere(~np.isfinite(array))[0])
+            where = f" of row {row[0]}" if row else ""
+            msg = f"Input {name} is not finite: {entries[column]}{where} is {array[*row, column]}."
+            raise ShapeError(msg)
+        if array.ndim == 2:
+            sizes[name] = array.shape[0]
+        arrays.append(array)
+    if len(set(sizes.values())) > 1:
+        counts = ", ".join(f"{name} has {size}" for name, size in sizes.items())
+        msg = f"The inputs have different numbers of rows: {counts}. Give each the same number, or no batch axis."
+        raise ShapeError(msg)
+    return arrays
