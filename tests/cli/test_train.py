@@ -110,6 +110,7 @@ def test_the_normalisation_beside_a_model_is_exported_with_it(glbench: Command, 
     assert policies["beside"] == policies["named"] != policies["none"]
 
 
+@pytest.mark.slow
 @pytest.mark.train
 def test_a_policy_with_a_memory_is_evaluated_as_it_was_saved(glbench: Command, settings: Path) -> None:
     recurrent = TINY.replace("policy_kwargs: {net_arch: [8], activation_fn: SiLU}", "policy: MlpLstmPolicy")

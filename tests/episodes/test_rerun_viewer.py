@@ -164,6 +164,7 @@ def _listening_addresses(ports: set[int]) -> set[str]:
     return found
 
 
+@pytest.mark.slow
 def test_a_picture_of_the_real_viewer_shows_both_controllers_and_the_limits(runs: Runs, tmp_path: Path) -> None:
     image = pytest.importorskip("PIL.Image", reason="Pillow, which reads the picture, is not installed")
     episodes = [runs.episode(), runs.episode(666, "steady")]

@@ -15,9 +15,10 @@ from tests.leaderboard.synthetic import of_another_version
 from tests.report.test_browser import CHROMIUM, browser, change_price, draw_everything, order, visit
 
 __all__ = ["browser", "visit"]
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="there is no chromium on this machine to look at the page with"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine to look at the page with"),
+]
 TASK = "Schiphol2010-Delta10-v1"
 AGENTS = 11
 

@@ -36,6 +36,7 @@ def moved(policy: NetworkPolicy, seen: np.ndarray) -> float:
     return float(np.abs(policy.act(more) - policy.act(seen)).mean())
 
 
+@pytest.mark.slow
 @pytest.mark.train
 def test_one_ppm_of_outdoor_co2_moves_a_trained_policy_no_more(
     day: TaskSpec, tiny: TrainingSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -17,6 +17,8 @@ from glbench.evaluation.sandbox.frames import GIB, MIB, SandboxLimits
 from tests.evaluation.agent_files import AgentWriter
 from tests.evaluation.sandbox.conftest import Prepare, ends
 
+pytestmark = pytest.mark.slow
+
 DEED = """
 def act(self, observations):
     self.calls += 1

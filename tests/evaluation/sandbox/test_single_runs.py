@@ -29,6 +29,7 @@ def agent(when: str, deed: str) -> str:
     return AGENT.format(when=when, deed=deed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("deed", "status", "words"),
     [
