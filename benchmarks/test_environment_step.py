@@ -21,8 +21,8 @@ from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.rollout import RolloutLoop, RunTotals
 from glbench.evaluation.runners import make_runner
 from glbench.kernel import Kernel
-from glbench.model import TOMATO
 from glbench.kernel.compiled import availability
+from glbench.model import TOMATO
 from glbench.tasks import TaskSpec, get_task, task_card
 
 Array = NDArray[np.float64]

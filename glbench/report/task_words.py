@@ -238,7 +238,9 @@ def _prices(task: TaskSpec) -> Section:
         (
             item.label or item.name,
             "earned" if item.sign > 0 else "paid",
-            f"price table '{item.price}'" if isinstance(item.price, str) else f"{item.price:g} EUR per {_unit_sold(item)}",
+            f"price table '{item.price}'"
+            if isinstance(item.price, str)
+            else f"{item.price:g} EUR per {_unit_sold(item)}",
             item.amount_meaning or item.label,
         )
         for item in task.ledger.items

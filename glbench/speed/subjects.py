@@ -151,7 +151,11 @@ class Subject:
 
 def _alone(preset: str, controls: Controls) -> Work:
     """One greenhouse, one call a step."""
-    kernel, chosen, p = Kernel(TOMATO, STEP_SECONDS, preset=preset), points(controls, STEP_SECONDS), default_parameters()
+    kernel, chosen, p = (
+        Kernel(TOMATO, STEP_SECONDS, preset=preset),
+        points(controls, STEP_SECONDS),
+        default_parameters(),
+    )
     steps = [kernel.bind(chosen.x[i], chosen.u[i], chosen.d[i], p, np.empty_like(chosen.x[i])) for i in range(256)]
 
     def work() -> int:
