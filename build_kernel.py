@@ -18,7 +18,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
 class KernelHook(BuildHookInterface[Any]):
-    """Compiles the model's variants and adds the libraries to the wheel."""
+    """Compiles the registered models and adds the libraries to the wheel."""
 
     PLUGIN_NAME = "custom"
 
@@ -45,16 +45,20 @@ class KernelHook(BuildHookInterface[Any]):
     def _compile(self, folder: Path) -> bool:
         """Whether there are libraries in ``folder`` now."""
         _open_package(Path(self.root) / "glbench")
+        from glbench.kernel.compiled.compiler import CompiledUnavailable
         from glbench.kernel.compiled.library import prebuild
         from glbench.kernel.compiled.prebuilt import levels_to_build, write_manifest
         from glbench.kernel.compiled.stepper import absent_equipment, traits_of
-        from glbench.kernel.compiled.unavailable import CompiledUnavailable
-        from glbench.model import VARIANTS
+        from glbench.model import registered_models
 
         if not levels_to_build():
             return False
         try:
-            made = [one for variant in VARIANTS for one in prebuild(folder, variant, traits_of(absent_equipment()))]
+            made = [
+                one
+                for model in registered_models()
+                for one in prebuild(folder, model, traits_of(model, absent_equipment(model)))
+            ]
         except CompiledUnavailable as reason:
             self.app.display_warning(f"The wheel carries no compiled kernel. {reason}")
             return False

@@ -14,11 +14,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from glbench.kernel import STATE_SCALE, Kernel
+from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
 from glbench.kernel.compiled.accuracy import EXACT, make_inputs, run_compiled
 from glbench.kernel.records import Rows, as_rows
-from glbench.model import default_parameters
+from glbench.model import TOMATO, default_parameters
+
+STATE_SCALE = state_scale(TOMATO)
 
 Array = NDArray[np.float64]
 
@@ -41,7 +43,7 @@ def rows() -> Rows:
     states = np.concatenate([inputs.initial[None], exact[:-1]])
     pick = np.random.default_rng(0).choice(states.shape[0] * 12, ROWS, replace=False)
     tables = (a.reshape(-1, a.shape[2])[pick] for a in (states, inputs.controls, inputs.weather))
-    return as_rows(*tables, default_parameters())
+    return as_rows(TOMATO.names, *tables, default_parameters())
 
 
 def best(run: Callable[[], object]) -> float:
@@ -57,7 +59,7 @@ def best(run: Callable[[], object]) -> float:
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_batch(rows: Rows, preset: str, kind: str, benchmark: Any) -> None:
-    kernel = Kernel(900.0, backend="compiled", preset=preset)
+    kernel = Kernel(TOMATO, 900.0, backend="compiled", preset=preset)
     alone = [rows.part(k, k + 1) for k in range(ROWS)]
     one = best(lambda: [kernel.advance(row) for row in alone]) / ROWS
     many = best(lambda: kernel.advance(rows)) / ROWS
@@ -75,7 +77,7 @@ def test_a_batch(rows: Rows, preset: str, kind: str, benchmark: Any) -> None:
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_state(rows: Rows, preset: str, kind: str, benchmark: Any) -> None:
-    kernel = Kernel(900.0, backend="compiled", preset=preset)
+    kernel = Kernel(TOMATO, 900.0, backend="compiled", preset=preset)
     alone = [rows.part(k, k + 1) for k in range(ROWS)]
 
     def run() -> None:
@@ -89,8 +91,8 @@ def test_one_state(rows: Rows, preset: str, kind: str, benchmark: Any) -> None:
 @pytest.mark.parametrize("preset", PRESETS)
 def test_errors_of_the_jacobian(rows: Rows, preset: str, benchmark: Any) -> None:
     """Largest error of each column against ``tight``, in scaled units, relative to the column's largest entry (or to 1e-3)."""
-    kernel = Kernel(900.0, backend="compiled", preset=preset)
-    exact = Kernel(900.0, backend="compiled", preset="tight").linearise(*rows)
+    kernel = Kernel(TOMATO, 900.0, backend="compiled", preset=preset)
+    exact = Kernel(TOMATO, 900.0, backend="compiled", preset="tight").linearise(*rows)
     found = benchmark.pedantic(lambda: kernel.linearise(*rows), rounds=1)
     units = {"dx": STATE_SCALE, "du": np.ones(6), "dd": np.array([1e3, 10, 1e3, 1e3, 10, 10, 10, 10, 1, 1])}
     errors = []

@@ -10,8 +10,9 @@ from glbench.env.accounts import Accounts, make_accounts
 from glbench.env.actuation import ACTUATIONS, register_actuation
 from glbench.env.greenhouse import GreenhouseEnv
 from glbench.env.info import info_quantities
-from glbench.env.observations import Situation, register_observation
+from glbench.env.observations import register_observation
 from glbench.env.quantities import QUANTITIES, StepQuantity
+from glbench.env.reference import ObservationInputs
 from glbench.env.rewards import REWARDS, StepOutcome, register_reward
 from glbench.env.simulation import Simulation
 from glbench.env.snapshot import Snapshot
@@ -28,8 +29,8 @@ __all__ = [
     "Accounts",
     "GreenhouseEnv",
     "GreenhouseVectorEnv",
+    "ObservationInputs",
     "Simulation",
-    "Situation",
     "Snapshot",
     "StepOutcome",
     "StepQuantity",

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.parts import Parts
+from glbench.env.factories import Factories
 from glbench.errors import ActionError, TaskError
-from glbench.model import CONTROL_NAMES
+from glbench.kernel.environment import ActionBounds
 from glbench.tasks.card import task_card
 from glbench.tasks.vocabulary import ACTUATION_KINDS, ActuationKind
 
@@ -30,7 +30,7 @@ Actuation = Callable[[Floats, Floats], Floats]
 
 MakeActuation = Callable[["TaskSpec"], Actuation]
 
-ACTUATIONS: Parts[MakeActuation] = Parts("kind of actuation", ACTUATION_KINDS)
+ACTUATIONS: Factories[MakeActuation] = Factories("kind of actuation", ACTUATION_KINDS)
 
 ROUNDING = 1e-6
 """How far an action may lie outside its bounds: what float32 arithmetic and scaling lose. Taken as the bound itself."""
@@ -60,8 +60,9 @@ def make_actuation(task: TaskSpec) -> Actuation:
         For a kind without a part, with the nearest known one.
     """
     move = ACTUATIONS[task.actuation.kind](task)
-    granted = [CONTROL_NAMES.index(name) for name in task.actuation.controls]
-    if granted == list(range(len(CONTROL_NAMES))):
+    names = task.model_value.control_names
+    granted = [names.index(name) for name in task.actuation.controls]
+    if granted == list(range(len(names))):
         return move
 
     def move_granted(controls: Floats, actions: Floats) -> Floats:
@@ -72,51 +73,51 @@ def make_actuation(task: TaskSpec) -> Actuation:
     return move_granted
 
 
-def _rate(task: TaskSpec) -> Actuation:
+RecordedActuation = Callable[["TaskSpec", Any, Any, int], Any]
+"""The new value of one control from that in force, the action and its column: arithmetic on arrays or on recorded values."""
+
+
+def _moved(task: TaskSpec, control: Any, action: Any, column: int) -> Any:
     """Control plus max_change times action, kept within 0 and 1 (a valve that is fully open stays open)."""
-    max_change = task.actuation.max_change
-    return lambda controls, actions: _moved(controls, actions, max_change)
+    return np.minimum(np.maximum(action * task.actuation.max_change + control, 0.0), 1.0)
 
 
-def _moved(control: Any, action: Any, max_change: float) -> Any:
-    return np.minimum(np.maximum(action * max_change + control, 0.0), 1.0)
-
-
-def _set_point(task: TaskSpec) -> Actuation:
+def _approached(task: TaskSpec, control: Any, action: Any, column: int) -> Any:
     """Towards the control asked for, by at most max_change; exactly there when it is within reach.
 
     The lower bound of the action asks for 0, the upper one for 1.
     """
-    max_change = task.actuation.max_change
-    low, high = action_bounds(task)
-    return lambda controls, actions: _approached(controls, actions, max_change, low, high)
-
-
-def _approached(control: Any, action: Any, max_change: float, low: Any, high: Any) -> Any:
-    wanted = (action - low) / (high - low)
+    low, high = (float(bound[column]) for bound in action_bounds(task))
+    wanted, max_change = (action - low) / (high - low), task.actuation.max_change
     return np.minimum(np.maximum(wanted, control - max_change), control + max_change)
 
 
-ACTUATIONS.provide("rate", "an action from -1 to 1 moves its control by up to max_change a step", _rate)
-ACTUATIONS.provide(
-    "set_point", "an action from 0 to 1 asks for a control, reached by at most max_change a step", _set_point
-)
+def _provide(name: str, meaning: str, move: RecordedActuation) -> None:
+    """A kind of actuation that moves each control by itself, and can be recorded."""
 
-RecordedActuation = Callable[["TaskSpec", Any, Any, int], Any]
-"""The same for one control and one action, numbers recorded for the compiled kernel, and the action's column."""
+    def make(task: TaskSpec) -> Actuation:
+        return lambda controls, actions: np.stack(
+            [move(task, controls[:, column], actions[:, column], column) for column in range(actions.shape[1])], axis=1
+        )
 
-
-def _recorded_rate(task: TaskSpec, control: Any, action: Any, column: int) -> Any:
-    return _moved(control, action, task.actuation.max_change)
-
-
-def _recorded_set_point(task: TaskSpec, control: Any, action: Any, column: int) -> Any:
-    low, high = (float(bound[column]) for bound in action_bounds(task))
-    return _approached(control, action, task.actuation.max_change, low, high)
+    ACTUATIONS.provide(name, meaning, make)
+    ACTUATIONS.record(name, move)
 
 
-ACTUATIONS.record("rate", _recorded_rate)
-ACTUATIONS.record("set_point", _recorded_set_point)
+_provide("rate", "an action from -1 to 1 moves its control by up to max_change a step", _moved)
+_provide("set_point", "an action from 0 to 1 asks for a control, reached by at most max_change a step", _approached)
+
+
+def recorded_actuation(task: TaskSpec) -> RecordedActuation | None:
+    """How each control of a task moves; ``None`` for a kind that somebody registered, which is Python.
+
+    Raises
+    ------
+    UnknownNameError
+        For a kind without a part, with the nearest known one.
+    """
+    recorded: RecordedActuation | None = ACTUATIONS.recorded(task.actuation.kind)
+    return recorded
 
 
 def action_bounds(task: TaskSpec) -> tuple[Floats, Floats]:
@@ -129,8 +130,8 @@ class ActionReader:
     """Checks actions, or controls, of ``n`` rows against names and bounds, and hands on a float64 copy within the bounds."""
 
     def __init__(self, what: str, names: tuple[str, ...], low: Floats, high: Floats) -> None:
-        self.what, self.names, self.low, self.high = what, names, low, high
-        self.lowest, self.highest = low - ROUNDING, high + ROUNDING
+        self.what, self.names = what, names
+        self.bounds = ActionBounds(low - ROUNDING, high + ROUNDING, low, high)
 
     @classmethod
     def of_task(cls, task: TaskSpec) -> ActionReader:
@@ -138,9 +139,10 @@ class ActionReader:
         return cls("action", task.actuation.controls, *action_bounds(task))
 
     @classmethod
-    def of_controls(cls) -> ActionReader:
+    def of_controls(cls, task: TaskSpec) -> ActionReader:
         """Reader of controls that are applied as they are."""
-        return cls("control", CONTROL_NAMES, np.zeros(len(CONTROL_NAMES)), np.ones(len(CONTROL_NAMES)))
+        names = task.model_value.control_names
+        return cls("control", names, np.zeros(len(names)), np.ones(len(names)))
 
     def __call__(self, given: object, n: int, ended: NDArray[np.bool_] | None = None) -> Floats:
         """Own copy of ``given`` as ``(n, m)`` float64. Rows that are ``ended`` are not looked at and read as the bound ``low``.
@@ -151,15 +153,15 @@ class ActionReader:
             For a wrong shape or type, a value that is not finite, or one outside its bounds by more than ``ROUNDING``;
             the message names row, action and value.
         """
-        actions = self.read(given, n)
+        actions, bounds = self.read(given, n), self.bounds
         if ended is not None:
-            actions[ended] = self.low
-        inside = (actions >= self.lowest) & (actions <= self.highest)  # False for NaN as well
+            actions[ended] = bounds.low
+        inside = (actions >= bounds.lowest) & (actions <= bounds.highest)  # False for NaN as well
         if not inside.all():
             raise ActionError(self._complaint(actions, inside))
         actions += 0.0  # -0.0 becomes 0.0: which of two zeros is the larger depends on the place in the batch
-        np.maximum(actions, self.low, out=actions)
-        np.minimum(actions, self.high, out=actions)
+        np.maximum(actions, bounds.low, out=actions)
+        np.minimum(actions, bounds.high, out=actions)
         return actions
 
     def read(self, given: object, n: int) -> Floats:
@@ -189,5 +191,5 @@ class ActionReader:
         where = f"{self.what} {column} ('{self.names[column]}') of row {row} is {value!r}"
         if not np.isfinite(value):
             return f"The {where}, which is not a finite number. Check what computes it; nothing was simulated."
-        bounds = f"{self.low[column]:g} to {self.high[column]:g}"
+        bounds = f"{self.bounds.low[column]:g} to {self.bounds.high[column]:g}"
         return f"The {where}, outside its bounds {bounds}. Limit it before the step; nothing was simulated."

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.accounts import make_accounts
-from glbench.env.reference import ReferenceRuns
+from glbench.env.runs import Runs
 from glbench.errors import TaskError
 from glbench.registration import BEHAVIOUR_NAME
 from glbench.resources import write_atomically
@@ -170,7 +170,7 @@ def _step(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
         after[:, [model.state_index(name) for name in model.air]] = _AIR
     after[:, earning] += np.array(_GROWN)[:, None]
     fixed = _FixedStep(after)
-    runs = ReferenceRuns(task, n, fixed)
+    runs = Runs(task, n, fixed, fused=False)
     runs.start(np.arange(n), _SEEDS, before)
     low, high = task_card(task).action_bounds
     part = 0.5 + 0.45 * (np.arange(1, n * len(low) + 1) * _GOLDEN % 1.0).reshape(n, -1)

@@ -13,6 +13,7 @@ from glbench.kernel.sundials import PRESETS
 
 if TYPE_CHECKING:
     from glbench.kernel import Kernel, StepFailure
+    from glbench.model import Model
     from glbench.tasks import TaskSpec
 
 SCORING_PRESET = "reference"
@@ -20,26 +21,26 @@ SCORING_PRESET = "reference"
 
 
 class Stepper(Protocol):
-    """What a simulation needs of a kernel; ``glbench.kernel.Kernel`` and ``KernelPool`` have it."""
+    """What a simulation needs of a kernel; ``glbench.kernel.Kernel`` has it."""
 
     def try_step(
         self, x: NDArray[np.float64], u: NDArray[np.float64], d: NDArray[np.float64], p: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], list[StepFailure]]:
-        """States ``(n, 28)`` at the end of the step; a row that fails keeps its state and is reported."""
+        """States ``(n, states)`` at the end of the step; a row that fails keeps its state and is reported."""
 
 
 _shared = threading.local()
 """A kernel has working memory of its own, so that each thread gets another one."""
 
 
-def shared_kernel(step_seconds: float, variant: str, preset: str = SCORING_PRESET) -> Kernel:
-    """Kernel of this thread for a step length [s], a variant of the model and a preset; made at the first call."""
+def shared_kernel(model: Model, step_seconds: float, preset: str = SCORING_PRESET) -> Kernel:
+    """Kernel of this thread for a model, a step length [s] and a preset; made at the first call."""
     from glbench.kernel import Kernel
 
-    kernels: dict[tuple[float, str, str], Kernel] = _shared.__dict__.setdefault("kernels", {})
-    key = (step_seconds, variant, preset)
+    kernels: dict[tuple[Model, float, str], Kernel] = _shared.__dict__.setdefault("kernels", {})
+    key = (model, step_seconds, preset)
     if key not in kernels:
-        kernels[key] = Kernel(step_seconds, variant=variant, preset=preset)
+        kernels[key] = Kernel(model, step_seconds, preset=preset)
     return kernels[key]
 
 
@@ -51,7 +52,7 @@ def check_kernel(kernel: object, task: TaskSpec) -> None:
     UnknownNameError
         For a name that is no preset, with the nearest one.
     GlbenchError
-        For a kernel of another step length or model variant than the task's, and for what is no kernel at all.
+        For a kernel of another step length or model than the task's, and for what is no kernel at all.
     """
     if kernel is None:
         return
@@ -62,10 +63,16 @@ def check_kernel(kernel: object, task: TaskSpec) -> None:
         return
     if isinstance(kernel, type) or not callable(getattr(kernel, "try_step", None)):
         presets = ", ".join(f"'{name}'" for name in PRESETS)
-        msg = f"The kernel is the name of a preset ({presets}) or a Kernel, such as Kernel({task.step_seconds:g}); got {kernel!r}."
+        example = f"Kernel(task.model_value, {task.step_seconds:g})"
+        msg = f"The kernel is the name of a preset ({presets}) or a Kernel, such as {example}; got {kernel!r}."
         raise GlbenchError(msg)
-    for name, wanted in (("step_seconds", task.step_seconds), ("variant", task.model.variant)):
-        found = getattr(kernel, name, wanted)
+    model = task.model_value
+    own = getattr(kernel, "model", model)
+    for name, found, wanted in (
+        ("step_seconds", getattr(kernel, "step_seconds", task.step_seconds), task.step_seconds),
+        ("model", own.id, model.id),
+        ("variant", own.variant, model.variant),
+    ):
         if found != wanted:
             msg = f"The kernel has {name} = {found!r}, but {task.id} needs {wanted!r}. Make the kernel for the task, or give its preset."
             raise GlbenchError(msg)

@@ -1,58 +1,40 @@
 """Observations: small named parts, put side by side in the order of the task.
 
-Names, units and bounds of the columns belong to the task (``glbench.tasks.vocabulary``); their values are computed here. A
-part is made once for a task and called after every step. To add one, register its columns and a function that makes it:
+Names, units and bounds of the columns belong to the task (``glbench.tasks.vocabulary``) and to the model; their values are computed
+here. What glbench ships is data: numbers of the run, or rows of tables. To add a part, register its columns and a function
+that makes it; it is made once for a task and called after every step:
 
     def canopy(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
-        return lambda situation: situation.states[:, 4:5]
+        return lambda inputs: inputs.states[:, 4:5]
 
     register_observation(ObservationModule("canopy", "canopy temperature", columns), canopy)
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.climate import AIR
+from glbench.env.reference import ObservationInputs
 from glbench.env.weather_tables import WeatherTables
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
-from glbench.model import CONTROL_NAMES, STATE_NAMES
+from glbench.model import Horizon
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
-
-KG_PER_MG = 1e-6
-_PIPE, _FRUIT, _MEAN_CANOPY, _CANOPY_SUM = (STATE_NAMES.index(n) for n in ("tPipe", "cFruit", "tCan24", "tCanSum"))
-
-
-@dataclass(frozen=True, eq=False)
-class Situation:
-    """What an observation may look at, for ``n`` rows.
-
-    ``states`` ``(n, 28)`` and ``controls`` (fractions, ``(n, 6)``) are those after the step; ``air`` holds air temperature
-    [degC], CO2 [ppm] and relative humidity [%], ``(3, n)``. ``steps`` counts the steps taken; the clock follows it.
-    ``weather_rows`` is the weather row to show, by the task's timing: the one that acts next ("current") or the one that
-    has just acted ("published").
-    """
-
-    states: NDArray[np.float64]
-    controls: NDArray[np.float64]
-    air: NDArray[np.float64]
-    steps: NDArray[np.int64]
-    weather_rows: NDArray[np.int64]
-
 
 Source = Literal["states", "air", "controls", "counter"]
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """Columns that are numbers of the situation times factors; "counter" has the steps taken and the number of the weather row shown."""
+    """Columns that are numbers of the run times factors; "counter" has the steps taken and the step whose weather is shown."""
 
     source: Source
     indices: tuple[int, ...]
@@ -72,10 +54,17 @@ class TableRows:
     ahead: int = 0
 
 
-Shown = Numbers | TableRows
+@dataclass(frozen=True)
+class Formula:
+    """A column that the model computes from its states and nominal parameters (``Seen.of``)."""
 
-ObservationPart = Callable[[Situation], NDArray[np.floating]]
-"""Columns of one module, ``(n, columns)``. Row i may depend on row i of the situation only."""
+    of: Callable[[Any, Any], Any]
+
+
+Shown = Numbers | TableRows | Formula
+
+ObservationPart = Callable[[ObservationInputs], NDArray[np.floating]]
+"""Columns of one module, ``(n, columns)``. Row i may depend on row i of the inputs only."""
 
 MakeObservation = Callable[["TaskSpec", WeatherTables], ObservationPart]
 
@@ -94,59 +83,58 @@ def register_observation(module: ObservationModule, make: MakeObservation) -> No
     _MAKERS[module.name] = make
 
 
-class Observer:
-    """The observation of a task: its modules side by side, as float32."""
+def python_part(name: str) -> MakeObservation | None:
+    """What makes the module ``name`` when somebody registered it; ``None`` for one that is data."""
+    return _MAKERS.get(name)
 
-    def __init__(self, task: TaskSpec) -> None:
-        context = task.observation_context()
-        tables = WeatherTables.of(task)
-        self.columns = len(task.observed())
-        self._published = task.observation.timing == "published"
-        self._parts: list[tuple[slice, ObservationPart]] = []
-        start = 0
-        for name in task.observation.modules:
-            if name not in _MAKERS:
-                msg = f"There is no observation module called '{name}'.{did_you_mean(name, _MAKERS)}"
-                raise UnknownNameError(msg)
-            stop = start + len(OBSERVATION_MODULES[name].quantities(context))
-            self._parts.append((slice(start, stop), _MAKERS[name](task, tables)))
-            start = stop
-        if start != self.columns:
-            msg = f"{task.id} announces {self.columns} observed columns, its modules have {start}."
+
+def observed_widths(task: TaskSpec) -> Iterator[tuple[str, int]]:
+    """The modules of a task with the number of columns that each announces."""
+    context = task.observation_context()
+    for name in task.observation.modules:
+        yield name, len(OBSERVATION_MODULES[name].quantities(context))
+
+
+def shown_by(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Shown, ...]:
+    """The columns of a module that is data: of the environment's own, or of the task's model.
+
+    Raises
+    ------
+    UnknownNameError
+        When nobody computes it.
+    TaskError
+        When the model shows something that neither its states nor its air have.
+    """
+    if name in _SHOWN:
+        return _SHOWN[name](task, tables)
+    model = task.model_value
+    seen = model.observed(name, Horizon(task.steps, task.step_seconds, task.parameters_by_name()))
+    if seen is None:
+        known = (*_MAKERS, *_SHOWN, *model.observation_modules)
+        msg = f"There is no observation module called '{name}'.{did_you_mean(name, known)}"
+        raise UnknownNameError(msg)
+    air = list(AIR) if model.air else []
+    shown: list[Shown] = []
+    for column in seen:
+        if column.of is not None:
+            shown.append(Formula(column.of))
+        elif column.source in air:
+            shown.append(Numbers("air", (air.index(column.source),), (column.factor,)))
+        elif column.source in model.state_names:
+            shown.append(Numbers("states", (model.state_index(column.source),), (column.factor,)))
+        else:
+            msg = f"{model.id} shows '{column.name}' of '{column.source}', which is no state of it and no quantity of its air."
             raise TaskError(msg)
-
-    def __call__(
-        self,
-        states: NDArray[np.float64],
-        controls: NDArray[np.float64],
-        air: NDArray[np.float64],
-        steps: NDArray[np.int64],
-    ) -> NDArray[np.float32]:
-        """Observations ``(n, columns)`` of the situation after ``steps`` steps."""
-        rows = np.maximum(steps - 1, 0) if self._published else steps
-        situation = Situation(states, controls, air, steps, rows)
-        observation = np.empty((len(states), self.columns), dtype=np.float32)
-        for columns, part in self._parts:
-            observation[:, columns] = part(situation)
-        return observation
-
-
-def shown_by(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Shown, ...] | None:
-    """The columns of a shipped module as data; ``None`` for one that somebody registered."""
-    return _SHOWN[name](task, tables) if name in _SHOWN and _MAKERS.get(name) is _SHIPPED[name] else None
-
-
-def _numbers(source: Source, *indices: int) -> tuple[Shown, ...]:
-    return (Numbers(source, indices, (1.0,) * len(indices)),)
-
-
-def _crop(task: TaskSpec, tables: WeatherTables) -> tuple[Shown, ...]:
-    return (Numbers("states", (_FRUIT, _MEAN_CANOPY, _CANOPY_SUM), (KG_PER_MG, 1.0, 1.0)),)
+    return tuple(shown)
 
 
 def _controls(task: TaskSpec, tables: WeatherTables) -> tuple[Shown, ...]:
-    by_name = {capacity.name: capacity.at_one for capacity in task.capacities()}
-    return (Numbers("controls", tuple(range(len(CONTROL_NAMES))), tuple(by_name[name] for name in CONTROL_NAMES)),)
+    capacities = task.capacities()
+    return (Numbers("controls", tuple(range(len(capacities))), tuple(capacity.at_one for capacity in capacities)),)
+
+
+def _plain(source: Source, count: int) -> tuple[Shown, ...]:
+    return (Numbers(source, tuple(range(count)), (1.0,) * count),)
 
 
 def _ahead(task: TaskSpec, table: NDArray[np.float32]) -> tuple[Shown, ...]:
@@ -154,53 +142,16 @@ def _ahead(task: TaskSpec, table: NDArray[np.float32]) -> tuple[Shown, ...]:
 
 
 _SHOWN: dict[str, Callable[[TaskSpec, WeatherTables], tuple[Shown, ...]]] = {
-    "indoor_climate": lambda task, tables: _numbers("air", 0, 1, 2) + _numbers("states", _PIPE),
-    "crop": _crop,
     "time": lambda task, tables: (TableRows(tables.clock, clocked=True),),
     "controls": _controls,
     "weather": lambda task, tables: (TableRows(tables.measured),),
     "forecast": lambda task, tables: _ahead(task, tables.measured),
-    "full_state": lambda task, tables: _numbers("states", *range(len(STATE_NAMES))),
-    # The published code counts the step just taken, hence the weather row and not the number of steps.
-    "step_counter": lambda task, tables: _numbers("counter", 1),
-    "control_fractions": lambda task, tables: _numbers("controls", *range(len(CONTROL_NAMES))),
-    "published_indoor_climate": lambda task, tables: _numbers("air", 1, 0, 2) + _numbers("states", _PIPE),
-    "published_crop": lambda task, tables: _numbers("states", _MEAN_CANOPY, _FRUIT, _CANOPY_SUM),
+    "full_state": lambda task, tables: _plain("states", len(task.model_value.state_names)),
+    # The published code counts the step just taken, hence the step whose weather is shown and not the number of steps.
+    "step_counter": lambda task, tables: (Numbers("counter", (1,), (1.0,)),),
+    "control_fractions": lambda task, tables: _plain("controls", len(task.model_value.control_names)),
     "published_time": lambda task, tables: (
         TableRows(np.ascontiguousarray(tables.clock[:, [2, 3, 0, 1]]), clocked=True),
     ),
     "published_forecast": lambda task, tables: _ahead(task, tables.published),
 }
-
-
-def _maker(name: str) -> MakeObservation:
-    """Makes the part that shows, with numpy, what ``_SHOWN`` says."""
-
-    def make(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
-        parts = [_part(shown) for shown in _SHOWN[name](task, tables)]
-        return parts[0] if len(parts) == 1 else lambda situation: np.hstack([part(situation) for part in parts])
-
-    return make
-
-
-def _part(shown: Shown) -> ObservationPart:
-    if isinstance(shown, Numbers):
-        indices, factors = list(shown.indices), np.array(shown.factors)
-        if shown.source == "air":
-            return lambda situation: situation.air[indices].T * factors
-        if shown.source == "states":
-            return lambda situation: situation.states.take(indices, axis=1) * factors
-        if shown.source == "controls":
-            return lambda situation: situation.controls.take(indices, axis=1) * factors
-        counters = [("steps", "weather_rows")[index] for index in indices]
-        return lambda situation: np.stack([getattr(situation, name) for name in counters], axis=1) * factors
-    table, rows, ahead, width = shown.table, shown.rows, shown.ahead, shown.table.shape[1]
-    if rows > 1:
-        table = np.lib.stride_tricks.sliding_window_view(table.reshape(-1), rows * width)[::width]
-    if shown.clocked:
-        return lambda situation: table[situation.steps + ahead]
-    return lambda situation: table[situation.weather_rows + ahead]
-
-
-_SHIPPED: dict[str, MakeObservation] = {name: _maker(name) for name in _SHOWN}
-_MAKERS.update(_SHIPPED)

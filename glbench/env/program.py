@@ -1,7 +1,7 @@
-"""A task as a program of the compiled kernel: the same formulas as everywhere, recorded instead of evaluated.
+"""A task as a program: what surrounds the kernel's step, recorded from the formulas of the task's parts.
 
-Every part that glbench ships can be recorded. A part that somebody registered is Python, which the compiled kernel cannot
-run; the whole task is then stepped with numpy around the kernel (``glbench.env.reference``).
+Every part that glbench ships can be recorded. A part that somebody registered is Python; the program leaves a gap for it, which only
+``glbench.env.reference`` can fill.
 """
 
 from __future__ import annotations
@@ -12,147 +12,217 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.accounts import Accounts, make_accounts
-from glbench.env.actuation import ACTUATIONS, ActionReader, RecordedActuation
-from glbench.env.climate import AIR_STATES, record_air
-from glbench.env.derived import DerivedParameters
-from glbench.env.observations import Numbers, TableRows, shown_by
-from glbench.env.quantities import QUANTITY_NAMES
+from glbench.env.accounts import ByName, make_accounts
+from glbench.env.actuation import ActionReader, make_actuation, recorded_actuation
+from glbench.env.climate import AIR, record_air
+from glbench.env.observations import Formula, Numbers, TableRows, observed_widths, python_part, shown_by
+from glbench.env.quantities import REWARD
+from glbench.env.reference import NO_PARTS, PythonParts
 from glbench.env.rewards import REWARDS, StepOutcome, make_reward
+from glbench.env.scenario import CLOCK, RunScenarios, WeatherPool
+from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters
 from glbench.env.weather_tables import WeatherTables
-from glbench.kernel.environment import Draws, Lookup, Program, Reader
-from glbench.kernel.tape import Recorder, RecordingError, Tape, Value
-from glbench.model import CONTROL_NAMES
-from glbench.tasks.quantities import LIMITED
+from glbench.kernel.environment import Lookup, ParameterNoise, Program
+from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, Value
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
-HEAD = 3 + len(LIMITED) + len(CONTROL_NAMES)
-"""Columns of the table before the step's quantities: steps taken, hour of day, day of year, the air inside, controls in physical units."""
+Floats = NDArray[np.float64]
 
 
-def make_program(task: TaskSpec) -> Program | None:
-    """The program of a task; ``None`` when a part of it cannot be recorded."""
-    if not _all_shipped(task):
-        return None
-    try:
-        return _program(task)
-    except RecordingError:
-        return None
+def air_columns(task: TaskSpec) -> slice:
+    """Columns of the table with the air inside: after steps taken, hour of day and day of year."""
+    first = 1 + len(CLOCK)
+    return slice(first, first + (len(AIR) if task.model_value.air else 0))
+
+
+def info_columns(task: TaskSpec) -> int:
+    """How many columns the table has before the quantities of the step: those before, the air, the controls in physical units."""
+    first: int = air_columns(task).stop
+    return first + len(task.model_value.control_names)
+
+
+def make_program(task: TaskSpec) -> tuple[Program, PythonParts]:
+    """The program of a task, and what fills the gaps in it: ``NO_PARTS`` when there are none."""
+    return _shipped(task) if _all_shipped(task) else _program(task)
 
 
 def _all_shipped(task: TaskSpec) -> bool:
-    tables = WeatherTables.of(task)
     return (
-        ACTUATIONS.recorded(task.actuation.kind) is not None
+        recorded_actuation(task) is not None
         and all(REWARDS.recorded(name) for name in task.reward.modules)
-        and all(shown_by(name, task, tables) is not None for name in task.observation.modules)
-        and (task.uncertainty.delta == 0.0 or task.uncertainty.distribution == "uniform")
+        and all(python_part(name) is None for name in task.observation.modules)
+        and all(group.distribution == UNIFORM for group in task.scenario.groups if group.redraw != "episode")
     )
 
 
 @lru_cache(maxsize=16)
-def _program(task: TaskSpec) -> Program:
-    disturbances = task.disturbances(extra_rows=task.observation.forecast_steps)
-    actions, controls = ActionReader.of_task(task), ActionReader.of_controls()
+def _shipped(task: TaskSpec) -> tuple[Program, PythonParts]:
+    return _program(task)
+
+
+def _program(task: TaskSpec) -> tuple[Program, PythonParts]:
+    scenarios = RunScenarios(task)
     charge = task.evaluation.failed_step
     charges = {"reward": charge.reward, "epi": charge.epi, "penalty": charge.penalty}
-    outcome, lookups, columns = _outcome(task)
-    return Program(
-        actuation=_actuation(task),
+    info, names = info_columns(task), [quantity.name for quantity in task.quantities]
+    outcome, lookups, columns, reward, observation = _outcome(task)
+    followers, python_followers = _followers(task, scenarios)
+    move = recorded_actuation(task)
+    distributions = [group.distribution for group in scenarios.in_step]
+    program = Program(
+        actuation=EMPTY if move is None else _actuation(task, move),
         outcome=outcome,
-        actions=_reader(actions),
-        controls=_reader(controls),
+        actions=ActionReader.of_task(task).bounds,
+        controls=ActionReader.of_controls(task).bounds,
         steps=task.steps,
-        weather=disturbances.values,
-        clock=np.stack([disturbances.hour_of_day, disturbances.day_of_year], axis=1),
+        weather=scenarios.pool.values,
+        day=scenarios.pool.day,
+        days=scenarios.pool.days,
+        calendar=scenarios.pool.calendar,
         lag=1 if task.observation.timing == "published" else 0,
-        nominal=task.parameters(),
-        draws=_draws(task),
+        nominal=scenarios.nominal,
+        own_parameters=bool(scenarios.in_episode),
+        drawn=tuple(
+            ParameterNoise(
+                np.array(scenarios.places((group,)), dtype=np.int32),
+                group.half_width,
+                scenarios.pool.day if group.redraw == "day" else 1,
+            )
+            for group in scenarios.in_step
+        ),
+        followers=followers,
         lookups=lookups,
         columns=columns,
-        width=HEAD + len(QUANTITY_NAMES),
-        head=HEAD,
-        charges={HEAD + QUANTITY_NAMES.index(name): value for name, value in charges.items()},
+        width=info + len(names),
+        info_columns=info,
+        charges={info + names.index(name): value for name, value in charges.items()},
     )
+    python = (move is None, reward, observation, python_followers, any(name != UNIFORM for name in distributions))
+    if not any(python):
+        return program, NO_PARTS
+    parts = PythonParts(
+        air_columns(task),
+        make_actuation(task) if move is None else None,
+        reward,
+        observation,
+        tuple(DISTRIBUTIONS[name] for name in distributions),
+        python_followers,
+    )
+    return program, parts
 
 
-def _reader(reader: ActionReader) -> Reader:
-    return Reader(reader.lowest, reader.highest, reader.low, reader.high)
-
-
-def _actuation(task: TaskSpec) -> Tape:
-    recorder = Recorder()
-    move = cast("RecordedActuation", ACTUATIONS.recorded(task.actuation.kind))
+def _actuation(task: TaskSpec, move: Any) -> Tape:
+    recorder, names = Recorder(), task.model_value.control_names
     moved: dict[str, Any] = {
-        name: move(task, recorder.input("controls", CONTROL_NAMES.index(name)), recorder.input("given", column), column)
+        name: move(task, recorder.input("controls", names.index(name)), recorder.input("given", column), column)
         for column, name in enumerate(task.actuation.controls)
     }
-    for index, name in enumerate(CONTROL_NAMES):
+    for index, name in enumerate(names):
         recorder.output("controls", index, moved.get(name, 0.0))
     return recorder.tape()
 
 
-def _draws(task: TaskSpec) -> Draws | None:
-    uncertainty = task.uncertainty
-    if uncertainty.delta == 0.0:
-        return None
-    derived = DerivedParameters(task.parameters(), task.uncertain_parameters())
-    places = np.array(derived.uncertain, dtype=np.int32)
-    return Draws(places, uncertainty.half_width, uncertainty.redraw == "episode", derived.tape())
+def _followers(task: TaskSpec, scenarios: RunScenarios) -> tuple[Tape, DerivedParameters | None]:
+    """What follows from the parameters that the step draws: as a tape, or as Python where that needs more than arithmetic."""
+    if not scenarios.in_step:
+        return EMPTY, None
+    derived = DerivedParameters(task.model_value, scenarios.nominal, scenarios.places(scenarios.in_step))
+    try:
+        return derived.tape(others=scenarios.places(scenarios.in_episode)), None
+    except RecordingError:
+        return EMPTY, derived
 
 
-def _outcome(task: TaskSpec) -> tuple[Tape, tuple[Lookup, ...], int]:
-    """The tape after the step, what is looked up besides, and the number of observed columns."""
-    recorder = Recorder()
-    temperature, density, pressure = (recorder.input("after", place) for place in AIR_STATES)
-    air = [temperature, *record_air(temperature, density, pressure, recorder)]
-    controls = [recorder.input("controls", index) for index in range(len(CONTROL_NAMES))]
-    clock = [recorder.input("clock", index) for index in range(2)]
-    delivered = [control * at_one.at_one for control, at_one in zip(controls, task.capacities(), strict=True)]
-    accounts = make_accounts(task)
+def _outcome(task: TaskSpec) -> tuple[Tape, tuple[Lookup, ...], int, Any, Any]:
+    """The tape after the step, what is looked up besides, how many columns are observed; reward and observations that are Python."""
+    recorder, model = Recorder(), task.model_value
+    air: list[Value] = []
+    if model.air:
+        temperature, density, pressure = (recorder.input("after", model.state_index(name)) for name in model.air)
+        air = [temperature, *record_air(temperature, density, pressure, recorder)]
+    controls = [recorder.input("controls", index) for index in range(len(model.control_names))]
+    delivered = [control * capacity.at_one for control, capacity in zip(controls, task.capacities(), strict=True)]
+    quantities, reward = _quantities(task, recorder, controls, air)
     rows = [
         recorder.input("counter", 0),
-        *clock,
+        *(recorder.input("calendar", index) for index in range(len(CLOCK))),
         *air,
         *delivered,
-        *_quantities(task, accounts, recorder, controls, air),
     ]
-    for column, value in enumerate(rows):
+    for column, value in enumerate([*rows, *quantities]):
         recorder.output("table", column, value)
-    lookups, columns = _observation(task, recorder, controls, air)
-    return recorder.tape(), lookups, columns
+    lookups, parts, columns = _observation(task, recorder, controls, air)
+    return recorder.tape(), lookups, columns, reward, parts
 
 
 def _quantities(
-    task: TaskSpec, accounts: Accounts, recorder: Recorder, controls: list[Value], air: list[Value]
-) -> list[Value]:
-    """In the order of ``QUANTITY_NAMES``."""
+    task: TaskSpec, recorder: Recorder, controls: list[Value], air: list[Value]
+) -> tuple[list[Any], tuple[int, Any] | None]:
+    """In the order of ``task.quantities``; the reward as Python when a part of it is."""
+    accounts, pool, names = (
+        make_accounts(task),
+        WeatherPool.of(task),
+        tuple(quantity.name for quantity in task.quantities),
+    )
     places = accounts.ledger_states()
     before, after = ({place: recorder.input(source, place) for place in places} for source in ("before", "after"))
-    rows = accounts.of_step(before, after, controls, air)
-    table = [rows.get(name) for name in QUANTITY_NAMES]
-    nothing = cast("NDArray[np.float64]", None)  # the recorded parts look at quantities only
-    outcome = StepOutcome(cast("NDArray[np.float64]", table), nothing, nothing, nothing, nothing)
-    rows["reward"] = make_reward(task, accounts)(outcome)
-    return [rows[name] for name in QUANTITY_NAMES]
+    columns_of_prices = [pool.price_column(name) for name in accounts.price_tables]
+    prices, later = (
+        [recorder.input(source, column) for column in columns_of_prices] for source in ("calendar_before", "calendar")
+    )
+    rows = accounts.of_step(before, after, controls, air, prices, later)
+    reward = make_reward(task, accounts)
+    if all(REWARDS.recorded(name) for name in task.reward.modules):
+        table = [rows.get(name) for name in names]
+        nothing = cast("Floats", None)  # the recorded parts look at quantities only
+        rows["reward"] = reward(StepOutcome(cast("Floats", table), nothing, nothing, nothing, nothing, names))
+        return [rows[name] for name in names], None
+    rows["reward"] = 0.0
+    first, shown = info_columns(task), air_columns(task)
+
+    def judged(table: Floats, before: Floats, after: Floats, controls: Floats) -> Floats:
+        columns = np.ascontiguousarray(table.T)
+        columns[first + REWARD] = 0.0
+        return reward(StepOutcome(columns[first:], before, after, controls, columns[shown], names))
+
+    return [rows[name] for name in names], (first + REWARD, judged)
 
 
 def _observation(
     task: TaskSpec, recorder: Recorder, controls: list[Value], air: list[Value]
-) -> tuple[tuple[Lookup, ...], int]:
-    tables = WeatherTables.of(task)
+) -> tuple[tuple[Lookup, ...], tuple[tuple[slice, Any], ...], int]:
+    tables, nominal = WeatherTables.of(task), task.model_value.Parameters(*task.parameters().tolist())
     lookups: list[Lookup] = []
+    parts: list[tuple[slice, Any]] = []
     at = 0
-    for name in task.observation.modules:
-        for shown in shown_by(name, task, tables) or ():
+    for name, width in observed_widths(task):
+        make = python_part(name)
+        if make is not None:
+            parts.append((slice(at, at + width), make(task, tables)))
+            at += width
+            continue
+        for shown in shown_by(name, task, tables):
             if isinstance(shown, TableRows):
                 lookups.append(Lookup(shown.table, at, shown.rows, shown.clocked, shown.ahead))
                 at += shown.rows * shown.table.shape[1]
+            elif isinstance(shown, Formula):
+                recorder.output("observation", at, shown.of(_recorded_states(task, recorder), nominal))
+                at += 1
             else:
                 at = _numbers(shown, at, recorder, controls, air)
-    return tuple(lookups), at
+    return tuple(lookups), tuple(parts), at
+
+
+def _recorded_states(task: TaskSpec, recorder: Recorder) -> ByName:
+    """The state after the step by the names of the equations, recorded as far as it is asked for."""
+
+    class AsAskedFor(dict[int, Value]):
+        def __missing__(self, place: int) -> Value:
+            return recorder.input("after", place)
+
+    return ByName(task.model_value.states, AsAskedFor())
 
 
 def _numbers(shown: Numbers, at: int, recorder: Recorder, controls: list[Value], air: list[Value]) -> int:

@@ -1,181 +1,320 @@
-"""Steps with numpy around any kernel: the reference for the compiled environments, and what steps where they cannot."""
+"""A program run with numpy around any kernel: the reference for the compiled environments, and what steps where they cannot.
+
+The tapes are those that the compiled kernel runs, so that no formula stands anywhere twice. Parts of a task that somebody
+registered are Python, which no tape can hold; here they are called where the tapes leave a gap.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-from functools import cached_property
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from glbench.env.accounts import make_accounts
-from glbench.env.actuation import ActionReader, make_actuation
-from glbench.env.climate import AIR_STATES, AirReader
-from glbench.env.observations import Observer
-from glbench.env.quantities import EPI, PENALTY, REWARD
-from glbench.env.rewards import StepOutcome, make_reward
-from glbench.env.step_result import StepResult, read_only
-from glbench.env.uncertainty import ParameterDraws
-from glbench.model import CONTROL_NAMES, STATE_NAMES
+from glbench.env.philox import uniforms
+from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters, Deviation
+from glbench.kernel.environment import ActionBounds, ParameterNoise, Program
+from glbench.kernel.tape import Source, Tape
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
     from glbench.kernel import StepFailure
-    from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 
+ROWS_AHEAD = 1024
+"""About how many rows of draws are made at once: the generator is far quicker for many than for one."""
+STEPS_AHEAD = 64
 
-class ReferenceRuns:
-    """The runs of a simulation, stepped with numpy; attributes and methods as ``glbench.env.runs.Runs`` says."""
+_NOT_DRAWN = -(2**40)
+"""First draw at hand when there is none: every other is far ahead of it."""
 
-    def __init__(self, task: TaskSpec, n: int, kernel: Stepper) -> None:
-        self.task, self.n, self._kernel = task, n, kernel
-        self._accounts = make_accounts(task)
-        self._weather = task.disturbances(extra_rows=task.observation.forecast_steps)
-        self._observer = Observer(task)
-        self._reward = make_reward(task, self._accounts)
-        self._actuation = make_actuation(task)
-        self._read_actions, self._read_controls = ActionReader.of_task(task), ActionReader.of_controls()
-        self._draws = ParameterDraws(task, n)
-        self._read_air = AirReader(n)
-        self._delivered = np.array([[capacity.at_one] for capacity in task.capacities()])
-        self._furthest = 0  # no run has taken more steps than this: spares a look at every run in every step
-        self.result: StepResult | None = None
-        self.place(
-            np.zeros((n, len(STATE_NAMES))),
-            np.zeros((n, len(CONTROL_NAMES))),
-            np.zeros(n, np.int64),
-            np.zeros(n, np.bool_),
-        )
+
+@dataclass(frozen=True, eq=False)
+class ObservationInputs:
+    """What an observation may look at, for ``n`` rows.
+
+    Attributes
+    ----------
+    states, controls
+        After the step, ``(n, s)``, and fractions ``(n, c)``.
+    air
+        Air temperature [degC], CO2 [ppm] and relative humidity [%], ``(3, n)``.
+    steps
+        Steps taken.
+    weather_rows
+        Row of the weather's tables to show, by the task's timing: the one that acts next ("current") or the one that has just
+        acted ("published").
+    clock_rows
+        Row of the clock's table.
+    """
+
+    states: Floats
+    controls: Floats
+    air: Floats
+    steps: NDArray[np.int64]
+    weather_rows: NDArray[np.int64]
+    clock_rows: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class PythonParts:
+    """The parts of a task that no tape holds.
+
+    Attributes
+    ----------
+    air
+        Columns of the table with the air.
+    actuation
+        Controls ``(n, c)`` from the controls in force and the actions ``(n, m)``.
+    reward
+        The column of the table, and what gives it from the table ``(n, width)``, the states before and after, and the controls.
+    observation
+        Columns, and what gives them.
+    deviations
+        The distribution of each group of the program's parameters.
+    followers
+        What follows from drawn parameters by more than arithmetic.
+    """
+
+    air: slice
+    actuation: Callable[[Floats, Floats], Floats] | None = None
+    reward: tuple[int, Callable[[Floats, Floats, Floats, Floats], Floats]] | None = None
+    observation: tuple[tuple[slice, Callable[[ObservationInputs], NDArray[np.floating[Any]]]], ...] = ()
+    deviations: tuple[Deviation, ...] = ()
+    followers: DerivedParameters | None = None
+
+
+NO_PARTS = PythonParts(slice(0, 0))
+
+
+class PlainEnvironments:
+    """``n`` environments of ``program`` around ``kernel``, of a model with ``states``; see ``glbench.kernel.environment.Environments``."""
+
+    def __init__(self, program: Program, n: int, kernel: Stepper, states: int, parts: PythonParts = NO_PARTS) -> None:
+        self._program, self._kernel, self._parts, self._n = program, kernel, parts, n
+        self.x = np.zeros((n, states))
+        self.u = np.zeros((n, len(program.controls.low)))
+        self.k = np.zeros(n, np.int64)
+        self.ended = np.zeros(n, np.bool_)
+        self.keys = np.zeros((n, program.keys, 2), np.uint64)
+        self.days, self.first = np.zeros((n, program.days), np.int64), np.zeros(n, np.int64)
+        self.parameters = np.tile(program.nominal, (n if program.own_parameters else 1, 1))
+        self.traits, self.memory = np.zeros((n, program.traits)), np.zeros((n, program.memory))
+        self.given = np.zeros((n, len(program.actions.low)))
+        self.given_controls = np.zeros((n, len(program.controls.low)))
+        self.table = np.zeros((n, program.width))
+        self.observations = np.zeros((n, program.columns), np.float32)
+        self._rows = np.arange(n)
+        deviations = parts.deviations or (DISTRIBUTIONS[UNIFORM],) * len(program.drawn)
+        self._groups = [_Group(noise, deviation, n) for noise, deviation in zip(program.drawn, deviations, strict=True)]
+        self._p = np.empty((n, len(program.nominal)))
+        self._failed: list[StepFailure] = []
+        self._forget()
 
     @property
     def over(self) -> int:
-        """How many runs have ended."""
-        return int(np.count_nonzero(self.ended)) if self._any_ended else 0
+        """How many environments have ended."""
+        return int(np.count_nonzero(self.ended))
 
-    @property
-    def head(self) -> Floats:
-        """What ``info`` tells of every run besides the step's quantities, ``(12, n)``."""
-        k, weather = self.k, self._weather
-        return np.vstack([k, weather.hour_of_day[k], weather.day_of_year[k], self.air, self.u.T * self._delivered])
+    def step(self) -> int:
+        """Take a step with the actions ``given``; see ``Environments``."""
+        actions = self._accepted(self._program.actions, self.given)
+        if actions is None:
+            return -1
+        if self._parts.actuation is not None:
+            return self._advance(np.array(self._parts.actuation(self.u, actions), dtype=np.float64))
+        controls = np.zeros_like(self.u)
+        running = ~self.ended
+        read = self._reader(self.x, self.x, self.u, self._program.actuation, self.k, given=actions, acts=self.k)
+        for target, index, values in self._program.actuation.play(read):
+            if target == "memory":
+                self.memory[running, index] = np.broadcast_to(values, self._n)[running]
+            else:
+                controls[:, index] = values
+        return self._advance(controls)
 
-    def start(self, rows: NDArray[np.intp], seeds: Sequence[int], state: Floats) -> None:
-        """Start the runs in ``rows`` with ``seeds`` from ``state``."""
-        x, u, k, ended = self.x.copy(), self.u.copy(), self.k.copy(), self.ended.copy()
-        x[rows], u[rows], k[rows], ended[rows] = state, 0.0, 0, False
-        self._draws.start(rows, seeds)
-        self.place(x, u, k, ended)
+    def step_controls(self) -> int:
+        """Take a step with ``given_controls``, as they are."""
+        controls = self._accepted(self._program.controls, self.given_controls)
+        return -1 if controls is None else self._advance(controls)
 
-    def restore(
-        self,
-        x: Floats,
-        u: Floats,
-        k: NDArray[np.int64],
-        ended: NDArray[np.bool_],
-        seeds: Sequence[int],
-        result: StepResult | None = None,
-    ) -> None:
-        """Continue all runs from where a snapshot left them."""
-        self._draws.start(np.arange(self.n), seeds)
-        self.place(x.copy(), u.copy(), k.copy(), ended.copy())
-        self.result = result
+    def observe(self) -> None:
+        """Fill ``table`` and ``observations`` from where the environments stand."""
+        self._forget()
+        self._look(self.x, self.x, self.k, standing=True)
 
-    def place(self, x: Floats, u: Floats, k: NDArray[np.int64], ended: NDArray[np.bool_]) -> None:
-        """Take over arrays as they are."""
-        self.x, self.u, self.k = read_only(x), read_only(u), read_only(k)
-        self.air = self._air_of(x)
-        self._set_ended(ended)
-        self._furthest = int(k.max())
-        self.result = None
+    def failures(self) -> list[StepFailure]:
+        """Environments that failed in the last step, in words."""
+        return self._failed
 
-    def end(self, rows: NDArray[np.intp]) -> None:
-        """End the runs in ``rows`` where they stand."""
-        ended = self.ended.copy()
-        ended[rows] = True
-        self._set_ended(ended)
+    def _forget(self) -> None:
+        """Make nothing of what was drawn ahead: keys and parameters may be others."""
+        self._p[:] = self.parameters
+        for group in self._groups:
+            group.first[:] = _NOT_DRAWN
 
-    def observe(self) -> NDArray[np.float32]:
-        """Observations of all runs as they stand."""
-        return self._observer(self.x, self.u, self.air, self.k)
+    def _accepted(self, bounds: ActionBounds, given: Floats) -> Floats | None:
+        """Values within their bounds; ``None`` when one of an environment that runs is not accepted."""
+        values = given.copy()
+        values[self.ended] = bounds.low
+        if not ((values >= bounds.lowest) & (values <= bounds.highest)).all():  # False for NaN as well
+            return None
+        values += 0.0  # -0.0 becomes 0.0: which of two zeros is the larger depends on the place in the batch
+        limited: Floats = np.minimum(np.maximum(values, bounds.low), bounds.high)
+        return limited
 
-    def step(self, actions: ArrayLike) -> StepResult:
-        """One step with actions."""
-        checked = self._read_actions(actions, self.n, self.ended if self._any_ended else None)
-        return self._advance(self._actuation(self.u, checked))
+    def _advance(self, controls: Floats) -> int:
+        """One step of all environments that run under ``controls``, which are this method's to keep."""
+        program, before, had_ended = self._program, self.x, self.ended.copy()
+        controls[had_ended] = self.u[had_ended]
+        after, self._failed = self._flow(controls)
+        taken = ~had_ended
+        taken[[failure.row for failure in self._failed]] = False
+        started = self.k.copy()
+        self.k[taken] += 1
+        self.x, self.u = after, controls
+        if len(program.update.outputs) and taken.any():
+            read = self._reader(before, after, controls, program.update, started)
+            for _, index, values in program.update.play(read):
+                self.memory[taken, index] = np.broadcast_to(values, self._n)[taken]
+        self._look(before, after, started, standing=False)
+        self.table[had_ended, program.info_columns :] = 0.0
+        for failure in self._failed:
+            self.ended[failure.row] = True
+            for column, value in program.charges.items():
+                self.table[failure.row, column] = value
+        self.ended |= self.k >= program.steps
+        return len(self._failed)
 
-    def step_controls(self, controls: ArrayLike) -> StepResult:
-        """One step with controls, without actuation."""
-        return self._advance(self._read_controls(controls, self.n, self.ended if self._any_ended else None))
-
-    def step_single(self, action: ArrayLike) -> tuple[NDArray[np.float32], list[float], bool]:
-        """One step of the only run."""
-        result = self.step(np.asarray(action)[None])
-        numbers = [*self.head[:, 0].tolist(), *result.table[:, 0].tolist()]
-        return result.observations[0], numbers, bool(result.terminated[0])
-
-    @cached_property
-    def _charge(self) -> tuple[float, float, float]:
-        charge = self.task.evaluation.failed_step
-        return charge.reward, charge.epi, charge.penalty
-
-    def _air_of(self, x: Floats) -> Floats:
-        temperature, density, pressure = AIR_STATES
-        return read_only(self._read_air(x[:, temperature], x[:, density], x[:, pressure]))
-
-    def _set_ended(self, ended: NDArray[np.bool_]) -> None:
-        self.ended = read_only(ended)
-        self._any_ended = bool(ended.any())
-
-    def _advance(self, controls: Floats) -> StepResult:
-        """One step of all running rows under ``controls``, which are this method's to keep."""
-        before, had_ended = self.x, self.ended if self._any_ended else None
-        if had_ended is not None:
-            controls[had_ended] = self.u[had_ended]
-        after, failed = self._flow(controls, had_ended)
-        self.x, self.u = read_only(after), read_only(controls)
-        self.k = read_only(self._count(had_ended, failed))
-        self._end_runs(failed)
-        air = self.air = self._air_of(after)
-        table = self._accounts.quantities(before, after, controls, air)
-        table[REWARD] = self._reward(StepOutcome(table, before, after, controls, air))
-        for failure in failed:
-            table[[REWARD, EPI, PENALTY], failure.row] = self._charge
-        if had_ended is not None:
-            table[:, had_ended] = 0.0
-        observations = self._observer(after, controls, air, self.k)
-        self.result = StepResult(observations, table[REWARD], self.ended, failed, table)
-        return self.result
-
-    def _flow(self, controls: Floats, had_ended: NDArray[np.bool_] | None) -> tuple[Floats, list[StepFailure]]:
-        """States after the step, and the rows that failed; rows that had ended are not integrated."""
-        disturbances = self._weather.values.take(self.k, axis=0)
-        parameters = self._draws.parameters(self.k)
-        if had_ended is None:
-            return self._kernel.try_step(self.x, controls, disturbances, parameters)
-        rows = np.flatnonzero(~had_ended)
-        own = parameters if parameters.ndim == 1 else parameters[rows]
-        moved, failed = self._kernel.try_step(self.x[rows], controls[rows], disturbances[rows], own)
+    def _flow(self, controls: Floats) -> tuple[Floats, list[StepFailure]]:
+        """States after the step, and the rows that failed; rows that have ended are not integrated."""
+        weather = self._program.weather[self._weather_rows(self.k)]
+        parameters = self._drawn_parameters()
+        if not self.ended.any():
+            return self._kernel.try_step(self.x, controls, weather, parameters)
         after = self.x.copy()
+        rows = np.flatnonzero(~self.ended)
+        if rows.size == 0:
+            return after, []
+        own = parameters if parameters.ndim == 1 else parameters[rows]
+        moved, failed = self._kernel.try_step(self.x[rows], controls[rows], weather[rows], own)
         after[rows] = moved
         return after, [replace(failure, row=int(rows[failure.row])) for failure in failed]
 
-    def _count(self, had_ended: NDArray[np.bool_] | None, failed: list[StepFailure]) -> NDArray[np.int64]:
-        """Steps taken by each row, now that this one is done."""
-        counted = self.k + 1
-        if had_ended is not None:
-            counted[had_ended] -= 1
-        for failure in failed:
-            counted[failure.row] -= 1
-        return counted
+    def _drawn_parameters(self) -> Floats:
+        """Parameters of this step: ``(p,)`` where all share them, else ``(n, p)``."""
+        program = self._program
+        if not program.drawn:
+            return self.parameters if program.own_parameters else self.parameters[0]
+        for number, group in enumerate(self._groups):
+            deviations = group.deviations(self.keys[:, number], self.k)
+            self._p[:, group.places] = self.parameters[:, group.places] * (1.0 + deviations)
+        if self._parts.followers is not None:
+            self._parts.followers.complete(self._p)
+        for _, place, values in program.followers.play(lambda source, index: self._p[:, index].copy()):
+            self._p[:, place] = values
+        return self._p
 
-    def _end_runs(self, failed: list[StepFailure]) -> None:
-        """Mark the rows that failed or reached the horizon."""
-        self._furthest += 1
-        if not failed and self._furthest < self.task.steps:
-            return
-        ended = self.ended | (self.k >= self.task.steps)
-        ended[[failure.row for failure in failed]] = True
-        self._set_ended(ended)
+    def _weather_rows(self, steps: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Rows of the pool that are the weather of ``steps``, ``(n,)`` or ``(n, m)``."""
+        day = self._program.day
+        rows = self._rows if steps.ndim == 1 else self._rows[:, None]
+        return self.days[rows, steps // day] + steps % day
+
+    def _shown(self) -> NDArray[np.int64]:
+        """Steps whose weather is shown."""
+        return np.maximum(self.k - self._program.lag, 0)
+
+    def _noise(self) -> Floats:
+        """The numbers of all streams in this step, side by side."""
+        streams = enumerate(self._program.streams, len(self._program.drawn))
+        numbers = [uniforms(self.keys[:, place], self.k[:, None], count)[:, 0] for place, count in streams]
+        return np.hstack(numbers)
+
+    def _reader(
+        self,
+        before: Floats,
+        after: Floats,
+        controls: Floats,
+        tape: Tape,
+        started: NDArray[np.int64],
+        *,
+        given: Floats | None = None,
+        acts: NDArray[np.int64] | None = None,
+    ) -> Callable[[Source, int], Any]:
+        """What a tape reads; ``acts`` are the steps whose weather it sees, those shown by default."""
+        program = self._program
+        calendar = {"calendar": self.first + self.k, "calendar_before": self.first + started}
+        arrays = {
+            "before": before,
+            "after": after,
+            "controls": controls,
+            "given": given,
+            "trait": self.traits,
+            "memory": self.memory.copy(),
+            "noise": self._noise() if tape.reads("noise") else None,
+        }
+
+        def read(source: Source, index: int) -> Any:
+            if source in calendar:
+                return program.calendar[calendar[source], index]
+            if source == "weather":
+                return program.weather[self._weather_rows(self._shown() if acts is None else acts), index]
+            if source == "counter":
+                return (self.k if index == 0 else self._shown()).astype(np.float64)
+            array = arrays[source]
+            assert array is not None
+            return array[:, index]
+
+        return read
+
+    def _look(self, before: Floats, after: Floats, started: NDArray[np.int64], *, standing: bool) -> None:
+        program, parts = self._program, self._parts
+        read = self._reader(before, after, self.u, program.outcome, started)
+        with np.errstate(over="ignore"):
+            for target, index, values in program.outcome.play(read):
+                (self.table if target == "table" else self.observations)[:, index] = values
+        for lookup in program.lookups:
+            ahead = np.arange(lookup.rows) + lookup.ahead
+            clock, weather = (self.first + self.k)[:, None] + ahead, self._shown()[:, None] + ahead
+            rows = clock if lookup.clocked else self._weather_rows(weather)
+            width = lookup.rows * lookup.table.shape[1]
+            self.observations[:, lookup.at : lookup.at + width] = lookup.table[rows].reshape(self._n, width)
+        if parts.reward is not None and not standing:
+            column, reward = parts.reward
+            self.table[:, column] = reward(self.table, before, after, self.u)
+        if parts.observation:
+            air = self.table[:, parts.air].T.copy()
+            rows = self._weather_rows(self._shown())
+            inputs = ObservationInputs(after, self.u, air, self.k.copy(), rows, self.first + self.k)
+            for columns, part in parts.observation:
+                self.observations[:, columns] = part(inputs)
+
+
+class _Group:
+    """Draws of a group of parameters, some steps ahead."""
+
+    def __init__(self, noise: ParameterNoise, deviation: Deviation, n: int) -> None:
+        self.places = np.asarray(noise.places)
+        self._half_width, self._every, self._deviation = noise.half_width, noise.every, deviation
+        self._ahead = max(1, min(STEPS_AHEAD, ROWS_AHEAD // n))
+        self.first = np.full(n, _NOT_DRAWN)
+        self._drawn = np.empty((n, self._ahead, len(self.places)))
+        self._rows = np.arange(n)
+
+    def deviations(self, keys: NDArray[np.uint64], k: NDArray[np.int64]) -> Floats:
+        """Relative deviations in the steps ``k`` of the runs, ``(n, places)``."""
+        wanted = k // self._every
+        offset = wanted - self.first
+        if offset.max() >= self._ahead:
+            rows = np.flatnonzero(offset >= self._ahead)
+            steps = wanted[rows, None] + np.arange(self._ahead)
+            numbers = uniforms(keys[rows], steps, len(self.places))
+            self._drawn[rows] = self._deviation(numbers, self._half_width)
+            self.first[rows] = wanted[rows]
+            offset[rows] = 0
+        found: Floats = self._drawn[self._rows, offset]
+        return found

@@ -72,7 +72,7 @@ class Camera:
             rows, self._trails = range(simulation.n), [None] * simulation.n  # type: ignore[list-item]
         for row in rows:
             trail = self._trails[row] = Trail(int(simulation.k[row]), simulation.task.step_seconds)
-            trail.add(simulation.head[SHOWN, row].tolist())
+            trail.add(simulation.info_columns[SHOWN, row].tolist())
 
     def follow_only(self, numbers: Sequence[float], epi: float) -> None:
         """Note a step of the only run, from the numbers of ``Simulation.step_single``."""
@@ -80,7 +80,7 @@ class Camera:
 
     def follow(self, result: StepResult, rows: Iterable[int]) -> None:
         """Note the step that ``rows`` have taken."""
-        shown, epi = self._simulation.head[SHOWN].T.tolist(), result.table[EPI].tolist()
+        shown, epi = self._simulation.info_columns[SHOWN].T.tolist(), result.table[EPI].tolist()
         for row in rows:
             self._trails[row].add(shown[row], epi[row])
 

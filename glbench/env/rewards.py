@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.parts import Parts
-from glbench.env.quantities import QUANTITY_NAMES
+from glbench.env.factories import Factories
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.tasks.vocabulary import REWARD_MODULES
 
@@ -42,7 +41,7 @@ class StepOutcome:
     after: NDArray[np.float64]
     controls: NDArray[np.float64]
     air: NDArray[np.float64]
-    names: tuple[str, ...] = QUANTITY_NAMES
+    names: tuple[str, ...]
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """One quantity of the step, ``(n,)``."""
@@ -61,7 +60,7 @@ RewardPart = Callable[[StepOutcome], NDArray[np.float64]]
 MakeReward = Callable[["TaskSpec", "Accounts"], RewardPart]
 """Makes a part for a task; the accounts hold its prices, limits and the bounds of its EPI."""
 
-REWARDS: Parts[MakeReward] = Parts("reward module", REWARD_MODULES)
+REWARDS: Factories[MakeReward] = Factories("reward module", REWARD_MODULES)
 
 
 def register_reward(name: str, meaning: str, make: MakeReward) -> None:

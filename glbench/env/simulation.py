@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.env.accounts import make_accounts
-from glbench.env.fused import FusedRuns
 from glbench.env.kernels import SCORING_PRESET, Stepper, check_kernel, shared_kernel
-from glbench.env.runs import Runs, check_parts, make_runs
+from glbench.env.program import make_program
+from glbench.env.runs import Runs
 from glbench.env.seeds import checked_seed, no_generators
 from glbench.env.snapshot import Snapshot
 from glbench.env.spaces import the_task
@@ -52,7 +52,7 @@ class Simulation:
         Number of runs, 1 or more.
     kernel
         What integrates a step: a ``Kernel``, or the name of a preset, by default ``"reference"``, for a kernel that all
-        simulations of this thread share. A ``KernelPool`` spreads the rows over processes; who made it closes it.
+        simulations of this thread share.
     fused
         Whether a step may be one call of the compiled kernel, where that is the kernel and every part of the task is one that
         glbench ships. It changes no bit; without it numpy steps around the kernel.
@@ -62,7 +62,7 @@ class Simulation:
     seeds
         Seeds of the runs ``(n,)``, read-only.
     p_nominal
-        Nominal parameters ``(208,)``.
+        Nominal parameters ``(parameters,)``.
     """
 
     def __init__(
@@ -74,11 +74,9 @@ class Simulation:
         self.n = n
         self.p_nominal = task.parameters()
         self.accounts = make_accounts(task)
-        check_parts(task, self.accounts)
+        make_program(task)  # raises for a part that the task names and nobody made, or that does not fit it
         self._given_kernel = kernel
         self._may_fuse = fused
-        self._start = task.initial_state()
-        self._weather = task.disturbances(extra_rows=task.observation.forecast_steps)
         self._begun = False
         self.seeds = read_only(np.zeros(n, dtype=np.uint64))
 
@@ -87,31 +85,27 @@ class Simulation:
         """What integrates a step."""
         given = self._given_kernel
         if given is None or isinstance(given, str):
-            return shared_kernel(self.task.step_seconds, self.task.model.variant, given or SCORING_PRESET)
+            return shared_kernel(self.task.model_value, self.task.step_seconds, given or SCORING_PRESET)
         return given
 
     @cached_property
     def _runs(self) -> Runs:
         """Made when first needed, because it may compile the kernel."""
-        runs = make_runs(self.task, self.n, self.kernel, fused=self._may_fuse)
-        n = self.n
-        controls, steps, ended = np.zeros((n, 6)), np.zeros(n, np.int64), np.zeros(n, np.bool_)
-        runs.restore(np.tile(self._start, (n, 1)), controls, steps, ended, [0] * n)
-        return runs
+        return Runs(self.task, self.n, self.kernel, fused=self._may_fuse)
 
     @property
     def fused(self) -> bool:
         """Whether a step is one call of the compiled kernel."""
-        return isinstance(self._runs, FusedRuns)
+        return self._runs.fused
 
     @property
     def x(self) -> Floats:
-        """States ``(n, 28)``, read-only; replaced in every step, never written to."""
+        """States ``(n, states)``, read-only; replaced in every step, never written to."""
         return self._runs.x
 
     @property
     def u(self) -> Floats:
-        """Controls in force ``(n, 6)``, fractions; read-only, replaced in every step."""
+        """Controls in force ``(n, controls)``, fractions; read-only, replaced in every step."""
         return self._runs.u
 
     @property
@@ -135,9 +129,9 @@ class Simulation:
         return self._runs.air
 
     @property
-    def head(self) -> Floats:
-        """Steps taken, hour of day [h], day of year, the air, controls in physical units, ``(12, n)``: ``info`` without a step."""
-        return self._runs.head
+    def info_columns(self) -> Floats:
+        """Steps taken, hour of day [h], day of year, air, controls in physical units, ``(columns, n)``: ``info`` without a step."""
+        return self._runs.info
 
     @property
     def result(self) -> StepResult | None:
@@ -146,26 +140,26 @@ class Simulation:
 
     @property
     def d(self) -> Floats:
-        """Disturbances that act in each run's next step, ``(n, 10)``: what a privileged controller may know."""
-        rows: Floats = self._weather.values[self.k]
+        """Disturbances that act in each run's next step, ``(n, disturbances)``: what a privileged controller may know."""
+        rows: Floats = self._runs.scenarios.pool.values[self._runs.weather_rows]
         return rows
 
     @property
     def hour_of_day(self) -> Floats:
         """Hour of day at the start of each run's next step, ``(n,)``, 0 to 24."""
-        rows: Floats = self._weather.hour_of_day[self.k]
+        rows: Floats = self._runs.scenarios.pool.calendar[self._runs.calendar_rows, 0]
         return rows
 
     @property
     def day_of_year(self) -> Floats:
         """Day of year at the start of each run's next step, ``(n,)``, 0 at the start of 1 January."""
-        rows: Floats = self._weather.day_of_year[self.k]
+        rows: Floats = self._runs.scenarios.pool.calendar[self._runs.calendar_rows, 1]
         return rows
 
     @property
     def time(self) -> NDArray[np.datetime64]:
         """Date and time (UTC) at the start of each run's next step, ``(n,)``."""
-        rows: NDArray[np.datetime64] = self._weather.times[self.k]
+        rows: NDArray[np.datetime64] = self._runs.scenarios.pool.times[self._runs.calendar_rows]
         return rows
 
     def reset(self, seeds: Sequence[int] | NDArray[np.integer], rows: ArrayLike | None = None) -> NDArray[np.float32]:
@@ -193,7 +187,7 @@ class Simulation:
         all_seeds = self.seeds.copy()
         all_seeds[chosen] = np.array(numbers, dtype=np.uint64)
         self.seeds = read_only(all_seeds)
-        self._runs.start(chosen, numbers, self._start)
+        self._runs.start(chosen, numbers)
         self._begun = True
         return self.observe()
 
@@ -225,7 +219,7 @@ class Simulation:
         Returns
         -------
         observation, numbers, ended
-            ``(columns,)`` float32; the numbers of ``head`` and, after them, the step's quantities; whether the run has ended.
+            ``(columns,)`` float32; the numbers of ``info_columns`` and, after them, the step's quantities; whether the run has ended.
             ``result`` has the rest.
         """
         runs = self._runs
@@ -234,7 +228,7 @@ class Simulation:
         return runs.step_single(action)
 
     def step_controls(self, controls: ArrayLike) -> StepResult:
-        """Take one step with ``controls`` ``(n, 6)``, fractions applied as they are: no actuation, no rate limit.
+        """Take one step with ``controls`` ``(n, controls)``, fractions applied as they are: no actuation, no rate limit.
 
         For privileged controllers and for replaying. Raises as ``step`` does.
         """
@@ -264,7 +258,9 @@ class Simulation:
         """What ``restore`` needs to continue from here with the same bits."""
         self._check_begun()
         task = self.task
-        return Snapshot(task.id, task.digest, self.x, self.u, self.k, self.seeds, self.ended, no_generators())
+        return Snapshot(
+            task.id, task.digest, self.x, self.u, self.k, self.seeds, self.ended, no_generators(), self._runs.memory
+        )
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
         """Continue from ``snapshot``; the observations of all rows, ``(n, columns)`` float32.
@@ -290,8 +286,7 @@ class Simulation:
 
     def _continue(self, snapshot: Snapshot, result: StepResult | None) -> None:
         self.seeds = read_only(snapshot.seeds.copy())
-        seeds = self.seeds.tolist()
-        self._runs.restore(snapshot.states, snapshot.controls, snapshot.steps, snapshot.ended, seeds, result)
+        self._runs.restore(snapshot, result)
         self._begun = True
 
     def _rows(self, rows: ArrayLike | None) -> NDArray[np.intp]:

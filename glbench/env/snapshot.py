@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 
 from glbench.errors import ResultError
 
-_FORMAT = 1
+_FORMAT = 2
+"""Format 1 had no memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
     """Everything that the rest of ``n`` episodes depends on, besides task and actions.
 
-    Weather and parameter draws are not in it: they follow from task, seed and step. The same actions after ``restore``
+    Weather, parameters and draws are not in it: they follow from task, seed and step. The same actions after ``restore``
     give the same bits as without it, in this process or another.
 
     Attributes
@@ -27,12 +28,14 @@ class Snapshot:
     task_id, task_digest
         The task it belongs to.
     states, controls
-        Model states ``(n, 28)`` and controls in force ``(n, 6)``, fractions.
+        Model states ``(n, s)`` and controls in force ``(n, c)``, fractions.
     steps, seeds, ended
         Steps taken, episode seeds and whether the episode has ended, each ``(n,)``.
     generators
         Where the seeds of the next episodes come from: states of the environments' ``np_random``, ``(n, 6)`` words, or
         ``(0, 6)`` when there are none.
+    memory
+        What runs keep from step to step besides states and controls, ``(n, m)``: nothing (m = 0) in most tasks.
     """
 
     task_id: str
@@ -43,6 +46,7 @@ class Snapshot:
     seeds: NDArray[np.uint64]
     ended: NDArray[np.bool_]
     generators: NDArray[np.uint64]
+    memory: NDArray[np.float64]
 
     @property
     def n(self) -> int:
@@ -53,7 +57,7 @@ class Snapshot:
         """Some of the rows, in the order given; the same row may be taken several times, to try several ways from it."""
         chosen = np.atleast_1d(np.asarray(rows, dtype=np.intp))
         picked: dict[str, Any] = {
-            name: getattr(self, name)[chosen] for name in ("states", "controls", "steps", "seeds", "ended")
+            name: getattr(self, name)[chosen] for name in ("states", "controls", "steps", "seeds", "ended", "memory")
         }
         if len(self.generators):
             picked["generators"] = self.generators[chosen]
@@ -77,10 +81,13 @@ class Snapshot:
         """
         try:
             with np.load(io.BytesIO(data), allow_pickle=False) as file:
-                if int(file["format"]) != _FORMAT:
-                    msg = f"The snapshot has format {int(file['format'])}; this version of glbench reads format {_FORMAT}."
+                found = int(file["format"])
+                if not 1 <= found <= _FORMAT:
+                    msg = f"The snapshot has format {found}; this version of glbench reads formats 1 to {_FORMAT}."
                     raise ResultError(msg)
-                values: dict[str, Any] = {field.name: file[field.name] for field in fields(cls)}
+                names = [field.name for field in fields(cls) if found > 1 or field.name != "memory"]
+                values: dict[str, Any] = {name: file[name] for name in names}
+                values.setdefault("memory", np.zeros((len(values["states"]), 0)))
         except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
             msg = f"These {len(data)} bytes are no snapshot, or a damaged one: {error}. Take a new one with snapshot()."
             raise ResultError(msg) from error

@@ -14,7 +14,7 @@ from glbench.tasks.quantities import LIMITED
 HOURS_SHOWN = 48.0
 
 SHOWN = slice(3, 3 + len(LIMITED) + len(CONTROL_NAMES))
-"""Rows of ``Simulation.head`` that a trail keeps: the air and the controls in physical units."""
+"""Rows of ``Simulation.info_columns`` that a trail keeps: the air and the controls in physical units."""
 AIR = slice(0, len(LIMITED))
 CONTROLS = slice(len(LIMITED), -1)
 MONEY = -1

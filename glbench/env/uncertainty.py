@@ -1,38 +1,33 @@
-"""Uncertain crop parameters: drawn anew in every step, or once an episode, from addresses instead of a stream.
+"""Uncertain parameters: how they deviate from their nominal values, and what follows from them.
 
-The draw of parameter j in step k of the run with seed s of task t is a function of (t, s, k, j) and of nothing else. See
-docs/adr/0006-counter-based-uncertainty-draws.md.
+Every number comes from an address instead of a stream: the draw of parameter j in step k of a run is a function of the run's key, of k
+and of j, and of nothing else. See docs/adr/0006-counter-based-uncertainty-draws.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.derived import DerivedParameters
-from glbench.env.parts import Parts
-from glbench.env.philox import key_of, uniforms
+from glbench.env.factories import Factories
+from glbench.env.philox import key_of
+from glbench.kernel.tape import Recorder, Tape, Value
+from glbench.model import Model
+from glbench.tasks.scenario import Scenario
 from glbench.tasks.vocabulary import DISTRIBUTIONS as DISTRIBUTION_WORDS
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 
 Deviation = Callable[[Floats, float], Floats]
 """Relative deviations from uniform numbers in [0, 1) and the task's half width; element by element."""
 
-DISTRIBUTIONS: Parts[Deviation] = Parts("distribution", DISTRIBUTION_WORDS)
+DISTRIBUTIONS: Factories[Deviation] = Factories("distribution", DISTRIBUTION_WORDS)
 
-ROWS_AHEAD = 1024
-"""About how many rows of draws are made at once: the generator is far quicker for many than for one."""
-STEPS_AHEAD = 64
-
-_NOT_DRAWN = -(2**40)
-"""First step of the draws at hand when there are none: every step is far behind it."""
+UNIFORM = "uniform"
+"""The distribution that the compiled step draws itself."""
 
 
 def register_distribution(name: str, meaning: str, deviation: Deviation) -> None:
@@ -54,67 +49,78 @@ def _uniform(numbers: Floats, half_width: float) -> Floats:
     return (2.0 * numbers - 1.0) * half_width
 
 
-DISTRIBUTIONS.provide("uniform", "parameters times 1 + e, e uniform between minus and plus the half width", _uniform)
+DISTRIBUTIONS.provide(UNIFORM, "parameters times 1 + e, e uniform between minus and plus the half width", _uniform)
 
 
 def draw_key(task_id: str, seed: int) -> tuple[int, int]:
-    """Key of the draws of the run with ``seed`` of the task ``task_id``."""
+    """Key of the parameters of the run with ``seed`` of a task of schema 1."""
     return key_of(f"glbench uncertain parameters\n{task_id}\n{seed}")
 
 
-class ParameterDraws:
-    """Model parameters of ``n`` runs of a task, step by step.
+def stream_key(scenario: Scenario, seed: int, stream: str) -> tuple[int, int]:
+    """Key of one stream of random numbers of the run with ``seed``: tasks of a family and salt share it, streams never do."""
+    if scenario.legacy:
+        return draw_key(scenario.family, seed)
+    return key_of(f"glbench\n{scenario.family}\n{scenario.salt}\n{seed}\n{stream}")
 
-    Without uncertainty nothing is drawn and every row shares the nominal vector.
+
+class DerivedParameters:
+    """Carries draws of uncertain parameters through to the derived ones, by the model's own formulas.
+
+    With the crop parameters that is the leaf mass at which leaves are pruned: cLeafMax = laiMax/sla. A derived parameter
+    that depends on none of the uncertain ones keeps its value.
+
+    Parameters
+    ----------
+    model, nominal
+        The model and its parameters.
+    uncertain
+        Places of the parameters that are drawn.
+
+    Attributes
+    ----------
+    followers
+        Places of the derived parameters that follow from them, even if they are among them.
     """
 
-    def __init__(self, task: TaskSpec, n: int) -> None:
-        uncertainty = task.uncertainty
-        self.nominal = task.parameters()
-        self.certain = uncertainty.delta == 0.0
-        if self.certain:
-            return
-        self._task_id = task.id
-        self._once = uncertainty.redraw == "episode"
-        self._half_width = uncertainty.half_width
-        self._deviation = DISTRIBUTIONS[uncertainty.distribution]
-        self._derived = DerivedParameters(self.nominal, task.uncertain_parameters())
-        self._columns = np.array(self._derived.columns)
-        self._keys = np.zeros((n, 2), dtype=np.uint64)
-        self._ahead = 1 if self._once else max(1, min(STEPS_AHEAD, ROWS_AHEAD // n))
-        self._first = np.full(n, _NOT_DRAWN)
-        self._drawn = np.empty((n, self._ahead, self._columns.size))
-        self._rows = np.arange(n)
-        self._parameters = np.repeat(self.nominal[None, :], n, axis=0)
+    def __init__(self, model: Model, nominal: Floats, uncertain: tuple[int, ...]) -> None:
+        self._model = model
+        self._nominal: list[Any] = list(nominal.tolist())
+        self.uncertain = uncertain
+        self.followers = tuple(self._following(dict(zip(uncertain, nominal[list(uncertain)][:, None], strict=True))))
 
-    def start(self, rows: NDArray[np.intp], seeds: Sequence[int]) -> None:
-        """Begin the runs with ``seeds`` in ``rows``."""
-        if self.certain:
-            return
-        self._keys[rows] = [draw_key(self._task_id, seed) for seed in seeds]
-        self._first[rows] = _NOT_DRAWN
+    def complete(self, parameters: Floats) -> None:
+        """Write the derived entries that follow from the uncertain ones into ``parameters`` ``(n, p)``."""
+        given = {place: parameters[:, place].copy() for place in range(parameters.shape[1])}
+        found = self._following(given)
+        for place in self.followers:
+            parameters[:, place] = found[place]
 
-    def parameters(self, steps: NDArray[np.int64]) -> Floats:
-        """Parameters of every row in its step: ``(208,)`` nominal without uncertainty, else ``(n, 208)``.
+    def tape(self, others: tuple[int, ...] = ()) -> Tape:
+        """What follows from the uncertain parameters (``drawn``, by place), as a tape.
 
-        The array is used again in the next step.
+        ``others`` are the places of parameters that differ from run to run, too.
+
+        Raises
+        ------
+        RecordingError
+            When a formula needs more than arithmetic.
         """
-        if self.certain:
-            return self.nominal
-        wanted = np.zeros_like(steps) if self._once else steps
-        offset = wanted - self._first
-        if offset.max() >= self._ahead:
-            rows = np.flatnonzero(offset >= self._ahead)
-            self._draw(rows, wanted[rows])
-            offset[rows] = 0
-        self._parameters[:, self._columns] = self._drawn[self._rows, offset]
-        return self._parameters
+        recorder = Recorder()
+        places = (*self.uncertain, *(place for place in others if place not in self.uncertain))
+        found = self._following({place: recorder.input("drawn", place) for place in places}) if self.followers else {}
+        for place in self.followers:
+            recorder.output("parameters", place, found[place])
+        return recorder.tape()
 
-    def _draw(self, rows: NDArray[np.intp], first: NDArray[np.int64]) -> None:
-        """Draw the next steps of ``rows``, beginning with the steps ``first``."""
-        steps = first[:, None] + np.arange(self._ahead)
-        count = len(self._derived.uncertain)
-        deviation = self._deviation(uniforms(self._keys[rows], steps, count), self._half_width)
-        drawn = self.nominal[self._derived.uncertain] * (1.0 + deviation)
-        self._drawn[rows] = self._derived.complete(drawn)
-        self._first[rows] = first
+    def _following(self, values: dict[int, Any]) -> dict[int, Any]:
+        """Derived parameters that change with ``values``, by place."""
+        given = self._nominal.copy()
+        for place, value in values.items():
+            given[place] = value
+        # What follows from an array is a new array; numbers, and arrays that were handed in, depend on nothing uncertain.
+        return {
+            place: value
+            for place, value in enumerate(self._model.derived(self._model.Parameters(*given)))
+            if isinstance(value, np.ndarray | Value) and value is not given[place]
+        }

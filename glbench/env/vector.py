@@ -21,9 +21,9 @@ from glbench.env.rendering import PICTURES, Camera, checked_render_mode
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
 from glbench.env.simulation import Simulation, check_runs
 from glbench.env.spaces import action_space, observation_space, the_task
-from glbench.env.vector_info import add_failures, add_objects, with_masks
+from glbench.env.vector_info import add_failures, add_objects
 from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean, whole_number
-from glbench.kernel import Kernel, KernelPool, make_kernel
+from glbench.kernel import Kernel, make_kernel
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
@@ -57,7 +57,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         Name of a preset or a ``Kernel``, as for ``GreenhouseEnv``. ``"standard"`` and ``"fast"`` trade accuracy for speed in
         training; scores are made with the default, ``"reference"``.
     workers
-        Cores that share the rows, to the same bits: threads of the compiled kernel, else processes, which ``close`` ends. Goes
+        Cores that share the rows, to the same bits: threads of the compiled kernel (CasADi steps on one core). Goes
         with a preset, not with a ``Kernel``, which has its own.
     autoreset_mode
         What happens to a row whose episode ended. ``NEXT_STEP`` (the default, as in Gymnasium): the next step ignores its
@@ -68,7 +68,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         As for ``GreenhouseEnv``; ``render`` returns one text or picture for each row.
     """
 
-    _own_kernel: Kernel | KernelPool | None = None
+    _own_kernel: Kernel | None = None
 
     def __init__(
         self,
@@ -96,7 +96,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         if workers != 1:
             preset = str(kernel or SCORING_PRESET)
-            made = make_kernel(self.task.step_seconds, workers=workers, variant=self.task.model.variant, preset=preset)
+            made = make_kernel(self.task.model_value, self.task.step_seconds, workers=workers, preset=preset)
             kernel = self._own_kernel = made
         self.simulation = Simulation(self.task, num_envs, kernel)
         self._info = InfoWriter(self.task)
@@ -134,7 +134,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         mask = mask_option(given, self.num_envs)
         self._start(np.flatnonzero(mask), self._row_seeds(seed))
         self._result = None
-        return self.simulation.observe(), with_masks(self._info.columns(self.simulation, None), mask, mask)
+        return self.simulation.observe(), self._info.masked(self._info.columns(self.simulation, None), mask, mask)
 
     def step(self, actions: Actions) -> Step:
         """Take one step in every row.
@@ -207,7 +207,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         if self._camera is not None:
             self._camera.begin()
         everywhere = np.ones(self.num_envs, dtype=np.bool_)
-        return observations, with_masks(self._info.columns(self.simulation, None), everywhere, everywhere)
+        return observations, self._info.masked(self._info.columns(self.simulation, None), everywhere, everywhere)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Release the kernel that this environment made."""
@@ -253,7 +253,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         observations = self._start(np.arange(n))
         self._result = None
         everywhere, nowhere = np.ones(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
-        info = with_masks(self._info.columns(self.simulation, None), everywhere, everywhere)
+        info = self._info.masked(self._info.columns(self.simulation, None), everywhere, everywhere)
         return observations, np.zeros(n), nowhere, nowhere.copy(), info
 
     def _step_info(self, result: StepResult, stepped: NDArray[np.bool_] | None) -> dict[str, Any]:
@@ -262,19 +262,19 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         if stepped is None:
             info = self._info.everywhere(columns, self.num_envs)
         else:
-            info = with_masks(columns, np.ones(self.num_envs, dtype=np.bool_), stepped)
+            info = self._info.masked(columns, np.ones(self.num_envs, dtype=np.bool_), stepped)
         add_failures(info, result)
         return info
 
     def _reset_at_once(self, result: StepResult) -> tuple[Observations, dict[str, Any]]:
         """Mode ``SAME_STEP``: new episodes in the rows that ended, the end of the old ones in the info."""
         ended = result.terminated
-        final = with_masks(self._info.columns(self.simulation, result), ended, ended)
+        final = self._info.masked(self._info.columns(self.simulation, result), ended, ended)
         add_failures(final, result)
         last = {row: result.observations[row] for row in np.flatnonzero(ended).tolist()}
         observations = self._start(np.flatnonzero(ended))
         everywhere = np.ones(self.num_envs, dtype=np.bool_)
-        info = with_masks(self._info.columns(self.simulation, result), everywhere, ~ended)
+        info = self._info.masked(self._info.columns(self.simulation, result), everywhere, ~ended)
         add_objects(info, "final_obs", last, self.num_envs)
         info["final_info"], info["_final_info"] = final, ended.copy()
         return observations, info

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.climate import AirReader
-from glbench.model import DISTURBANCE_NAMES
+from glbench.env.climate import read_air
+from glbench.env.scenario import CLOCK, WeatherPool
+from glbench.weather import COLUMNS
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -20,13 +21,13 @@ HOURS_A_DAY = 24.0
 DAYS_A_YEAR = 365.0
 
 _RADIATION, _TEMPERATURE, _PRESSURE, _CO2, _WIND = (
-    DISTURBANCE_NAMES.index(name) for name in ("iGlob", "tOut", "vpOut", "co2Out", "wind")
+    COLUMNS.index(name) for name in ("iGlob", "tOut", "vpOut", "co2Out", "wind")
 )
 
 
 @dataclass(frozen=True, eq=False)
 class WeatherTables:
-    """Weather and clock by row, read-only float32 as observed. Row k acts on step k.
+    """Weather and clock by row of the pool (``WeatherPool``), read-only float32 as observed.
 
     ``measured``: global radiation [W m-2], temperature [degC], relative humidity [%], CO2 [ppm], wind [m s-1].
     ``published``: the same with vapour pressure [Pa] and CO2 density [mg m-3].
@@ -45,14 +46,13 @@ class WeatherTables:
 
 @lru_cache(maxsize=16)
 def _tables(task: TaskSpec) -> WeatherTables:
-    disturbances = task.disturbances(extra_rows=task.observation.forecast_steps)
-    rows = disturbances.values
-    air = AirReader(len(rows))(rows[:, _TEMPERATURE], rows[:, _CO2], rows[:, _PRESSURE])
+    pool = WeatherPool.of(task)
+    rows = pool.values
+    air = read_air(rows[:, _TEMPERATURE], rows[:, _CO2], rows[:, _PRESSURE])
     measured = np.stack([rows[:, _RADIATION], air[0], air[2], air[1], rows[:, _WIND]], axis=1)
     published = rows[:, [_RADIATION, _TEMPERATURE, _PRESSURE, _CO2, _WIND]]
     clock = [
-        (*_turn(hour / HOURS_A_DAY), *_turn(day / DAYS_A_YEAR))
-        for hour, day in zip(disturbances.hour_of_day.tolist(), disturbances.day_of_year.tolist(), strict=True)
+        (*_turn(hour / HOURS_A_DAY), *_turn(day / DAYS_A_YEAR)) for hour, day in pool.calendar[:, : len(CLOCK)].tolist()
     ]
     return WeatherTables(_frozen(measured), _frozen(published), _frozen(np.array(clock)))
 

@@ -1,4 +1,4 @@
-"""The ways of stepping the model, and the choice between them.
+"""The ways of stepping a model, and the choice between them.
 
 ``compiled`` is generated C++ and by far the fastest; ``casadi`` works everywhere; ``cvodes`` is the slow, independent check.
 ``auto`` takes ``compiled`` where a library can be loaded or built, else ``casadi``.
@@ -6,15 +6,15 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Protocol
 
 from glbench.errors import UnknownNameError, did_you_mean
-from glbench.kernel.bound import BoundStep
 from glbench.kernel.environment import Environments, Program
-from glbench.kernel.records import Description, FloatArray, Rows, StepFailure
+from glbench.kernel.records import BoundStep, Description, FloatArray, Rows, StepFailure
 from glbench.kernel.sensitivities import Differentiator
 from glbench.kernel.sundials import CvodesBackend
-from glbench.model.variants import get_variant
+from glbench.model import TOMATO, Model
 
 BACKENDS = ("compiled", "casadi", "cvodes")
 
@@ -28,7 +28,7 @@ class Backend(Protocol):
     name: str
 
     def advance(self, rows: Rows, out: FloatArray) -> list[StepFailure]:
-        """Write x(t + h) of all rows to ``out`` (n, 28); failed rows keep their old state and are reported."""
+        """Write x(t + h) of all rows to ``out`` (n, states); failed rows keep their old state and are reported."""
         ...
 
     def bind(self, rows: Rows, out: FloatArray) -> BoundStep:
@@ -48,12 +48,12 @@ class Backend(Protocol):
         ...
 
 
-def available() -> tuple[str, ...]:
-    """Names of the backends that work on this machine, fastest first. The first call may compile for some seconds."""
-    return BACKENDS if why_not_compiled() is None else tuple(name for name in BACKENDS if name != "compiled")
+def available(model: Model = TOMATO) -> tuple[str, ...]:
+    """Names of the backends that can step ``model`` on this machine, fastest first. The first call may compile for some seconds."""
+    return BACKENDS if why_not_compiled(model) is None else tuple(name for name in BACKENDS if name != "compiled")
 
 
-def choose(name: str) -> str:
+def choose(name: str, model: Model = TOMATO) -> str:
     """Name of the backend meant by ``name``, which may be ``auto``.
 
     Raises
@@ -62,14 +62,14 @@ def choose(name: str) -> str:
         When there is no backend of that name.
     """
     if name == "auto":
-        return available()[0]
+        return available(model)[0]
     if name not in BACKENDS:
         msg = f"The kernel has no backend '{name}'.{did_you_mean(name, ('auto', *BACKENDS))}"
         raise UnknownNameError(msg)
     return name
 
 
-def make_backend(name: str, *, step_seconds: float, variant: str, preset: str, threads: int = 1) -> Backend:
+def make_backend(name: str, model: Model, *, step_seconds: float, preset: str, threads: int = 1) -> Backend:
     """Build the backend meant by ``name``.
 
     CasADi's integrators are not made for ``threads``: only the compiled backend takes more than one.
@@ -77,28 +77,28 @@ def make_backend(name: str, *, step_seconds: float, variant: str, preset: str, t
     Raises
     ------
     UnknownNameError
-        When backend, variant or preset do not exist.
+        When backend or preset do not exist.
     GlbenchError
         When the backend does not work on this machine, with the reason.
     """
-    get_variant(variant)
-    chosen = choose(name)
+    chosen = choose(name, model)
     if chosen == "compiled":
-        from glbench.kernel.compiled import backend as compiled
+        from glbench.kernel.compiled.stepper import CompiledStepper
 
-        return compiled.make_backend(step_seconds=step_seconds, variant=variant, preset=preset, threads=threads)
-    return CvodesBackend(chosen, step_seconds=step_seconds, variant=variant, preset=preset)
+        return CompiledStepper(model, step_seconds, preset=preset, threads=threads)
+    return CvodesBackend(chosen, model, step_seconds=step_seconds, preset=preset)
 
 
-def will_compile(variant: str) -> bool:
-    """Whether the next kernel for ``variant`` is going to be compiled, which takes some seconds, once on a machine."""
+def will_compile(model: Model = TOMATO) -> bool:
+    """Whether the next kernel for ``model`` is going to be compiled, which takes some seconds, once on a machine."""
     from glbench.kernel.compiled.stepper import is_built
 
-    return not is_built(variant)
+    return not is_built(model)
 
 
-def why_not_compiled() -> str | None:
+@cache
+def why_not_compiled(model: Model = TOMATO) -> str | None:
     """None where the compiled backend works, else the reason in words. The first call may compile for some seconds."""
-    from glbench.kernel.compiled import backend as compiled
+    from glbench.kernel.compiled.stepper import availability
 
-    return compiled.reason_unavailable()
+    return availability(model)

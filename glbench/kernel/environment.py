@@ -1,7 +1,11 @@
 """What surrounds a control step, as data that the compiled kernel can work off: a task's program, and environments that run it.
 
 The kernel knows nothing of tasks. A program says where numbers come from, what arithmetic is done with them
-(``glbench.kernel.tape``) and where they go; ``glbench.env`` makes one of a task.
+(``glbench.kernel.tape``) and where they go; ``glbench.env`` makes one of a task and runs it with numpy where no compiled kernel does.
+
+Every environment has a scenario of its own. Its weather is a sequence of days out of one pool of rows that all of them share; its
+calendar (clock, prices) begins anywhere in another pool; its parameters, keys of random numbers, traits and memory are rows of
+arrays. What is drawn once an episode is written there at the start; what is drawn in the step is named in the program.
 """
 
 from __future__ import annotations
@@ -13,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glbench.kernel.records import FloatArray, StepFailure
-from glbench.kernel.tape import Tape
+from glbench.kernel.tape import EMPTY, Tape
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,13 +27,13 @@ class Lookup:
     Attributes
     ----------
     table
-        ``(rows, width)`` float32, C-contiguous.
+        ``(rows, width)`` float32, C-contiguous; its rows are those of the pool of the weather or of the calendar.
     at
         First column of the observation.
     rows
-        How many rows are shown, side by side.
+        How many rows are shown, side by side. Those of the weather follow the environment's own sequence of days.
     clocked
-        Whether the row is that of the clock; otherwise that of the weather shown.
+        Whether the row is that of the calendar; otherwise that of the weather shown.
     ahead
         How many rows after it the first one is.
     """
@@ -42,7 +46,7 @@ class Lookup:
 
 
 @dataclass(frozen=True, eq=False)
-class Reader:
+class ActionBounds:
     """Bounds of values from outside, each ``(m,)``.
 
     Values from ``lowest`` to ``highest`` are accepted; those between them and ``low`` or ``high`` are taken as these.
@@ -55,46 +59,62 @@ class Reader:
 
 
 @dataclass(frozen=True, eq=False)
-class Draws:
-    """Parameters that are drawn evenly between ``1 - half_width`` and ``1 + half_width`` times their nominal value.
+class ParameterNoise:
+    """Parameters that are drawn evenly between ``1 - half_width`` and ``1 + half_width`` times the environment's own value.
 
-    ``places`` of the parameters ``(count,)``, in the order of the generator's numbers; ``once`` an episode or in every step;
-    ``followers`` is a tape from ``drawn`` (index: place of the parameter) to ``parameters``.
+    ``places`` of the parameters ``(count,)``, in the order of the generator's numbers; drawn anew every ``every`` steps.
     """
 
     places: npt.NDArray[np.int32]
     half_width: float
-    once: bool
-    followers: Tape
+    every: int = 1
 
 
 @dataclass(frozen=True, eq=False)
 class Program:
     """What an environment does around the kernel's step.
 
+    A tape reads ``before`` (states at the start of the step), ``after`` (at its end), ``controls``, ``calendar`` and
+    ``calendar_before`` (the calendar's row now, and at the start of the step), ``weather`` (the row shown; before the step the one that
+    acts), ``counter`` (0: steps taken, 1: step whose weather is shown), ``noise`` (uniform numbers of this step), ``trait`` and ``memory``.
+
     Attributes
     ----------
     actuation
-        From ``given`` (an action within its bounds) and ``controls`` in force to ``controls``.
+        Before the step: from ``given`` (an action within its bounds), ``controls`` in force, ``before`` and the rest to ``controls``
+        and ``memory``. Left out when controls are given directly.
     outcome
-        From ``before``, ``after`` (states), ``controls``, ``clock`` (0: hour of day, 1: day of year) and ``counter`` (0: steps
-        taken, 1: weather row shown) to ``table`` and ``observation``.
+        After the step, and at the start: to ``table`` and ``observation``.
     actions, controls
         Bounds of actions, and of controls that are given directly.
     steps
         Steps of an episode.
-    weather, clock
-        Disturbances ``(rows, 10)``, of which row k acts on step k, and hour of day with day of year ``(rows, 2)``.
+    weather, day
+        Pool of disturbances ``(rows, d)``, and how many rows a day has.
+    days
+        Days that an environment's sequence has: those of the episode, and those that a forecast reaches.
+    calendar
+        Pool of calendar rows ``(rows, c)``: hour of day, day of year, prices.
     lag
         1 when the weather shown is the row that has just acted, 0 when it is the next one.
     nominal
-        Parameters ``(208,)``.
-    draws
-        Which of them are drawn; ``None`` when all are certain.
+        Parameters ``(p,)``.
+    own_parameters
+        Whether each environment has parameters of its own; otherwise all share one row.
+    drawn
+        Groups of parameters that are drawn in the step.
+    followers
+        From ``drawn`` (a parameter by its place, after the draws) to ``parameters``.
+    update
+        After a step that succeeded, before ``outcome``: to ``memory``.
+    streams
+        How many numbers of each stream of noise a step has. ``noise`` counts through all of them.
+    traits, memory
+        How many of them an environment has.
     lookups
         Rows of tables that are observed.
-    columns, width, head
-        Columns of the observation and of the table; those of the table before ``head`` hold for environments that stand still
+    columns, width, info_columns
+        Columns of the observation and of the table; those of the table before ``info_columns`` hold for environments that stand still
         too, the others are 0 for one that had ended.
     charges
         Columns of the table with the values that they have for a failed step.
@@ -102,36 +122,55 @@ class Program:
 
     actuation: Tape
     outcome: Tape
-    actions: Reader
-    controls: Reader
+    actions: ActionBounds
+    controls: ActionBounds
     steps: int
     weather: FloatArray
-    clock: FloatArray
+    day: int
+    days: int
+    calendar: FloatArray
     lag: int
     nominal: FloatArray
-    draws: Draws | None
-    lookups: tuple[Lookup, ...]
     columns: int
     width: int
-    head: int
+    info_columns: int
     charges: dict[int, float]
+    lookups: tuple[Lookup, ...] = ()
+    own_parameters: bool = False
+    drawn: tuple[ParameterNoise, ...] = ()
+    followers: Tape = EMPTY
+    update: Tape = EMPTY
+    streams: tuple[int, ...] = ()
+    traits: int = 0
+    memory: int = 0
+
+    @property
+    def keys(self) -> int:
+        """How many keys an environment has: one for each group of ``drawn``, then one for each of ``streams``."""
+        return len(self.drawn) + len(self.streams)
 
 
 class Environments(Protocol):
     """``n`` environments that run a program. Not thread-safe.
 
     A row gives the same bits alone, in any batch and with any number of threads. ``x`` and ``u`` are other arrays after a step;
-    the other attributes stay the same arrays, which the next call overwrites. To start environments, write into ``x``, ``u``,
-    ``k``, ``ended`` and ``keys``, and ``look``.
+    the other attributes stay the same arrays, which the next call overwrites. To start environments, write into the arrays down to
+    ``memory``, and ``observe``.
 
     Attributes
     ----------
     x, u, k, ended
-        States ``(n, 28)``, controls ``(n, 6)``, steps taken ``(n,)`` and whether the environment has ended ``(n,)``.
+        States ``(n, s)``, controls ``(n, c)``, steps taken ``(n,)`` and whether the environment has ended ``(n,)``.
     keys
-        Keys of the draws, ``(n, 2)`` uint64 words of 32 bits.
+        Keys of the random numbers, ``(n, program.keys, 2)`` uint64 words of 32 bits.
+    days, first
+        Rows of the pool of weather at which the environment's days begin, ``(n, days)``; row of the calendar at its start, ``(n,)``.
+    parameters
+        ``(n, p)``, or ``(1, p)`` when all share them.
+    traits, memory
+        What is constant in an episode ``(n, traits)``, and what tapes write for the next step ``(n, memory)``.
     given, given_controls
-        Actions for ``step``, ``(n, m)``, and controls for ``step_controls``, ``(n, 6)``.
+        Actions for ``step``, ``(n, m)``, and controls for ``step_controls``, ``(n, c)``.
     table, observations
         What the program makes of the last step, ``(n, width)`` float64 and ``(n, columns)`` float32.
     """
@@ -141,6 +180,11 @@ class Environments(Protocol):
     k: npt.NDArray[np.int64]
     ended: npt.NDArray[np.bool_]
     keys: npt.NDArray[np.uint64]
+    days: npt.NDArray[np.int64]
+    first: npt.NDArray[np.int64]
+    parameters: FloatArray
+    traits: FloatArray
+    memory: FloatArray
     given: FloatArray
     given_controls: FloatArray
     table: FloatArray
@@ -162,7 +206,7 @@ class Environments(Protocol):
     def step_controls(self) -> int:
         """Take a step with ``given_controls``, as they are. Returns what ``step`` does."""
 
-    def look(self) -> None:
+    def observe(self) -> None:
         """Fill ``table`` and ``observations`` from where the environments stand."""
 
     def failures(self) -> list[StepFailure]:

@@ -1,32 +1,34 @@
-"""One control step of the model, for one greenhouse or a batch of them, in this process."""
+"""One control step of a model, for one greenhouse or a batch of them."""
 
 from __future__ import annotations
 
+import math
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import StepError, whole_number
+from glbench.errors import ShapeError, StepError, whole_number
 from glbench.kernel.backends import make_backend
-from glbench.kernel.bound import BoundStep, bound_rows
 from glbench.kernel.environment import Environments, Program
-from glbench.kernel.records import Description, FloatArray, Rows, StepFailure, as_rows
-from glbench.kernel.sensitivities import Differentiator
-from glbench.kernel.stepping import Stepper, positive_seconds
-from glbench.model import MODEL_VERSION, model_digest
+from glbench.kernel.records import BoundStep, Description, FloatArray, Rows, StepFailure, as_rows, bound_rows
+from glbench.kernel.sensitivities import Differentiable, Differentiator
+from glbench.model import Model
 
 
-class Kernel(Stepper):
-    """Steps rows in this process.
+class Kernel(Differentiable):
+    """x(t + h) from x(t) with controls, weather and parameters held constant in between.
+
+    Row i of a batch gives the same bits as the row stepped alone, whatever the other rows and earlier calls were. Not
+    thread-safe.
 
     Parameters
     ----------
+    model : Model
+        What is stepped, such as ``glbench.model.TOMATO``.
     step_seconds : float
         Length h of the control step [s], positive.
-    variant : str
-        Model variant, see ``glbench.model.VARIANTS``.
     backend : str
         ``"auto"``, ``"compiled"``, ``"casadi"`` or ``"cvodes"``, see ``glbench.kernel.backends``.
     preset : str
@@ -35,54 +37,98 @@ class Kernel(Stepper):
     threads : int
         Threads that share the rows of a batch. They change no bit, and only the compiled backend uses them.
 
+    Attributes
+    ----------
+    model, step_seconds, preset, threads
+        As given.
+    backend : str
+        Name of the backend that steps: ``"compiled"``, ``"casadi"`` or ``"cvodes"``.
+
     Raises
     ------
     UnknownNameError
-        When variant, backend or preset do not exist.
+        When backend or preset do not exist.
     ShapeError
-        When ``step_seconds`` is not a positive, finite number.
+        When ``step_seconds`` is not a positive, finite number, or ``model`` is none.
     """
 
     def __init__(
         self,
+        model: Model,
         step_seconds: float = 900.0,
         *,
-        variant: str = "author",
         backend: str = "auto",
         preset: str = "reference",
         threads: int = 1,
     ) -> None:
-        self.step_seconds = positive_seconds(step_seconds)
-        threads = whole_number(threads, "The number of threads")
-        self.variant = variant
+        if not isinstance(model, Model):
+            msg = f"A kernel steps a model, such as Kernel(glbench.model.TOMATO, 900.0); got {model!r} in its place."
+            raise ShapeError(msg)
+        self.model = model
+        self.step_seconds = _positive_seconds(step_seconds)
         self.preset = preset
-        self.threads = threads
+        self.threads = whole_number(threads, "The number of threads")
+        if self.threads < 1:
+            msg = f"The number of threads is at least 1, not {self.threads}."
+            raise ShapeError(msg)
         self._backend = make_backend(
-            backend, step_seconds=self.step_seconds, variant=variant, preset=preset, threads=threads
+            backend, model, step_seconds=self.step_seconds, preset=preset, threads=self.threads
         )
         self.backend = self._backend.name
+        self._names = model.names
         self._differentiator: Differentiator | None = None
 
-    def __reduce__(self) -> tuple[partial[Kernel], tuple[float]]:
+    def __reduce__(self) -> tuple[partial[Kernel], tuple[Model, float]]:
         """A copied or pickled kernel is made anew with the same settings and backend; its bits are the same."""
-        settings: dict[str, Any] = {
-            "variant": self.variant,
-            "backend": self.backend,
-            "preset": self.preset,
-            "threads": self.threads,
-        }
-        return partial(type(self), **settings), (self.step_seconds,)
+        settings: dict[str, Any] = {"backend": self.backend, "preset": self.preset, "threads": self.threads}
+        return partial(type(self), **settings), (self.model, self.step_seconds)
+
+    def step(self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike) -> FloatArray:
+        """State after one control step.
+
+        Parameters
+        ----------
+        x : array_like
+            States, (states,) or (n, states), in the order and units of ``model.states``.
+        u, d, p : array_like
+            Controls (controls,) [0..1], disturbances (disturbances,), parameters (parameters,), each with or without a leading
+            axis of n.
+
+        Returns
+        -------
+        ndarray
+            A new array in the shape of ``x``.
+
+        Raises
+        ------
+        ShapeError, ActionError
+            When an input has the wrong shape or is not finite, or a control lies outside 0..1.
+        StepError
+            When a row could not be integrated; says which, at which model time and with which inputs.
+        """
+        rows = as_rows(self._names, x, u, d, p)
+        stepped, failures = self.advance(rows)
+        if failures:
+            raise StepError(self._failure(failures, len(rows.x)))
+        return stepped[0] if np.ndim(x) == 1 else stepped
+
+    def try_step(
+        self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike
+    ) -> tuple[FloatArray, list[StepFailure]]:
+        """Step a batch (n, states); a row that fails keeps its old state and is reported, the others are stepped.
+
+        Inputs and errors as for ``step``, but without StepError for rows that fail.
+        """
+        if np.ndim(x) != 2:
+            width = self.model.sizes["x"]
+            msg = f"try_step wants a batch of states (rows, {width}), not the shape {np.shape(x)}; use step for one state."
+            raise ShapeError(msg)
+        return self.advance(as_rows(self._names, x, u, d, p))
 
     def advance(self, rows: Rows) -> tuple[FloatArray, list[StepFailure]]:
-        """Step checked rows; see ``Stepper.advance``."""
+        """Like ``try_step``, for a caller who has checked the rows already: nothing is looked at again."""
         out = np.empty_like(rows.x)
         return out, self._backend.advance(rows, out)
-
-    def differentiator(self) -> Differentiator:
-        """What differentiates the steps; made at the first call."""
-        if self._differentiator is None:
-            self._differentiator = self._backend.differentiator()
-        return self._differentiator
 
     def step_into(
         self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike, out: FloatArray
@@ -101,11 +147,11 @@ class Kernel(Stepper):
         ShapeError, ActionError, StepError
             As for ``step``; ShapeError also for an ``out`` that does not fit.
         """
-        rows = as_rows(x, u, d, p)
-        _, result = bound_rows(rows.x, rows.u, rows.d, rows.p, out)
+        rows = as_rows(self._names, x, u, d, p)
+        _, result = bound_rows(self._names, *rows, out)
         failures = self._backend.advance(rows, result)
         if failures:
-            raise StepError(self._failure(failures, rows.x.shape[0]))
+            raise StepError(self._failure(failures, len(rows.x)))
 
     def bind(self, x: FloatArray, u: FloatArray, d: FloatArray, p: FloatArray, out: FloatArray) -> BoundStep:
         """A step of these very arrays, for loops in which every microsecond counts.
@@ -130,18 +176,24 @@ class Kernel(Stepper):
         ShapeError
             When an array has another shape, type or layout.
         """
-        rows, result = bound_rows(x, u, d, p, out)
+        rows, result = bound_rows(self._names, x, u, d, p, out)
         return self._backend.bind(rows, result)
 
+    def differentiator(self) -> Differentiator:
+        """What differentiates the steps; made at the first call."""
+        if self._differentiator is None:
+            self._differentiator = self._backend.differentiator()
+        return self._differentiator
+
     def describe(self) -> Description:
-        """What made the numbers; see ``Stepper.describe``."""
+        """What made the numbers: backend, method, tolerances, versions, model digest. Recorded in results."""
         return {
             "backend": self.backend,
             "preset": self.preset,
             "step_seconds": self.step_seconds,
-            "variant": self.variant,
-            "model_version": MODEL_VERSION,
-            "model_digest": model_digest(self.variant),
+            "variant": self.model.variant,
+            "model_version": self.model.version,
+            "model_digest": self.model.digest,
             **self._backend.describe(),
         }
 
@@ -153,4 +205,44 @@ class Kernel(Stepper):
         return self._backend.environments(program, n)
 
     def close(self) -> None:
-        """Nothing to release; there so that a kernel and a pool can be used alike."""
+        """Nothing to release; there so that a kernel can stand in a ``with``."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _failure(self, failures: list[StepFailure], count: int) -> str:
+        first = failures[0]
+        more = f" {len(failures)} of {count} rows failed." if len(failures) > 1 else ""
+        return (
+            f"The step of {self.step_seconds:g} s failed in row {first.row} of {count}: {first.reason}.{more} "
+            "Use try_step to go on with the other rows."
+        )
+
+
+def make_kernel(
+    model: Model,
+    step_seconds: float = 900.0,
+    *,
+    workers: int = 1,
+    backend: str = "auto",
+    preset: str = "reference",
+) -> Kernel:
+    """Kernel whose rows ``workers`` cores share, where it is compiled; the bits are the same. Errors as for ``Kernel``."""
+    return Kernel(
+        model, step_seconds, backend=backend, preset=preset, threads=whole_number(workers, "The number of workers")
+    )
+
+
+def _positive_seconds(step_seconds: float) -> float:
+    """Check the length of a control step [s]."""
+    try:
+        seconds = float(step_seconds)
+    except (TypeError, ValueError):
+        seconds = math.nan
+    if not (math.isfinite(seconds) and seconds > 0.0):
+        msg = f"The control step lasts {step_seconds!r} s; it must be a positive, finite number (usual: 300 or 900 s)."
+        raise ShapeError(msg)
+    return seconds

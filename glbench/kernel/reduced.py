@@ -16,42 +16,26 @@ import numpy as np
 import numpy.typing as npt
 
 from glbench.kernel.records import FloatArray
-from glbench.model import CONTROL_NAMES, DISTURBANCE_NAMES, PARAMETER_NAMES, STATE_NAMES, build_rhs
+from glbench.model import Model
 
 IndexArray: TypeAlias = npt.NDArray[np.intp]
 
-_SCALES = {
-    "co2Air": 1e3,  # mg m-3
-    "co2Top": 1e3,
-    "vpAir": 1e3,  # Pa
-    "vpTop": 1e3,
-    "cBuf": 1e4,  # mg m-2
-    "cLeaf": 1e5,
-    "cStem": 1e5,
-    "cFruit": 1e5,
-    "tCanSum": 1e3,  # degC day
-    "time": 1e3,  # day
-}
 
-
-def _state_scale() -> FloatArray:
-    scale = np.array([_SCALES.get(name, 10.0) for name in STATE_NAMES])
-    scale.flags.writeable = False
-    return scale
-
-
-STATE_SCALE: FloatArray = _state_scale()
-"""Typical size of each state, in its own unit (10 degC for temperatures); an error is judged relative to it."""
+def state_scale(model: Model) -> FloatArray:
+    """Typical size of each state, in its own unit (10 °C for temperatures); an error is judged relative to it."""
+    return np.array([state.scale for state in model.states])
 
 
 @dataclass(frozen=True)
 class ReducedModel:
-    """Scaled rates ``dz/dt`` of ``z = x[moving] / STATE_SCALE[moving]``, as CasADi SX expressions.
+    """Scaled rates ``dz/dt`` of ``z = x[moving] / scale``, as CasADi SX expressions.
 
     Attributes
     ----------
     moving, clocks : IndexArray
         States that are integrated, and those that run at a constant rate.
+    scale : FloatArray
+        Typical sizes of the moving states.
     z, held : casadi.SX
         Scaled moving states, and symbols for all values that are constant within a step.
     rate : casadi.SX
@@ -62,30 +46,22 @@ class ReducedModel:
 
     moving: IndexArray
     clocks: IndexArray
+    scale: FloatArray
     z: Any
     held: Any
     rate: Any
     prepare: Any
 
 
-def reduce_model(variant: str, *, hoist: bool = True) -> ReducedModel:
-    """Build the reduced model; with ``hoist=False`` the held values are simply (u, d, p).
-
-    Raises
-    ------
-    UnknownNameError
-        When the model has no such variant.
-    """
-    rhs = build_rhs(variant)
-    z = ca.SX.sym("z", len(STATE_NAMES))
-    u = ca.SX.sym("u", len(CONTROL_NAMES))
-    d = ca.SX.sym("d", len(DISTURBANCE_NAMES))
-    p = ca.SX.sym("p", len(PARAMETER_NAMES))
+def reduce_model(model: Model, *, hoist: bool = True) -> ReducedModel:
+    """Build the reduced model; with ``hoist=False`` the held values are simply (u, d, p)."""
+    z, u, d, p = (ca.SX.sym("z" if key == "x" else key, size) for key, size in model.sizes.items())
     inputs = ca.vertcat(u, d, p)
-    scale = ca.DM(STATE_SCALE)
-    rate = rhs(z * scale, u, d, p) / scale
+    sizes = state_scale(model)
+    scale = ca.DM(sizes)
+    rate = model.rhs_function()(z * scale, u, d, p) / scale
     clocks = _clocks(ca.jacobian(rate, z).sparsity())
-    moving = np.setdiff1d(np.arange(len(STATE_NAMES)), clocks)
+    moving = np.setdiff1d(np.arange(len(sizes)), clocks)
     clock_rate = (rate * scale)[clocks.tolist()]
     z, rate = z[moving.tolist()], rate[moving.tolist()]
     held, value_of_held = inputs, inputs
@@ -97,10 +73,10 @@ def reduce_model(variant: str, *, hoist: bool = True) -> ReducedModel:
         used = [index for index, needed in enumerate(ca.which_depends(rate, held, 1, False)) if needed]
         held, value_of_held = held[used], ca.cse(value_of_held[used])
     prepare = ca.Function("prepare", [u, d, p], [ca.densify(value_of_held), ca.densify(clock_rate)])
-    return ReducedModel(moving, clocks, z, held, rate, prepare)
+    return ReducedModel(moving, clocks, sizes[moving], z, held, rate, prepare)
 
 
 def _clocks(dependence: Any) -> IndexArray:
     """States that depend on no state and that no state depends on, from the sparsity of the Jacobian."""
     rows, columns = dependence.get_triplet()
-    return np.array(sorted({*range(len(STATE_NAMES))} - {*rows} - {*columns}), dtype=np.intp)
+    return np.array(sorted({*range(dependence.size1())} - {*rows} - {*columns}), dtype=np.intp)

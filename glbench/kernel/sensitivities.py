@@ -9,24 +9,18 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple, NoReturn, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import GlbenchError, ShapeError, StepError
-from glbench.kernel.directions import (
-    ORDER,
-    SIZES,
-    Directions,
-    all_directions,
-    as_seeds,
-    directions_differ,
-    parameter_numbers,
-    widths,
-)
-from glbench.kernel.finite import all_finite
-from glbench.kernel.records import FloatArray, Rows, StepFailure, as_rows
+from glbench.errors import ShapeError, StepError, UnknownNameError, did_you_mean
+from glbench.kernel.records import FloatArray, Rows, StepFailure, all_finite, as_rows
+from glbench.model import Model
+
+_ORDER = ("u", "d", "p", "x")
+"""Inputs in the order of ``all_directions``: states last, for vectors of directions that move states only are cheaper."""
 
 
 @dataclass(frozen=True)
@@ -36,12 +30,12 @@ class Linearisation:
     Attributes
     ----------
     x_next : ndarray
-        State after the step (28,), the same bits as from ``step``.
+        State after the step (states,), the same bits as from ``step``.
     dx, du, dd : ndarray
-        Derivatives of ``x_next`` with respect to states (28, 28), controls (28, 6) and disturbances (28, 10); element [i, j]
-        is in units of state i per unit of input j.
+        Derivatives of ``x_next`` with respect to states (states, states), controls (states, controls) and disturbances
+        (states, disturbances); element [i, j] is in units of state i per unit of input j.
     dp : ndarray
-        The same for the parameters that were asked for (28, q), in their order.
+        The same for the parameters that were asked for (states, q), in their order.
     """
 
     x_next: FloatArray
@@ -58,9 +52,9 @@ class Adjoint:
     Attributes
     ----------
     x, u, d : ndarray
-        (28,), (6,), (10,) [unit of ``cotangent . x_next`` per unit of the input].
+        (states,), (controls,), (disturbances,) [unit of ``cotangent . x_next`` per unit of the input].
     p : ndarray or None
-        (208,), when it was asked for. Rows that share inputs have a gradient each: add them up for that of the shared input.
+        (parameters,), when it was asked for. Rows that share inputs have a gradient each: add them up for that of the shared input.
     """
 
     x: FloatArray
@@ -69,8 +63,32 @@ class Adjoint:
     p: FloatArray | None
 
 
+@dataclass(frozen=True)
+class Directions:
+    """Directions of differentiation.
+
+    Attributes
+    ----------
+    count : int
+        How many for each row.
+    shared : bool
+        Whether all rows have the same.
+    seeds : dict
+        For each input ("x", "u", "d", "p") that is not held, a table (rows, or 1 when shared; count; size of the input).
+    """
+
+    count: int
+    shared: bool
+    seeds: dict[str, FloatArray]
+
+    def of_rows(self, rows: npt.NDArray[np.intp]) -> Directions:
+        """The directions of some rows."""
+        chosen = self.seeds if self.shared else {key: table[rows] for key, table in self.seeds.items()}
+        return Directions(self.count, self.shared, chosen)
+
+
 class Forward(NamedTuple):
-    """States (n, 28), their derivatives along each direction (n, m, 28), and which rows failed (n,)."""
+    """States (n, states), their derivatives along each direction (n, m, states), and which rows failed (n,)."""
 
     x_next: FloatArray
     tangents: FloatArray
@@ -78,7 +96,7 @@ class Forward(NamedTuple):
 
 
 class Reverse(NamedTuple):
-    """States (n, 28), the gradient for each input (n, size of the input), and which rows failed (n,)."""
+    """States (n, states), the gradient for each input (n, size of the input), and which rows failed (n,)."""
 
     x_next: FloatArray
     gradients: dict[str, FloatArray]
@@ -93,32 +111,23 @@ class Differentiator(Protocol):
         ...
 
     def reverse(self, rows: Rows, cotangents: FloatArray, *, parameters: bool) -> Reverse:
-        """Step and pull cotangents (n, 28) back; the gradient for the parameters is only there when asked for."""
+        """Step and pull cotangents (n, states) back; the gradient for the parameters is only there when asked for."""
         ...
 
 
 class Differentiable(ABC):
     """A stepper with derivatives; the first call may build a library for some ten seconds."""
 
+    model: Model
     step_seconds: float
 
     @abstractmethod
     def advance(self, rows: Rows) -> tuple[FloatArray, list[StepFailure]]:
         """Step checked rows."""
 
+    @abstractmethod
     def differentiator(self) -> Differentiator:
-        """What differentiates the steps of this stepper.
-
-        Raises
-        ------
-        GlbenchError
-            When it cannot.
-        """
-        msg = (
-            f"A {type(self).__name__} gives no derivatives: its processes only step. Use Kernel(...), with threads=... on "
-            "several cores."
-        )
-        raise GlbenchError(msg)
+        """What differentiates the steps of this stepper."""
 
     def linearise(
         self,
@@ -134,9 +143,9 @@ class Differentiable(ABC):
         Parameters
         ----------
         x, u, d, p : array_like
-            As for ``step``: one state (28,) or a batch (n, 28).
+            As for ``step``: one state (states,) or a batch (n, states).
         parameters : sequence of str
-            Names of parameters to differentiate with respect to, see ``glbench.model.PARAMETER_NAMES``.
+            Names of parameters to differentiate with respect to, see ``Model.parameter_names``.
 
         Raises
         ------
@@ -145,12 +154,15 @@ class Differentiable(ABC):
         UnknownNameError
             When there is no such parameter.
         """
-        rows = as_rows(x, u, d, p)
-        found = self._forward(rows, all_directions(parameter_numbers(tuple(parameters))))
+        rows = as_rows(self.model.names, x, u, d, p)
+        numbers = tuple(self._parameter(name) for name in parameters)
+        sizes = self.model.sizes
+        found = self._forward(rows, all_directions(tuple(sizes.items()), numbers))
+        widths = {**sizes, "p": len(numbers)}
         table = np.ascontiguousarray(found.tangents.swapaxes(1, 2))
-        bounds = np.cumsum(widths(len(parameters)))[:-1]
-        by_key = dict(zip(ORDER, map(np.ascontiguousarray, np.split(table, bounds, axis=-1)), strict=True))
-        values = [found.x_next, *(by_key[key] for key in SIZES)]
+        bounds = np.cumsum([widths[key] for key in _ORDER])[:-1]
+        by_key = dict(zip(_ORDER, map(np.ascontiguousarray, np.split(table, bounds, axis=-1)), strict=True))
+        values = [found.x_next, *(by_key[key] for key in sizes)]
         return Linearisation(*(a[0] for a in values) if np.ndim(x) == 1 else values)
 
     def forward(
@@ -170,7 +182,7 @@ class Differentiable(ABC):
         Parameters
         ----------
         x, u, d, p : array_like
-            As for ``step``: one state (28,) or a batch (n, 28).
+            As for ``step``: one state (states,) or a batch (n, states).
         dx, du, dd, dp : array_like, optional
             Direction in each input, in its units. For one state (size,), or (m, size) for m directions at once; for a batch
             (size,) for all rows, (n, size), or (n, m, size). Inputs without one are held.
@@ -186,13 +198,13 @@ class Differentiable(ABC):
         ShapeError, ActionError, StepError
             As for ``step``; StepError also when a derivative is not finite.
         """
-        rows = as_rows(x, u, d, p)
+        rows = as_rows(self.model.names, x, u, d, p)
         one = np.ndim(x) == 1
         seeds = {"x": dx, "u": du, "d": dd, "p": dp}
-        tables = {key: as_seeds(key, seed, len(rows.x), one=one) for key, seed in seeds.items() if seed is not None}
+        tables = {key: self._seeds(key, seed, len(rows.x), one=one) for key, seed in seeds.items() if seed is not None}
         counts = {table.shape[1] for table in tables.values()}
         if len(counts) != 1:
-            raise ShapeError(directions_differ({key: table.shape[1] for key, table in tables.items()}))
+            raise ShapeError(_directions_differ({key: table.shape[1] for key, table in tables.items()}))
         found = self._forward(rows, Directions(counts.pop(), shared=False, seeds=tables))
         several = any(np.ndim(seed) == (2 if one else 3) for seed in seeds.values() if seed is not None)
         tangents = found.tangents if several else found.tangents[:, 0]
@@ -213,9 +225,9 @@ class Differentiable(ABC):
         Parameters
         ----------
         x, u, d, p : array_like
-            As for ``step``: one state (28,) or a batch (n, 28).
+            As for ``step``: one state (states,) or a batch (n, states).
         cotangent : array_like
-            In the shape of ``x``, or (28,) for all rows: weight of each state after the step.
+            In the shape of ``x``, or (states,) for all rows: weight of each state after the step.
         parameters : bool
             Whether to give the gradient with respect to the parameters as well.
 
@@ -231,17 +243,48 @@ class Differentiable(ABC):
         ShapeError, ActionError, StepError
             As for ``step``; StepError also when a derivative is not finite.
         """
-        rows = as_rows(x, u, d, p)
+        rows = as_rows(self.model.names, x, u, d, p)
         one = np.ndim(x) == 1
-        seeds = as_seeds("x", cotangent, len(rows.x), one=one, what="cotangent")
+        seeds = self._seeds("x", cotangent, len(rows.x), one=one, what="cotangent")
         if seeds.shape[1] != 1:
-            msg = f"The cotangent has the shape {np.shape(cotangent)}; it must have that of x, {np.shape(x)}, or (28,)."
+            msg = f"The cotangent has the shape {np.shape(cotangent)}; it must have that of x, {np.shape(x)}, or ({rows.x.shape[1]},)."
             raise ShapeError(msg)
         found = self.differentiator().reverse(rows, np.ascontiguousarray(seeds[:, 0]), parameters=parameters)
         self._check(rows, found.failed, list(found.gradients.values()))
         values = {key: table[0] if one else table for key, table in found.gradients.items()}
         gradient = Adjoint(values["x"], values["u"], values["d"], values.get("p"))
         return found.x_next[0] if one else found.x_next, gradient
+
+    def _parameter(self, name: str) -> int:
+        names = self.model.parameter_names
+        if name not in names:
+            msg = f"The model has no parameter '{name}'.{did_you_mean(name, names)}"
+            raise UnknownNameError(msg)
+        return names.index(name)
+
+    def _seeds(self, key: str, values: npt.ArrayLike, count: int, *, one: bool, what: str = "direction") -> FloatArray:
+        """A direction or cotangent as a table (rows, directions, size); ShapeError where it is none."""
+        size = self.model.sizes[key]
+        try:
+            table = np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            msg = f"The {what} in {key} is not made of numbers ({error})."
+            raise ShapeError(msg) from error
+        shape = table.shape
+        if shape == (size,):
+            table = np.broadcast_to(table, (count, 1, size))
+        elif one and table.ndim == 2 and shape[1] == size:
+            table = table[None]
+        elif not one and table.ndim in (2, 3) and shape[0] == count and shape[-1] == size:
+            table = table.reshape(count, -1, size)
+        else:
+            wanted = f"({size},) or (m, {size})" if one else f"({size},), ({count}, {size}) or ({count}, m, {size})"
+            msg = f"The {what} in {key} has the shape {shape}; expected {wanted}."
+            raise ShapeError(msg)
+        if not np.isfinite(table).all():
+            msg = f"The {what} in {key} has values that are not finite."
+            raise ShapeError(msg)
+        return np.ascontiguousarray(table)
 
     def _forward(self, rows: Rows, directions: Directions) -> Forward:
         found = self.differentiator().forward(rows, directions)
@@ -269,3 +312,28 @@ class Differentiable(ABC):
         reason = failures[0] if failures else StepFailure(0, "it could be stepped, but not differentiated")
         msg = f"The step of {self.step_seconds:g} s failed in row {reason.row} of {len(rows.x)}: {reason.reason}."
         raise StepError(msg)
+
+
+@lru_cache(maxsize=32)
+def all_directions(sizes: tuple[tuple[str, int], ...], parameters: tuple[int, ...]) -> Directions:
+    """One direction for each state, control, disturbance and chosen parameter, shared by all rows."""
+    size = dict(sizes)
+    widths = size | {"p": len(parameters)}
+    count, start = sum(widths.values()), 0
+    seeds: dict[str, FloatArray] = {}
+    for key in _ORDER:
+        if widths[key]:
+            table = np.zeros((1, count, size[key]))
+            columns = parameters if key == "p" else np.arange(size[key])
+            table[0, np.arange(start, start + widths[key]), columns] = 1.0
+            seeds[key] = table
+        start += widths[key]
+    return Directions(count, shared=True, seeds=seeds)
+
+
+def _directions_differ(counts: dict[str, int]) -> str:
+    """Why directions with ``counts`` for each input do not go together, for an error."""
+    if not counts:
+        return "forward needs a direction: give at least one of dx, du, dd, dp."
+    listed = ", ".join(f"d{key} {count}" for key, count in counts.items())
+    return f"The numbers of directions differ ({listed}). Give every input as many, or leave it out to hold it."

@@ -7,22 +7,25 @@ Figures and reasons: docs/kernel.md and docs/adr/0004-stepping-method.md.
 
 from __future__ import annotations
 
+import contextlib
 import re
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
+import numpy.typing as npt
 
-from glbench.errors import UnknownNameError, did_you_mean
-from glbench.kernel.bound import PlainBoundStep
+from glbench.errors import StepError, UnknownNameError, did_you_mean
 from glbench.kernel.environment import Program
-from glbench.kernel.finite import all_finite
-from glbench.kernel.records import Description, FloatArray, Rows, StepFailure, inputs_in_words
-from glbench.kernel.reduced import STATE_SCALE, reduce_model
-from glbench.kernel.sensitivities import Differentiator
-from glbench.kernel.signals import signals_wait
-from glbench.model import CONTROL_NAMES, DISTURBANCE_NAMES, PARAMETER_NAMES, STATE_NAMES, build_rhs
+from glbench.kernel.records import BoundStep, Description, FloatArray, Rows, StepFailure, all_finite, inputs_in_words
+from glbench.kernel.reduced import ReducedModel, reduce_model, state_scale
+from glbench.kernel.sensitivities import Differentiator, Directions, Forward, Reverse
+from glbench.model import Model
 
 SUBSTEP_LIMIT = 20_000
 """Most internal steps for one control step; usual are 100 to 400. Beyond it the step is given up and reported."""
@@ -30,7 +33,7 @@ SUBSTEP_LIMIT = 20_000
 
 @dataclass(frozen=True)
 class CvodesSettings:
-    """How CVODES is run: tolerances on states divided by ``STATE_SCALE``.
+    """How CVODES is run: tolerances on states divided by their scale.
 
     Attributes
     ----------
@@ -70,29 +73,25 @@ class CvodesBackend:
     Not thread-safe: the integrator's buffers are shared between calls.
     """
 
-    def __init__(self, name: str, *, step_seconds: float, variant: str, preset: str) -> None:
+    def __init__(self, name: str, model: Model, *, step_seconds: float, preset: str) -> None:
         if preset not in PRESETS:
             msg = f"The kernel has no preset '{preset}'.{did_you_mean(preset, PRESETS)}"
             raise UnknownNameError(msg)
         self.name = name
         self._settings = SETTINGS[name, preset]
-        model = reduce_model(variant, hoist=self._settings.hoist)
         self._model = model
-        self._scale = STATE_SCALE[model.moving]
+        reduced = self._reduced = reduce_model(model, hoist=self._settings.hoist)
         self._step_seconds = step_seconds
-        self._rhs = build_rhs(variant)
-        self._u = np.zeros(len(CONTROL_NAMES))
-        self._d = np.zeros(len(DISTURBANCE_NAMES))
-        self._p = np.zeros(len(PARAMETER_NAMES))
-        self._held = np.zeros(model.held.numel())
-        self._clock_rate = np.zeros(model.clocks.size)
-        self._start = np.zeros(model.moving.size)
-        self._end = np.zeros(model.moving.size)
-        self._prepare = _Buffered(model.prepare, {0: self._u, 1: self._d, 2: self._p}, [self._held, self._clock_rate])
+        self._u, self._d, self._p = (np.zeros(model.sizes[key]) for key in "udp")
+        self._held = np.zeros(reduced.held.numel())
+        self._clock_rate = np.zeros(reduced.clocks.size)
+        self._start = np.zeros(reduced.moving.size)
+        self._end = np.zeros(reduced.moving.size)
+        self._prepare = _Buffered(reduced.prepare, {0: self._u, 1: self._d, 2: self._p}, [self._held, self._clock_rate])
         integrator = ca.integrator(
             "control_step",
             "cvodes",
-            {"x": model.z, "p": model.held, "ode": model.rate},
+            {"x": reduced.z, "p": reduced.held, "ode": reduced.rate},
             0.0,
             step_seconds,
             _options(self._settings),
@@ -120,13 +119,20 @@ class CvodesBackend:
 
     def differentiator(self) -> Differentiator:
         """Return what differentiates the steps."""
-        from glbench.kernel.sundials_sensitivities import CvodesDifferentiator
+        return CvodesDifferentiator(
+            self._model.sizes, self._reduced, _options(self._settings), self._step_seconds, self.advance
+        )
 
-        return CvodesDifferentiator(self._model, _options(self._settings), self._step_seconds, self.advance)
-
-    def bind(self, rows: Rows, out: FloatArray) -> PlainBoundStep:
+    def bind(self, rows: Rows, out: FloatArray) -> BoundStep:
         """A step of these very rows without checks; see ``Kernel.bind``."""
-        return PlainBoundStep(self, rows, out)
+
+        def step() -> None:
+            failures = self.advance(rows, out)
+            if failures:
+                msg = f"The step failed in row {failures[0].row} of {len(out)}: {failures[0].reason}."
+                raise StepError(msg)
+
+        return step
 
     def describe(self) -> Description:
         """Return method, tolerances and versions, as recorded in results."""
@@ -145,10 +151,10 @@ class CvodesBackend:
 
     def _step_row(self, x: FloatArray, u: FloatArray, d: FloatArray, out: FloatArray) -> str:
         """Step one row with the parameters in the buffer; when it fails, give the integrator's own word and keep ``x``."""
-        moving, clocks = self._model.moving, self._model.clocks
+        moving, clocks, scale = self._reduced.moving, self._reduced.clocks, self._reduced.scale
         self._u[:] = u
         self._d[:] = d
-        np.divide(x[moving], self._scale, out=self._start)
+        np.divide(x[moving], scale, out=self._start)
         out[:] = x
         self._prepare()
         try:
@@ -157,14 +163,15 @@ class CvodesBackend:
             return str(error)
         if not all_finite(self._end):
             return "the result is not finite"
-        out[moving] = self._end * self._scale
+        out[moving] = self._end * scale
         out[clocks] += self._step_seconds * self._clock_rate
         return ""
 
     def _in_words(self, reason: str, rows: Rows, row: int) -> str:
         p = rows.p[row if rows.p.shape[0] > 1 else 0]
-        rates = np.asarray(self._rhs(rows.x[row], rows.u[row], rows.d[row], p)).ravel()
-        bad = [f"{STATE_NAMES[k]} ({rows.x[row, k]:.6g})" for k in np.flatnonzero(~np.isfinite(rates))]
+        names = self._model.state_names
+        rates = np.asarray(self._model.rhs_function()(rows.x[row], rows.u[row], rows.d[row], p)).ravel()
+        bad = [f"{names[k]} ({rows.x[row, k]:.6g})" for k in np.flatnonzero(~np.isfinite(rates))]
         if bad:
             what = f"the rate of change is not finite at the start of the step for {', '.join(bad)}"
         else:
@@ -175,9 +182,9 @@ class CvodesBackend:
                 what = f"more than {SUBSTEP_LIMIT} internal steps were needed"
             else:
                 what = f"the integrator CVODES gave up with {flag[1]}"
-            k = int(np.argmax(np.abs(rates) / STATE_SCALE))
-            what += f"; fastest at its start was {STATE_NAMES[k]} = {rows.x[row, k]:.6g}, changing by {rates[k]:.3g} a second"
-        return f"{what}; {inputs_in_words(rows, row)}"
+            k = int(np.argmax(np.abs(rates) / state_scale(self._model)))
+            what += f"; fastest at its start was {names[k]} = {rows.x[row, k]:.6g}, changing by {rates[k]:.3g} a second"
+        return f"{what}; {inputs_in_words(self._model, rows, row)}"
 
 
 def _options(settings: CvodesSettings) -> dict[str, Any]:
@@ -208,3 +215,127 @@ class _Buffered:
 
     def __call__(self) -> None:
         self._call()
+
+
+class CvodesDifferentiator:
+    """Differentiates rows one after the other, from the sensitivity and adjoint equations that CasADi derives and CVODES integrates.
+
+    Slow, and owing nothing to the compiled kernel: the independent check of its derivatives. For the tomato, a row with all 44
+    directions takes about a second, a reverse sweep a tenth of one.
+
+    ``sizes`` are those of x, u, d and p, ``options`` those of the integrator; the states that are given back come from ``advance``.
+    """
+
+    def __init__(
+        self,
+        sizes: Mapping[str, int],
+        model: ReducedModel,
+        options: dict[str, Any],
+        step_seconds: float,
+        advance: Callable[[Rows, FloatArray], list[StepFailure]],
+    ) -> None:
+        self._sizes = sizes
+        self._model = model
+        # Directions take part in the choice of the internal steps, or their errors would be nobody's business.
+        self._options = options | {"fsens_err_con": True}
+        self._step_seconds = step_seconds
+        self._advance = advance
+        self._along = lru_cache(maxsize=4)(self._step_function.forward)
+
+    def forward(self, rows: Rows, directions: Directions) -> Forward:
+        """Step and differentiate along directions."""
+        x_next, failed = self._step(rows)
+        tangents = np.zeros((len(rows.x), directions.count, self._sizes["x"]))
+        function = self._along(directions.count)
+        for row in map(int, np.flatnonzero(~failed)):
+            which = 0 if directions.shared else row
+            held = {key: np.zeros((size, directions.count)) for key, size in self._sizes.items()}
+            seeds = (held | {key: table[which].T for key, table in directions.seeds.items()}).values()
+            found = self._call(function, rows, row, x_next[row], *seeds)
+            failed[row] = found is None
+            if found is not None:
+                tangents[row] = np.asarray(found).T
+        return Forward(x_next, tangents, failed)
+
+    def reverse(self, rows: Rows, cotangents: FloatArray, *, parameters: bool) -> Reverse:
+        """Step and pull cotangents (n, states) back."""
+        x_next, failed = self._step(rows)
+        gradients = {key: np.zeros((len(rows.x), size)) for key, size in self._sizes.items()}
+        for row in map(int, np.flatnonzero(~failed)):
+            found = self._call(self._backward, rows, row, x_next[row], cotangents[row])
+            failed[row] = found is None
+            if found is not None:
+                for gradient, values in zip(gradients.values(), found, strict=True):
+                    gradient[row] = np.asarray(values).ravel()
+        if not parameters:
+            del gradients["p"]
+        return Reverse(x_next, gradients, failed)
+
+    def _step(self, rows: Rows) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+        x_next = np.empty_like(rows.x)
+        failed = np.zeros(len(rows.x), dtype=np.bool_)
+        failed[[failure.row for failure in self._advance(rows, x_next)]] = True
+        return x_next, failed
+
+    def _call(self, function: Any, rows: Rows, row: int, x_next: FloatArray, *seeds: FloatArray) -> Any:
+        """Result of a derivative at a row; None when the integrator gave up."""
+        p = rows.p[row if len(rows.p) > 1 else 0]
+        with signals_wait():
+            try:
+                return function(rows.x[row], rows.u[row], rows.d[row], p, x_next, *seeds)
+            except RuntimeError:
+                return None
+
+    @cached_property
+    def _step_function(self) -> Any:
+        """The whole step (x, u, d, p) -> x_next as a CasADi function."""
+        model = self._model
+        moving, clocks = model.moving.tolist(), model.clocks.tolist()
+        scale = ca.DM(model.scale)
+        problem = {"x": model.z, "p": model.held, "ode": model.rate}
+        integrate = ca.integrator("control_step", "cvodes", problem, 0.0, self._step_seconds, self._options)
+        x, u, d, p = (ca.MX.sym(key, size) for key, size in self._sizes.items())
+        held, clock_rate = model.prepare(u, d, p)
+        x_next = ca.MX(self._sizes["x"], 1)
+        x_next[moving] = integrate(x0=x[moving] / scale, p=held)["xf"] * scale
+        if clocks:
+            x_next[clocks] = x[clocks] + self._step_seconds * clock_rate
+        return ca.Function("step", [x, u, d, p], [x_next])
+
+    @cached_property
+    def _backward(self) -> Any:
+        return self._step_function.reverse(1)
+
+
+# Signals that programs handle in Python; those that do not exist on a platform are left out.
+_NUMBERS = tuple(
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM", "SIGVTALRM", "SIGPROF", "SIGUSR1", "SIGUSR2", "SIGCHLD")
+    if hasattr(signal, name)
+)
+
+
+@contextlib.contextmanager
+def signals_wait() -> Iterator[list[int]]:
+    """Keep Python's signal handlers waiting: give the list of those that have arrived so far, and raise them at the end, once each.
+
+    While an integrator runs, CasADi lets Python handle pending signals at every evaluation of the right-hand side. When a handler
+    raises, as it does for Ctrl-C, CasADi takes that for a failed evaluation and swallows the exception: the row would be reported
+    as not integrable and the program would go on. So handlers wait until the integrator has returned, some milliseconds later.
+
+    Entering and leaving costs about 20 us, so enter it once for many rows and leave when something has arrived.
+    """
+    arrived: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield arrived  # Python handles signals nowhere but in the main thread
+        return
+    # The stack puts every handler back, even if one that did come through in between raises.
+    with contextlib.ExitStack() as stack:
+        for number in _NUMBERS:
+            handler = signal.getsignal(number)
+            if callable(handler):
+                stack.callback(signal.signal, number, handler)
+                signal.signal(number, lambda number, _frame: arrived.append(number))
+        yield arrived
+    for number in dict.fromkeys(arrived):
+        signal.raise_signal(number)

@@ -13,8 +13,10 @@ gives the same bits as the formula gives with arrays.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -22,8 +24,10 @@ import numpy.typing as npt
 
 from glbench.errors import GlbenchError
 
-Source = Literal["given", "controls", "drawn", "before", "after", "clock", "counter"]
-Target = Literal["controls", "parameters", "table", "observation"]
+Source = Literal[
+    "given", "controls", "drawn", "before", "after", "calendar", "counter", "calendar_before", "weather", "noise", "trait", "memory",
+]  # fmt: skip
+Target = Literal["controls", "parameters", "table", "observation", "memory"]
 
 SOURCES: tuple[str, ...] = get_args(Source)
 """In the order of ``glb::Source`` in native/environment.hpp."""
@@ -64,6 +68,34 @@ class Tape:
     def registers(self) -> int:
         """How many numbers it works with."""
         return len(self.constants) + len(self.inputs) + len(self.operations)
+
+    def reads(self, source: Source) -> bool:
+        """Whether an input comes from ``source``."""
+        return bool((self.inputs[:, 0] == SOURCES.index(source)).any())
+
+    @cached_property
+    def _steps(self) -> list[tuple[Callable[..., Any], int, int]]:
+        return [(_IN_NUMPY[op], a, b) for op, a, b in self.operations.tolist()]
+
+    def play(self, read: Callable[[Source, int], Any]) -> list[tuple[str, int, Any]]:
+        """Do the operations with numpy, with the bits of the compiled kernel.
+
+        Parameters
+        ----------
+        read
+            Gives the values of an input, ``(n,)``, from its source and index.
+
+        Returns
+        -------
+        list
+            Target, index and values of each output; what depends on no input is a plain number.
+        """
+        registers: list[Any] = self.constants.tolist()
+        registers += [read(SOURCES[source], index) for source, index in self.inputs.tolist()]
+        with np.errstate(all="ignore"):  # as silent as the compiled kernel; whoever uses a number judges it
+            for operator, a, b in self._steps:
+                registers.append(operator(registers[a], registers[b]))
+        return [(TARGETS[target], index, registers[number]) for target, index, number in self.outputs.tolist()]
 
 
 class Value:
@@ -188,5 +220,40 @@ class Recorder:
         return self._numbers.setdefault(key, len(self._numbers))
 
 
+def _exp(values: Any, _: Any) -> Any:
+    """The C library's ``exp``, number by number: numpy's is another one on some processors."""
+    array = np.asarray(values, dtype=np.float64)
+    found = np.array([_exp_of(value) for value in array.ravel().tolist()], dtype=np.float64)
+    return found.reshape(array.shape)
+
+
+def _exp_of(value: float) -> float:
+    try:
+        return math.exp(value)
+    except OverflowError:
+        return math.inf
+
+
+_IN_NUMPY: tuple[Callable[[Any, Any], Any], ...] = (
+    np.add,
+    np.subtract,
+    np.multiply,
+    np.true_divide,
+    lambda a, _: np.negative(a),
+    # Which of two zeros, or of two that are no numbers, is the larger: as native/tape.hpp has it.
+    lambda a, b: np.where((a > b) | (a != a), a, b),
+    lambda a, b: np.where((a < b) | (a != a), a, b),
+    lambda a, _: np.sign(a),
+    lambda a, b: np.where((b > a) | (a != a), b, a),
+    lambda a, b: np.where((b < a) | (a != a), b, a),
+    _exp,
+)
+"""In the order of ``OPERATORS``."""
+
+
 def _table(rows: list[tuple[int, ...]], width: int) -> npt.NDArray[np.int32]:
     return np.array(rows, dtype=np.int32).reshape(len(rows), width)
+
+
+EMPTY = Recorder().tape()
+"""A tape that does nothing."""

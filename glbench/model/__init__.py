@@ -44,6 +44,7 @@ from glbench.model.paper import (
     parameter_group,
     recompute_derived,
     register_model,
+    registered_models,
     rhs,
     tomato,
 )
@@ -110,6 +111,7 @@ __all__ = [
     "parameter_group",
     "recompute_derived",
     "register_model",
+    "registered_models",
     "relative_humidity",
     "rhs",
     "saturation_vapour_pressure",

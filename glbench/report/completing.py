@@ -44,7 +44,7 @@ def complete_profiles(
             continue
         if progress is not None:
             progress(item.path)
-        with make_kernel(task.step_seconds, workers=workers, variant=task.model.variant) as kernel:
+        with make_kernel(task.model_value, task.step_seconds, workers=workers) as kernel:
             profile = make_profile(task, item.result, log, None, kernel)
         write_atomically(profile_path(item.path), profile.to_bytes())
         made.append(profile_path(item.path))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from glbench.env.climate import AirReader
+from glbench.env.climate import read_air
 from glbench.model import co2_ppm, relative_humidity
 
 
@@ -16,34 +16,26 @@ def parcels(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_it_evaluates_the_models_own_formulas() -> None:
     temperature, density, pressure = parcels(200)
-    air = AirReader(200)(temperature, density, pressure)
+    air = read_air(temperature, density, pressure)
     assert (air[0] == temperature).all()
     assert air[1] == pytest.approx(co2_ppm(temperature, density), rel=1e-14)
     assert air[2] == pytest.approx(np.clip(relative_humidity(temperature, pressure), 0, 100), rel=1e-13)
 
 
 def test_400_ppm_weigh_732_mg_a_cubic_metre_at_20_degrees() -> None:
-    assert AirReader(1)(np.array([20.0]), np.array([731.82]), np.array([2325.98]))[1:, 0] == pytest.approx(
+    assert read_air(np.array([20.0]), np.array([731.82]), np.array([2325.98]))[1:, 0] == pytest.approx(
         [400.0, 100.0], rel=1e-5
     )
 
 
 def test_supersaturated_air_shows_100_percent() -> None:
-    assert AirReader(1)(np.array([20.0]), np.array([700.0]), np.array([2600.0]))[2, 0] == 100.0
+    assert read_air(np.array([20.0]), np.array([700.0]), np.array([2600.0]))[2, 0] == 100.0
 
 
 @pytest.mark.parametrize("n", [1, 7, 30, 64])
 def test_a_row_has_the_same_bits_in_every_batch_and_layout(n: int) -> None:
     temperature, density, pressure = parcels(64)
-    every = AirReader(64)(temperature, density, pressure)
-    assert (AirReader(n)(temperature[:n], density[:n], pressure[:n]) == every[:, :n]).all()
+    every = read_air(temperature, density, pressure)
+    assert (read_air(temperature[:n], density[:n], pressure[:n]) == every[:, :n]).all()
     columns = np.stack([temperature, density, pressure], axis=1)[64 - n :][::-1]  # strided, reversed
-    assert (AirReader(n)(columns[:, 0], columns[:, 1], columns[:, 2]) == every[:, 64 - n :][:, ::-1]).all()
-
-
-def test_a_result_is_not_overwritten_by_the_next_call() -> None:
-    read = AirReader(1)
-    first = read(np.array([20.0]), np.array([700.0]), np.array([1000.0]))
-    kept = first.copy()
-    read(np.array([30.0]), np.array([900.0]), np.array([2000.0]))
-    assert (first == kept).all()
+    assert (read_air(columns[:, 0], columns[:, 1], columns[:, 2]) == every[:, 64 - n :][:, ::-1]).all()

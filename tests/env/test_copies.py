@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation
-from glbench.kernel import Kernel, KernelPool
+from glbench.kernel import Kernel
+from glbench.model import TOMATO
 from glbench.tasks import TaskSpec
 from tests.env.stepping import StillKernel, walk
 
@@ -33,7 +34,7 @@ KERNELS = pytest.mark.parametrize("kernel", [None, "fast", "own"])
 
 
 def own(kernel: str | None) -> Kernel | str | None:
-    return Kernel(900.0, preset="standard", threads=2) if kernel == "own" else kernel
+    return Kernel(TOMATO, 900.0, preset="standard", threads=2) if kernel == "own" else kernel
 
 
 def bits(value: Any) -> Any:
@@ -71,7 +72,7 @@ def test_an_environment_is_copied_before_and_after_reset_and_half_way(
 
 @COPIES
 def test_wrappers_are_copied_too(day: TaskSpec, copied: Copy) -> None:
-    environment = gymnasium.make(ID, task=day, kernel=Kernel(900.0, preset="fast"), max_episode_steps=20)
+    environment = gymnasium.make(ID, task=day, kernel=Kernel(TOMATO, 900.0, preset="fast"), max_episode_steps=20)
     environment = gymnasium.wrappers.RecordEpisodeStatistics(gymnasium.wrappers.NormalizeObservation(environment))
     environment.reset(seed=5)
     environment.step(np.zeros(6, dtype=np.float32))
@@ -131,13 +132,14 @@ def test_the_last_step_is_still_told_after_copying(day: TaskSpec) -> None:
         assert "this step" in str(environment.render())
 
 
-def test_a_pool_is_copied_as_a_pool(day: TaskSpec) -> None:
-    with KernelPool(1, preset="fast") as pool, pickled(pool) as twin:
-        assert twin.describe() == pool.describe()
-        one, other = Simulation(day, 1, pool), Simulation(day, 1, twin)
-        one.reset([1])
-        other.reset([1])
-        assert one.step(np.ones((1, 6))).rewards == other.step(np.ones((1, 6))).rewards
+def test_a_copied_kernel_has_the_same_settings_and_bits(day: TaskSpec) -> None:
+    kernel = Kernel(TOMATO, preset="fast", threads=2)
+    twin = pickled(kernel)
+    assert (twin.describe(), twin.threads) == (kernel.describe(), 2)
+    one, other = Simulation(day, 1, kernel), Simulation(day, 1, twin)
+    one.reset([1])
+    other.reset([1])
+    assert one.step(np.ones((1, 6))).rewards == other.step(np.ones((1, 6))).rewards
 
 
 def test_another_process_continues_with_the_same_bits(day: TaskSpec, tmp_path: Path) -> None:

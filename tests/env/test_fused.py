@@ -12,9 +12,9 @@ import pytest
 
 from glbench.env import GreenhouseEnv, Simulation, StepResult, register_reward
 from glbench.errors import ActionError
-from glbench.kernel import Kernel, KernelPool, why_not_compiled
+from glbench.kernel import Kernel, why_not_compiled
 from glbench.kernel.compiled import CompiledStepper
-from glbench.kernel.compiled.backend import CompiledBackend
+from glbench.model import TOMATO
 from glbench.registration import task_ids
 from glbench.tasks import TaskSpec, get_task
 from tests.env.stepping import StillKernel, walk
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_n
 
 @pytest.fixture(scope="module")
 def kernel() -> Kernel:
-    return Kernel(900.0, backend="compiled", preset="fast")
+    return Kernel(TOMATO, 900.0, backend="compiled", preset="fast")
 
 
 def both(task: TaskSpec, kernel: Kernel, n: int = N) -> tuple[Simulation, Simulation]:
@@ -42,7 +42,7 @@ def both(task: TaskSpec, kernel: Kernel, n: int = N) -> tuple[Simulation, Simula
 
 def standing(simulation: Simulation) -> list[bytes]:
     arrays: tuple[np.ndarray[Any, Any], ...] = (
-        simulation.x, simulation.u, simulation.k, simulation.ended, simulation.air, simulation.head, simulation.seeds,
+        simulation.x, simulation.u, simulation.k, simulation.ended, simulation.air, simulation.info_columns, simulation.seeds,
     )  # fmt: skip
     return [array.tobytes() for array in arrays]
 
@@ -74,7 +74,7 @@ def step_both(pair: tuple[Simulation, Simulation], steps: int, m: int = 6, seed:
 @pytest.mark.parametrize("task_id", task_ids())
 def test_every_shipped_task_has_the_bits_of_the_reference(task_id: str) -> None:
     task = get_task(task_id)
-    pair = both(task, Kernel(900.0, variant=task.model.variant, backend="compiled", preset="fast"))
+    pair = both(task, Kernel(task.model_value, 900.0, backend="compiled", preset="fast"))
     step_both(pair, 12)
     for simulation in pair:
         simulation.end([3, 7])
@@ -140,11 +140,11 @@ def test_an_episode_ends_alike(make_task: MakeTask, kernel: Kernel) -> None:
 @pytest.fixture
 def impatient() -> Kernel:
     """A kernel of which a test may change the number of substeps that it allows."""
-    return Kernel(900.0, backend="compiled", preset="fast")
+    return Kernel(TOMATO, 900.0, backend="compiled", preset="fast")
 
 
 def allow(kernel: Kernel, substeps: int) -> None:
-    kernel._backend.stepper.settings.most = float(substeps)  # type: ignore[attr-defined]
+    kernel._backend.settings.most = float(substeps)  # type: ignore[attr-defined]
 
 
 def test_failed_steps_cost_and_say_the_same(make_task: MakeTask, impatient: Kernel) -> None:
@@ -153,7 +153,7 @@ def test_failed_steps_cost_and_say_the_same(make_task: MakeTask, impatient: Kern
     trial = Simulation(pair[0].task, N, impatient, fused=False)
     trial.restore(pair[0].snapshot())
     trial.step(np.zeros((N, 6)))
-    enough_for_some = int(impatient._backend.stepper.substeps.min())  # type: ignore[attr-defined]
+    enough_for_some = int(impatient._backend.substeps.min())  # type: ignore[attr-defined]
     allow(impatient, enough_for_some)
     results = [simulation.step(np.zeros((N, 6))) for simulation in pair]
     assert_alike(pair, results)
@@ -179,7 +179,7 @@ def test_a_failed_step_ends_the_single_environment_with_its_reason(make_task: Ma
 @pytest.mark.parametrize("n", [1, 2, 8, 9, 64])
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_row_has_the_same_bits_in_every_batch_and_thread(day: TaskSpec, n: int, threads: int) -> None:
-    kernel = Kernel(900.0, backend="compiled", preset="fast", threads=threads)
+    kernel = Kernel(TOMATO, 900.0, backend="compiled", preset="fast", threads=threads)
     simulation, alone = Simulation(day, n, kernel), Simulation(day, 1, kernel)
     simulation.reset(range(n))
     row = n - 1
@@ -193,8 +193,8 @@ def test_a_row_has_the_same_bits_in_every_batch_and_thread(day: TaskSpec, n: int
 
 def numbers_of(stepper: CompiledStepper, task: TaskSpec) -> list[bytes]:
     """Everything about a few fused steps of eleven runs."""
-    kernel = Kernel(900.0, backend="compiled", preset="fast")
-    kernel._backend = CompiledBackend(stepper)
+    kernel = Kernel(TOMATO, 900.0, backend="compiled", preset="fast")
+    kernel._backend = stepper
     simulation = Simulation(task, N, kernel)
     simulation.reset(SEEDS)
     results = [simulation.step(actions) for actions in walk(5, 3, N)]
@@ -204,8 +204,8 @@ def numbers_of(stepper: CompiledStepper, task: TaskSpec) -> list[bytes]:
 
 @pytest.mark.parametrize("width", [1, 4])
 def test_any_number_of_lanes(day: TaskSpec, width: int) -> None:
-    usual = numbers_of(CompiledStepper(900.0, preset="fast"), day)
-    assert numbers_of(CompiledStepper(900.0, preset="fast", width=width), day) == usual
+    usual = numbers_of(CompiledStepper(TOMATO, 900.0, preset="fast"), day)
+    assert numbers_of(CompiledStepper(TOMATO, 900.0, preset="fast", width=width), day) == usual
 
 
 @pytest.mark.parametrize(
@@ -219,9 +219,9 @@ def test_any_number_of_lanes(day: TaskSpec, width: int) -> None:
 def test_other_compilers_and_instruction_sets(day: TaskSpec, command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if shutil.which(command.split()[0]) is None:
         pytest.skip(f"{command} is not installed")
-    usual = numbers_of(CompiledStepper(900.0, preset="fast"), day)
+    usual = numbers_of(CompiledStepper(TOMATO, 900.0, preset="fast"), day)
     monkeypatch.setenv("CXX", command)
-    assert numbers_of(CompiledStepper(900.0, preset="fast"), day) == usual
+    assert numbers_of(CompiledStepper(TOMATO, 900.0, preset="fast"), day) == usual
 
 
 def test_one_run_by_itself_has_the_same_numbers(day: TaskSpec, kernel: Kernel) -> None:
@@ -234,7 +234,7 @@ def test_one_run_by_itself_has_the_same_numbers(day: TaskSpec, kernel: Kernel) -
         for simulation in (single, by_reference):
             observation, numbers, ended = simulation.step_single(action)
             assert observation.tobytes() == result.observations[0].tobytes()
-            assert numbers == [*many.head[:, 0].tolist(), *result.table[:, 0].tolist()]
+            assert numbers == [*many.info_columns[:, 0].tolist(), *result.table[:, 0].tolist()]
             assert not ended
             assert simulation.result is not None
             assert given(simulation.result) == given(result)
@@ -291,7 +291,7 @@ def test_nothing_that_was_handed_out_changes_later(day: TaskSpec, kernel: Kernel
     result = simulation.step(np.ones((3, 6)))
     held: list[np.ndarray[Any, Any]] = [
         observations, result.observations, result.rewards, result.terminated, result.table, result.quantities["epi"],
-        simulation.x, simulation.u, simulation.k, simulation.ended, simulation.air, simulation.head, simulation.seeds,
+        simulation.x, simulation.u, simulation.k, simulation.ended, simulation.air, simulation.info_columns, simulation.seeds,
     ]  # fmt: skip
     kept = [array.copy() for array in held]
     for actions in walk(1, 95, 3):
@@ -332,9 +332,7 @@ def test_formulas_beyond_arithmetic_are_stepped_by_the_reference(make_task: Make
 
 def test_kernels_that_step_states_only_are_used_by_the_reference(day: TaskSpec) -> None:
     assert not Simulation(day, 2, StillKernel()).fused
-    assert not Simulation(day, 2, Kernel(900.0, backend="casadi")).fused
-    with KernelPool(1) as pool:
-        assert not Simulation(day, 2, pool).fused
+    assert not Simulation(day, 2, Kernel(TOMATO, 900.0, backend="casadi")).fused
 
 
 def test_the_seeds_decide_the_draws(day: TaskSpec, kernel: Kernel) -> None:

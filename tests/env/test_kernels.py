@@ -9,6 +9,7 @@ import pytest
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation
 from glbench.errors import GlbenchError, UnknownNameError
 from glbench.kernel import Kernel
+from glbench.model import TOMATO, tomato
 from glbench.tasks import TaskSpec
 from tests.env.stepping import StillKernel
 
@@ -18,7 +19,7 @@ ACTIONS = np.full((2, 6), 0.3, dtype=np.float32)
 
 @pytest.mark.parametrize("preset", ["reference", "standard", "fast", "tight"])
 def test_a_presets_name_is_the_kernel_of_that_preset(day: TaskSpec, preset: str) -> None:
-    named, given = GreenhouseEnv(day, kernel=preset), GreenhouseEnv(day, kernel=Kernel(900.0, preset=preset))
+    named, given = GreenhouseEnv(day, kernel=preset), GreenhouseEnv(day, kernel=Kernel(TOMATO, 900.0, preset=preset))
     for environment in (named, given):
         environment.reset(seed=3)
     for action in ACTIONS:
@@ -49,7 +50,7 @@ def test_workers_go_with_a_preset_and_change_no_bit(day: TaskSpec) -> None:
     assert alone.step(ACTIONS)[0].tobytes() == shared.step(ACTIONS)[0].tobytes()
     shared.close()
     with pytest.raises(GlbenchError, match="a Kernel or a number of workers, not both"):
-        GreenhouseVectorEnv(day, 2, kernel=Kernel(900.0), workers=2)
+        GreenhouseVectorEnv(day, 2, kernel=Kernel(TOMATO, 900.0), workers=2)
     with pytest.raises(GlbenchError, match=r"whole number; got 2\.5"):
         GreenhouseVectorEnv(day, 2, workers=2.5)  # type: ignore[arg-type]
 
@@ -60,13 +61,14 @@ def test_what_is_no_kernel_of_the_task_is_refused_at_once(day: TaskSpec, make: t
         make(day, kernel="fats")
     for wrong in (3, {}, Kernel, object()):
         with pytest.raises(
-            GlbenchError, match=r"name of a preset \('reference', .* or a Kernel, such as Kernel\(900\)"
+            GlbenchError,
+            match=r"name of a preset \('reference', .* or a Kernel, such as Kernel\(task\.model_value, 900\)",
         ):
             make(day, kernel=wrong)  # type: ignore[arg-type]
     with pytest.raises(GlbenchError, match=r"step_seconds = 300.0, but tests/\w+-Delta10-v1 needs 900.0"):
-        make(day, kernel=Kernel(300.0))
+        make(day, kernel=Kernel(TOMATO, 300.0))
     with pytest.raises(GlbenchError, match="variant = 'gl_gym2'"):
-        make(day, kernel=Kernel(900.0, variant="gl_gym2"))
+        make(day, kernel=Kernel(tomato("gl_gym2"), 900.0))
 
 
 def test_an_object_of_ones_own_with_try_step_is_a_kernel(day: TaskSpec, still: StillKernel) -> None:

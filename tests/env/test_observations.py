@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from glbench.env import Simulation, Situation, WeatherTables, register_observation
+from glbench.env import ObservationInputs, Simulation, WeatherTables, register_observation
 from glbench.errors import TaskError, UnknownNameError
 from glbench.model import STATE_NAMES, co2_ppm, relative_humidity
 from glbench.tasks import TaskSpec, get_suite, get_task
@@ -174,8 +174,8 @@ def test_a_module_of_ones_own_works_from_a_task_file(make_task: MakeTask, still:
     def columns(context: object) -> tuple[Quantity, ...]:
         return (Quantity("test_canopy", "degC", -100.0, 150.0, "canopy temperature"),)
 
-    def make(task: TaskSpec, tables: WeatherTables) -> Callable[[Situation], np.ndarray]:
-        return lambda situation: situation.states[:, 4:5]
+    def make(task: TaskSpec, tables: WeatherTables) -> Callable[[ObservationInputs], np.ndarray]:
+        return lambda inputs: inputs.states[:, 4:5]
 
     module = ObservationModule("test_canopy", "canopy temperature", columns)
     register_observation(module, make)

@@ -11,6 +11,7 @@ from glbench.env import QUANTITIES, Simulation, StepResult
 from glbench.env.quantities import QUANTITY_NAMES
 from glbench.errors import ActionError, GlbenchError, ShapeError, UnknownNameError
 from glbench.kernel import Kernel
+from glbench.model import TOMATO
 from glbench.tasks import TaskSpec, get_task
 from tests.env.stepping import StillKernel, run, walk
 
@@ -28,7 +29,7 @@ def same_bits(a: StepResult, row_of_a: int, b: StepResult, row_of_b: int) -> boo
 
 @pytest.fixture(scope="module")
 def kernel() -> Kernel:
-    return Kernel(900.0)
+    return Kernel(TOMATO, 900.0)
 
 
 @pytest.fixture(scope="module")

@@ -4,25 +4,44 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from glbench.env.uncertainty import DISTRIBUTIONS, ParameterDraws, draw_key, register_distribution
+from glbench.env import Simulation
+from glbench.env.uncertainty import DISTRIBUTIONS, draw_key, register_distribution
 from glbench.errors import TaskError
 from glbench.model import PARAMETER_NAMES, crop_parameter_set, recompute_derived
 from glbench.tasks import TaskSpec, get_task
-from tests.env.stepping import GOLDEN
+from tests.env.stepping import GOLDEN, StillKernel
 
 MakeTask = Callable[..., TaskSpec]
 SLA, LAI_MAX, C_LEAF_MAX = (PARAMETER_NAMES.index(name) for name in ("sla", "laiMax", "cLeafMax"))
 
 
+def started(task: TaskSpec, seeds: list[int]) -> tuple[Simulation, StillKernel]:
+    """Runs with ``seeds``, and the kernel that sees their parameters."""
+    kernel = StillKernel()
+    simulation = Simulation(task, len(seeds), kernel)
+    simulation.reset(seeds)
+    return simulation, kernel
+
+
 def drawn(task: TaskSpec, seeds: list[int], steps: list[int]) -> np.ndarray:
-    """Parameters of rows with ``seeds`` in ``steps``, ``(steps, n, 208)``."""
-    draws = ParameterDraws(task, len(seeds))
-    draws.start(np.arange(len(seeds)), seeds)
-    return np.stack([draws.parameters(np.full(len(seeds), step)).copy() for step in steps])
+    """Parameters of rows with ``seeds`` in ``steps``, ``(steps, n, 208)``, in steps one after the other."""
+    simulation, kernel = started(task, seeds)
+    for _ in range(max(steps) + 1):
+        simulation.step_controls(np.zeros((len(seeds), 6)))
+    return np.stack([np.broadcast_to(kernel.calls[step][3], (len(seeds), 208)) for step in steps])
+
+
+def jumped(task: TaskSpec, seeds: list[int], steps: list[int]) -> np.ndarray:
+    """Parameters of rows with ``seeds``, each in its own step, ``(n, 208)``."""
+    simulation, kernel = started(task, seeds)
+    simulation.restore(replace(simulation.snapshot(), steps=np.array(steps)))
+    simulation.step_controls(np.zeros((len(seeds), 6)))
+    return kernel.calls[-1][3]
 
 
 @pytest.mark.parametrize("delta", [5, 10, 30])
@@ -71,10 +90,10 @@ def test_the_published_codes_family_draws_34_parameters_from_half_the_width() ->
 
 def test_without_uncertainty_nothing_is_drawn_and_the_nominal_vector_is_shared() -> None:
     task = get_task("Schiphol2010-Delta00-v1")
-    draws = ParameterDraws(task, 4)
-    draws.start(np.arange(4), [1, 2, 3, 4])
-    assert draws.parameters(np.zeros(4, dtype=np.int64)) is draws.nominal
-    assert (draws.nominal == task.parameters()).all()
+    simulation, kernel = started(task, [1, 2, 3, 4])
+    simulation.step_controls(np.zeros((4, 6)))
+    assert (kernel.calls[0][3] == task.parameters()).all()
+    assert kernel.calls[0][3].shape == (208,)
 
 
 def test_each_step_draws_anew_and_each_seed_draws_otherwise(day: TaskSpec) -> None:
@@ -92,22 +111,21 @@ def test_a_draw_does_not_depend_on_the_batch_or_on_the_steps_before(day: TaskSpe
     together = drawn(day, list(range(40)), list(range(96)))
     for seed in (0, 17, 39):
         assert (drawn(day, [seed], [70])[0, 0] == together[70, seed]).all()
-    backwards = drawn(day, [17, 3], [95, 64, 63, 1, 0][::-1])
-    assert (backwards[:, 0] == together[[0, 1, 63, 64, 95], 17]).all()
+    for step in (95, 64, 63, 1, 0):
+        assert (jumped(day, [17, 3], [step, step])[0] == together[step, 17]).all()
 
 
 def test_rows_at_different_steps_get_the_draws_of_their_own_step(day: TaskSpec) -> None:
     together = drawn(day, [4, 5, 6], list(range(96)))
-    draws = ParameterDraws(day, 3)
-    draws.start(np.arange(3), [4, 5, 6])
-    draws.parameters(np.array([0, 30, 90]))
-    ahead = draws.parameters(np.array([1, 31, 91])).copy()
-    for row, step in enumerate((1, 31, 91)):
-        assert (ahead[row] == together[step, row]).all()
-    draws.start(np.array([1]), [6])
-    restarted = draws.parameters(np.array([2, 0, 92])).copy()
-    assert (restarted[1] == together[0, 2]).all()
-    assert (restarted[2] == together[92, 2]).all()
+    apart = jumped(day, [4, 5, 6], [0, 30, 90])
+    for row, step in enumerate((0, 30, 90)):
+        assert (apart[row] == together[step, row]).all()
+    simulation, kernel = started(day, [4, 5, 6])
+    for _ in range(2):
+        simulation.step_controls(np.zeros((3, 6)))
+    simulation.reset([6], rows=[1])
+    simulation.step_controls(np.zeros((3, 6)))
+    assert (kernel.calls[-1][3] == together[[2, 0, 2], [0, 2, 2]]).all()
 
 
 def test_any_derived_parameter_follows_what_it_is_derived_from(make_task: MakeTask) -> None:

@@ -8,9 +8,11 @@ import casadi
 import numpy as np
 import pytest
 
-from glbench.kernel import STATE_SCALE, Kernel
-from glbench.model import CONTROL_NAMES, STATE_NAMES, build_rhs, initial_state
+from glbench.kernel import Kernel, state_scale
+from glbench.model import CONTROL_NAMES, STATE_NAMES, TOMATO, build_rhs, initial_state, tomato
 from tests.kernel.known_steps import Array, KnownSteps
+
+STATE_SCALE = state_scale(TOMATO)
 
 
 def scaled_error(got: Array, expected: Array) -> Array:
@@ -34,7 +36,7 @@ def test_known_steps_are_met(
 ) -> None:
     steps: KnownSteps = request.getfixturevalue(f"steps_{seconds}")
     error = scaled_error(
-        Kernel(seconds, backend=backend, preset=preset).step(steps.x, steps.u, steps.d, p), steps.after
+        Kernel(TOMATO, seconds, backend=backend, preset=preset).step(steps.x, steps.u, steps.d, p), steps.after
     )
     row, state = np.unravel_index(error.argmax(), error.shape)
     assert error.max() <= limit, f"{steps.labels[int(row)]}, {STATE_NAMES[int(state)]}"
@@ -50,7 +52,7 @@ def test_no_state_is_less_accurate_than_with_cvodes_at_one_millionth(
     published = casadi.integrator("published", "cvodes", problem, 0, seconds, {"abstol": 1e-6, "reltol": 1e-6})
     inputs = np.hstack([steps.u, steps.d])
     theirs = np.array([published(x0=steps.x[k], u=inputs[k])["xf"].full().ravel() for k in range(len(inputs))])
-    ours = Kernel(seconds, backend="casadi").step(steps.x, steps.u, steps.d, p)
+    ours = Kernel(TOMATO, seconds, backend="casadi").step(steps.x, steps.u, steps.d, p)
     worst_of_ours = scaled_error(ours, steps.after).max(axis=0)
     worst_of_theirs = scaled_error(theirs, steps.after).max(axis=0)
     # What both solve to the last bit (the clock) may differ by its rounding.
@@ -58,7 +60,7 @@ def test_no_state_is_less_accurate_than_with_cvodes_at_one_millionth(
 
 
 def test_three_steps_of_300_s_make_one_of_900_s(kernel: Kernel, steps_900: KnownSteps, p: Array) -> None:
-    short = Kernel(300.0, backend="casadi")
+    short = Kernel(TOMATO, 300.0, backend="casadi")
     x = steps_900.x
     for _ in range(3):
         x = short.step(x, steps_900.u, steps_900.d, p)
@@ -76,7 +78,7 @@ def test_soil_at_rest_stays_at_rest_by_hand(p: Array) -> None:
     d = np.array([0.0, 10.0, 1000.0, 750.0, 2.0, 2.0, 12.0, 0.0, 0.0, 0.0])
     x = initial_state(d, 16.5, p)
     x[8:15] = 12.0
-    after = Kernel(1.0, backend="casadi").step(x, np.zeros(6), d, p)
+    after = Kernel(TOMATO, 1.0, backend="casadi").step(x, np.zeros(6), d, p)
     assert after[12:15] == pytest.approx([12.0, 12.0, 12.0], abs=1e-9)
 
 
@@ -92,13 +94,13 @@ def test_every_corner_of_the_controls_is_met_from_the_benchmarks_start(
     d = np.array([sun, outside, vapour, 750.0, 4.0, sky, 10.0, 0.0, 0.0, 0.0])
     u = np.array(list(itertools.product((0.0, 1.0), repeat=len(CONTROL_NAMES))))
     x = np.tile(initial_state(d, 16.5, p), (len(u), 1))
-    got, failures = Kernel(900.0, backend="casadi").try_step(x, u, d, p)
+    got, failures = Kernel(TOMATO, 900.0, backend="casadi").try_step(x, u, d, p)
     assert not failures
-    expected = Kernel(900.0, backend="casadi", preset="tight").step(x, u, d, p)
+    expected = Kernel(TOMATO, 900.0, backend="casadi", preset="tight").step(x, u, d, p)
     assert scaled_error(got, expected).max() < 1e-6
 
 
 def test_the_published_variant_steps_to_another_state(kernel: Kernel, steps_900: KnownSteps, p: Array) -> None:
-    published = Kernel(900.0, variant="gl_gym2", backend="casadi").step(steps_900.x, steps_900.u, steps_900.d, p)
+    published = Kernel(tomato("gl_gym2"), 900.0, backend="casadi").step(steps_900.x, steps_900.u, steps_900.d, p)
     difference = scaled_error(published, kernel.step(steps_900.x, steps_900.u, steps_900.d, p))
     assert 1e-5 < difference.max() < 0.1

@@ -7,6 +7,7 @@ import pytest
 
 from glbench.errors import ActionError, ShapeError, StepError
 from glbench.kernel import Kernel, available
+from glbench.model import TOMATO
 from tests.kernel.known_steps import Array, KnownSteps
 
 
@@ -14,7 +15,7 @@ from tests.kernel.known_steps import Array, KnownSteps
 def any_kernel(request: pytest.FixtureRequest) -> Kernel:
     if request.param not in available():
         pytest.skip(f"the backend {request.param} does not work here")
-    return Kernel(900.0, backend=request.param, preset="fast")
+    return Kernel(TOMATO, 900.0, backend=request.param, preset="fast")
 
 
 def test_step_into_gives_the_bits_of_step(any_kernel: Kernel, steps_900: KnownSteps, p: Array) -> None:

@@ -5,22 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from glbench.errors import GlbenchError, ShapeError, StepError, UnknownNameError
-from glbench.kernel import STATE_SCALE, Kernel, KernelPool, available
-from glbench.model import PARAMETER_NAMES
+from glbench.errors import ShapeError, StepError, UnknownNameError
+from glbench.kernel import Kernel, available, state_scale
+from glbench.model import PARAMETER_NAMES, TOMATO
 from tests.kernel.known_steps import Array, KnownSteps
+
+STATE_SCALE = state_scale(TOMATO)
 
 
 @pytest.fixture(scope="module")
 def compiled() -> Kernel:
     if "compiled" not in available():
         pytest.skip("no compiled kernel here")
-    return Kernel(900.0, backend="compiled")
+    return Kernel(TOMATO, 900.0, backend="compiled")
 
 
 @pytest.fixture(scope="module")
 def tight(compiled: Kernel) -> Kernel:
-    return Kernel(900.0, backend="compiled", preset="tight")
+    return Kernel(TOMATO, 900.0, backend="compiled", preset="tight")
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +58,7 @@ def test_gradients_agree_with_those_of_cvodes(
     tight: Kernel, inner: tuple[Array, Array, Array], p: Array, backend: str
 ) -> None:
     weights = np.random.default_rng(5).normal(size=(3, 28)) / STATE_SCALE
-    reference = Kernel(900.0, backend=backend)
+    reference = Kernel(TOMATO, 900.0, backend=backend)
     x_next, expected = reference.adjoint(*inner, p, weights, parameters=True)
     _, found = tight.adjoint(*inner, p, weights, parameters=True)
     assert x_next.tobytes() == reference.step(*inner, p).tobytes()
@@ -101,11 +103,6 @@ def test_wrong_directions_are_explained(compiled: Kernel, inner: tuple[Array, Ar
         compiled.adjoint(*inner, p, np.ones((3, 2, 28)))
     with pytest.raises(UnknownNameError, match=r"no parameter 'aPip'.*aPipe"):
         compiled.linearise(*inner, p, parameters=["aPip"])
-
-
-def test_a_pool_says_who_can_differentiate(pool: KernelPool, inner: tuple[Array, Array, Array], p: Array) -> None:
-    with pytest.raises(GlbenchError, match=r"KernelPool gives no derivatives.*Kernel\(\.\.\.\)"):
-        pool.linearise(*inner, p)
 
 
 def test_a_row_that_fails_is_named_by_casadi_too(

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from glbench.kernel import Kernel, why_not_compiled
-from glbench.kernel.environment import Lookup, Program, Reader
+from glbench.kernel.environment import ActionBounds, Lookup, Program
 from glbench.kernel.tape import OPERATORS, Recorder, RecordingError, Tape
-from glbench.model import default_parameters
+from glbench.model import TOMATO, default_parameters
 
 Array = np.ndarray[Any, Any]
 
@@ -21,14 +21,14 @@ needs_compiler = pytest.mark.skipif(why_not_compiled() is not None, reason=str(w
 
 def program(outcome: Tape, width: int = 0, columns: int = 0, lookups: tuple[Lookup, ...] = ()) -> Program:
     """Nothing but a look at controls and clock."""
-    bounds = Reader(np.zeros(6), np.ones(6), np.zeros(6), np.ones(6))
+    bounds = ActionBounds(np.zeros(6), np.ones(6), np.zeros(6), np.ones(6))
     recorder = Recorder()
     for index in range(6):
         recorder.output("controls", index, recorder.input("given", index))
     return Program(
         actuation=recorder.tape(), outcome=outcome, actions=bounds, controls=bounds, steps=10, weather=np.zeros((12, 10)),
-        clock=np.zeros((12, 2)), lag=1, nominal=default_parameters(), draws=None, lookups=lookups, columns=columns,
-        width=width, head=0, charges={},
+        day=12, days=1, calendar=np.zeros((12, 2)), lag=1, nominal=default_parameters(), lookups=lookups, columns=columns,
+        width=width, info_columns=0, charges={},
     )  # fmt: skip
 
 
@@ -36,11 +36,13 @@ def played(formula: Callable[..., Any], *arguments: Array) -> Array:
     """``formula`` of some columns as a tape, whose inputs stand in the place of controls."""
     recorder = Recorder()
     recorder.output("table", 0, formula(*(recorder.input("controls", index) for index in range(len(arguments)))))
-    environments = Kernel(900.0, backend="compiled").environments(program(recorder.tape(), width=1), len(arguments[0]))
+    environments = Kernel(TOMATO, 900.0, backend="compiled").environments(
+        program(recorder.tape(), width=1), len(arguments[0])
+    )
     assert environments is not None
     for index, values in enumerate(arguments):
         environments.u[:, index] = values
-    environments.look()
+    environments.observe()
     result: Array = environments.table[:, 0].copy()
     return result
 
@@ -101,12 +103,12 @@ def test_the_larger_of_a_number_and_none_is_the_number_in_c() -> None:
 def test_rows_of_tables_are_looked_up_by_clock_and_weather() -> None:
     table = np.arange(60, dtype=np.float32).reshape(12, 5)
     lookups = (Lookup(table, 0, clocked=True), Lookup(table, 5), Lookup(table, 10, rows=2, ahead=1))
-    environments = Kernel(900.0, backend="compiled").environments(
+    environments = Kernel(TOMATO, 900.0, backend="compiled").environments(
         program(Recorder().tape(), columns=20, lookups=lookups), 3
     )
     assert environments is not None
     environments.k[:] = [0, 1, 4]
-    environments.look()
+    environments.observe()
     for row, (clock, shown) in enumerate([(0, 0), (1, 0), (4, 3)]):
         expected = [*table[clock], *table[shown], *table[shown + 1], *table[shown + 2]]
         assert environments.observations[row].tolist() == expected
@@ -159,4 +161,4 @@ def test_a_program_that_is_too_large_is_declined() -> None:
     for number in range(2000):
         value = value + float(number)
     recorder.output("table", 0, value)
-    assert Kernel(900.0, backend="compiled").environments(program(recorder.tape(), width=1), 1) is None
+    assert Kernel(TOMATO, 900.0, backend="compiled").environments(program(recorder.tape(), width=1), 1) is None

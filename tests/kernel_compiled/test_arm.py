@@ -16,6 +16,7 @@ from glbench.kernel.compiled import CompiledStepper
 from glbench.kernel.compiled.compiler import Compiler
 from glbench.kernel.compiled.library import write_source
 from glbench.kernel.compiled.stepper import absent_equipment, traits_of
+from glbench.model import TOMATO
 
 Array: TypeAlias = NDArray[np.float64]
 Case: TypeAlias = tuple[Array, Array, Array]
@@ -37,7 +38,7 @@ def on_arm(tmp_path_factory: pytest.TempPathFactory) -> ArmRun:
         if shutil.which(program) is None:
             pytest.skip(f"{program} is not installed (Debian and Ubuntu: apt-get install {package})")
     folder = tmp_path_factory.mktemp("arm")
-    _, include = write_source(folder, "author", traits_of(absent_equipment()))
+    _, include = write_source(folder, TOMATO, traits_of(TOMATO, absent_equipment(TOMATO)))
     here = {"-march=native", "-mtune=haswell", "-mcpu=native", "-fPIC", "-shared"}
     flags = (*(flag for flag in Compiler((CROSS,), "").flags() if flag not in here), "-static")
     program = folder / "arm_driver"
@@ -89,7 +90,7 @@ def assert_same(found: Stepped, expected: Stepped) -> None:
 def test_arm_gives_the_bits_of_this_machine(
     on_arm: ArmRun, rows: Case, parameters: Array, preset: str, n: int, rows_a_call: int
 ) -> None:
-    stepper, case = CompiledStepper(900.0, preset=preset), case_of(rows, n)
+    stepper, case = CompiledStepper(TOMATO, 900.0, preset=preset), case_of(rows, n)
     here = stepped_here(stepper, case, parameters)
     assert not any(status.any() for _, status, _ in here)
     assert_same(on_arm(stepper, case, parameters, rows_a_call), here)
@@ -100,7 +101,7 @@ def test_arm_gives_the_same_bits_where_a_substep_is_not_a_number(on_arm: ArmRun,
     # the sign of such a "number" is set is where x86 and Arm differ.
     x, u, d = case_of(rows, 60)
     x *= np.random.default_rng(11).uniform(-1.0, 2.0, x.shape)
-    stepper = CompiledStepper(900.0, preset="standard")
+    stepper = CompiledStepper(TOMATO, 900.0, preset="standard")
     here = stepped_here(stepper, (x, u, d), parameters)
     failed = sum(int(np.count_nonzero(status)) for _, status, _ in here)
     assert 0 < failed < STEPS * 60

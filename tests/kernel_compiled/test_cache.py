@@ -13,6 +13,7 @@ import pytest
 from glbench.kernel import will_compile
 from glbench.kernel.compiled import CompiledStepper, CompiledUnavailable, availability
 from glbench.kernel.compiled.compiler import find_compiler
+from glbench.model import TOMATO
 
 
 @pytest.fixture
@@ -24,7 +25,7 @@ def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture(scope="session")
 def finished_library(compiled: None) -> str:
     """A library that was really compiled, in the user's own cache."""
-    return CompiledStepper(900.0).library_path
+    return CompiledStepper(TOMATO, 900.0).library_path
 
 
 @pytest.fixture
@@ -50,33 +51,34 @@ def compilations(log: Path) -> int:
 
 
 def test_a_library_is_built_once(empty_cache: Path, quick_compiler: Path) -> None:
-    CompiledStepper(900.0)
-    CompiledStepper(300.0, preset="fast", threads=2)
+    CompiledStepper(TOMATO, 900.0)
+    CompiledStepper(TOMATO, 300.0, preset="fast", threads=2)
     assert compilations(quick_compiler) == 1
     assert not [file for file in empty_cache.iterdir() if file.is_dir()], "temporary folders stay behind"
 
 
 def test_a_broken_library_is_built_again_beside_the_old(empty_cache: Path, quick_compiler: Path) -> None:
-    CompiledStepper(900.0)
+    CompiledStepper(TOMATO, 900.0)
     (library,) = empty_cache.glob("*.so")
     inode = library.stat().st_ino
     broken = library.with_suffix(".broken")
     broken.write_bytes(library.read_bytes()[:1000])
     broken.replace(library)
-    CompiledStepper(900.0)
+    CompiledStepper(TOMATO, 900.0)
     assert compilations(quick_compiler) == 2
     assert library.stat().st_ino != inode
     assert library.stat().st_size > 1000
 
 
 def test_a_broken_record_is_built_again(empty_cache: Path, quick_compiler: Path) -> None:
-    CompiledStepper(900.0)
+    CompiledStepper(TOMATO, 900.0)
     (record,) = empty_cache.glob("*.json")
     record.write_text("{", encoding="utf-8")
-    CompiledStepper(900.0)
+    CompiledStepper(TOMATO, 900.0)
     assert compilations(quick_compiler) == 2
 
 
+@pytest.mark.slow
 def test_processes_that_start_together_build_once(empty_cache: Path, quick_compiler: Path) -> None:
     program = "from glbench.kernel.compiled import availability; print(availability())"
     started = [
@@ -101,7 +103,7 @@ def test_without_a_compiler_the_reason_says_what_to_install(monkeypatch: pytest.
 def test_a_compiler_that_does_not_exist_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CXX", "no-such-compiler")
     with pytest.raises(CompiledUnavailable, match="CXX=no-such-compiler"):
-        CompiledStepper(900.0)
+        CompiledStepper(TOMATO, 900.0)
 
 
 @pytest.mark.usefixtures("empty_cache")
@@ -114,7 +116,7 @@ def test_a_compiler_that_fails_is_quoted(monkeypatch: pytest.MonkeyPatch, tmp_pa
     script.chmod(script.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("CXX", str(script))
     with pytest.raises(CompiledUnavailable, match=r"exit status 3: error: no disk"):
-        CompiledStepper(900.0)
+        CompiledStepper(TOMATO, 900.0)
 
 
 @pytest.mark.usefixtures("compiled")
@@ -122,7 +124,7 @@ def test_a_cache_that_cannot_be_written_is_named(monkeypatch: pytest.MonkeyPatch
     (tmp_path / "file").write_text("in the way", encoding="utf-8")
     monkeypatch.setenv("GLBENCH_CACHE", str(tmp_path / "file"))
     with pytest.raises(CompiledUnavailable, match="GLBENCH_CACHE"):
-        CompiledStepper(900.0)
+        CompiledStepper(TOMATO, 900.0)
 
 
 @pytest.mark.usefixtures("compiled")
@@ -136,9 +138,9 @@ def test_cc_names_the_compiler_when_cxx_does_not(monkeypatch: pytest.MonkeyPatch
 
 
 def test_whether_there_is_something_to_build_is_known(empty_cache: Path, quick_compiler: Path) -> None:
-    assert will_compile("author")
-    CompiledStepper(900.0)
-    assert not will_compile("author")
+    assert will_compile(TOMATO)
+    CompiledStepper(TOMATO, 900.0)
+    assert not will_compile(TOMATO)
 
 
 def test_a_compiler_that_does_not_run_is_not_called_absent(
@@ -154,4 +156,4 @@ def test_a_compiler_that_does_not_run_is_not_called_absent(
         CompiledUnavailable, match=rf"does not run \({tmp_path}/c\+\+, {tmp_path}/g\+\+: `--version` fails\)"
     ):
         find_compiler()
-    assert not will_compile("author")
+    assert not will_compile(TOMATO)

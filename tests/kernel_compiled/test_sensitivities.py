@@ -14,20 +14,21 @@ import pytest
 from numpy.typing import NDArray
 
 from glbench.errors import StepError
-from glbench.kernel import STATE_SCALE, Kernel, Linearisation
+from glbench.kernel import Kernel, Linearisation, state_scale
 from glbench.kernel.compiled import Preset, absent_equipment
-from glbench.kernel.compiled.backend import CompiledBackend
 from glbench.kernel.compiled.differentiator import CompiledDifferentiator
 from glbench.kernel.compiled.stepper import CompiledStepper
-from glbench.kernel.directions import Directions
 from glbench.kernel.records import Rows, as_rows
-from glbench.model import PARAMETER_NAMES, VARIANTS, default_parameters
+from glbench.kernel.sensitivities import Directions
+from glbench.model import PARAMETER_NAMES, TOMATO, VARIANTS, default_parameters, tomato
+
+STATE_SCALE = state_scale(TOMATO)
 
 Array = NDArray[np.float64]
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
-ONE_SUBSTEP = Preset(relative=1.0, first_substep=5.0, forgotten=1.0, guard=1.0)
+ONE_SUBSTEP = Preset(relative=1.0, first_substep=5.0, fast_error_floor=1.0, singular_error_factor=1.0)
 """With steps of 5 s: a single, coarse substep, so that finite differences see the numerical step and nothing else."""
 
 SCALES = {
@@ -45,7 +46,7 @@ def points(golden_steps: dict[str, Array], parameters: Array) -> Rows:
     Without the first state of each: there all temperatures are equal, which is a kink of every exchange by convection.
     """
     x, d = (np.concatenate([golden_steps[f"winter_{k}"][1:], golden_steps[f"summer_{k}"][1:]]) for k in "xd")
-    return as_rows(x, np.random.default_rng(1).uniform(0.01, 0.99, (78, 6)), d, parameters)
+    return as_rows(TOMATO.names, x, np.random.default_rng(1).uniform(0.01, 0.99, (78, 6)), d, parameters)
 
 
 @pytest.fixture(scope="module")
@@ -55,12 +56,12 @@ def one_substep() -> Kernel:
 
 @pytest.fixture(scope="module")
 def kernel() -> Kernel:
-    return Kernel(900.0, backend="compiled")
+    return Kernel(TOMATO, 900.0, backend="compiled")
 
 
 def own_kernel(seconds: float, preset: Preset, variant: str = "author") -> Kernel:
-    kernel = Kernel(seconds, backend="compiled", variant=variant)
-    kernel._backend = CompiledBackend(CompiledStepper(seconds, variant=variant, preset=preset))
+    kernel = Kernel(tomato(variant), seconds, backend="compiled")
+    kernel._backend = CompiledStepper(tomato(variant), seconds, preset=preset)
     return kernel
 
 
@@ -105,7 +106,7 @@ def test_the_derivative_is_that_of_the_solution(points: Rows) -> None:
     A step that crosses a kink has a derivative as accurate as the root of its tolerance, and finite differences across a kink
     are wrong; with random controls many steps cross one. Hence shares of the columns instead of the largest error.
     """
-    kernel = Kernel(900.0, backend="compiled", preset="tight")
+    kernel = Kernel(TOMATO, 900.0, backend="compiled", preset="tight")
     lines = kernel.linearise(*points)
     found = []
     for key, jacobian in jacobians(lines).items():
@@ -119,7 +120,7 @@ def test_the_derivative_is_that_of_the_solution(points: Rows) -> None:
 
 
 def test_parameters_have_derivatives_also_those_of_absent_equipment(one_substep: Kernel, points: Rows) -> None:
-    absent = set(absent_equipment())
+    absent = set(absent_equipment(TOMATO))
     chosen = [k for k in range(0, 208, 5) if k not in absent] + sorted(absent)[::4]
     some = points.part(0, 30)
     lines = one_substep.linearise(*some, parameters=[PARAMETER_NAMES[k] for k in chosen])
@@ -140,7 +141,7 @@ def test_parameters_have_derivatives_also_those_of_absent_equipment(one_substep:
 
 @pytest.mark.parametrize("preset", ["reference", "fast"])
 def test_the_state_is_that_of_the_step_to_the_bit(points: Rows, preset: str) -> None:
-    kernel = Kernel(900.0, backend="compiled", preset=preset)
+    kernel = Kernel(TOMATO, 900.0, backend="compiled", preset=preset)
     expected = kernel.step(*points).tobytes()
     assert kernel.linearise(*points).x_next.tobytes() == expected
     assert kernel.forward(*points, du=np.ones(6))[0].tobytes() == expected
@@ -151,7 +152,7 @@ def test_the_state_is_that_of_the_step_to_the_bit(points: Rows, preset: str) -> 
 @pytest.mark.parametrize("preset", ["reference", "standard", "fast", "tight"])
 def test_forward_and_reverse_are_one_linear_map(points: Rows, preset: str) -> None:
     """<w, A v> = <A' w, v> for random v and w in scaled units, to 1e-10 of the sum of the terms' sizes."""
-    kernel = Kernel(900.0, backend="compiled", preset=preset)
+    kernel = Kernel(TOMATO, 900.0, backend="compiled", preset=preset)
     generator = np.random.default_rng(7)
     v = {f"d{key}": generator.normal(size=getattr(points, key).shape) * SCALES[key] for key in "xud"}
     v["dp"] = generator.normal(size=(78, 208)) * points.p * 0.1
@@ -191,11 +192,13 @@ def derivatives(kernel: Kernel, rows: Rows) -> bytes:
 
 
 def test_a_row_has_the_same_bits_alone_in_a_batch_and_in_threads(points: Rows) -> None:
-    kernel = Kernel(900.0, backend="compiled", preset="fast")
+    kernel = Kernel(TOMATO, 900.0, backend="compiled", preset="fast")
     expected = derivatives(kernel, points)
     assert b"".join(derivatives(kernel, points.part(row, row + 1)) for row in range(78)) == expected
     for threads in (2, 3):
-        assert derivatives(Kernel(900.0, backend="compiled", preset="fast", threads=threads), points) == expected
+        assert (
+            derivatives(Kernel(TOMATO, 900.0, backend="compiled", preset="fast", threads=threads), points) == expected
+        )
     shuffled = np.random.default_rng(2).permutation(78)
     again = Rows(points.x[shuffled], points.u[shuffled], points.d[shuffled], points.p)
     size = len(expected) // 78
@@ -214,8 +217,8 @@ def everything(stepper: CompiledStepper, points: Rows) -> bytes:
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [1, 2, 4])
 def test_any_number_of_lanes_gives_the_same_bits(points: Rows, width: int) -> None:
-    expected = everything(CompiledStepper(900.0, preset="fast"), points)
-    assert everything(CompiledStepper(900.0, preset="fast", width=width), points) == expected
+    expected = everything(CompiledStepper(TOMATO, 900.0, preset="fast"), points)
+    assert everything(CompiledStepper(TOMATO, 900.0, preset="fast", width=width), points) == expected
 
 
 @pytest.mark.slow
@@ -225,9 +228,9 @@ def test_other_compilers_and_instruction_sets_give_the_same_bits(
 ) -> None:
     if shutil.which(command.split()[0]) is None:
         pytest.skip(f"{command} is not installed")
-    expected = everything(CompiledStepper(900.0, preset="fast"), points)
+    expected = everything(CompiledStepper(TOMATO, 900.0, preset="fast"), points)
     monkeypatch.setenv("CXX", command)
-    assert everything(CompiledStepper(900.0, preset="fast"), points) == expected
+    assert everything(CompiledStepper(TOMATO, 900.0, preset="fast"), points) == expected
 
 
 @pytest.mark.slow
@@ -308,7 +311,7 @@ def test_a_day_backwards_gives_the_gradient_of_its_end(points: Rows, parameters:
 
     In the direction of random changes of all controls: one number holds 576 derivatives to account.
     """
-    kernel = Kernel(900.0, backend="compiled", preset="tight")
+    kernel = Kernel(TOMATO, 900.0, backend="compiled", preset="tight")
     generator = np.random.default_rng(3)
     controls = np.clip(0.5 + np.cumsum(generator.uniform(-0.05, 0.05, (96, 6)), axis=0), 0.05, 0.95)
     weather, weights = points.d[np.arange(96) * 39 // 96 + 39], generator.normal(size=28) / STATE_SCALE

@@ -20,7 +20,7 @@ def actions(steps: int, rows: int) -> Array:
 
 def test_observations_rewards_and_ends_are_those_of_the_vector_environment(day: TaskSpec) -> None:
     ours = TrainingVecEnv(day, 3, first_seed=100)
-    kernel = make_kernel(day.step_seconds, variant=day.model.variant, preset="fast")
+    kernel = make_kernel(day.model_value, day.step_seconds, preset="fast")
     theirs = GreenhouseVectorEnv(day, 3, kernel=kernel, autoreset_mode="Disabled")
     np.testing.assert_array_equal(ours.reset(), theirs.reset(seed=[100, 101, 102])[0])
     total = np.zeros(3)

@@ -1,18 +1,17 @@
 """The compiled backend of the kernel: the model as generated C++, stepped by Rosenbrock methods in SIMD lanes.
 
-``CompiledStepper(900.0).step_rows(x, u, d, p, out)`` steps a batch in place; ``availability()`` says in words why it cannot
+``CompiledStepper(TOMATO, 900.0).step_rows(x, u, d, p, out)`` steps a batch in place; ``availability()`` says in words why it cannot
 be used here, if so. How it works, how accurate and how fast it is: docs/kernel-compiled.md.
 """
 
 from __future__ import annotations
 
-from glbench.kernel.compiled.failures import Failure
+from glbench.kernel.compiled.binding import Failure, failed_with
+from glbench.kernel.compiled.compiler import CompiledUnavailable
 from glbench.kernel.compiled.stepper import CompiledStepper, absent_equipment, availability
-from glbench.kernel.compiled.tolerances import FAST_STATES, PRESETS, Preset
-from glbench.kernel.compiled.unavailable import CompiledUnavailable
+from glbench.kernel.compiled.tolerances import PRESETS, Preset
 
 __all__ = [
-    "FAST_STATES",
     "PRESETS",
     "CompiledStepper",
     "CompiledUnavailable",
@@ -20,4 +19,5 @@ __all__ = [
     "Preset",
     "absent_equipment",
     "availability",
+    "failed_with",
 ]

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from glbench.kernel.compiled.stepper import CompiledStepper
 from glbench.kernel.compiled.tolerances import Preset
-from glbench.model import CONTROL_NAMES, STATE_NAMES, build_rhs, default_parameters, initial_state
+from glbench.model import TOMATO, Model
 from glbench.weather import disturbances, load_weather
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 STEP_SECONDS = 900.0
 STEPS_A_DAY = 96
 KINDS = ("walk", "jump")
-EXACT = Preset(relative=1e-10, first_substep=0.1, forgotten=1.0, guard=1.0)
+EXACT = Preset(relative=1e-10, first_substep=0.1, fast_error_floor=1.0, singular_error_factor=1.0)
 """Settings of the run that the others are compared with; with 1e-11 the errors found change by 1e-4 of themselves at most."""
 
 _ROUNDING = 1e-12  # errors of this size relative to the state are rounding, not integration
@@ -37,7 +37,7 @@ _ROUNDING = 1e-12  # errors of this size relative to the state are rounding, not
 
 @dataclass(frozen=True)
 class Inputs:
-    """Controls (steps, runs, 6), weather (steps, runs, 10) and initial states (runs, 28) of some runs."""
+    """Controls (steps, runs, controls), weather (steps, runs, 10) and initial states (runs, states) of some runs."""
 
     controls: Array
     weather: Array
@@ -46,7 +46,7 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of a solution: largest and root mean square of each state (28,) [unit of the state]."""
+    """Errors of a solution: largest and root mean square of each state (states,) [unit of the state]."""
 
     largest: Array
     mean_square: Array
@@ -62,42 +62,42 @@ def make_inputs(kind: str, seeds: Sequence[int], days: int) -> Inputs:
     """Runs of ``days`` days, one a seed: run ``s`` starts in month ``s mod 12`` of 2010 or 2011 (never beyond 2012)."""
     record = load_weather("schiphol")
     steps = days * STEPS_A_DAY
-    weather = np.empty((steps, len(seeds), 10))
-    controls = np.empty((steps, len(seeds), len(CONTROL_NAMES)))
+    weather = np.empty((steps, len(seeds), TOMATO.sizes["d"]))
+    controls = np.empty((steps, len(seeds), TOMATO.sizes["u"]))
     for run, seed in enumerate(seeds):
         start = dt.date(2010 + seed // 12 % 2, 1 + seed % 12, 1)
         weather[:, run] = disturbances(record, start=start, steps=steps, step_seconds=STEP_SECONDS).values
         controls[:, run] = make_controls(kind, seed, steps)
-    parameters = default_parameters()
-    initial = np.stack([initial_state(weather[0, run], 16.5, parameters) for run in range(len(seeds))])
+    parameters = TOMATO.parameters.default()
+    initial = np.stack([TOMATO.start("mature_crop", weather[0, run], 16.5, parameters) for run in range(len(seeds))])
     return Inputs(controls, weather, initial)
 
 
 def make_controls(kind: str, seed: int, steps: int) -> Array:
-    """Controls (steps, 6) that walk (at most 0.1 a step, held in [0, 1]) or jump (0 or 1, redrawn at every step)."""
+    """Controls (steps, controls) that walk (at most 0.1 a step, held in [0, 1]) or jump (0 or 1, redrawn at every step)."""
     generator = np.random.default_rng([seed, KINDS.index(kind)])
     if kind == "jump":
-        return generator.integers(0, 2, (steps, len(CONTROL_NAMES))).astype(np.float64)
-    controls = np.empty((steps, len(CONTROL_NAMES)))
-    now = generator.uniform(0.0, 1.0, len(CONTROL_NAMES))
+        return generator.integers(0, 2, (steps, TOMATO.sizes["u"])).astype(np.float64)
+    controls = np.empty((steps, TOMATO.sizes["u"]))
+    now = generator.uniform(0.0, 1.0, TOMATO.sizes["u"])
     for step in range(steps):
         now = np.clip(now + generator.uniform(-0.1, 0.1, now.shape), 0.0, 1.0)
         controls[step] = now
     return controls
 
 
-def run_compiled(inputs: Inputs, preset: str | Preset, variant: str = "author") -> tuple[Array, float]:
-    """States after every step (steps, runs, 28), and the mean number of substeps a step.
+def run_compiled(inputs: Inputs, preset: str | Preset, model: Model = TOMATO) -> tuple[Array, float]:
+    """States after every step (steps, runs, states), and the mean number of substeps a step.
 
     Raises
     ------
     StepError
         When a row could not be stepped.
     """
-    stepper = CompiledStepper(STEP_SECONDS, variant=variant, preset=preset)
-    parameters = default_parameters()
+    stepper = CompiledStepper(model, STEP_SECONDS, preset=preset)
+    parameters = model.parameters.default()
     steps, runs, _ = inputs.controls.shape
-    states = np.empty((steps, runs, len(STATE_NAMES)))
+    states = np.empty((steps, *inputs.initial.shape))
     substeps = 0
     x = inputs.initial
     for step in range(steps):
@@ -110,11 +110,11 @@ def run_compiled(inputs: Inputs, preset: str | Preset, variant: str = "author") 
 
 
 def make_cvodes(
-    tolerance: float, step_seconds: float = STEP_SECONDS, variant: str = "author", *, jit: bool = False
+    tolerance: float, step_seconds: float = STEP_SECONDS, model: Model = TOMATO, *, jit: bool = False
 ) -> Any:
     """CasADi's CVODES as the paper runs it: equal absolute and relative tolerance on unscaled states."""
-    x, q = casadi.SX.sym("x", len(STATE_NAMES)), casadi.SX.sym("q", 16)
-    rate = build_rhs(variant)(x, q[:6], q[6:], default_parameters())
+    x, u, d = (casadi.SX.sym(key, model.sizes[key]) for key in "xud")
+    rate = model.rhs_function()(x, u, d, model.parameters.default())
     options: dict[str, Any] = {"abstol": tolerance, "reltol": tolerance, "max_num_steps": 100_000}
     if jit:
         # CasADi compiles in the working directory; who wants its files away works in a temporary one.
@@ -124,14 +124,16 @@ def make_cvodes(
             "compiler": "shell",
             "jit_options": {"flags": ["-O3", "-march=native"], "verbose": False, "cleanup": False},
         }
-    return casadi.integrator("cvodes_step", "cvodes", {"x": x, "p": q, "ode": rate}, 0.0, step_seconds, options)
+    return casadi.integrator(
+        "cvodes_step", "cvodes", {"x": x, "p": casadi.vertcat(u, d), "ode": rate}, 0.0, step_seconds, options
+    )
 
 
-def run_cvodes(inputs: Inputs, tolerance: float = 1e-6, variant: str = "author") -> Array:
-    """States after every step (steps, runs, 28) by CVODES."""
-    integrator = make_cvodes(tolerance, variant=variant)
+def run_cvodes(inputs: Inputs, tolerance: float = 1e-6, model: Model = TOMATO) -> Array:
+    """States after every step (steps, runs, states) by CVODES."""
+    integrator = make_cvodes(tolerance, model=model)
     steps, runs, _ = inputs.controls.shape
-    states = np.empty((steps, runs, len(STATE_NAMES)))
+    states = np.empty((steps, *inputs.initial.shape))
     held = np.concatenate([inputs.controls, inputs.weather], axis=2)
     for run in range(runs):
         x = inputs.initial[run]
@@ -168,7 +170,7 @@ def table(cvodes: Errors, found: dict[str, tuple[Errors, float]]) -> str:
         + "".join(f"{p + ' max':>16}{p + ' rms':>16}" for p in found)
     ]
     ratios = {preset: own.ratio(cvodes) for preset, (own, _) in found.items()}
-    for i, name in enumerate(STATE_NAMES):
+    for i, name in enumerate(TOMATO.state_names):
         row = f"{name:<10}{cvodes.largest[i]:12.2e}{cvodes.mean_square[i]:12.2e}"
         lines.append(row + "".join(f"{largest[i]:15.2f}x{square[i]:15.2f}x" for largest, square in ratios.values()))
     lines += [f"{preset}: {substeps:.1f} substeps a step" for preset, (_, substeps) in found.items()]

@@ -1,34 +1,54 @@
-"""The library's functions through ctypes, with the layout of their arguments."""
+"""The library's functions through ctypes, with the layout of their arguments and the meaning of what they report."""
 
 from __future__ import annotations
 
 import ctypes
 import functools
+from enum import IntEnum
 from pathlib import Path
 
-from glbench.kernel.compiled.unavailable import CompiledUnavailable
-from glbench.model import PARAMETER_NAMES, STATE_NAMES
+import numpy as np
+from numpy.typing import NDArray
 
-STATES, PARAMETERS = len(STATE_NAMES), len(PARAMETER_NAMES)
+from glbench.kernel.compiled.compiler import CompiledUnavailable
+from glbench.model import Model
+
+_STATES = 1 << 16  # a status is a failure times this, and the number of a state
+_NO_STATE = _STATES - 1
+
+
+class Failure(IntEnum):
+    """Why a row was not stepped."""
+
+    INPUT_NOT_FINITE = 1
+    TOO_MANY_SUBSTEPS = 2
+    SUBSTEP_TOO_SMALL = 3
+    EQUIPMENT_PRESENT = 4  # internal: the row goes to the library of the full model
+
+
+def failed_with(status: NDArray[np.int32], failure: Failure) -> NDArray[np.intp]:
+    """Rows that have this status."""
+    return np.flatnonzero(status // _STATES == failure)
 
 
 class Settings(ctypes.Structure):
-    """``glb::Settings`` of native/rows.hpp."""
+    """``glb::Settings`` of native/rows.hpp, but for the arrays that have a number for each state: see ``settings_type``."""
 
-    _fields_ = (
-        ("step", ctypes.c_double),
-        ("first", ctypes.c_double),
-        ("forgotten", ctypes.c_double),
-        ("guard", ctypes.c_double),
-        ("memory", ctypes.c_double),
-        ("last", ctypes.c_double),
-        ("smallest", ctypes.c_double),
-        ("most", ctypes.c_double),
-        ("absolute", ctypes.c_double * STATES),
-        ("relative", ctypes.c_double * STATES),
-        ("threads", ctypes.c_int32),
-        ("method", ctypes.c_int32),
-    )
+    step: float
+    smallest: float
+    most: float
+
+
+@functools.cache
+def settings_type(states: int) -> type[Settings]:
+    """``glb::Settings`` for a model of so many states."""
+    numbers = (
+        "step", "first", "fast_error_floor", "singular_error_factor", "fast_time_constant", "last", "smallest", "most",
+    )  # fmt: skip
+    fields = [(name, ctypes.c_double) for name in numbers]
+    arrays = [(name, ctypes.c_double * states) for name in ("absolute", "relative")]
+    members = {"_fields_": [*fields, *arrays, ("threads", ctypes.c_int32), ("method", ctypes.c_int32)]}
+    return type(f"Settings{states}", (Settings,), members)
 
 
 class RowPointers(ctypes.Structure):
@@ -64,8 +84,8 @@ class TapePointers(ctypes.Structure):
     )
 
 
-class ReaderPointers(ctypes.Structure):
-    """``glb::Reader`` of native/environment.hpp."""
+class ActionBoundsPointers(ctypes.Structure):
+    """``glb::ActionBounds`` of native/environment.hpp."""
 
     _fields_ = (
         ("count", ctypes.c_int64),
@@ -89,29 +109,44 @@ class LookupPointers(ctypes.Structure):
     )
 
 
+class ParameterNoisePointers(ctypes.Structure):
+    """``glb::ParameterNoise`` of native/environment.hpp."""
+
+    _fields_ = (
+        ("count", ctypes.c_int64),
+        ("place", ctypes.c_void_p),
+        ("half_width", ctypes.c_double),
+        ("every", ctypes.c_int64),
+    )
+
+
 class ProgramPointers(ctypes.Structure):
     """``glb::Program`` of native/environment.hpp."""
 
     _fields_ = (
         ("actuation", TapePointers),
         ("followers", TapePointers),
+        ("update", TapePointers),
         ("outcome", TapePointers),
-        ("actions", ReaderPointers),
-        ("controls", ReaderPointers),
+        ("actions", ActionBoundsPointers),
+        ("controls", ActionBoundsPointers),
         ("steps", ctypes.c_int64),
         ("weather", ctypes.c_void_p),
-        ("clock", ctypes.c_void_p),
+        ("day", ctypes.c_int64),
+        ("calendar", ctypes.c_void_p),
+        ("calendar_width", ctypes.c_int64),
         ("lag", ctypes.c_int64),
-        ("nominal", ctypes.c_void_p),
         ("drawn", ctypes.c_int64),
-        ("place", ctypes.c_void_p),
-        ("half_width", ctypes.c_double),
-        ("once", ctypes.c_int64),
+        ("group", ctypes.POINTER(ParameterNoisePointers)),
+        ("streams", ctypes.c_int64),
+        ("numbers", ctypes.c_void_p),
+        ("traits", ctypes.c_int64),
+        ("memory", ctypes.c_int64),
         ("lookups", ctypes.c_int64),
         ("lookup", ctypes.POINTER(LookupPointers)),
         ("columns", ctypes.c_int64),
         ("width", ctypes.c_int64),
-        ("head", ctypes.c_int64),
+        ("info_columns", ctypes.c_int64),
         ("charges", ctypes.c_int64),
         ("charged", ctypes.c_void_p),
         ("charge", ctypes.c_void_p),
@@ -130,6 +165,13 @@ class EnvironmentPointers(ctypes.Structure):
         ("k", ctypes.c_void_p),
         ("ended", ctypes.c_void_p),
         ("key", ctypes.c_void_p),
+        ("days", ctypes.c_void_p),
+        ("days_stride", ctypes.c_int64),
+        ("first", ctypes.c_void_p),
+        ("p", ctypes.c_void_p),
+        ("p_stride", ctypes.c_int64),
+        ("traits", ctypes.c_void_p),
+        ("memory", ctypes.c_void_p),
         ("given", ctypes.c_void_p),
         ("given_controls", ctypes.c_void_p),
         ("table", ctypes.c_void_p),
@@ -155,43 +197,79 @@ class EnvironmentCall(ctypes.Structure):
 
 
 class Library:
-    """A loaded library. Calls release Python's global lock."""
+    """A loaded library of ``model``. Calls release Python's global lock.
 
-    def __init__(self, path: str) -> None:
-        try:
-            handle = ctypes.CDLL(path)
-            self.step_rows = handle.glb_step_rows
-            self.environment = handle.glb_environment
-            layout, environment_layout = handle.glb_layout, handle.glb_environment_layout
-        except (OSError, AttributeError) as error:
-            msg = f"The kernel library {path} cannot be loaded: {error}. Delete {Path(path).parent} and try again."
-            raise CompiledUnavailable(msg) from error
+    Attributes
+    ----------
+    model : Model
+        What it steps.
+    width : int
+        Lanes of a batch.
+    most_registers, most_drawn : int
+        What the program of environments has room for.
+    """
+
+    def __init__(self, path: str, model: Model) -> None:
+        self.model = model
+        handle = open_library(path, "glb_step_rows", "glb_environment", "glb_layout", "glb_environment_layout")
+        self.step_rows, self.environment = handle.glb_step_rows, handle.glb_environment
+        settings = settings_type(model.sizes["x"])
         self.step_rows.restype = ctypes.c_int64  # how many rows have a status other than 0
-        self.step_rows.argtypes = (ctypes.POINTER(Settings), ctypes.POINTER(RowPointers))
-        sizes = (ctypes.c_int64 * 4)()
-        layout(sizes)
+        self.step_rows.argtypes = (ctypes.POINTER(settings), ctypes.POINTER(RowPointers))
         self.environment.restype = None
         self.environment.argtypes = (ctypes.c_void_p,)  # the address as a number is the quickest argument
-        others = (ctypes.c_int64 * 7)()
-        environment_layout(others)
-        laid_out = (ProgramPointers, EnvironmentPointers, EnvironmentCall, LookupPointers)
-        if tuple(sizes[:3]) != (ctypes.sizeof(Settings), ctypes.sizeof(RowPointers), STATES) or tuple(others[:5]) != (
-            *map(ctypes.sizeof, laid_out),
-            PARAMETERS,
-        ):
-            msg = f"The kernel library {path} belongs to another version of glbench. Delete {Path(path).parent} and try again."
-            raise CompiledUnavailable(msg)
-        self.width = int(sizes[3])
-        self.most_registers, self.most_drawn = int(others[5]), int(others[6])
+        own, others = (ctypes.c_int64 * 7)(), (ctypes.c_int64 * 8)()
+        handle.glb_layout(own)
+        handle.glb_environment_layout(others)
+        structures = (ProgramPointers, EnvironmentPointers, EnvironmentCall, LookupPointers, ParameterNoisePointers)
+        laid_out = map(ctypes.sizeof, structures)
+        expected = ctypes.sizeof(settings), ctypes.sizeof(RowPointers), *model.sizes.values()
+        if tuple(own[:6]) != expected or tuple(others[:6]) != (*laid_out, model.sizes["p"]):
+            raise of_another_version(path)
+        self.width = int(own[6])
+        self.most_registers, self.most_drawn = int(others[6]), int(others[7])
+
+
+def open_library(path: str, *functions: str) -> ctypes.CDLL:
+    """The library at ``path``, which has these functions; CompiledUnavailable when it cannot be loaded or lacks one."""
+    try:
+        handle = ctypes.CDLL(path)
+        for name in functions:
+            getattr(handle, name)
+    except (OSError, AttributeError) as error:
+        msg = f"The kernel library {path} cannot be loaded: {error}. Delete {Path(path).parent} and try again."
+        raise CompiledUnavailable(msg) from error
+    return handle
+
+
+def of_another_version(path: str) -> CompiledUnavailable:
+    """The error for a library whose layout is not what this version expects."""
+    return CompiledUnavailable(
+        f"The kernel library {path} belongs to another version of glbench. Delete {Path(path).parent} and try again."
+    )
 
 
 @functools.cache
-def load(path: str) -> Library:
-    """The library at ``path``, loaded once in a process.
+def load(path: str, model: Model) -> Library:
+    """The library of ``model`` at ``path``, loaded once in a process.
 
     Raises
     ------
     CompiledUnavailable
         When it cannot be loaded or does not belong to this version.
     """
-    return Library(path)
+    return Library(path, model)
+
+
+def explain(model: Model, status: int, reached: float, substeps: int, settings: Settings) -> str:
+    """What went wrong in a step under ``settings``: which state, when, why."""
+    failure, state = Failure(status // _STATES), status % _STATES
+    name = model.state_names[state] if state != _NO_STATE else ""
+    if failure == Failure.INPUT_NOT_FINITE:
+        return f"the state {name} is not finite" if name else "controls, weather or parameters are not usable numbers"
+    cause = (
+        f"needed more than {int(settings.most)} substeps"
+        if failure == Failure.TOO_MANY_SUBSTEPS
+        else f"needed substeps below {settings.smallest:g} s"
+    )
+    return f"{name} {cause} to stay within its tolerance, {reached:.4g} s into the step after {substeps} substeps"

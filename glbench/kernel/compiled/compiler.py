@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from glbench.kernel.compiled.unavailable import CompiledUnavailable
+from glbench.errors import GlbenchError
 
 # No fused multiply-add but the written ones; no -ffast-math in any form. The two "no-" flags give up errno and
 # floating-point exceptions, neither of which has a value.
@@ -23,6 +23,10 @@ _IN_ORDER = ("-fno-tree-ter", "-fschedule-insns", "-fsched-pressure", "-fno-gcse
 # gcc 12 takes Zen 4 for Zen 3, which has no 512-bit vectors. With its choices for Haswell, batches are 5 % faster there.
 _TUNED = ("-mtune=haswell",)
 _TIMEOUT_SECONDS = 300.0
+
+
+class CompiledUnavailable(GlbenchError):  # noqa: N818  a state of the machine, answered with another backend
+    """There is no compiled kernel on this machine; the message says why and what to do. CasADi steps in, more slowly."""
 
 
 @dataclass(frozen=True)

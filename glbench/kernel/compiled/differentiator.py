@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache, cached_property
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from glbench.errors import StepError
-from glbench.kernel.compiled.batch import Status
-from glbench.kernel.compiled.binding import RowPointers, Settings
-from glbench.kernel.compiled.failures import Failure
+from glbench.kernel.compiled.binding import (
+    Failure,
+    RowPointers,
+    Settings,
+    failed_with,
+    of_another_version,
+    open_library,
+    settings_type,
+)
 from glbench.kernel.compiled.library import build
-from glbench.kernel.compiled.stepper import CompiledStepper, absent_equipment, traits_of
-from glbench.kernel.compiled.unavailable import CompiledUnavailable
-from glbench.kernel.directions import SIZES, Directions
+from glbench.kernel.compiled.stepper import CompiledStepper, Status, absent_equipment, traits_of
 from glbench.kernel.records import FloatArray, Rows
-from glbench.kernel.sensitivities import Forward, Reverse
+from glbench.kernel.sensitivities import Directions, Forward, Reverse
+from glbench.model import Model
 
 
 class Request(ctypes.Structure):
@@ -38,24 +40,19 @@ class Request(ctypes.Structure):
 class SensitivityLibrary:
     """A loaded library. Calls release Python's global lock."""
 
-    def __init__(self, path: str) -> None:
-        advice = f"Delete {Path(path).parent} and try again."
-        try:
-            handle = ctypes.CDLL(path)
-            self._differentiate, layout = handle.glb_differentiate, handle.glb_sensitivity_layout
-        except (OSError, AttributeError) as error:
-            msg = f"The sensitivity library {path} cannot be loaded: {error}. {advice}"
-            raise CompiledUnavailable(msg) from error
+    def __init__(self, path: str, model: Model) -> None:
+        handle = open_library(path, "glb_differentiate", "glb_sensitivity_layout")
+        kinds = (settings_type(model.sizes["x"]), RowPointers, Request)
+        self._differentiate = handle.glb_differentiate
         self._differentiate.restype = ctypes.c_int32
-        self._differentiate.argtypes = [ctypes.POINTER(kind) for kind in (Settings, RowPointers, Request)]
+        self._differentiate.argtypes = [ctypes.POINTER(kind) for kind in kinds]
         sizes = (ctypes.c_int64 * 4)()
-        layout(sizes)
-        if tuple(sizes) != (*(ctypes.sizeof(kind) for kind in (Settings, RowPointers, Request)), SIZES["x"]):
-            msg = f"The sensitivity library {path} belongs to another version of glbench. {advice}"
-            raise CompiledUnavailable(msg)
+        handle.glb_sensitivity_layout(sizes)
+        if tuple(sizes) != (*(ctypes.sizeof(kind) for kind in kinds), model.sizes["x"]):
+            raise of_another_version(path)
 
     def run(self, settings: Settings, rows: Rows, request: Request) -> tuple[FloatArray, Status]:
-        """States after the step (n, 28) and status (n,).
+        """States after the step (n, states) and status (n,).
 
         Raises
         ------
@@ -67,12 +64,12 @@ class SensitivityLibrary:
         status, substeps, reached = np.zeros(count, np.int32), np.zeros(count, np.int32), np.zeros(count)
         pointers = RowPointers(
             n=count,
-            p_stride=SIZES["p"] if len(rows.p) > 1 else 0,
-            **{key: _address(table) for key, table in rows._asdict().items()},
-            out=_address(out),
-            status=_address(status),
-            substeps=_address(substeps),
-            reached=_address(reached),
+            p_stride=rows.p.shape[1] if len(rows.p) > 1 else 0,
+            **{key: table.ctypes.data for key, table in rows._asdict().items()},
+            out=out.ctypes.data,
+            status=status.ctypes.data,
+            substeps=substeps.ctypes.data,
+            reached=reached.ctypes.data,
         )
         if self._differentiate(ctypes.byref(settings), ctypes.byref(pointers), ctypes.byref(request)) != 0:
             msg = f"There is not enough memory to differentiate {count} rows. Give fewer rows at a time."
@@ -81,8 +78,8 @@ class SensitivityLibrary:
 
 
 @cache
-def _load(path: str) -> SensitivityLibrary:
-    return SensitivityLibrary(path)
+def _load(path: str, model: Model) -> SensitivityLibrary:
+    return SensitivityLibrary(path, model)
 
 
 class CompiledDifferentiator:
@@ -99,32 +96,34 @@ class CompiledDifferentiator:
 
     def __init__(self, stepper: CompiledStepper) -> None:
         self._stepper = stepper
-        self._absent = np.array(absent_equipment(), dtype=np.intp)
-        self._usual = self._library(absent_equipment())
+        self._sizes = stepper.model.sizes
+        absent = absent_equipment(stepper.model)
+        self._absent = np.array(absent, dtype=np.intp)
+        self._usual = self._library(absent)
 
     def forward(self, rows: Rows, directions: Directions) -> Forward:
         """Step and differentiate along directions."""
         found, status = self._forward(rows, directions, self._usual)
-        again = np.flatnonzero(status // 64 == Failure.EQUIPMENT_PRESENT)
+        again = failed_with(status, Failure.EQUIPMENT_PRESENT)
         if again.size:
-            part, _ = self._forward(_chosen(rows, again), directions.of_rows(again), self._full)
+            part, _ = self._forward(rows.chosen(again), directions.of_rows(again), self._full)
             for ours, theirs in zip(found, part, strict=True):
                 ours[again] = theirs
         absent = self._absent_part(directions)
         others = np.flatnonzero(status == 0)
         if absent is not None and others.size:
-            part, _ = self._forward(_chosen(rows, others), absent.of_rows(others), self._full)
+            part, _ = self._forward(rows.chosen(others), absent.of_rows(others), self._full)
             found.tangents[others] += part.tangents
             found.failed[others] |= part.failed
         return found
 
     def reverse(self, rows: Rows, cotangents: FloatArray, *, parameters: bool) -> Reverse:
-        """Step and pull cotangents (n, 28) back."""
+        """Step and pull cotangents (n, states) back."""
         found, status = self._reverse(rows, cotangents, self._usual)
         gradients = found.gradients
-        again = np.flatnonzero(status // 64 == Failure.EQUIPMENT_PRESENT)
+        again = failed_with(status, Failure.EQUIPMENT_PRESENT)
         if again.size:
-            part, _ = self._reverse(_chosen(rows, again), cotangents[again], self._full)
+            part, _ = self._reverse(rows.chosen(again), cotangents[again], self._full)
             found.x_next[again], found.failed[again] = part.x_next, part.failed
             for key, gradient in gradients.items():
                 gradient[again] = part.gradients[key]
@@ -133,23 +132,23 @@ class CompiledDifferentiator:
             return found
         others = np.flatnonzero(status == 0)
         if others.size:
-            part, _ = self._reverse(_chosen(rows, others), cotangents[others], self._full)
+            part, _ = self._reverse(rows.chosen(others), cotangents[others], self._full)
             gradients["p"][np.ix_(others, self._absent)] = part.gradients["p"][:, self._absent]
             found.failed[others] |= part.failed
         return found
 
     def _forward(self, rows: Rows, directions: Directions, library: SensitivityLibrary) -> tuple[Forward, Status]:
-        tangents = np.zeros((len(rows.x), directions.count, SIZES["x"]))
-        request = Request(directions=directions.count, stride=int(not directions.shared), tangents=_address(tangents))
+        tangents = np.zeros((len(rows.x), directions.count, self._sizes["x"]))
+        request = Request(directions=directions.count, stride=int(not directions.shared), tangents=tangents.ctypes.data)
         for key, seeds in directions.seeds.items():
-            setattr(request, f"d{key}", _address(seeds))
+            setattr(request, f"d{key}", seeds.ctypes.data)
         x_next, status = library.run(self._stepper.settings, rows, request)
         return Forward(x_next, tangents, status != 0), status
 
     def _reverse(self, rows: Rows, cotangents: FloatArray, library: SensitivityLibrary) -> tuple[Reverse, Status]:
-        gradients = {key: np.zeros((len(rows.x), size)) for key, size in SIZES.items()}
-        pointers = {f"{key}b": _address(table) for key, table in gradients.items()}
-        request = Request(cotangents=_address(cotangents), **pointers)
+        gradients = {key: np.zeros((len(rows.x), size)) for key, size in self._sizes.items()}
+        pointers = {f"{key}b": table.ctypes.data for key, table in gradients.items()}
+        request = Request(cotangents=cotangents.ctypes.data, **pointers)
         x_next, status = library.run(self._stepper.settings, rows, request)
         return Reverse(x_next, gradients, status != 0), status
 
@@ -167,14 +166,5 @@ class CompiledDifferentiator:
         return self._library(())
 
     def _library(self, zeros: tuple[int, ...]) -> SensitivityLibrary:
-        stepper = self._stepper
-        return _load(build(stepper.variant, traits_of(zeros), stepper.width, sensitivities=True).path)
-
-
-def _chosen(rows: Rows, which: NDArray[np.intp]) -> Rows:
-    return Rows(rows.x[which], rows.u[which], rows.d[which], rows.p if len(rows.p) == 1 else rows.p[which])
-
-
-def _address(table: NDArray[Any]) -> int:
-    """Where an array's values are; three times as fast as asking for its ``ctypes``."""
-    return int(table.__array_interface__["data"][0])
+        model = self._stepper.model
+        return _load(build(model, traits_of(model, zeros), self._stepper.width, sensitivities=True).path, model)

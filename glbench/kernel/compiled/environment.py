@@ -9,47 +9,55 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.kernel.compiled.batch import SIZES
 from glbench.kernel.compiled.binding import (
+    ActionBoundsPointers,
     EnvironmentCall,
     EnvironmentPointers,
     Library,
     LookupPointers,
+    ParameterNoisePointers,
     ProgramPointers,
-    ReaderPointers,
     Settings,
     TapePointers,
+    explain,
 )
-from glbench.kernel.compiled.failures import explain
-from glbench.kernel.environment import Draws, Program, Reader
+from glbench.kernel.environment import ActionBounds, Program
 from glbench.kernel.records import Rows, StepFailure, inputs_in_words
-from glbench.kernel.tape import Recorder, Tape
+from glbench.kernel.tape import Tape
 
 _ACTIONS, _CONTROLS, _OBSERVE = range(3)  # ``Request`` of native/environment.hpp
-_NOTHING_DRAWN = Draws(np.empty(0, np.int32), 0.0, True, Recorder().tape())
 
 
 class CompiledEnvironments:
     """``n`` environments of ``program``, see ``glbench.kernel.environment.Environments``."""
 
     def __init__(self, library: Library, settings: Settings, program: Program, n: int) -> None:
-        self._program, self._settings = program, settings
+        self._program, self._settings, self._model = program, settings, library.model
+        sizes = library.model.sizes
         self._kept: list[Any] = []  # what the library holds addresses of
-        self.x, self._after = np.zeros((n, SIZES["x"])), np.zeros((n, SIZES["x"]))
-        self.u, self._next = np.zeros((n, SIZES["u"])), np.zeros((n, SIZES["u"]))
+        self.x, self._after = np.zeros((n, sizes["x"])), np.zeros((n, sizes["x"]))
+        self.u, self._next = np.zeros((n, sizes["u"])), np.zeros((n, sizes["u"]))
         self.k = np.zeros(n, np.int64)
         self.ended = np.zeros(n, np.bool_)
-        self.keys = np.zeros((n, 2), np.uint64)
+        self.keys = np.zeros((n, program.keys, 2), np.uint64)
+        self.days, self.first = np.zeros((n, program.days), np.int64), np.zeros(n, np.int64)
+        self.parameters = np.tile(program.nominal, (n if program.own_parameters else 1, 1))
+        self.traits, self.memory = np.zeros((n, program.traits)), np.zeros((n, program.memory))
         self.given = np.zeros((n, len(program.actions.low)))
-        self.given_controls = np.zeros((n, SIZES["u"]))
+        self.given_controls = np.zeros((n, sizes["u"]))
         self.table = np.zeros((n, program.width))
         self.observations = np.zeros((n, program.columns), np.float32)
         self._status, self._substeps, self._reached = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n)
-        own = (
-            self.x, self._after, self.u, self._next, self.k, self.ended, self.keys, self.given, self.given_controls,
-            self.table, self.observations, self._status, self._substeps, self._reached,
-        )  # fmt: skip
-        self._pointers = EnvironmentPointers(n, *(array.ctypes.data for array in own))
+        self._pointers = EnvironmentPointers(
+            n=n, days_stride=program.days, p_stride=sizes["p"] if program.own_parameters else 0
+        )
+        for name, array in {
+            "x": self.x, "after": self._after, "u": self.u, "next": self._next, "k": self.k, "ended": self.ended, "key": self.keys,
+            "days": self.days, "first": self.first, "p": self.parameters, "traits": self.traits, "memory": self.memory,
+            "given": self.given, "given_controls": self.given_controls, "table": self.table, "observations": self.observations,
+            "status": self._status, "substeps": self._substeps, "reached": self._reached,
+        }.items():  # fmt: skip
+            setattr(self._pointers, name, array.ctypes.data)
         pointers = self._program_pointers(program)
         calls = [
             EnvironmentCall(ctypes.addressof(settings), ctypes.addressof(pointers), ctypes.addressof(self._pointers), request)
@@ -57,7 +65,7 @@ class CompiledEnvironments:
         ]  # fmt: skip
         self._kept += [pointers, calls]
         self._run = library.environment
-        self._step, self._step_controls, self._look = (ctypes.addressof(call) for call in calls)
+        self._step, self._step_controls, self._observe = (ctypes.addressof(call) for call in calls)
 
     @property
     def over(self) -> int:
@@ -79,9 +87,9 @@ class CompiledEnvironments:
         """Take a step with ``given_controls``, as they are. Returns what ``step`` does."""
         return self._advance(self._step_controls)
 
-    def look(self) -> None:
+    def observe(self) -> None:
         """Fill ``table`` and ``observations`` from where the environments stand."""
-        self._run(self._look)
+        self._run(self._observe)
 
     def failures(self) -> list[StepFailure]:
         """Environments that failed in the last step, in words."""
@@ -89,9 +97,12 @@ class CompiledEnvironments:
         if rows.size == 0:
             return []
         # A row that failed has counted no step: its weather is still that of k.
-        inputs = Rows(self._after[rows], self.u[rows], self._program.weather[self.k[rows]], self._program.nominal[None])
+        day, k = self._program.day, self.k[rows]
+        weather = self._program.weather[self.days[rows, k // day] + k % day]
+        parameters = self.parameters[rows] if self._program.own_parameters else self.parameters
+        inputs = Rows(self._after[rows], self.u[rows], weather, parameters)
         return [
-            StepFailure(row, f"{self._explain(row)} ({inputs_in_words(inputs, place)})")
+            StepFailure(row, f"{self._explain(row)} ({inputs_in_words(self._model, inputs, place)})")
             for place, row in enumerate(rows.tolist())
         ]
 
@@ -106,39 +117,46 @@ class CompiledEnvironments:
 
     def _explain(self, row: int) -> str:
         reached, substeps = float(self._reached[row]), int(self._substeps[row])
-        return explain(int(self._status[row]), reached, substeps, self._settings)
+        return explain(self._model, int(self._status[row]), reached, substeps, self._settings)
 
     def _program_pointers(self, program: Program) -> ProgramPointers:
-        draws = program.draws or _NOTHING_DRAWN
         lookups = (LookupPointers * len(program.lookups))(
             *(
-                LookupPointers(
-                    self._address(a.table, np.float32), a.table.shape[1], a.rows * a.table.shape[1], a.at, a.clocked, a.ahead
-                )
+                LookupPointers(self._address(a.table, np.float32), a.table.shape[1], a.rows, a.at, a.clocked, a.ahead)
                 for a in program.lookups
             )
-        )  # fmt: skip
-        self._kept.append(lookups)
+        )
+        groups = (ParameterNoisePointers * len(program.drawn))(
+            *(
+                ParameterNoisePointers(len(a.places), self._address(a.places, np.int32), a.half_width, a.every)
+                for a in program.drawn
+            )
+        )
+        self._kept += [lookups, groups]
         return ProgramPointers(
             actuation=self._tape(program.actuation),
-            followers=self._tape(draws.followers),
+            followers=self._tape(program.followers),
+            update=self._tape(program.update),
             outcome=self._tape(program.outcome),
-            actions=self._reader(program.actions),
-            controls=self._reader(program.controls),
+            actions=self._bounds(program.actions),
+            controls=self._bounds(program.controls),
             steps=program.steps,
             weather=self._address(program.weather),
-            clock=self._address(program.clock),
+            day=program.day,
+            calendar=self._address(program.calendar),
+            calendar_width=program.calendar.shape[1],
             lag=program.lag,
-            nominal=self._address(program.nominal),
-            drawn=len(draws.places),
-            place=self._address(draws.places, np.int32),
-            half_width=draws.half_width,
-            once=draws.once,
+            drawn=len(program.drawn),
+            group=groups,
+            streams=len(program.streams),
+            numbers=self._address(program.streams, np.int64),
+            traits=program.traits,
+            memory=program.memory,
             lookups=len(program.lookups),
             lookup=lookups,
             columns=program.columns,
             width=program.width,
-            head=program.head,
+            info_columns=program.info_columns,
             charges=len(program.charges),
             charged=self._address(list(program.charges), np.int32),
             charge=self._address(list(program.charges.values())),
@@ -149,9 +167,9 @@ class CompiledEnvironments:
         places = (self._address(part, np.int32) for part in (tape.inputs, tape.operations, tape.outputs))
         return TapePointers(*counts, self._address(tape.constants), *places)
 
-    def _reader(self, reader: Reader) -> ReaderPointers:
-        bounds = (reader.lowest, reader.highest, reader.low, reader.high)
-        return ReaderPointers(len(reader.low), *map(self._address, bounds))
+    def _bounds(self, bounds: ActionBounds) -> ActionBoundsPointers:
+        each = (bounds.lowest, bounds.highest, bounds.low, bounds.high)
+        return ActionBoundsPointers(len(bounds.low), *map(self._address, each))
 
     def _address(self, values: NDArray[Any] | Sequence[float], kind: type[Any] = np.float64) -> int:
         """Address of ``values`` as C-contiguous numbers of a kind; they are kept as long as this object."""
@@ -162,6 +180,6 @@ class CompiledEnvironments:
 
 def fits(library: Library, program: Program) -> bool:
     """Whether the library has room for what the program works with."""
-    draws = program.draws or _NOTHING_DRAWN
-    registers = max(tape.registers for tape in (program.actuation, program.outcome, draws.followers))
-    return registers <= library.most_registers and len(draws.places) <= library.most_drawn
+    tapes = (program.actuation, program.followers, program.update, program.outcome)
+    numbers = (sum(program.streams), *(len(group.places) for group in program.drawn))
+    return max(tape.registers for tape in tapes) <= library.most_registers and max(numbers) <= library.most_drawn

@@ -1,7 +1,7 @@
 """Builds the shared library of a model once, keeps it in the cache, and never trusts a broken file.
 
-A library is named by the digest of everything that could change it: model and generator sources, compiler, flags and
-processor. It is built in a temporary folder under a lock and moved into place in one go, so that processes that start
+A library is named by the digest of everything that could change it: the model's equations, the generator's sources, compiler,
+flags and processor. It is built in a temporary folder under a lock and moved into place in one go, so that processes that start
 together build it once and none sees a part of it. A loaded library is never overwritten: a replacement is a new file.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import tempfile
 import time
 from collections.abc import Iterable
@@ -19,13 +20,12 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-import glbench.model
 from glbench.errors import GlbenchError
 from glbench.kernel.compiled import prebuilt
-from glbench.kernel.compiled.compiler import find_compiler, machine_digest
+from glbench.kernel.compiled.compiler import CompiledUnavailable, find_compiler, machine_digest
 from glbench.kernel.compiled.generate import Traits, generate
 from glbench.kernel.compiled.sensitivity_code import generate_sensitivities
-from glbench.kernel.compiled.unavailable import CompiledUnavailable
+from glbench.model import Model
 from glbench.resources import cache_folder, write_atomically
 
 _HERE = Path(__file__).resolve().parent
@@ -60,13 +60,13 @@ class Build:
     seconds: float
 
 
-def build(variant: str, traits: Traits, width: int | None = None, *, sensitivities: bool = False) -> Build:
-    """The library for a model variant: from the installed wheel, from the cache, or built now.
+def build(model: Model, traits: Traits, width: int | None = None, *, sensitivities: bool = False) -> Build:
+    """The library of a model: from the installed wheel, from the cache, or built now.
 
     Parameters
     ----------
-    variant
-        Model variant.
+    model
+        What it steps.
     traits
         What is known of the model beyond its equations.
     width
@@ -77,14 +77,15 @@ def build(variant: str, traits: Traits, width: int | None = None, *, sensitiviti
     Raises
     ------
     CompiledUnavailable
-        When it is not in the cache and cannot be built: no compiler, a failing one, a cache that cannot be written.
+        When it is not in the cache and cannot be built: no compiler, a failing one, a cache that cannot be written, equations with an
+        operation that the generator does not know.
     """
     if width is None and not sensitivities:
-        carried = prebuilt.find(prebuilt_key(variant, traits))
+        carried = prebuilt.find(prebuilt_key(model, traits))
         if carried is not None:
             path, facts_of = carried
             return Build(str(path), facts_of.digest, facts_of.compiler, facts_of.flags, 0.0)
-    folder, name, flags = _place(variant, traits, width, sensitivities=sensitivities)
+    folder, name, flags = _place(model, traits, width, sensitivities=sensitivities)
     found = _intact(folder, name)
     if found is not None:
         return found
@@ -94,7 +95,7 @@ def build(variant: str, traits: Traits, width: int | None = None, *, sensitiviti
             found = _intact(folder, name)  # another process may have built it meanwhile
             if found is not None:
                 return found
-            return _build(folder, name, variant, traits, flags, sensitivities=sensitivities)
+            return _build(folder, name, model, traits, flags, sensitivities=sensitivities)
     except Timeout as error:
         msg = f"Another process has been building the kernel for {_LOCK_SECONDS:g} s (lock {error.lock_file}). Try again later."
         raise CompiledUnavailable(msg) from error
@@ -104,13 +105,14 @@ def build(variant: str, traits: Traits, width: int | None = None, *, sensitiviti
             "Set GLBENCH_CACHE to a folder that you may write to."
         )
         raise CompiledUnavailable(msg) from error
-    except GlbenchError as error:
-        if isinstance(error, CompiledUnavailable):
-            raise
-        raise CompiledUnavailable(str(error)) from error
+    except CompiledUnavailable:
+        raise
+    except (GlbenchError, ValueError) as error:
+        msg = f"The model {model} cannot be compiled: {error}"
+        raise CompiledUnavailable(msg) from error
 
 
-def library_is_built(variant: str, traits: Traits, width: int | None = None) -> bool:
+def library_is_built(model: Model, traits: Traits, width: int | None = None) -> bool:
     """Whether ``build`` with these arguments finds the library in the wheel or in the cache.
 
     Raises
@@ -118,29 +120,29 @@ def library_is_built(variant: str, traits: Traits, width: int | None = None) -> 
     CompiledUnavailable
         When there is no compiler.
     """
-    if width is None and prebuilt.find(prebuilt_key(variant, traits)) is not None:
+    if width is None and prebuilt.find(prebuilt_key(model, traits)) is not None:
         return True
-    folder, name, _ = _place(variant, traits, width)
+    folder, name, _ = _place(model, traits, width)
     return _intact(folder, name) is not None
 
 
 def _place(
-    variant: str, traits: Traits, width: int | None, *, sensitivities: bool = False
+    model: Model, traits: Traits, width: int | None, *, sensitivities: bool = False
 ) -> tuple[Path, str, tuple[str, ...]]:
     """Folder and name of a library, and the flags that it is compiled with."""
     compiler = find_compiler()
     flags = compiler.flags(width)
-    facts = (variant, traits, compiler.command, compiler.version, flags, machine_digest())
-    kind = f"{variant}-sensitivities" if sensitivities else variant
-    name = f"{kind}-{_digest([repr(facts).encode(), _sources().encode()])[:20]}"
+    facts = (compiler.command, compiler.version, flags, machine_digest(), _casadi_version())
+    kind = f"{_file_name(model)}-sensitivities" if sensitivities else _file_name(model)
+    name = f"{kind}-{_digest([repr(facts).encode(), prebuilt_key(model, traits).encode()])[:20]}"
     return cache_folder() / "kernel", name, flags
 
 
 def write_source(
-    folder: Path, variant: str, traits: Traits, *, sensitivities: bool = False
+    folder: Path, model: Model, traits: Traits, *, sensitivities: bool = False
 ) -> tuple[Path, tuple[Path, ...]]:
-    """Write the C++ of a model variant into ``folder``: the file to compile, and the folders that it includes from."""
-    function = glbench.model.build_rhs(variant)
+    """Write the C++ of a model into ``folder``: the file to compile, and the folders that it includes from."""
+    function = model.rhs_function()
     (folder / "model.hpp").write_text(generate(function, traits).text, encoding="utf-8")
     if sensitivities:
         (folder / "sensitivity_model.hpp").write_text(generate_sensitivities(function, traits), encoding="utf-8")
@@ -150,13 +152,13 @@ def write_source(
 
 
 def _build(
-    folder: Path, name: str, variant: str, traits: Traits, flags: tuple[str, ...], *, sensitivities: bool
+    folder: Path, name: str, model: Model, traits: Traits, flags: tuple[str, ...], *, sensitivities: bool
 ) -> Build:
     started = time.perf_counter()
     compiler = find_compiler()
     with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=folder) as temporary:
         work = Path(temporary)
-        source, include = write_source(work, variant, traits, sensitivities=sensitivities)
+        source, include = write_source(work, model, traits, sensitivities=sensitivities)
         library = work / "kernel.so"
         compiler.compile(source, library, include, flags)
         digest = hashlib.sha256(library.read_bytes()).hexdigest()
@@ -169,8 +171,8 @@ def _build(
     return built
 
 
-def prebuild(folder: Path, variant: str, traits: Traits) -> list[prebuilt.Prebuilt]:
-    """Compile a model variant for every processor level that a wheel carries, into ``folder``.
+def prebuild(folder: Path, model: Model, traits: Traits) -> list[prebuilt.Prebuilt]:
+    """Compile a model for every processor level that a wheel carries, into ``folder``.
 
     Raises
     ------
@@ -180,20 +182,26 @@ def prebuild(folder: Path, variant: str, traits: Traits) -> list[prebuilt.Prebui
     compiler = find_compiler()
     with tempfile.TemporaryDirectory() as temporary:
         work = Path(temporary)
-        source, include = write_source(work, variant, traits)
+        source, include = write_source(work, model, traits)
 
         def compile_into(library: Path, flags: tuple[str, ...]) -> None:
             compiler.compile(source, library, include, flags)
 
-        return prebuilt.prebuild(folder, compiler, prebuilt_key(variant, traits), variant, compile_into)
+        return prebuilt.prebuild(folder, compiler, prebuilt_key(model, traits), _file_name(model), compile_into)
 
 
-def prebuilt_key(variant: str, traits: Traits) -> str:
-    """Digest of what a carried library is made from: variant, traits, and the sources without CasADi's version.
+def prebuilt_key(model: Model, traits: Traits) -> str:
+    """Digest of what a library is made from: the model, its equations and traits, the generator and the C++ beside it.
 
-    The library computes the same equations whichever CasADi wrote it; the exact one may differ between builder and user.
+    Without CasADi's version: the library computes the same equations whichever wrote it, and builder and user may have two.
     """
-    return _digest([repr((variant, traits)).encode(), _files_digest().encode()])
+    facts = (model.name, model.version, model.variant, model.digest, traits)
+    return _digest([repr(facts).encode(), _sources().encode()])
+
+
+def _file_name(model: Model) -> str:
+    """Beginning of the names of a model's files."""
+    return re.sub(r"[^A-Za-z0-9._-]", "_", f"{model.id}-{model.variant}")
 
 
 def _intact(folder: Path, name: str) -> Build | None:
@@ -216,23 +224,15 @@ def _digest(parts: Iterable[bytes]) -> str:
     return digest.hexdigest()
 
 
+def _casadi_version() -> str:
+    try:
+        return version("casadi")
+    except PackageNotFoundError:
+        return "unknown"
+
+
 @cache
 def _sources() -> str:
-    """Digest of everything the library is made from: the model, the generator, the C++ beside it, CasADi's version."""
-    try:
-        casadi_version = version("casadi")
-    except PackageNotFoundError:
-        casadi_version = "unknown"
-    return _digest([casadi_version.encode(), _files_digest().encode()])
-
-
-@cache
-def _files_digest() -> str:
-    """Digest of the files of the model, the generator and the C++ beside it."""
-    model = Path(glbench.model.__file__).resolve().parent
-    files = [file for root in (model, _NATIVE) for file in root.rglob("*") if file.suffix in {".py", ".csv", ".hpp"}]
-    files += [_HERE / f"{name}.py" for name in (*_GENERATOR, *_SENSITIVITY_GENERATOR)]
-    parts = []
-    for file in sorted(files):
-        parts += [file.name.encode(), file.read_bytes()]
-    return _digest(parts)
+    """Digest of the files of the generator and the C++ beside it."""
+    files = [*_NATIVE.glob("*.hpp"), *(_HERE / f"{name}.py" for name in (*_GENERATOR, *_SENSITIVITY_GENERATOR))]
+    return _digest(part for file in sorted(files) for part in (file.name.encode(), file.read_bytes()))

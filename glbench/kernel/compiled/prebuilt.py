@@ -1,9 +1,9 @@
 """Libraries that were compiled while the wheel was built, for machines without a compiler and first uses without waiting.
 
-A wheel from a machine with a compiler carries the usual library of every model variant for a few levels of processors,
+A wheel from a machine with a compiler carries the usual library of every registered model for a few levels of processors,
 under ``glbench/_data/kernel``. Parameters are inputs of the library, so one serves every greenhouse. A library is taken only
-when its sources are byte for byte those of the installed package, its bytes are those that were built, and the processor has
-every instruction it may use. The bits of a step do not depend on the level (docs/kernel-compiled.md).
+when its model has the same equations, the generator is byte for byte that of the installed package, its bytes are those that were
+built, and the processor has every instruction it may use. The bits of a step do not depend on the level (docs/kernel-compiled.md).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Prebuilt:
     file : str
         Name in the folder.
     key : str
-        Digest of model variant, traits and all sources.
+        Digest of the model, its equations and traits, and all sources.
     level : str
         Processor level it was compiled for.
     digest : str

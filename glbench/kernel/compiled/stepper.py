@@ -5,44 +5,51 @@ from __future__ import annotations
 import ctypes
 import functools
 import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from glbench.errors import StepError
-from glbench.kernel.compiled.batch import COPIED_ROWS, SHARED, SIZES, Array, Batch, Status, new_batch, wrong_arrays
-from glbench.kernel.compiled.binding import Library, RowPointers, Settings, load
-from glbench.kernel.compiled.bound import CompiledBoundStep
+from glbench.errors import ShapeError, StepError
+from glbench.kernel.compiled.binding import Failure, Library, RowPointers, explain, failed_with, load, settings_type
+from glbench.kernel.compiled.compiler import CompiledUnavailable
 from glbench.kernel.compiled.environment import CompiledEnvironments, fits
-from glbench.kernel.compiled.failures import Failure, explain
 from glbench.kernel.compiled.generate import Traits
 from glbench.kernel.compiled.library import Build, build, library_is_built
 from glbench.kernel.compiled.tolerances import (
-    FAST_STATES,
     LARGEST_SUBSTEPS,
     METHODS,
-    SINGULAR_STATES,
     SMALLEST_SUBSTEP,
     Preset,
     get_preset,
     tolerances,
 )
-from glbench.kernel.compiled.unavailable import CompiledUnavailable
 from glbench.kernel.environment import Program
-from glbench.model import STATE_NAMES, default_parameters
-from glbench.model.variants import get_variant
+from glbench.kernel.records import Rows, StepFailure, inputs_in_words
+from glbench.model import TOMATO, Model
+
+if TYPE_CHECKING:
+    from glbench.kernel.compiled.differentiator import CompiledDifferentiator
+
+Array = NDArray[np.float64]
+Status = NDArray[np.int32]
 
 _DOUBLE = np.dtype(np.float64)
+_COPIED_ROWS = 64
+"""Up to so many rows it is quicker to copy the inputs beside fixed pointers than to ask arrays for theirs."""
 
 
 class CompiledStepper:
-    """Rosenbrock methods in generated C++, see docs/kernel-compiled.md. Not thread-safe: one stepper a Python thread.
+    """Rosenbrock methods in generated C++, see docs/kernel-compiled.md: a backend of the kernel. Not thread-safe.
 
     Parameters
     ----------
+    model : Model
+        What is stepped.
     step_seconds : float
         Length of the control step [s].
-    variant : str
-        Model variant, see ``glbench.model.VARIANTS``.
     preset : str or Preset
         ``"reference"``, ``"standard"``, ``"fast"`` or ``"tight"``, or settings of one's own.
     threads : int
@@ -52,71 +59,63 @@ class CompiledStepper:
 
     Attributes
     ----------
-    substeps : ndarray
-        Substeps that each row of the last call took (n,), rejected ones included. Overwritten by the next call.
-    reached : ndarray
-        Time within the step that each row of the last call reached (n,) [s].
     settings : Settings
         What the library is told of step length and tolerances; fixed.
 
     Raises
     ------
     UnknownNameError
-        When there is no such variant or preset.
+        When there is no such preset.
     CompiledUnavailable
         When the library can be neither loaded nor built.
     """
 
+    name = "compiled"
+
     def __init__(
         self,
+        model: Model,
         step_seconds: float,
         *,
-        variant: str = "author",
         preset: str | Preset = "reference",
         threads: int = 1,
         width: int | None = None,
     ) -> None:
+        self.model = model
         self.preset = get_preset(preset)
-        get_variant(variant)
         self.step_seconds = float(step_seconds)
-        self.variant = variant
-        self.threads = threads
-        self._width = width
-        self._build = self._library_build(absent_equipment())
-        self._library = load(self._build.path)
-        self._full: Library | None = None
-        absolute, relative = tolerances(self.preset)
-        self.settings = Settings(
+        self.width = width
+        self._sizes = model.sizes
+        self._shared = ((model.sizes["p"],), (1, model.sizes["p"]))
+        self._build = self._library_build(absent_equipment(model))
+        self._library = load(self._build.path, model)
+        absolute, relative = tolerances(model, self.preset)
+        self.settings = settings_type(len(absolute))(
             step=self.step_seconds,
             first=self.preset.first_substep,
-            forgotten=self.preset.forgotten,
-            guard=self.preset.guard,
-            memory=self.preset.memory,
+            fast_error_floor=self.preset.fast_error_floor,
+            singular_error_factor=self.preset.singular_error_factor,
+            fast_time_constant=self.preset.fast_time_constant,
             last=self.preset.last_stretch,
             smallest=SMALLEST_SUBSTEP,
             most=float(LARGEST_SUBSTEPS),
-            absolute=(ctypes.c_double * len(absolute))(*absolute),
-            relative=(ctypes.c_double * len(relative))(*relative),
+            absolute=tuple(absolute),
+            relative=tuple(relative),
             threads=threads,
             method=METHODS.index(self.preset.method),
         )
         self._settings_call = ctypes.byref(self.settings)
-        self._batch = new_batch(1)
+        self._batch = self._new_batch(1)
 
     @property
     def substeps(self) -> Status:
-        """Substeps of the rows of the last call (n,)."""
+        """Substeps that each row of the last call took (n,), rejected ones included. Overwritten by the next call."""
         return self._batch.substeps
 
     @property
     def reached(self) -> Array:
-        """Time that the rows of the last call reached (n,) [s]."""
+        """Time within the step that each row of the last call reached (n,) [s]. Overwritten by the next call."""
         return self._batch.reached
-
-    @property
-    def width(self) -> int | None:
-        """Number of lanes that was asked for, if any."""
-        return self._width
 
     @property
     def library_path(self) -> str:
@@ -129,11 +128,11 @@ class CompiledStepper:
         Parameters
         ----------
         x, u, d : ndarray
-            States (n, 28), controls (n, 6), disturbances (n, 10): float64, C-contiguous.
+            States (n, states), controls (n, controls), disturbances (n, disturbances): float64, C-contiguous.
         p : ndarray
-            Parameters (n, 208), or (208,) or (1, 208) shared by all rows.
+            Parameters (n, parameters), or (parameters,) or (1, parameters) shared by all rows.
         out : ndarray
-            States after the step (n, 28); may be ``x``. Rows that fail keep their state.
+            States after the step (n, states); may be ``x``. Rows that fail keep their state.
 
         Returns
         -------
@@ -147,89 +146,60 @@ class CompiledStepper:
         """
         batch = self._batch
         if batch.n != len(x):
-            batch = self._batch = new_batch(len(x))
+            batch = self._batch = self._new_batch(len(x))
         fits = x.shape == out.shape == batch.x_shape and u.shape == batch.u_shape and d.shape == batch.d_shape
-        if not (fits and x.dtype == u.dtype == d.dtype == p.dtype == out.dtype == _DOUBLE):
-            raise wrong_arrays(x, u, d, p, out)
-        if batch.n <= COPIED_ROWS:
-            self._step_copies(batch, x, u, d, p, out)
+        shared = p.shape in self._shared
+        if not (fits and (shared or p.shape == batch.p_shape)) or not (
+            x.dtype == u.dtype == d.dtype == p.dtype == out.dtype == _DOUBLE
+        ):
+            raise self._wrong_arrays(x, u, d, p, out)
+        pointers = batch.pointers
+        pointers.p_stride = 0 if shared else batch.p_shape[1]
+        if batch.n <= _COPIED_ROWS:
+            batch.x[...] = x
+            batch.u[...] = u
+            batch.d[...] = d
+            batch.p[: 1 if shared else batch.n] = p
+            failed = self._library.step_rows(self._settings_call, batch.call)
+            out[...] = batch.out
         else:
-            self._step_in_place(batch, x, u, d, p, out)
-        if batch.any_failed():
+            if not all(a.flags.c_contiguous for a in (x, u, d, p, out)):
+                raise self._wrong_arrays(x, u, d, p, out)
+            pointers.x, pointers.u, pointers.d, pointers.p, pointers.out = (a.ctypes.data for a in (x, u, d, p, out))
+            failed = self._library.step_rows(self._settings_call, batch.call)
+        if failed:
             self._step_with_full_model(batch, x, u, d, p, out)
         return batch.status
 
-    def bind(self, x: Array, u: Array, d: Array, p: Array, out: Array) -> CompiledBoundStep:
-        """A step of these very arrays, for many calls: ``step()`` steps what they hold then, without any overhead.
+    def advance(self, rows: Rows, out: Array) -> list[StepFailure]:
+        """Write x(t + h) of all rows to ``out`` (n, states); failed rows keep their old state and are reported."""
+        if len(rows.x) == 0:
+            return []
+        status = self.step_rows(*rows, out)
+        if not status.any():
+            return []
+        return [
+            StepFailure(row, f"{self.explain(row)} ({inputs_in_words(self.model, rows, row)})")
+            for row in map(int, status.nonzero()[0])
+        ]
 
-        Parameters
-        ----------
-        x, u, d, p, out : ndarray
-            As for ``step_rows``, all of them tables and C-contiguous: (n, 28), (n, 6), (n, 10), (1, 208) or (n, 208), (n, 28).
-            ``out`` may be ``x``.
+    def bind(self, rows: Rows, out: Array) -> CompiledBoundStep:
+        """A step of these very arrays, all of them tables and C-contiguous; ``out`` may be ``rows.x``. See ``Kernel.bind``."""
+        pointers = RowPointers()
+        call = functools.partial(self._library.step_rows, self._settings_call, ctypes.byref(pointers))
+        return CompiledBoundStep(self, call, pointers, rows, out)
+
+    def differentiator(self) -> CompiledDifferentiator:
+        """What differentiates the steps: a second library, built now if need be.
 
         Raises
         ------
-        ShapeError
-            When an array has another shape, type or layout.
+        CompiledUnavailable
+            When it can be neither loaded nor built.
         """
-        n = len(x)
-        shapes = ((n, SIZES["x"]), (n, SIZES["u"]), (n, SIZES["d"]), (len(p), SIZES["p"]), (n, SIZES["x"]))
-        arrays = (x, u, d, p, out)
-        fits = all(a.shape == shape and a.dtype == _DOUBLE for a, shape in zip(arrays, shapes, strict=True))
-        if not (fits and len(p) in (1, n) and all(a.flags.c_contiguous for a in arrays)):
-            raise wrong_arrays(x, u, d, p, out)
-        pointers = RowPointers()
-        call = functools.partial(self._library.step_rows, self._settings_call, ctypes.byref(pointers))
-        return CompiledBoundStep(self, call, pointers, arrays)
+        from glbench.kernel.compiled.differentiator import CompiledDifferentiator
 
-    def _step_copies(self, batch: Batch, x: Array, u: Array, d: Array, p: Array, out: Array) -> None:
-        batch.x[...] = x
-        batch.u[...] = u
-        batch.d[...] = d
-        if p.shape == SHARED:
-            batch.p[0] = p
-            batch.pointers.p_stride = 0
-        elif p.shape == batch.p_shape:
-            batch.p[...] = p
-            batch.pointers.p_stride = SIZES["p"]
-        elif p.shape == (1, *SHARED):
-            batch.p[0] = p[0]
-            batch.pointers.p_stride = 0
-        else:
-            raise wrong_arrays(x, u, d, p, out)
-        self._library.step_rows(self._settings_call, batch.call)
-        out[...] = batch.out
-
-    def _step_in_place(self, batch: Batch, x: Array, u: Array, d: Array, p: Array, out: Array) -> None:
-        shared = p.size == SIZES["p"]
-        fits = shared or p.shape == batch.p_shape
-        if not (fits and all(a.flags.c_contiguous for a in (x, u, d, p, out))):
-            raise wrong_arrays(x, u, d, p, out)
-        pointers = batch.pointers
-        pointers.x, pointers.u, pointers.d, pointers.p, pointers.out = (a.ctypes.data for a in (x, u, d, p, out))
-        pointers.p_stride = 0 if shared else SIZES["p"]
-        self._library.step_rows(self._settings_call, batch.call)
-
-    def _step_with_full_model(self, batch: Batch, x: Array, u: Array, d: Array, p: Array, out: Array) -> None:
-        """Steps the rows whose greenhouse has equipment that the usual library leaves out."""
-        rows = np.flatnonzero(batch.status // 64 == Failure.EQUIPMENT_PRESENT)
-        if rows.size == 0:
-            return
-        full = self._full_library()
-        parameters = np.broadcast_to(p, (batch.n, SIZES["p"]))[rows]
-        part = new_batch(rows.size, copies=True)
-        part.x[:], part.u[:], part.d[:], part.p[:] = x[rows], u[rows], d[rows], parameters
-        part.pointers.p_stride = SIZES["p"]
-        full.step_rows(self._settings_call, part.call)
-        out[rows] = part.out
-        batch.status[rows], batch.substeps[rows], batch.reached[rows] = part.status, part.substeps, part.reached
-
-    def _full_library(self) -> Library:
-        """Library of the model with all equipment, built when first needed."""
-        if self._full is None:
-            self._full = load(self._library_build(()).path)
-        return self._full
+        return CompiledDifferentiator(self)
 
     def environments(self, program: Program, n: int) -> CompiledEnvironments | None:
         """``n`` environments that run ``program`` around steps of this stepper's length and tolerances.
@@ -241,15 +211,15 @@ class CompiledStepper:
         CompiledUnavailable
             When its greenhouse has equipment that the usual library leaves out, and the other cannot be built.
         """
-        equipped = bool(program.nominal[list(absent_equipment())].any())
-        library = self._full_library() if equipped else self._library
+        equipped = bool(program.nominal[list(absent_equipment(self.model))].any())
+        library = self._full_library if equipped else self._library
         return CompiledEnvironments(library, self.settings, program, n) if fits(library, program) else None
 
     def explain(self, row: int) -> str:
         """What went wrong in a row of the last call: which state, when, why."""
         batch = self._batch
         reached, substeps = float(batch.reached[row]), int(batch.substeps[row])
-        return explain(int(batch.status[row]), reached, substeps, self.settings)
+        return explain(self.model, int(batch.status[row]), reached, substeps, self.settings)
 
     def error(self, row: int) -> StepError:
         """The error to raise for a row of the last call that failed."""
@@ -262,9 +232,9 @@ class CompiledStepper:
             "method": preset.method,
             "relative_tolerance": preset.relative,
             "first_substep_seconds": preset.first_substep,
-            "forgotten": preset.forgotten,
-            "memory_seconds": preset.memory,
-            "guard": preset.guard,
+            "forgotten": preset.fast_error_floor,
+            "memory_seconds": preset.fast_time_constant,
+            "guard": preset.singular_error_factor,
             **({"last_stretch_seconds": preset.last_stretch} if math.isfinite(preset.last_stretch) else {}),
             "weights": "balanced" if preset.balanced else "even",
             "lanes": float(self._library.width),
@@ -273,37 +243,149 @@ class CompiledStepper:
             "library_digest": self._build.digest,
         }
 
+    def _step_with_full_model(self, batch: _Batch, x: Array, u: Array, d: Array, p: Array, out: Array) -> None:
+        """Steps the rows whose greenhouse has equipment that the usual library leaves out."""
+        rows = failed_with(batch.status, Failure.EQUIPMENT_PRESENT)
+        if rows.size == 0:
+            return
+        part = self._new_batch(rows.size, copies=True)
+        part.x[:], part.u[:], part.d[:] = x[rows], u[rows], d[rows]
+        part.p[:] = np.broadcast_to(p, batch.p_shape)[rows]
+        self._full_library.step_rows(self._settings_call, part.call)
+        out[rows] = part.out
+        batch.status[rows], batch.substeps[rows], batch.reached[rows] = part.status, part.substeps, part.reached
+
+    @cached_property
+    def _full_library(self) -> Library:
+        """Library of the model with all equipment, built when first needed."""
+        return load(self._library_build(()).path, self.model)
+
     def _library_build(self, zeros: tuple[int, ...]) -> Build:
-        return build(self.variant, traits_of(zeros), self._width)
+        return build(self.model, traits_of(self.model, zeros), self.width)
+
+    def _new_batch(self, n: int, *, copies: bool | None = None) -> _Batch:
+        """Arrays for ``n`` rows; ``copies`` says whether inputs are copied (by default up to ``_COPIED_ROWS`` rows)."""
+        own = n if (n <= _COPIED_ROWS if copies is None else copies) else 0
+        x, u, d, p, out = (np.zeros((own, self._sizes[key])) for key in "xudpx")
+        status, substeps, reached = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n)
+        inputs = (a.ctypes.data for a in (x, u, d, p))
+        outputs = (a.ctypes.data for a in (out, status, substeps, reached))
+        pointers = RowPointers(n, *inputs, self._sizes["p"], *outputs)
+        shapes = ((n, self._sizes[key]) for key in "xudp")
+        return _Batch(n, x, u, d, p, out, status, substeps, reached, pointers, ctypes.byref(pointers), *shapes)
+
+    def _wrong_arrays(self, *arrays: Array) -> ShapeError:
+        found = ", ".join(
+            f"{name} {a.dtype}{a.shape}" for name, a in zip(("x", "u", "d", "p", "out"), arrays, strict=True)
+        )
+        x, u, d, p = self._sizes.values()
+        msg = (
+            f"step_rows wants C-contiguous float64 arrays x (n, {x}), u (n, {u}), d (n, {d}), p (n, {p}) or ({p},), "
+            f"out (n, {x}), not {found}."
+        )
+        return ShapeError(msg)
 
 
-def traits_of(zeros: tuple[int, ...]) -> Traits:
-    """What the generator is told of the greenhouse, when the parameters ``zeros`` are zero in every row."""
-    fast = tuple(STATE_NAMES.index(name) for name in FAST_STATES)
-    first, second = (STATE_NAMES.index(name) for name in SINGULAR_STATES)
-    return Traits(zeros, fast, (first, second))
+@dataclass(frozen=True)
+class _Batch:
+    """Arrays and pointers for ``n`` rows; the inputs are empty where the caller's own arrays are used."""
+
+    n: int
+    x: Array
+    u: Array
+    d: Array
+    p: Array
+    out: Array
+    status: Status
+    substeps: Status
+    reached: Array
+    pointers: RowPointers
+    call: object  # ctypes.byref(pointers)
+    x_shape: tuple[int, int]
+    u_shape: tuple[int, int]
+    d_shape: tuple[int, int]
+    p_shape: tuple[int, int]
 
 
-def absent_equipment() -> tuple[int, ...]:
-    """Parameters that are zero in the benchmark greenhouse; the usual library leaves out what they multiply.
+class CompiledBoundStep:
+    """Made by ``CompiledStepper.bind``: ``step()`` advances rows, by one call of the library with all pointers set beforehand.
+
+    Attributes
+    ----------
+    status : ndarray
+        0 for rows that were stepped (n,).
+    substeps : ndarray
+        Substeps that each row took (n,), rejected ones included.
+    reached : ndarray
+        Time within the step that each row reached (n,) [s].
+    """
+
+    def __init__(
+        self, stepper: CompiledStepper, call: functools.partial[int], pointers: RowPointers, rows: Rows, out: Array
+    ) -> None:
+        self._stepper, self._call, self._rows, self._out = stepper, call, rows, out
+        n = len(out)
+        self.status, self.substeps, self.reached = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n)
+        pointers.n, pointers.p_stride = n, rows.p.shape[1] if len(rows.p) > 1 else 0
+        pointers.x, pointers.u, pointers.d, pointers.p = (a.ctypes.data for a in rows)
+        pointers.out, pointers.reached = out.ctypes.data, self.reached.ctypes.data
+        pointers.status, pointers.substeps = self.status.ctypes.data, self.substeps.ctypes.data
+
+    def __call__(self) -> None:
+        """Step the rows.
+
+        Raises
+        ------
+        StepError
+            When a row could not be integrated, or an input is not finite; the other rows have been stepped.
+        """
+        if self._call():
+            self._step_again()
+
+    def _step_again(self) -> None:
+        """Rows that need the library of the full model, and failures."""
+        rows = np.flatnonzero(self.status)
+        stepped = np.empty((rows.size, self._out.shape[1]))
+        status = self._stepper.step_rows(*self._rows.chosen(rows), stepped)
+        self._out[rows], self.status[rows] = stepped, status
+        self.substeps[rows], self.reached[rows] = self._stepper.substeps, self._stepper.reached
+        failed = np.flatnonzero(status)
+        if failed.size:
+            reason = self._stepper.explain(int(failed[0]))
+            msg = f"The step of {self._stepper.step_seconds:g} s failed in row {rows[failed[0]]}: {reason}."
+            raise StepError(msg)
+
+
+def traits_of(model: Model, zeros: tuple[int, ...]) -> Traits:
+    """What is known of a model beyond its equations, with these parameters known to be zero."""
+    fast = tuple(i for i, state in enumerate(model.states) if state.fast)
+    if model.singular is None:
+        return Traits(zeros, fast)
+    first, second = model.singular
+    return Traits(zeros, fast, (model.state_index(first), model.state_index(second)))
+
+
+@functools.cache
+def absent_equipment(model: Model) -> tuple[int, ...]:
+    """Parameters that are zero in the model's benchmark set; the usual library leaves out what they multiply.
 
     Interlights, for example: their area is zero. Rows with other parameters are stepped by a library of the full model.
     """
-    return tuple(int(i) for i in np.flatnonzero(default_parameters() == 0.0))
+    return tuple(int(i) for i in np.flatnonzero(model.parameters.default() == 0.0))
 
 
-def is_built(variant: str) -> bool:
-    """Whether there is nothing to build for ``variant``: the library is in the cache, or no compiler is there."""
+def is_built(model: Model) -> bool:
+    """Whether there is nothing to build for ``model``: the library is in the cache, or no compiler is there."""
     try:
-        return library_is_built(variant, traits_of(absent_equipment()))
+        return library_is_built(model, traits_of(model, absent_equipment(model)))
     except CompiledUnavailable:
         return True
 
 
-def availability() -> str | None:
+def availability(model: Model = TOMATO) -> str | None:
     """None when the compiled stepper works here (built now if need be), else the reason why not."""
     try:
-        CompiledStepper(900.0)
+        CompiledStepper(model, 900.0)
     except CompiledUnavailable as error:
         return str(error)
     return None

@@ -11,9 +11,9 @@ enum Method : int32_t { RODAS4P2 = 0, GRK4T = 1 };
 struct Settings {
     double step;                     // length of the control step [s]
     double first;                    // first substep [s]
-    double forgotten;                // the least factor on the squared errors of fast states
-    double guard;                    // factor on the squared errors of a substep near the singular difference
-    double memory;                   // time in which an error of a fast state fades to 1/e [s]
+    double fast_error_floor;         // the least factor on the squared errors of fast states
+    double singular_error_factor;    // factor on the squared errors of a substep near the singular difference
+    double fast_time_constant;       // time in which an error of a fast state fades to 1/e [s]
     double last;                     // no substep goes on from before these last seconds of the step into them [s]
     double smallest;                 // a substep below this fails the step [s]
     double most;                     // more substeps than this fail the step
@@ -29,7 +29,7 @@ struct Rows {
     const double *x, *u, *d, *p;
     int64_t p_stride;
     double* out;        // may be x itself
-    int32_t* status;    // 0, or failure*64 + state
+    int32_t* status;    // 0, or failure*STATUS_STATES + state
     int32_t* substeps;  // taken, rejected ones included
     double* reached;    // time within the step that was reached [s]
     int64_t failed;     // given back: how many rows have a status other than 0
@@ -49,6 +49,6 @@ class RowWork {
 };
 
 enum Failure : int32_t { INPUT_NOT_FINITE = 1, TOO_MANY_SUBSTEPS = 2, SUBSTEP_TOO_SMALL = 3, EQUIPMENT_PRESENT = 4 };
-constexpr int NO_STATE = 63;
+constexpr int STATUS_STATES = 1 << 16, NO_STATE = STATUS_STATES - 1;
 
 }  // namespace glb

@@ -121,11 +121,11 @@ template <class V> class Stepper {
     bool exhausted_ = false;
     bool again_ = false;  // of one lane: the last substep was rejected, the next one starts from the same state
 
-    // Lamps, covers, screens and the top air settle within a minute or two: what is wrong with them long before the end of the
+    // Fast states (lamps, covers, screens, the top air) settle within a minute or two: what is wrong with them long before the end of the
     // step is forgotten at the end, so their errors count less the more time is left.
     GLB_INLINE V relaxation(V left) const {
-        const V fading = exp16_of_limited(left * broadcast<V>(-2.0 * SIXTEEN_LOG2_E / settings_.memory));
-        return max_of(broadcast<V>(settings_.forgotten), fading);
+        const V fading = exp16_of_limited(left * broadcast<V>(-2.0 * SIXTEEN_LOG2_E / settings_.fast_time_constant));
+        return max_of(broadcast<V>(settings_.fast_error_floor), fading);
     }
 
     // After a change of the inputs the solution becomes smoother from substep to substep, so the right length grows: half of
@@ -143,7 +143,7 @@ template <class V> class Stepper {
         const V before = work_.x[a] - work_.x[b], after = work_.y[a] - work_.y[b];
         const V size = max_of(abs_of(before), abs_of(after));
         const MaskOf<V> near = abs_of(after - before) > broadcast<V>(0.5) * size;
-        return select<V>(near, broadcast<V>(settings_.guard), broadcast<V>(1.0));
+        return select<V>(near, broadcast<V>(settings_.singular_error_factor), broadcast<V>(1.0));
     }
 
     static GLB_INLINE bool any(MaskOf<V> mask) {
@@ -232,13 +232,13 @@ template <class V> class Stepper {
     // 0 when a row can be stepped, else the status to report.
     static int32_t first_problem(const double* x, const double* p, const double* stored) {
         for (int i = 0; i < model::STATES; ++i)
-            if (!finite(x[i])) return INPUT_NOT_FINITE * 64 + i;
+            if (!finite(x[i])) return INPUT_NOT_FINITE * STATUS_STATES + i;
         Pack rest = broadcast<Pack>(0.0);
         for (int i = 0; i < STORED_ROOM; i += NATIVE_WIDTH) rest = rest + (*pack(stored + i) - *pack(stored + i));
         for (int i = 0; i < NATIVE_WIDTH; ++i)
-            if (rest[i] != 0.0) return INPUT_NOT_FINITE * 64 + NO_STATE;
+            if (rest[i] != 0.0) return INPUT_NOT_FINITE * STATUS_STATES + NO_STATE;
         for (int i = 0; i < model::ABSENT; ++i)
-            if (p[model::ABSENT_PARAMETER[i]] != 0.0) return EQUIPMENT_PRESENT * 64 + NO_STATE;
+            if (p[model::ABSENT_PARAMETER[i]] != 0.0) return EQUIPMENT_PRESENT * STATUS_STATES + NO_STATE;
         return 0;
     }
 
@@ -282,7 +282,7 @@ template <class V> class Stepper {
             if (scaled > largest) largest = scaled, worst = i;
         }
         const int32_t failure = proposed < settings_.smallest ? SUBSTEP_TOO_SMALL : TOO_MANY_SUBSTEPS;
-        report(row_[lane], failure * 64 + model::MOVING_STATE[worst], static_cast<int32_t>(element(taken_, lane)),
+        report(row_[lane], failure * STATUS_STATES + model::MOVING_STATE[worst], static_cast<int32_t>(element(taken_, lane)),
                settings_.step - element(remaining_, lane));
     }
 };

@@ -1,0 +1,236 @@
+"""Scenarios: each run its own season, start and parameters, as functions of family, salt and seed."""
+
+from __future__ import annotations
+
+import copy
+import datetime as dt
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import PrivateAttr
+
+from glbench.env import Simulation, Snapshot, StepResult
+from glbench.env.scenario import RunScenarios, WeatherPool
+from glbench.env.uncertainty import stream_key
+from glbench.kernel import Kernel, why_not_compiled
+from glbench.model import TOMATO
+from glbench.tasks import TaskSpec
+from glbench.tasks.scenario import ParameterGroup, Scenario, Season, StartGroup
+from tests.env.stepping import walk
+
+MakeTask = Callable[..., TaskSpec]
+SEEDS = list(range(20, 31))
+N = len(SEEDS)
+
+CROP = ParameterGroup("crop", ("sla", "laiMax", "rgFruit"), "uniform", 0.1, "step")
+COVER = ParameterGroup("cover", ("cLeakage",), "uniform", 0.3, "day")
+HOUSE = ParameterGroup("house", ("hAir", "lPipe", "laiMax"), "uniform", 0.05, "episode")
+SEASONS = (Season("schiphol", dt.date(2009, 2, 10)), Season("schiphol", dt.date(2011, 7, 1)))
+VARIED = Scenario(
+    "tests/Varied", "salt", (CROP, COVER, HOUSE), (StartGroup("mass", ("cFruit", "cLeaf"), "uniform", 0.2),), SEASONS, 5
+)
+
+
+class Own(TaskSpec):
+    """A task with the scenario of a test."""
+
+    _own: Scenario = PrivateAttr()
+
+    @property
+    def scenario(self) -> Scenario:
+        return self._own
+
+
+MakeOwn = Callable[..., TaskSpec]
+
+
+@pytest.fixture(scope="module")
+def make_own(make_task: MakeTask) -> MakeOwn:
+    def make(scenario: Scenario = VARIED, *changes: tuple[str, str], days: int = 2) -> TaskSpec:
+        plain = make_task(*changes, days=days)
+        task = Own.model_construct(**{name: getattr(plain, name) for name in TaskSpec.model_fields})
+        task._source, task._own = plain.source, scenario
+        return task
+
+    return make
+
+
+FORECAST = (
+    'modules = ["indoor_climate", "crop", "time", "controls", "weather"]',
+    'modules = ["indoor_climate", "crop", "time", "controls", "weather", "forecast"]\nforecast = { steps = 100 }',
+)
+
+
+@pytest.fixture(scope="module")
+def kernel() -> Kernel:
+    return Kernel(TOMATO, 900.0, preset="fast")
+
+
+def bits(simulation: Simulation, result: StepResult, row: slice = slice(None)) -> list[bytes]:
+    arrays: tuple[np.ndarray[Any, Any], ...] = (
+        simulation.x, simulation.u, simulation.k, result.observations, result.table.T, simulation.d, simulation.time,
+        simulation.hour_of_day, simulation.day_of_year,
+    )  # fmt: skip
+    return [np.ascontiguousarray(array[row]).tobytes() for array in arrays]
+
+
+@pytest.mark.skipif(why_not_compiled() is not None, reason="needs the compiled kernel")
+def test_both_ways_of_stepping_give_the_same_bits_also_after_resets(make_own: MakeOwn, kernel: Kernel) -> None:
+    task = make_own(VARIED, FORECAST)
+    pair = Simulation(task, N, kernel), Simulation(task, N, kernel, fused=False)
+    assert [simulation.fused for simulation in pair] == [True, False]
+    assert pair[0].reset(SEEDS).tobytes() == pair[1].reset(SEEDS).tobytes()
+    for number, action in enumerate(walk(3, 110, N)):
+        results = [simulation.step(action) for simulation in pair]
+        assert bits(pair[0], results[0]) == bits(pair[1], results[1])
+        if number == 50:
+            seen = [simulation.reset([5, 2**64 - 1], rows=[1, 8]).tobytes() for simulation in pair]
+            assert seen[0] == seen[1]
+    assert pair[0].k.tolist() == [59 if row in (1, 8) else 110 for row in range(N)]
+
+
+@pytest.mark.parametrize("fused", [True, False])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_run_has_the_bits_it_has_alone(make_own: MakeOwn, fused: bool, threads: int) -> None:
+    task = make_own()
+    kernel = Kernel(TOMATO, 900.0, preset="fast", threads=threads)
+    many, alone = Simulation(task, 40, kernel, fused=fused), Simulation(task, 1, kernel, fused=fused)
+    many.reset(range(40))
+    alone.reset([39])
+    for action in walk(3, 5, 40):
+        first, second = many.step(action), alone.step(action[39:])
+        assert bits(many, first, slice(39, 40)) == bits(alone, second)
+
+
+@pytest.mark.parametrize("fused", [True, False])
+def test_snapshots_and_copies_go_on_with_the_same_bits(make_own: MakeOwn, kernel: Kernel, fused: bool) -> None:
+    task = make_own()
+    simulation = Simulation(task, N, "fast", fused=fused)
+    simulation.reset(SEEDS)
+    for action in walk(1, 4, N):
+        simulation.step(action)
+    restored = Simulation(task, 3, kernel, fused=not fused)
+    restored.restore(Snapshot.from_bytes(simulation.snapshot().to_bytes()).take([7, 7, 2]))
+    others = copy.deepcopy(simulation), pickle.loads(pickle.dumps(simulation))
+    action = walk(2, 1, N)[0]
+    result = simulation.step(action)
+    for other in others:
+        assert bits(other, other.step(action)) == bits(simulation, result)
+    found = restored.step(action[[7, 7, 2]])
+    for row, of in enumerate((7, 7, 2)):
+        assert bits(restored, found, slice(row, row + 1)) == bits(simulation, result, slice(of, of + 1))
+
+
+def test_a_snapshot_of_the_first_format_is_read(make_own: MakeOwn, monkeypatch: pytest.MonkeyPatch) -> None:
+    simulation = Simulation(make_own(), 2, "fast")
+    simulation.reset([1, 2])
+    snapshot = simulation.snapshot()
+    saved: dict[str, Any] = {}
+    monkeypatch.setattr(np, "savez", lambda file, **arrays: saved.update(arrays))
+    snapshot.to_bytes()
+    monkeypatch.undo()
+    import io
+
+    file = io.BytesIO()
+    np.savez(
+        file,
+        **{name: value for name, value in saved.items() if name not in ("memory", "allow_pickle")}
+        | {"format": np.int64(1)},
+    )
+    read = Snapshot.from_bytes(file.getvalue())
+    assert read.memory.shape == (2, 0)
+    assert simulation.restore(read).tobytes() == simulation.observe().tobytes()
+
+
+def test_runs_start_on_their_own_day_of_their_own_season(make_own: MakeOwn) -> None:
+    task = make_own()
+    simulation = Simulation(task, 300, "fast")
+    simulation.reset(range(300))
+    days = [str(day) for day in simulation.time.astype("datetime64[D]")]
+    allowed = {str(np.datetime64(season.start) + late) for season in SEASONS for late in range(6)}
+    assert set(days) == allowed
+    assert 100 < sum(day.startswith("2009") for day in days) < 200
+    pool = WeatherPool.of(task)
+    for row in (0, 100, 299):
+        season = next(season for season in SEASONS if days[row].startswith(str(season.start.year)))
+        alone = task.weather.model_copy(update={"source": season.source, "start": dt.date.fromisoformat(days[row])})
+        own = task.model_copy(update={"weather": alone}).disturbances()
+        first = int(np.flatnonzero(pool.times == simulation.time[row])[0])
+        assert (pool.values[first : first + len(own.values), :2] == own.values[:, :2]).all()
+        assert simulation.d[row, :2].tolist() == own.values[0, :2].tolist()
+        assert simulation.day_of_year[row] == own.day_of_year[0]
+
+
+def test_each_run_starts_from_its_own_weather_and_factors(make_own: MakeOwn) -> None:
+    task = make_own()
+    simulation = Simulation(task, 40, "fast")
+    simulation.reset(range(40))
+    fruit, soil = TOMATO.state_index("cFruit"), TOMATO.state_index("tSo5")
+    plain = TOMATO.start(task.initial.kind, simulation.d[3], task.initial.air_temperature, task.parameters())
+    share = simulation.x[:, fruit] / plain[fruit]
+    assert share.min() > 0.8
+    assert share.max() < 1.2
+    assert np.unique(share).size == 40
+    assert simulation.x[3, soil] == plain[soil]
+    assert (
+        simulation.x[:, fruit] / plain[fruit]
+        != simulation.x[:, TOMATO.state_index("cLeaf")] / plain[TOMATO.state_index("cLeaf")]
+    ).all()
+
+
+def seen_parameters(task: TaskSpec, seeds: list[int], steps: int) -> np.ndarray[Any, Any]:
+    """Parameters that reach the kernel, ``(steps, n, 208)``."""
+    from tests.env.stepping import StillKernel
+
+    kernel = StillKernel()
+    simulation = Simulation(task, len(seeds), kernel)
+    simulation.reset(seeds)
+    for _ in range(steps):
+        simulation.step(np.zeros((len(seeds), 6)))
+    return np.stack([call[3] for call in kernel.calls])
+
+
+def test_groups_are_drawn_each_step_each_day_and_each_episode(make_own: MakeOwn) -> None:
+    task = make_own()
+    p, nominal = seen_parameters(task, [1, 2], 192), task.parameters()
+    place = TOMATO.parameter_names.index
+    for name, values in (("sla", 192), ("cLeakage", 2), ("lPipe", 1)):
+        for row in (0, 1):
+            assert np.unique(p[:, row, place(name)]).size == values, name
+    assert np.unique(p[:96, 0, place("cLeakage")]).size == 1
+    # laiMax is drawn for the episode by 5 %, and in every step by 10 % around that.
+    lai = p[:, 0, place("laiMax")] / nominal[place("laiMax")]
+    middle = p[0, 0, place("hAir")] / nominal[place("hAir")]
+    assert abs(middle - 1.0) <= 0.05
+    assert lai.max() - lai.min() < 0.1 * 2 * 1.05
+    assert (p[..., place("cLeafMax")] == p[..., place("laiMax")] / p[..., place("sla")]).all()
+    assert np.allclose(
+        TOMATO.parameters.complete(p.reshape(-1, p.shape[-1])), p.reshape(-1, p.shape[-1]), rtol=1e-14, atol=0.0
+    )
+
+
+def test_tasks_of_a_family_share_numbers_and_another_salt_does_not(make_own: MakeOwn) -> None:
+    sla = TOMATO.parameter_names.index("sla")
+    wider = replace(VARIED, groups=(replace(CROP, half_width=0.2), HOUSE))
+    deviations = [
+        seen_parameters(make_own(scenario), [4], 3)[:, 0, sla] / task_sla - 1.0
+        for scenario in (VARIED, wider, replace(VARIED, salt="another"))
+        for task_sla in (make_own(scenario).parameters()[sla],)
+    ]
+    assert np.allclose(2.0 * deviations[0], deviations[1], rtol=1e-12)
+    assert not np.isclose(deviations[0], deviations[2]).any()
+    starts = [RunScenarios(make_own(scenario)).draw([4]).first.tolist() for scenario in (VARIED, wider)]
+    assert starts[0] == starts[1]
+
+
+def test_streams_never_meet() -> None:
+    streams = ("season", "start day", "start mass", "parameters crop", "parameters cover", "parameters house")
+    scenarios = VARIED, replace(VARIED, salt="another"), replace(VARIED, family="tests/Another")
+    keys = {
+        stream_key(scenario, seed, stream) for scenario in scenarios for seed in (0, 1, 2**64 - 1) for stream in streams
+    }
+    assert len(keys) == len(scenarios) * 3 * len(streams)
