@@ -90,9 +90,8 @@ def python_part(name: str) -> MakeObservation | None:
 
 def observed_widths(task: TaskSpec) -> Iterator[tuple[str, int]]:
     """The modules of a task with the number of columns that each announces."""
-    context = task.observation_context()
     for name in task.observation.modules:
-        yield name, len(OBSERVATION_MODULES[name].quantities(context))
+        yield name, len(task.observed_by(name))
 
 
 def shown_by(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Shown, ...]:
