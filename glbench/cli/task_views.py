@@ -22,6 +22,8 @@ from glbench.tasks import (
     PREPROCESSINGS,
     REWARD_MODULES,
     Capacity,
+    Registry,
+    Scenario,
     TaskCard,
     TaskSpec,
     task_card,
@@ -72,8 +74,9 @@ def explanation(task: TaskSpec) -> Iterator[RenderableType]:
     yield _heading("What the agent does")
     yield _words([f"{len(card.actions)} numbers a step, in this order: {ACTUATION_KINDS[card.actuation].meaning}."])
     yield _actions(card)
-    yield _heading("Limits of the climate, checked after every step")
-    yield _constraints(card)
+    if card.constraints:
+        yield _heading("Limits of the climate, checked after every step")
+        yield _constraints(card)
     yield _heading("Prices")
     yield _prices(card)
     yield _heading("Reward of a step")
@@ -180,10 +183,13 @@ def _local(card: TaskCard, end: dt.date) -> str:
 def _greenhouse(task: TaskSpec) -> list[str]:
     names, uncertainty = task.uncertain_parameters(), task.uncertainty
     lines = [
-        f"Parameter set '{task.model.parameters}'; {MODEL_VARIANTS[task.model.variant].meaning}.",
+        *([f"Model {task.model_id}."] if task.schema_version > 1 else []),
+        f"Parameter set '{task.model.parameters}'; {_meaning(MODEL_VARIANTS, task.model.variant)}.",
         *(f"Changed: {name} = {value:g} {unit}." for name, value, unit in task.model.overrides),
-        f"Start: {INITIAL_STATES[task.initial.kind].meaning} ({task.initial.air_temperature:g} degC), all controls at 0.",
+        f"Start: {_meaning(INITIAL_STATES, task.initial.kind)} ({task.initial.air_temperature:g} degC), all controls at 0.",
     ]
+    if task.schema_version > 1:
+        return [*lines, *_scenario(task.scenario)]
     if uncertainty.half_width == 0.0:
         return [*lines, "Nothing is uncertain: the parameters keep their nominal values."]
     moment = "at every step" if uncertainty.redraw == "step" else "once an episode"
@@ -193,6 +199,30 @@ def _greenhouse(task: TaskSpec) -> list[str]:
         f"Uncertain: {moment} each of {len(names)} parameters is its nominal value times 1 + e, e {uncertainty.distribution} "
         f"within {low_high} and different for each.",
         f"These are {', '.join(names)}.",
+    ]
+
+
+def _meaning(words: Registry[Any], name: str) -> str:
+    """What a word means, or the word where the model alone knows it."""
+    return words[name].meaning if name in words else f"'{name}'"
+
+
+def _scenario(scenario: Scenario) -> list[str]:
+    """What a run draws, in words."""
+    lines = [f"Random numbers of the family '{scenario.family}'."]
+    if len(scenario.seasons) > 1:
+        days = ", ".join(f"{season.start} ({season.source})" for season in scenario.seasons)
+        lines.append(f"A run's season is one of {len(scenario.seasons)}, drawn evenly: {days}.")
+    if scenario.start_within_days:
+        lines.append(f"It starts up to {scenario.start_within_days} days later, drawn evenly.")
+    lines += [
+        f"Uncertain, drawn anew every {group.redraw} ({group.distribution}, {percent(group.half_width)}): "
+        f"{', '.join(group.parameters)}."
+        for group in scenario.groups
+    ]
+    return lines + [
+        f"At the start, {start.distribution} {percent(start.half_width)}: {', '.join(start.states)}."
+        for start in scenario.start_groups
     ]
 
 
@@ -240,6 +270,12 @@ def _constraints(card: TaskCard) -> RenderableType:
 def _prices(card: TaskCard) -> RenderableType:
     prices = card.prices
     table = Table(box=None, pad_edge=False, show_header=False)
+    if prices is None:
+        for item in card.ledger:
+            per = f"EUR per {item.amount_unit.removesuffix(' m-2')}"
+            price = f"at the price '{item.price}'" if isinstance(item.price, str) else f"{item.price:g} {per}"
+            table.add_row(item.name, "earned" if item.sign > 0 else "paid", item.label, price)
+        return Padding(table, (0, 0, 0, 2), expand=False)
     table.add_row("fruit", f"{prices.fruit:g} EUR per kg fresh, {100 * prices.dry_matter_content:g} % of it dry matter")
     table.add_row("CO2", f"{prices.co2:g} EUR per kg")
     table.add_row("heat", f"{prices.heat:g} EUR per kWh")
@@ -250,9 +286,12 @@ def _prices(card: TaskCard) -> RenderableType:
 def _reward(task: TaskSpec) -> list[str]:
     from glbench.env.accounts import make_accounts
 
-    modules, prices = task.reward.modules, task.prices
+    modules = task.reward.modules
     lines = [f"reward = {' + '.join(modules)}", *(f"  {name}: {REWARD_MODULES[name].meaning}." for name in modules)]
-    if {"epi", "scaled_epi"} & set(modules):
+    if {"epi", "scaled_epi"} & set(modules) and task.schema_version > 1:
+        lines += ["Economic performance EPI [EUR m-2] =", *(f"  {line}" for line in task.ledger.lines())]
+    elif {"epi", "scaled_epi"} & set(modules):
+        prices = task.prices
         lines += [
             "Economic performance EPI [EUR m-2] =",
             f"  {prices.fruit:g} x fruit growth [kg dry m-2] / {prices.dry_matter_content:g} - {prices.heat:g} x heat [kWh m-2]",
@@ -262,10 +301,15 @@ def _reward(task: TaskSpec) -> list[str]:
         accounts = make_accounts(task)
         lines += [
             "Scaled EPI = (EPI - lowest) / (highest - lowest), not clipped;",
-            f"  lowest {accounts.lowest_epi:.6f} EUR m-2: boiler, lamps and CO2 supply at 1, no growth;",
-            f"  highest {accounts.highest_epi:.8f} EUR m-2: growth at the potential rate at 20 degC, nothing used.",
+            f"  lowest {accounts.lowest_epi:.6f} EUR m-2{_said(task, 'boiler, lamps and CO2 supply at 1, no growth')};",
+            f"  highest {accounts.highest_epi:.8f} EUR m-2{_said(task, 'growth at the potential rate at 20 degC, nothing used')}.",
         ]
     return lines
+
+
+def _said(task: TaskSpec, words: str) -> str:
+    """What a bound of the profit is, of the paper's tasks."""
+    return f": {words}" if task.schema_version == 1 else ""
 
 
 def _evaluation(task: TaskSpec) -> list[str]:

@@ -1,75 +1,145 @@
 """The accounts of a control step: what was used and grown, what that costs and earns, and how far the climate was off.
 
-All amounts are per m2 of greenhouse floor. The economic performance indicator (EPI) is that of the GreenLight-Gym paper
-(2025): the value of the dry matter allocated to fruit, sold fresh, minus heat, electricity and CO2. Screens and vents are
-free. Growth earns when it happens, not when it is picked, which is right as long as no fruit is harvested.
+All amounts are per m2 of greenhouse floor. What is earned and paid is the task's ledger, of flows and states of its model; profit (EPI, the
+economic performance indicator of the GreenLight-Gym paper) is what is earned minus what is paid.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.quantities import QUANTITY_NAMES
-from glbench.model import CONTROL_NAMES, STATE_NAMES
-from glbench.tasks.quantities import LIMITED
+from glbench.errors import TaskError
+from glbench.model import Flow, Model, Step, Stock
+from glbench.tasks.ledger import LIMITED, STOCK, Ledger, LedgerItem, price_rows
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
+    from glbench.weather import Disturbances
 
-JOULES_PER_KWH = 3.6e6
-KG_PER_MG = 1e-6
+Values = Sequence[Any] | Mapping[int, Any] | NDArray[np.float64]
+"""A number, an array or a recorded value for each place; a mapping where only some are needed (``Accounts.ledger_states``)."""
 
-PAID = tuple(CONTROL_NAMES.index(name) for name in ("uBoil", "uLamp", "uCo2"))
-FRUIT_STATE = STATE_NAMES.index("cFruit")
+
+class ByName:
+    """The entries of a vector by the names of the equations, read when asked for; ``asked`` says which were."""
+
+    def __init__(self, entries: Sequence[Any], values: Values) -> None:
+        self._places = {entry.attribute: place for place, entry in enumerate(entries)}
+        self._values = values
+        self.asked: set[int] = set()
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            place = self._places[name]
+        except KeyError:
+            raise AttributeError(name) from None
+        self.asked.add(place)
+        return self._values[place]
 
 
 @dataclass(frozen=True, eq=False)
 class Accounts:
     """Everything that turns states and controls of a step into its quantities.
 
-    Parameters
+    Attributes
     ----------
+    source
+        The task's file, for messages.
+    model, ledger
+        What flows, and what that is worth.
+    parameters
+        Nominal parameters, a record of the model's.
     step_seconds
         Length of the control step [s].
-    full_use
-        Heat [kWh m-2], electricity [kWh m-2] and CO2 [kg m-2] of one step with the control at 1.
-    unit_costs
-        Prices of these three [EUR kWh-1, EUR kWh-1, EUR kg-1].
-    fresh_per_dry
-        Fresh fruit [kg m-2] per carbohydrate allocated to fruit [mg m-2].
-    fruit_price
-        EUR per kg of fresh fruit.
-    full_growth
-        Carbohydrate [mg m-2] allocated to fruit in one step at the nominal potential growth rate at 20 degC.
-    low, high, scale
-        Limits of air temperature [degC], CO2 [ppm] and relative humidity [%], and their penalty scales, each ``(3,)``.
+    names
+        Names of all quantities of a step, in order.
+    limits
+        Name, low, high and penalty scale of each constrained quantity of the air.
+    stated_bounds
+        Profit of a step that counts as 0 and as 1, where the task states them [EUR m-2].
     """
 
+    source: str
+    model: Model
+    ledger: Ledger
+    parameters: Any
     step_seconds: float
-    full_use: NDArray[np.float64]
-    unit_costs: NDArray[np.float64]
-    fresh_per_dry: float
-    fruit_price: float
-    full_growth: float
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    scale: NDArray[np.float64]
+    names: tuple[str, ...]
+    limits: tuple[tuple[str, float, float, float], ...]
+    stated_bounds: tuple[float, float] | None = None
+
+    @cached_property
+    def flows(self) -> Mapping[str, Flow]:
+        """The model's flows by name."""
+        return {flow.name: flow for flow in self.model.flows()}
+
+    @cached_property
+    def stocks(self) -> Mapping[str, Stock]:
+        """The model's stocks by name."""
+        return {stock.name: stock for stock in self.model.stocks()}
 
     @property
+    def price_tables(self) -> tuple[str, ...]:
+        """Names of the prices that change with the calendar: what ``prices`` of ``of_step`` are, in this order."""
+        return self.ledger.price_tables
+
+    @cached_property
+    def full_use(self) -> NDArray[np.float64]:
+        """Amounts paid for in a step with every control at 1, in the order of the ledger.
+
+        Raises
+        ------
+        TaskError
+            When an amount depends on more than controls.
+        """
+        step = self._step(0.0, 1.0)
+        amounts = [self._amount(item, step) for item in self.ledger.paid]
+        if step.before.asked | step.after.asked:
+            reason = "what is paid does not follow from the controls alone"
+            raise self._no_bounds(reason)
+        return _frozen(amounts)
+
+    @cached_property
+    def full_growth(self) -> NDArray[np.float64]:
+        """Amounts earned in a step at the potential rates of the model, in the order of the ledger.
+
+        Raises
+        ------
+        TaskError
+            When the model states no potential of what is earned.
+        """
+        step, amounts = self._step(0.0, 1.0), []
+        for item in self.ledger.earned:
+            potential = self.flows[item.flow].potential if item.valued != STOCK else None
+            if potential is None:
+                reason = f"{self.model.id} states no potential rate of what '{item.name}' earns"
+                raise self._no_bounds(reason)
+            amounts.append(_times(potential(step), item.factor))
+        return _frozen(amounts)
+
+    @cached_property
     def lowest_epi(self) -> float:
-        """EPI of a step with every paid control at 1 and no growth [EUR m-2]."""
-        heat, electricity, co2 = (self.full_use * self.unit_costs).tolist()
-        return -float(heat + electricity + co2)
+        """Profit of a step that counts as 0 [EUR m-2]: every control at 1 and nothing earned, unless the task states another."""
+        if self.stated_bounds is not None:
+            return self.stated_bounds[0]
+        return -float(sum(self._worth(self.ledger.paid, self.full_use)))
 
-    @property
+    @cached_property
     def highest_epi(self) -> float:
-        """EPI of a step of full growth without any use [EUR m-2]."""
-        return self.full_growth * self.fresh_per_dry * self.fruit_price
+        """Profit of a step that counts as 1 [EUR m-2]: potential growth and nothing paid, unless the task states another."""
+        if self.stated_bounds is not None:
+            return self.stated_bounds[1]
+        return float(sum(self._worth(self.ledger.earned, self.full_growth)))
+
+    def prices(self, calendar: Disturbances, task: TaskSpec) -> NDArray[np.float64]:
+        """Prices at each row of a calendar ``(rows, price_tables)``."""
+        return price_rows(task.price_tables, self.price_tables, calendar.times, calendar.hour_of_day)
 
     def quantities(
         self,
@@ -77,82 +147,137 @@ class Accounts:
         after: NDArray[np.float64],
         controls: NDArray[np.float64],
         air: NDArray[np.float64],
+        prices: NDArray[np.float64] | None = None,
+        later: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
-        """All quantities of a step but the reward, which stays 0; rows as ``QUANTITY_NAMES``, shape ``(quantities, n)``.
+        """All quantities of a step but the reward, which stays 0; rows as ``names``, shape ``(quantities, n)``.
 
         Parameters
         ----------
         before, after
-            States at the start and at the end of the step, ``(n, 28)``.
+            States at the start and at the end of the step, ``(n, states)``.
         controls
-            Controls during the step, fractions, ``(n, 6)``.
+            Controls during the step, fractions, ``(n, controls)``.
         air
             Air temperature, CO2 and relative humidity at the end of the step, ``(3, n)``.
+        prices, later
+            Prices of the step and of the next one, ``(n, price_tables)``.
         """
-        rows = self.of_step(before[:, FRUIT_STATE], after[:, FRUIT_STATE], controls.T, air)
-        table = np.zeros((len(QUANTITY_NAMES), len(after)))
-        for row, name in enumerate(QUANTITY_NAMES):
+        now = () if prices is None else prices.T
+        rows = self.of_step(before.T, after.T, controls.T, air, now, now if later is None else later.T)
+        table = np.zeros((len(self.names), len(after)))
+        for row, name in enumerate(self.names):
             if name in rows:
                 table[row] = rows[name]
         return table
 
     def of_step(
-        self, fruit_before: Any, fruit_after: Any, controls: Sequence[Any] | NDArray[np.float64], air: Any
+        self, before: Values, after: Values, controls: Values, air: Values, prices: Values = (), later: Values = ()
     ) -> dict[str, Any]:
-        """The same by name, from and as arrays ``(n,)`` or values recorded for the compiled kernel."""
-        used = [controls[control] * float(full) for control, full in zip(PAID, self.full_use, strict=True)]
-        heat, electricity, co2 = (amount * float(cost) for amount, cost in zip(used, self.unit_costs, strict=True))
-        fruit = (fruit_after - fruit_before) * self.fresh_per_dry
-        revenue = fruit * self.fruit_price
-        return {
-            "epi": revenue - heat - electricity - co2,
-            "revenue": revenue,
-            "cost_heat": heat,
-            "cost_electricity": electricity,
-            "cost_co2": co2,
-            **dict(zip(("heat", "electricity", "co2_dosed"), used, strict=True)),
-            "fruit_fresh": fruit,
-            **self._judged(air),
-        }
+        """The same by name, from and as arrays ``(n,)`` or values recorded for the compiled kernel.
 
-    def _judged(self, air: Any) -> dict[str, Any]:
-        """Penalty, violations, and the hours they lasted."""
-        below = [np.maximum(low - value, 0.0) for low, value in zip(self.low.tolist(), air, strict=True)]
-        above = [np.maximum(value - high, 0.0) for high, value in zip(self.high.tolist(), air, strict=True)]
-        hours = self.step_seconds / 3600.0
-        temperature, co2, humidity = (
-            (low + high) / scale for low, high, scale in zip(below, above, self.scale.tolist(), strict=True)
+        ``before``, ``after`` and ``controls`` are indexed by the places of the model's states and controls, and only where the ledger needs
+        one; ``prices`` (of this step) and ``later`` (of the next) by those of ``price_tables``.
+        """
+        step = self._made(before, after, controls)
+        money: dict[str, Any] = {}
+        amounts: dict[str, Any] = {}
+        profit: Any = None
+        for item in (*self.ledger.earned, *self.ledger.paid):
+            amount = amounts[item.amount] = self._amount(item, step)
+            now, then = self._price(item, prices), self._price(item, later)
+            if item.valued == STOCK and isinstance(item.price, str):
+                held, kept = (_times(self._stock(item, record), item.factor) for record in (step.before, step.after))
+                worth = kept * then - held * now
+            else:
+                worth = amount * now
+            money[item.name] = worth
+            if profit is None:
+                profit = worth if item.sign > 0 else -worth
+            elif item.sign > 0:
+                profit = profit + worth
+            else:
+                profit = profit - worth
+        return {"epi": 0.0 if profit is None else profit, **money, **amounts, **self._judged(air)}
+
+    def ledger_states(self) -> tuple[int, ...]:
+        """Places of the states that the ledger depends on."""
+        step = self._step(1.0, 1.0)
+        for item in self.ledger.items:
+            self._amount(item, step)
+        return tuple(sorted(step.before.asked | step.after.asked))
+
+    def _made(self, before: Values, after: Values, controls: Values) -> Step:
+        states = self.model.states
+        return Step(
+            ByName(states, before), ByName(states, after), ByName(self.model.controls, controls), self.parameters,
+            self.step_seconds,
+        )  # fmt: skip
+
+    def _step(self, state: float, control: float) -> Step:
+        states = [state] * len(self.model.states)
+        return self._made(states, states, [control] * len(self.model.controls))
+
+    def _amount(self, item: LedgerItem, step: Step) -> Any:
+        if item.valued == STOCK:
+            return _times(self._stock(item, step.after) - self._stock(item, step.before), item.factor)
+        return _times(self.flows[item.flow].amount(step), item.factor)
+
+    def _stock(self, item: LedgerItem, record: ByName) -> Any:
+        return self.stocks[item.flow].amount(record, self.parameters)
+
+    def _price(self, item: LedgerItem, prices: Values) -> Any:
+        return prices[self.price_tables.index(item.price)] if isinstance(item.price, str) else item.price
+
+    def _worth(self, items: tuple[LedgerItem, ...], amounts: NDArray[np.float64]) -> list[float]:
+        for item in items:
+            if isinstance(item.price, str):
+                reason = f"the price of '{item.name}' changes with the calendar"
+                raise self._no_bounds(reason)
+        return [amount * item.price for amount, item in zip(amounts.tolist(), items, strict=True)]
+
+    def _no_bounds(self, reason: str) -> TaskError:
+        msg = (
+            f"{self.source}: [reward] 'scaled_epi' needs a profit that counts as 0 and one that counts as 1, and {reason}. "
+            'State them: epi_scale = { low = -0.01, high = 0.01, unit = "EUR m-2" }.'
         )
-        judged: dict[str, Any] = {"penalty": temperature + co2 + humidity}
-        for side, violations in (("low", below), ("high", above)):
-            for name, violation in zip(LIMITED, violations, strict=True):
+        return TaskError(msg)
+
+    def _judged(self, air: Values) -> dict[str, Any]:
+        """Penalty, violations, and the hours they lasted."""
+        places = {name: place for place, name in enumerate(LIMITED)}
+        hours = self.step_seconds / 3600.0
+        judged: dict[str, Any] = {}
+        penalty: Any = None
+        for name, low, high, scale in self.limits:
+            value = air[places[name]]
+            below, above = np.maximum(low - value, 0.0), np.maximum(value - high, 0.0)
+            for side, violation in (("low", below), ("high", above)):
                 judged[f"violation_{name}_{side}"] = violation
                 judged[f"hours_outside_{name}_{side}"] = np.sign(violation) * hours
-        return judged
+            share = (below + above) / scale
+            penalty = share if penalty is None else penalty + share
+        return {"penalty": 0.0 if penalty is None else penalty, **judged}
 
 
 def make_accounts(task: TaskSpec) -> Accounts:
-    """Accounts of a task, from its nominal parameters, prices and constraints."""
-    parameters, prices, seconds = task.parameters_by_name(), task.prices, task.step_seconds
-    floor = parameters["aFlr"]
-    per_watt = seconds / JOULES_PER_KWH
-    use = [
-        parameters["pBoil"] / floor * per_watt,
-        parameters["thetaLampMax"] * per_watt,
-        parameters["phiExtCo2"] / floor * seconds * KG_PER_MG,
-    ]
-    limits, scale = dict(task.constraints.items()), dict(task.reward.penalty_scale.items())
+    """Accounts of a task, from its model, nominal parameters, ledger and constraints."""
+    model, scale = task.model_value, dict(task.reward.penalty_scale.items())
+    stated = getattr(task.reward, "epi_scale", None)
     return Accounts(
-        step_seconds=seconds,
-        full_use=_frozen(use),
-        unit_costs=_frozen([prices.heat, prices.electricity, prices.co2]),
-        fresh_per_dry=KG_PER_MG / prices.dry_matter_content,
-        fruit_price=prices.fruit,
-        full_growth=parameters["rgFruit"] * seconds,
-        low=_frozen([limits[name].low for name in LIMITED]),
-        high=_frozen([limits[name].high for name in LIMITED]),
-        scale=_frozen([scale[name] for name in LIMITED]),
+        source=task.source,
+        model=model,
+        ledger=task.ledger,
+        parameters=model.Parameters(*task.parameters().tolist()),
+        step_seconds=task.step_seconds,
+        names=tuple(quantity.name for quantity in task.quantities),
+        limits=tuple((name, limits.low, limits.high, scale[name]) for name, limits in task.constraints.items()),
+        stated_bounds=None if stated is None else (stated.low, stated.high),
     )
+
+
+def _times(value: Any, factor: float) -> Any:
+    return value if factor == 1.0 else value * factor
 
 
 def _frozen(values: list[float]) -> NDArray[np.float64]:

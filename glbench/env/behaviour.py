@@ -22,11 +22,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.accounts import FRUIT_STATE
-from glbench.env.quantities import QUANTITY_NAMES
+from glbench.env.accounts import make_accounts
 from glbench.env.runs import Runs
 from glbench.errors import TaskError
-from glbench.model import STATE_NAMES
 from glbench.registration import BEHAVIOUR_NAME
 from glbench.resources import write_atomically
 from glbench.tasks.card import task_card
@@ -51,7 +49,8 @@ _MOST_NAMED = 6
 
 # Four greenhouses: within all limits, below, above, and mixed. Air temperature [degC], CO2 [mg m-3], vapour pressure [Pa].
 _AIR = ((21.0, 1200.0, 1700.0), (8.0, 300.0, 400.0), (39.0, 6500.0, 6800.0), (36.0, 350.0, 5600.0))
-_FRUIT_GROWN = (150.0, 320.0, -40.0, 75.0)  # mg m-2
+_EARNING = 2.0e5  # of every state that the ledger depends on
+_GROWN = (150.0, 320.0, -40.0, 75.0)
 _SEEDS = (0, 1, 666, 10000)
 
 
@@ -156,20 +155,20 @@ class _FixedStep:
     def try_step(
         self, x: NDArray[np.float64], u: NDArray[np.float64], d: NDArray[np.float64], p: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], list[StepFailure]]:
-        """The states ``(4, 28)`` that were fixed."""
+        """The states that were fixed, four rows."""
         self.controls, self.parameters = u.copy(), np.broadcast_to(p, (len(x), p.shape[-1])).copy()
         return self.after.copy(), []
 
 
 def _step(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
     """Every quantity of the fixed step, the controls, and the drawn parameters relative to their nominal values."""
-    n = len(_AIR)
-    before = np.tile(10.0 + np.arange(len(STATE_NAMES)), (n, 1))
-    before[:, FRUIT_STATE] = 2.0e5
+    n, model, earning = len(_AIR), task.model_value, list(make_accounts(task).ledger_states())
+    before = np.tile(10.0 + np.arange(len(model.states)), (n, 1))
+    before[:, earning] = _EARNING
     after = before.copy()
-    model = task.model_value
-    after[:, [model.state_index(name) for name in model.air or ()]] = _AIR
-    after[:, FRUIT_STATE] += _FRUIT_GROWN
+    if model.air is not None:
+        after[:, [model.state_index(name) for name in model.air]] = _AIR
+    after[:, earning] += np.array(_GROWN)[:, None]
     fixed = _FixedStep(after)
     runs = Runs(task, n, fixed, fused=False)
     runs.start(np.arange(n), _SEEDS, before)
@@ -179,7 +178,7 @@ def _step(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
     nominal = task.parameters()
     drawn = (fixed.parameters != nominal).any(axis=0)
     return {
-        **dict(zip(QUANTITY_NAMES, table, strict=True)),
+        **{quantity.name: row for quantity, row in zip(task.quantities, table, strict=True)},
         "controls": fixed.controls.ravel(),
         "parameters": (fixed.parameters[:, drawn] / nominal[drawn]).ravel(),
     }

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.quantities import QUANTITIES, StepQuantity
-from glbench.tasks.quantities import LIMITED
+from glbench.tasks.ledger import LIMITED
 
 if TYPE_CHECKING:
     from glbench.env.simulation import Simulation
@@ -22,10 +22,19 @@ FAILURE = "failure"
 STEP_REWARD = "step_reward"
 """Key of the reward: tools that merge ``info`` with what a step returns (TorchRL) have a ``reward`` of their own."""
 
-OF_STEP: tuple[StepQuantity, ...] = tuple(
-    replace(quantity, name=STEP_REWARD) if quantity.name == "reward" else quantity for quantity in QUANTITIES
-)
-"""The quantities of a step under their names in ``info``, in the order of ``QUANTITIES``."""
+
+def _in_info(quantities: tuple[StepQuantity, ...]) -> tuple[StepQuantity, ...]:
+    """The quantities of a step under their names in ``info``."""
+    return tuple(replace(q, name=STEP_REWARD) if q.name == "reward" else q for q in quantities)
+
+
+OF_STEP = _in_info(QUANTITIES)
+"""The quantities of a step of a task of schema 1 under their names in ``info``."""
+
+
+def info_of_step(task: TaskSpec) -> tuple[StepQuantity, ...]:
+    """The quantities of a step of ``task`` under their names in ``info``, in the order of ``task.quantities``."""
+    return _in_info(task.quantities)
 
 
 def info_quantities(task: TaskSpec) -> tuple[StepQuantity, ...]:
@@ -38,9 +47,13 @@ def info_quantities(task: TaskSpec) -> tuple[StepQuantity, ...]:
         StepQuantity("step", "-", "steps taken"),
         StepQuantity("hour_of_day", "h", "clock at the end of the step"),
         StepQuantity("day_of_year", "day", "calendar at the end of the step, 0 at the start of 1 January"),
-        *(StepQuantity(name, unit, f"{name.replace('_', ' ')} inside, true value") for name, unit in LIMITED.items()),
+        *(
+            StepQuantity(name, unit, f"{name.replace('_', ' ')} inside, true value")
+            for name, unit in LIMITED.items()
+            if task.model_value.air is not None
+        ),
         *(StepQuantity(capacity.quantity, capacity.unit, capacity.meaning) for capacity in task.capacities()),
-        *OF_STEP,
+        *info_of_step(task),
     )
 
 
@@ -57,7 +70,7 @@ class InfoWriter:
 
     def __init__(self, task: TaskSpec) -> None:
         names = tuple(quantity.name for quantity in info_quantities(task))
-        self._of_info = names[1 : len(names) - len(OF_STEP)]
+        self._of_info = names[1 : len(names) - len(task.quantities)]
         self._of_step = names[1:]
         self._masks = tuple(f"_{name}" for name in names)
         # Filling in a dictionary that has its keys is quicker than making one.

@@ -12,7 +12,7 @@ that makes it; it is made once for a task and called after every step:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -79,13 +79,6 @@ def register_observation(module: ObservationModule, make: MakeObservation) -> No
 def python_part(name: str) -> MakeObservation | None:
     """What makes the module ``name`` when somebody registered it; ``None`` for one that is data."""
     return _MAKERS.get(name)
-
-
-def observed_widths(task: TaskSpec) -> Iterator[tuple[str, int]]:
-    """The modules of a task with the number of columns that each announces."""
-    context = task.observation_context()
-    for name in task.observation.modules:
-        yield name, len(OBSERVATION_MODULES[name].quantities(context))
 
 
 def shown_by(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Shown, ...]:

@@ -12,18 +12,20 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.accounts import FRUIT_STATE, make_accounts
+from glbench.env.accounts import make_accounts
 from glbench.env.actuation import ActionReader, make_actuation, recorded_actuation
 from glbench.env.climate import AIR, record_air
-from glbench.env.observations import Numbers, TableRows, observed_widths, python_part, shown_by
-from glbench.env.quantities import QUANTITY_NAMES, REWARD
+from glbench.env.observations import Numbers, TableRows, python_part, shown_by
+from glbench.env.quantities import REWARD
 from glbench.env.reference import NO_PARTS, PythonParts
 from glbench.env.rewards import REWARDS, StepOutcome, make_reward
-from glbench.env.scenario import CLOCK, RunScenarios
+from glbench.env.scenario import CLOCK, RunScenarios, WeatherPool
 from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters
 from glbench.env.weather_tables import WeatherTables
+from glbench.errors import TaskError
 from glbench.kernel.environment import Lookup, ParameterNoise, Program
 from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, Value
+from glbench.tasks.vocabulary import OBSERVATION_MODULES
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -53,7 +55,7 @@ def _all_shipped(task: TaskSpec) -> bool:
         recorded_actuation(task) is not None
         and all(REWARDS.recorded(name) for name in task.reward.modules)
         and all(python_part(name) is None for name in task.observation.modules)
-        and all(group.distribution == UNIFORM for group in task.scenario.groups if group.redraw != "episode")
+        and all(group.distribution == UNIFORM for group in task.scenario.groups)
     )
 
 
@@ -66,7 +68,7 @@ def _program(task: TaskSpec) -> tuple[Program, PythonParts]:
     scenarios = RunScenarios(task)
     charge = task.evaluation.failed_step
     charges = {"reward": charge.reward, "epi": charge.epi, "penalty": charge.penalty}
-    info = info_columns(task)
+    info, names = info_columns(task), [quantity.name for quantity in task.quantities]
     outcome, lookups, columns, reward, observation = _outcome(task)
     followers, python_followers = _followers(task, scenarios)
     move = recorded_actuation(task)
@@ -95,9 +97,9 @@ def _program(task: TaskSpec) -> tuple[Program, PythonParts]:
         followers=followers,
         lookups=lookups,
         columns=columns,
-        width=info + len(QUANTITY_NAMES),
+        width=info + len(names),
         info_columns=info,
-        charges={info + QUANTITY_NAMES.index(name): value for name, value in charges.items()},
+        charges={info + names.index(name): value for name, value in charges.items()},
     )
     python = (move is None, reward, observation, python_followers, any(name != UNIFORM for name in distributions))
     if not any(python):
@@ -160,25 +162,30 @@ def _outcome(task: TaskSpec) -> tuple[Tape, tuple[Lookup, ...], int, Any, Any]:
 def _quantities(
     task: TaskSpec, recorder: Recorder, controls: list[Value], air: list[Value]
 ) -> tuple[list[Any], tuple[int, Any] | None]:
-    """In the order of ``QUANTITY_NAMES``; the reward as Python when a part of it is."""
-    accounts = make_accounts(task)
-    before, after = (recorder.input(source, FRUIT_STATE) for source in ("before", "after"))
-    rows = accounts.of_step(before, after, controls, air)
+    """In the order of ``task.quantities``; the reward as Python when a part of it is."""
+    accounts, pool = make_accounts(task), WeatherPool.of(task)
+    places = accounts.ledger_states()
+    before, after = ({place: recorder.input(source, place) for place in places} for source in ("before", "after"))
+    columns = [pool.price_column(name) for name in accounts.price_tables]
+    prices, later = (
+        [recorder.input(source, column) for column in columns] for source in ("calendar_before", "calendar")
+    )
+    rows = accounts.of_step(before, after, controls, air, prices, later)
     reward = make_reward(task, accounts)
     if all(REWARDS.recorded(name) for name in task.reward.modules):
-        table = [rows.get(name) for name in QUANTITY_NAMES]
+        table = [rows.get(name) for name in accounts.names]
         nothing = cast("Floats", None)  # the recorded parts look at quantities only
-        rows["reward"] = reward(StepOutcome(cast("Floats", table), nothing, nothing, nothing, nothing))
-        return [rows[name] for name in QUANTITY_NAMES], None
+        rows["reward"] = reward(StepOutcome(cast("Floats", table), nothing, nothing, nothing, nothing, accounts.names))
+        return [rows[name] for name in accounts.names], None
     rows["reward"] = 0.0
     first, shown = info_columns(task), air_columns(task)
 
     def judged(table: Floats, before: Floats, after: Floats, controls: Floats) -> Floats:
         columns = np.ascontiguousarray(table.T)
         columns[first + REWARD] = 0.0
-        return reward(StepOutcome(columns[first:], before, after, controls, columns[shown]))
+        return reward(StepOutcome(columns[first:], before, after, controls, columns[shown], accounts.names))
 
-    return [rows[name] for name in QUANTITY_NAMES], (first + REWARD, judged)
+    return [rows[name] for name in accounts.names], (first + REWARD, judged)
 
 
 def _observation(
@@ -188,9 +195,10 @@ def _observation(
     lookups: list[Lookup] = []
     parts: list[tuple[slice, Any]] = []
     at = 0
-    for name, width in observed_widths(task):
+    for name in task.observation.modules:
         make = python_part(name)
         if make is not None:
+            width = len(OBSERVATION_MODULES[name].quantities(task.observation_context()))
             parts.append((slice(at, at + width), make(task, tables)))
             at += width
             continue
@@ -200,6 +208,9 @@ def _observation(
                 at += shown.rows * shown.table.shape[1]
             else:
                 at = _numbers(shown, at, recorder, controls, air)
+    if at != len(task.observed()):
+        msg = f"{task.id} announces {len(task.observed())} observed columns, its modules have {at}."
+        raise TaskError(msg)
     return tuple(lookups), tuple(parts), at
 
 

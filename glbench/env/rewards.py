@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.factories import Factories
-from glbench.env.quantities import QUANTITY_NAMES, VIOLATIONS
+from glbench.env.quantities import QUANTITY_NAMES
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.tasks.vocabulary import REWARD_MODULES
 
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 class StepOutcome:
     """What a reward may look at: the step's quantities, and the true states and controls behind them.
 
-    ``table`` holds the quantities ``(quantities, n)``; ``outcome["epi"]`` is one of them, ``(n,)``. ``before`` and ``after``
-    are the states ``(n, 28)``, ``controls`` the fractions ``(n, 6)``, ``air`` the air temperature [degC], CO2 [ppm] and
-    relative humidity [%] at the end of the step ``(3, n)``.
+    ``table`` holds the quantities ``(quantities, n)``, called ``names``; ``outcome["epi"]`` is one of them, ``(n,)``. ``before`` and
+    ``after`` are the states ``(n, states)``, ``controls`` the fractions ``(n, controls)``, ``air`` the air temperature [degC], CO2 [ppm]
+    and relative humidity [%] at the end of the step ``(3, n)``.
     """
 
     table: NDArray[np.float64]
@@ -42,13 +42,14 @@ class StepOutcome:
     after: NDArray[np.float64]
     controls: NDArray[np.float64]
     air: NDArray[np.float64]
+    names: tuple[str, ...] = QUANTITY_NAMES
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """One quantity of the step, ``(n,)``."""
         try:
-            row = QUANTITY_NAMES.index(name)
+            row = self.names.index(name)
         except ValueError:
-            msg = f"A step has no quantity called '{name}'.{did_you_mean(name, QUANTITY_NAMES)}"
+            msg = f"A step has no quantity called '{name}'.{did_you_mean(name, self.names)}"
             raise UnknownNameError(msg) from None
         values: NDArray[np.float64] = self.table[row]
         return values
@@ -107,10 +108,14 @@ def _scaled_epi(task: TaskSpec, accounts: Accounts) -> RewardPart:
 
 
 def _penalties(task: TaskSpec, accounts: Accounts) -> RewardPart:
+    violations = [name for name in accounts.names if name.startswith("violation_")]
+    if not violations:
+        return _scaled_penalty(task, accounts)
+
     def minus_violations(outcome: StepOutcome) -> NDArray[np.float64]:
         total: Any = 0.0
-        for violation in outcome.table[VIOLATIONS]:  # one by one: the order of the sum must not depend on the batch
-            total = total - violation
+        for name in violations:  # one by one: the order of the sum must not depend on the batch
+            total = total - outcome[name]
         minus: NDArray[np.float64] = total
         return minus
 

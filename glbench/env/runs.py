@@ -50,6 +50,7 @@ class Runs:
         self._all = environments = make_environments(task, n, kernel, fused=fused)
         self._readers = {"given": ActionReader.of_task(task), "given_controls": ActionReader.of_controls(task)}
         self._air, self._info = air_columns(task), info_columns(task)
+        self._names = tuple(quantity.name for quantity in task.quantities)
         self.over = 0
         """How many runs have ended."""
         self._failed = 0
@@ -129,6 +130,7 @@ class Runs:
                 self.ended,
                 self._all.failures() if self._failed else [],
                 table,
+                self._names,
             )
         return found
 

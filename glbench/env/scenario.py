@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-SECONDS_A_DAY = 86400
 CLOCK = ("hour_of_day", "day_of_year")
 """Columns of a calendar before those of its price tables."""
 
@@ -71,10 +70,10 @@ class WeatherPool:
 
 @lru_cache(maxsize=16)
 def _pool(task: TaskSpec) -> WeatherPool:
-    scenario, day = task.scenario, round(SECONDS_A_DAY / task.step_seconds)
+    scenario, day = task.scenario, task.steps_per_day
     length = task.steps + 1 + task.observation.forecast_steps
     seasons = _seasons(task, scenario)
-    tables = getattr(task, "price_tables", {})
+    tables = task.price_tables
     prices = [
         np.concatenate([table.values(season.times, season.hour_of_day) for season in seasons])
         for table in tables.values()
@@ -130,8 +129,9 @@ class RunScenarios:
         self.task, self.scenario = task, task.scenario
         self.pool = WeatherPool.of(task)
         self.nominal = task.parameters()
-        self.in_step = tuple(group for group in self.scenario.groups if group.redraw != "episode")
-        self.in_episode = tuple(group for group in self.scenario.groups if group.redraw == "episode")
+        drawn = [group for group in self.scenario.groups if group.half_width > 0.0]
+        self.in_step = tuple(group for group in drawn if group.redraw != "episode")
+        self.in_episode = tuple(group for group in drawn if group.redraw == "episode")
         self._model = task.model_value
         self._derived = DerivedParameters(self._model, self.nominal, self.places(self.in_episode))
         self._starts: dict[int, Floats] = {}

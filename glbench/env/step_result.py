@@ -39,8 +39,10 @@ class StepResult:
         reward, EPI and penalty are what the task counts for one failed step; the other quantities are those of a step
         in which nothing grew.
     table
-        The quantities of the step, ``(quantities, n)``; rows, units and meanings in ``glbench.env.QUANTITIES``. 0 for a run that
-        had ended before.
+        The quantities of the step, ``(quantities, n)``; rows, units and meanings in ``task.quantities``. 0 for a run that had ended
+        before.
+    names
+        Their names.
     """
 
     observations: NDArray[np.float32]
@@ -48,6 +50,7 @@ class StepResult:
     terminated: NDArray[np.bool_]
     failed: list[StepFailure]
     table: NDArray[np.float64]
+    names: tuple[str, ...] = QUANTITY_NAMES
 
     @property
     def whole(self) -> bool:
@@ -57,4 +60,4 @@ class StepResult:
     @cached_property
     def quantities(self) -> dict[str, NDArray[np.float64]]:
         """The rows of ``table`` by name, each ``(n,)``."""
-        return dict(zip(QUANTITY_NAMES, self.table, strict=True))
+        return dict(zip(self.names, self.table, strict=True))

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.info import FAILURE, OF_STEP
+from glbench.env.info import FAILURE
 from glbench.env.step_result import StepResult
 
 Mask = NDArray[np.bool_]
 
-_OF_STEP = frozenset(quantity.name for quantity in OF_STEP)
 
-
-def with_masks(columns: dict[str, NDArray[np.generic]], rows: Mask, stepped: Mask) -> dict[str, Any]:
+def with_masks(
+    columns: dict[str, NDArray[np.generic]], rows: Mask, stepped: Mask, names_of_step: Container[str]
+) -> dict[str, Any]:
     """``columns`` with their masks: quantities of a step hold for the rows in ``stepped``, the others for ``rows``.
 
     Where a column does not hold it is 0.
@@ -23,7 +24,7 @@ def with_masks(columns: dict[str, NDArray[np.generic]], rows: Mask, stepped: Mas
     info: dict[str, Any] = {}
     of_step, of_row = (stepped, bool(stepped.all())), (rows, bool(rows.all()))
     for name, values in columns.items():
-        mask, everywhere = of_step if name in _OF_STEP else of_row
+        mask, everywhere = of_step if name in names_of_step else of_row
         info[name] = values if everywhere else np.where(mask, values, np.zeros_like(values))
         info[f"_{name}"] = mask
     return info

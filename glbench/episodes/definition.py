@@ -29,6 +29,8 @@ _UNITS: dict[str, dict[str, str]] = {
 
 def definition_json(task: TaskSpec) -> bytes:
     """The definition of ``task``, prose included, as JSON for people and programs."""
+    if task.schema_version > 1:
+        return (json.dumps(task.written(), indent=2, ensure_ascii=False) + "\n").encode()
     plain: dict[str, Any] = task.model_dump(mode="json", by_alias=True)
     plain["model"]["overrides"] = {name: [value, unit] for name, value, unit in task.model.overrides}
     return (json.dumps(plain, indent=2, ensure_ascii=False) + "\n").encode()
@@ -46,6 +48,8 @@ def task_of(definition: bytes) -> TaskSpec:
 
     try:
         plain = parse_json(definition)
+        if plain.get("schema") != 1:
+            return TaskSpec.of_written(plain)
         return TaskSpec.model_validate(_as_written(plain))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, ValidationError) as error:
         msg = f"The task definition in the record cannot be read ({visible(' '.join(str(error).split())[:200])}). Evaluate again."

@@ -17,7 +17,7 @@ def card(shown: Shown) -> str:
 
 def _task(shown: Shown) -> list[str]:
     task, facts = shown.task, task_card(shown.task)
-    prices = facts.prices
+    prices = shown.task.prices
     limits = "; ".join(
         f"{_NAMES[limit.name]} **{limit.low:g} to {limit.high:g} {_UNITS.get(limit.unit, limit.unit)}**"
         for limit in facts.constraints

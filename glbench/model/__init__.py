@@ -11,7 +11,11 @@ from __future__ import annotations
 
 from glbench.model.air import co2_density, co2_ppm, relative_humidity, saturation_vapour_pressure
 from glbench.model.bounds import Horizon
+from glbench.model.crop.lettuce import VanHentenLettuce
+from glbench.model.crop.tomato import VanthoorTomato
+from glbench.model.expressions import Expr
 from glbench.model.greenhouse import Meter, compose
+from glbench.model.greenlight import GreenLightClimate
 from glbench.model.model import Capacity, Evaluation, Flow, Model, Seen, Signal, Step, Stock
 from glbench.model.paper import (
     AUXILIARIES,
@@ -19,6 +23,7 @@ from glbench.model.paper import (
     CONTROLS,
     DISTURBANCE_NAMES,
     DISTURBANCES,
+    LETTUCE,
     MODEL_VERSION,
     PARAMETER_NAMES,
     PARAMETERS,
@@ -44,6 +49,10 @@ from glbench.model.paper import (
     tomato,
 )
 from glbench.model.parameter_sets import PARAMETER_SETS
+from glbench.model.parameter_table import Parameter
+from glbench.model.quantities import Quantity, Variable
+from glbench.model.submodels import Addition, Around, Climate, Crop, Nothing
+from glbench.model.surroundings import CropExchange, Surroundings
 from glbench.model.variants import VARIANTS
 
 __all__ = [
@@ -52,6 +61,7 @@ __all__ = [
     "CONTROL_NAMES",
     "DISTURBANCES",
     "DISTURBANCE_NAMES",
+    "LETTUCE",
     "MODEL_VERSION",
     "PARAMETERS",
     "PARAMETER_NAMES",
@@ -60,16 +70,30 @@ __all__ = [
     "STATE_NAMES",
     "TOMATO",
     "VARIANTS",
+    "Addition",
+    "Around",
     "Capacity",
+    "Climate",
+    "Crop",
+    "CropExchange",
     "Evaluation",
+    "Expr",
     "Flow",
+    "GreenLightClimate",
     "Horizon",
     "Meter",
     "Model",
+    "Nothing",
+    "Parameter",
+    "Quantity",
     "Seen",
     "Signal",
     "Step",
     "Stock",
+    "Surroundings",
+    "VanHentenLettuce",
+    "VanthoorTomato",
+    "Variable",
     "auxiliaries",
     "build_auxiliaries",
     "build_jacobian",

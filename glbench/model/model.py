@@ -70,6 +70,8 @@ class Flow:
         Heading in tables and plots.
     amount
         The amount of a step. Arithmetic, ``np.minimum``, ``np.maximum`` and ``np.sign`` only: it is recorded for the kernel.
+    potential
+        The amount at the rate that the parameters allow at best, where there is one: what a profit can be scaled by.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Flow:
     meaning: str
     label: str
     amount: Callable[[Step], Expr]
+    potential: Callable[[Step], Expr] | None = None
 
 
 @dataclass(frozen=True)
@@ -124,7 +127,7 @@ class Capacity:
 
 @dataclass(frozen=True)
 class Seen:
-    """A column of an observation that the model supplies: a state, or a quantity of the air, times a factor.
+    """A column of an observation that the model supplies.
 
     Attributes
     ----------
@@ -132,10 +135,12 @@ class Seen:
         As observed.
     source
         Public name of a state, or ``air_temperature``, ``co2``, ``relative_humidity`` of the main air.
-    factor
-        From the unit of the source to ``unit``.
     low, high
         Finite bounds.
+    factor
+        From the unit of the source to ``unit``.
+    of
+        Instead of a source: the column from state and nominal parameters. Arithmetic as in :class:`Flow`.
     """
 
     name: str
@@ -145,17 +150,22 @@ class Seen:
     low: float
     high: float
     factor: float = 1.0
+    of: Callable[[Record, Record], Expr] | None = None
 
 
 @dataclass(frozen=True)
 class Signal:
-    """A series that the viewer and the report draw: a state, a control or a disturbance times a factor, under a label."""
+    """A series that the viewer and the report draw under a label: a state, a control or a disturbance times a factor.
+
+    ``path`` is ``group/quantity``. ``of``, if given, takes the place of ``source``: the series from state and nominal parameters.
+    """
 
     path: str
     label: str
     unit: str
     source: str
     factor: float = 1.0
+    of: Callable[[Record, Record], Expr] | None = None
 
 
 Start: TypeAlias = Callable[[Disturbances, float, Record], Record]

@@ -1,7 +1,8 @@
 """The greenhouse of the benchmark's paper, and the models that tasks can name.
 
 ``greenlight-tomato-1.0.0`` is the GreenLight greenhouse with its tomato crop: 28 states, 6 controls, 10 disturbances, 208
-parameters. The names and functions below are those of this model; code that serves any model asks the model instead.
+parameters. ``greenlight-tomato-harvest-1.0.0`` has a meter on its harvest besides.
+The names and functions below are those of the first; code that serves any model asks the model instead.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.errors import UnknownNameError, did_you_mean
+from glbench.model.crop.lettuce import VanHentenLettuce
 from glbench.model.crop.tomato import VanthoorTomato
-from glbench.model.greenhouse import Greenhouse, compose
+from glbench.model.greenhouse import Greenhouse, Meter, compose
 from glbench.model.greenlight import GreenLightClimate
 from glbench.model.model import Evaluation, Model, Symbolic
 from glbench.model.parameter_sets import Given
@@ -37,8 +39,38 @@ def tomato(variant: str = "author") -> Greenhouse:
     return compose(GreenLightClimate(reading), VanthoorTomato(reading))
 
 
+HARVEST = Meter(
+    "mc_fruit_har",
+    "fruit_harvested",
+    "mg m-2",
+    "carbohydrate of the fruit harvested",
+    "Fruit harvested",
+    scale=1e5,
+    small=100.0,
+)
+"""The harvest of a control step: what is picked can be paid when it is picked."""
+
+
+@cache
+def tomato_harvest(variant: str = "author") -> Greenhouse:
+    """The tomato greenhouse with a meter on its harvest: ``greenlight-tomato-harvest-1.0.0``.
+
+    Raises
+    ------
+    UnknownNameError
+        When there is no such variant.
+    """
+    reading = get_variant(variant)
+    return compose(
+        GreenLightClimate(reading), VanthoorTomato(reading), meters=(HARVEST,), name="greenlight-tomato-harvest"
+    )
+
+
 TOMATO = tomato()
 """The model author's own equations: the model of the paper."""
+
+LETTUCE = compose(GreenLightClimate(), VanHentenLettuce())
+"""The same greenhouse with lettuce in it."""
 
 STATES, CONTROLS, DISTURBANCES, PARAMETERS = TOMATO.states, TOMATO.controls, TOMATO.disturbances, TOMATO.table
 STATE_NAMES, CONTROL_NAMES = TOMATO.state_names, TOMATO.control_names
@@ -153,3 +185,5 @@ def registered_models() -> tuple[Model, ...]:
 
 for _variant in ("author", "gl_gym2"):
     register_model(tomato(_variant))
+    register_model(tomato_harvest(_variant))
+register_model(LETTUCE)

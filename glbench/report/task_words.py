@@ -59,7 +59,7 @@ def figures(task: TaskSpec) -> dict[str, Any]:
         "dry_matter_content": prices.dry_matter_content,
         "reward_modules": list(task.reward.modules),
         "full_use": {"heat": heat, "electricity": electricity, "co2": co2},
-        "full_growth": accounts.full_growth * accounts.fresh_per_dry,
+        "full_growth": float(accounts.full_growth[0]),
         "failed_step": task.evaluation.failed_step.model_dump(),
         "capacities": [
             {"name": c.name, "label": CONTROL_LABELS[c.name], "unit": UNITS.get(c.unit, c.unit), "at_one": c.at_one, "meaning": c.meaning}

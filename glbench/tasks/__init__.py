@@ -13,7 +13,7 @@ from glbench.late import late_names
 if TYPE_CHECKING:
     from glbench.registration import register_tasks
     from glbench.tasks.card import Action, Constraint, Place, Prices, TaskCard, task_card
-    from glbench.tasks.digest import Fingerprint
+    from glbench.tasks.ledger import Ledger, LedgerItem, PriceTable, StepQuantity
     from glbench.tasks.library import (
         DEFAULT_TASK,
         get_suite,
@@ -22,9 +22,11 @@ if TYPE_CHECKING:
         list_tasks,
         lock_new_tasks,
     )
-    from glbench.tasks.lock import LockEntry, read_lock
+    from glbench.tasks.lock import Fingerprint, LockEntry, read_lock
     from glbench.tasks.quantities import Capacity, ObservationContext, Quantity
+    from glbench.tasks.scenario import ParameterGroup, Scenario, Season, StartGroup
     from glbench.tasks.spec import TaskSpec
+    from glbench.tasks.tables import TaskFile1, TaskFile2
     from glbench.tasks.vocabulary import (
         ACTUATION_KINDS,
         DISTRIBUTIONS,
@@ -46,9 +48,11 @@ else:
         {
             "glbench.registration": ("register_tasks",),
             "card": ("Action", "Constraint", "Place", "Prices", "TaskCard", "task_card"),
-            "digest": ("Fingerprint",),
+            "ledger": ("Ledger", "LedgerItem", "PriceTable", "StepQuantity"),
+            "scenario": ("ParameterGroup", "Scenario", "Season", "StartGroup"),
+            "tables": ("TaskFile1", "TaskFile2"),
             "library": ("DEFAULT_TASK", "get_suite", "get_task", "list_suites", "list_tasks", "lock_new_tasks"),
-            "lock": ("LockEntry", "read_lock"),
+            "lock": ("Fingerprint", "LockEntry", "read_lock"),
             "quantities": ("Capacity", "ObservationContext", "Quantity"),
             "spec": ("TaskSpec",),
             "vocabulary": (
@@ -85,14 +89,24 @@ __all__ = [
     "Constraint",
     "Fingerprint",
     "InitialState",
+    "Ledger",
+    "LedgerItem",
     "LockEntry",
     "ObservationContext",
     "ObservationModule",
+    "ParameterGroup",
     "Place",
+    "PriceTable",
     "Prices",
     "Quantity",
     "Registry",
+    "Scenario",
+    "Season",
+    "StartGroup",
+    "StepQuantity",
     "TaskCard",
+    "TaskFile1",
+    "TaskFile2",
     "TaskSpec",
     "Word",
     "get_suite",

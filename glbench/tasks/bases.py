@@ -2,11 +2,15 @@
 
 ``base = "glbench/Schiphol2010-Delta10-v1"`` (a shipped task) or ``base = "winter.toml"`` (a file beside it) at the top of a task file
 takes over all of that task but id, title, description and suites. What the file itself says replaces the base's, key by key. What
-comes out is checked, digested and recorded like a file that is written out: nobody needs the base to check a result.
+comes out is checked, digested and recorded like a file that is written out: nobody needs the base to check a result. A base of
+schema 1 under a file of schema 2 is converted first. Prices in a file beside the task (``file = "gas.csv"``) are taken over as a series.
 """
 
 from __future__ import annotations
 
+import csv
+import datetime as dt
+import io
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -80,13 +84,65 @@ def read_written(path: Path, above: tuple[Path, ...] = ()) -> Written:
         msg = f"{shown} is the base of a base of a base, {LONGEST_CHAIN} times over. Write one of these tasks out."
         raise TaskError(msg)
     content = _read_toml(path, shown)
+    _take_over_prices(content, path, shown)
     under = _file_of(content.get(BASE), path, shown)
     if under is None:
         return Written(content, None, ())
-    inherited = {key: value for key, value in read_written(under, files).content.items() if key not in NOT_INHERITED}
-    base = content.pop(BASE)
+    below, base = read_written(under, files).content, content.pop(BASE)
+    schemas = below.get("schema"), content.get("schema", below.get("schema"))
+    if schemas == (2, 1):
+        msg = f"{shown}: base = {as_written(base)} has schema 2, which schema 1 cannot say. Write schema = 2, or leave it out."
+        raise TaskError(msg)
+    if schemas == (1, 2):
+        below = as_schema_2(below)
+    inherited = {key: value for key, value in below.items() if key not in NOT_INHERITED}
     merged = _merged(inherited, content)
     return Written(merged, base, tuple(_changes(inherited, merged)))
+
+
+def as_schema_2(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables of a task of schema 1, as schema 2 says the same. What is missing or no table stays for the reader to refuse."""
+    kept = {key: value for key, value in content.items() if key not in ("prices", "uncertainty")}
+    model, prices, noise = (
+        table if isinstance(table := content.get(key), dict) else {} for key in ("model", "prices", "uncertainty")
+    )
+    dry = prices.get("dry_matter_content")
+    dry_value = dry.get("value") if isinstance(dry, dict) else None
+    fresh = 1e-6 / dry_value if isinstance(dry_value, int | float) and dry_value > 0 else 1e-6
+    revenue = {"side": "earned", "flow": "fruit_growth", "amount": "fruit_fresh", "unit": "kg m-2", "factor": fresh}
+    ledger = {"revenue": {**revenue, "price": prices.get("fruit"), "label": "Fruit"}}
+    for price, flow in (("heat", "heat"), ("electricity", "electricity"), ("co2", "co2_dosed")):
+        ledger[f"cost_{price}"] = {"side": "paid", "flow": flow, "price": prices.get(price)}
+    scenario: dict[str, Any] = {"family": str(content.get("id", "base"))}
+    delta, factor = noise.get("delta", 0.0), noise.get("half_width_factor", 1.0)
+    if isinstance(delta, int | float) and isinstance(factor, int | float) and delta * factor > 0:
+        drawn = {key: noise[key] for key in ("parameters", "distribution", "redraw") if key in noise}
+        scenario["parameters"] = [{"name": "crop", "half_width": delta * factor, **drawn}]
+    pinned = {"id": "greenlight-tomato-1.0.0", **model}
+    return {**kept, "schema": 2, "model": pinned, "ledger": ledger, "scenario": scenario}
+
+
+def _take_over_prices(content: dict[str, Any], path: Path, shown: str) -> None:
+    """Replace ``file = "gas.csv"`` of a price table by the series in that file."""
+    tables = content.get("price_tables")
+    for name, table in tables.items() if isinstance(tables, dict) else ():
+        if not isinstance(table, dict) or "file" not in table:
+            continue
+        file = table.pop("file")
+        where = f"{shown}: [price_tables.{name}] file = {as_written(file)}"
+        try:
+            rows = list(csv.reader(io.StringIO(read_regular(path.parent / str(file), _LARGEST_FILE).decode())))
+            header, points = rows[0], [row for row in rows[1:] if row]
+            time, price = (["time", "price"].index(title.strip()) for title in header)
+            table["series"] = [
+                {"time": dt.datetime.fromisoformat(row[time].strip()), "price": float(row[price])} for row in points
+            ]
+        except (OSError, UnicodeDecodeError) as error:
+            msg = f"{where}: it cannot be read: {error}."
+            raise TaskError(msg) from error
+        except (ValueError, IndexError, csv.Error) as error:
+            msg = f"{where}: it must be a CSV file with the header time,price and lines such as 2010-03-01T00:00,0.09."
+            raise TaskError(msg) from error
 
 
 def base_of(path: Path) -> Path | None:

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from glbench.tasks.quantities import LIMITED, Capacity, Quantity
+from glbench.tasks.ledger import LIMITED, LedgerItem
+from glbench.tasks.quantities import PAPER_MODEL, Capacity, Quantity
+from glbench.tasks.tables import TaskFile1
 from glbench.tasks.vocabulary import ACTUATION_KINDS
 
 if TYPE_CHECKING:
@@ -64,10 +66,11 @@ class Prices:
 class TaskCard:
     """Public information about a task.
 
-    ``observations`` and ``actions`` are in the order of the arrays; ``controls`` are all six controls of the greenhouse with
-    what each delivers at 1. An action of kind ``rate`` in [-1, 1] moves its control by ``max_change`` times the action; one
+    ``observations`` and ``actions`` are in the order of the arrays; ``controls`` are all controls of the model with what each
+    delivers at 1. An action of kind ``rate`` in [-1, 1] moves its control by ``max_change`` times the action; one
     of kind ``set_point`` in [0, 1] is the control asked for, reached by at most ``max_change`` a step. ``delta`` and
     ``half_width`` say how widely the uncertain parameters are drawn.
+    ``ledger`` says what is earned and paid; ``prices`` are those of a task of schema 1.
     """
 
     id: str
@@ -85,11 +88,13 @@ class TaskCard:
     max_change: float
     controls: tuple[Capacity, ...]
     constraints: tuple[Constraint, ...]
-    prices: Prices
+    prices: Prices | None
     reward_modules: tuple[str, ...]
     delta: float
     half_width: float
     redraw: str
+    model: str = PAPER_MODEL
+    ledger: tuple[LedgerItem, ...] = ()
 
     @cached_property
     def action_bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -129,11 +134,13 @@ def task_card(task: TaskSpec) -> TaskCard:
         max_change=task.actuation.max_change,
         controls=task.capacities(),
         constraints=tuple(_constraint(task, name, limits) for name, limits in task.constraints.items()),
-        prices=Prices(**task.prices.model_dump()),
+        prices=Prices(**task.prices.model_dump()) if isinstance(task.file, TaskFile1) else None,
         reward_modules=task.reward.modules,
         delta=task.uncertainty.delta,
         half_width=task.uncertainty.half_width,
         redraw=task.uncertainty.redraw,
+        model=task.model_id,
+        ledger=task.ledger.items,
     )
 
 

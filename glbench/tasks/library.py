@@ -8,14 +8,7 @@ from pathlib import Path
 from glbench.errors import GlbenchError, TaskError, UnknownNameError, did_you_mean
 from glbench.registration import task_files
 from glbench.tasks.bases import base_of, shipped_file
-from glbench.tasks.lock import (
-    LockEntry,
-    check_against_lock,
-    check_file_against_lock,
-    lock_path,
-    read_lock,
-    write_lock,
-)
+from glbench.tasks.lock import LOCK_WORDS, LockEntry, canonical_sha256, lock_path, read_lock, write_lock
 from glbench.tasks.reading import read_task
 from glbench.tasks.spec import TaskSpec
 
@@ -190,3 +183,66 @@ def _read_listed(path: Path) -> TaskSpec:
     if entry is not None:
         check_file_against_lock(task, entry)
     return task
+
+
+def check_against_lock(task: TaskSpec, entry: LockEntry) -> None:
+    """Refuse ``task`` if it is not the one that ``entry`` locks, and say what differs.
+
+    Raises
+    ------
+    TaskError
+        With what differs (the file, the model, parameters, weather, start, observed columns) and what to do.
+    """
+    check_file_against_lock(task, entry)
+    found, locked = task.fingerprint(), entry.fingerprint
+    if found.digest == locked.digest:
+        return
+    reasons = []
+    if found.model != locked.model:
+        reasons.append(
+            f"the model is another one (version {locked.model_version} {_change(locked.model, found.model)}, "
+            f"here version {found.model_version})"
+        )
+    if found.parameters != locked.parameters:
+        reasons.append(
+            f"the parameter set '{task.model.parameters}' has other values ({_change(locked.parameters, found.parameters)})"
+        )
+    if found.weather != locked.weather:
+        reasons.append(
+            f"the weather '{task.weather.source}' has other values, or is prepared in another way "
+            f"({_change(locked.weather, found.weather)})"
+        )
+    if found.start != locked.start:
+        reasons.append(f"the start '{task.initial.kind}' is another one ({_change(locked.start, found.start)})")
+    if found.observation != locked.observation:
+        reasons.append(
+            f"the observed columns have other names, units or bounds ({_change(locked.observation, found.observation)})"
+        )
+    if not reasons:
+        msg = (
+            f"{LOCK_WORDS} contradicts itself about {task.id}: its parts are as locked, the digest over them is not "
+            f"({_change(locked.digest, found.digest)}). The entry was edited: restore the file, or install glbench again."
+        )
+        raise TaskError(msg)
+    msg = (
+        f"{task.source} is as it was published, but {'; '.join(reasons)}. Results would not be comparable with published "
+        "ones: install the glbench version that the task was locked with, or, if the change is meant, publish new "
+        "versions of the tasks and run `glbench tasks lock`."
+    )
+    raise TaskError(msg)
+
+
+def check_file_against_lock(task: TaskSpec, entry: LockEntry) -> None:
+    """As ``check_against_lock``, for the definition alone; needs neither model nor weather."""
+    found, locked = canonical_sha256(task.definition()), entry.fingerprint.definition
+    if found != locked:
+        msg = (
+            f"{task.source} no longer matches {LOCK_WORDS} ({_change(locked, found)}).\n"
+            "Published tasks never change: restore the file, or add your change as a new version and run "
+            "`glbench tasks lock`."
+        )
+        raise TaskError(msg)
+
+
+def _change(locked: str, found: str) -> str:
+    return f"locked {locked[:8]}..., found {found[:8]}..."

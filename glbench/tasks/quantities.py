@@ -1,45 +1,24 @@
-"""Names, units and bounds of everything a task can show to an agent.
+"""Names, units and bounds of what a task can show to an agent, whatever the model: the clock, the weather, the controls, all states.
 
-The bounds hold for whatever controls an agent chooses and whatever weather a record can contain; they are wide on
-purpose and no statement about good growing conditions. How they were found:
-
-* Outdoors: a little beyond what was ever measured on earth (-89 and 57 degC; 1900 W m-2 under broken cloud).
-* Indoor temperatures: sky and leaks cannot cool below ``COLDEST``. The warmest house is closed, calm and humid, with the
-  sun standing still at 1500 W m-2 over air of 60 degC, boiler and lamps at 1: 170 degC. At ``HOTTEST`` the cover alone would
-  give off 2600 W m-2, which is more than all of these supply. Pipes and lamps stand up to 100 K above the air.
-* Indoor CO2: the largest dose without photosynthesis, through the main compartment's own leaks at the lowest wind, or
-  gathered over the whole horizon where that is less. The model does not know that CO2 displaces air, so the number
-  exceeds what physics allows; in ordinary wind a dose that never stops leads to about 20 000 ppm.
-* Vapour pressure: saturation at ``HOTTEST``.
-* Crop: growth at three times the rate at 20 degC, with every crop parameter at its most favourable.
+What a model shows besides (the climate inside, the crop) is its own, with its bounds (``Model.observed``, ``Model.bounds``). Bounds
+outdoors are a little beyond what was ever measured on earth (-89 and 57 degC; 1900 W m-2 under broken cloud).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
 
-CONTROLS = ("uBoil", "uCo2", "uThScr", "uVent", "uLamp", "uBlScr")
-"""Names of the controls in the model's order, repeated here so that task files can be read without loading the model."""
-LIMITED = {"air_temperature": "degC", "co2": "ppm", "relative_humidity": "%"}
-"""Quantities that a task constrains, with the unit their limits are written in."""
+from glbench.tasks.ledger import LIMITED
 
-COLDEST = -100.0
-"""Lower bound of every temperature [degC]."""
-HOTTEST = 200.0
-"""Upper bound of temperatures of air, crop, cover, screens and soil [degC]."""
-HOTTEST_METAL = 300.0
-"""Upper bound of pipe and lamp temperatures [degC]."""
+if TYPE_CHECKING:
+    from glbench.model import Horizon, Model
 
-_METAL = ("tPipe", "tGroPipe", "tLamp", "tIntLamp")
-_LARGEST_VAPOUR_PRESSURE = 2.0e6  # Pa; saturation at 200 degC is 1.6e6 Pa
-_OLD_CROP_SUM = 4000.0  # degC day; above every temperature sum an episode can start with
-_RESPIRED_CO2 = 2.0e5  # mg m-3; all carbohydrate of a mature crop breathed into the house
-_FASTEST_FRUIT_GROWTH = 0.25  # kg m-2 a day; 0.328 mg m-2 s-1 is 0.028 kg m-2 a day, times 2^3 for the best parameters
-_FRUIT_AT_START = 1.0  # kg m-2
-_BELOW_ZERO = 0.01  # kg m-2; a mass that is used up may undershoot zero by the tolerance of the integration
+PAPER_MODEL = "greenlight-tomato-1.0.0"
+"""The model of every task of schema 1."""
+
+_WIDEST = 1e12
 
 
 @dataclass(frozen=True)
@@ -51,32 +30,6 @@ class Quantity:
     low: float
     high: float
     meaning: str
-
-
-@dataclass(frozen=True)
-class ObservationContext:
-    """What the bounds of an observed quantity may depend on."""
-
-    steps: int
-    """Control steps of the horizon."""
-    step_seconds: float
-    """Length of a control step [s]."""
-    forecast_steps: int
-    """Rows of coming weather that the task grants."""
-    parameters: Mapping[str, float]
-    """All model parameters by name, nominal values."""
-
-    @property
-    def days(self) -> float:
-        """Length of the horizon [day]."""
-        return self.steps * self.step_seconds / 86400.0
-
-
-class QuantityTable(Protocol):
-    """The columns of an observation module in a given task."""
-
-    def __call__(self, context: ObservationContext) -> tuple[Quantity, ...]:
-        """Columns in the order observed."""
 
 
 @dataclass(frozen=True)
@@ -92,80 +45,60 @@ class Capacity:
     meaning: str
 
 
-def capacities(parameters: Mapping[str, float]) -> tuple[Capacity, ...]:
-    """Installed capacities: the six controls in the model's order, and what each delivers at 1."""
-    floor = parameters["aFlr"]
-    installed = (
-        ("boiler", "W m-2", parameters["pBoil"] / floor, "heat to the rail pipes"),
-        ("co2_supply", "mg m-2 s-1", parameters["phiExtCo2"] / floor, "CO2 dosed"),
-        ("thermal_screen", "-", 1.0, "closure of the thermal screen"),
-        ("vents", "-", 1.0, "opening of the roof vents"),
-        ("lamps", "W m-2", parameters["thetaLampMax"], "electric power of the lamps"),
-        ("blackout_screen", "-", 1.0, "closure of the blackout screen"),
-    )
-    return tuple(Capacity(name, *entry) for name, entry in zip(CONTROLS, installed, strict=True))
+def capacities(model: Model, parameters: Mapping[str, float]) -> tuple[Capacity, ...]:
+    """Installed capacities: the controls in the model's order, and what each delivers at 1."""
+    return tuple(Capacity(c.name, c.quantity, c.unit, c.capacity, c.meaning) for c in model.capacities(parameters))
 
 
-def highest_co2_density(context: ObservationContext) -> float:
-    """Highest CO2 density of the main air [mg m-3]: see the module's text.
+def _paper_model() -> Model:
+    from glbench.model import get_model  # not at the top: task files are read without the model
 
-    Only the leaks of the main compartment count, at the wind below which leakage no longer falls.
-    """
-    p = context.parameters
-    dose = p["phiExtCo2"] / p["aFlr"]  # mg m-2 s-1
-    gathered = dose * context.steps * context.step_seconds / p["capCo2Air"]
-    leak = (1.0 - p["cLeakTop"]) * p["cLeakage"] * p["minWind"]  # m3 m-2 s-1
-    excess = min(gathered, dose / leak) if leak > 0.0 else gathered
-    return _round_up(excess + _RESPIRED_CO2 + 1.0e4)
+    return get_model(PAPER_MODEL)
 
 
-def _highest_co2_ppm(context: ObservationContext) -> float:
-    """``highest_co2_density`` as a volume fraction [ppm], in the hottest air the bounds allow."""
-    molar = 8.3144598 * (HOTTEST + 273.15) / (101325.0 * 44.01e-3)  # m3 per kg of CO2
-    return _round_up(highest_co2_density(context) * molar)
+@dataclass(frozen=True)
+class ObservationContext:
+    """What the bounds of an observed quantity may depend on."""
+
+    steps: int
+    """Control steps of the horizon."""
+    step_seconds: float
+    """Length of a control step [s]."""
+    forecast_steps: int
+    """Rows of coming weather that the task grants."""
+    parameters: Mapping[str, float]
+    """All model parameters by name, nominal values."""
+    model: Model = field(default_factory=_paper_model)
+    """The model whose quantities are shown."""
+
+    @property
+    def days(self) -> float:
+        """Length of the horizon [day]."""
+        return self.steps * self.step_seconds / 86400.0
+
+    @property
+    def horizon(self) -> Horizon:
+        """The same for the model."""
+        from glbench.model import Horizon
+
+        return Horizon(self.steps, self.step_seconds, self.parameters)
 
 
-def _round_up(value: float) -> float:
-    """Next number of two significant digits that is not smaller."""
-    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return math.ceil(value / unit) * unit
+class QuantityTable(Protocol):
+    """The columns of an observation module in a given task."""
+
+    def __call__(self, context: ObservationContext) -> tuple[Quantity, ...]:
+        """Columns in the order observed."""
 
 
-def _air_temperature() -> Quantity:
-    return Quantity("air_temperature", "degC", COLDEST, HOTTEST, "air below the screens")
+def of_model(module: str) -> QuantityTable:
+    """The columns of a module that the model supplies; none where it has no such module."""
 
+    def columns(context: ObservationContext) -> tuple[Quantity, ...]:
+        seen = context.model.observed(module, context.horizon) or ()
+        return tuple(Quantity(column.name, column.unit, column.low, column.high, column.meaning) for column in seen)
 
-def _co2(context: ObservationContext) -> Quantity:
-    return Quantity("co2", "ppm", 0.0, _highest_co2_ppm(context), "CO2 of the air below the screens")
-
-
-def _relative_humidity() -> Quantity:
-    return Quantity("relative_humidity", "%", 0.0, 100.0, "relative humidity of the air below the screens")
-
-
-def _pipe_temperature() -> Quantity:
-    return Quantity("pipe_temperature", "degC", COLDEST, HOTTEST_METAL, "rail pipes")
-
-
-def indoor_climate(context: ObservationContext) -> tuple[Quantity, ...]:
-    """Air temperature, CO2, relative humidity, pipe temperature."""
-    return (_air_temperature(), _co2(context), _relative_humidity(), _pipe_temperature())
-
-
-def _mean_temperature() -> Quantity:
-    return Quantity("canopy_temperature_24h", "degC", COLDEST, HOTTEST, "24-hour low-pass of the canopy temperature")
-
-
-def _temperature_sum(context: ObservationContext) -> Quantity:
-    low, high = COLDEST * context.days, _OLD_CROP_SUM + HOTTEST * context.days
-    return Quantity("temperature_sum", "degC day", low, high, "temperature sum of the canopy since planting")
-
-
-def crop(context: ObservationContext) -> tuple[Quantity, ...]:
-    """Fruit dry mass, 24-hour mean canopy temperature, temperature sum."""
-    heaviest = _FRUIT_AT_START + _FASTEST_FRUIT_GROWTH * context.days
-    fruit = Quantity("fruit_dry_mass", "kg m-2", -_BELOW_ZERO, heaviest, "dry mass of the fruit on the plants")
-    return (fruit, _mean_temperature(), _temperature_sum(context))
+    return columns
 
 
 def _cycle(name: str, period: str) -> tuple[Quantity, Quantity]:
@@ -180,16 +113,23 @@ def time(context: ObservationContext) -> tuple[Quantity, ...]:
     return _cycle("hour_of_day", "hour of day") + _cycle("day_of_year", "day of year")
 
 
+def published_time(context: ObservationContext) -> tuple[Quantity, ...]:
+    """Sine and cosine of the day of year (365 days), then of the hour of day (24 h)."""
+    return _cycle("day_of_year", "day of year") + _cycle("hour_of_day", "hour of day")
+
+
 def controls(context: ObservationContext) -> tuple[Quantity, ...]:
-    """Boiler, CO2 supply, thermal screen, vents, lamps, blackout screen as in force, in physical units."""
-    return tuple(Quantity(c.quantity, c.unit, 0.0, c.at_one, c.meaning) for c in capacities(context.parameters))
+    """The controls as in force, in physical units, in the model's order."""
+    return tuple(
+        Quantity(c.quantity, c.unit, 0.0, c.at_one, c.meaning) for c in capacities(context.model, context.parameters)
+    )
 
 
 def control_fractions(context: ObservationContext) -> tuple[Quantity, ...]:
-    """Boiler, CO2 supply, thermal screen, vents, lamps, blackout screen as in force, as fractions of capacity."""
+    """The controls as in force, as fractions of capacity."""
     return tuple(
         Quantity(f"{c.quantity}_fraction", "-", 0.0, 1.0, f"{c.meaning}, share of capacity")
-        for c in capacities(context.parameters)
+        for c in capacities(context.model, context.parameters)
     )
 
 
@@ -224,51 +164,28 @@ def forecast(context: ObservationContext) -> tuple[Quantity, ...]:
     return _ahead(context.forecast_steps, _WEATHER)
 
 
-def step_counter(context: ObservationContext) -> tuple[Quantity, ...]:
-    """Count of steps taken, 0 after reset; with the timing ``published``, the number of the step just taken."""
-    return (Quantity("step_counter", "-", 0.0, float(context.steps), "steps since the start"),)
-
-
-def published_indoor_climate(context: ObservationContext) -> tuple[Quantity, ...]:
-    """CO2, air temperature, relative humidity, pipe temperature."""
-    return (_co2(context), _air_temperature(), _relative_humidity(), _pipe_temperature())
-
-
-def published_crop(context: ObservationContext) -> tuple[Quantity, ...]:
-    """24-hour mean canopy temperature, fruit in mg m-2, temperature sum."""
-    fruit = crop(context)[0]
-    milligrams = Quantity("fruit_carbohydrate", "mg m-2", fruit.low * 1e6, fruit.high * 1e6, fruit.meaning)
-    return (_mean_temperature(), milligrams, _temperature_sum(context))
-
-
-def published_time(context: ObservationContext) -> tuple[Quantity, ...]:
-    """Sine and cosine of the day of year (365 days), then of the hour of day (24 h)."""
-    return _cycle("day_of_year", "day of year") + _cycle("hour_of_day", "hour of day")
-
-
 def published_forecast(context: ObservationContext) -> tuple[Quantity, ...]:
     """As ``forecast``, with vapour pressure [Pa] and CO2 density [mg m-3] in the places of humidity and CO2."""
     return _ahead(context.forecast_steps, _PUBLISHED_FORECAST)
 
 
+def step_counter(context: ObservationContext) -> tuple[Quantity, ...]:
+    """Count of steps taken, 0 after reset; with the timing ``published``, the number of the step just taken."""
+    return (Quantity("step_counter", "-", 0.0, float(context.steps), "steps since the start"),)
+
+
 def full_state(context: ObservationContext) -> tuple[Quantity, ...]:
     """All states of the model under their own names and units."""
-    from glbench.model import STATES
+    bounds = context.model.bounds(context.horizon)
+    return tuple(
+        Quantity(
+            state.name,
+            state.unit.replace("°C", "degC"),
+            *bounds.get(state.name, (-_WIDEST, _WIDEST)),
+            state.meaning,
+        )
+        for state in context.model.states
+    )
 
-    summed = _temperature_sum(context)
-    heaviest = _FRUIT_AT_START + _FASTEST_FRUIT_GROWTH * context.days
-    by_unit = {
-        "mg m-3": (0.0, highest_co2_density(context)),
-        "Pa": (0.0, _LARGEST_VAPOUR_PRESSURE),
-        "degC": (COLDEST, HOTTEST),
-        "degC day": (summed.low, summed.high),
-        # Buffer and organs; in long darkness the buffer falls below zero by less than 2000 mg m-2.
-        "mg m-2": (-_BELOW_ZERO * 1e6, heaviest * 1e6),
-        "day": (0.0, context.days * (1.0 + 1e-6)),
-    }
-    columns = []
-    for state in STATES:
-        unit = state.unit.replace("°C", "degC")
-        low, high = (COLDEST, HOTTEST_METAL) if state.name in _METAL else by_unit[unit]
-        columns.append(Quantity(state.name, unit, low, high, state.meaning))
-    return tuple(columns)
+
+__all__ = ["LIMITED", "Capacity", "ObservationContext", "Quantity", "QuantityTable", "capacities"]

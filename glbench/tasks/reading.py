@@ -6,14 +6,14 @@ A message names the file, the table, the key, the value found and what is allowe
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from glbench.errors import TaskError, did_you_mean
 from glbench.tasks.bases import as_written, read_written, shown_path
-from glbench.tasks.spec import TaskSpec
+from glbench.tasks.spec import TaskSpec, file_of, schema_of
 from glbench.tasks.tables import Table
 
 
@@ -28,14 +28,14 @@ def read_task(path: Path) -> TaskSpec:
     written = read_written(path)
     shown = shown_path(path)
     try:
-        task = TaskSpec.model_validate(written.content)
+        file = file_of(written.content)
     except ValidationError as error:
-        problems = [_explain(detail) for detail in error.errors(include_url=False)]
+        root = schema_of(written.content)
+        problems = [_explain(root, detail) for detail in error.errors(include_url=False)]
         raise TaskError(
             _listed(shown if written.base is None else f"{shown} (base {written.base})", problems)
         ) from None
-    task._source, task._base, task._changes = shown, written.base, written.changes
-    return task
+    return TaskSpec(file, shown, written.base, written.changes)
 
 
 def _listed(shown: str, problems: list[str]) -> str:
@@ -44,11 +44,11 @@ def _listed(shown: str, problems: list[str]) -> str:
     return f"{shown} has {len(problems)} mistakes:\n" + "\n".join(f"  - {problem}" for problem in problems)
 
 
-def _explain(detail: ErrorDetails) -> str:
+def _explain(root: type[BaseModel], detail: ErrorDetails) -> str:
     """One mistake in words."""
     *tables, key = [str(part) for part in detail["loc"]] or ["the file"]
     place = f"[{'.'.join(tables)}] " if tables else ""
-    owner, kind = _table_at(tables), detail["type"]
+    owner, kind = _table_at(root, tables), detail["type"]
     allowed = _description(owner, key)
     if kind == "missing":
         if _is_table(owner, key):
@@ -62,19 +62,21 @@ def _explain(detail: ErrorDetails) -> str:
         return f"[{'.'.join([*tables, key])}] must be a table, not {as_written(detail['input'])}."
     if kind == "value_error":
         reason = str(detail["ctx"]["error"])
-        if _is_table(owner, key):
+        if _is_table(owner, key) or _is_entry(root, tables):
             return f"[{'.'.join([*tables, key])}] {reason}"
         return f"{place}{key} = {as_written(detail['input'])}: {reason}"
     return f"{place}{key} = {as_written(detail['input'])} is not allowed. It must be {allowed}."
 
 
-def _table_at(tables: list[str]) -> type[BaseModel]:
+def _table_at(root: type[BaseModel], tables: list[str]) -> type[BaseModel]:
     """The record that describes the table with these names."""
-    found: type[BaseModel] = TaskSpec
-    for name in tables:
+    found, names = root, iter(tables)
+    for name in names:
         inner = _record_of(found, name)
         if inner is None:
             break
+        if get_origin(_field(found, name).annotation) in (dict, tuple):  # tables by name, or one after the other
+            next(names, None)
         found = inner
     return found
 
@@ -98,6 +100,14 @@ def _record_of(owner: type[BaseModel], key: str) -> type[BaseModel] | None:
 
 def _is_table(owner: type[BaseModel], key: str) -> bool:
     return _record_of(owner, key) is not None
+
+
+def _is_entry(root: type[BaseModel], tables: list[str]) -> bool:
+    """Whether what stands right below ``tables`` is one of several tables."""
+    if not tables:
+        return False
+    owner = _table_at(root, tables[:-1])
+    return _is_table(owner, tables[-1]) and get_origin(_field(owner, tables[-1]).annotation) in (dict, tuple)
 
 
 def _keys(owner: type[BaseModel]) -> list[str]:

@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import datetime as dt
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
-
-if TYPE_CHECKING:
-    from glbench.tasks.spec import TaskSpec
+from typing import Literal
 
 Redraw = Literal["step", "day", "episode"]
 
@@ -82,17 +79,3 @@ class Scenario:
     seasons: tuple[Season, ...]
     start_within_days: int = 0
     legacy: bool = False
-
-
-def scenario_of(task: TaskSpec) -> Scenario:
-    """The scenario of a task of schema 1: one season, one start, one group of uncertain parameters."""
-    uncertainty, weather = task.uncertainty, task.weather
-    group = ParameterGroup(
-        "parameters",
-        task.uncertain_parameters(),
-        uncertainty.distribution,
-        uncertainty.half_width,
-        uncertainty.redraw,
-    )
-    groups = (group,) if uncertainty.delta else ()
-    return Scenario(task.id, "", groups, (), (Season(weather.source, weather.start),), legacy=True)

@@ -1,139 +1,195 @@
-"""A task: everything that fixes a problem to the last bit, as one frozen record that mirrors its file."""
+"""A task: what its file says, and what follows from that: model, parameters, weather, start, observed columns, ledger, digest.
+
+What a file says is pure data (``glbench.tasks.tables.TaskFile``), read without the model and the weather. A :class:`TaskSpec` holds
+it, and works out the rest when asked (docs/adr/0015). Errors of the model and the weather name the task's file and the table that asked
+for the impossible.
+"""
 
 from __future__ import annotations
 
-import unicodedata
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+import datetime as dt
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import FrozenInstanceError
+from functools import cached_property, lru_cache
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BeforeValidator, Field, PrivateAttr
 
-from glbench.tasks.bases import Change
-from glbench.tasks.quantities import Capacity, ObservationContext, Quantity, capacities
+from glbench.errors import GlbenchError, ParameterError, TaskError, UnknownNameError, did_you_mean
+from glbench.tasks.ledger import (
+    FLOW,
+    MONEY,
+    STOCK,
+    Ledger,
+    LedgerItem,
+    PriceTable,
+    StepQuantity,
+    paper_v1,
+    step_quantities,
+)
+from glbench.tasks.lock import Fingerprint, canonical_sha256, read_lock
+from glbench.tasks.quantities import PAPER_MODEL, Capacity, ObservationContext, Quantity, capacities
+from glbench.tasks.scenario import ParameterGroup, Scenario, Season, StartGroup
 from glbench.tasks.tables import (
     ActuationTable,
-    ConstraintsTable,
     EvaluationTable,
     InitialStateTable,
+    ItemTable,
     ModelTable,
     ObservationTable,
+    OfTheAir,
     PricesTable,
     RewardTable,
-    Table,
+    TaskFile1,
+    TaskFile2,
     UncertaintyTable,
     WeatherTable,
 )
+from glbench.tasks.vocabulary import INITIAL_STATES, OBSERVATION_MODULES
 
 if TYPE_CHECKING:
     from glbench.model import Model
-    from glbench.tasks.digest import Fingerprint
-    from glbench.tasks.scenario import Scenario
+    from glbench.tasks.bases import Change
     from glbench.weather import Disturbances, WeatherRecord
 
 FloatArray = npt.NDArray[np.float64]
 
 PROSE = frozenset({"title", "description", "suites"})
 """Fields that explain or file a task and do not change it: they stay out of its digest."""
+DIGITS = 9
+"""Significant digits, in a digest, of numbers that are computed rather than read."""
+
+SCHEMA_1: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "schema": (),
+        "id": (),
+        "weather": ("source", "preprocessing", "start", "days", "step_seconds", "co2_ppm"),
+        "model": ("variant", "parameters", "overrides"),
+        "initial_state": ("kind", "air_temperature"),
+        "uncertainty": ("distribution", "delta", "half_width_factor", "parameters", "redraw"),
+        "observation": ("modules", "timing", "forecast"),
+        "actuation": ("kind", "max_change", "controls"),
+        "constraints": ("air_temperature", "co2", "relative_humidity"),
+        "prices": ("fruit", "dry_matter_content", "co2", "heat", "electricity"),
+        "reward": ("modules", "penalty_scale"),
+        "evaluation": ("first_seed", "runs", "metric", "failed_step"),
+    }
+)
+"""The keys that the digest of a task of schema 1 covers, whatever is added later; ``evaluation.time_limits`` where it is given."""
+
+_GRID = 6180.339887498949  # weather rows enter a digest in steps of 1/6180: no round number lies between two of them
 
 
-def _text(given: object) -> object:
-    """Text for people, which stands in terminals and on pages: without characters that steer them."""
-    strange = next((letter for letter in given if not _can_be_shown(letter)), None) if isinstance(given, str) else None
-    if strange is not None:
-        msg = f"It holds the character U+{ord(strange):04X}, which cannot be shown. Take it out."
-        raise ValueError(msg)
-    return given
+class TaskSpec:
+    """A task as ``get_task`` returns it: what its file says, and what follows from it.
 
-
-def _can_be_shown(letter: str) -> bool:
-    return letter.isprintable() or letter in "\n\t" or unicodedata.category(letter) == "Zs"
-
-
-def _one_line(given: object) -> object:
-    if isinstance(given, str) and len(given.splitlines()) > 1:
-        msg = "It must be one line."
-        raise ValueError(msg)
-    return _text(given)
-
-
-def _suite_names(given: object) -> tuple[str, ...]:
-    if not isinstance(given, list | tuple) or not all(isinstance(name, str) and name for name in given):
-        msg = 'It must be a list of names, such as ["paper"].'
-        raise ValueError(msg)
-    return tuple(str(_one_line(name)) for name in given)
-
-
-class TaskSpec(Table):
-    """A task as its file defines it.
-
-    The tables of the file are fields of the same name; ``[initial_state]`` is the field ``initial`` and ``schema`` is
-    ``schema_version``. Numbers written with a unit in the file are plain floats in that unit here. What follows from the
-    definition (parameters, weather, start, digest) is computed on demand and remembered for the life of the process.
+    The tables of the file are attributes of the same name; ``[initial_state]`` is ``initial`` and ``schema`` is ``schema_version``. Numbers
+    written with a unit in the file are plain floats in that unit here. What follows from them is computed on demand and remembered.
+    Equal files make equal tasks.
     """
 
-    schema_version: Literal[1] = Field(alias="schema", description="1")
-    id: str = Field(
-        pattern=r"^[A-Za-z0-9_-]+/[A-Za-z0-9_.-]+-v[1-9][0-9]*$",
-        description='an id in quotes with a namespace and a version, such as "mylab/Winter2011-v1"',
-    )
-    title: Annotated[str, BeforeValidator(_one_line)] = Field(min_length=1, description="a title in quotes")
-    description: Annotated[str, BeforeValidator(_text)] = Field(default="", description="text in quotes")
-    suites: Annotated[tuple[str, ...], BeforeValidator(_suite_names)] = Field(default=(), description="a list of names")
+    schema_version: int
+    id: str
+    title: str
+    description: str
+    suites: tuple[str, ...]
     weather: WeatherTable
     model: ModelTable
-    initial: InitialStateTable = Field(alias="initial_state")
-    uncertainty: UncertaintyTable
+    initial: InitialStateTable
     observation: ObservationTable
     actuation: ActuationTable
-    constraints: ConstraintsTable
-    prices: PricesTable
+    constraints: OfTheAir
     reward: RewardTable
     evaluation: EvaluationTable
 
-    _source: str = PrivateAttr(default="the task")
-    _base: str | None = PrivateAttr(default=None)
-    _changes: tuple[Change, ...] = PrivateAttr(default=())
+    file: TaskFile1 | TaskFile2
+    """What the file says, as pure data."""
+    source: str
+    """The file the task was read from, as error messages name it."""
+    base: str | None
+    """The task that its file names as its base: an id or a file; ``None`` where the file is written out."""
+    changes: tuple[Change, ...]
+    """What its file changes in the base."""
 
-    @property
-    def source(self) -> str:
-        """The file the task was read from, as error messages name it."""
-        return self._source
+    _FORWARDED: ClassVar[tuple[str, ...]] = (
+        "schema_version", "id", "title", "description", "suites", "weather", "model", "initial", "observation", "actuation", "constraints",
+        "reward", "evaluation",
+    )  # fmt: skip
 
-    @property
-    def base(self) -> str | None:
-        """The task that its file names as its base: an id or a file; ``None`` where the file is written out."""
-        return self._base
+    def __init__(
+        self,
+        file: TaskFile1 | TaskFile2,
+        source: str = "the task",
+        base: str | None = None,
+        changes: tuple[Change, ...] = (),
+    ) -> None:
+        vars(self).update({name: getattr(file, name) for name in self._FORWARDED})
+        vars(self).update(file=file, source=source, base=base, changes=changes)
 
-    @property
-    def changes(self) -> tuple[Change, ...]:
-        """What its file changes in the base."""
-        return self._changes
-
-    @property
-    def model_value(self) -> Model:
-        """The model.
+    @classmethod
+    def model_validate(cls, content: Mapping[str, Any]) -> Self:
+        """The task that the tables ``content`` define, as TOML gives them.
 
         Raises
         ------
-        UnknownNameError
-            When there is no such variant.
+        pydantic.ValidationError
+            When they define none.
         """
-        from glbench.model import tomato  # not at the top: task files are read without the model
+        return cls(file_of(content))
 
-        return tomato(self.model.variant)
+    def model_copy(self, update: Mapping[str, Any]) -> TaskSpec:
+        """A copy with other tables. They are not checked."""
+        file = self.file.model_copy(update=dict(update))
+        if isinstance(file, TaskFile2):
+            file._written = None
+        return TaskSpec(file, self.source, self.base, self.changes)
+
+    def written(self) -> dict[str, Any]:
+        """The tables of a task of schema 2 as its file writes them, dates as text: what ``of_written`` reads.
+
+        Raises
+        ------
+        TaskError
+            When there is no such file: schema 1, or a copy that was changed.
+        """
+        content = self.file._written if isinstance(self.file, TaskFile2) else None
+        if content is None:
+            msg = f"{self.source} is a changed copy of a task. Write it as a file to record it."
+            raise TaskError(msg)
+        plain: dict[str, Any] = json.loads(json.dumps(content, default=lambda moment: moment.isoformat()))
+        return plain
+
+    @classmethod
+    def of_written(cls, plain: Mapping[str, Any]) -> Self:
+        """The task of which ``written`` gave ``plain``.
+
+        Raises
+        ------
+        pydantic.ValidationError, ValueError, KeyError, TypeError
+            When it defines none.
+        """
+        content = json.loads(json.dumps(plain))
+        content["weather"]["start"] = dt.date.fromisoformat(content["weather"]["start"])
+        for season in content["scenario"].get("seasons", ()):
+            season["start"] = dt.date.fromisoformat(season["start"])
+        for table in content.get("price_tables", {}).values():
+            for point in table.get("series", ()):
+                point["time"] = dt.datetime.fromisoformat(point["time"])
+        return cls.model_validate(content)
+
+    def model_dump(self, **options: Any) -> dict[str, Any]:
+        """What the file says as plain values, as ``pydantic.BaseModel.model_dump`` gives them."""
+        return self.file.model_dump(**options)
 
     @property
     def short_id(self) -> str:
         """The id without its namespace, such as ``Schiphol2010-Delta10-v1``."""
         return self.id.partition("/")[2]
-
-    @property
-    def scenario(self) -> Scenario:
-        """What a run draws: season, start, parameters."""
-        from glbench.tasks.scenario import scenario_of
-
-        return scenario_of(self)
 
     @property
     def steps(self) -> int:
@@ -145,38 +201,128 @@ class TaskSpec(Table):
         """Length of a control step [s]."""
         return float(self.weather.step_seconds)
 
+    @property
+    def steps_per_day(self) -> int:
+        """Number of control steps of a day."""
+        return 86400 // self.weather.step_seconds
+
+    @property
+    def prices(self) -> PricesTable:
+        """The prices of a task of schema 1.
+
+        Raises
+        ------
+        TaskError
+            For a task of schema 2, which has a ledger.
+        """
+        if isinstance(self.file, TaskFile1):
+            return self.file.prices
+        msg = f"{self.source} has no table [prices]: its prices are those of its ledger (task.ledger)."
+        raise TaskError(msg)
+
+    @cached_property
+    def uncertainty(self) -> UncertaintyTable:
+        """Which parameters are drawn anew; of a task of schema 2, the widest group of its scenario."""
+        if isinstance(self.file, TaskFile1):
+            return self.file.uncertainty
+        groups = sorted(self.file.scenario.parameters, key=lambda group: group.half_width)
+        if not groups:
+            return UncertaintyTable.model_construct(
+                distribution="uniform", delta=0.0, half_width_factor=1.0, parameters=(), redraw="episode"
+            )
+        widest = groups[-1]
+        return UncertaintyTable.model_construct(
+            distribution=widest.distribution, delta=widest.half_width, half_width_factor=1.0, parameters=widest.parameters,
+            redraw=widest.redraw,
+        )  # fmt: skip
+
+    # The model and what it says.
+
+    @property
+    def model_id(self) -> str:
+        """Name and version of the model."""
+        return self.file.model.id if isinstance(self.file, TaskFile2) else PAPER_MODEL
+
+    @cached_property
+    def model_value(self) -> Model:
+        """The model.
+
+        Raises
+        ------
+        TaskError
+            When there is none of that id and variant.
+        """
+        from glbench.model import get_model  # not at the top: task files are read without the model
+
+        with self._asked_by("model"):
+            return get_model(self.model_id, self.model.variant)
+
     def parameters(self) -> FloatArray:
-        """Nominal parameter vector (208,), read-only, in the model's units, overrides applied and derived ones recomputed.
+        """Nominal parameters, read-only, in the model's order and units, overrides applied and derived ones recomputed.
 
         Raises
         ------
         TaskError
             When the set or an overridden parameter is unknown, or a value is impossible; it names file and table.
         """
-        from glbench.tasks.resolve import resolved_parameters
+        return self._parameters
 
-        return resolved_parameters(self)
+    @cached_property
+    def _parameters(self) -> FloatArray:
+        with self._asked_by("model"):
+            overrides = {name: (value, unit) for name, value, unit in self.model.overrides}
+            return _read_only(self.model_value.parameters.default(self.model.parameters, overrides))
 
     def parameters_by_name(self) -> dict[str, float]:
         """``parameters()`` as a dictionary."""
-        from glbench.model import PARAMETER_NAMES
-
-        return dict(zip(PARAMETER_NAMES, self.parameters().tolist(), strict=True))
+        return dict(zip(self.model_value.parameter_names, self.parameters().tolist(), strict=True))
 
     def uncertain_parameters(self) -> tuple[str, ...]:
-        """Names of the parameters that are drawn anew, in the model's order for a set, else as listed."""
-        from glbench.tasks.resolve import resolved_uncertain_parameters
+        """Names of the parameters that are drawn anew, in the model's order for a set, else as listed, group after group."""
+        return tuple(dict.fromkeys(name for group in self.scenario.groups for name in group.parameters))
 
-        return resolved_uncertain_parameters(self)
+    def _drawn(self, wanted: str | tuple[str, ...], table: str) -> tuple[str, ...]:
+        values = self.model_value.parameters
+        with self._asked_by(table):
+            if isinstance(wanted, str):
+                return values.drawn_set(wanted)
+            for name in wanted:
+                if name not in values.names:
+                    msg = f"There is no parameter called '{name}'.{did_you_mean(name, values.names)}"
+                    raise UnknownNameError(msg)
+                info = values.info(name)
+                if info.is_derived:
+                    msg = f"'{name}' follows from other parameters ({name} = {info.formula}): list those instead."
+                    raise ParameterError(msg)
+        return wanted
+
+    def initial_state(self) -> FloatArray:
+        """Nominal state at the start, read-only, in the model's units."""
+        return self._initial_state
+
+    @cached_property
+    def _initial_state(self) -> FloatArray:
+        first = self.disturbances().values[0]
+        kind, air_temperature = self.initial.kind, self.initial.air_temperature
+        with self._asked_by("initial_state"):
+            own = INITIAL_STATES[kind].state if kind in INITIAL_STATES else None
+            if own is not None:
+                return _read_only(own(first, air_temperature, self.parameters()))
+            return _read_only(self.model_value.start(kind, first, air_temperature, self.parameters()))
+
+    def capacities(self) -> tuple[Capacity, ...]:
+        """What each control of the model delivers at 1, with its unit."""
+        return capacities(self.model_value, self.parameters_by_name())
+
+    # The weather.
 
     def record(self) -> WeatherRecord:
         """The weather record that the task uses."""
-        from glbench.tasks.resolve import resolved_record
-
-        return resolved_record(self)
+        with self._asked_by("weather"):
+            return _record(self.weather.source)
 
     def disturbances(self, extra_rows: int = 0) -> Disturbances:
-        """Weather rows for the whole episode: ``steps + 1 + extra_rows`` rows, remembered.
+        """Weather rows of the nominal season, for the whole episode: ``steps + 1 + extra_rows`` rows, remembered.
 
         Row k acts on step k; the row after the last step is there because it is observed at the end. A forecast of n steps
         needs ``extra_rows=n``.
@@ -186,19 +332,17 @@ class TaskSpec(Table):
         TaskError
             When there is no such record or it does not cover the period; it names file and table.
         """
-        from glbench.tasks.resolve import resolved_disturbances
+        with self._asked_by("weather"):
+            return _disturbances(self.weather, self.steps + 1 + extra_rows)
 
-        return resolved_disturbances(self, self.steps + 1 + extra_rows)
+    def season(self, season: Season, extra_rows: int = 0) -> Disturbances:
+        """As ``disturbances``, for a season of the scenario, with the rows of a start up to ``start_within_days`` later."""
+        rows = self.steps + 1 + extra_rows + self.scenario.start_within_days * self.steps_per_day
+        with self._asked_by("scenario" if self.schema_version > 1 else "weather"):
+            table = self.weather.model_copy(update={"source": season.source, "start": season.start})
+            return _disturbances(table, rows)
 
-    def initial_state(self) -> FloatArray:
-        """State at the start (28,), read-only, in the model's units."""
-        from glbench.tasks.resolve import resolved_initial_state
-
-        return resolved_initial_state(self)
-
-    def capacities(self) -> tuple[Capacity, ...]:
-        """What each of the six controls delivers at 1, with its unit."""
-        return capacities(self.parameters_by_name())
+    # What the agent sees.
 
     def observed(self) -> tuple[Quantity, ...]:
         """Columns of the observation, in order, with units and finite bounds.
@@ -206,46 +350,350 @@ class TaskSpec(Table):
         Raises
         ------
         TaskError
-            When two modules show a quantity of the same name.
+            When there is no such module, or two modules show a quantity of the same name.
         """
-        from glbench.tasks.resolve import resolved_observation
+        columns: dict[str, Quantity] = {}
+        for module in self.observation.modules:
+            for quantity in self.observed_by(module):
+                if quantity.name in columns:
+                    msg = f"{self.source}: [observation] '{quantity.name}' of '{module}' is shown by another module already."
+                    raise TaskError(msg)
+                columns[quantity.name] = quantity
+        return tuple(columns.values())
 
-        return resolved_observation(self)
+    def observed_by(self, module: str) -> tuple[Quantity, ...]:
+        """Columns of one observation module: one that every model has or somebody registered, or the model's own.
+
+        Raises
+        ------
+        TaskError
+            When neither the vocabulary nor the model has it.
+        """
+        context, model = self.observation_context(), self.model_value
+        own = model.observed(module, context.horizon) if self.schema_version > 1 else None
+        if own is not None:
+            return tuple(Quantity(seen.name, seen.unit, seen.low, seen.high, seen.meaning) for seen in own)
+        columns = OBSERVATION_MODULES[module].quantities(context) if module in OBSERVATION_MODULES else ()
+        if not columns:
+            known = [entry.name for entry in OBSERVATION_MODULES if entry.quantities(context)]
+            near = did_you_mean(module, [*known, *model.observation_modules])
+            msg = f"{self.source}: [observation] {model.id} has no observation module '{module}'.{near}"
+            raise TaskError(msg)
+        return columns
 
     def observation_context(self) -> ObservationContext:
         """What the columns of observation modules may depend on."""
         return ObservationContext(
-            self.steps, self.step_seconds, self.observation.forecast_steps, self.parameters_by_name()
+            self.steps,
+            self.step_seconds,
+            self.observation.forecast_steps,
+            self.parameters_by_name(),
+            self.model_value,
         )
 
+    # What a step earns and costs.
+
+    @cached_property
+    def price_tables(self) -> Mapping[str, PriceTable]:
+        """Prices that change with the calendar, by name."""
+        if isinstance(self.file, TaskFile1):
+            return MappingProxyType({})
+        return MappingProxyType({name: table.value() for name, table in self.file.price_tables.items()})
+
+    @cached_property
+    def ledger(self) -> Ledger:
+        """What a control step earns and pays.
+
+        Raises
+        ------
+        TaskError
+            When an item prices what the model does not have, or in a unit that does not fit; it names file and table.
+        """
+        if isinstance(self.file, TaskFile1):
+            return paper_v1(self.file.prices)
+        items = []
+        for name, table in self.file.ledger.items():
+            with self._asked_by(f"ledger.{name}"):
+                items.append(self._item(name, table))
+        ledger = Ledger(tuple(items))
+        with self._asked_by("ledger"):
+            _check_columns(ledger, self.constraints)
+        return ledger
+
+    def _item(self, name: str, table: ItemTable) -> LedgerItem:
+        from glbench.model.units import parse_unit
+
+        kind, source = ("flow", table.flow) if table.flow is not None else ("stock", table.stock)
+        known: dict[str, Any] = {entry.name: entry for entry in getattr(self.model_value, f"{kind}s")()}
+        if source is None or source not in known:
+            msg = f"{self.model_id} has no {kind} '{source}'.{did_you_mean(str(source), known)}"
+            raise UnknownNameError(msg)
+        entry = known[source]
+        amount, unit = table.amount or (source if kind == "flow" else f"{source}_gained"), entry.unit
+        amount_unit = table.unit or unit
+        price_unit = table.price_unit
+        if isinstance(table.price, str):
+            tables = self.price_tables
+            if table.price not in tables:
+                msg = f"There is no price table '{table.price}'.{did_you_mean(table.price, tables)} Add [price_tables.{table.price}]."
+                raise UnknownNameError(msg)
+            price_unit = tables[table.price].unit
+        if _product(parse_unit(str(price_unit)), parse_unit(amount_unit)) != parse_unit(MONEY):
+            msg = f"A price in {price_unit} times an amount in {amount_unit} is not in {MONEY}. Correct the unit of one of them."
+            raise ParameterError(msg)
+        if table.factor == 1.0 and parse_unit(amount_unit) != parse_unit(unit):
+            msg = f"'{source}' is in {unit}, the amount in {amount_unit}: give the factor between them."
+            raise ParameterError(msg)
+        return LedgerItem(
+            name, source, amount, amount_unit, table.factor, table.price, 1 if table.side == "earned" else -1,
+            label=table.label or entry.label, valued=FLOW if kind == "flow" else STOCK, amount_meaning=entry.meaning,
+        )  # fmt: skip
+
+    @cached_property
+    def quantities(self) -> tuple[StepQuantity, ...]:
+        """Every quantity of a control step: reward, profit, money, penalty, amounts, violations, hours outside the limits."""
+        return step_quantities(self.ledger, (name for name, _ in self.constraints.items()))
+
+    # What a run draws.
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """What a run draws: season, first day, start state, parameters.
+
+        Raises
+        ------
+        TaskError
+            When a parameter, a set or a state is unknown; it names file and table.
+        """
+        weather = self.weather
+        if isinstance(self.file, TaskFile1):
+            table = self.file.uncertainty
+            names = self._drawn(table.parameters, "uncertainty")
+            group = ParameterGroup("uncertainty", names, table.distribution, table.half_width, table.redraw)
+            return Scenario(self.id, "", (group,), (), (Season(weather.source, weather.start),), legacy=True)
+        scenario = self.file.scenario
+        groups = tuple(
+            ParameterGroup(
+                group.name or f"parameters {place}", self._drawn(group.parameters, "scenario.parameters"), group.distribution,
+                group.half_width, group.redraw,
+            )
+            for place, group in enumerate(scenario.parameters)
+        )  # fmt: skip
+        with self._asked_by("scenario.start"):
+            starts = []
+            for place, start in enumerate(scenario.start):
+                for name in start.states:
+                    self.model_value.state_index(name)
+                starts.append(
+                    StartGroup(start.name or f"start {place}", start.states, start.distribution, start.half_width)
+                )
+        drawn = [name for one in groups for name in one.parameters]
+        for name in drawn:
+            if drawn.count(name) > 1:
+                msg = f"{self.source}: [scenario.parameters] '{name}' is in two groups. Keep it in one."
+                raise TaskError(msg)
+        with self._asked_by("scenario"):
+            seasons = [Season(entry.source or weather.source, entry.start) for entry in scenario.seasons]
+            seasons += [Season(weather.source, _in_year(weather.start, year)) for year in scenario.years]
+        return Scenario(
+            scenario.family, scenario.salt, groups, tuple(starts),
+            tuple(seasons) or (Season(weather.source, weather.start),), scenario.start_within_days,
+        )  # fmt: skip
+
+    # The digest.
+
     def definition(self) -> dict[str, Any]:
-        """The definition without prose, as plain JSON values: the part of the digest that comes from the file."""
-        plain: dict[str, Any] = self.model_dump(mode="json", by_alias=True, exclude=set(PROSE))
-        if self.evaluation.time_limits is None:
-            del plain["evaluation"]["time_limits"]  # a task that says nothing about time has the digest it always had
-        plain["model"]["overrides"] = {name: [value, unit] for name, value, unit in self.model.overrides}
+        """What the file says without prose, as plain JSON values: the part of the digest that comes from the file."""
+        options: dict[str, Any] = {"mode": "json", "by_alias": True, "exclude": set(PROSE)}
+        if self.schema_version > 1:
+            plain = self.file.model_dump(**options, exclude_defaults=True)
+            plain["schema"] = self.schema_version
+        else:
+            whole = self.file.model_dump(**options)
+            plain = {
+                table: {key: whole[table][key] for key in keys} if keys else whole[table]
+                for table, keys in SCHEMA_1.items()
+            }
+            if (
+                self.evaluation.time_limits is not None
+            ):  # a task that says nothing about time has the digest it always had
+                plain["evaluation"]["time_limits"] = whole["evaluation"]["time_limits"]
+        if self.schema_version == 1 or self.model.overrides:
+            plain["model"]["overrides"] = {name: [value, unit] for name, value, unit in self.model.overrides}
         return plain
 
     def fingerprint(self) -> Fingerprint:
-        """The digest and the parts it is made of, remembered."""
-        from glbench.tasks.digest import fingerprint
+        """The digest and the parts it is made of, remembered; needs the model and the weather.
 
-        return fingerprint(self)
+        It is the SHA-256 of canonical JSON (RFC 8785) over: the definition without prose, the resolved parameters, the state at the
+        start, the names, units and bounds of the observed columns, the weather, and the model's equations; for schema 2 over the ledger
+        and the names of drawn parameters as well. Each part also has a digest of its own, so that a mismatch can be blamed on the right
+        one. Computed numbers enter with nine significant digits, because the last bit of ``exp`` may differ between machines.
+
+        It does not cover the code that computes a step from these: draws, accounts, reward, and for schema 1 the weather between the
+        hours. What that code gives for the published tasks is in ``tasks/behaviour.toml`` (``glbench.env.behaviour``).
+
+        Raises
+        ------
+        TaskError
+            When the task asks for what does not exist.
+        """
+        return self._fingerprint
+
+    @cached_property
+    def _fingerprint(self) -> Fingerprint:
+        model = self.model_value
+        for name in self.actuation.controls:
+            with self._asked_by("actuation"):
+                if name not in model.control_names:
+                    msg = f"There is no control called '{name}'.{did_you_mean(name, model.control_names)}"
+                    raise UnknownNameError(msg)
+        scenario, ledger = self.scenario, self.ledger  # what is unknown is an error before anything is recorded
+        if model.air is None and self.constraints.items():
+            msg = f"{self.source}: [constraints] {model.id} has no air whose climate could be limited. Leave the table out."
+            raise TaskError(msg)
+        parts: dict[str, Any] = {
+            "definition": self.definition(),
+            "parameters": {name: _rounded(value) for name, value in self.parameters_by_name().items()},
+            "start": [_rounded(value) for value in self.initial_state().tolist()],
+            "observation": [[q.name, q.unit, _rounded(q.low), _rounded(q.high)] for q in self.observed()],
+            "weather": self.disturbances(self.observation.forecast_steps).digest,
+            "model": {"version": model.version, "variant": model.variant, "digest": model.digest},
+        }
+        if self.schema_version > 1:
+            parts["start"] = dict(zip(model.state_names, parts["start"], strict=True))
+            parts["weather"] = [self._season_digest(season) for season in scenario.seasons]
+            parts["model"]["id"] = model.id
+            parts["ledger"] = [
+                [item.name, item.flow, item.amount, item.amount_unit, item.factor, item.price, item.sign, item.valued]
+                for item in ledger.items
+            ]  # fmt: skip
+            parts["draws"] = [[g.name, list(g.parameters)] for g in scenario.groups]
+        named = {name: canonical_sha256(part) for name, part in parts.items() if name in Fingerprint.PARTS}
+        return Fingerprint(digest=canonical_sha256(parts), **named, model_version=model.version)
+
+    def _season_digest(self, season: Season) -> list[str]:
+        rows = self.season(season, self.observation.forecast_steps)
+        calendar = np.column_stack([rows.values, rows.hour_of_day, rows.day_of_year])
+        steps = np.rint(calendar * _GRID).astype("<i8")
+        return [season.source, season.start.isoformat(), hashlib.sha256(steps.tobytes()).hexdigest()]
 
     @property
     def digest(self) -> str:
-        """SHA-256 [hex] over definition, parameters, observed columns, weather and model; see docs/tasks.md."""
+        """SHA-256 [hex] over definition, parameters, start, observed columns, weather and model; see docs/tasks.md."""
         return self.fingerprint().digest
 
     @property
     def locked(self) -> bool:
         """Whether this very task is published: its id stands in tasks/lock.toml with this digest."""
-        from glbench.tasks.lock import read_lock
-
         entry = read_lock().get(self.id)
         return entry is not None and entry.digest == self.digest
+
+    @contextmanager
+    def _asked_by(self, table: str) -> Iterator[None]:
+        """Name the task's file and ``table`` in whatever goes wrong inside."""
+        try:
+            yield
+        except TaskError:
+            raise
+        except GlbenchError as error:
+            msg = f"{self.source}: [{table}] {error}"
+            raise TaskError(msg) from error
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash(self.file.model_dump_json())
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (isinstance(other, TaskSpec) and self.file == other.file)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        msg = f"A task is frozen: make another one with model_copy(update={{'{name}': ...}})."
+        raise FrozenInstanceError(msg)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return TaskSpec, (self.file, self.source, self.base, self.changes)
 
     def __repr__(self) -> str:
         return f"<TaskSpec {self.id}>"
 
-    __str__ = __repr__
+
+def file_of(content: Mapping[str, Any]) -> TaskFile1 | TaskFile2:
+    """The tables of a task file as records, in the schema that they name.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        When they define no task.
+    """
+    file = schema_of(content).model_validate(content)
+    if isinstance(file, TaskFile2):
+        file._written = content
+    return file
+
+
+def schema_of(content: Mapping[str, Any]) -> type[TaskFile1] | type[TaskFile2]:
+    """The record that describes the tables of a task file."""
+    return TaskFile2 if content.get("schema") == 2 and not isinstance(content["schema"], bool) else TaskFile1
+
+
+@lru_cache(maxsize=16)
+def _record(source: str) -> WeatherRecord:
+    from glbench.weather import load_weather
+
+    return load_weather(source)
+
+
+@lru_cache(maxsize=32)
+def _disturbances(table: WeatherTable, rows: int) -> Disturbances:
+    from glbench.weather import disturbances
+
+    return disturbances(
+        _record(table.source),
+        start=table.start,
+        steps=rows,
+        step_seconds=float(table.step_seconds),
+        preprocessing=table.preprocessing,
+        co2_ppm=table.co2_ppm,
+    )
+
+
+def _check_columns(ledger: Ledger, constraints: OfTheAir) -> None:
+    """Refuse two quantities of a step with one name."""
+    by_amount: dict[str, tuple[str, float]] = {}
+    for item in ledger.items:
+        source = (item.flow, item.factor)
+        if by_amount.setdefault(item.amount, source) != source:
+            msg = f"The amount '{item.amount}' is two things. Give one of them another name: amount = ..."
+            raise UnknownNameError(msg)
+    names = [quantity.name for quantity in step_quantities(ledger, (name for name, _ in constraints.items()))]
+    for name in names:
+        if names.count(name) > 1:
+            msg = f"'{name}' is the name of two columns. Give one of them another name."
+            raise UnknownNameError(msg)
+
+
+def _in_year(day: dt.date, year: int) -> dt.date:
+    try:
+        return day.replace(year=year)
+    except ValueError:
+        msg = f"{year} has no 29 February: start on another day."
+        raise UnknownNameError(msg) from None
+
+
+def _product(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
+    """Exponents of the product of two units."""
+    summed = {symbol: one.get(symbol, 0) + other.get(symbol, 0) for symbol in {*one, *other}}
+    return {symbol: exponent for symbol, exponent in summed.items() if exponent}
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+def _read_only(array: FloatArray) -> FloatArray:
+    array.setflags(write=False)
+    return array

@@ -7,15 +7,19 @@ Keys carry their unit in their name (``step_seconds``), are plain fractions, or 
 from __future__ import annotations
 
 import datetime as dt
+import re
+import unicodedata
+from calendar import monthrange
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
 from glbench.errors import did_you_mean
 from glbench.tasks import vocabulary as words
 from glbench.tasks.bases import as_written
-from glbench.tasks.quantities import CONTROLS, LIMITED
+from glbench.tasks.ledger import LIMITED, PriceTable
 
 SECONDS_A_DAY = 86400
 
@@ -56,15 +60,15 @@ def one_of(known: words.Registry[Any]) -> BeforeValidator:
     return BeforeValidator(word)
 
 
-def list_of(kind: str, known: Callable[[], tuple[str, ...]]) -> BeforeValidator:
-    """Accept a list of different names out of ``known()``, at least one."""
+def list_of(kind: str, example: str, known: Callable[[], tuple[str, ...]] | None = None) -> BeforeValidator:
+    """Accept a list of different names, at least one; out of ``known()`` if that is given."""
 
     def names(given: object) -> tuple[str, ...]:
         if not isinstance(given, list | tuple) or not given or not all(isinstance(name, str) for name in given):
-            msg = f'It must be a list of names of {kind}s, such as ["{known()[0]}"].'
+            msg = f'It must be a list of names of {kind}s, such as ["{example}"].'
             raise ValueError(msg)
         for name in given:
-            if name not in known():
+            if known is not None and name not in known():
                 msg = f"There is no {kind} called '{name}'.{did_you_mean(name, known())}"
                 raise ValueError(msg)
             if given.count(name) > 1:
@@ -180,14 +184,15 @@ class ObservationTable(Table):
     """``[observation]``: what an agent sees, and of which moment."""
 
     modules: Annotated[
-        tuple[str, ...], list_of(words.OBSERVATION_MODULES.kind, lambda: words.OBSERVATION_MODULES.names)
+        tuple[str, ...], list_of(words.OBSERVATION_MODULES.kind, "time", lambda: words.OBSERVATION_MODULES.names)
     ] = Field(description="a list of observation modules")
     timing: Literal["current", "published"] = Field(description='"current" or "published"')
     forecast: ForecastTable | None = None
 
     @model_validator(mode="after")
     def _forecast_is_granted_and_shown(self) -> Self:
-        shown = [name for name in self.modules if words.OBSERVATION_MODULES[name].is_forecast]
+        known = words.OBSERVATION_MODULES
+        shown = [name for name in self.modules if name in known and known[name].is_forecast]
         if shown and self.forecast is None:
             msg = f"'{shown[0]}' is among the modules, so say how far it looks: add [observation.forecast] with steps = 48."
             raise ValueError(msg)
@@ -207,7 +212,7 @@ class ActuationTable(Table):
 
     kind: Annotated[str, one_of(words.ACTUATION_KINDS)] = Field(description="a kind of actuation")
     max_change: float = Field(gt=0.0, le=1.0, description="the largest change of a control in a step, above 0, up to 1")
-    controls: Annotated[tuple[str, ...], list_of("control", lambda: CONTROLS)] = Field(description="a list of controls")
+    controls: Annotated[tuple[str, ...], list_of("control", "uVent")] = Field(description="a list of controls")
 
 
 class Limits(Table):
@@ -235,16 +240,21 @@ def _limits_in(unit: str) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-class ConstraintsTable(Table):
+class OfTheAir(Table):
+    """A table with an entry for limited quantities of the air."""
+
+    def items(self) -> tuple[tuple[str, Any], ...]:
+        """Names and entries that are there: air temperature, CO2, relative humidity."""
+        entries = ((name, getattr(self, name)) for name in LIMITED)
+        return tuple((name, entry) for name, entry in entries if entry is not None)
+
+
+class ConstraintsTable(OfTheAir):
     """``[constraints]``: the climate to stay within, checked after every step."""
 
     air_temperature: Annotated[Limits, _limits_in(LIMITED["air_temperature"])]
     co2: Annotated[Limits, _limits_in(LIMITED["co2"])]
     relative_humidity: Annotated[Limits, _limits_in(LIMITED["relative_humidity"])]
-
-    def items(self) -> tuple[tuple[str, Limits], ...]:
-        """Names and limits, in the order of the file's definition: air temperature, CO2, relative humidity."""
-        return tuple((name, getattr(self, name)) for name in LIMITED)
 
 
 class PricesTable(Table):
@@ -261,24 +271,20 @@ class PricesTable(Table):
     )
 
 
-class PenaltyScale(Table):
+class PenaltyScale(OfTheAir):
     """Violation that costs 1 per step, for each constraint."""
 
     air_temperature: Annotated[float, in_unit(LIMITED["air_temperature"])] = Field(gt=0.0, description="above 0 degC")
     co2: Annotated[float, in_unit(LIMITED["co2"])] = Field(gt=0.0, description="above 0 ppm")
     relative_humidity: Annotated[float, in_unit(LIMITED["relative_humidity"])] = Field(gt=0.0, description="above 0 %")
 
-    def items(self) -> tuple[tuple[str, float], ...]:
-        """Names and scales, in the order of the constraints."""
-        return tuple((name, getattr(self, name)) for name in LIMITED)
-
 
 class RewardTable(Table):
     """``[reward]``: the sum of these modules is the reward of a step."""
 
-    modules: Annotated[tuple[str, ...], list_of(words.REWARD_MODULES.kind, lambda: words.REWARD_MODULES.names)] = Field(
-        description="a list of reward modules"
-    )
+    modules: Annotated[
+        tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", lambda: words.REWARD_MODULES.names)
+    ] = Field(description="a list of reward modules")
     penalty_scale: PenaltyScale
 
 
@@ -298,12 +304,16 @@ class TimeLimitsTable(Table):
     run: Annotated[float, in_unit("s")] = Field(gt=0.0, description="above 0 s")
 
 
+def _profit_is_epi(given: object) -> object:
+    return "epi" if given == "profit" else given
+
+
 class EvaluationTable(Table):
     """``[evaluation]``: the seeds of the evaluation and the number that ranks."""
 
     first_seed: int = Field(ge=0, lt=2**32, description="a whole number, 0 or more")
     runs: int = Field(ge=1, le=10000, description="a whole number, 1 to 10000")
-    metric: Annotated[str, one_of(words.METRICS)] = Field(description="a metric")
+    metric: Annotated[str, one_of(words.METRICS), BeforeValidator(_profit_is_epi)] = Field(description="a metric")
     failed_step: FailedStep
     time_limits: TimeLimitsTable | None = None
 
@@ -311,3 +321,321 @@ class EvaluationTable(Table):
     def seeds(self) -> range:
         """Seeds of the evaluation runs."""
         return range(self.first_seed, self.first_seed + self.runs)
+
+
+def _text(given: object) -> object:
+    """Text for people, which stands in terminals and on pages: without characters that steer them."""
+    strange = next((letter for letter in given if not _can_be_shown(letter)), None) if isinstance(given, str) else None
+    if strange is not None:
+        msg = f"It holds the character U+{ord(strange):04X}, which cannot be shown. Take it out."
+        raise ValueError(msg)
+    return given
+
+
+def _can_be_shown(letter: str) -> bool:
+    return letter.isprintable() or letter in "\n\t" or unicodedata.category(letter) == "Zs"
+
+
+def _one_line(given: object) -> object:
+    if isinstance(given, str) and len(given.splitlines()) > 1:
+        msg = "It must be one line."
+        raise ValueError(msg)
+    return _text(given)
+
+
+def _suite_names(given: object) -> tuple[str, ...]:
+    if not isinstance(given, list | tuple) or not all(isinstance(name, str) and name for name in given):
+        msg = 'It must be a list of names, such as ["paper"].'
+        raise ValueError(msg)
+    return tuple(str(_one_line(name)) for name in given)
+
+
+class TaskFile(Table):
+    """What a task file says, as pure data. The tables of the file are fields of the same name; ``[initial_state]`` is ``initial``."""
+
+    id: str = Field(
+        pattern=r"^[A-Za-z0-9_-]+/[A-Za-z0-9_.-]+-v[1-9][0-9]*$",
+        description='an id in quotes with a namespace and a version, such as "mylab/Winter2011-v1"',
+    )
+    title: Annotated[str, BeforeValidator(_one_line)] = Field(min_length=1, description="a title in quotes")
+    description: Annotated[str, BeforeValidator(_text)] = Field(default="", description="text in quotes")
+    suites: Annotated[tuple[str, ...], BeforeValidator(_suite_names)] = Field(default=(), description="a list of names")
+    weather: WeatherTable
+    actuation: ActuationTable
+    evaluation: EvaluationTable
+
+
+class TaskFile1(TaskFile):
+    """Schema 1: the tomato greenhouse of the paper, one season, prices of four things."""
+
+    schema_version: Literal[1] = Field(alias="schema", description="1 or 2")
+    model: ModelTable
+    initial: InitialStateTable = Field(alias="initial_state")
+    uncertainty: UncertaintyTable
+    observation: ObservationTable
+    constraints: ConstraintsTable
+    prices: PricesTable
+    reward: RewardTable
+
+
+# Schema 2: any model, a ledger, a scenario. Everything with a default may be left out; what is left out stays out of the digest.
+
+
+class PinnedModelTable(ModelTable):
+    """``[model]``: which model, by name and version, its parameters, and single parameters that differ from the set."""
+
+    id: str = Field(min_length=1, description='the id of a model in quotes, such as "greenlight-tomato-1.0.0"')
+    variant: str = Field(default="author", min_length=1, description="a variant of the model, in quotes")
+    parameters: str = Field(default="benchmark", min_length=1, description='a parameter set, such as "benchmark"')
+
+
+class AnyInitialStateTable(InitialStateTable):
+    """``[initial_state]``: one of the model's starts."""
+
+    kind: str = Field(min_length=1, description="the name of a start in quotes")
+
+
+class AnyObservationTable(ObservationTable):
+    """``[observation]``: modules that every model has, and the model's own."""
+
+    modules: Annotated[tuple[str, ...], list_of(words.OBSERVATION_MODULES.kind, "time")] = Field(
+        description="a list of observation modules"
+    )
+
+
+class SomeConstraintsTable(OfTheAir):
+    """``[constraints]``: some limits of the air, or none."""
+
+    air_temperature: Annotated[Limits | None, _limits_in(LIMITED["air_temperature"])] = None
+    co2: Annotated[Limits | None, _limits_in(LIMITED["co2"])] = None
+    relative_humidity: Annotated[Limits | None, _limits_in(LIMITED["relative_humidity"])] = None
+
+
+class SomePenaltyScales(OfTheAir):
+    """Violation that costs 1 per step, for each constraint."""
+
+    air_temperature: Annotated[float | None, in_unit(LIMITED["air_temperature"])] = Field(
+        default=None, gt=0.0, description="above 0 degC"
+    )
+    co2: Annotated[float | None, in_unit(LIMITED["co2"])] = Field(default=None, gt=0.0, description="above 0 ppm")
+    relative_humidity: Annotated[float | None, in_unit(LIMITED["relative_humidity"])] = Field(
+        default=None, gt=0.0, description="above 0 %"
+    )
+
+
+class ProfitScale(Limits):
+    """The profit of a step that counts as 0 and that which counts as 1 in ``scaled_epi``."""
+
+
+class AnyRewardTable(Table):
+    """``[reward]``: the sum of these modules is the reward of a step."""
+
+    modules: Annotated[
+        tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", lambda: words.REWARD_MODULES.names)
+    ] = Field(description="a list of reward modules")
+    penalty_scale: SomePenaltyScales = SomePenaltyScales()
+    epi_scale: Annotated[ProfitScale | None, _limits_in("EUR m-2")] = None
+
+
+class ItemTable(Table):
+    """``[ledger.<column>]``: what is earned or paid, and at which price."""
+
+    side: Literal["earned", "paid"] = Field(description='"earned" or "paid"')
+    flow: str | None = Field(default=None, min_length=1, description="the name of a flow of the model, in quotes")
+    stock: str | None = Field(default=None, min_length=1, description="the name of a stock of the model, in quotes")
+    price: float | str = Field(description='{ value = 0.09, unit = "EUR kWh-1" }, or the name of a price table')
+    price_unit: str | None = Field(default=None, exclude=True)
+    amount: str | None = Field(default=None, min_length=1, description="the name of the amount's column, in quotes")
+    unit: str | None = Field(default=None, description='the unit of the amount in quotes, such as "kg m-2"')
+    factor: float = Field(default=1.0, gt=0.0, description="from the unit of the flow to that of the amount, above 0")
+    label: str = Field(default="", description="a heading in quotes")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _price_with_unit(cls, given: object) -> object:
+        if not isinstance(given, Mapping) or isinstance(given.get("price"), str) or "price" not in given:
+            return given
+        price = given["price"]
+        if not isinstance(price, Mapping) or set(price) != {"value", "unit"} or not isinstance(price["unit"], str):
+            msg = 'Write the price with its unit, price = { value = 0.09, unit = "EUR kWh-1" }, or name a price table.'
+            raise ValueError(msg)
+        return {**given, "price": price["value"], "price_unit": price["unit"]}
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.flow is None) == (self.stock is None):
+            msg = 'It must name either a flow or a stock: flow = "heat", or stock = "fruit".'
+            raise ValueError(msg)
+        if self.factor != 1.0 and (self.amount is None or self.unit is None):
+            msg = (
+                "With a factor the amount is another one than the flow: name it, and its unit: amount = ..., unit = ..."
+            )
+            raise ValueError(msg)
+        return self
+
+
+class SeriesPoint(Table):
+    """A price from a moment on."""
+
+    time: dt.datetime = Field(description="a moment")
+    price: float = Field(description="a number")
+
+
+_DAY = re.compile(r"(\d\d)-(\d\d)")
+
+
+class PriceTableTable(Table):
+    """``[price_tables.<name>]``: a price that changes with the calendar, in one of three ways."""
+
+    unit: str = Field(min_length=1, description='the unit in quotes, such as "EUR kWh-1"')
+    hourly: tuple[float, ...] | None = Field(default=None, description="24 numbers, one an hour")
+    from_day: dict[str, float] | None = Field(default=None, description='prices by day, such as { "01-15" = 3.5 }')
+    series: tuple[SeriesPoint, ...] | None = Field(default=None, description="a list of { time = ..., price = ... }")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _lists(cls, given: object) -> object:
+        if isinstance(given, Mapping):
+            return {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
+        return given
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if sum(way is not None for way in (self.hourly, self.from_day, self.series)) != 1:
+            msg = "It must have exactly one of hourly (24 prices), from_day (prices by day) and series (or file)."
+            raise ValueError(msg)
+        if self.hourly is not None and len(self.hourly) != 24:
+            msg = f"hourly must have 24 prices, one an hour; it has {len(self.hourly)}."
+            raise ValueError(msg)
+        for day in self.from_day or ():
+            _month_and_day(day)
+        if self.from_day is not None and not self.from_day:
+            msg = 'from_day must have a price: from_day = { "01-15" = 3.5 }.'
+            raise ValueError(msg)
+        if self.series is not None:
+            moments = [point.time for point in self.series]
+            if not moments or any(later <= earlier for earlier, later in pairwise(moments)):
+                msg = "series must have moments, each later than the one before."
+                raise ValueError(msg)
+        return self
+
+    def value(self) -> PriceTable:
+        """The prices."""
+        return PriceTable(
+            self.unit,
+            self.hourly or (),
+            tuple((*_month_and_day(day), price) for day, price in sorted((self.from_day or {}).items())),
+            tuple((_utc(point.time), point.price) for point in self.series or ()),
+        )
+
+
+def _utc(moment: dt.datetime) -> dt.datetime:
+    return moment if moment.tzinfo is None else moment.astimezone(dt.UTC)
+
+
+def _month_and_day(text: str) -> tuple[int, int]:
+    found = _DAY.fullmatch(text)
+    month, day = (int(found[1]), int(found[2])) if found else (0, 0)
+    if not 1 <= month <= 12 or not 1 <= day <= monthrange(2000, month)[1]:
+        msg = f"'{text}' is no day of the year. Write month and day with two digits each, such as \"01-15\"."
+        raise ValueError(msg)
+    return month, day
+
+
+class SeasonTable(Table):
+    """A season that a run may be in."""
+
+    start: dt.date = Field(
+        ge=dt.date(1900, 1, 1), lt=dt.date(2200, 1, 1), description="a first day, such as 2010-03-01"
+    )
+    source: str | None = Field(
+        default=None, min_length=1, description="a weather record, in quotes; that of [weather] if none is named"
+    )
+
+
+class DrawTable(Table):
+    """What parameters and start states that are drawn have in common."""
+
+    name: str = Field(default="", description="a name in quotes")
+    distribution: Annotated[str, one_of(words.DISTRIBUTIONS)] = Field(default="uniform", description="a distribution")
+    half_width: float = Field(ge=0.0, lt=1.0, description="a fraction from 0 to below 1, such as 0.10 for 10 %")
+
+
+class ParameterGroupTable(DrawTable):
+    """``[[scenario.parameters]]``: parameters that are drawn."""
+
+    parameters: Annotated[str | tuple[str, ...], BeforeValidator(_set_or_list)] = Field(
+        description="a parameter set or a list of parameters"
+    )
+    redraw: Literal["step", "day", "episode"] = Field(description='"step", "day" or "episode"')
+
+
+class StartGroupTable(DrawTable):
+    """``[[scenario.start]]``: states that are multiplied by a factor at the start of a run."""
+
+    states: Annotated[tuple[str, ...], list_of("state", "cFruit")] = Field(description="a list of states")
+
+
+def _listed(given: object) -> object:
+    return tuple(given) if isinstance(given, list) else given
+
+
+class ScenarioTable(Table):
+    """``[scenario]``: what a run draws. Tasks of one family and salt share their random numbers."""
+
+    family: Annotated[str, BeforeValidator(_one_line)] = Field(min_length=1, description="a name in quotes")
+    salt: Annotated[str, BeforeValidator(_one_line)] = Field(default="", description="text in quotes")
+    seasons: Annotated[tuple[SeasonTable, ...], BeforeValidator(_listed)] = Field(
+        default=(), description='a list of { start = 2010-03-01, source = "schiphol" }'
+    )
+    years: Annotated[tuple[int, ...], BeforeValidator(_listed)] = Field(default=(), description="a list of years")
+    start_within_days: int = Field(default=0, ge=0, le=366, description="a whole number of days, 0 to 366")
+    parameters: Annotated[tuple[ParameterGroupTable, ...], BeforeValidator(_listed)] = Field(
+        default=(), description="tables [[scenario.parameters]]"
+    )
+    start: Annotated[tuple[StartGroupTable, ...], BeforeValidator(_listed)] = Field(
+        default=(), description="tables [[scenario.start]]"
+    )
+
+    @model_validator(mode="after")
+    def _one_list_of_seasons(self) -> Self:
+        if self.seasons and self.years:
+            msg = (
+                "It has both seasons and years: years are seasons that start on the day of [weather]. Keep one of them."
+            )
+            raise ValueError(msg)
+        if len(set(self.years)) < len(self.years) or not all(1900 <= year < 2200 for year in self.years):
+            msg = "years must be different years, from 1900 to 2199."
+            raise ValueError(msg)
+        for groups in (self.parameters, self.start):
+            names = [group.name or str(place) for place, group in enumerate(groups)]
+            if len(set(names)) < len(names):
+                msg = "Two groups have the same name: a stream of random numbers is called after it."
+                raise ValueError(msg)
+        return self
+
+
+class TaskFile2(TaskFile):
+    """Schema 2: any model, a ledger, a scenario for every run."""
+
+    schema_version: Literal[2] = Field(alias="schema", description="1 or 2")
+    model: PinnedModelTable
+    initial: AnyInitialStateTable = Field(alias="initial_state")
+    observation: AnyObservationTable
+    constraints: SomeConstraintsTable = SomeConstraintsTable()
+    ledger: dict[str, ItemTable] = Field(default={}, description="tables [ledger.<column>]")
+    price_tables: dict[str, PriceTableTable] = Field(default={}, description="tables [price_tables.<name>]")
+    scenario: ScenarioTable
+    reward: AnyRewardTable
+
+    _written: Mapping[str, Any] | None = PrivateAttr(default=None)
+
+    @model_validator(mode="after")
+    def _penalties_have_scales(self) -> Self:
+        scales = dict(self.reward.penalty_scale.items())
+        for name, limits in self.constraints.items():
+            if name not in scales:
+                line = f'{name} = {{ value = ..., unit = "{limits.unit}" }}'
+                msg = f"[constraints.{name}] needs the violation that costs 1 a step: add {line} to [reward.penalty_scale]."
+                raise ValueError(msg)
+        return self

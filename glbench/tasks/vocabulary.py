@@ -111,16 +111,8 @@ class ActuationKind(Word):
 class InitialState(Word):
     """What stands in the greenhouse at the start."""
 
-    state: Callable[[NDArray[np.float64], float, NDArray[np.float64]], NDArray[np.float64]]
-    """State (28,) from the first row of weather (10,), the air temperature [degC] and the parameters (208,)."""
-
-
-def _mature_crop(
-    weather: NDArray[np.float64], air_temperature: float, parameters: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    from glbench.model import initial_state  # not at the top: task files are read without the model
-
-    return initial_state(weather, air_temperature=air_temperature, parameters=parameters)
+    state: Callable[[NDArray[np.float64], float, NDArray[np.float64]], NDArray[np.float64]] | None = None
+    """The state from the first row of weather, the air temperature [degC] and the parameters; ``None``: the model's start of that name."""
 
 
 OBSERVATION_MODULES: Registry[ObservationModule] = Registry("observation module")
@@ -133,8 +125,10 @@ PREPROCESSINGS: Registry[Word] = Registry("preprocessing")
 MODEL_VARIANTS: Registry[Word] = Registry("model variant")
 
 for _module in (
-    ObservationModule("indoor_climate", "air temperature, CO2, humidity; pipe temperature", tables.indoor_climate),
-    ObservationModule("crop", "fruit mass, 24-hour mean temperature, temperature sum", tables.crop),
+    ObservationModule(
+        "indoor_climate", "air temperature, CO2, humidity; pipe temperature", tables.of_model("indoor_climate")
+    ),
+    ObservationModule("crop", "fruit mass, 24-hour mean temperature, temperature sum", tables.of_model("crop")),
     ObservationModule("time", "hour of day and day of year, each as sine and cosine", tables.time),
     ObservationModule("controls", "the controls in force, in physical units", tables.controls),
     ObservationModule("weather", "the five measured weather quantities", tables.weather),
@@ -142,8 +136,12 @@ for _module in (
     ObservationModule("step_counter", "number of steps taken", tables.step_counter),
     ObservationModule("forecast", "the weather of the next steps, without error", tables.forecast, is_forecast=True),
     # The groups and units of the published code, so that a task can show its 263 columns (docs/tasks.md).
-    ObservationModule("published_indoor_climate", "as indoor_climate, CO2 first", tables.published_indoor_climate),
-    ObservationModule("published_crop", "as crop, temperature first, fruit in mg m-2", tables.published_crop),
+    ObservationModule(
+        "published_indoor_climate", "as indoor_climate, CO2 first", tables.of_model("published_indoor_climate")
+    ),
+    ObservationModule(
+        "published_crop", "as crop, temperature first, fruit in mg m-2", tables.of_model("published_crop")
+    ),
     ObservationModule("control_fractions", "the controls in force, as fractions of capacity", tables.control_fractions),
     ObservationModule("published_time", "as time, day of year first", tables.published_time),
     ObservationModule(
@@ -169,9 +167,7 @@ for _kind in (
     ACTUATION_KINDS.add(_kind)
 
 INITIAL_STATES.add(
-    InitialState(
-        "mature_crop", "a bearing crop of leaf area index 2.5; all layers at the given air temperature", _mature_crop
-    )
+    InitialState("mature_crop", "a bearing crop of leaf area index 2.5; all layers at the given air temperature")
 )
 
 for _words, _entries in (
@@ -199,7 +195,13 @@ for _words, _entries in (
             "gl_gym2": "the equations as the published benchmark code has them",
         },
     ),
-    (METRICS, {"reward": "sum of the reward over the horizon, averaged over the evaluation runs"}),
+    (
+        METRICS,
+        {
+            "reward": "sum of the reward over the horizon, averaged over the evaluation runs",
+            "epi": "profit: sum of the economic performance over the horizon [EUR m-2], averaged over the evaluation runs",
+        },
+    ),
 ):
     for _name, _meaning in _entries.items():
         _words.add(Word(_name, _meaning))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from glbench.env import Simulation, ObservationInputs, WeatherTables, register_observation
+from glbench.env import ObservationInputs, Simulation, WeatherTables, register_observation
 from glbench.errors import TaskError, UnknownNameError
 from glbench.model import STATE_NAMES, co2_ppm, relative_humidity
 from glbench.tasks import TaskSpec, get_suite, get_task

@@ -61,7 +61,8 @@ def outcome() -> Tape:
             r.input("counter", 0),
             r.input("calendar", 0),
             r.input("calendar", 1),
-            after * r.input("calendar", 2) - before * r.input("calendar_before", 2),  # a stock, each at the price of its moment
+            after * r.input("calendar", 2)
+            - before * r.input("calendar_before", 2),  # a stock, each at the price of its moment
             r.input("memory", 1),
             r.input("memory", 2),
             r.input("memory", 0) * r.input("trait", 1),

@@ -136,7 +136,11 @@ def test_a_snapshot_of_the_first_format_is_read(make_own: MakeOwn, monkeypatch: 
     import io
 
     file = io.BytesIO()
-    np.savez(file, **{name: value for name, value in saved.items() if name not in ("memory", "allow_pickle")} | {"format": np.int64(1)})
+    np.savez(
+        file,
+        **{name: value for name, value in saved.items() if name not in ("memory", "allow_pickle")}
+        | {"format": np.int64(1)},
+    )
     read = Snapshot.from_bytes(file.getvalue())
     assert read.memory.shape == (2, 0)
     assert simulation.restore(read).tobytes() == simulation.observe().tobytes()
@@ -172,7 +176,10 @@ def test_each_run_starts_from_its_own_weather_and_factors(make_own: MakeOwn) -> 
     assert share.max() < 1.2
     assert np.unique(share).size == 40
     assert simulation.x[3, soil] == plain[soil]
-    assert (simulation.x[:, fruit] / plain[fruit] != simulation.x[:, TOMATO.state_index("cLeaf")] / plain[TOMATO.state_index("cLeaf")]).all()
+    assert (
+        simulation.x[:, fruit] / plain[fruit]
+        != simulation.x[:, TOMATO.state_index("cLeaf")] / plain[TOMATO.state_index("cLeaf")]
+    ).all()
 
 
 def seen_parameters(task: TaskSpec, seeds: list[int], steps: int) -> np.ndarray[Any, Any]:
@@ -201,7 +208,9 @@ def test_groups_are_drawn_each_step_each_day_and_each_episode(make_own: MakeOwn)
     assert abs(middle - 1.0) <= 0.05
     assert lai.max() - lai.min() < 0.1 * 2 * 1.05
     assert (p[..., place("cLeafMax")] == p[..., place("laiMax")] / p[..., place("sla")]).all()
-    assert np.allclose(TOMATO.parameters.complete(p.reshape(-1, p.shape[-1])), p.reshape(-1, p.shape[-1]), rtol=1e-14, atol=0.0)
+    assert np.allclose(
+        TOMATO.parameters.complete(p.reshape(-1, p.shape[-1])), p.reshape(-1, p.shape[-1]), rtol=1e-14, atol=0.0
+    )
 
 
 def test_tasks_of_a_family_share_numbers_and_another_salt_does_not(make_own: MakeOwn) -> None:
@@ -221,5 +230,7 @@ def test_tasks_of_a_family_share_numbers_and_another_salt_does_not(make_own: Mak
 def test_streams_never_meet() -> None:
     streams = ("season", "start day", "start mass", "parameters crop", "parameters cover", "parameters house")
     scenarios = VARIED, replace(VARIED, salt="another"), replace(VARIED, family="tests/Another")
-    keys = {stream_key(scenario, seed, stream) for scenario in scenarios for seed in (0, 1, 2**64 - 1) for stream in streams}
+    keys = {
+        stream_key(scenario, seed, stream) for scenario in scenarios for seed in (0, 1, 2**64 - 1) for stream in streams
+    }
     assert len(keys) == len(scenarios) * 3 * len(streams)

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from glbench.errors import GlbenchError, UnknownNameError
-from glbench.model import TOMATO, Horizon, Meter, compose, get_model, register_model, tomato
+from glbench.model import LETTUCE, TOMATO, Horizon, Meter, compose, get_model, register_model, tomato
 from glbench.model.actuators import Actuators
+from glbench.model.crop import lettuce as equations
 from glbench.model.crop.tomato import VanthoorTomato
 from glbench.model.expressions import Expr
 from glbench.model.greenlight import GreenLightClimate
-from glbench.model.model import Flow, Step
+from glbench.model.model import Flow, Model, Step
 from glbench.model.parameter_table import Parameter
 from glbench.model.quantities import Quantity, Variable
 from glbench.model.submodels import Addition, Around
@@ -81,6 +82,10 @@ class HalfTheHeat(Addition):
 
     def supply(self, act: Actuators, x: Any, u: Any, p: Any) -> Actuators:
         return act._replace(h_boil_pipe=0.5 * act.h_boil_pipe)
+
+
+def horizon(model: Model) -> Horizon:
+    return Horizon(5760, 900.0, dict(zip(model.parameter_names, model.parameters.default(), strict=True)))
 
 
 def with_water() -> Any:
@@ -175,18 +180,17 @@ def test_the_start_of_a_composed_model_is_that_of_its_submodels() -> None:
         model.start("mature", first, 18.0, model.parameters.default())
 
 
-def test_every_state_and_observed_column_has_finite_bounds_in_order() -> None:
-    horizon = Horizon(5760, 900.0, dict(zip(TOMATO.parameter_names, TOMATO.parameters.default(), strict=True)))
+@pytest.mark.parametrize("model", [TOMATO, LETTUCE], ids=str)
+def test_every_state_and_observed_column_has_finite_bounds_in_order(model: Model) -> None:
+    bounds: Mapping[str, tuple[float, float]] = model.bounds(horizon(model))
 
-    bounds: Mapping[str, tuple[float, float]] = TOMATO.bounds(horizon)
-
-    assert set(bounds) == set(TOMATO.state_names)
+    assert set(bounds) == set(model.state_names)
     assert all(np.isfinite([low, high]).all() and low < high for low, high in bounds.values())
-    for module in TOMATO.observation_modules:
-        columns = TOMATO.observed(module, horizon)
+    for module in model.observation_modules:
+        columns = model.observed(module, horizon(model))
         assert columns
         assert all(np.isfinite([c.low, c.high]).all() and c.low < c.high for c in columns)
-    assert TOMATO.observed("roots", horizon) is None
+    assert model.observed("roots", horizon(model)) is None
 
 
 def test_models_are_known_by_id_and_variant_and_an_id_means_one_model() -> None:
@@ -198,7 +202,38 @@ def test_models_are_known_by_id_and_variant_and_an_id_means_one_model() -> None:
         register_model(compose(GreenLightClimate(), VanthoorTomato(), WaterTank(), name="greenlight-tomato"))
 
 
-def test_what_is_drawn_exists() -> None:
-    known = {*TOMATO.state_names, *TOMATO.control_names, *TOMATO.disturbance_names}
-    assert {signal.source for signal in TOMATO.signals()} <= known
-    assert {f"controls/{name}" for name in ("boiler", "lamps")} <= {signal.path for signal in TOMATO.signals()}
+@pytest.mark.parametrize("model", [TOMATO, LETTUCE], ids=str)
+def test_what_is_drawn_exists(model: Model) -> None:
+    known = {*model.state_names, *model.control_names, *model.disturbance_names}
+    assert {signal.source for signal in model.signals() if signal.of is None} <= known
+    assert {f"controls/{name}" for name in ("boiler", "lamps")} <= {signal.path for signal in model.signals()}
+
+
+def test_lettuce_grows_in_the_same_greenhouse() -> None:
+    p = LETTUCE.parameters.default()
+    d = POINTS.inputs.d[0]
+    state = LETTUCE.start("young_lettuce", d, 18.0, p)
+
+    rates = dict(zip(LETTUCE.state_names, LETTUCE.rhs(state, np.full(6, 0.3), d, p), strict=True))
+
+    assert LETTUCE.id == "greenlight-lettuce-1.0.0"
+    assert LETTUCE.control_names == TOMATO.control_names
+    assert not set(LETTUCE.state_names) & {"cFruit", "tCan24"}
+    assert "sla" not in LETTUCE.parameter_names
+    assert all(np.isfinite(rate) for rate in rates.values())
+    assert rates["xS"] > 0
+    assert np.isfinite(LETTUCE.jacobian(state, np.full(6, 0.3), d, p)).all()
+    record, values = LETTUCE.State(*state), LETTUCE.Parameters(*p)
+    (head,) = (seen for seen in LETTUCE.observed("crop", horizon(LETTUCE)) or () if seen.name == "head_fresh_mass")
+    assert head.of is not None
+    assert head.of(record, values) == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(("head", "share"), [(179.0, 0.0), (180.0, 0.0), (215.0, 0.5), (250.0, 1.0), (400.0, 1.0)])
+def test_a_head_earns_its_full_price_from_250_g_and_nothing_below_180(head: float, share: float) -> None:
+    p = LETTUCE.Parameters(*LETTUCE.parameters.default())
+    start = equations.start_state(p, head)
+    record = LETTUCE.State(*np.zeros(len(LETTUCE.states)))._replace(x_n=start.x_n, x_s=start.x_s)
+    (heads,) = (stock for stock in LETTUCE.stocks() if stock.name == "heads")
+
+    assert heads.amount(record, p) == pytest.approx(25.0 * share)

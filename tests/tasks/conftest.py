@@ -14,8 +14,7 @@ import pytest
 from glbench import registration
 from glbench.env.behaviour import lock_behaviour
 from glbench.registration import task_files
-from glbench.tasks import bases, library, list_tasks, lock, lock_new_tasks
-from glbench.tasks.digest import fingerprint
+from glbench.tasks import bases, library, list_tasks, lock, lock_new_tasks, spec
 from tests.tasks.names import FILE
 
 
@@ -74,7 +73,7 @@ def forget() -> Iterator[Callable[[], None]]:
     """Forgets what is remembered of tasks in this process, as a new process would; also afterwards."""
 
     def forget_all() -> None:
-        fingerprint.cache_clear()
+        spec._disturbances.cache_clear()
         library._load_state.cache_clear()
 
     yield forget_all

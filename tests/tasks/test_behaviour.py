@@ -12,25 +12,22 @@ import pytest
 from typer.testing import CliRunner
 
 from glbench.cli.tasks import app
-from glbench.env import accounts, behaviour, uncertainty
+from glbench.env import behaviour, uncertainty
 from glbench.errors import TaskError
-from glbench.tasks import get_task, list_tasks, resolve
-from glbench.tasks.digest import fingerprint
+from glbench.model import greenlight
+from glbench.tasks import get_task, list_tasks
 from glbench.weather import COLUMNS, paper
 from tests.tasks.names import SHORT_ID
 
 
 @pytest.fixture(autouse=True)
-def fresh(forget: Callable[[], None]) -> Any:
+def fresh(forget: Callable[[], None]) -> None:
     """The weather is computed anew before and after every test."""
-    resolve._disturbances.cache_clear()
-    yield
-    resolve._disturbances.cache_clear()
+    forget()
 
 
 def refused(monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setenv("COLUMNS", "200")
-    fingerprint.cache_clear()
     done = CliRunner().invoke(app, ["check", SHORT_ID])
     assert done.exit_code == 1, done.stdout
     assert get_task(SHORT_ID).locked, "the digest alone does not see it"
@@ -83,7 +80,7 @@ def test_two_rows_exchanged_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_another_kilowatt_hour_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(accounts, "JOULES_PER_KWH", 3.5e6)
+    monkeypatch.setattr(greenlight, "JOULES_PER_KWH", 3.5e6)
     words = refused(monkeypatch)
     for name in ("step.reward", "step.epi", "step.cost_heat", "step.cost_electricity"):
         assert f"{name} (locked" in words
@@ -112,7 +109,7 @@ def test_a_task_without_an_entry_is_told_how_to_get_one(published: Path) -> None
 def test_entries_are_added_and_never_changed(published: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = published / "behaviour.toml"
     before = file.read_text(encoding="utf-8")
-    monkeypatch.setattr(accounts, "JOULES_PER_KWH", 3.5e6)
+    monkeypatch.setattr(greenlight, "JOULES_PER_KWH", 3.5e6)
     assert behaviour.lock_behaviour(list_tasks()) == ()
     assert file.read_text(encoding="utf-8") == before
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import glbench.model
-import glbench.tasks.digest
 from glbench.errors import TaskError, UnknownNameError
+from glbench.model import TOMATO
 from glbench.tasks import Quantity, get_task, list_tasks, lock_new_tasks, read_lock
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
 from tests.tasks.names import FILE, SHORT_ID
@@ -59,8 +60,8 @@ def test_comments_and_prose_of_a_published_task_may_change(published: Path) -> N
 def test_another_model_is_named_as_the_reason(
     published: Path, forget: Callable[[], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(glbench.model, "MODEL_VERSION", "1.1.0-changed")
-    monkeypatch.setattr(glbench.model, "model_digest", lambda variant: "0" * 64)
+    changed = replace(TOMATO, stated_version="1.1.0-changed")
+    monkeypatch.setattr(glbench.model, "get_model", lambda model_id, variant: changed)
     forget()
     with pytest.raises(TaskError) as caught:
         get_task(SHORT_ID)

@@ -119,7 +119,7 @@ def test_what_a_task_hands_out_cannot_be_changed() -> None:
     for array in (task.parameters(), task.initial_state(), task.disturbances().values):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
-    with pytest.raises(ValueError, match="frozen"):
+    with pytest.raises(AttributeError, match="frozen"):
         task.id = "mylab/Other-v1"
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import gymnasium
 import pytest
 
-from glbench.tasks import TaskSpec, get_task
+from glbench.tasks import TaskFile1, TaskSpec, get_task
 
 PAGE = Path(__file__).parents[2] / "docs" / "tasks.md"
 
@@ -62,7 +62,7 @@ def test_the_python_shown_runs(page: str) -> None:
 
 def test_every_key_is_explained(page: str) -> None:
     shown = tomllib.loads(blocks(page, "toml")[1])
-    fields = {field.alias or name for name, field in TaskSpec.model_fields.items()}
+    fields = {field.alias or name for name, field in TaskFile1.model_fields.items()}
     assert fields == set(shown) | {"description", "suites"}
     for table, content in shown.items():
         assert f"`{table}`" in page or f"**`[{table}]`**" in page

@@ -96,7 +96,12 @@ class VanthoorTomato(Crop):
     def flows(self) -> tuple[Flow, ...]:
         return (
             Flow(
-                "fruit_growth", "mg m-2", "carbohydrate gained by the fruit, harvest taken off", "Fruit", _fruit_growth
+                "fruit_growth",
+                "mg m-2",
+                "carbohydrate gained by the fruit, harvest taken off",
+                "Fruit",
+                _fruit_growth,
+                lambda step: step.parameters.rg_fruit * step.seconds,
             ),
         )
 

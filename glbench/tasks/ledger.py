@@ -1,0 +1,254 @@
+"""The ledger of a task: what is earned and paid in a control step, and every quantity of a step that follows from it.
+
+An item prices a flow of the model (heat, fruit harvested), or values a stock (fruit on the plants) at the end of the episode minus at its
+start. Money columns, amounts, profit and the quantities of a step are generated from the items: a new cost is one line.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from glbench.tasks.tables import PricesTable
+
+FLOW: Literal["when it flows"] = "when it flows"
+STOCK: Literal["as stock"] = "as stock"
+MONEY = "EUR m-2"
+LIMITED = {"air_temperature": "degC", "co2": "ppm", "relative_humidity": "%"}
+"""Quantities of the main air that a task can constrain, with the unit their limits are written in."""
+
+_LIMITED_WORDS = {
+    "air_temperature": "air temperature",
+    "co2": "CO2 of the indoor air",
+    "relative_humidity": "relative humidity of the indoor air",
+}
+_KG_PER_MG = 1e-6
+
+
+@dataclass(frozen=True)
+class StepQuantity:
+    """One quantity of a control step."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class LedgerItem:
+    """One line of a ledger.
+
+    Attributes
+    ----------
+    name
+        The money column: ``revenue``, ``cost_heat``.
+    flow
+        Name of a flow of the model; of one of its stocks, where that is valued.
+    amount, amount_unit
+        The amount column: ``fruit_fresh`` [kg m-2].
+    factor
+        From the unit of the flow to that of the amount.
+    price
+        EUR per unit of the amount, or the name of a price table.
+    sign
+        +1: earned; -1: paid.
+    unit
+        Of the money column.
+    label
+        Heading in tables and plots.
+    valued
+        ``"when it flows"``; or ``"as stock"``: what is there at the end minus what was there at the start, each at the price of its
+        moment. Step by step that is the value after the step at the next step's price, minus the value before it at this step's.
+    meaning, amount_meaning
+        The two columns in words.
+    """
+
+    name: str
+    flow: str
+    amount: str
+    amount_unit: str
+    factor: float
+    price: float | str
+    sign: Literal[1, -1]
+    unit: str = MONEY
+    label: str = ""
+    valued: Literal["when it flows", "as stock"] = FLOW
+    meaning: str = ""
+    amount_meaning: str = ""
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """What a task earns and pays. ``meaning`` says what the profit (``epi``) is."""
+
+    items: tuple[LedgerItem, ...]
+    meaning: str = ""
+
+    @property
+    def earned(self) -> tuple[LedgerItem, ...]:
+        """Items that are earned."""
+        return tuple(item for item in self.items if item.sign > 0)
+
+    @property
+    def paid(self) -> tuple[LedgerItem, ...]:
+        """Items that are paid."""
+        return tuple(item for item in self.items if item.sign < 0)
+
+    def lines(self) -> tuple[str, ...]:
+        """The items in words, one line each: what, at which price, of what."""
+        return tuple(
+            f"{'+' if item.sign > 0 else '-'} {item.name}: {item.amount_meaning or item.label} [{item.amount_unit}] x "
+            + (f"the price '{item.price}'" if isinstance(item.price, str) else f"{item.price:g} EUR")
+            + (", valued at the end minus at the start" if item.valued == STOCK else "")
+            for item in (*self.earned, *self.paid)
+        )
+
+    @property
+    def price_tables(self) -> tuple[str, ...]:
+        """Names of the price tables that the items use, each once, in the order of the items."""
+        return tuple(dict.fromkeys(item.price for item in self.items if isinstance(item.price, str)))
+
+
+def paper_v1(prices: PricesTable) -> Ledger:
+    """The ledger of the GreenLight-Gym paper (2025): growth of the fruit's dry mass, sold fresh, minus heat, electricity and CO2."""
+    fresh = _KG_PER_MG / prices.dry_matter_content
+    return Ledger(
+        (
+            LedgerItem(
+                "revenue", "fruit_growth", "fruit_fresh", "kg m-2", fresh, prices.fruit, 1, label="Fruit",
+                meaning="value of the fresh fruit grown, when it grows and not when it is picked",
+                amount_meaning="fresh fruit grown: dry increment divided by the dry matter content",
+            ),
+            LedgerItem(
+                "cost_heat", "heat", "heat", "kWh m-2", 1.0, prices.heat, -1, label="Heat",
+                meaning="price of the boiler's heat", amount_meaning="heat of the boiler",
+            ),
+            LedgerItem(
+                "cost_electricity", "electricity", "electricity", "kWh m-2", 1.0, prices.electricity, -1, label="Electricity",
+                meaning="price of the lamps' electricity", amount_meaning="electricity of the lamps",
+            ),
+            LedgerItem(
+                "cost_co2", "co2_dosed", "co2_dosed", "kg m-2", 1.0, prices.co2, -1, label="CO₂",
+                meaning="price of the CO2 dosed", amount_meaning="CO2 dosed",
+            ),
+        ),
+        "economic performance: revenue minus the costs of heat, electricity and CO2",
+    )  # fmt: skip
+
+
+def step_quantities(ledger: Ledger, limited: Iterable[str]) -> tuple[StepQuantity, ...]:
+    """Every quantity of a step: reward, profit, money, penalty, amounts, violations of the limits and the hours they last.
+
+    ``limited`` are the names of the constrained quantities.
+    """
+    earned, paid, limited = ledger.earned, ledger.paid, tuple(limited)
+    amounts = {item.amount: item for item in (*paid, *earned)}
+    profit = ledger.meaning or "profit: " + " minus ".join(
+        ", ".join(item.label.lower() or item.name for item in side) for side in (earned, paid) if side
+    )
+    sides = (("low", "below"), ("high", "above"))
+    return (
+        StepQuantity("reward", "-", "reward of the step"),
+        StepQuantity("epi", MONEY, profit),
+        *(StepQuantity(item.name, item.unit, _money_words(item)) for item in (*earned, *paid)),
+        StepQuantity("penalty", "-", "sum of the violations, each divided by its penalty scale"),
+        *(StepQuantity(name, item.amount_unit, item.amount_meaning or item.label) for name, item in amounts.items()),
+        *(
+            StepQuantity(
+                f"violation_{name}_{side}",
+                LIMITED[name],
+                f"distance of the {_LIMITED_WORDS[name]} {word} its limit at the end of the step",
+            )
+            for side, word in sides
+            for name in limited
+        ),
+        *(
+            StepQuantity(
+                f"hours_outside_{name}_{side}",
+                "h",
+                f"length of the step if the {_LIMITED_WORDS[name]} is {word} its limit at its end",
+            )
+            for side, word in sides
+            for name in limited
+        ),
+    )
+
+
+def _money_words(item: LedgerItem) -> str:
+    if item.meaning:
+        return item.meaning
+    if item.valued == STOCK:
+        return f"value gained: {item.label}"
+    return f"{'paid for' if item.sign < 0 else 'earned with'}: {item.label}"
+
+
+@dataclass(frozen=True)
+class PriceTable:
+    """A price that changes with the calendar: exactly one of the three is not empty.
+
+    Attributes
+    ----------
+    unit
+        Such as ``EUR kWh-1``.
+    hourly
+        24 prices, one an hour of the task's clock.
+    dated
+        Month, day, and the price from that day on, until the next entry, over the turn of the year.
+    series
+        Moments [UTC] in order, and the price from each on. Before the first the first holds.
+    """
+
+    unit: str
+    hourly: tuple[float, ...] = ()
+    dated: tuple[tuple[int, int, float], ...] = ()
+    series: tuple[tuple[dt.datetime, float], ...] = ()
+
+    def values(self, times: NDArray[np.datetime64], hour_of_day: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The price at each row of a calendar ``(rows,)``, from its moments [UTC] and the hours of day of the task's clock."""
+        if self.hourly:
+            hourly: NDArray[np.float64] = np.array(self.hourly)
+            return hourly[np.floor(hour_of_day + 1e-9).astype(np.int64) % 24]
+        if self.series:
+            starts = np.array([moment.replace(tzinfo=None) for moment, _ in self.series], dtype="datetime64[s]")
+            places = np.searchsorted(starts, times.astype("datetime64[s]"), side="right") - 1
+            series: NDArray[np.float64] = np.array([price for _, price in self.series])
+            return series[np.maximum(places, 0)]
+        days = _local(times, hour_of_day).astype("datetime64[D]")
+        year = days.astype("datetime64[Y]")
+        month = days.astype("datetime64[M]")
+        numbers = ((month - year.astype("datetime64[M]")).astype(np.int64) + 1) * 100
+        numbers += (days - month.astype("datetime64[D]")).astype(np.int64) + 1
+        ordered = sorted(self.dated)
+        places = np.searchsorted([100 * m + d for m, d, _ in ordered], numbers, side="right") - 1
+        prices: NDArray[np.float64] = np.array([price for _, _, price in ordered])
+        dated: NDArray[np.float64] = prices[places]  # place -1, before the first: the last of the year before
+        return dated
+
+
+def _local(times: NDArray[np.datetime64], hour_of_day: NDArray[np.float64]) -> NDArray[np.datetime64]:
+    """The moments on the clock that ``hour_of_day`` shows."""
+    seconds = times.astype("datetime64[s]")
+    utc = (seconds - seconds.astype("datetime64[D]")).astype(np.int64)
+    ahead = (np.rint(hour_of_day * 3600.0).astype(np.int64) - utc + 43200) % 86400 - 43200
+    local: NDArray[np.datetime64] = seconds + ahead.astype("timedelta64[s]")
+    return local
+
+
+def price_rows(
+    tables: Mapping[str, PriceTable],
+    names: Iterable[str],
+    times: NDArray[np.datetime64],
+    hour_of_day: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Prices of the tables ``names`` at each row of a calendar, ``(rows, names)``."""
+    names = tuple(names)
+    rows = np.zeros((len(times), len(names)))
+    for column, name in enumerate(names):
+        rows[:, column] = tables[name].values(times, hour_of_day)
+    return rows
