@@ -14,11 +14,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from glbench.kernel import STATE_SCALE, Kernel
+from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
 from glbench.kernel.compiled.accuracy import EXACT, make_inputs, run_compiled
 from glbench.kernel.records import Rows, as_rows
 from glbench.model import TOMATO, default_parameters
+
+STATE_SCALE = state_scale(TOMATO)
 
 Array = NDArray[np.float64]
 
@@ -41,7 +43,7 @@ def rows() -> Rows:
     states = np.concatenate([inputs.initial[None], exact[:-1]])
     pick = np.random.default_rng(0).choice(states.shape[0] * 12, ROWS, replace=False)
     tables = (a.reshape(-1, a.shape[2])[pick] for a in (states, inputs.controls, inputs.weather))
-    return as_rows(*tables, default_parameters())
+    return as_rows(TOMATO.names, *tables, default_parameters())
 
 
 def best(run: Callable[[], object]) -> float:
@@ -58,7 +60,7 @@ def best(run: Callable[[], object]) -> float:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_batch(rows: Rows, preset: str, kind: str, benchmark: Any) -> None:
     kernel = Kernel(TOMATO, 900.0, backend="compiled", preset=preset)
-    alone = [rows.part(k, k + 1) for k in range(ROWS)]
+    alone = [rows.chosen(np.arange(k, k + 1)) for k in range(ROWS)]
     one = best(lambda: [kernel.advance(row) for row in alone]) / ROWS
     many = best(lambda: kernel.advance(rows)) / ROWS
     benchmark.pedantic(lambda: KINDS[kind](kernel, rows), rounds=5, warmup_rounds=1)
@@ -76,7 +78,7 @@ def test_a_batch(rows: Rows, preset: str, kind: str, benchmark: Any) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_state(rows: Rows, preset: str, kind: str, benchmark: Any) -> None:
     kernel = Kernel(TOMATO, 900.0, backend="compiled", preset=preset)
-    alone = [rows.part(k, k + 1) for k in range(ROWS)]
+    alone = [rows.chosen(np.arange(k, k + 1)) for k in range(ROWS)]
 
     def run() -> None:
         for row in alone:

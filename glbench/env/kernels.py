@@ -63,7 +63,8 @@ def check_kernel(kernel: object, task: TaskSpec) -> None:
         return
     if isinstance(kernel, type) or not callable(getattr(kernel, "try_step", None)):
         presets = ", ".join(f"'{name}'" for name in PRESETS)
-        msg = f"The kernel is the name of a preset ({presets}) or a Kernel, such as Kernel(task.model_value, {task.step_seconds:g}); got {kernel!r}."
+        example = f"Kernel(task.model_value, {task.step_seconds:g})"
+        msg = f"The kernel is the name of a preset ({presets}) or a Kernel, such as {example}; got {kernel!r}."
         raise GlbenchError(msg)
     model = task.model_value
     own = getattr(kernel, "model", model)

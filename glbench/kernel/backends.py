@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Protocol
 
 from glbench.errors import UnknownNameError, did_you_mean
@@ -95,8 +96,9 @@ def will_compile(model: Model = TOMATO) -> bool:
     return not is_built(model)
 
 
+@cache
 def why_not_compiled(model: Model = TOMATO) -> str | None:
     """None where the compiled backend works, else the reason in words. The first call may compile for some seconds."""
-    from glbench.kernel.compiled.stepper import reason_unavailable
+    from glbench.kernel.compiled.stepper import availability
 
-    return reason_unavailable(model)
+    return availability(model)

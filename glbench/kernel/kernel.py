@@ -230,7 +230,7 @@ def make_kernel(
     backend: str = "auto",
     preset: str = "reference",
 ) -> Kernel:
-    """Kernel whose rows ``workers`` cores share where the backend is the compiled one. Same bits for every number; errors as for ``Kernel``."""
+    """Kernel whose rows ``workers`` cores share, where it is compiled; the bits are the same. Errors as for ``Kernel``."""
     return Kernel(
         model, step_seconds, backend=backend, preset=preset, threads=whole_number(workers, "The number of workers")
     )

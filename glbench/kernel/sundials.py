@@ -223,18 +223,7 @@ class CvodesDifferentiator:
     Slow, and owing nothing to the compiled kernel: the independent check of its derivatives. For the tomato, a row with all 44
     directions takes about a second, a reverse sweep a tenth of one.
 
-    Parameters
-    ----------
-    sizes : mapping
-        Sizes of x, u, d and p.
-    model : ReducedModel
-        What is integrated.
-    options : dict
-        Options of the integrator.
-    step_seconds : float
-        Length of the control step [s].
-    advance : callable
-        Steps rows; the states that are given back come from it.
+    ``sizes`` are those of x, u, d and p, ``options`` those of the integrator; the states that are given back come from ``advance``.
     """
 
     def __init__(

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 
@@ -495,6 +495,10 @@ class Model(ABC):
     def _symbolic(self, symbolic: str) -> tuple[dict[str, Any], Evaluation]:
         """Symbols of the inputs, and the model evaluated with them."""
         return _symbolic_model(self, symbolic)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields: what follows from them is computed anew by who takes a copy."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
 
     def __str__(self) -> str:
         return self.id

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from docs import accuracy_table
 from glbench.env.accounts import make_accounts
-from glbench.kernel import STATE_SCALE, Kernel
+from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
 from glbench.kernel.compiled.accuracy import make_cvodes
 from glbench.kernel.compiled.generate import Traits, generate
@@ -34,6 +34,8 @@ from glbench.speed import SpeedRecord, read_record
 from glbench.tasks import get_task
 from glbench.weather import load_weather
 from tests.kernel.known_steps import known_steps
+
+STATE_SCALE = state_scale(TOMATO)
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "reports" / "released" / "results"
@@ -282,7 +284,7 @@ def compiled_errors(preset: str) -> tuple[float, float, float]:
 @cache
 def operations() -> dict[str, int]:
     """Operations of the generated right-hand side of the benchmark's greenhouse."""
-    return generate(build_rhs("author"), Traits(zeros=absent_equipment())).operations
+    return generate(build_rhs("author"), Traits(zeros=absent_equipment(TOMATO))).operations
 
 
 def speeds(name: str) -> tuple[float, ...]:
@@ -481,12 +483,15 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: tuple(operations()[name] for name in ("mul", "inv", "exp16", "pow16", "sqrt")),
         ),
         ("enters the last {} s of", lambda: PRESETS["standard"].last_stretch),
-        ("exp(-2 t/{} s)", lambda: PRESETS["standard"].memory),
-        ("by {} (`reference`: {};", lambda: (PRESETS["standard"].guard, PRESETS["reference"].guard)),
+        ("exp(-2 t/{} s)", lambda: PRESETS["standard"].fast_time_constant),
+        (
+            "by {} (`reference`: {};",
+            lambda: (PRESETS["standard"].singular_error_factor, PRESETS["reference"].singular_error_factor),
+        ),
         *(
             (
                 f"| `{name}` | {preset.method} | {{}} | {{}} s | – | {{}} |",
-                lambda preset=preset: (preset.relative, preset.first_substep, preset.forgotten),
+                lambda preset=preset: (preset.relative, preset.first_substep, preset.fast_error_floor),
             )
             for name, preset in PRESETS.items()
             if preset.method == "Rodas4P2"
@@ -494,7 +499,12 @@ CLAIMS: dict[str, list[Claim]] = {
         *(
             (
                 f"| `{name}` | {preset.method} | {{}} | {{}} s | {{}} s | {{}} |",
-                lambda preset=preset: (preset.relative, preset.first_substep, preset.last_stretch, preset.forgotten),
+                lambda preset=preset: (
+                    preset.relative,
+                    preset.first_substep,
+                    preset.last_stretch,
+                    preset.fast_error_floor,
+                ),
             )
             for name, preset in PRESETS.items()
             if preset.method == "GRK4T"

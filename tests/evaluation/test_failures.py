@@ -259,7 +259,7 @@ def test_making_an_agent_has_a_time_limit(day_task: TaskSpec, write_agent: Agent
 @pytest.fixture
 def stepped_rows(day_task: TaskSpec, monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How many runs each call stepped, by a kernel that cannot integrate the eighth step of the third run."""
-    kernel = shared_kernel(day_task.step_seconds, day_task.model.variant)
+    kernel = shared_kernel(day_task.model_value, day_task.step_seconds)
     whole = kernel.try_step
     calls: list[int] = []
 

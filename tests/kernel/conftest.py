@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 
-from glbench.kernel import Kernel, KernelPool
+from glbench.kernel import Kernel
 from glbench.model import TOMATO, default_parameters
 from tests.kernel.known_steps import Array, KnownSteps, known_steps
 
@@ -30,12 +28,6 @@ def p() -> Array:
 def kernel() -> Kernel:
     """The kernel that works everywhere, 900 s."""
     return Kernel(TOMATO, 900.0, backend="casadi")
-
-
-@pytest.fixture(scope="session")
-def pool() -> Iterator[KernelPool]:
-    with KernelPool(2, 900.0, backend="casadi") as pool:
-        yield pool
 
 
 @pytest.fixture

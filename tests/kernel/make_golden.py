@@ -9,9 +9,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from glbench.kernel import STATE_SCALE
-from glbench.model import default_parameters, jacobian, rhs
+from glbench.kernel import state_scale
+from glbench.model import TOMATO, default_parameters, jacobian, rhs
 from tests.kernel.known_steps import GOLDEN, Array
+
+STATE_SCALE = state_scale(TOMATO)
 
 
 def radau_step(x: Array, u: Array, d: Array, p: Array, seconds: float) -> Array:

@@ -8,9 +8,11 @@ import casadi
 import numpy as np
 import pytest
 
-from glbench.kernel import STATE_SCALE, Kernel
+from glbench.kernel import Kernel, state_scale
 from glbench.model import CONTROL_NAMES, STATE_NAMES, TOMATO, build_rhs, initial_state, tomato
 from tests.kernel.known_steps import Array, KnownSteps
+
+STATE_SCALE = state_scale(TOMATO)
 
 
 def scaled_error(got: Array, expected: Array) -> Array:

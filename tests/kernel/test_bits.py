@@ -1,11 +1,11 @@
-"""A row has the same bits alone, in any batch, in any order, with any number of workers and after any history."""
+"""A row has the same bits alone, in any batch, in any order, with any number of threads and after any history."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from glbench.kernel import Kernel, KernelPool
+from glbench.kernel import Kernel
 from glbench.model import TOMATO
 from tests.kernel.known_steps import Array, KnownSteps
 
@@ -54,24 +54,7 @@ def test_two_kernels_in_turn_do_not_disturb_each_other(kernel: Kernel, steps_900
         assert np.array_equal(kernel.step(x[row], u[row], d[row], p), expected[row])
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 31, 32])
-def test_a_pool_gives_the_bits_of_one_process(
-    pool: KernelPool, steps_900: KnownSteps, perturbed: Array, whole: Array, count: int
-) -> None:
-    part = slice(32 - count, 32)
-    got = pool.step(steps_900.x[part], steps_900.u[part], steps_900.d[part], perturbed[part])
-    assert np.array_equal(got, whole[part])
-
-
-def test_three_workers_give_the_bits_of_two(steps_900: KnownSteps, perturbed: Array, whole: Array) -> None:
-    with KernelPool(3, 900.0, backend="casadi") as three:
-        assert np.array_equal(three.step(steps_900.x, steps_900.u, steps_900.d, perturbed), whole)
-
-
-def test_shared_parameters_equal_repeated_ones(
-    kernel: Kernel, pool: KernelPool, steps_900: KnownSteps, p: Array
-) -> None:
+def test_shared_parameters_equal_repeated_ones(kernel: Kernel, steps_900: KnownSteps, p: Array) -> None:
     x, u, d = steps_900.x[:5], steps_900.u[:5], steps_900.d[:5]
     expected = kernel.step(x, u, d, np.tile(p, (5, 1)))
     assert np.array_equal(kernel.step(x, u, d, p), expected)
-    assert np.array_equal(pool.step(x, u, d, p), expected)

@@ -11,50 +11,43 @@ from types import FrameType
 
 import numpy as np
 import pytest
-from glbench.kernel.signals import signals_wait
 
 from glbench.errors import StepError
-from glbench.kernel import Kernel, KernelPool, Stepper
-from glbench.kernel.sundials import SUBSTEP_LIMIT
+from glbench.kernel import Kernel
+from glbench.kernel.sundials import SUBSTEP_LIMIT, signals_wait
 from tests.kernel.known_steps import Array, KnownSteps
 
 
-@pytest.fixture(params=["kernel", "pool"])
-def stepper(request: pytest.FixtureRequest) -> Stepper:
-    found: Stepper = request.getfixturevalue(request.param)
-    return found
-
-
 def test_a_failed_row_keeps_its_state_and_the_others_are_stepped(
-    stepper: Stepper, steps_900: KnownSteps, p: Array, leafless: Array
+    kernel: Kernel, steps_900: KnownSteps, p: Array, leafless: Array
 ) -> None:
     x, u, d = steps_900.x[:4].copy(), steps_900.u[:4], steps_900.d[:4]
-    expected = stepper.step(x, u, d, p)
+    expected = kernel.step(x, u, d, p)
     x[2] = leafless
-    after, failures = stepper.try_step(x, u, d, p)
+    after, failures = kernel.try_step(x, u, d, p)
     assert [failure.row for failure in failures] == [2]
     assert np.array_equal(after[2], leafless)
     assert np.array_equal(np.delete(after, 2, axis=0), np.delete(expected, 2, axis=0))
 
 
 def test_the_reason_names_states_time_and_inputs(
-    stepper: Stepper, steps_900: KnownSteps, p: Array, leafless: Array
+    kernel: Kernel, steps_900: KnownSteps, p: Array, leafless: Array
 ) -> None:
-    _, (failure,) = stepper.try_step(leafless[None], steps_900.u[0], steps_900.d[0], p)
+    _, (failure,) = kernel.try_step(leafless[None], steps_900.u[0], steps_900.d[0], p)
     assert "rate of change is not finite" in failure.reason
     assert "cBuf (" in failure.reason
     assert f"model time {leafless[27]:.5f} days" in failure.reason
     assert f"uBoil {steps_900.u[0, 0]:.3g}" in failure.reason
-    assert f"outside {steps_900.d[0, 1]:.1f} °C" in failure.reason
+    assert f"tOut {steps_900.d[0, 1]:.4g} °C" in failure.reason
 
 
 def test_step_raises_for_the_first_failed_row_and_counts_them(
-    stepper: Stepper, steps_900: KnownSteps, p: Array, leafless: Array
+    kernel: Kernel, steps_900: KnownSteps, p: Array, leafless: Array
 ) -> None:
     x = steps_900.x[:5].copy()
     x[[1, 3]] = leafless
     with pytest.raises(StepError, match=r"step of 900 s failed in row 1 of 5: .*2 of 5 rows failed.*try_step"):
-        stepper.step(x, steps_900.u[:5], steps_900.d[:5], p)
+        kernel.step(x, steps_900.u[:5], steps_900.d[:5], p)
 
 
 def test_an_endless_step_is_given_up_and_says_where(kernel: Kernel, steps_900: KnownSteps, p: Array) -> None:
@@ -130,10 +123,3 @@ def test_a_thread_can_step_too(steps_900: KnownSteps, kernel: Kernel, p: Array) 
     thread.start()
     thread.join()
     assert np.array_equal(found[0], expected)
-
-
-def test_a_pool_survives_failed_rows(pool: KernelPool, steps_900: KnownSteps, p: Array, leafless: Array) -> None:
-    for _ in range(3):
-        _, failures = pool.try_step(np.tile(leafless, (3, 1)), steps_900.u[0], steps_900.d[0], p)
-        assert [failure.row for failure in failures] == [0, 1, 2]
-    assert pool.workers == 2

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from glbench.kernel.finite import all_finite
+
+from glbench.kernel.records import all_finite
 
 
 @pytest.mark.parametrize("rows", [1, 7, 292, 293, 4096])

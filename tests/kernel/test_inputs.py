@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glbench.errors import ActionError, GlbenchError, ShapeError, UnknownNameError
-from glbench.kernel import Kernel, KernelPool, backends, make_kernel
+from glbench.kernel import Kernel, backends, make_kernel
 from glbench.model import TOMATO
 from tests.kernel.known_steps import Array, KnownSteps
 
@@ -40,11 +40,10 @@ def test_lists_and_single_precision_are_taken(kernel: Kernel, inputs: dict[str, 
     assert np.array_equal(kernel.step(coarse, inputs["u"].tolist(), inputs["d"], inputs["p"]), expected)
 
 
-def test_no_rows_are_no_problem(kernel: Kernel, pool: KernelPool, p: Array) -> None:
-    for stepper in (kernel, pool):
-        after, failures = stepper.try_step(np.empty((0, 28)), np.empty((0, 6)), np.empty((0, 10)), p)
-        assert after.shape == (0, 28)
-        assert failures == []
+def test_no_rows_are_no_problem(kernel: Kernel, p: Array) -> None:
+    after, failures = kernel.try_step(np.empty((0, 28)), np.empty((0, 6)), np.empty((0, 10)), p)
+    assert after.shape == (0, 28)
+    assert failures == []
 
 
 @pytest.mark.parametrize(
@@ -110,7 +109,6 @@ def test_a_step_has_a_positive_length(seconds: float) -> None:
         ({"backend": "casady"}, "no backend 'casady'. Did you mean 'casadi'"),
         ({"backend": "casadi", "preset": "fats"}, "no preset 'fats'. Did you mean 'fast'"),
         ({"backend": "cvodes", "preset": "referense"}, "no preset 'referense'. Did you mean 'reference'"),
-        ({"backend": "casadi", "variant": "auther"}, "'auther'.*Did you mean 'author'"),
     ],
 )
 def test_unknown_names_get_a_did_you_mean(settings: dict[str, str], message: str) -> None:
@@ -119,45 +117,42 @@ def test_unknown_names_get_a_did_you_mean(settings: dict[str, str], message: str
 
 
 def test_auto_takes_the_compiled_backend_where_it_works(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backends, "why_not_compiled", lambda: None)
+    monkeypatch.setattr(backends, "why_not_compiled", lambda _model: None)
     assert backends.choose("auto") == "compiled"
-    monkeypatch.setattr(backends, "why_not_compiled", lambda: "There is no compiler.")
+    monkeypatch.setattr(backends, "why_not_compiled", lambda _model: "There is no compiler.")
     assert backends.choose("auto") == "casadi"
     assert Kernel(TOMATO, 900.0).backend == "casadi"
 
 
 def test_the_choice_of_a_name_never_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
-    def compile_now() -> bool:
+    def compile_now(_model: object) -> bool:
         raise AssertionError
 
     monkeypatch.setattr(backends, "why_not_compiled", compile_now)
     assert [backends.choose(name) for name in backends.BACKENDS] == list(backends.BACKENDS)
 
 
-def test_a_description_says_what_made_the_numbers(kernel: Kernel, pool: KernelPool) -> None:
+def test_a_description_says_what_made_the_numbers(kernel: Kernel) -> None:
     description = kernel.describe()
     assert {"backend", "method", "absolute_tolerance", "casadi", "model_digest", "model_version"} <= set(description)
     assert description["step_seconds"] == 900.0
-    assert pool.describe() == description
 
 
-def test_make_kernel_makes_a_pool_for_more_than_one_worker() -> None:
-    assert isinstance(make_kernel(TOMATO, 900.0, backend="casadi"), Kernel)
-    with make_kernel(TOMATO, 900.0, workers=2, backend="casadi") as found:
-        assert isinstance(found, KernelPool)
-        assert found.workers == 2
+def test_make_kernel_takes_threads_where_there_are_any(inputs: dict[str, Array]) -> None:
+    one, two = make_kernel(TOMATO, 900.0, backend="casadi"), make_kernel(TOMATO, 900.0, workers=2, backend="casadi")
+    assert two.step(**inputs).tobytes() == one.step(**inputs).tobytes()
+    assert two.threads == 2
 
 
 @pytest.mark.parametrize("workers", [0, -1, 1.5, True])
-def test_a_pool_needs_a_whole_number_of_workers(workers: Any) -> None:
-    with pytest.raises(ShapeError, match="whole number of workers"):
-        KernelPool(workers)
+def test_a_kernel_needs_a_whole_number_of_workers(workers: Any) -> None:
+    with pytest.raises(GlbenchError, match=r"number of (workers|threads) is (a whole number|at least 1)"):
+        make_kernel(TOMATO, workers=workers, backend="casadi")
 
 
-@pytest.mark.parametrize("backend", ["auto", "casadi"])
-def test_an_unknown_variant_is_answered_with_the_nearest(backend: str) -> None:
-    with pytest.raises(UnknownNameError, match=r"no model variant 'autor'\. Did you mean 'author'"):
-        Kernel(TOMATO, 900.0, variant="autor", backend=backend)
+def test_a_kernel_without_a_model_is_told_what_it_needs() -> None:
+    with pytest.raises(ShapeError, match=r"A kernel steps a model.*TOMATO.*got 900\.0"):
+        Kernel(900.0)  # type: ignore[arg-type]
 
 
 def test_numbers_of_the_wrong_kind_are_told_in_words() -> None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from glbench.errors import GlbenchError, ShapeError, StepError, UnknownNameError
-from glbench.kernel import STATE_SCALE, Kernel, KernelPool, available
+from glbench.errors import ShapeError, StepError, UnknownNameError
+from glbench.kernel import Kernel, available, state_scale
 from glbench.model import PARAMETER_NAMES, TOMATO
 from tests.kernel.known_steps import Array, KnownSteps
+
+STATE_SCALE = state_scale(TOMATO)
 
 
 @pytest.fixture(scope="module")
@@ -101,11 +103,6 @@ def test_wrong_directions_are_explained(compiled: Kernel, inner: tuple[Array, Ar
         compiled.adjoint(*inner, p, np.ones((3, 2, 28)))
     with pytest.raises(UnknownNameError, match=r"no parameter 'aPip'.*aPipe"):
         compiled.linearise(*inner, p, parameters=["aPip"])
-
-
-def test_a_pool_says_who_can_differentiate(pool: KernelPool, inner: tuple[Array, Array, Array], p: Array) -> None:
-    with pytest.raises(GlbenchError, match=r"KernelPool gives no derivatives.*Kernel\(\.\.\.\)"):
-        pool.linearise(*inner, p)
 
 
 def test_a_row_that_fails_is_named_by_casadi_too(

@@ -8,7 +8,6 @@ from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from glbench.kernel import Rows
 from glbench.model import Evaluation, Meter, Model, compose
@@ -17,6 +16,7 @@ from glbench.model.expressions import Expr
 from glbench.model.greenlight import GreenLightClimate
 from glbench.model.parameter_table import ParameterInfo
 from glbench.model.quantities import Quantity, Variable
+from tests.kernel.known_steps import KnownSteps
 
 
 class TankState(NamedTuple):
@@ -104,13 +104,15 @@ def tank_rows(n: int, seed: int = 0) -> Rows:
     return Rows(x, generator.uniform(0.0, 1.0, (n, 1)), d, TANK.parameters.default()[None])
 
 
-def metered_rows(x: NDArray[np.float64], u: NDArray[np.float64], d: NDArray[np.float64]) -> Rows:
-    """Known states of the tomato greenhouse with a meter at zero, and fruit enough for a harvest."""
-    meter = METERED.state_index("sumMcFruitHar")
-    states = np.insert(x, meter, 0.0, axis=1)
-    states[:, METERED.state_index("cFruit")] = (
-        METERED.parameters.default()[METERED.parameter_names.index("cFruitMax")]
-        if ("cFruitMax" in METERED.parameter_names)
-        else 3e5
-    )
-    return Rows(states, u, d, METERED.parameters.default()[None])
+def decay_rows(n: int) -> Rows:
+    """Amounts from 1 to n kg."""
+    nothing = np.zeros((n, 0))
+    return Rows(np.arange(1.0, n + 1.0)[:, None], nothing, nothing, DECAY.parameters.default()[None])
+
+
+def metered_rows(steps: KnownSteps) -> Rows:
+    """Known steps with a meter at zero and as much fruit as sets off a harvest."""
+    p = METERED.parameters.default()
+    x = np.insert(steps.x, METERED.state_index("sumMcFruitHar"), 0.0, axis=1)
+    x[:, METERED.state_index("cFruit")] = p[METERED.parameter_names.index("cFruitMax")] - 5e3
+    return Rows(x, steps.u, steps.d, p[None])

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from glbench.kernel.compiled.unavailable import CompiledUnavailable
 from numpy.typing import NDArray
 
 from glbench.kernel.compiled import availability
-from glbench.kernel.compiled.compiler import find_compiler
+from glbench.kernel.compiled.compiler import CompiledUnavailable, find_compiler
 from glbench.model import default_parameters
 
 Array = NDArray[np.float64]

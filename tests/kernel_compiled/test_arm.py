@@ -38,7 +38,7 @@ def on_arm(tmp_path_factory: pytest.TempPathFactory) -> ArmRun:
         if shutil.which(program) is None:
             pytest.skip(f"{program} is not installed (Debian and Ubuntu: apt-get install {package})")
     folder = tmp_path_factory.mktemp("arm")
-    _, include = write_source(folder, "author", traits_of(absent_equipment()))
+    _, include = write_source(folder, TOMATO, traits_of(TOMATO, absent_equipment(TOMATO)))
     here = {"-march=native", "-mtune=haswell", "-mcpu=native", "-fPIC", "-shared"}
     flags = (*(flag for flag in Compiler((CROSS,), "").flags() if flag not in here), "-static")
     program = folder / "arm_driver"

@@ -137,9 +137,9 @@ def test_cc_names_the_compiler_when_cxx_does_not(monkeypatch: pytest.MonkeyPatch
 
 
 def test_whether_there_is_something_to_build_is_known(empty_cache: Path, quick_compiler: Path) -> None:
-    assert will_compile("author")
+    assert will_compile(TOMATO)
     CompiledStepper(TOMATO, 900.0)
-    assert not will_compile("author")
+    assert not will_compile(TOMATO)
 
 
 def test_a_compiler_that_does_not_run_is_not_called_absent(
@@ -155,4 +155,4 @@ def test_a_compiler_that_does_not_run_is_not_called_absent(
         CompiledUnavailable, match=rf"does not run \({tmp_path}/c\+\+, {tmp_path}/g\+\+: `--version` fails\)"
     ):
         find_compiler()
-    assert not will_compile("author")
+    assert not will_compile(TOMATO)

@@ -11,23 +11,24 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from glbench.kernel.compiled.backend import CompiledBackend
-from glbench.kernel.directions import Directions
 from numpy.typing import NDArray
 
 from glbench.errors import StepError
-from glbench.kernel import STATE_SCALE, Kernel, Linearisation
+from glbench.kernel import Kernel, Linearisation, state_scale
 from glbench.kernel.compiled import Preset, absent_equipment
 from glbench.kernel.compiled.differentiator import CompiledDifferentiator
 from glbench.kernel.compiled.stepper import CompiledStepper
 from glbench.kernel.records import Rows, as_rows
-from glbench.model import PARAMETER_NAMES, TOMATO, VARIANTS, default_parameters
+from glbench.kernel.sensitivities import Directions
+from glbench.model import PARAMETER_NAMES, TOMATO, VARIANTS, default_parameters, tomato
+
+STATE_SCALE = state_scale(TOMATO)
 
 Array = NDArray[np.float64]
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
-ONE_SUBSTEP = Preset(relative=1.0, first_substep=5.0, forgotten=1.0, guard=1.0)
+ONE_SUBSTEP = Preset(relative=1.0, first_substep=5.0, fast_error_floor=1.0, singular_error_factor=1.0)
 """With steps of 5 s: a single, coarse substep, so that finite differences see the numerical step and nothing else."""
 
 SCALES = {
@@ -45,7 +46,7 @@ def points(golden_steps: dict[str, Array], parameters: Array) -> Rows:
     Without the first state of each: there all temperatures are equal, which is a kink of every exchange by convection.
     """
     x, d = (np.concatenate([golden_steps[f"winter_{k}"][1:], golden_steps[f"summer_{k}"][1:]]) for k in "xd")
-    return as_rows(x, np.random.default_rng(1).uniform(0.01, 0.99, (78, 6)), d, parameters)
+    return as_rows(TOMATO.names, x, np.random.default_rng(1).uniform(0.01, 0.99, (78, 6)), d, parameters)
 
 
 @pytest.fixture(scope="module")
@@ -59,8 +60,8 @@ def kernel() -> Kernel:
 
 
 def own_kernel(seconds: float, preset: Preset, variant: str = "author") -> Kernel:
-    kernel = Kernel(TOMATO, seconds, backend="compiled", variant=variant)
-    kernel._backend = CompiledBackend(CompiledStepper(TOMATO, seconds, variant=variant, preset=preset))
+    kernel = Kernel(tomato(variant), seconds, backend="compiled")
+    kernel._backend = CompiledStepper(tomato(variant), seconds, preset=preset)
     return kernel
 
 
@@ -119,9 +120,9 @@ def test_the_derivative_is_that_of_the_solution(points: Rows) -> None:
 
 
 def test_parameters_have_derivatives_also_those_of_absent_equipment(one_substep: Kernel, points: Rows) -> None:
-    absent = set(absent_equipment())
+    absent = set(absent_equipment(TOMATO))
     chosen = [k for k in range(0, 208, 5) if k not in absent] + sorted(absent)[::4]
-    some = points.part(0, 30)
+    some = points.chosen(np.arange(30))
     lines = one_substep.linearise(*some, parameters=[PARAMETER_NAMES[k] for k in chosen])
     assert lines.dp.shape == (30, 28, len(chosen))
 
@@ -193,7 +194,7 @@ def derivatives(kernel: Kernel, rows: Rows) -> bytes:
 def test_a_row_has_the_same_bits_alone_in_a_batch_and_in_threads(points: Rows) -> None:
     kernel = Kernel(TOMATO, 900.0, backend="compiled", preset="fast")
     expected = derivatives(kernel, points)
-    assert b"".join(derivatives(kernel, points.part(row, row + 1)) for row in range(78)) == expected
+    assert b"".join(derivatives(kernel, points.chosen(np.arange(row, row + 1))) for row in range(78)) == expected
     for threads in (2, 3):
         assert (
             derivatives(Kernel(TOMATO, 900.0, backend="compiled", preset="fast", threads=threads), points) == expected
@@ -249,7 +250,7 @@ def test_rows_with_interlights_are_differentiated_with_the_full_model(points: Ro
     lit = np.arange(20) % 3 == 0
     interlight = [PARAMETER_NAMES.index(name) for name in ("thetaIntLampMax", "aIntLamp", "capIntLamp", "epsIntLamp")]
     p[np.ix_(lit, interlight)] = [50.0, 0.05, 10.0, 0.9]
-    rows = points.part(0, 20)._replace(p=p)
+    rows = points.chosen(np.arange(20))._replace(p=p)
     lines = kernel.linearise(*rows)
     expected = columns(lambda rows: kernel.step(*rows), rows, "u", range(6), 1e-5)
     assert column_errors(scaled(lines.du, "u", range(6)), expected).max() < 1e-5
@@ -257,7 +258,7 @@ def test_rows_with_interlights_are_differentiated_with_the_full_model(points: Ro
     _, gradient = kernel.adjoint(*rows, 1.0 / STATE_SCALE)
     expected = np.einsum("i,nij->nj", 1.0 / STATE_SCALE, lines.du)
     assert np.abs(gradient.u - expected).max() < 1e-10 * np.abs(expected).max()
-    usual = points.part(0, 20)
+    usual = points.chosen(np.arange(20))
     assert lines.du[~lit].tobytes() == kernel.linearise(*usual).du[~lit].tobytes()
 
 
@@ -291,9 +292,9 @@ def test_controls_at_their_bounds_have_the_slope_of_the_inside(
 
 
 def test_a_batch_without_rows_has_no_derivatives(kernel: Kernel, points: Rows) -> None:
-    lines = kernel.linearise(*points.part(0, 0))
+    lines = kernel.linearise(*points.chosen(np.arange(0)))
     assert lines.dx.shape == (0, 28, 28)
-    assert kernel.adjoint(*points.part(0, 0), np.ones(28))[1].u.shape == (0, 6)
+    assert kernel.adjoint(*points.chosen(np.arange(0)), np.ones(28))[1].u.shape == (0, 6)
 
 
 def test_a_row_that_cannot_be_stepped_is_named(kernel: Kernel, points: Rows) -> None:

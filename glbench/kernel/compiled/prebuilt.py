@@ -2,8 +2,8 @@
 
 A wheel from a machine with a compiler carries the usual library of every registered model for a few levels of processors,
 under ``glbench/_data/kernel``. Parameters are inputs of the library, so one serves every greenhouse. A library is taken only
-when its model has the same equations and its sources are byte for byte those of the installed package, its bytes are those that were built, and the processor has
-every instruction it may use. The bits of a step do not depend on the level (docs/kernel-compiled.md).
+when its model has the same equations, the generator is byte for byte that of the installed package, its bytes are those that were
+built, and the processor has every instruction it may use. The bits of a step do not depend on the level (docs/kernel-compiled.md).
 """
 
 from __future__ import annotations

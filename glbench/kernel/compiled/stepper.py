@@ -389,9 +389,3 @@ def availability(model: Model = TOMATO) -> str | None:
     except CompiledUnavailable as error:
         return str(error)
     return None
-
-
-@functools.cache
-def reason_unavailable(model: Model) -> str | None:
-    """The same, asked once in a process."""
-    return availability(model)

@@ -13,9 +13,9 @@ constexpr int BATCH_WIDTH = glb::NATIVE_WIDTH;
 #endif
 using BatchLanes = typename glb::VectorOf<BATCH_WIDTH>::type;
 
-// Runs `task` in as many threads as are worth starting: each should have a vector of rows to itself.
-template <class Task> void in_threads(const glb::Settings& settings, int64_t rows, const Task& task) {
-    const int64_t useful = rows / BATCH_WIDTH;
+// Runs `task` in as many threads as are worth starting: each should have so many rows to itself, usually a vector of them.
+template <class Task> void in_threads(const glb::Settings& settings, int64_t rows, const Task& task, int64_t each = BATCH_WIDTH) {
+    const int64_t useful = rows / each;
     const int64_t threads = settings.threads < useful ? settings.threads : useful;
     std::vector<std::thread> others;
     try {

@@ -223,14 +223,7 @@ extern "C" int32_t glb_differentiate(const glb::Settings* settings, glb::Rows* r
             short_of_memory = true;
         }
     };
-    const int64_t threads = settings->threads < rows->n ? settings->threads : rows->n;
-    std::vector<std::thread> others;
-    try {
-        for (int64_t k = 1; k < threads; ++k) others.emplace_back(work);
-    } catch (const std::system_error&) {  // no more threads to be had: those that run take the rows
-    }
-    work();
-    for (auto& thread : others) thread.join();
+    in_threads(*settings, rows->n, work, 1);
     rows->failed = 0;
     for (int64_t row = 0; row < rows->n; ++row) rows->failed += rows->status[row] != 0;
     return short_of_memory ? 1 : 0;
