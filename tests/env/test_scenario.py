@@ -8,19 +8,21 @@ import io
 import pickle
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from glbench.env import Simulation, Snapshot, StepResult
+from glbench.env import GreenhouseEnv, Simulation, Snapshot, StepResult
 from glbench.env.scenario import RunScenarios, WeatherPool
 from glbench.env.uncertainty import stream_key
 from glbench.kernel import Kernel, why_not_compiled
-from glbench.model import TOMATO
+from glbench.model import TOMATO, paper
 from glbench.tasks import TaskSpec, get_task
 from glbench.tasks.scenario import ParameterGroup, Scenario, Season, StartGroup
 from tests.env.stepping import StillKernel, walk
+from tests.tasks import toy
 
 SEEDS = list(range(20, 31))
 N = len(SEEDS)
@@ -247,3 +249,58 @@ def test_streams_never_meet() -> None:
         stream_key(scenario, seed, stream) for scenario in scenarios for seed in (0, 1, 2**64 - 1) for stream in streams
     }
     assert len(keys) == len(scenarios) * 3 * len(streams)
+
+
+@pytest.fixture
+def toy_task(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> TaskSpec:
+    """A model of two states without an air, with prices that change by the hour."""
+    monkeypatch.setattr(paper, "_MODELS", {**paper._MODELS, "toy-1.0.0": {"author": toy.Toy()}})
+    drawn = '''[scenario]
+family = "toys"
+years = [2009, 2011]
+[[scenario.parameters]]
+parameters = ["tap"]
+half_width = 0.5
+redraw = "day"'''
+    path = tmp_path / "toy.toml"
+    path.write_text(toy.TASK.replace('[scenario]\nfamily = "toys"', drawn))
+    return get_task(str(path))
+
+
+@pytest.mark.skipif(why_not_compiled() is not None, reason="needs the compiled kernel")
+def test_a_model_of_two_states_is_stepped_both_ways_and_valued_at_the_price_of_each_moment(toy_task: TaskSpec) -> None:
+    kernel = Kernel(toy_task.model_value, 3600.0, backend="compiled")
+    pair = Simulation(toy_task, N, kernel), Simulation(toy_task, N, kernel, fused=False)
+    assert [simulation.fused for simulation in pair] == [True, False]
+    for simulation in pair:
+        simulation.reset(SEEDS)
+    assert pair[0].air.shape == (0, N)
+    prices = np.array(toy_task.price_tables["market"].hourly)
+    mass = toy_task.model_value.state_index("mass")
+    for action in np.random.default_rng(1).uniform(0.0, 1.0, (72, N, 1)):
+        before, now = pair[0].x[:, mass], prices[pair[0].hour_of_day.astype(int)]
+        results = [simulation.step(action) for simulation in pair]
+        assert bits(pair[0], results[0]) == bits(pair[1], results[1])
+        later = prices[pair[0].hour_of_day.astype(int)]
+        assert np.allclose(
+            results[0].quantities["growth"], pair[0].x[:, mass] * later - before * now, rtol=0.0, atol=1e-12
+        )
+    assert pair[0].ended.all()
+    assert len({str(day)[:4] for day in pair[0].time}) == 2
+
+
+def test_a_model_of_two_states_is_a_gymnasium_environment(toy_task: TaskSpec) -> None:
+    environment = GreenhouseEnv(toy_task, StillToy(), render_mode="ansi")
+    observation, info = environment.reset(seed=1)
+    assert environment.observation_space.contains(observation)
+    assert "air_temperature" not in info
+    *_, info = environment.step(np.ones(1, np.float32))
+    assert {"growth", "cost_water", "epi", "tap"} <= set(info)
+    assert "mass 100 g m-2" in str(environment.render())
+
+
+class StillToy:
+    """Nothing moves."""
+
+    def try_step(self, x: Any, u: Any, d: Any, p: Any) -> tuple[Any, list[Any]]:
+        return x.copy(), []
