@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from glbench import registration
+from glbench.env import program, scenario, weather_tables
 from glbench.env.behaviour import lock_behaviour
 from glbench.registration import task_files
 from glbench.tasks import bases, library, list_tasks, lock, lock_new_tasks, spec
@@ -73,7 +74,8 @@ def forget() -> Iterator[Callable[[], None]]:
     """Forgets what is remembered of tasks in this process, as a new process would; also afterwards."""
 
     def forget_all() -> None:
-        spec._disturbances.cache_clear()
+        for cached in (spec._disturbances, scenario._pool, weather_tables._tables, program._shipped):
+            cached.cache_clear()
         library._load_state.cache_clear()
 
     yield forget_all
