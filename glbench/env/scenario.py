@@ -209,6 +209,27 @@ class RunScenarios:
         return drawn
 
 
+@dataclass(frozen=True, eq=False)
+class RunWeather:
+    """What acts on one run, row k on step k: disturbances ``(rows, d)``, and start [UTC], hour of day and day of year of each row."""
+
+    values: Floats
+    times: NDArray[np.datetime64]
+    hour_of_day: Floats
+    day_of_year: Floats
+
+
+def run_weather(task: TaskSpec, seed: int) -> RunWeather:
+    """The weather of the run with ``seed``: ``steps + 1`` rows, and those that a forecast reaches."""
+    scenarios = RunScenarios(task)
+    pool, scenes = scenarios.pool, scenarios.draw([seed])
+    steps = np.arange(task.steps + 1 + task.observation.forecast_steps)
+    dates = scenes.first[0] + steps
+    hour_of_day, day_of_year = pool.calendar[dates, : len(CLOCK)].T
+    weather = pool.values[scenes.days[0, steps // pool.day] + steps % pool.day]
+    return RunWeather(weather, pool.times[dates], hour_of_day, day_of_year)
+
+
 def parameter_stream(group: ParameterGroup) -> str:
     """Name of the stream from which a group of parameters is drawn."""
     return f"parameters {group.name}"

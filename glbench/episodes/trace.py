@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env import Simulation, StepResult
+from glbench.env import Simulation, StepResult, run_weather
 from glbench.env.quantities import QUANTITY_NAMES
 from glbench.episodes.columns import CROP_STATES, ECONOMICS, OTHER_STATES, VIOLATIONS, action_group, groups_of
 from glbench.episodes.definition import definition_json
@@ -63,7 +63,7 @@ class Trace:
     ) -> Episode:
         """The episode of the simulation's ``row``, whose raw actions were ``actions`` ``(steps or more, m)``."""
         place, steps = self.rows.index(row), run.steps
-        weather = task.disturbances(extra_rows=task.observation.forecast_steps)
+        weather = run_weather(task, run.seed)
         states, air = self.x[: steps + 1, place], self.air[: steps + 1, :, place]
         quantities = self.quantities[:steps, :, place]
         agent = provenance.agent

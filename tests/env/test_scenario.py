@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from glbench.env import GreenhouseEnv, Simulation, Snapshot, StepResult
+from glbench.env import GreenhouseEnv, Simulation, Snapshot, StepResult, run_weather
 from glbench.env.scenario import RunScenarios, WeatherPool
 from glbench.env.uncertainty import stream_key
 from glbench.kernel import Kernel, why_not_compiled
@@ -181,6 +181,22 @@ def test_runs_start_on_their_own_day_of_their_own_season(make_own: MakeOwn) -> N
         assert (pool.values[first : first + len(own.values), :2] == own.values[:, :2]).all()
         assert simulation.d[row, :2].tolist() == own.values[0, :2].tolist()
         assert simulation.day_of_year[row] == own.day_of_year[0]
+
+
+def test_the_weather_of_a_run_is_what_its_simulation_meets(make_own: MakeOwn) -> None:
+    for task in (make_own(VARIED, FORECAST), get_task("Schiphol2010-Delta10-v1")):
+        weather = run_weather(task, 77)
+        simulation = Simulation(task, 1, StillKernel())
+        simulation.reset([77])
+        for step in range(5):
+            assert simulation.d[0].tolist() == weather.values[step].tolist()
+            found = simulation.time[0], simulation.hour_of_day[0], simulation.day_of_year[0]
+            assert found == (weather.times[step], weather.hour_of_day[step], weather.day_of_year[step])
+            simulation.step(np.zeros((1, 6)))
+        assert len(weather.values) == task.steps + 1 + task.observation.forecast_steps
+    nominal = task.disturbances()
+    assert weather.values.tobytes() == nominal.values.tobytes()
+    assert weather.times.tobytes() == nominal.times.tobytes()
 
 
 def test_each_run_starts_from_its_own_weather_and_factors(make_own: MakeOwn) -> None:
