@@ -25,7 +25,7 @@ from glbench.resources import write_atomically
 from glbench.tasks import get_task
 from glbench.training import CurvePoint, Progress, read_settings, train
 from glbench.training.card import CARD, POLICY, read_card, settings_digest, to_toml
-from glbench.training.curve import CURVE
+from glbench.training.probe import CURVE
 from glbench.training.run import export_best
 from glbench.training.season_search import SearchSettings, read_season_search, search
 from glbench.training.settings import PAPER

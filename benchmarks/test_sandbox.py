@@ -17,11 +17,10 @@ import pytest
 
 from glbench.agents import identify
 from glbench.evaluation import TimeLimits, prepare
-from glbench.evaluation.drivers import Driver
+from glbench.evaluation.runners import AgentRunner, SandboxedAgent, sandboxed_runner
 from glbench.evaluation.sandbox.bubblewrap import why_no_sandbox
-from glbench.evaluation.sandbox.drivers import Guest, sandboxed_driver
-from glbench.evaluation.sandbox.limits import SandboxLimits
-from glbench.evaluation.sandbox.prints import Prints
+from glbench.evaluation.sandbox.frames import SandboxLimits
+from glbench.evaluation.sandbox.process import Prints
 from glbench.resources import data_folder
 from glbench.tasks import DEFAULT_TASK, TaskCard, get_task, task_card
 
@@ -47,12 +46,12 @@ def fair(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def started(path: Path, card: TaskCard) -> Driver:
+def started(path: Path, card: TaskCard) -> AgentRunner:
     submission = identify(path)
     assert submission is not None
-    driver = sandboxed_driver(Guest(submission, card, RUNS, TimeLimits(), SandboxLimits(), Prints()))
-    driver.start()
-    return driver
+    runner = sandboxed_runner(SandboxedAgent(submission, card, RUNS, TimeLimits(), SandboxLimits(), Prints()))
+    runner.start()
+    return runner
 
 
 def test_start(benchmark: Any, card: TaskCard) -> None:
@@ -60,13 +59,13 @@ def test_start(benchmark: Any, card: TaskCard) -> None:
     path = data_folder("submissions") / "my_agent.py"
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     rounds = 20
-    drivers: list[Driver] = []
+    runners: list[AgentRunner] = []
 
     def end() -> None:
-        while drivers:
-            drivers.pop().close()
+        while runners:
+            runners.pop().close()
 
-    benchmark.pedantic(lambda: drivers.append(started(path, card)), setup=end, rounds=rounds, iterations=1)
+    benchmark.pedantic(lambda: runners.append(started(path, card)), setup=end, rounds=rounds, iterations=1)
     end()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
@@ -75,11 +74,11 @@ def test_start(benchmark: Any, card: TaskCard) -> None:
 
 def test_one_question(benchmark: Any, card: TaskCard) -> None:
     """One step of 30 runs, asked and answered, with the simplest agent there is."""
-    driver = started(data_folder("submissions") / "constant_setpoints.py", card)
+    runner = started(data_folder("submissions") / "constant_setpoints.py", card)
     observations = np.zeros((RUNS, len(card.observations)), dtype=np.float32)
     alive = np.ones(RUNS, dtype=np.bool_)
-    benchmark(lambda: driver.decide(0, observations, alive))
-    driver.close()
+    benchmark(lambda: runner.decide(0, observations, alive))
+    runner.close()
 
 
 def test_full_evaluation(benchmark: Any, fair: Path) -> None:

@@ -13,6 +13,9 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+import glbench
+from tests.support import checkout_with_few_results
+
 settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("busy")
 
@@ -26,7 +29,10 @@ def pytest_configure() -> None:
     """Let children start with the signals' own meanings, also under nohup, or in the background of a script, where SIGINT is ignored.
 
     A handler is not inherited by another program, and what is ignored is; so what is ignored here gets a handler that does nothing.
+    And keep compiled modules, whatever the environment says: each of the thousand processes that tests start would compile them again.
     """
+    sys.dont_write_bytecode = False
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) == signal.SIG_IGN:
             signal.signal(number, lambda *_: None)
@@ -47,6 +53,23 @@ def _no_process_is_left_behind() -> Iterator[None]:
     while (left := (_descendants() | _descendants()).items() - before.items()) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not left, f"processes were left behind: {left}"
+
+
+@pytest.fixture(scope="session")
+def _few(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return checkout_with_few_results(tmp_path_factory.mktemp("few"))
+
+
+@pytest.fixture
+def few_released(_few: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let few results have come with glbench, where a test is not about them: to rank all takes ten seconds, and a page of all twenty."""
+    monkeypatch.setattr("glbench.resources._PACKAGE", _few)
+
+
+@pytest.fixture
+def all_released(few_released: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a file whose tests use ``few_released``: this one is about all."""
+    monkeypatch.setattr("glbench.resources._PACKAGE", Path(glbench.__file__).parent)
 
 
 def _descendants() -> dict[int, str]:

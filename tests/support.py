@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 from glbench.resources import data_folder
@@ -27,3 +28,22 @@ def write_short_task(folder: Path, name: str, *, days: int) -> Path:
     path = folder / f"{name.lower()}.toml"
     path.write_text(text, encoding="utf-8")
     return path
+
+
+FEW = ("do_nothing", "ppo", "ppo_seed1", "ppo_seed2", "rule_based", "rule_based_fair")
+"""Agents whose results ``checkout_with_few_results`` keeps."""
+
+
+def checkout_with_few_results(folder: Path) -> Path:
+    """A package folder beside the data of this checkout, but with the released results of few agents on two tasks alone."""
+    (folder / "pyproject.toml").touch()
+    for name in ("tasks", "baselines", "weather", "submissions"):
+        (folder / name).symlink_to(data_folder(name), target_is_directory=True)
+    released = data_folder("reports/released/results")
+    for task in ("Schiphol2010-Delta10-v1", "Schiphol2010Code-Delta00-v1"):
+        here = folder / "reports" / "released" / "results" / task
+        here.mkdir(parents=True)
+        for agent in FEW:
+            for file in (released / task).glob(f"{agent}.*"):
+                shutil.copy(file, here)
+    return folder / "glbench"

@@ -1,4 +1,4 @@
-"""What is wrong with an answer of ``act``, in words and by run."""
+"""What ``act`` returned: as an array of the evaluation's own, and what is wrong with it, in words and by run."""
 
 from __future__ import annotations
 
@@ -23,12 +23,49 @@ def action_problems(returned: object, task: TaskCard, n_runs: int) -> dict[int, 
     whole = _problem_of_the_whole(returned, task, n_runs)
     if whole is not None:
         return dict.fromkeys(range(n_runs), whole)
-    actions = np.asarray(returned, dtype=np.float64)
+    return value_problems(np.asarray(returned, dtype=np.float64), task)
+
+
+def value_problems(actions: NDArray[np.float64], task: TaskCard) -> dict[int, str]:
+    """Reasons, by row, why ``actions`` (n, actions of the task) are not finite or not within the bounds of the task card."""
     low, high = task.action_bounds
     good = (actions >= low - ROUNDING) & (actions <= high + ROUNDING)  # False for nan too
     if good.all():
         return {}
     return {int(run): _problem_of_row(actions[run], good[run], task) for run in np.flatnonzero(~good.all(axis=1))}
+
+
+def read_actions(returned: object, card: TaskCard, n: int) -> tuple[NDArray[np.float64], dict[int, str]]:
+    """Own copy ``(n, m)`` float64 of what ``act`` returned, and the reasons, by row, why its shape or type is wrong; such rows are zero.
+
+    Something of the wrong shape as a whole is wrong in every row; a list of rows of which one has another length is wrong in that row
+    only. Values are not looked at: ``value_problems`` does that where the agent cannot reach.
+    """
+    once = _converted(returned)
+    whole = _problem_of_the_whole(once, card, n)
+    if whole is None:
+        return np.array(once, dtype=np.float64), {}
+    actions = np.zeros((n, len(card.actions)))
+    if n == 1 or not isinstance(returned, list | tuple) or len(returned) != n:
+        return actions, dict.fromkeys(range(n), whole)
+    problems: dict[int, str] = {}
+    for row, given in enumerate(returned):
+        one, wrong = read_actions([given], card, 1)
+        actions[row] = one[0]
+        if wrong:
+            problems[row] = wrong[0]
+    return actions, problems
+
+
+def _converted(returned: object) -> object:
+    """``returned`` as an array of numbers, if it is one: what converts itself may look different every time."""
+    if isinstance(returned, np.ndarray):
+        return returned
+    try:
+        array = np.asarray(returned)
+    except (TypeError, ValueError):  # told in words by who looks at it
+        return returned
+    return array if array.dtype.kind in "fiu" else returned
 
 
 def _problem_of_the_whole(returned: object, task: TaskCard, n_runs: int) -> str | None:

@@ -19,8 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from glbench.agents.card import read_toml
-from glbench.agents.contents import check_file, check_sizes, files_of_folder
-from glbench.agents.identity import baseline_names
+from glbench.agents.identity import baseline_names, check_file, check_sizes, files_of_folder
 from glbench.agents.protocol import Agent, PrivilegedController
 from glbench.errors import GlbenchError, SubmissionError, did_you_mean
 from glbench.resources import data_folder, sha256_of_files

@@ -1,14 +1,22 @@
 """From a path or a name to an agent that can be run: ``load_agent``.
 
 A submission is a Python file with a function ``make_agent(task)``, a saved policy, or a folder with one of the two (``identity.py`` tells
-them apart). A baseline is a name; its data lie in ``baselines/<name>``.
+them apart). A baseline is a name; its data lie in ``baselines/<name>``. A submission's file is run as a module without leaving traces: no
+bytecode in its folder, no names in the way of others. This keeps submissions apart from each other; it is no sandbox.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+import inspect
+import sys
+import traceback
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from importlib.machinery import ModuleSpec
+from importlib.util import module_from_spec
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Literal
 
 from glbench.agents.identity import (
@@ -22,13 +30,229 @@ from glbench.agents.identity import (
     path_of,
     read_identity,
 )
-from glbench.agents.protocol import Agent, PrivilegedController
+from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, SingleRunAgent
 from glbench.errors import SubmissionError, did_you_mean
 from glbench.resources import data_folder
 
 if TYPE_CHECKING:
     from glbench.agents.baselines import Baseline
     from glbench.tasks import TaskCard
+
+
+_LONGEST_LINE = 120
+_NEVER_SHADOWED = sys.stdlib_module_names | {"glbench"}
+
+
+def import_file(file: Path, name: str, folder: Path | None) -> ModuleType:
+    """Execute ``file`` as a new module called ``name`` and return it.
+
+    ``folder`` is the submission's folder when it is one; its other modules can then be imported, by ``from . import helper`` at
+    any time and by ``import helper`` while the submission is being loaded.
+
+    Raises
+    ------
+    SubmissionError
+        When the file is no valid Python, or raises. The message holds the last line of the traceback and the place.
+    """
+    try:
+        code = compile(file.read_bytes(), str(file), "exec", dont_inherit=True)
+    except (SyntaxError, ValueError) as error:
+        msg = f"{file.name} is no valid Python: {last_line(error)}{_place_of_syntax_error(error, file)}."
+        raise SubmissionError(msg) from error
+    except (MemoryError, RecursionError) as error:
+        msg = f"{file.name} is no valid Python: it is nested too deeply, or too large ({last_line(error)})."
+        raise SubmissionError(msg) from error
+    spec = ModuleSpec(name, loader=None, origin=str(file), is_package=folder is not None)
+    if folder is not None:
+        spec.submodule_search_locations = [str(folder)]
+    module = module_from_spec(spec)
+    module.__file__ = str(file)
+    # Under its own name the module stays findable, which dataclasses and pickle need; the name holds the submission's digest.
+    sys.modules[name] = module
+    try:
+        with at_home(folder):
+            exec(code, module.__dict__)
+    except (Exception, SystemExit) as error:
+        for loaded in [key for key in sys.modules if key == name or key.startswith(f"{name}.")]:
+            del sys.modules[loaded]
+        hint = _hint_about_neighbours(error, file, folder)
+        msg = f"{file.name} fails while it is loaded: {describe_error(error, folder or file)}.{hint}"
+        raise SubmissionError(msg) from error
+    return module
+
+
+@contextlib.contextmanager
+def at_home(folder: Path | None) -> Iterator[None]:
+    """Let ``import helper`` find the modules of a submission's ``folder``, and forget them again; never write bytecode."""
+    wrote_no_bytecode, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    own = _own_modules(folder) if folder is not None else frozenset[str]()
+    others = {name: module for name, module in sys.modules.items() if name.partition(".")[0] in own}
+    for name in others:
+        del sys.modules[name]
+    path = str(folder)
+    if folder is not None:
+        sys.path.insert(0, path)
+    try:
+        yield
+    finally:
+        sys.dont_write_bytecode = wrote_no_bytecode
+        if folder is not None:
+            with contextlib.suppress(ValueError):  # the submission may have changed sys.path itself
+                sys.path.remove(path)
+        for name in [name for name in sys.modules if name.partition(".")[0] in own]:
+            del sys.modules[name]
+        sys.modules.update(others)
+
+
+def describe_error(error: BaseException, within: Path) -> str:
+    """``ValueError: message (agent.py, line 42, in act)``: last line of a traceback and the deepest place in a submission.
+
+    ``within`` is the submission's file or folder. Without a frame in it, the deepest place anywhere is named.
+    """
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if _is_within(Path(frame.filename), within)]
+    if not frames:
+        return last_line(error)
+    frame = (own or list(frames))[-1]
+    return f"{last_line(error)} ({Path(frame.filename).name}:{frame.lineno}, in {frame.name})"
+
+
+def last_line(error: BaseException) -> str:
+    """Type and message of an error on one line."""
+    lines = [line.strip() for line in "".join(traceback.format_exception_only(error)).splitlines() if line.strip()]
+    return lines[-1].rstrip(".") if lines else type(error).__name__
+
+
+def _own_modules(folder: Path) -> frozenset[str]:
+    """Names of the modules in ``folder``; names of the standard library and glbench keep their meaning."""
+    names = {file.stem for file in folder.glob("*.py")} | {item.name for item in folder.iterdir() if item.is_dir()}
+    return frozenset(name for name in names if name.isidentifier() and name not in _NEVER_SHADOWED)
+
+
+def _is_within(file: Path, place: Path) -> bool:
+    return file == place or place in file.parents
+
+
+def _place_of_syntax_error(error: SyntaxError | ValueError, file: Path) -> str:
+    if not isinstance(error, SyntaxError) or error.lineno is None:
+        return ""
+    line = (error.text or "").strip()
+    shown = line if len(line) <= _LONGEST_LINE else f"{line[: _LONGEST_LINE - 4]} ..."
+    return f" ({file.name}:{error.lineno}" + (f": {shown})" if shown else ")")
+
+
+def _hint_about_neighbours(error: BaseException, file: Path, folder: Path | None) -> str:
+    """What to do when a single file imports the file beside it."""
+    if not isinstance(error, ModuleNotFoundError) or not error.name:
+        return ""
+    top = error.name.partition(".")[0]
+    beside = file.parent / f"{top}.py"
+    if folder is None and (beside.is_file() or (file.parent / top).is_dir()):
+        return (
+            f" A submission that is one file cannot import its neighbours. Put {file.name} (as agent.py) and '{top}' "
+            "together into a folder and submit the folder."
+        )
+    return f" Install '{top}' into this environment, or do without it."
+
+
+def python_maker(submission: Identity) -> Callable[[TaskCard], Agent]:
+    """Run the submission's file and return what makes its agent for a task.
+
+    Raises
+    ------
+    SubmissionError
+        When the file is no valid Python, raises, or has no ``make_agent(task)``.
+    """
+    file, folder = submission.entry, submission.folder
+    module = import_file(file, f"_glbench_submission_{submission.digest[:16]}", folder)
+    return _maker(_make_agent_of(module, file), file, folder)
+
+
+def _make_agent_of(module: ModuleType, file: Path) -> Callable[[TaskCard], object]:
+    make_agent = getattr(module, "make_agent", None)
+    if make_agent is None:
+        functions = [name for name, item in vars(module).items() if callable(item) and not name.startswith("_")]
+        near = did_you_mean("make_agent", functions) if functions else ""
+        msg = f"{file.name} has no function make_agent(task).{near} Add one that returns your agent."
+        raise SubmissionError(msg)
+    if not callable(make_agent):
+        msg = f"make_agent in {file.name} is {_a(make_agent)}, expected a function make_agent(task) that returns your agent."
+        raise SubmissionError(msg)
+    _check_call(make_agent, f"make_agent in {file.name}", "make_agent(task)", 1)
+    function: Callable[[TaskCard], object] = make_agent
+    return function
+
+
+def _maker(make_agent: Callable[[TaskCard], object], file: Path, folder: Path | None) -> Callable[[TaskCard], Agent]:
+    def call(task: TaskCard) -> object:
+        try:
+            with at_home(folder):
+                return make_agent(task)
+        except (Exception, SystemExit) as error:
+            msg = f"make_agent in {file.name} fails: {describe_error(error, folder or file)}."
+            raise SubmissionError(msg) from error
+
+    def make_single(task: TaskCard) -> SingleRunAgent:
+        return _as_single(call(task), file)
+
+    def make(task: TaskCard) -> Agent:
+        made = call(task)
+        if getattr(made, "single_run", False):
+            return PerRunAgent(make_single, first=_as_single(made, file))
+        return _as_agent(made, file)
+
+    return make
+
+
+def _as_agent(made: object, file: Path) -> Agent:
+    _check_agent(made, file, 2, "reset(task, n_runs)", "act(observations)")
+    if not isinstance(made, Agent):
+        raise SubmissionError(_lacks(made, file, "reset(task, n_runs) and act(observations)"))
+    return made
+
+
+def _as_single(made: object, file: Path) -> SingleRunAgent:
+    _check_agent(made, file, 1, "reset(task)", "act(observation)")
+    if not isinstance(made, SingleRunAgent):
+        raise SubmissionError(_lacks(made, file, "single_run = True, reset(task) and act(observation)"))
+    return made
+
+
+def _check_agent(made: object, file: Path, reset_arguments: int, reset: str, act: str) -> None:
+    if getattr(made, "privileged", False):
+        msg = f"The agent of {file.name} says 'privileged': submissions see {OBSERVATIONS_ONLY} only. Remove the attribute."
+        raise SubmissionError(msg)
+    missing = [form for form in (reset, act) if not callable(getattr(made, form.partition("(")[0], None))]
+    if isinstance(made, type) or missing:
+        raise SubmissionError(_lacks(made, file, " and ".join(missing) or "an instance"))
+    owner = f"of the agent {type(made).__name__} in {file.name}"
+    _check_call(made.reset, f"reset {owner}", reset, reset_arguments)  # type: ignore[attr-defined]
+    _check_call(made.act, f"act {owner}", act, 1)  # type: ignore[attr-defined]
+
+
+def _lacks(made: object, file: Path, missing: str) -> str:
+    if made is None:
+        return f"make_agent in {file.name} returns nothing. End it with 'return' and your agent."
+    if isinstance(made, type):
+        return f"make_agent in {file.name} returns the class {made.__name__}, expected an instance: return {made.__name__}(...)."
+    return f"make_agent in {file.name} returns {_a(made)} without {missing}. See docs/submit.md for what an agent has."
+
+
+def _check_call(function: Callable[..., object], what: str, form: str, arguments: int) -> None:
+    """Refuse a function that cannot be called with that many positional arguments."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # functions of compiled modules may have no signature; the call itself will tell
+        return
+    try:
+        signature.bind(*[None] * arguments)
+    except TypeError as error:
+        msg = f"{what} has the wrong signature {signature}: it is called as {form}."
+        raise SubmissionError(msg) from error
+
+
+def _a(thing: object) -> str:
+    return f"an object of type {type(thing).__name__}"
 
 
 @dataclass(frozen=True)
@@ -70,19 +294,23 @@ def load_agent(ref: str | Path) -> LoadedAgent:
     if is_built_in(path):
         return _baseline(path, name_of(path), "submission")
     submission = read_identity(path)
-    make = _maker(submission)
+    make = _maker_of(submission)
     return LoadedAgent(submission.name, "submission", submission.digest, False, OBSERVATIONS_ONLY, make, submission)
 
 
-def _maker(submission: Identity) -> Callable[[TaskCard], Agent]:
-    # Neither at the top: the process of an agent loads what its own form needs.
+def _maker_of(submission: Identity) -> Callable[[TaskCard], Agent]:
     if submission.form == "python":
-        from glbench.agents.python_agent import python_maker
-
         return python_maker(submission)
-    from glbench.agents.formats import policy_agent
 
-    return lambda task: policy_agent(submission, task)
+    def make(task: TaskCard) -> Agent:
+        # Not at the top: the process of an agent in Python does not need them.
+        from glbench.agents.formats.exported import onnx_agent, torchscript_agent
+        from glbench.agents.formats.sb3 import sb3_agent
+
+        makers = {"sb3": sb3_agent, "torchscript": torchscript_agent, "onnx": onnx_agent}
+        return makers[submission.form](submission, task)
+
+    return make
 
 
 def find_submission(ref: str | Path) -> Path:

@@ -72,10 +72,10 @@ class PrivilegedController(Protocol):
         """``n_runs`` runs of ``task`` begin."""
 
     def controls(self, x: Floats, d: Floats, hour_of_day: float | Floats, day_of_year: float | Floats, /) -> Floats:
-        """Controls (n, 6), fractions of capacity, for the coming step.
+        """Controls (n, controls), fractions of capacity, for the coming step.
 
-        ``x`` (n, 28) is the state now, ``d`` (n, 10) or (10,) the disturbance acting in the coming step, ``hour_of_day`` [h] and
-        ``day_of_year`` [day] the clock now, one number or one a run (n,).
+        ``x`` (n, states) is the state now, ``d`` (n, disturbances) or (disturbances,) the disturbance acting in the coming step,
+        ``hour_of_day`` [h] and ``day_of_year`` [day] the clock now, one number or one a run (n,).
         """
 
 

@@ -11,17 +11,14 @@ import typer
 
 from glbench import __version__
 from glbench.cli import episodes, submit, tasks, weather
-from glbench.cli.badge import badge
 from glbench.cli.bench import bench
-from glbench.cli.compare import compare
 from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_warnings
 from glbench.cli.evaluate import evaluate
-from glbench.cli.leaderboard import leaderboard
+from glbench.cli.leaderboard import badge, leaderboard
 from glbench.cli.leaving import INTERRUPTED, interruptible, leave
 from glbench.cli.report import report
-from glbench.cli.show import show
-from glbench.cli.train import export, sweep, train
-from glbench.cli.tune import tune
+from glbench.cli.results import compare, show
+from glbench.cli.train import export, sweep, train, tune
 from glbench.cli.verify import verify
 from glbench.cli.view import view
 from glbench.errors import GlbenchError
@@ -35,23 +32,13 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("evaluate")(evaluate)
-app.command("leaderboard")(leaderboard)
-app.command("show")(show)
-app.command("compare")(compare)
-app.command("badge")(badge)
-app.command("report")(report)
-app.command("verify")(verify)
-app.command("view")(view)
-app.command("bench")(bench)
+for _command in (evaluate, leaderboard, show, compare, badge, report, verify, view, bench):
+    app.command(_command.__name__)(_command)
 app.add_typer(submit.app, name="submit")
-app.command("train")(train)
-app.command("tune")(tune)
-app.command("export")(export)
-app.command("sweep")(sweep)
-app.add_typer(episodes.app, name="episodes")
-app.add_typer(tasks.app, name="tasks")
-app.add_typer(weather.app, name="weather")
+for _training in (train, tune, export, sweep):
+    app.command(_training.__name__)(_training)
+for _group in (episodes, tasks, weather):
+    app.add_typer(_group.app, name=_group.__name__.rpartition(".")[2])
 
 
 def _print_version(wanted: bool) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, output
+from glbench.cli.console import messages, output, table, tell
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -55,7 +55,7 @@ def bench(
     _print(record)
     if out is not None:
         save_record(record, out)
-        messages().print(f"Saved {out}", markup=False, soft_wrap=True)
+        tell(f"Saved {out}")
 
 
 def _print(record: SpeedRecord) -> None:
@@ -88,19 +88,16 @@ def _print(record: SpeedRecord) -> None:
 
 
 def _table(title: str, rows: list[Measurement]) -> Table:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("", min_width=28)
-    for heading, width in (("us a step", 9), ("steps/s", 9), ("x CVODES", 8), ("range", 13)):
-        table.add_column(heading, justify="right", no_wrap=True, min_width=width)
+    numbers = ("us a step", "steps/s", "x CVODES", "range")
+    view = table(title, "", *numbers, right=numbers, pad_edge=False)
+    for column, width in zip(view.columns, (28, 9, 9, 8, 13), strict=True):
+        column.min_width = width
     for one in rows:
-        table.add_row(
+        view.add_row(
             one.title,
             f"{one.microseconds:,.2f}",
             f"{one.steps_per_second:,.0f}",
             f"[bold]{one.ratio:,.1f}x[/]",
             f"{one.ratio_low:,.1f}..{one.ratio_high:,.1f}",
         )
-    return table
+    return view

@@ -8,19 +8,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.table import Table
+from rich.text import Text
 
-from glbench.cli.console import messages, output
-from glbench.cli.recording import recording
+from glbench.cli.console import messages, output, put, table, tell
+from glbench.cli.options import Episodes
 from glbench.errors import EpisodeError
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from glbench.episodes import ActionLog, Episode
 
 app = typer.Typer(help="Look at episode records (MCAP), export, recover and make them.", no_args_is_help=True)
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="An episode record (.mcap).")]
+ResultFile = Annotated[Path, typer.Argument(metavar="RESULT", help="A result file (.json) with its recorded actions.")]
 
 
 @app.command()
@@ -57,7 +58,7 @@ def export(
         buffer = io.BytesIO()
         frame.to_parquet(buffer)
         write_atomically(to, buffer.getvalue())
-    messages().print(f"Written: {to} ({len(frame)} steps, {frame.shape[1]} columns)", markup=False, soft_wrap=True)
+    tell(f"Written: {to} ({len(frame)} steps, {frame.shape[1]} columns)")
 
 
 @app.command()
@@ -77,19 +78,13 @@ def recover(
     episode = recover_file(file, to)
     lost = episode.run.steps - episode.steps
     problem = f" ({episode.problem})" if episode.problem else ""
-    messages().print(
-        f"Recovered {episode.steps} of {episode.run.steps} steps, {lost} are lost{problem}. Written: {to}",
-        markup=False,
-        soft_wrap=True,
-    )
+    tell(f"Recovered {episode.steps} of {episode.run.steps} steps, {lost} are lost{problem}. Written: {to}")
 
 
 @app.command()
 def make(
-    result: Annotated[Path, typer.Argument(metavar="RESULT", help="A result file (.json) with its recorded actions.")],
-    episodes: Annotated[
-        str, typer.Option("--episodes", help="all, or a list of best, worst, median and seeds.")
-    ] = "best,worst,median",
+    result: ResultFile,
+    episodes: Episodes = "best,worst,median",
     to: Annotated[
         Path | None, typer.Option("--to", help="Folder to write to. Default: where evaluate puts them.")
     ] = None,
@@ -103,10 +98,21 @@ def make(
     with messages().status("replaying"):
         files = make_episodes(parse_selection(episodes), loaded, result, task_of_result(loaded, result), to)
     for file in files:
-        output().print(str(file), markup=False, soft_wrap=True)
+        put(file)
 
 
-app.command()(recording)
+@app.command()
+def recording(
+    result: ResultFile,
+    run: Annotated[int, typer.Option("--run", help="Seed of the run whose actions are taken.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write, which glbench evaluate runs.")],
+) -> None:
+    """Make an agent of the recorded actions of one run. It replays them without looking: what feedback is worth is what it loses."""
+    from glbench.evaluation.recordings import write_recording
+
+    made = write_recording(result, run, out)
+    put(out)
+    tell(f"{len(made.actions)} steps of {made.about['agent']}. Next: glbench evaluate {out}")
 
 
 def _show_episode(episode: Episode, file: Path) -> None:
@@ -147,9 +153,6 @@ def _show_log(log: ActionLog, file: Path) -> None:
 
 
 def _facts(facts: dict[str, str]) -> Table:
-    from rich.table import Table
-    from rich.text import Text
-
     view = Table(box=None, show_header=False, pad_edge=False)
     view.add_column(style="bold", no_wrap=True)
     view.add_column(overflow="fold")
@@ -159,14 +162,7 @@ def _facts(facts: dict[str, str]) -> Table:
 
 
 def _columns(episode: Episode) -> Table:
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    view = Table(title="Columns", title_justify="left", box=box.SIMPLE_HEAD)
-    for heading in ("Column", "Unit"):
-        view.add_column(heading, no_wrap=True)
-    view.add_column("Meaning")
+    view = table("Columns", "Column", "Unit", "Meaning", folded=("Meaning",), title_style=None)
     for group in episode.groups:
         view.add_row(Text(group.path, style="bold"))
         for column in group.columns:

@@ -1,34 +1,49 @@
-"""``glbench evaluate``: run agents on tasks, show what they earned, save it."""
+"""``glbench evaluate``: run agents on tasks, show what they earned, save it. Of several, one that fails does not stop the others."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import sys
+import time
 from collections.abc import Iterator, Sequence
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.box import HEAVY_HEAD
+from rich.markup import escape
 
-from glbench.cli.choices import Sandbox
-from glbench.cli.console import messages, output, print_warning, say
+from glbench.cli.console import harmless, messages, output, print_warning, say, table, tell
 from glbench.cli.leaving import INTERRUPTED, leaving_at_once, tell_interrupted
+from glbench.cli.options import REPORTS, AsJson, EngineName, Episodes, Sandbox, SandboxChoice, Workers
+from glbench.cli.progress import Bar
 from glbench.cli.view import live_view, live_viewer
 from glbench.errors import GlbenchError, SubmissionError, TaskError
 
 if TYPE_CHECKING:
-    from glbench.evaluation import Evaluation, Protected, Result, SandboxChoice
-    from glbench.evaluation.engines import Engine
+    from rich.table import Table
+
+    from glbench.evaluation import Evaluation, Protected, Result
+    from glbench.evaluation import Progress as Standing
+    from glbench.evaluation import SandboxChoice as ChosenSandbox
+    from glbench.evaluation.engines import Engine, Job, Outcome
     from glbench.tasks import TaskSpec
 
 
-class EngineName(StrEnum):
-    """The choices of ``--engine``."""
-
-    LOCAL = "local"
-    RAY = "ray"
+_LONGEST_REASON = 500
+_SIDE_BY_SIDE = 4
+_SHOWN_REASONS, _SHOWN_LINES = 2, 3
+_SHOWN_PRINTS, _LONGEST_LINE = 20, 300
+_CAPTION = "* some runs failed; their missing steps count at the task's price"
+_PROTECTIONS = {
+    "bubblewrap": "in a sandbox (bubblewrap)",
+    "unsandboxed": "[yellow]unsandboxed[/yellow]",
+    "built-in": "a built-in agent",
+}
+_LINE_SHARE = 0.1
+_SHORTEST_LINE_SECONDS, _LONGEST_LINE_SECONDS = 2.0, 30.0
+"""Where there is no bar: a line every tenth of the steps, not more often than this, and one at least so often."""
 
 
 def evaluate(
@@ -51,39 +66,17 @@ def evaluate(
     seed: Annotated[
         int | None, typer.Option("--seed", min=0, help="Seed of the first run. Default: what the task says.")
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            "--workers", "-w", min=1, help="Cores that share the simulation; changes no number. Default: all."
-        ),
-    ] = None,
+    workers: Workers = None,
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for results/ and for the checkpoint of unfinished work.")
-    ] = Path("reports"),
-    episodes: Annotated[
-        str,
-        typer.Option(
-            "--episodes",
-            help="Runs to keep as full episodes (3 MB each): all, none, or a list of best, worst, median and seeds. "
-            "The actions of all runs are kept anyway, so that the others can be made later.",
-        ),
-    ] = "best,worst,median",
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print each result as one line of JSON and nothing else.")
-    ] = False,
+    ] = REPORTS,
+    episodes: Episodes = "best,worst,median",
+    as_json: AsJson = False,
     live: Annotated[
         bool,
         typer.Option("--live", help="Watch the first run in the viewer while it is simulated (needs glbench[view])."),
     ] = False,
-    sandbox: Annotated[
-        Sandbox,
-        typer.Option(
-            "--sandbox",
-            envvar="GLBENCH_SANDBOX",
-            help="Where submissions run: bubblewrap (no network, no weather, no seeds, limited in size), or none (with your rights: "
-            "for code that you wrote or have read). auto: bubblewrap, but unchanged examples of glbench run without where there is none.",
-        ),
-    ] = Sandbox.AUTO,
+    sandbox: SandboxChoice = Sandbox.AUTO,
     show_prints: Annotated[
         bool, typer.Option("--show-prints", help="Show what sandboxed agents print, also when nothing fails.")
     ] = False,
@@ -107,8 +100,6 @@ def evaluate(
     same command, and what is finished is not done again.
     """
     with leaving_at_once():
-        from glbench.cli.evaluate_many import Told, evaluate_many
-        from glbench.cli.evaluation_tables import print_prints
         from glbench.evaluation.engines import Job, Options
 
     try:
@@ -129,18 +120,15 @@ def evaluate(
         with live_viewer() if live else contextlib.nullcontext() as viewer:
             result = _evaluate(first, as_json=as_json, viewer=viewer)
         if show_prints or result.failed:
-            print_prints(first.agent.name, first.prints.text(), everything=show_prints)
+            _print_prints(first.agent.name, first.prints.text(), everything=show_prints)
     else:
         if live:
             msg = "--live shows one evaluation on this machine: name one agent and one task, without --engine."
             raise GlbenchError(msg)
-        chosen_engine = _engine(engine, address, workers)
-        told = Told(as_json=as_json, prints=show_prints)
-        if not evaluate_many(jobs, chosen_engine, unusable, quiet=lambda: _quiet_agents(as_json), told=told):
+        if not _evaluate_many(jobs, _engine(engine, address, workers), unusable, as_json=as_json, prints=show_prints):
             raise typer.Exit(1)
     if not as_json:
-        option = "" if out == Path("reports") else f" --out {out}"
-        messages().print(f"Next: glbench leaderboard{option}", markup=False, soft_wrap=True)
+        tell(f"Next: glbench leaderboard{'' if out == REPORTS else f' --out {out}'}")
 
 
 def _engine(name: EngineName, address: str | None, workers: int | None) -> Engine:
@@ -191,7 +179,7 @@ def _tasks(names: Sequence[str], suites: Sequence[str]) -> list[TaskSpec]:
     return list(by_folder.values())
 
 
-def _agents(refs: Sequence[str], sandbox: SandboxChoice) -> tuple[dict[str, Protected], dict[str, str]]:
+def _agents(refs: Sequence[str], sandbox: ChosenSandbox) -> tuple[dict[str, Protected], dict[str, str]]:
     """The agents named, each once, and the reasons why others cannot be used. A single one that cannot be used raises.
 
     Raises
@@ -223,11 +211,10 @@ def _agents(refs: Sequence[str], sandbox: SandboxChoice) -> tuple[dict[str, Prot
 
 def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = None) -> Result:
     """Run one evaluation, or take its stored result, and show it; ``viewer`` is the address of a live view."""
-    from glbench.cli.evaluation_tables import announcement
     from glbench.evaluation import SavingError
 
     if not as_json:
-        say(messages(), announcement(evaluation))
+        say(messages(), _announcement(evaluation))
     result = evaluation.stored
     if result is None:
         try:
@@ -241,14 +228,14 @@ def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = Non
         evaluation.complete_episodes(evaluation.stored)
     _show(result, as_json=as_json)
     if evaluation.path is not None and not as_json:
-        messages().print(f"Saved: {_shown(evaluation.path)}", markup=False, soft_wrap=True)
-        messages().print(f"Reproduce it: glbench verify {_shown(evaluation.path)}", markup=False, soft_wrap=True)
+        tell(f"Saved: {_shown(evaluation.path)}")
+        tell(f"Reproduce it: glbench verify {_shown(evaluation.path)}")
     return result
 
 
 def _show(result: Result, *, as_json: bool) -> None:
     """What was earned, as a table or as one line of JSON."""
-    from glbench.cli.evaluation_tables import print_failures, summary_table
+    from glbench.cli.results import print_failures, summary_table
 
     if as_json:
         output().out(result.model_dump_json(by_alias=True), highlight=False)
@@ -258,16 +245,11 @@ def _show(result: Result, *, as_json: bool) -> None:
 
 
 def _run(evaluation: Evaluation, *, as_json: bool, viewer: str | None) -> Result:
-    from glbench.cli.evaluation_progress import ProgressBar
     from glbench.evaluation import SavingError
 
     try:
-        with (
-            _quiet_agents(as_json),
-            live_view(viewer, evaluation) as watcher,
-            ProgressBar(evaluation) as bar,
-        ):
-            return evaluation.run(bar.update, watcher)
+        with _quiet_agents(as_json), live_view(viewer, evaluation) as watcher, _Progress(evaluation) as progress:
+            return evaluation.run(progress.update, watcher)
     except KeyboardInterrupt:
         tell_interrupted(_what_is_kept(evaluation))
         raise typer.Exit(INTERRUPTED) from None
@@ -306,3 +288,215 @@ def _quiet_agents(wanted: bool) -> Iterator[None]:
 def _shown(path: Path) -> str:
     """A path as short as it can be copied: relative when it lies below the current folder."""
     return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else str(path)
+
+
+def _evaluate_many(
+    jobs: Sequence[Job], engine: Engine, unusable: dict[str, str], *, as_json: bool, prints: bool
+) -> bool:
+    """Do all ``jobs`` and say how each ended: as JSON only, or in words; whether none failed.
+
+    ``unusable`` names the agents that could not be loaded, with the reasons. With ``prints`` everything that agents print is shown, else
+    the last lines of those that fail.
+    """
+    outcomes: list[Outcome] = []
+    bar = _JobsBar(len(jobs))
+    try:
+        with bar:
+            coming = iter(engine.run(jobs, bar.report))
+            while (outcome := _next(coming, quiet=as_json)) is not None:
+                outcomes.append(outcome)
+                bar.ended(outcome)
+                _print(outcome, f"{len(outcomes):{len(str(len(jobs)))}}/{len(jobs)}", as_json=as_json, prints=prints)
+    except KeyboardInterrupt:
+        done = sum(outcome.result is not None for outcome in outcomes)
+        tell_interrupted(
+            f"{done} of {len(jobs)} evaluations are done and saved. The same command (without --fresh) goes on: what is done is not "
+            "done again, what was under way goes on from its checkpoint."
+        )
+        raise typer.Exit(INTERRUPTED) from None
+    failures = [(f"{o.job.agent_name} on {o.job.task.short_id}", o.reason) for o in outcomes if o.reason is not None]
+    failures += list(unusable.items())
+    if not as_json:
+        output().print(_summary(jobs, outcomes))
+    if failures:
+        messages().print(f"[bold red]{len(failures)} failed:[/bold red]")
+        for what, reason in failures:
+            messages().print(f"  [red]{escape(harmless(what))}[/red]: {escape(_short(reason or ''))}", soft_wrap=True)
+    return not failures
+
+
+def _next(coming: Iterator[Outcome], *, quiet: bool) -> Outcome | None:
+    with _quiet_agents(quiet):
+        return next(coming, None)
+
+
+def _print(outcome: Outcome, number: str, *, as_json: bool, prints: bool) -> None:
+    """A line a job, and why runs failed; with ``as_json`` the result as one line on standard output, and the words beside it."""
+    from glbench.cli.results import print_reasons
+
+    result, name = outcome.result, outcome.job.agent_name
+    if as_json:
+        if result is not None:
+            output().out(result.model_dump_json(by_alias=True), highlight=False)
+        return
+    begin = f"[dim]{number}[/dim] [bold]{escape(name)}[/bold] on {escape(outcome.job.task.short_id)}: "
+    if result is None:
+        said = f"[red]failed[/red] after {outcome.seconds:.1f} s: {escape(_short(outcome.reason or ''))}"
+    else:
+        took = "already there" if outcome.stored else f"{outcome.seconds:.1f} s"
+        said = f"{_reward_in_words(result)}, {_runs(result)}, {took}"
+    messages().print(begin + said, soft_wrap=True)
+    if result is not None and (prints or result.failed):
+        print_reasons(result, _SHOWN_REASONS, indent="    ")
+        _print_prints(name, outcome.printed, everything=prints, last=_SHOWN_LINES, indent="    ")
+
+
+def _runs(result: Result) -> str:
+    runs = f"{len(result.runs)} run{'s' if len(result.runs) > 1 else ''}"
+    return f"{runs}, [red]{len(result.failed)} failed[/red]" if result.failed else runs
+
+
+def _summary(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> Table:
+    """Mean reward of every agent on every task; a few agents side by side, many below each other."""
+    cells = {(outcome.job.agent_name, outcome.job.task.short_id): _cell(outcome) for outcome in outcomes}
+    agents = list(dict.fromkeys(job.agent_name for job in jobs))
+    tasks = list(dict.fromkeys(job.task.short_id for job in jobs))
+    failures = any(outcome.result is not None and outcome.result.failed for outcome in outcomes)
+    look = {"caption": _CAPTION if failures else None, "caption_justify": "left", "box": HEAVY_HEAD}
+    if len(agents) <= _SIDE_BY_SIDE:
+        rows, columns, heads = tasks, agents, [escape(agent) for agent in agents]
+    else:
+        rows, columns, heads = agents, tasks, [escape(task.replace("-", "\n")) for task in tasks]
+    first = "Task" if rows is tasks else "Agent"
+    view = table("Reward [-], mean over the runs", first, *heads, right=heads, folded=[first, *heads], **look)
+    for row in rows:
+        pairs = [(column, row) if rows is tasks else (row, column) for column in columns]
+        view.add_row(row if rows is tasks else escape(row), *(cells.get(pair, "") for pair in pairs))
+    return view
+
+
+def _cell(outcome: Outcome) -> str:
+    from glbench.leaderboard.catalogue import catalogue
+
+    if outcome.result is None:
+        return "[red]failed[/red]"
+    mean = outcome.result.summary.mean.get(catalogue().score.name)
+    return ("–" if mean is None else f"{mean:,.1f}") + ("*" if outcome.result.failed else "")
+
+
+def _short(reason: str) -> str:
+    words = harmless(" ".join(reason.split()))
+    return words if len(words) <= _LONGEST_REASON else words[: _LONGEST_REASON - 4] + " ..."
+
+
+def _announcement(evaluation: Evaluation) -> str:
+    """What is about to be evaluated, in two lines."""
+    from glbench.cli.results import count
+
+    task, seeds, days = evaluation.task, evaluation.seeds, evaluation.task.weather.days
+    numbers = f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seed {seeds[0]}"
+    sees = " [yellow](privileged: sees more than the observations)[/yellow]" if evaluation.agent.privileged else ""
+    return (
+        f"[bold]{escape(evaluation.agent.name)}[/bold]{sees} on [bold]{escape(task.id)}[/bold]: {escape(task.title)}\n"
+        f"{count(len(seeds), 'run')} ({numbers}) of {count(days, 'day')}, {task.steps} steps of {task.step_seconds:g} s; "
+        f"{count(evaluation.workers, 'worker')}, {evaluation.kernel['backend']} kernel, {_PROTECTIONS[evaluation.protection]}"
+    )
+
+
+def _reward_in_words(result: Result) -> str:
+    """``reward 3,751.9 (3,750.9 to 3,752.8)``: mean and 95 % interval."""
+    from glbench.leaderboard.entries import RANKING_METRIC
+    from glbench.leaderboard.ranking import estimate
+
+    one = estimate(result.values(RANKING_METRIC))
+    interval = f" ({one.low:,.1f} to {one.high:,.1f})" if len(result.runs) > 1 and one.low < one.high else ""
+    return f"{RANKING_METRIC} {one.mean:,.1f}{interval}"
+
+
+def _print_prints(name: str, printed: str, *, everything: bool, last: int = _SHOWN_PRINTS, indent: str = "") -> None:
+    """What the sandboxed agent ``name`` printed: all that was kept of it, or its last lines."""
+    lines = printed.rstrip().splitlines()
+    shown = lines if everything else lines[-last:]
+    more = (
+        f" (the last {len(shown)} of {len(lines)} lines; --show-prints shows more)" if len(shown) < len(lines) else ""
+    )
+    if lines:
+        messages().print(f"{indent}What {escape(name)} printed{more}:", soft_wrap=True)
+    for line in shown:
+        tell(f"{indent}  {line if everything or len(line) <= _LONGEST_LINE else f'{line[: _LONGEST_LINE - 4]} ...'}")
+
+
+class _JobsBar(Bar):
+    """A bar for all jobs together, shown on a terminal only."""
+
+    def __init__(self, jobs: int) -> None:
+        super().__init__("starting", jobs, "{task.fields[done]} done", done=f"0 of {jobs}")
+        self._jobs = jobs
+        self._parts: dict[int, float] = {}
+        self._done = 0
+
+    def report(self, job: Job, standing: Standing) -> None:
+        """A job has come to a step."""
+        self._parts[id(job)] = standing.step / standing.steps
+        if self.is_time():
+            alone = len(self._parts) == 1
+            self._show(f"{job.agent_name} on {job.task.short_id}" if alone else f"{len(self._parts)} at once")
+
+    def ended(self, outcome: Outcome) -> None:
+        """A job has ended."""
+        self._parts.pop(id(outcome.job), None)
+        self._done += 1
+        self._show("running")
+
+    def _show(self, description: str) -> None:
+        completed = self._done + sum(self._parts.values())
+        self.move(completed, description=escape(description), done=f"{self._done} of {self._jobs}")
+
+
+class _Progress(Bar):
+    """The progress of one evaluation: a bar; where standard error is no terminal, a plain line now and then."""
+
+    def __init__(self, evaluation: Evaluation) -> None:
+        columns = ("step {task.completed:.0f} of {task.total:.0f}", "{task.fields[speed]}")
+        super().__init__("starting", evaluation.task.steps, *columns, time_left=True, speed="")
+        self._runs = len(evaluation.seeds)
+        self._line = (time.monotonic(), 0)
+        self._began: tuple[float, int] | None = None
+
+    def update(self, standing: Standing) -> None:
+        """Show where the evaluation stands."""
+        now = time.monotonic()
+        if not standing.replaying and self._began is None:
+            # What was replayed says nothing about the speed of what is simulated now.
+            self.reset(standing.step, description="running")
+            self._began = self._line = (now, standing.step)
+            if standing.step > 0:
+                messages().print(f"Going on at step {standing.step} of {standing.steps}, where it was interrupted.")
+        description, lost = "reminding the agent" if standing.replaying else "running", standing.runs - standing.alive
+        failed = f"{lost} of {standing.runs} runs failed" if lost else ""
+        if not self.on_terminal:
+            self._show_line(now, standing, description, failed)
+        elif self.is_time() or standing.step == standing.steps:
+            description += f" [red]({failed})[/red]" if lost else ""
+            self.move(standing.step, description=description, speed=self._speed(now, standing))
+
+    def _show_line(self, now: float, standing: Standing, description: str, failed: str) -> None:
+        when, step = self._line
+        far = standing.step - step >= _LINE_SHARE * standing.steps and now - when >= _SHORTEST_LINE_SECONDS
+        if not far and now - when < _LONGEST_LINE_SECONDS:
+            return
+        self._line = (now, standing.step)
+        share = f"{100.0 * standing.step / standing.steps:.0f} %"
+        words = [
+            f"{description}: step {standing.step} of {standing.steps} ({share})",
+            self._speed(now, standing),
+            failed,
+        ]
+        messages().print(", ".join(word for word in words if word), soft_wrap=True)
+
+    def _speed(self, now: float, standing: Standing) -> str:
+        """Greenhouse steps of all runs together, a second."""
+        if self._began is None or now <= self._began[0]:
+            return ""
+        began, first = self._began
+        return f"{(standing.step - first) * self._runs / (now - began):,.0f} steps/s"

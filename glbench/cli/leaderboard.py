@@ -1,26 +1,41 @@
-"""``glbench leaderboard``: rank all stored results and show them; on request, write the tables."""
+"""``glbench leaderboard``: rank all stored results and show them, on request write them; and ``glbench badge``.
+
+Tables are as wide as the terminal: columns that find no room are left out, numbers are never cut.
+"""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich import box
+from rich.cells import cell_len
+from rich.markup import escape
+from rich.measure import Measurement
+from rich.table import Table
 
-from glbench.cli.console import harmless, messages, output, print_warning
+from glbench.cli.console import harmless, messages, output, print_warning, tell
+from glbench.cli.options import REPORTS, AsJson, Out
 from glbench.cli.stored import check_folder, tables_by_name, warn_of
 from glbench.errors import ResultError, did_you_mean
+from glbench.untrusted import visible
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
-    from rich.table import Table
+    from rich.console import Console
 
-    from glbench.leaderboard import StoredResult, TaskTable
-    from glbench.leaderboard.suites import SuiteTable
+    from glbench.leaderboard import Row, StoredResult, TaskTable
+    from glbench.leaderboard.suites import SuiteRow, SuiteTable
+    from glbench.leaderboard.tables import Column
 
-_REPORTS = Path("reports")
+_NARROWEST_AGENT = 8
+_NARROW_AGENT = 18
+"""Agents' names are folded to this width before a column is left out, and further only when nothing is left to leave out."""
+_SPAN = "95 % interval\nor range ↔"
 
 
 def leaderboard(
@@ -36,12 +51,12 @@ def leaderboard(
         bool, typer.Option("--members", help="Show each training below the entry that it belongs to.")
     ] = False,
     show_all: Annotated[bool, typer.Option("--all", help="Show every task and suite that has results.")] = False,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder with results/ in it.")] = _REPORTS,
+    out: Out = REPORTS,
     write: Annotated[
         bool,
         typer.Option("--write", help="Write leaderboard.md, .csv, .parquet, .json and .tex into that folder, too."),
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the rows as JSON and nothing else.")] = False,
+    as_json: AsJson = False,
     strict: Annotated[bool, typer.Option("--strict", help="Exit code 1 when a result file cannot be used.")] = False,
 ) -> None:
     """Rank all results, with 95 % intervals. Nothing is written unless you ask for it (--write).
@@ -50,9 +65,9 @@ def leaderboard(
     (NAME, NAME_seed1, NAME_seed2) are one entry with its range.
     """
     from glbench.leaderboard import rank, to_frame, write_leaderboard
-    from glbench.leaderboard.published import own_and_released_results, published_expectations
-    from glbench.leaderboard.suite_views import suite_frame
+    from glbench.leaderboard.collect import own_and_released_results, published_expectations
     from glbench.leaderboard.suites import suite_tables
+    from glbench.leaderboard.tables import suite_frame
     from glbench.tasks import list_suites
 
     check_folder(out)
@@ -64,9 +79,12 @@ def leaderboard(
         )
         raise ResultError(msg)
     expected, suites = published_expectations(), list_suites()
+    for name in suite or []:
+        if name not in suites:
+            msg = f"There is no suite '{name}'.{did_you_mean(name, suites)} There are: {', '.join(suites)}."
+            raise ResultError(msg)
     tables = rank(stored, expected)
     shown = _chosen(tables, stored, task or [], show_all) if task or show_all or not suite else []
-    _check_suites(suite or [])
     aggregated = suite_tables(stored, expected, tables) if write or suite or show_all else ()
     suites_shown = aggregated if show_all else [table for table in aggregated if table.suite in (suite or [])]
     for name in suite or []:
@@ -78,9 +96,37 @@ def leaderboard(
         rows = frame.to_json(orient="records", double_precision=15)
         output().out(json.dumps(json.loads(rows), indent=2), highlight=False)
     else:
-        _print(shown, suites_shown, len(tables), paths, out, members=members)
+        _print(shown, suites_shown, members=members)
+        hidden = len(tables) - len(shown) if shown else 0
+        if hidden > 0:
+            have = "task has" if hidden == 1 else "tasks have"
+            messages().print(f"{hidden} more {have} results: glbench leaderboard --all; over a suite: --suite paper")
+        if paths:
+            messages().print("Written: " + ", ".join(str(path) for path in paths), soft_wrap=True)
+        tell(f"As a page to look into: glbench report{'' if out == REPORTS else f' --out {out}'}")
     if strict and problems:
         raise typer.Exit(1)
+
+
+def badge(
+    agent: Annotated[str, typer.Argument(help="Name of an agent that has a result.")],
+    task: Annotated[str | None, typer.Option("--task", "-t", help="Of this task. Default: the default task.")] = None,
+    out: Out = REPORTS,
+    file: Annotated[Path, typer.Option("--file", "-f", help="Where the picture goes.")] = Path("badge.svg"),
+) -> None:
+    """Draw a badge: task, rank, reward, and whether the result was reproduced."""
+    from glbench.leaderboard import rank
+    from glbench.leaderboard.badges import badge as draw
+    from glbench.leaderboard.collect import own_and_released_results, published_expectations
+    from glbench.resources import write_atomically
+    from glbench.tasks import DEFAULT_TASK
+
+    check_folder(out)
+    stored, problems = own_and_released_results(out)
+    warn_of(problems)
+    (table,) = _by_names(rank(stored, published_expectations()), [task or DEFAULT_TASK])
+    write_atomically(file, draw(table, agent))
+    tell(f"Written: {file}")
 
 
 def _chosen(
@@ -91,11 +137,15 @@ def _chosen(
 
     if show_all:
         return list(tables)
-    if not wanted:
-        own = [item for item in stored if not item.released]
-        usual = [item for item in stored if item.result.task.id == DEFAULT_TASK]
-        latest = max(own or usual or stored, key=lambda item: (item.result.created, item.result.task.id)).result.task.id
-        return [table for table in tables if table.task_id == latest]
+    if wanted:
+        return _by_names(tables, wanted)
+    own = [item for item in stored if not item.released]
+    usual = [item for item in stored if item.result.task.id == DEFAULT_TASK]
+    latest = max(own or usual or stored, key=lambda item: (item.result.created, item.result.task.id)).result.task.id
+    return [table for table in tables if table.task_id == latest]
+
+
+def _by_names(tables: Sequence[TaskTable], wanted: Sequence[str]) -> list[TaskTable]:
     by_name = tables_by_name(tables)
     for name in wanted:
         if name not in by_name:
@@ -104,38 +154,18 @@ def _chosen(
     return list({by_name[name].task_id: by_name[name] for name in wanted}.values())
 
 
-def _check_suites(wanted: Sequence[str]) -> None:
-    from glbench.tasks import list_suites
-
-    known = list_suites()
-    for name in wanted:
-        if name not in known:
-            msg = f"There is no suite '{name}'.{did_you_mean(name, known)} There are: {', '.join(known)}."
-            raise ResultError(msg)
-
-
-def _print(
-    shown: Sequence[TaskTable],
-    suites: Sequence[SuiteTable],
-    total: int,
-    paths: Sequence[Path],
-    out: Path,
-    *,
-    members: bool,
-) -> None:
-    from glbench.cli.leaderboard_tables import resource_table, score_table, suite_resource_table, suite_score_table
-    from glbench.leaderboard.suite_views import SCORE_NOTE
-    from glbench.leaderboard.tables import FOOTNOTES, kernel_note
+def _print(shown: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members: bool) -> None:
+    from glbench.leaderboard.tables import FOOTNOTES, SCORE_NOTE, kernel_note
 
     for scores in suites:
-        _print_fitted(suite_score_table(scores, output()), suite_resource_table(scores, output()))
+        _print_suite(scores)
         for scored in scores.rows:
             if scored.missing:
                 names = ", ".join(task.rpartition("/")[2] for task in scored.missing)
-                _say(f"{scored.aggregate.agent} is not ranked: it lacks {names}.", style="dim")
+                _say(f"{scored.agent} is not ranked: it lacks {names}.", style="dim")
         _say(SCORE_NOTE, style="dim")
     for table in shown:
-        _print_fitted(score_table(table, output(), members=members), resource_table(table, output(), members=members))
+        _print_task(table, members=members)
         for row in table.rows:
             if row.failed:
                 _say(f"{row.agent}: {row.failed} of {row.runs} runs failed.")
@@ -147,15 +177,6 @@ def _print(
             messages().print("Each training by itself: --members", style="dim")
     for note in FOOTNOTES:
         output().print(note, style="dim", markup=False)
-    hidden = total - len(shown) if shown else 0
-    if hidden > 0:
-        messages().print(
-            f"{hidden} more {'task has' if hidden == 1 else 'tasks have'} results: glbench leaderboard --all; over a suite: --suite paper"
-        )
-    if paths:
-        messages().print("Written: " + ", ".join(str(path) for path in paths), soft_wrap=True)
-    option = "" if out == _REPORTS else f" --out {out}"
-    messages().print(f"As a page to look into: glbench report{option}", markup=False, soft_wrap=True)
 
 
 def _say(text: str, style: str | None = None) -> None:
@@ -163,10 +184,149 @@ def _say(text: str, style: str | None = None) -> None:
     output().print(harmless(text), style=style, markup=False)
 
 
-def _print_fitted(*views: tuple[Table, tuple[str, ...]]) -> None:
-    for view, dropped in views:
-        output().print(view)
-        if dropped:
-            words = f"No room for: {', '.join(dropped)}. A wider terminal or --json has them."
-            output().print(words, style="dim", markup=False)
-        output().print()
+def _print_task(table: TaskTable, *, members: bool) -> None:
+    """Ranks and what they rest on, then what each agent grew and used."""
+    from glbench.leaderboard import tables as t
+
+    def agent(row: Row) -> str:
+        marks = " " * (not (row.privileged or row.unsandboxed)) + t.REPRODUCED_MARK
+        return t.agent_label(row) + marks * row.reproduced
+
+    def span(row: Row) -> str:
+        one = row.estimates.get(first.name)
+        if one is None or not one.low < one.high:
+            return t.NONE
+        low, high = t.number_text(one.low, first.digits), t.number_text(one.high, first.digits)
+        return f"{low} {t.RANGE_MARK if row.is_range else 'to'} {high}"
+
+    def runs(row: Row) -> str:
+        several = f"{len(row.trainings)}×{row.trainings[0].runs}" if row.is_range else str(row.runs)
+        return several if row.failed == 0 else f"{row.runs - row.failed}/{row.runs}"
+
+    rows = t.shown_rows(table, members=members)
+    first, *others = (metric for metric in t.ranked_columns(table) if metric.interval or metric.name == table.metric)
+    scores = [
+        t.of_metric(first),
+        t.Column(_SPAN, span, gives_way=2),
+        t.Column("IQM", lambda row: t.number_text(t.iqm_of(row, first), first.digits), gives_way=5),
+        *(t.of_metric(metric, gives_way=1 + 2 * place) for place, metric in enumerate(others)),
+        t.Column("Runs", runs, gives_way=4),
+        replace(t.SOURCE, cell=lambda row: "" if row.training_seed is not None else str(row.origin)),
+    ]
+    ranks = t.Column(
+        "#", lambda row: "" if row.training_seed is not None else t.NONE if row.rank is None else str(row.rank)
+    )
+    title = f"{escape(visible(table.title))}\n[dim]{escape(visible(table.task_id))}[/dim]"
+    _print_fitted(title, scores, rows, agent, lambda row: row.rank is None or row.training_seed is not None, ranks)
+    used = _resources(t.resources(without_intervals=True), before=0)
+    _print_fitted("Harvest, resources, climate", used, rows, t.agent_label, lambda row: row.training_seed is not None)
+
+
+def _print_suite(table: SuiteTable) -> None:
+    """Agents over a suite: normalised scores, then what they earned, grew and used."""
+    from glbench.leaderboard import tables as t
+
+    def agent(row: SuiteRow) -> str:
+        one = row.figures
+        if one is None:
+            return t.suite_label(row)
+        marks = t.PRIVILEGED_MARK * one.privileged + t.UNSANDBOXED_MARK * (one.sandbox == "unsandboxed")
+        marks += t.REPRODUCED_MARK * one.reproduced
+        return f"{t.suite_label(row)} {marks}" if marks else t.suite_label(row)
+
+    def score(heading: str, name: str, gives_way: int) -> Column:
+        return t.Column(heading, lambda row: t.score_text(getattr(row, name).value), gives_way=gives_way)
+
+    scores = [
+        score("Mean", "mean", 0),
+        t.Column(_SPAN, lambda row: t.span_text(row.mean, is_range=row.trainings[1] > 1) or t.NONE, gives_way=2),
+        score("IQM", "iqm", 1),
+        score("Median", "median", 5),
+        score("Optimality\ngap", "optimality_gap", 3),
+        t.Column("Runs", lambda row: str(row.runs), gives_way=4),
+        replace(t.SOURCE, cell=lambda row: "" if row.figures is None else str(row.figures.origin)),
+    ]
+    title = (
+        f"Suite {escape(table.suite)}, {len(table.tasks)} tasks: normalised scores\n"
+        "[dim]0 is doing nothing, 1 the best known result of each task[/dim]"
+    )
+    ranks = t.Column("#", lambda row: t.NONE if row.rank is None else str(row.rank))
+    _print_fitted(title, scores, table.rows, agent, lambda row: row.rank is None, ranks)
+    rows = [row for row in table.rows if row.figures is not None]
+    used = [t.of_figures(one) for one in _resources(t.resources(), before=1)]
+    title = "Money, harvest, resources, climate: means over the tasks with results"
+    _print_fitted(title, used, rows, agent, lambda row: bool(row.missing))
+
+
+def _resources(metrics: Sequence[Any], before: int) -> list[Column]:
+    """Metrics, decision and training, with their headings word below word; the last ones give way first."""
+    from glbench.leaderboard import tables as t
+
+    columns = [t.of_metric(metric, gives_way=place) for place, metric in enumerate(metrics)]
+    count = len(columns) + before
+    columns += [replace(t.DECISION, gives_way=count), replace(t.TRAINING, gives_way=count - 1)]
+    return [replace(column, heading=column.heading.replace(" ", "\n")) for column in columns]
+
+
+def _print_fitted(
+    title: str,
+    columns: Sequence[Column],
+    rows: Sequence[Any],
+    agent: Callable[[Any], str],
+    dim: Callable[[Any], bool],
+    ranks: Column | None = None,
+) -> None:
+    """The table with as many columns as the console has room for, and the names of the others."""
+    console, names = output(), [agent(row) for row in rows]
+    longest = max((cell_len(name) for name in names), default=0)
+    kept = list(columns)
+
+    def drawn(width: int) -> Table:
+        return _table(title, [*([ranks] if ranks else []), *kept], rows, names, [dim(row) for row in rows], width)
+
+    while True:
+        narrow = min(longest, _NARROW_AGENT if any(column.gives_way for column in kept) else _NARROWEST_AGENT)
+        narrow = max(narrow, len("Agent"))
+        room = console.width - _least_width(console, drawn(narrow))
+        most = max(kept, key=lambda column: column.gives_way)
+        if room >= 0 or most.gives_way == 0:
+            break
+        kept.remove(most)
+    output().print(drawn(min(max(longest, narrow), narrow + max(room, 0))))
+    dropped = [column.heading.replace("\n", " ") for column in columns if column not in kept]
+    if dropped:
+        words = f"No room for: {', '.join(dropped)}. A wider terminal or --json has them."
+        output().print(words, style="dim", markup=False)
+    output().print()
+
+
+def _least_width(console: Console, view: Table) -> int:
+    return Measurement.get(console, console.options.update(max_width=10_000), view).minimum
+
+
+def _table(
+    title: str, columns: Sequence[Column], rows: Sequence[Any], names: Sequence[str], dim: Sequence[bool], width: int
+) -> Table:
+    view = Table(
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        show_edge=False,
+    )
+    before = [column for column in columns if column.heading == "#"]
+    after = [column for column in columns if column not in before]
+    for column in before:
+        view.add_column(column.heading, justify="right", no_wrap=True)
+    view.add_column("Agent", overflow="fold", width=width)
+    for column in after:
+        # A column is as wide as its longest number: rich would cut it otherwise, when the terminal is narrow.
+        heading = column.heading.replace(" [", "\n[")
+        texts = (heading, *(column.cell(row) for row in rows))
+        wide = max(cell_len(line) for text in texts for line in text.split("\n"))
+        view.add_column(escape(heading), justify="right", no_wrap=True, min_width=wide)
+    for row, name, is_dim in zip(rows, names, dim, strict=True):
+        cells = [*(column.cell(row) for column in before), escape(name), *(column.cell(row) for column in after)]
+        view.add_row(*cells, style="dim" if is_dim else None)
+    return view

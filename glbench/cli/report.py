@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, output, print_warning
+from glbench.cli.console import messages, print_warning, put, tell
+from glbench.cli.options import REPORTS, Out, Workers
 from glbench.cli.stored import warn_of
 
 if TYPE_CHECKING:
@@ -20,9 +21,7 @@ _SHOWN = 3
 
 
 def report(
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder with results/ in it; index.html is written there.")
-    ] = Path("reports"),
+    out: Out = REPORTS,
     show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     complete: Annotated[
         bool,
@@ -31,9 +30,7 @@ def report(
             help="First make the missing profiles (days, season, worst run) by replaying the recorded actions of results in OUT.",
         ),
     ] = False,
-    workers: Annotated[
-        int | None, typer.Option("--workers", "-w", min=1, help="Cores for --complete. Default: all.")
-    ] = None,
+    workers: Workers = None,
 ) -> None:
     """Make a page of all results: leaderboard, agents, comparisons, tasks. It works offline and on a phone.
 
@@ -48,7 +45,7 @@ def report(
         path, page = write_report(out)
     warn_of(page.left_out)
     size = path.stat().st_size / 1e6
-    output().print(f"{path} ({page.results} results, {size:.1f} MB)", markup=False, soft_wrap=True)
+    put(f"{path} ({page.results} results, {size:.1f} MB)")
     if page.without_profile and not complete:
         ours = sorted(page.without_profile, key=lambda missing: not missing.is_relative_to(out))
         _say_what_is_missing(ours, page.results)
@@ -70,7 +67,7 @@ def _complete(out: Path, workers: int) -> None:
 
 def _say_what_was_made(done: Completion) -> None:
     for path in done.made:
-        messages().print(f"Made: {path}", markup=False, soft_wrap=True)
+        tell(f"Made: {path}")
     if not done.impossible:
         return
     print_warning(

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from glbench.cli.console import print_warning
+from glbench.cli.options import REPORTS
 from glbench.errors import ResultError, did_you_mean
-
-REPORTS = Path("reports")
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,7 +27,7 @@ def find_results(wanted: str, tasks: Sequence[str], reports: Path) -> list[Resul
         When there is none.
     """
     from glbench.evaluation import load_result
-    from glbench.leaderboard.published import own_and_released_results
+    from glbench.leaderboard.collect import own_and_released_results
 
     check_folder(reports)
     if wanted.endswith(".json") or Path(wanted).is_file():

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.box import HEAVY_HEAD
+from rich.markup import escape
 
-from glbench.cli.choices import Sandbox
-from glbench.cli.console import harmless, messages, output, print_warning
+from glbench.cli.console import harmless, messages, output, print_warning, put_json, table, tell
+from glbench.cli.options import AsJson, OneTask, Sandbox, SandboxChoice
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -33,36 +34,22 @@ def check(
     path: Annotated[
         str, typer.Argument(metavar="PATH", help="A .py file, a saved policy (.zip, .pt, .ts, .onnx), or a folder.")
     ],
-    task: Annotated[
-        str | None, typer.Option("--task", "-t", help="Task id or task file (.toml). Default: the benchmark's.")
-    ] = None,
-    sandbox: Annotated[
-        Sandbox,
-        typer.Option(
-            "--sandbox",
-            envvar="GLBENCH_SANDBOX",
-            help="Where it runs, as for evaluate: bubblewrap, or none (with your rights: for code that you wrote or have read). "
-            "auto: bubblewrap; where there is none, it is not run.",
-        ),
-    ] = Sandbox.AUTO,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the report as one line of JSON and nothing else.")
-    ] = False,
+    task: OneTask = None,
+    sandbox: SandboxChoice = Sandbox.AUTO,
+    as_json: AsJson = False,
 ) -> None:
     """Find everything that will be wrong in an evaluation, within 20 seconds.
 
     The files are read, then the agent runs for a day, in the sandbox as in an evaluation. Leaves with 0 when nothing has to be
     mended, else with 1.
     """
-    from rich.markup import escape
-
     from glbench.evaluation.submitting import check_submission
     from glbench.tasks import DEFAULT_TASK
 
     with messages().status(f"checking {escape(harmless(path))}"):
         report = check_submission(path, task or DEFAULT_TASK, sandbox=sandbox.value)
     if as_json:
-        output().out(json.dumps(_plain(report)), highlight=False)
+        put_json(_plain(report), indent=None)
     else:
         _show(report, path)
     raise typer.Exit(0 if report.ok else 1)
@@ -88,8 +75,8 @@ def new(
     folder = Path(name)
     if kind == EXAMPLE_KIND:
         for file in copy_examples(folder):
-            messages().print(f"Wrote {file}", markup=False, soft_wrap=True)
-        messages().print(f"Next: glbench evaluate {folder / 'my_agent.py'}", markup=False, soft_wrap=True)
+            tell(f"Wrote {file}")
+        tell(f"Next: glbench evaluate {folder / 'my_agent.py'}")
         return
     if kind not in KINDS:
         msg = f"There is no template '{kind}'.{did_you_mean(kind, (*KINDS, EXAMPLE_KIND))}"
@@ -98,8 +85,8 @@ def new(
     if kind == "sb3":
         files = (*files, *_untrained_model(folder))
     for file in files:
-        messages().print(f"Wrote {file}", markup=False, soft_wrap=True)
-    messages().print(f"Next: glbench submit check {folder}", markup=False, soft_wrap=True)
+        tell(f"Wrote {file}")
+    tell(f"Next: glbench submit check {folder}")
 
 
 def _untrained_model(folder: Path) -> tuple[Path, ...]:
@@ -128,8 +115,6 @@ def _untrained_model(folder: Path) -> tuple[Path, ...]:
 
 
 def _show(report: Report, path: str) -> None:
-    from rich.markup import escape
-
     output().print(_table(report))
     for finding in report.findings:
         style, word = ("bold red", "Problem") if finding.level == "problem" else ("bold yellow", "Note")
@@ -138,24 +123,16 @@ def _show(report: Report, path: str) -> None:
     said = "No problems found." if report.ok else f"{count} problem{'s' if count > 1 else ''} found."
     output().print(f"[bold]{said}[/] Checked in {report.seconds:.1f} s.", soft_wrap=True)
     if report.ok:
-        messages().print(
-            f"Next: glbench evaluate {harmless(path)} --runs 2, then without --runs.", markup=False, soft_wrap=True
-        )
+        tell(f"Next: glbench evaluate {harmless(path)} --runs 2, then without --runs.")
 
 
 def _table(report: Report) -> Table:
     from rich.markup import escape
-    from rich.table import Table
 
     from glbench.evaluation.submitting import CHECKS
 
-    table = Table(
-        title=f"{escape(harmless(report.name))} ({report.what}) on {escape(harmless(report.task))}",
-        title_justify="left",
-        title_style="bold",
-    )
-    for heading in ("Check", "", "Measured"):
-        table.add_column(heading)
+    title = f"{escape(harmless(report.name))} ({report.what}) on {escape(harmless(report.task))}"
+    view = table(title, *(headings := ("Check", "", "Measured")), folded=headings, box=HEAVY_HEAD)
     for subject, words in CHECKS.items():
         levels = {finding.level for finding in report.of(subject)}
         if "problem" in levels:
@@ -164,8 +141,8 @@ def _table(report: Report) -> Table:
             mark = "[yellow]note[/]"
         else:
             mark = "[green]good[/]" if subject in report.checked else "[dim]not reached[/]"
-        table.add_row(words, mark, escape(harmless(report.facts.get(subject, ""))))
-    return table
+        view.add_row(words, mark, escape(harmless(report.facts.get(subject, ""))))
+    return view
 
 
 def _plain(report: Report) -> dict[str, object]:
@@ -174,9 +151,7 @@ def _plain(report: Report) -> dict[str, object]:
         "what": report.what,
         "task": report.task,
         "ok": report.ok,
-        "findings": [
-            {"subject": finding.subject, "level": finding.level, "text": finding.text} for finding in report.findings
-        ],
+        "findings": [{name: getattr(one, name) for name in ("subject", "level", "text")} for one in report.findings],
         "checked": sorted(report.checked),
         "measured": report.facts,
         "seconds": round(report.seconds, 2),

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
-import json
+import dataclasses
+import datetime as dt
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.padding import Padding
+from rich.text import Text
 
-from glbench.cli.console import harmless, messages, output
-from glbench.errors import GlbenchError
+from glbench.cli.console import harmless, messages, output, put_json, table
+from glbench.cli.options import AsJson, Out
+from glbench.errors import GlbenchError, TaskError, UnknownNameError, did_you_mean
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from rich.console import RenderableType
+    from rich.table import Table
+
     from glbench.tasks import TaskSpec
 
 app = typer.Typer(
@@ -20,8 +30,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
-
 
 @app.command("list")
 def list_command(
@@ -29,8 +37,6 @@ def list_command(
     as_json: AsJson = False,
 ) -> None:
     """List the tasks that come with glbench: what each is, how long, how uncertain, under which weather."""
-    from glbench.cli.task_views import listing
-    from glbench.errors import UnknownNameError, did_you_mean
     from glbench.tasks import DEFAULT_TASK, list_tasks, read_lock
 
     tasks = list_tasks()
@@ -43,9 +49,9 @@ def list_command(
     lock = read_lock()
     digests = {task.id: lock[task.id].digest if task.id in lock else None for task in tasks}
     if as_json:
-        _print_json([_summary(task, digests[task.id]) for task in tasks])
+        put_json([_summary(task, digests[task.id]) for task in tasks])
         return
-    for part in listing(tasks, digests):
+    for part in _listing(tasks, digests):
         output().print(part)
     messages().print(
         f"Commands without --task take {DEFAULT_TASK}. `glbench tasks show ID` explains a task.", style="dim"
@@ -58,14 +64,13 @@ def show_command(
     as_json: AsJson = False,
 ) -> None:
     """Explain a task in words: goal, period, what is seen and done, limits, prices, reward, evaluation."""
-    from glbench.cli.task_views import explained, explanation
     from glbench.tasks import get_task
 
     spec = get_task(task)
     if as_json:
-        _print_json(explained(spec))
+        put_json(_explained(spec))
         return
-    for part in explanation(spec):
+    for part in _explanation(spec):
         output().print(part)
 
 
@@ -80,20 +85,19 @@ def check_command(
 
     Leaves with 1 if one is wrong.
     """
-    from glbench.cli.task_views import first_weather
     from glbench.tasks import TaskSpec
 
     found = _check_all() if not tasks else {name: _check(name) for name in tasks}
     wrong = {name: outcome for name, outcome in found.items() if isinstance(outcome, str)}
     if as_json:
-        _print_json([_checked(name, outcome) for name, outcome in found.items()])
+        put_json([_checked(name, outcome) for name, outcome in found.items()])
     else:
         for name, outcome in found.items():
             if isinstance(outcome, TaskSpec):
                 state = "as published" if outcome.locked else "valid, not published"
                 output().print(f"[green]ok[/green]     {outcome.id}  {outcome.digest[:8]}  {state}", soft_wrap=True)
                 if name.endswith(".toml") and not outcome.locked:
-                    output().print(first_weather(outcome))
+                    output().print(_first_weather(outcome))
             else:
                 output().print("[red]wrong[/red]  ", end="")
                 output().print(harmless(outcome), markup=False, soft_wrap=True)
@@ -111,7 +115,7 @@ def lock_command(as_json: AsJson = False) -> None:
     new = lock_new_tasks()
     computed = lock_behaviour(get_task(task_id) for task_id in read_lock())
     if as_json:
-        _print_json([{"id": entry.id, "file": entry.file, "digest": entry.digest} for entry in new])
+        put_json([{"id": entry.id, "file": entry.file, "digest": entry.digest} for entry in new])
         return
     for entry in new:
         output().print(f"locked {entry.id}  {entry.digest[:8]}", soft_wrap=True)
@@ -143,7 +147,6 @@ def _check_all() -> dict[str, TaskSpec | str]:
 def _check(name: str, *, published: bool = False) -> TaskSpec | str:
     """The task, or what is wrong with it. ``published``: it also has to be locked and its file called after it."""
     from glbench.env.behaviour import check_behaviour
-    from glbench.errors import TaskError
     from glbench.tasks import get_task
     from glbench.tasks.library import check_file_name
 
@@ -192,24 +195,17 @@ def _checked(name: str, outcome: TaskSpec | str) -> dict[str, Any]:
     return {"task": name, "ok": True, "id": outcome.id, "digest": outcome.digest, "locked": outcome.locked}
 
 
-def _print_json(value: Any) -> None:
-    output().out(json.dumps(value, indent=2, allow_nan=False), highlight=False)
-
-
 @app.command("references")
 def references_command(
     write: Annotated[bool, typer.Option("--write", help="Write tasks/references.toml.")] = False,
-    out: Annotated[Path, typer.Option("--out", help="Folder with results/ in it.")] = Path("reports/released"),
+    out: Out = Path("reports/released"),
 ) -> None:
     """Show what normalised scores are measured by: the reward of doing nothing, and the best known one.
 
     Both come from results: that of submissions/do_nothing.py, and the best of all agents.
     """
-    from rich import box
-    from rich.table import Table
-
     from glbench.leaderboard import collect_results
-    from glbench.leaderboard.published import published_expectations
+    from glbench.leaderboard.collect import published_expectations
     from glbench.leaderboard.suites import references_from
     from glbench.tasks.references import read_references, write_references
 
@@ -219,13 +215,109 @@ def references_command(
             msg = f"There is no complete result of do_nothing in {out / 'results'}. Evaluate submissions/do_nothing.py first."
             raise GlbenchError(msg)
         messages().print(f"Written: {write_references({**read_references(), **found})}", soft_wrap=True)
-    view = Table(
-        box=box.SIMPLE_HEAD, title="Zero and one of normalised scores", title_justify="left", title_style="bold"
-    )
-    view.add_column("Task", overflow="fold")
-    for heading in ("Doing nothing", "Best known"):
-        view.add_column(heading, justify="right", no_wrap=True)
-    view.add_column("by")
+    headings, numbers = ("Task", "Doing nothing", "Best known", "by"), ("Doing nothing", "Best known")
+    view = table("Zero and one of normalised scores", *headings, right=numbers, folded=("Task", "by"))
     for task_id, one in read_references().items():
         view.add_row(task_id.rpartition("/")[2], f"{one.nothing:,.1f}", f"{one.best:,.1f}", one.best_agent)
     output().print(view)
+
+
+def _listing(tasks: Sequence[TaskSpec], digests: Mapping[str, str | None]) -> Iterator[RenderableType]:
+    """Tasks in groups of the same suite, period and weather, a heading and a table each; ``digests`` are the lock's."""
+    for heading, group in groupby(tasks, key=_common):
+        yield Text.assemble((f"{heading[0]}\n", "bold"), (heading[1], "dim"))
+        view = _plain_table(("Task", "What it is", "Delta", "Digest"), ("Delta",))
+        for task in group:
+            digest = digests[task.id]
+            delta = f"{100 * task.uncertainty.delta:g} %"
+            view.add_row(task.short_id, task.title, delta, digest[:8] if digest else "not locked")
+        yield Padding(view, (0, 0, 1, 2), expand=False)
+
+
+def _common(task: TaskSpec) -> tuple[str, str]:
+    """What the tasks of a group share: the suite, and period, step and weather in words."""
+    from glbench.report.task_words import day, minutes
+
+    weather = task.weather
+    suite = f"Suite {', '.join(task.suites)}" if task.suites else "In no suite"
+    return suite, (
+        f"{weather.days} days from {day(weather.start)}, step {minutes(task.step_seconds)}, "
+        f"weather '{weather.source}', prepared '{weather.preprocessing}'"
+    )
+
+
+def _explanation(task: TaskSpec) -> Iterator[RenderableType]:
+    """The task in words and tables."""
+    from glbench.report.task_words import definition_in_words
+
+    task.record()  # a mistake in the weather has to show
+    state = "published" if task.locked else "not published"
+    yield Text.assemble((task.title, "bold"), "\n", (f"{task.id}  ({state}, digest {task.digest[:8]})", "dim"))
+    if task.description.strip():
+        yield Text("\n" + " ".join(task.description.split()))
+    for section in definition_in_words(task):
+        yield Text("\n" + section.heading, style="bold")
+        if section.lines:
+            yield Padding(Text("\n".join(section.lines)), (0, 0, 0, 2), expand=False)
+        if section.rows:
+            view = _plain_table(section.columns, section.right)
+            for row in section.rows:
+                view.add_row(*map(Text, row))
+            yield Padding(view, (0, 0, 0, 2), expand=False)
+
+
+def _explained(task: TaskSpec) -> dict[str, Any]:
+    """The same for machines: card, definition, digests, uncertain parameters."""
+    from glbench.tasks import task_card
+
+    card = dataclasses.asdict(task_card(task))
+    card["start"] = card["start"].isoformat()
+    return {
+        "id": task.id,
+        "title": task.title,
+        "description": task.description,
+        "suites": list(task.suites),
+        "source": task.source,
+        "base": task.base,
+        "changes": [dataclasses.asdict(change) for change in task.changes],
+        "locked": task.locked,
+        "digest": task.digest,
+        "fingerprint": dataclasses.asdict(task.fingerprint()),
+        "card": card,
+        "uncertain_parameters": list(task.uncertain_parameters()),
+        "definition": task.definition(),
+    }
+
+
+def _first_weather(task: TaskSpec, rows: int = 4) -> RenderableType:
+    """The weather of the first steps, so that a mistake in the period shows."""
+    from zoneinfo import ZoneInfo
+
+    weather, zone = task.disturbances(), ZoneInfo(task.record().timezone)
+    headings = [
+        "Step",
+        "UTC",
+        "Local",
+        "Sun\nW m-2",
+        "Air\ndegC",
+        "Vapour\nPa",
+        "CO2\nmg m-3",
+        "Wind\nm s-1",
+        "Sky\ndegC",
+    ]
+    look = {"box": None, "header_style": "bold", "title_style": None}
+    view = table("Weather of the first steps", *headings, right=headings, folded=headings, **look)
+    for row, (moment, values) in enumerate(zip(weather.times[:rows], weather.values[:rows], strict=True)):
+        cells = (f"{value:.1f}" for value in values[:6])
+        local = moment.astype(dt.datetime).replace(tzinfo=dt.UTC).astimezone(zone)
+        view.add_row(str(row), str(moment).replace("T", " ")[:16], f"{local:%H:%M}", *cells)
+    return Padding(view, (0, 0, 1, 7), expand=False)
+
+
+def _plain_table(columns: Sequence[str], right: Sequence[str]) -> Table:
+    free = [name for name in columns if name not in ("Name", "Control")]
+    look = {"box": None, "pad_edge": False, "header_style": "dim"}
+    view = table(None, *columns, right=right, folded=free, **look)
+    if columns[0] == "":
+        view.columns[0].style = "dim"
+    return view

@@ -1,4 +1,4 @@
-"""``glbench train``, ``export`` and ``sweep``: agents from Stable-Baselines3."""
+"""``glbench train``, ``tune``, ``export`` and ``sweep``: agents that learn."""
 
 from __future__ import annotations
 
@@ -7,38 +7,39 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.box import HEAVY_HEAD
 
-from glbench.cli.console import messages, output, say
+from glbench.cli.console import messages, output, say, table, tell
 from glbench.cli.leaving import INTERRUPTED, tell_interrupted
-from glbench.cli.training_support import Task, needs_the_extra, say_what_came_out, the_task
+from glbench.cli.options import Config, OneTask, Resume, Seed, TrainingFolder
+from glbench.cli.progress import Bar
 from glbench.errors import TrainingError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from glbench.tasks import TaskSpec
-    from glbench.training import Listener, Trained, TrainingSettings
+    from glbench.training import CurvePoint, Listener, Trained, TrainingSettings
+    from glbench.training import Progress as Standing
     from glbench.training.sweep import TrialReport
 
 _TRIALS_SHOWN = 20
+NOTHING_LEARNT = 3
+"""Exit code of a training that finished and never beat the policy that it began with."""
 
 
 def train(
     algorithm: Annotated[
         str, typer.Argument(help="ppo, sac, or a class path such as sb3_contrib.RecurrentPPO (with --config).")
     ],
-    task: Task = None,
-    config: Annotated[
-        Path | None, typer.Option("--config", "-c", help="Settings (YAML). Default: the paper's, for ppo and sac.")
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of weights, exploration and batches.")] = 0,
+    task: OneTask = None,
+    config: Config = None,
+    seed: Seed = 0,
     steps: Annotated[
         int | None, typer.Option("--steps", min=1, help="Environment steps. Default: the settings'.")
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder of the training. Default: runs/ALGORITHM-TASK-seedSEED.")
-    ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from the last checkpoint; nothing is lost but the minutes after it.")
-    ] = False,
+    out: TrainingFolder = None,
+    resume: Resume = False,
     wandb: Annotated[
         bool, typer.Option("--wandb", help="Log to Weights & Biases too (WANDB_MODE=offline needs no account).")
     ] = False,
@@ -50,22 +51,16 @@ def train(
     and is an agent itself: glbench evaluate FOLDER. Exit code 3: the training finished, but never beat the policy it began with.
     """
     with needs_the_extra("train"):
+        from glbench.training import algorithms as a
         from glbench.training import read_settings, shipped_settings
-        from glbench.training.algorithms import (
-            algorithm_class,
-            check_settings,
-            rollout_steps,
-            short_name,
-            steps_to_make,
-        )
-    algorithm_class(algorithm)
+    a.algorithm_class(algorithm)
     chosen = the_task(task)
     settings = read_settings(config or shipped_settings(algorithm), algorithm, chosen.id)
     if steps is not None:
         settings = settings.model_copy(update={"n_timesteps": steps})
-    folder = out or Path("runs") / f"{short_name(algorithm)}-{chosen.short_id}-seed{seed}"
-    check_settings(settings)
-    total, rollout = steps_to_make(settings, chosen.steps), rollout_steps(settings, chosen.steps)
+    folder = out or Path("runs") / f"{a.short_name(algorithm)}-{chosen.short_id}-seed{seed}"
+    a.check_settings(settings)
+    total, rollout = a.steps_to_make(settings, chosen.steps), a.rollout_steps(settings, chosen.steps)
     rounded = "" if total == settings.n_timesteps else f" ({settings.n_timesteps:,} in whole rollouts of {rollout:,})"
     say(
         messages(),
@@ -75,14 +70,56 @@ def train(
     trained = _trained(chosen, settings, folder, seed=seed, resume=resume, wandb=wandb, tensorboard=tensorboard)
     if trained.already_done:
         messages().print("Already trained with these settings. More steps: --steps N --resume.")
-    say_what_came_out(trained, task)
+    _say_what_came_out(trained, task)
+
+
+def tune(
+    policy: Annotated[
+        Path, typer.Argument(metavar="POLICY", help="Policy file (policy.npz), or a folder of glbench train.")
+    ],
+    task: OneTask = None,
+    config: Config = None,
+    seed: Seed = 0,
+    generations: Annotated[
+        int | None, typer.Option("--generations", "-g", min=1, help="Generations. Default: the settings'.")
+    ] = None,
+    out: TrainingFolder = None,
+    resume: Resume = False,
+) -> None:
+    """Adapt the last layer of a trained policy (CMA-ES): seasons of the simulator, no gradients, decide what is better.
+
+    The folder then holds the policy (policy.npz), the learning curve and card.toml, and is an agent itself: glbench evaluate FOLDER.
+    """
+    with needs_the_extra("train"):
+        from glbench.training.season_search import SearchSettings, read_season_search, search
+    chosen = the_task(task)
+    file = (policy / "policy.npz" if policy.is_dir() else policy).resolve()
+    settings = read_season_search(config, chosen.id, file) if config else SearchSettings.of(file)
+    if generations is not None:
+        settings = settings.model_copy(update={"generations": generations})
+    folder = out or Path("runs") / f"tuned-{chosen.short_id}-seed{seed}"
+    messages().print(
+        f"Tuning [bold]{policy}[/bold] on [bold]{chosen.id}[/bold]: {settings.generations} generations of "
+        f"{settings.population} seasons, seed {seed}, in {folder}",
+        soft_wrap=True,
+    )
+    bar = _TrainingBar(settings.generations * settings.population * chosen.steps)
+    try:
+        with bar:
+            found = search(chosen, settings, folder, seed=seed, resume=resume, listeners=[bar])
+    except KeyboardInterrupt:
+        tell_interrupted("The same command with --resume goes on from the last evaluation.")
+        raise typer.Exit(INTERRUPTED) from None
+    if found.already_done:
+        messages().print("Already tuned with these settings. More: --generations N --resume.")
+    _say_what_came_out(found, task)
 
 
 def export(
     model: Annotated[
         Path, typer.Argument(metavar="MODEL", help="model.zip of Stable-Baselines3, or a folder of glbench train.")
     ],
-    task: Task = None,
+    task: OneTask = None,
     algorithm: Annotated[
         str | None, typer.Option("--algorithm", "-a", help="Of a model.zip: ppo (the default), sac, or a class path.")
     ] = None,
@@ -119,7 +156,7 @@ def export(
         export_model(model, algorithm or "ppo", normalization, the_task(task), folder)
     size = (folder / POLICY).stat().st_size
     output().print(f"{folder / POLICY}: {size / 1000:,.0f} kB", soft_wrap=True)
-    messages().print(f"Next: glbench evaluate {folder}", markup=False, soft_wrap=True)
+    tell(f"Next: glbench evaluate {folder}")
 
 
 def sweep(
@@ -134,7 +171,7 @@ def sweep(
 ) -> None:
     """Search hyperparameters: an Optuna study in a local file. The same command goes on with an interrupted search."""
     with needs_the_extra("train"):
-        from glbench.training.search_space import read_search
+        from glbench.training.sweep import read_search
         from glbench.training.sweep import sweep as run_sweep
         from glbench.training.wandb_log import wandb_sweep
     search = read_search(config)
@@ -158,14 +195,12 @@ def sweep(
 def _trained(
     task: TaskSpec, settings: TrainingSettings, folder: Path, *, seed: int, resume: bool, wandb: bool, tensorboard: bool
 ) -> Trained:
-    from glbench.cli.training_progress import TrainingBar
     from glbench.training import train as run_training
     from glbench.training.algorithms import steps_to_make
-    from glbench.training.checkpoint import find_checkpoint
-    from glbench.training.folder import CHECKPOINT
+    from glbench.training.checkpoint import CHECKPOINT, find_checkpoint
 
     with contextlib.ExitStack() as stack:
-        bar = stack.enter_context(TrainingBar(steps_to_make(settings, task.steps)))
+        bar = stack.enter_context(_TrainingBar(steps_to_make(settings, task.steps)))
         listeners: list[Listener] = [bar]
         if wandb:
             from glbench.training.wandb_log import WandbListener
@@ -189,22 +224,15 @@ def _trained(
 
 def _say_trial(trial: TrialReport) -> None:
     why = "" if trial.reason is None else f": {trial.reason}"
-    messages().print(
-        f"trial {trial.number:>3}  {trial.state:8}  reward {_reward(trial):>8}  {_choices(trial)}{why}",
-        soft_wrap=True,
-        markup=False,
-    )
+    tell(f"trial {trial.number:>3}  {trial.state:8}  reward {_reward(trial):>8}  {_choices(trial)}{why}")
 
 
 def _print_trials(trials: list[TrialReport]) -> None:
-    from rich.table import Table
-
-    table = Table(title="Trials, best first", title_justify="left")
-    for name in ("trial", "state", "best reward", "settings"):
-        table.add_column(name, justify="right" if name in ("trial", "best reward") else "left")
+    headings, numbers = ("trial", "state", "best reward", "settings"), ("trial", "best reward")
+    view = table("Trials, best first", *headings, right=numbers, folded=headings, box=HEAVY_HEAD, title_style=None)
     for trial in trials[:_TRIALS_SHOWN]:
-        table.add_row(str(trial.number), trial.state, _reward(trial), _choices(trial))
-    output().print(table)
+        view.add_row(str(trial.number), trial.state, _reward(trial), _choices(trial))
+    output().print(view)
 
 
 def _reward(trial: TrialReport) -> str:
@@ -217,3 +245,96 @@ def _choices(trial: TrialReport) -> str:
 
 def _short(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def the_task(name: str | None) -> TaskSpec:
+    """The task of that name, or the benchmark's."""
+    from glbench.tasks import DEFAULT_TASK, get_task
+
+    return get_task(name or DEFAULT_TASK)
+
+
+@contextlib.contextmanager
+def needs_the_extra(extra: str) -> Iterator[None]:
+    """Say what to install when packages are missing.
+
+    Raises
+    ------
+    TrainingError
+        Instead of the import's own error.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        msg = (
+            f"This needs packages that are not installed ({error.name}). "
+            f'Install them with `pip install "glbench[{extra}]"`, or in a checkout with `uv sync --extra {extra}`.'
+        )
+        raise TrainingError(msg) from error
+
+
+def _say_what_came_out(trained: Trained, task: str | None) -> None:
+    """The best policy of a training, and what to do with it.
+
+    Raises
+    ------
+    typer.Exit
+        With code 3 when nothing was learnt.
+    """
+    if not trained.learnt:
+        messages().print(
+            f"[bold yellow]Nothing was learnt.[/bold yellow] The training never beat the policy that it began with: reward "
+            f"{trained.best_reward:,.1f} at step 0, {trained.last_reward:,.1f} after {trained.steps:,} steps. "
+            f"Train for more steps (--resume), or with other settings. {trained.folder} holds the policy of step 0.",
+            soft_wrap=True,
+        )
+        raise typer.Exit(NOTHING_LEARNT)
+    output().print(
+        f"Best policy: reward {trained.best_reward:,.1f} after {trained.best_steps:,} of {trained.steps:,} steps; "
+        f"the last one: {trained.last_reward:,.1f}.",
+        soft_wrap=True,
+    )
+    agent = trained.folder
+    if trained.not_exported is not None:
+        tell(f"No policy.npz was written: {trained.not_exported}")
+        agent = trained.model
+    option = "" if task is None else f" --task {task}"
+    tell(f"Next: glbench evaluate {agent}{option}")
+
+
+class _TrainingBar(Bar):
+    """Steps, speed and time left on standard error; each evaluation leaves a line."""
+
+    def __init__(self, total_steps: int) -> None:
+        columns = ("{task.completed:,.0f} of {task.total:,.0f} steps", "{task.fields[speed]}")
+        super().__init__("training", total_steps, *columns, speed="")
+
+    def on_progress(self, progress: Standing) -> None:
+        """Move the bar."""
+        said = [f"{progress.steps_per_second:,.0f} steps/s"] if progress.steps_per_second else []
+        left = progress.seconds_left
+        if left is not None:
+            said.append(f"{_duration(left)} left")
+        if progress.season_reward is not None:
+            said.append(f"season reward {progress.season_reward:,.0f}")
+        self.move(progress.steps, total=progress.total_steps, speed=", ".join(said))
+
+    def on_evaluation(self, point: CurvePoint) -> None:
+        """A line with what the policy earns."""
+        sums = point.result.sums
+        best = "  [green]best[/green]" if point.is_best else ""
+        messages().print(
+            f"{point.steps:>9,} steps {_duration(point.seconds):>6}  reward {sums['reward']:8,.1f}  "
+            f"EPI {sums['epi']:6.2f} EUR/m²  penalty {sums['penalty']:6.1f}{best}",
+            soft_wrap=True,
+        )
+
+    def on_saved(self, steps: int) -> None:
+        """Nothing to show: a checkpoint is no news."""
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    minutes = seconds / 60
+    return f"{minutes:.0f} min" if minutes < 90 else f"{minutes / 60:.1f} h"

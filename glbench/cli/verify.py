@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.markup import escape
 
-from glbench.cli.console import harmless, messages, output, print_warning, say
+from glbench.cli.console import harmless, messages, output, print_warning, put_json, say, tell
+from glbench.cli.options import AsJson, Workers
 from glbench.errors import GlbenchError
 
 if TYPE_CHECKING:
@@ -41,23 +42,16 @@ def verify(
             "--task", "-t", help="Task file of a task that is not published. Default: the copy in the record."
         ),
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option("--workers", "-w", min=1, help="Processes to simulate with. Default: what is fastest here."),
-    ] = None,
+    workers: Workers = None,
     proof: Annotated[
         bool, typer.Option(help="Leave a note (.proof.json) beside each reproduced result, which leaderboards show.")
     ] = True,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print each verdict as one line of JSON and nothing else.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Simulate every run again from task, seed and recorded actions, and compare it with what the result says.
 
     Leaves with 0 when all are reproduced, 1 when one is refuted, 2 when (none is refuted and) one cannot be told.
     """
-    from rich.markup import escape
-
     from glbench.resources import is_released
     from glbench.verification import save_proof
     from glbench.verification import verify as verify_result
@@ -73,7 +67,7 @@ def verify(
             except GlbenchError as error:
                 print_warning(f"The verdict stands, but no note of it was stored. {error}")
         if as_json:
-            output().out(json.dumps(_plain(verdict)), highlight=False)
+            put_json(_plain(verdict), indent=None)
         else:
             _show(verdict)
     raise typer.Exit(1 if 1 in codes else max(codes))
@@ -90,14 +84,12 @@ def _files(given: list[Path]) -> list[Path]:
         if not (path.is_dir() and file.name.endswith(SUFFIX))
     ]
     if not found:
-        messages().print(f"There are no results in {', '.join(map(str, given))}.", markup=False, soft_wrap=True)
+        tell(f"There are no results in {', '.join(map(str, given))}.")
         raise typer.Exit(2)
     return found
 
 
 def _show(verdict: Verdict) -> None:
-    from rich.markup import escape
-
     from glbench.verification import stated_words
 
     heading = _HEADINGS[verdict.outcome]
@@ -120,17 +112,10 @@ def _show(verdict: Verdict) -> None:
 
 
 def _plain(verdict: Verdict) -> dict[str, object]:
+    same = ("outcome", "cause", "reason", "exactness", "largest_difference", "runs", "steps")
     return {
         "result": str(verdict.path),
-        "outcome": verdict.outcome,
-        "cause": verdict.cause,
-        "reason": verdict.reason,
-        "exactness": verdict.exactness,
-        "largest_difference": verdict.largest_difference,
-        "runs": verdict.runs,
-        "steps": verdict.steps,
+        **{name: getattr(verdict, name) for name in same},
         "full_episodes": list(verdict.episodes),
-        "reproduced": list(verdict.reproduced),
-        "stated": list(verdict.stated),
-        "notes": list(verdict.notes),
+        **{name: list(getattr(verdict, name)) for name in ("reproduced", "stated", "notes")},
     }

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, print_warning
+from glbench.cli.console import messages, print_warning, tell
 from glbench.errors import EpisodeError
 
 if TYPE_CHECKING:
@@ -73,13 +73,13 @@ def view(
         shown, words = replace(shown_of(episodes), first_day=first, days=days), provenance_words(episodes)
     if save is not None:
         save_recording(shown, save, words)
-        messages().print(f"Saved: {save}  (open it with: rerun {save})", markup=False, soft_wrap=True)
+        tell(f"Saved: {save}  (open it with: rerun {save})")
     with tempfile.TemporaryDirectory(prefix="glbench-view-") as folder:
         recording = Path(folder) / f"{shown.task.short_id}.rrd"
         if picture is not None:
             save_recording(shown, recording, words, plain=True)
             take_picture(recording, picture)
-            messages().print(f"Saved: {picture}", markup=False, soft_wrap=True)
+            tell(f"Saved: {picture}")
         if web:
             save_recording(shown, recording, words)
             _serve(recording, port)
@@ -98,7 +98,7 @@ def live_viewer() -> Iterator[str]:
         yield window_for_stream()
         return
     with page_for_browser(None) as (page, stream):
-        messages().print(f"Live view: {page}", markup=False, soft_wrap=True)
+        tell(f"Live view: {page}")
         yield stream
         _wait()
 
@@ -119,7 +119,7 @@ def _serve(recording: Path, port: int | None) -> None:
     from glbench.episodes.rerun_viewer import has_screen, page_for_browser
 
     with page_for_browser(recording, port) as (page, _):
-        messages().print(f"Open {page}", markup=False, soft_wrap=True)
+        tell(f"Open {page}")
         if has_screen():
             webbrowser.open(page)
         _wait()

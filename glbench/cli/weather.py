@@ -3,19 +3,34 @@
 from __future__ import annotations
 
 import datetime as dt
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.text import Text
 
-from glbench.cli.console import messages, output
+from glbench.cli.console import messages, output, put, put_json, table
+from glbench.cli.options import AsJson
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from glbench.weather import Place, WeatherInfo, WeatherRecord
+    from glbench.weather import WeatherInfo, WeatherRecord
+
+_MONTHLY = (
+    ("mean T [degC]", "air_temperature_mean", 1),
+    ("min T [degC]", "air_temperature_min", 1),
+    ("max T [degC]", "air_temperature_max", 1),
+    ("RH [%]", "relative_humidity_mean", 1),
+    ("VPD [kPa]", "vapour_pressure_deficit_mean", 2),
+    ("wind [m/s]", "wind_speed_mean", 2),
+    ("global [MJ/m2]", "radiation_sum", 2),
+    ("DLI [mol/m2/d]", "daily_light_integral_mean", 1),
+)
+"""Columns of the months: heading with unit, field, decimals."""
+_OF_INFO = ("hours", "source", "licence", "digest", "origin", "typical_year")
+_OF_RECORD = ("source", "licence", "digest", "typical_year")
 
 app = typer.Typer(
     help="List, show, import and fetch weather records.",
@@ -23,7 +38,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 Replace = Annotated[bool, typer.Option("--replace", help="Replace your own record of that name.")]
 FillGaps = Annotated[
     int, typer.Option("--fill-gaps", min=0, max=48, help="Fill up to so many missing hours in a row linearly; noted.")
@@ -31,17 +45,17 @@ FillGaps = Annotated[
 
 
 @app.command("list")
-def list_records(as_json: Json = False) -> None:
+def list_records(as_json: AsJson = False) -> None:
     """List the shipped weather records and your own."""
     from glbench.weather import list_weather
 
     infos = list_weather()
     if as_json:
-        typer.echo(json.dumps({"records": [_info_as_json(info) for info in infos]}, indent=2))
+        put_json({"records": [_as_json(info, *_OF_INFO, path=str(info.path)) for info in infos]})
         return
-    table = _table("Weather records", ["name", "station", "period [UTC]", "hours [h]", "origin", "SHA-256"])
+    view = _table("Weather records", ["name", "station", "period [UTC]", "hours [h]", "origin", "SHA-256"])
     for info in infos:
-        table.add_row(
+        view.add_row(
             info.name,
             info.place.station,
             f"{_moment(info.first)} to {_moment(info.last)}",
@@ -49,7 +63,7 @@ def list_records(as_json: Json = False) -> None:
             info.origin + (", typical year" if info.typical_year else ""),
             info.digest[:8],
         )
-    output().print(table)
+    output().print(view)
 
 
 @app.command("show")
@@ -58,7 +72,7 @@ def show(
     month: Annotated[
         str | None, typer.Option("--month", help="Only this month: 2010-03, or 3 for every March.", metavar="MONTH")
     ] = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show where a record comes from, and its monthly means and sums."""
     from glbench.weather import load_weather
@@ -67,44 +81,21 @@ def show(
     record = load_weather(name)
     months = monthly(record, month)
     if as_json:
-        described = _described_as_json(record)
-        typer.echo(json.dumps({**described, "units": dict(UNITS), "months": [asdict(row) for row in months]}, indent=2))
+        described = _as_json(record, *_OF_RECORD, timing=dict(record.timing))
+        put_json({**described, "units": dict(UNITS), "months": [asdict(row) for row in months]})
         return
     _print_description(record)
     # Where both are known the sky's infrared is what the preprocessings use; the JSON has both.
-    infrared = "sky_infrared" in record.counts
-    sky = "infrared [W/m2]" if infrared else "cloud [octants]"
-    table = _table(
-        "Months (UTC)",
-        [
-            "month",
-            "mean T [degC]",
-            "min T [degC]",
-            "max T [degC]",
-            "RH [%]",
-            "VPD [kPa]",
-            "wind [m/s]",
-            "global [MJ/m2]",
-            "DLI [mol/m2/d]",
-            sky,
-        ],
-        padding=0,  # ten columns fit a terminal of 80
-    )
+    sky = ("infrared [W/m2]", "sky_infrared_mean", 1)
+    if "sky_infrared" not in record.counts:
+        sky = ("cloud [octants]", "cloud_cover_mean", 1)
+    columns = (*_MONTHLY, sky)
+    # ten columns fit a terminal of 80
+    view = _table("Months (UTC)", ["month", *(heading for heading, _, _ in columns)], padding=0)
     for row in months:
-        sky_mean = row.sky_infrared_mean if infrared else row.cloud_cover_mean
-        table.add_row(
-            row.month,
-            f"{row.air_temperature_mean:.1f}",
-            f"{row.air_temperature_min:.1f}",
-            f"{row.air_temperature_max:.1f}",
-            f"{row.relative_humidity_mean:.1f}",
-            f"{row.vapour_pressure_deficit_mean:.2f}",
-            f"{row.wind_speed_mean:.2f}",
-            f"{row.radiation_sum:.2f}",
-            f"{row.daily_light_integral_mean:.1f}",
-            "-" if sky_mean is None else f"{sky_mean:.1f}",
-        )
-    output().print(table)
+        values = [(getattr(row, name), digits) for _, name, digits in columns]
+        view.add_row(row.month, *("-" if value is None else f"{value:.{digits}f}" for value, digits in values))
+    output().print(view)
 
 
 @app.command("import")
@@ -177,23 +168,16 @@ def fetch(
 
 
 def _table(title: str, columns: list[str], padding: int = 1) -> Table:
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, padding, 0, 0), pad_edge=False)
     words = {"name", "station", "period [UTC]", "origin", "SHA-256", "month"}
-    for column in columns:
+    look = {"padding": (0, padding, 0, 0), "pad_edge": False, "title_style": None}
+    view = table(title, *columns, right=set(columns) - words, folded=("station", "period [UTC]", "origin"), **look)
+    for column in view.columns:
         # The unit stands below the name; as text, not markup: square brackets would be taken for styles.
-        heading = Text(column.replace(" [", "\n["))
-        folds = column in {"station", "period [UTC]", "origin"}
-        table.add_column(heading, justify="left" if column in words else "right", no_wrap=not folds)
-    return table
+        column.header = Text(str(column.header).replace(" [", "\n["))
+    return view
 
 
 def _print_description(record: WeatherRecord) -> None:
-    from rich.text import Text
-
     place = record.place
     lines = [
         ("name", record.name),
@@ -209,7 +193,7 @@ def _print_description(record: WeatherRecord) -> None:
         *(("note", note) for note in record.notes),
     ]
     for label, text in lines:
-        output().print(Text(f"{label:<10} {text}"), soft_wrap=True)
+        put(f"{label:<10} {text}")
 
 
 def _ahead(record: WeatherRecord) -> str:
@@ -240,51 +224,25 @@ def _degrees(value: float, positive: str, negative: str) -> str:
 
 
 def _report_saved(record: WeatherRecord, path: Path) -> None:
-    from rich.text import Text
-
     saved = f"Weather '{path.stem}': {record.period}, {record.hours:,} h, SHA-256 {record.digest[:12]}, in {path}"
-    output().print(Text(saved), soft_wrap=True)
+    put(saved)
     for note in record.notes:
-        output().print(Text(f"Note: {note}"), soft_wrap=True)
+        put(f"Note: {note}")
 
 
-def _place_as_json(place: Place) -> dict[str, Any]:
+def _as_json(one: WeatherInfo | WeatherRecord, *fields: str, **more: object) -> dict[str, Any]:
+    """Name and place, the first and the last moment, and these fields."""
+    place = one.place
     return {
+        "name": one.name,
         "station": place.station,
         "latitude_deg": place.latitude,
         "longitude_deg": place.longitude,
         "altitude_m": place.altitude,
         "timezone": place.timezone,
-    }
-
-
-def _info_as_json(info: WeatherInfo) -> dict[str, Any]:
-    return {
-        "name": info.name,
-        **_place_as_json(info.place),
-        "first": info.first.isoformat(),
-        "last": info.last.isoformat(),
-        "hours": info.hours,
-        "source": info.source,
-        "licence": info.licence,
-        "digest": info.digest,
-        "origin": info.origin,
-        "typical_year": info.typical_year,
-        "notes": list(info.notes),
-        "path": str(info.path),
-    }
-
-
-def _described_as_json(record: WeatherRecord) -> dict[str, Any]:
-    return {
-        "name": record.name,
-        **_place_as_json(record.place),
-        "first": record.first.isoformat(),
-        "last": record.last.isoformat(),
-        "source": record.source,
-        "licence": record.licence,
-        "digest": record.digest,
-        "timing": dict(record.timing),
-        "typical_year": record.typical_year,
-        "notes": list(record.notes),
+        "first": one.first.isoformat(),
+        "last": one.last.isoformat(),
+        **{field: getattr(one, field) for field in fields},
+        "notes": list(one.notes),
+        **more,
     }

@@ -72,6 +72,7 @@ class InfoWriter:
         names = tuple(quantity.name for quantity in info_quantities(task))
         self._of_info = names[1 : len(names) - len(task.quantities)]
         self._of_step = names[1:]
+        self._quantities = frozenset(names[len(names) - len(task.quantities) :])
         self._masks = tuple(f"_{name}" for name in names)
         # Filling in a dictionary that has its keys is quicker than making one.
         self._empty = dict.fromkeys(names)
@@ -87,6 +88,21 @@ class InfoWriter:
         if result is not None:
             columns.update(zip(self._of_step[len(self._of_info) :], result.table, strict=True))
         return columns
+
+    def masked(
+        self, columns: dict[str, NDArray[np.generic]], rows: NDArray[np.bool_], stepped: NDArray[np.bool_]
+    ) -> dict[str, Any]:
+        """Columns with Gymnasium's masks: quantities of a step hold for the rows in ``stepped``, the others for ``rows``.
+
+        Where a column does not hold it is 0.
+        """
+        info: dict[str, Any] = {}
+        in_step, in_row = (stepped, bool(stepped.all())), (rows, bool(rows.all()))
+        for name, values in columns.items():
+            mask, everywhere = in_step if name in self._quantities else in_row
+            info[name] = values if everywhere else np.where(mask, values, np.zeros_like(values))
+            info[f"_{name}"] = mask
+        return info
 
     def everywhere(self, columns: dict[str, NDArray[np.generic]], n: int) -> dict[str, Any]:
         """Columns that hold for all ``n`` rows, with Gymnasium's masks."""

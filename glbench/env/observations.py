@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,6 @@ from glbench.env.climate import AIR
 from glbench.env.reference import ObservationInputs
 from glbench.env.weather_tables import WeatherTables
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
-from glbench.model import Horizon
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
 
 if TYPE_CHECKING:
@@ -54,7 +53,14 @@ class TableRows:
     ahead: int = 0
 
 
-Shown = Numbers | TableRows
+@dataclass(frozen=True)
+class Formula:
+    """A column that the model computes from its states and nominal parameters (``Seen.of``)."""
+
+    of: Callable[[Any, Any], Any]
+
+
+Shown = Numbers | TableRows | Formula
 
 ObservationPart = Callable[[ObservationInputs], NDArray[np.floating]]
 """Columns of one module, ``(n, columns)``. Row i may depend on row i of the inputs only."""
@@ -82,7 +88,7 @@ def python_part(name: str) -> MakeObservation | None:
 
 
 def shown_by(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Shown, ...]:
-    """The columns of a module that is data: of the environment's own, or of the task's model.
+    """The columns of a module that is data: of the task's model, or the environment's own.
 
     Raises
     ------
@@ -91,18 +97,20 @@ def shown_by(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Shown, .
     TaskError
         When the model shows something that neither its states nor its air have.
     """
-    if name in _SHOWN:
-        return _SHOWN[name](task, tables)
     model = task.model_value
-    seen = model.observed(name, Horizon(task.steps, task.step_seconds, task.parameters_by_name()))
+    seen = model.observed(name, task.observation_context().horizon)
     if seen is None:
+        if name in _SHOWN:
+            return _SHOWN[name](task, tables)
         known = (*_MAKERS, *_SHOWN, *model.observation_modules)
         msg = f"There is no observation module called '{name}'.{did_you_mean(name, known)}"
         raise UnknownNameError(msg)
     air = list(AIR) if model.air else []
     shown: list[Shown] = []
     for column in seen:
-        if column.source in air:
+        if column.of is not None:
+            shown.append(Formula(column.of))
+        elif column.source in air:
             shown.append(Numbers("air", (air.index(column.source),), (column.factor,)))
         elif column.source in model.state_names:
             shown.append(Numbers("states", (model.state_index(column.source),), (column.factor,)))

@@ -62,11 +62,18 @@ def panel(simulation: Simulation, row: int, result: StepResult | None) -> str:
 
 def _seen(simulation: Simulation, row: int, columns: Sequence[Seen]) -> str:
     """Quantities that the model observes, in words."""
-    air = dict(zip(AIR, simulation.air[:, row].tolist(), strict=False))
-    state = dict(zip(simulation.task.model_value.state_names, simulation.x[row].tolist(), strict=True))
-    return ", ".join(
-        f"{_words(column.name)} {(air | state)[column.source] * column.factor:.4g} {column.unit}" for column in columns
-    )
+    task = simulation.task
+    model, numbers = task.model_value, simulation.x[row].tolist()
+    known = dict(zip(model.state_names, numbers, strict=True))
+    if model.air:
+        known |= dict(zip(AIR, simulation.air[:, row].tolist(), strict=True))
+
+    def value(column: Seen) -> float:
+        if column.of is not None:
+            return float(column.of(model.State(*numbers), model.Parameters(*task.parameters().tolist())))
+        return float(known[column.source] * column.factor)
+
+    return ", ".join(f"{_words(column.name)} {value(column):.4g} {column.unit}" for column in columns)
 
 
 def _words(name: str) -> str:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.accounts import make_accounts
+from glbench.env.accounts import ByName, make_accounts
 from glbench.env.actuation import ActionReader, make_actuation, recorded_actuation
 from glbench.env.climate import AIR, record_air
-from glbench.env.observations import Numbers, TableRows, python_part, shown_by
+from glbench.env.observations import Formula, Numbers, TableRows, python_part, shown_by
 from glbench.env.quantities import REWARD
 from glbench.env.reference import NO_PARTS, PythonParts
 from glbench.env.rewards import REWARDS, StepOutcome, make_reward
@@ -25,7 +25,6 @@ from glbench.env.weather_tables import WeatherTables
 from glbench.errors import TaskError
 from glbench.kernel.environment import Lookup, ParameterNoise, Program
 from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, Value
-from glbench.tasks.vocabulary import OBSERVATION_MODULES
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -191,14 +190,14 @@ def _quantities(
 def _observation(
     task: TaskSpec, recorder: Recorder, controls: list[Value], air: list[Value]
 ) -> tuple[tuple[Lookup, ...], tuple[tuple[slice, Any], ...], int]:
-    tables = WeatherTables.of(task)
+    tables, nominal = WeatherTables.of(task), task.model_value.Parameters(*task.parameters().tolist())
     lookups: list[Lookup] = []
     parts: list[tuple[slice, Any]] = []
     at = 0
     for name in task.observation.modules:
         make = python_part(name)
         if make is not None:
-            width = len(OBSERVATION_MODULES[name].quantities(task.observation_context()))
+            width = len(task.observed_by(name))
             parts.append((slice(at, at + width), make(task, tables)))
             at += width
             continue
@@ -206,12 +205,25 @@ def _observation(
             if isinstance(shown, TableRows):
                 lookups.append(Lookup(shown.table, at, shown.rows, shown.clocked, shown.ahead))
                 at += shown.rows * shown.table.shape[1]
+            elif isinstance(shown, Formula):
+                recorder.output("observation", at, shown.of(_recorded_states(task, recorder), nominal))
+                at += 1
             else:
                 at = _numbers(shown, at, recorder, controls, air)
     if at != len(task.observed()):
         msg = f"{task.id} announces {len(task.observed())} observed columns, its modules have {at}."
         raise TaskError(msg)
     return tuple(lookups), tuple(parts), at
+
+
+def _recorded_states(task: TaskSpec, recorder: Recorder) -> ByName:
+    """The state after the step by the names of the equations, recorded as far as it is asked for."""
+
+    class AsAskedFor(dict[int, Value]):
+        def __missing__(self, place: int) -> Value:
+            return recorder.input("after", place)
+
+    return ByName(task.model_value.states, AsAskedFor())
 
 
 def _numbers(shown: Numbers, at: int, recorder: Recorder, controls: list[Value], air: list[Value]) -> int:

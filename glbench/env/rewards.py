@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.factories import Factories
-from glbench.env.quantities import QUANTITY_NAMES
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.tasks.vocabulary import REWARD_MODULES
 
@@ -42,7 +41,7 @@ class StepOutcome:
     after: NDArray[np.float64]
     controls: NDArray[np.float64]
     air: NDArray[np.float64]
-    names: tuple[str, ...] = QUANTITY_NAMES
+    names: tuple[str, ...]
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """One quantity of the step, ``(n,)``."""

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.quantities import QUANTITY_NAMES
 from glbench.kernel.records import all_finite
 
 if TYPE_CHECKING:
@@ -39,10 +38,10 @@ class StepResult:
         reward, EPI and penalty are what the task counts for one failed step; the other quantities are those of a step
         in which nothing grew.
     table
-        The quantities of the step, ``(quantities, n)``; rows, units and meanings in ``task.quantities``. 0 for a run that had ended
-        before.
+        The quantities of the step, ``(quantities, n)``; rows, units and meanings in ``task.quantities``. 0 for a run that
+        had ended before.
     names
-        Their names.
+        Names of the quantities.
     """
 
     observations: NDArray[np.float32]
@@ -50,7 +49,7 @@ class StepResult:
     terminated: NDArray[np.bool_]
     failed: list[StepFailure]
     table: NDArray[np.float64]
-    names: tuple[str, ...] = QUANTITY_NAMES
+    names: tuple[str, ...]
 
     @property
     def whole(self) -> bool:

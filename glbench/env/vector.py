@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from glbench.env.greenhouse import GreenhouseEnv
-from glbench.env.info import InfoWriter, info_of_step
+from glbench.env.info import InfoWriter
 from glbench.env.kernels import SCORING_PRESET, check_kernel
 from glbench.env.options import RESET_MASK, STATE, check_names, mask_option, state_option
 from glbench.env.panel import panel
@@ -21,7 +21,7 @@ from glbench.env.rendering import PICTURES, Camera, checked_render_mode
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
 from glbench.env.simulation import Simulation, check_runs
 from glbench.env.spaces import action_space, observation_space, the_task
-from glbench.env.vector_info import add_failures, add_objects, with_masks
+from glbench.env.vector_info import add_failures, add_objects
 from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean, whole_number
 from glbench.kernel import Kernel, make_kernel
 
@@ -100,7 +100,6 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
             kernel = self._own_kernel = made
         self.simulation = Simulation(self.task, num_envs, kernel)
         self._info = InfoWriter(self.task)
-        self._names_of_step = frozenset(quantity.name for quantity in info_of_step(self.task))
         self._camera = Camera(self.simulation) if render_mode == PICTURES else None
         self._generators: list[np.random.Generator] = []
         self._generator_seeds: list[int] = []
@@ -135,7 +134,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         mask = mask_option(given, self.num_envs)
         self._start(np.flatnonzero(mask), self._row_seeds(seed))
         self._result = None
-        return self.simulation.observe(), self._masked(None, mask, mask)
+        return self.simulation.observe(), self._info.masked(self._info.columns(self.simulation, None), mask, mask)
 
     def step(self, actions: Actions) -> Step:
         """Take one step in every row.
@@ -208,7 +207,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         if self._camera is not None:
             self._camera.begin()
         everywhere = np.ones(self.num_envs, dtype=np.bool_)
-        return observations, self._masked(None, everywhere, everywhere)
+        return observations, self._info.masked(self._info.columns(self.simulation, None), everywhere, everywhere)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Release the kernel that this environment made."""
@@ -254,31 +253,28 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         observations = self._start(np.arange(n))
         self._result = None
         everywhere, nowhere = np.ones(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
-        info = self._masked(None, everywhere, everywhere)
+        info = self._info.masked(self._info.columns(self.simulation, None), everywhere, everywhere)
         return observations, np.zeros(n), nowhere, nowhere.copy(), info
 
     def _step_info(self, result: StepResult, stepped: NDArray[np.bool_] | None) -> dict[str, Any]:
         """Info of all rows, of which those in ``stepped`` (by default all) took a step and the others began an episode."""
+        columns = self._info.columns(self.simulation, result)
         if stepped is None:
-            info = self._info.everywhere(self._info.columns(self.simulation, result), self.num_envs)
+            info = self._info.everywhere(columns, self.num_envs)
         else:
-            info = self._masked(result, np.ones(self.num_envs, dtype=np.bool_), stepped)
+            info = self._info.masked(columns, np.ones(self.num_envs, dtype=np.bool_), stepped)
         add_failures(info, result)
         return info
-
-    def _masked(self, result: StepResult | None, rows: NDArray[np.bool_], stepped: NDArray[np.bool_]) -> dict[str, Any]:
-        """Info that holds for ``rows``, its quantities of a step for those that ``stepped``."""
-        return with_masks(self._info.columns(self.simulation, result), rows, stepped, self._names_of_step)
 
     def _reset_at_once(self, result: StepResult) -> tuple[Observations, dict[str, Any]]:
         """Mode ``SAME_STEP``: new episodes in the rows that ended, the end of the old ones in the info."""
         ended = result.terminated
-        final = self._masked(result, ended, ended)
+        final = self._info.masked(self._info.columns(self.simulation, result), ended, ended)
         add_failures(final, result)
         last = {row: result.observations[row] for row in np.flatnonzero(ended).tolist()}
         observations = self._start(np.flatnonzero(ended))
         everywhere = np.ones(self.num_envs, dtype=np.bool_)
-        info = self._masked(result, everywhere, ~ended)
+        info = self._info.masked(self._info.columns(self.simulation, result), everywhere, ~ended)
         add_objects(info, "final_obs", last, self.num_envs)
         info["final_info"], info["_final_info"] = final, ended.copy()
         return observations, info

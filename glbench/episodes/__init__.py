@@ -6,17 +6,11 @@
 from __future__ import annotations
 
 from glbench.episodes.action_log import ActionLog, is_action_log, log_bytes, read_log
-from glbench.episodes.columns import Column, Group
-from glbench.episodes.episode import Episode
+from glbench.episodes.episode import Episode, EpisodeWriter, episode_bytes, read, read_episode, recover, write_episode
 from glbench.episodes.header import AgentFacts, Provenance, RunFacts, TaskFacts, provenance_of
-from glbench.episodes.places import actions_path, episode_path, episodes_folder
-from glbench.episodes.reading import read, read_episode
-from glbench.episodes.recorder import Recorder
-from glbench.episodes.recovery import recover
-from glbench.episodes.replay import Replay, replayed_episodes
-from glbench.episodes.selection import chosen_rows, parse_selection
-from glbench.episodes.trace import Trace
-from glbench.episodes.writing import EpisodeWriter, episode_bytes, write_episode
+from glbench.episodes.recorder import Recorder, Replay, Trace, replayed_episodes
+from glbench.episodes.selection import actions_path, chosen_rows, episode_path, episodes_folder, parse_selection
+from glbench.episodes.signals import Column, Group
 
 __all__ = [
     "ActionLog",

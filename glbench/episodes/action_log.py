@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import io
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,12 +23,11 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 from pydantic import FailFast, Field, ValidationError
 
+from glbench.episodes.episode import PROVENANCE, TASK
 from glbench.episodes.header import Facts, Provenance, RunFacts, as_words, canonical
-from glbench.episodes.mcap_scan import Scan, largest_content, scan
-from glbench.episodes.mcap_stream import McapStream
-from glbench.episodes.writing import PROVENANCE, TASK
+from glbench.episodes.mcap_file import FRAME, McapWriter, Scan, scan
+from glbench.episodes.signals import signals_of
 from glbench.errors import EpisodeError
-from glbench.model import STATE_NAMES
 from glbench.untrusted import refuse_crowd, visible
 
 if TYPE_CHECKING:
@@ -39,9 +39,8 @@ _TITLE = "glbench actions"
 _BLOCK = 96
 _MOST_RUNS = 65_535
 """MCAP numbers its channels with 16 bits."""
-_MESSAGE_HEAD = np.dtype(
-    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")]
-)  # fmt: skip
+_MESSAGE = struct.Struct("<BQHIQQ")
+"""Head of an MCAP message: opcode, length, channel, sequence, and its time [ns] twice."""
 _TYPE = "glbench.RunPart"
 _BYTES, _NUMBERS = (
     FieldDescriptorProto.TYPE_BYTES,
@@ -68,7 +67,7 @@ class ActionLog:
     rewards
         Reward of every step, ``(steps, n)``; 0 after a run's end.
     final_states
-        States at the end of each run, ``(n, 28)``.
+        States at the end of each run, ``(n, states)``.
     """
 
     provenance: Provenance
@@ -112,18 +111,18 @@ def exactly(actions: NDArray[np.float64]) -> NDArray[np.floating]:
 def log_bytes(log: ActionLog) -> bytes:
     """The file of ``log``: MCAP, the same bytes for the same content."""
     buffer = io.BytesIO()
-    stream, number = McapStream(buffer), log.actions.dtype.name
+    writer, number = McapWriter(buffer), log.actions.dtype.name
     facts = {"format": LOG_FORMAT, **as_words(log.provenance), "runs": str(len(log.runs)), "actions_as": number}
-    stream.metadata(_TITLE, facts)
-    stream.attachment(PROVENANCE, "application/json", canonical(log.provenance))
-    stream.attachment(_RUNS, "application/json", canonical(RunTable(runs=log.runs)))
-    stream.attachment(TASK, "application/json", log.definition)
-    schema = stream.schema(_TYPE, "protobuf", _descriptor(number))
+    writer.metadata(_TITLE, facts)
+    writer.attachment(PROVENANCE, canonical(log.provenance))
+    writer.attachment(_RUNS, canonical(RunTable(runs=log.runs)))
+    writer.attachment(TASK, log.definition)
+    schema = writer.schema(_TYPE, _fields(number).SerializeToString(deterministic=True))
     columns = {
         "columns": " ".join(log.provenance.agent.columns),
         "order": "column by column, each over the steps of the part",
     }
-    channels = [stream.channel(f"/runs/{run.seed}", schema, "protobuf", columns) for run in log.runs]
+    channels = [writer.channel(f"/runs/{run.seed}", schema, columns) for run in log.runs]
     start = int(np.datetime64(log.provenance.task.start, "ns").astype(np.int64))
     step_ns = int(log.provenance.task.step_seconds * 1e9)
     part, longest = _part_class(), max((run.actions for run in log.runs), default=0)
@@ -142,8 +141,8 @@ def log_bytes(log: ActionLog) -> bytes:
             places[channel] = (np.array([time], np.uint64), np.array([position], np.uint64))
             messages.append(data)
             position += len(data)
-        stream.chunk(b"".join(messages), places)
-    stream.finish()
+        writer.chunk(b"".join(messages), places)
+    writer.finish()
     return buffer.getvalue()
 
 
@@ -181,7 +180,7 @@ def read_log(path: Path | str) -> ActionLog:
         provenance = Provenance.model_validate_json(found.attachments[PROVENANCE])
         runs = RunTable.model_validate_json(found.attachments[_RUNS]).runs
         return _log(found, provenance, runs, words["actions_as"])
-    except (KeyError, ValueError, IndexError, OverflowError, DecodeError, ValidationError) as error:
+    except (KeyError, ValueError, IndexError, OverflowError, struct.error, DecodeError, ValidationError) as error:
         msg = f"{path} is no whole file of recorded actions ({visible(' '.join(str(error).split())[:200])})."
         raise EpisodeError(msg) from error
 
@@ -192,12 +191,12 @@ def _log(found: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], number
         msg = f"actions are kept as {' or '.join(_NUMBERS)}"
         raise ValueError(msg)
     kind = np.dtype(number)
-    if steps * len(runs) * (width * kind.itemsize + 8) > largest_content(found.size):
+    if steps * len(runs) * (width * kind.itemsize + 8) > found.largest_content:
         msg = f"it announces {len(runs)} runs of {steps} steps, far more than it can hold"
         raise ValueError(msg)
     actions = np.zeros((steps, len(runs), width), kind)
     rewards = np.zeros((steps, len(runs)))
-    final = np.zeros((len(runs), len(STATE_NAMES)))
+    final = np.zeros((len(runs), len(signals_of().vector("state"))))
     places = {f"/runs/{run.seed}": row for row, run in enumerate(runs)}
     rows = {topic.id: places[topic.topic] for topic in found.channels.values()}
     counted = np.zeros((2, len(runs)), dtype=np.int64)
@@ -220,8 +219,8 @@ def _log(found: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], number
             counted[:, row] += len(table), len(gained)
             if message.final_state:
                 state = np.frombuffer(message.final_state, np.float64)
-                if len(state) != len(STATE_NAMES):
-                    msg = f"a final state has {len(state)} values, not {len(STATE_NAMES)}"
+                if len(state) != final.shape[1]:
+                    msg = f"a final state has {len(state)} values, not {final.shape[1]}"
                     raise ValueError(msg)
                 final[row] = state
                 ended.add(row)
@@ -239,23 +238,18 @@ def _log(found: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], number
 
 
 def _framed(channel: int, sequence: int, time: int, data: bytes) -> bytes:
-    head = np.zeros(1, dtype=_MESSAGE_HEAD)
-    head["opcode"], head["channel"], head["sequence"] = Opcode.MESSAGE, channel, sequence
-    head["length"] = _MESSAGE_HEAD.itemsize - 9 + len(data)
-    head["log_time"] = head["publish_time"] = time
-    return head.tobytes() + data
+    return _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE.size - FRAME.size + len(data), channel, sequence, time, time) + data
 
 
 def _unframed(chunk: bytes) -> Iterator[tuple[int, bytes]]:
     position = 0
     while position < len(chunk):
-        head = np.frombuffer(chunk, _MESSAGE_HEAD, 1, position)[0]
-        end = position + 9 + int(head["length"])
-        if head["opcode"] != Opcode.MESSAGE or end < position + _MESSAGE_HEAD.itemsize:
+        opcode, length, channel, *_ = _MESSAGE.unpack_from(chunk, position)
+        begin, position = position + _MESSAGE.size, position + FRAME.size + length
+        if opcode != Opcode.MESSAGE or position < begin:
             msg = "its chunks hold something else than messages"
             raise ValueError(msg)
-        yield int(head["channel"]), chunk[position + _MESSAGE_HEAD.itemsize : end]
-        position = end
+        yield channel, chunk[begin:position]
 
 
 def _fields(number: str | None) -> FileDescriptorSet:
@@ -278,11 +272,7 @@ def _fields(number: str | None) -> FileDescriptorSet:
     return FileDescriptorSet(file=[file])
 
 
-def _descriptor(number: str) -> bytes:
-    serialised: bytes = _fields(number).SerializeToString(deterministic=True)
-    return serialised
-
-
+@cache
 def _part_class() -> Any:
     pool = DescriptorPool()
     pool.Add(_fields(None).file[0])

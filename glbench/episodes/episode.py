@@ -1,17 +1,29 @@
-"""An episode in memory: what happened in one run, step by step, with where it comes from."""
+"""An episode: what happened in one run, step by step, with where it comes from. In memory, as a file, and back, bit by bit the same.
+
+The file is written as a whole, or piece by piece while it happens; what is left of a file that was cut can be read, too.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import io
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from types import TracebackType
+from typing import IO, TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
+from google.protobuf.message import DecodeError
+from mcap.records import Channel
 from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
 
-from glbench.episodes.columns import Group
-from glbench.episodes.header import Provenance, RunFacts
+from glbench.episodes.header import Provenance, RunFacts, as_words, canonical
+from glbench.episodes.mcap_file import PACKAGE, Layout, McapWriter, Part, Scan, layout_from, scan
+from glbench.episodes.signals import ACTION, MESSAGES, TOPICS, Column, Group, Moment, signals_of
 from glbench.errors import EpisodeError, did_you_mean
+from glbench.resources import write_atomically
+from glbench.untrusted import one_line, quoted, refuse_crowd, visible
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -19,6 +31,13 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
 Table = NDArray[np.floating]
+Record = TypeVar("Record", bound=BaseModel)
+
+FORMAT = "2"
+PROVENANCE, RUN, TASK = "provenance.json", "run.json", "task.json"
+_WORDS, _RECOVERY = "glbench episode", "glbench recovery"
+_PIECES = 48
+_SHORTEST, _LONGEST = 4, 96
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +97,9 @@ class Episode:
 
     @property
     def states(self) -> Table:
-        """The model's states at the start and at the end of every step, ``(steps + 1, 28)``, in the model's order and units."""
-        from glbench.model import STATE_NAMES
-
-        return np.stack([np.concatenate([[self._begun(name)], self[name]]) for name in STATE_NAMES], axis=1)
+        """The model's states at the start and at the end of every step, ``(steps + 1, states)``, in the model's order and units."""
+        names = [signal.name for signal in signals_of().vector("state")]
+        return np.stack([np.concatenate([[self._begun(name)], self[name]]) for name in names], axis=1)
 
     def _begun(self, name: str) -> float:
         for group in self.groups:
@@ -128,3 +146,314 @@ class Episode:
             start=begun,
         )
         return frame
+
+
+def chunk_steps(steps: int) -> int:
+    """Steps of one chunk, the part of a file that a killed writer may lose: about a fiftieth of the episode, a day at most."""
+    return min(_LONGEST, max(_SHORTEST, steps // _PIECES))
+
+
+class EpisodeWriter:
+    """Writes one episode into a binary file, chunk by chunk, as a context manager.
+
+    What was written is handed to the system chunk by chunk: a killed writer loses the chunk it was at.
+
+    Parameters
+    ----------
+    file
+        A binary file, open for writing.
+    provenance, run, definition
+        As in ``Episode``; ``run.steps`` is the number of steps that are to come.
+    groups
+        The groups of columns.
+    action
+        float32 or float64: the type of the raw actions.
+    """
+
+    def __init__(
+        self,
+        file: IO[bytes],
+        provenance: Provenance,
+        run: RunFacts,
+        definition: bytes,
+        groups: tuple[Group, ...],
+        action: np.dtype[np.floating],
+    ) -> None:
+        self._groups, self._step = groups, 0
+        self._file = writer = McapWriter(file)
+        writer.metadata(_WORDS, {"format": FORMAT, **as_words(provenance, run)})
+        writer.attachment(PROVENANCE, canonical(provenance))
+        writer.attachment(RUN, canonical(run))
+        writer.attachment(TASK, definition)
+        self._layouts: dict[str, tuple[int, Layout]] = {}
+        for moment, topic in TOPICS.items():
+            parts = [group for group in groups if group.moment == moment]
+            layout = layout_of(topic, parts, action)
+            about: dict[str, str] = {"moment": moment}
+            for group in parts:
+                about |= {f"group.{group.field}": group.name, f"at_start.{group.field}": str(group.at_start).lower()}
+                about |= {f"unit.{column.name}": column.unit for column in group.columns}
+                about |= {f"meaning.{column.name}": column.meaning for column in group.columns}
+            schema = writer.schema(f"{PACKAGE}.{layout.name}", layout.descriptor())
+            self._layouts[topic] = (writer.channel(topic, schema, about), layout)
+
+    def remark(self, name: str, words: Mapping[str, str]) -> None:
+        """Add a table of words to the file."""
+        self._file.metadata(name, words)
+
+    def begin(self, time: np.datetime64, start: Mapping[str, Table]) -> None:
+        """Write step 0: the values ``(columns,)`` of the groups that have some, at ``time`` (UTC)."""
+        begun = [group for group in self._groups if group.at_start]
+        (topic,) = {group.topic for group in begun}
+        channel, layout = self._layouts[topic]
+        tables = {group.field: start[group.name][np.newaxis] for group in begun}
+        times = _nanoseconds(np.array([time]))
+        messages = layout.some(list(tables)).messages(channel, np.zeros(1, np.uint32), times, tables)
+        self._chunk({topic: (messages, times)})
+
+    def steps(self, times: NDArray[np.datetime64], tables: Mapping[str, Table]) -> None:
+        """Write the next n steps as one chunk: ``times`` ``(n + 1,)`` at their starts and ends, ``tables`` ``(n, columns)``."""
+        count = len(times) - 1
+        moments = _nanoseconds(times)
+        numbers = np.arange(self._step + 1, self._step + count + 1, dtype=np.uint32)
+        fields = {group.field: tables[group.name] for group in self._groups}
+        columns = {}
+        for moment, topic in TOPICS.items():
+            channel, layout = self._layouts[topic]
+            at = moments[:-1] if moment == "start" else moments[1:]
+            columns[topic] = (layout.messages(channel, numbers, at, fields), at)
+        self._chunk(columns)
+        self._step += count
+
+    def close(self) -> None:
+        """Write what makes the file whole."""
+        self._file.finish()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+
+    def _chunk(self, columns: Mapping[str, tuple[NDArray[np.uint8], NDArray[np.uint64]]]) -> None:
+        """Put the messages ``(n, size)`` of each topic side by side, step after step, and write them; with their times [ns]."""
+        block = np.concatenate([messages for messages, _ in columns.values()], axis=1)
+        index, place = {}, 0
+        for topic, (messages, times) in columns.items():
+            offsets = np.arange(len(block), dtype=np.uint64) * block.shape[1] + place
+            index[self._layouts[topic][0]] = (times, offsets)
+            place += messages.shape[1]
+        self._file.chunk(block.tobytes(), index)
+
+
+def layout_of(topic: str, groups: Sequence[Group], action: np.dtype[np.floating]) -> Layout:
+    """Layout of ``topic`` with the parts ``groups``; raw actions are of type ``action`` (float64 or float32), all else float64."""
+    double = np.dtype("<f8")
+    parts = (
+        Part(group.field, index, group.message, group.names, action if group.name == ACTION else double)
+        for index, group in enumerate(groups, start=1)
+    )
+    return Layout(MESSAGES[topic], tuple(parts))
+
+
+def episode_bytes(episode: Episode) -> bytes:
+    """The file of ``episode``: the same bytes for the same episode."""
+    buffer = io.BytesIO()
+    write_into(buffer, episode)
+    return buffer.getvalue()
+
+
+def write_into(file: IO[bytes], episode: Episode, remarks: Mapping[str, Mapping[str, str]] | None = None) -> None:
+    """Write the steps that ``episode`` has into a binary file, with further tables of words."""
+    action = np.dtype(episode.tables[ACTION].dtype)
+    length = chunk_steps(episode.provenance.task.steps)
+    with EpisodeWriter(file, episode.provenance, episode.run, episode.definition, episode.groups, action) as writer:
+        for name, words in (remarks or {}).items():
+            writer.remark(name, words)
+        writer.begin(episode.times[0], episode.start)
+        for first in range(0, episode.steps, length):
+            last = min(first + length, episode.steps)
+            writer.steps(
+                episode.times[first : last + 1], {name: table[first:last] for name, table in episode.tables.items()}
+            )
+
+
+def write_episode(path: Path, episode: Episode) -> None:
+    """Write ``episode`` to ``path``, whole or not at all.
+
+    Raises
+    ------
+    EpisodeError
+        When it is not whole itself: recovered episodes are written with ``recover``.
+    GlbenchError
+        When the file cannot be written.
+    """
+    if episode.steps != episode.run.steps:
+        msg = f"The episode has {episode.steps} steps, and its run {episode.run.steps}. Write it with `recover`, which says so in the file."
+        raise EpisodeError(msg)
+    write_atomically(path, episode_bytes(episode))
+
+
+def _nanoseconds(times: NDArray[np.datetime64]) -> NDArray[np.uint64]:
+    return times.astype("datetime64[ns]").astype(np.uint64)
+
+
+def read(path: Path | str) -> pd.DataFrame:
+    """One episode as a table: one row a step, columns with units in ``frame.attrs["units"]``; see ``Episode.to_frame``.
+
+    Raises
+    ------
+    EpisodeError
+        When the file is missing, cut, damaged, or no episode.
+    """
+    return read_episode(path).to_frame()
+
+
+def read_episode(path: Path | str, *, partial: bool = False) -> Episode:
+    """Read the episode in ``path``. With ``partial``, also what is left of a file that is cut; ``episode.problem`` says so.
+
+    Raises
+    ------
+    EpisodeError
+        When the file is missing or no episode; without ``partial`` also when it is cut or damaged.
+    """
+    path = Path(path)
+    found = scan(path)
+    if found.problem is not None and not partial:
+        msg = f"{path}: {found.problem}. `glbench episodes recover {path}` makes a file of what is left."
+        raise EpisodeError(msg)
+    words = found.metadata.get(_WORDS)
+    if words is None or words.get("format") != FORMAT:
+        kind = (
+            "is no episode of glbench"
+            if words is None
+            else f"has the episode format {words.get('format')!r}, not {FORMAT!r}. Make it anew from the recorded actions "
+            "(`glbench episodes make RESULT`), or read it with the glbench that wrote it"
+        )
+        msg = f"{path} {kind}{f' ({found.problem})' if found.problem else ''}."
+        raise EpisodeError(msg)
+    provenance = _attached(path, found, PROVENANCE, Provenance)
+    run = _attached(path, found, RUN, RunFacts)
+    if TASK not in found.attachments:
+        raise EpisodeError(_too_short(path, TASK, found))
+    try:
+        return _episode(path, found, provenance, run)
+    except (ValueError, KeyError, IndexError, TypeError, OverflowError, StopIteration, DecodeError) as error:
+        msg = f"{path} does not hold an episode as glbench writes it ({visible(' '.join(str(error).split())[:200])})."
+        raise EpisodeError(msg) from error
+
+
+def _attached(path: Path, found: Scan, name: str, kind: type[Record]) -> Record:
+    data = found.attachments.get(name)
+    if data is None:
+        raise EpisodeError(_too_short(path, name, found))
+    try:
+        refuse_crowd(data)
+        return kind.model_validate_json(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        msg = f"{path}: the attached {name} is invalid ({visible('.'.join(map(str, first['loc'])))}: {first['msg']})."
+        raise EpisodeError(msg) from error
+    except ValueError as error:
+        msg = f"{path}: the attached {name} is invalid: {error}."
+        raise EpisodeError(msg) from error
+
+
+def _too_short(path: Path, name: str, found: Scan) -> str:
+    return f"{path} lacks the attachment {name}{f': {found.problem}' if found.problem else ''}. Nothing can be read from it."
+
+
+def _episode(path: Path, found: Scan, provenance: Provenance, run: RunFacts) -> Episode:
+    topics = [(channel, _layout(path, found, channel)) for channel in found.channels.values()]
+    groups = {group.name: (channel, layout, group) for channel, layout in topics for group in _groups(channel, layout)}
+    if ACTION not in groups:
+        msg = f"{path} holds no actions. It was not written by glbench."
+        raise EpisodeError(msg)
+    begun = {name: row for name, row in groups.items() if row[2].at_start}
+    if not found.chunks or not begun:
+        msg = f"{path} holds no steps{f': {found.problem}' if found.problem else ''}."
+        raise EpisodeError(msg)
+    channel, layout, _ = next(iter(begun.values()))
+    first_layout = layout.some([group.field for _, _, group in begun.values()])
+    first = _rows(path, found.chunks[:1], [(channel, first_layout)])[channel.id]
+    if not len(first):
+        msg = f"{path} holds no steps: {found.problem}."
+        raise EpisodeError(msg)
+    rows = _rows(path, found.chunks[1:], topics)
+    steps = len(rows[channel.id])
+    tops = {channel.id: layout.table(rows[channel.id]) for channel, layout in topics}
+    if any((messages["sequence"] != np.arange(1, steps + 1)).any() for messages in tops.values()):
+        msg = f"{path}: the steps are not numbered 1, 2, 3 ...: steps are missing or in another order."
+        raise EpisodeError(msg)
+    tables: dict[str, Table] = {
+        name: layout.values(rows[channel.id], group.field) for name, (channel, layout, group) in groups.items()
+    }
+    start = {name: first_layout.values(first, group.field)[0] for name, (_, _, group) in begun.items()}
+    utc = np.concatenate([first_layout.table(first)["log_time"], tops[channel.id]["log_time"]]).astype("datetime64[ns]")
+    listed = tuple(group for _, _, group in groups.values())
+    return Episode(provenance, run, found.attachments[TASK], listed, tables, start, utc, found.problem)
+
+
+def _layout(path: Path, found: Scan, channel: Channel) -> Layout:
+    schema = found.schemas.get(channel.schema_id)
+    if schema is None or schema.encoding != "protobuf":
+        msg = f"{path}: the topic {channel.topic} is not described as protobuf. It was not written by glbench."
+        raise EpisodeError(msg)
+    return layout_from(schema.data, schema.name)
+
+
+def _groups(channel: Channel, layout: Layout) -> list[Group]:
+    """The groups of columns of one topic."""
+    about = channel.metadata
+    moment: Moment = "start" if about.get("moment") == "start" else "end"
+    groups = []
+    for part in layout.parts:
+        columns = tuple(
+            Column(name, about.get(f"unit.{name}", "?"), about.get(f"meaning.{name}", "")) for name in part.names
+        )
+        at_start = about.get(f"at_start.{part.field}") == "true"
+        for column in columns:
+            one_line(column.name + column.unit + column.meaning)
+            if not column.name.isidentifier():  # in a spreadsheet it could be a formula
+                msg = f"a column is called {quoted(column.name)}"
+                raise ValueError(msg)
+        groups.append(
+            Group(about.get(f"group.{part.field}", part.field), part.field, part.message, moment, at_start, columns)
+        )
+    return groups
+
+
+def _rows(path: Path, chunks: list[bytes], topics: list[tuple[Channel, Layout]]) -> dict[int, NDArray[np.uint8]]:
+    """Messages ``(steps, size)`` of all chunks by channel. A torn chunk gives the steps that are whole in it."""
+    size = sum(layout.size for _, layout in topics)
+    data = b"".join(chunk[: len(chunk) // size * size] for chunk in chunks)
+    table = np.frombuffer(data, dtype=np.uint8).reshape(-1, size)
+    rows, place = {}, 0
+    for channel, layout in topics:
+        rows[channel.id] = np.ascontiguousarray(table[:, place : place + layout.size])
+        place += layout.size
+        if not layout.fits(rows[channel.id], channel.id):
+            msg = f"{path}: the messages do not lie as glbench writes them. Was it written, or changed, by another program?"
+            raise EpisodeError(msg)
+    return rows
+
+
+def recover(path: Path | str, out: Path | str) -> Episode:
+    """Write what can be read of ``path`` to ``out`` and return it. The new file says how many steps it lacks.
+
+    Raises
+    ------
+    EpisodeError
+        When nothing can be read.
+    GlbenchError
+        When ``out`` cannot be written.
+    """
+    episode = read_episode(path, partial=True)
+    buffer = io.BytesIO()
+    words = {"steps": str(episode.steps), "of": str(episode.run.steps), "problem": episode.problem or "none"}
+    write_into(buffer, episode, {_RECOVERY: words})
+    write_atomically(Path(out), buffer.getvalue())
+    return episode

@@ -14,9 +14,10 @@ import rfc8785
 from pydantic import BaseModel, ConfigDict, FailFast, Field, model_validator
 
 from glbench import __version__
+from glbench.episodes.signals import signals_of
 from glbench.errors import TaskError
 from glbench.fields import MOST_ENTRIES, Count, Text, Word
-from glbench.model import CONTROL_NAMES, MODEL_VERSION
+from glbench.model import MODEL_VERSION
 from glbench.untrusted import is_agent_name, steers
 
 if TYPE_CHECKING:
@@ -117,6 +118,7 @@ def provenance_of(task: TaskSpec, agent: LoadedAgent, kernel: dict[str, str | fl
         )
         raise TaskError(msg)
     prints = task.fingerprint()
+    all_controls = tuple(signal.name for signal in signals_of(task).vector("control"))
     parts = {name: getattr(prints, name) for name in PARTS}
     return Provenance(
         task=TaskFacts(
@@ -135,7 +137,7 @@ def provenance_of(task: TaskSpec, agent: LoadedAgent, kernel: dict[str, str | fl
             privileged=agent.privileged,
             information=agent.information,
             acts="controls" if agent.privileged else "actions",
-            columns=CONTROL_NAMES if agent.privileged else task.actuation.controls,
+            columns=all_controls if agent.privileged else task.actuation.controls,
         ),
         kernel=kernel,
         versions=versions(),

@@ -1,30 +1,91 @@
-"""Keeping the record of an evaluation while it runs: a few array copies a step, everything else is done afterwards."""
+"""What a simulation did, kept while it runs, cut into episodes afterwards, and taken again from its recorded actions alone."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env import Simulation, StepResult
+from glbench.env import Simulation, StepResult, run_weather
 from glbench.episodes.action_log import ActionLog, exactly
 from glbench.episodes.definition import definition_json
+from glbench.episodes.episode import Episode
 from glbench.episodes.header import Provenance, RunFacts
-from glbench.episodes.trace import Trace
+from glbench.episodes.signals import ACTION, signals_of
 
+if TYPE_CHECKING:
+    from glbench.env.kernels import Stepper
+    from glbench.tasks import TaskSpec
+
+
+Floats = NDArray[np.float64]
 LARGEST_TRACE = 512 * 2**20
 """Bytes of memory above which no trace is kept: the episodes are then made by replaying."""
-BYTES_A_STEP = 8 * (28 + 6 + 3 + 23)
+BYTES_A_STEP = 8 * signals_of().width
 """Bytes of memory that a trace takes for a step of a run."""
+
+
+class Trace:
+    """States, controls, climate and quantities of all runs of ``simulation``, from where it stands on.
+
+    ``rows`` chooses runs; by default all. About 0.5 kB a step and run.
+    """
+
+    def __init__(self, simulation: Simulation, rows: Sequence[int] | None = None) -> None:
+        steps, self.rows = simulation.task.steps, tuple(range(simulation.n) if rows is None else rows)
+        n, self._chosen = len(self.rows), None if rows is None else list(rows)
+        self._steps = 0
+        self._signals = signals_of(simulation.task)
+        self.x = np.empty((steps + 1, n, simulation.x.shape[1]))
+        self.air = np.empty((steps + 1, len(simulation.air), n))
+        self.u = np.empty((steps, n, simulation.u.shape[1]))
+        self.quantities = np.empty((steps, len(self._signals.vector("quantity")), n))
+        self.x[0], self.air[0] = self._of(simulation.x, 0), self._of(simulation.air, 1)
+
+    def add(self, simulation: Simulation, outcome: StepResult) -> None:
+        """Write down the step that was just taken."""
+        step = self._steps
+        self.x[step + 1], self.air[step + 1] = self._of(simulation.x, 0), self._of(simulation.air, 1)
+        self.u[step], self.quantities[step] = self._of(simulation.u, 0), self._of(outcome.table, 1)
+        self._steps += 1
+
+    def _of(self, table: Floats, axis: int) -> Floats:
+        """The chosen runs of a table, which lie along ``axis``."""
+        return table if self._chosen is None else table.take(self._chosen, axis=axis)
+
+    def episode(
+        self, task: TaskSpec, row: int, provenance: Provenance, run: RunFacts, actions: NDArray[np.floating]
+    ) -> Episode:
+        """The episode of the simulation's ``row``, whose raw actions were ``actions`` ``(steps or more, m)``."""
+        place, steps = self.rows.index(row), run.steps
+        weather = run_weather(task, run.seed)
+        begun = self._signals.tables({"air": self.air[: steps + 1, :, place], "state": self.x[: steps + 1, place]})
+        during = self._signals.tables(
+            {
+                "control": self.u[:steps, place],
+                "disturbance": weather.values[:steps],
+                "quantity": self.quantities[:steps, :, place],
+            }
+        )
+        agent = provenance.agent
+        return Episode(
+            provenance=provenance,
+            run=run,
+            definition=definition_json(task),
+            groups=self._signals.groups(agent.columns, controls=agent.acts == "controls"),
+            tables={ACTION: actions[:steps], **during, **{name: values[1:] for name, values in begun.items()}},
+            start={name: values[0] for name, values in begun.items()},
+            times=weather.times[: steps + 1].astype("datetime64[ns]"),
+        )
 
 
 class Recorder:
     """The record of runs in lockstep.
 
     ``actions`` ``(steps, n, m)`` and ``rewards`` ``(steps, n)`` fill up step by step. ``trace`` holds everything else that full
-    episodes show; it is ``None`` when nobody wants them, when they would not fit into memory, and after an interruption.
+    episodes show; it is ``None`` when none are wanted, when they would not fit into memory, and after an interruption.
     """
 
     def __init__(self, simulation: Simulation, columns: int, *, traced: bool) -> None:
@@ -65,3 +126,52 @@ class Recorder:
         return ActionLog(
             provenance, definition_json(simulation.task), runs, exactly(actions), rewards, np.array(simulation.x)
         )
+
+
+class Replay:
+    """The runs ``rows`` of ``log`` (by default all), taken again step by step.
+
+    The simulation is that of the evaluation: the same code, the same seeds, the same actions.
+    """
+
+    def __init__(
+        self, task: TaskSpec, log: ActionLog, rows: Sequence[int] | None = None, kernel: Stepper | None = None
+    ) -> None:
+        self.rows = tuple(range(len(log.runs)) if rows is None else rows)
+        self._log = log
+        self._counts = np.array([log.runs[row].actions for row in self.rows])
+        self._actions = log.actions[:, list(self.rows)].astype(np.float64)
+        self.simulation = Simulation(task, len(self.rows), kernel=kernel)
+        self.simulation.reset([log.runs[row].seed for row in self.rows])
+
+    def steps(self) -> Iterator[StepResult]:
+        """Take the steps. Before each, the runs that have no further action end where they stand."""
+        simulation = self.simulation
+        controls = self._log.provenance.agent.acts == "controls"
+        for step in range(int(self._counts.max(initial=0))):
+            over = self._counts <= step
+            if over.any():
+                simulation.end(over | simulation.ended)
+            if simulation.ended.all():
+                return
+            take = simulation.step_controls if controls else simulation.step
+            yield take(self._actions[step])
+
+
+def replayed_episodes(
+    task: TaskSpec, log: ActionLog, rows: Sequence[int], kernel: Stepper | None = None
+) -> Iterator[Episode]:
+    """Full episodes of the runs ``rows`` of ``log``, by simulating them again.
+
+    Raises
+    ------
+    ActionError
+        When a recorded action is none of the task's.
+    """
+    replay = Replay(task, log, rows, kernel)
+    trace = Trace(replay.simulation)
+    for outcome in replay.steps():
+        trace.add(replay.simulation, outcome)
+    for place, row in enumerate(rows):
+        run = log.runs[row]
+        yield trace.episode(task, place, log.provenance, run, log.actions[: run.steps, row])

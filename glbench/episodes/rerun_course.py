@@ -1,4 +1,4 @@
-"""What one controller did in one run, as plain columns: what the viewer's recording is made of."""
+"""What controllers did in their runs, as plain columns: what the viewer shows together, in which colours, and the card beside the plots."""
 
 from __future__ import annotations
 
@@ -10,20 +10,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.episodes.episode import Episode
-from glbench.episodes.rerun_colours import PALETTE
-from glbench.episodes.rerun_signals import NEEDED_COLUMNS, Floats
+from glbench.episodes.signals import Floats, Signals, price_words, signals_of
 from glbench.errors import GlbenchError
-from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec, task_card
 
 Times = NDArray[np.datetime64]
-
 HOURS_PER_DAY = 24
 SHOWN_DAYS = 2
 _NOTHING = "There is nothing to show: no run was chosen."
+_UNITS = {"degC": "°C"}
+
+
+@dataclass(frozen=True)
+class Colour:
+    """A colour with its name in words and its red, green and blue (0 to 255)."""
+
+    name: str
+    rgb: tuple[int, int, int]
+
+
+PALETTE: tuple[Colour, ...] = (
+    Colour("orange", (230, 159, 0)),
+    Colour("sky blue", (86, 180, 233)),
+    Colour("bluish green", (0, 158, 115)),
+    Colour("reddish purple", (204, 121, 167)),
+    Colour("yellow", (240, 228, 66)),
+    Colour("vermilion", (213, 94, 0)),
+)
+"""In the order in which controllers get them. Black is left out, and blue: they drown in the viewer's dark plots."""
+
+WEATHER = Colour("light grey", (190, 190, 190))
+LIMITS = Colour("green", (96, 176, 96))
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class Trajectory:
     """One run of one controller.
 
     Attributes
@@ -35,7 +56,7 @@ class Course:
     times
         UTC at the start and at the end of every step, ``(steps + 1,)`` datetime64[ns].
     columns
-        Values of each step by column name, ``(steps,)`` float64 each; at least ``NEEDED_COLUMNS``.
+        Values of each step by column name, ``(steps,)`` float64 each.
     remark
         Why the run ended early, in words; empty when it did not.
     """
@@ -46,12 +67,6 @@ class Course:
     columns: Mapping[str, Floats]
     remark: str = ""
 
-    def __post_init__(self) -> None:
-        missing = [name for name in NEEDED_COLUMNS if name not in self.columns]
-        if missing:
-            msg = f"The record of '{self.controller}' lacks {', '.join(missing)}, which the viewer shows."
-            raise GlbenchError(msg)
-
     @property
     def steps(self) -> int:
         """Number of steps."""
@@ -60,28 +75,38 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """Courses of one task to be shown together.
+    """Trajectories of one task to be shown together.
 
     Attributes
     ----------
-    task, courses
+    task, trajectories
         The task and what was done in it.
     labels
-        What the curves of each course are called.
+        What the curves of each trajectory are called.
+    signals
+        What is shown of them; every trajectory has the columns that it needs.
     first_day, days
         The days that fast quantities show first; without a first day those with most violations.
     """
 
     task: TaskSpec
-    courses: tuple[Course, ...]
+    trajectories: tuple[Trajectory, ...]
     labels: tuple[str, ...]
+    signals: Signals
     first_day: dt.date | None = None
     days: int = SHOWN_DAYS
 
+    def __post_init__(self) -> None:
+        for trajectory in self.trajectories:
+            missing = [name for name in self.signals.needed if name not in trajectory.columns]
+            if missing:
+                msg = f"The record of '{trajectory.controller}' lacks {', '.join(missing)}, which the viewer shows."
+                raise GlbenchError(msg)
+
     @property
-    def longest(self) -> Course:
-        """The course with the most steps."""
-        return max(self.courses, key=lambda course: course.steps)
+    def longest(self) -> Trajectory:
+        """The trajectory with the most steps."""
+        return max(self.trajectories, key=lambda trajectory: trajectory.steps)
 
     def closeup(self) -> tuple[np.datetime64, np.datetime64]:
         """Start and end of the days that fast quantities show first.
@@ -111,19 +136,19 @@ class Shown:
     def _most_broken(self, per_day: int, width: int) -> int:
         """Step at which the ``width`` steps with the largest penalty begin, at the start of a day."""
         penalty = np.zeros(self.longest.steps)
-        for course in self.courses:
-            penalty[: course.steps] += course.columns["penalty"]
+        for trajectory in self.trajectories:
+            penalty[: trajectory.steps] += trajectory.columns[self.signals.worst]
         before = np.concatenate([[0.0], np.cumsum(penalty)])
         firsts = np.arange(0, len(penalty) - width + 1, per_day)
         return int(firsts[np.argmax(before[firsts + width] - before[firsts])])
 
 
-def course_of(episode: Episode) -> Course:
-    """The course of a recorded episode."""
+def trajectory_of(episode: Episode) -> Trajectory:
+    """The trajectory of a recorded episode."""
     run = episode.run
-    columns = {name: np.asarray(episode[name], dtype=np.float64) for name in NEEDED_COLUMNS}
+    columns = {name: np.asarray(episode[name], dtype=np.float64) for name in episode.names}
     remark = run.reason or episode.problem or ""
-    return Course(episode.provenance.agent.name, run.seed, episode.times, columns, remark)
+    return Trajectory(episode.provenance.agent.name, run.seed, episode.times, columns, remark)
 
 
 def shown_of(episodes: Sequence[Episode]) -> Shown:
@@ -142,7 +167,7 @@ def shown_of(episodes: Sequence[Episode]) -> Shown:
             what = "another version of it" if other.id == facts[0].id else other.id
             msg = f"Only runs of one task can be shown together: the first is of {facts[0].id}, another of {what}."
             raise GlbenchError(msg)
-    return show_together(episodes[0].task(), [course_of(episode) for episode in episodes])
+    return show_together(episodes[0].task(), [trajectory_of(episode) for episode in episodes])
 
 
 def provenance_words(episodes: Sequence[Episode]) -> dict[str, str]:
@@ -157,34 +182,82 @@ def provenance_words(episodes: Sequence[Episode]) -> dict[str, str]:
     return words
 
 
-def show_together(task: TaskSpec, courses: Sequence[Course]) -> Shown:
-    """Courses with labels: the controller's name, with the seed where one controller is shown twice.
+def show_together(task: TaskSpec, trajectories: Sequence[Trajectory]) -> Shown:
+    """Trajectories with labels: the controller's name, with the seed where one controller is shown twice.
 
     Raises
     ------
     GlbenchError
-        For no course, an empty one, the same run twice, or more courses than there are colours.
+        For no trajectory, an empty one, the same run twice, or more trajectories than there are colours.
     """
-    _check(courses)
-    names = [course.controller for course in courses]
+    if not trajectories:
+        raise GlbenchError(_NOTHING)
+    if len(trajectories) > len(PALETTE):
+        msg = f"At most {len(PALETTE)} runs can be told apart by their colours; these are {len(trajectories)}. Choose fewer."
+        raise GlbenchError(msg)
+    for trajectory in trajectories:
+        if trajectory.steps == 0:
+            msg = f"The run of '{trajectory.controller}' with seed {trajectory.seed} has no steps to show."
+            raise GlbenchError(msg)
+    names = [trajectory.controller for trajectory in trajectories]
     labels = tuple(
-        name if names.count(name) == 1 else f"{name} (seed {course.seed})"
-        for name, course in zip(names, courses, strict=True)
+        name if names.count(name) == 1 else f"{name} (seed {trajectory.seed})"
+        for name, trajectory in zip(names, trajectories, strict=True)
     )
     for label in labels:
         if labels.count(label) > 1:
             msg = f"{label} is there twice. Give each run once, or rename one of the agents."
             raise GlbenchError(msg)
-    return Shown(task, tuple(courses), labels)
+    return Shown(task, tuple(trajectories), labels, signals_of(task))
 
 
-def _check(courses: Sequence[Course]) -> None:
-    if not courses:
-        raise GlbenchError(_NOTHING)
-    if len(courses) > len(PALETTE):
-        msg = f"At most {len(PALETTE)} runs can be told apart by their colours; these are {len(courses)}. Choose fewer."
-        raise GlbenchError(msg)
-    for course in courses:
-        if course.steps == 0:
-            msg = f"The run of '{course.controller}' with seed {course.seed} has no steps to show."
-            raise GlbenchError(msg)
+def card(shown: Shown) -> str:
+    """The card beside the plots, as Markdown: the task in words, and who is shown in which colour."""
+    task, signals, facts = shown.task, shown.signals, task_card(shown.task)
+    limits = "; ".join(
+        f"{signals.names.get(limit.name, limit.name)} **{limit.low:g} to {limit.high:g} {_UNITS.get(limit.unit, limit.unit)}**"
+        for limit in facts.constraints
+    )
+    lines = [
+        f"# {task.title}",
+        "",
+        " ".join(task.description.split()),
+        "",
+        f"**Where and when:** {facts.place.station}, from {facts.start:%-d %B %Y}, {task.weather.days} days, "
+        f"a decision every {task.step_seconds / 60:g} minutes.",
+        "",
+        f"**Climate to stay within:** {limits}.",
+        "",
+        f"**Prices:** {price_words(task, signals)}.",
+        "",
+        f"Task `{task.id}`",
+        "",
+        "## Controllers",
+        "",
+    ]
+    for colour, label, trajectory in zip(PALETTE, shown.labels, shown.trajectories, strict=False):
+        lines += [f"**{label}** ({colour.name}), seed {trajectory.seed}", ""]
+        lines += [f"- {line}" for line in _outcome(trajectory, signals)] if trajectory.steps else ["- running"]
+        if trajectory.remark:
+            lines.append(f"- **ended after step {trajectory.steps}: {trajectory.remark}**")
+        lines.append("")
+    lines += [
+        "",
+        "## Reading the plots",
+        "",
+        "Green: inside the limits. Slow quantities show the whole episode; the others show a few days, by default those in "
+        "which limits were broken most. Ctrl + scroll zooms in and out, and the ? above a plot tells more. All amounts are "
+        "per m² of floor; times are UTC.",
+    ]
+    return "\n".join(lines)
+
+
+def _outcome(trajectory: Trajectory, signals: Signals) -> list[str]:
+    def total(*names: str) -> float:
+        return sum(float(trajectory.columns[name].sum()) for name in names)
+
+    result = f"{total(signals.total):.2f}".replace("-", "−")
+    return [
+        f"EPI {result} EUR/m² = revenue {total(signals.income):.2f} − costs {total(*signals.costs):.2f}",
+        f"{total(signals.harvest):.2f} kg/m² of fruit grown; reward {total(signals.reward):.1f}",
+    ]

@@ -10,22 +10,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from glbench.env import Simulation, StepResult
-from glbench.env.quantities import QUANTITY_NAMES
-from glbench.episodes.rerun_course import Course, Shown
-from glbench.episodes.rerun_package import load_rerun
+from glbench.episodes.rerun_course import Shown, Trajectory
 from glbench.episodes.rerun_recording import (
     APPLICATION,
     send_card,
-    send_course,
     send_frame,
     send_layout,
     send_limits,
-    send_weather,
+    send_trajectories,
 )
-from glbench.episodes.rerun_signals import NEEDED_COLUMNS
-from glbench.model import CONTROL_NAMES, DISTURBANCE_NAMES, STATE_NAMES
+from glbench.episodes.rerun_viewer import load_rerun
+from glbench.episodes.signals import Floats, Source, signals_of
 from glbench.tasks import TaskSpec
-from glbench.tasks.quantities import LIMITED
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -40,8 +36,8 @@ _FLUSH_SECONDS = 5.0
 class LiveView:
     """Streams one run of an evaluation to a viewer, several times a second.
 
-    A viewer that is closed meanwhile does not disturb the evaluation. Of an evaluation that goes on after an interruption it
-    shows the steps that are simulated now; its sums count from there.
+    Closing the viewer does not disturb the evaluation. After an interruption it shows the steps from there on, and its sums count from
+    there.
 
     Parameters
     ----------
@@ -56,44 +52,47 @@ class LiveView:
     def __init__(self, task: TaskSpec, controller: str, seed: int, address: str, row: int = 0) -> None:
         rerun = load_rerun()
         self._task, self._controller, self._seed, self._row = task, controller, seed, row
-        self._times = task.disturbances().times[: task.steps + 1].astype("datetime64[ns]")
-        names = (STATE_NAMES, CONTROL_NAMES, tuple(LIMITED), QUANTITY_NAMES)
-        self._tables = tuple(np.zeros((task.steps, len(group))) for group in names)
-        weather = task.disturbances().values[: task.steps]
-        everything = zip((*names, DISTURBANCE_NAMES), (*self._tables, weather), strict=True)
-        columns = {name: table[:, i] for group, table in everything for i, name in enumerate(group)}
-        self._columns = {name: columns[name] for name in NEEDED_COLUMNS}
+        weather = task.disturbances()
+        self._times = weather.times[: task.steps + 1].astype("datetime64[ns]")
+        self._signals = signals = signals_of(task)
+        self._tables: dict[Source, Floats] = {
+            source: np.zeros((task.steps, len(signals.vector(source))))
+            for source in ("state", "control", "air", "quantity")
+        }
+        known = {**self._tables, "disturbance": weather.values[: task.steps]}
+        self._columns = {
+            one.name: known[one.source][:, one.index] for one in signals.recorded if one.name in signals.needed
+        }
         self._begun = False
         self._done = self._sent = 0
         self._sent_at = time.monotonic()
         # A name of its own: evaluations of one process would else be mixed into one recording.
         self._stream = rerun.RecordingStream(APPLICATION, recording_id=uuid.uuid4())
         self._stream.connect_grpc(address)
-        shown = Shown(task, (self._course(0),), (controller,))
+        shown = self._shown(0)
         send_frame(self._stream, shown)
         send_layout(self._stream, shown, live=True)
 
     def add(self, simulation: Simulation, outcome: StepResult) -> None:
-        """Take over the step that was just simulated, and send what has gathered when it is time."""
+        """Keep the step that was just simulated, and send the new steps several times a second."""
         step = int(simulation.k[self._row]) - 1
         if step < self._done or step < 0:
             return  # this run has ended, others go on
         if not self._begun:
             self._begun, self._sent = True, step
-            send_limits(self._stream, self._task, [step])
-        row = self._row
-        states, controls, air, amounts = self._tables
-        states[step], controls[step], air[step] = simulation.x[row], simulation.u[row], simulation.air[:, row]
-        amounts[step] = outcome.table[:, row]
+            send_limits(self._stream, self._shown(0), [step])
+        row, tables = self._row, self._tables
+        tables["state"][step], tables["control"][step] = simulation.x[row], simulation.u[row]
+        tables["air"][step], tables["quantity"][step] = simulation.air[:, row], outcome.table[:, row]
         self._done = step + 1
         if time.monotonic() - self._sent_at >= _SEND_SECONDS or self._done == self._task.steps:
             self._send()
 
     def close(self) -> None:
-        """Send the rest and let go of the viewer."""
+        """Send the rest and disconnect."""
         if self._done > self._sent:
             self._send()
-        send_card(self._stream, Shown(self._task, (self._course(self._done),), (self._controller,)))
+        send_card(self._stream, self._shown(self._done))
         try:
             self._stream.flush(timeout_sec=_FLUSH_SECONDS)
         except RuntimeError as error:
@@ -109,14 +108,14 @@ class LiveView:
         self.close()
 
     def _send(self) -> None:
-        course = self._course(self._done)
-        send_course(self._stream, self._controller, course, self._sent)
-        send_weather(self._stream, course, self._sent)
+        shown = self._shown(self._done)
+        send_trajectories(self._stream, shown, self._sent)
         # Sent as far as the curves reach, and no further: the viewer follows the latest time that it knows of.
-        send_limits(self._stream, self._task, [self._done])
+        send_limits(self._stream, shown, [self._done])
         self._sent, self._sent_at = self._done, time.monotonic()
 
-    def _course(self, steps: int) -> Course:
+    def _shown(self, steps: int) -> Shown:
         """The run so far."""
         columns = {name: column[:steps] for name, column in self._columns.items()}
-        return Course(self._controller, self._seed, self._times[: steps + 1], columns)
+        trajectory = Trajectory(self._controller, self._seed, self._times[: steps + 1], columns)
+        return Shown(self._task, (trajectory,), (self._controller,), self._signals)

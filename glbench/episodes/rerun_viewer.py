@@ -13,10 +13,9 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from urllib.parse import quote
 
-from glbench.episodes.rerun_package import load_rerun
 from glbench.errors import GlbenchError
 from glbench.resources import write_atomically
 
@@ -30,6 +29,30 @@ _SAME_PICTURES = 2
 _TERMINAL_CODES = re.compile(r"\x1b\[[0-9;]*m")
 _CANNOT_DRAW = ("render context", "graphics adapter", "NoSuitableAdapter")
 _RENDERER = "Pictures and windows need Vulkan or OpenGL; without a graphics card: `apt-get install mesa-vulkan-drivers` (Debian, Ubuntu)."
+
+
+def load_rerun() -> Any:
+    """The module ``rerun``.
+
+    Raises
+    ------
+    GlbenchError
+        When it is not installed; it says how to install it.
+    """
+    try:
+        return importlib.import_module("rerun")
+    except ImportError as error:
+        msg = (
+            "The viewer is not installed: it needs the package rerun-sdk. "
+            'Install it with `pip install "glbench[view]"`, or in a checkout with `uv sync --extra view`.'
+        )
+        raise GlbenchError(msg) from error
+
+
+def load_blueprint() -> Any:
+    """The module ``rerun.blueprint``; raises as ``load_rerun`` does."""
+    load_rerun()
+    return importlib.import_module("rerun.blueprint")
 
 
 def viewer_program() -> Path:
@@ -86,11 +109,8 @@ def open_window(recording: Path) -> None:
     """
     program = viewer_program()
     require_screen()
-    with _running(program, [str(recording), *_listening(free_port())]) as viewer:
-        status = viewer.wait()
-        if status != 0:
-            what = "The viewer ended with an error"
-            raise viewer.failure(what)
+    with Viewer(program, [str(recording), *_listening(free_port())]) as viewer:
+        viewer.wait()
 
 
 def window_for_stream() -> str:
@@ -104,7 +124,7 @@ def window_for_stream() -> str:
     program = viewer_program()
     require_screen()
     port = free_port()
-    with _running(
+    with Viewer(
         program, [*_listening(port), "--hide-welcome-screen", "--expect-data-soon", "--detach-process"]
     ) as viewer:
         viewer.await_port(port, may_end=True)
@@ -126,7 +146,7 @@ def page_for_browser(recording: Path | None, port: int | None = None) -> Iterato
     program = viewer_program()
     page, data = (free_port(), free_port()) if port is None else (_unused(port), _unused(port + 1))
     files = [] if recording is None else [str(recording)]
-    with _running(program, [*files, "--serve-web", *_listening(data), "--web-viewer-port", str(page)]) as server:
+    with Viewer(program, [*files, "--serve-web", *_listening(data), "--web-viewer-port", str(page)]) as server:
         server.await_port(page)
         server.await_port(data)
         stream = stream_address(data)
@@ -165,7 +185,7 @@ def take_picture(recording: Path, picture: Path, size: tuple[int, int] = PICTURE
         "--window-size",
         f"{size[0]}x{size[1]}",
     ]
-    with _running(program, arguments) as viewer:
+    with Viewer(program, arguments) as viewer:
         viewer.await_port(port)
         client = importlib.import_module("rerun.experimental").ViewerClient(stream_address(port))
         try:
@@ -198,11 +218,11 @@ def require_screen() -> None:
         raise GlbenchError(msg)
 
 
-class _Viewer:
+class Viewer:
     """The viewer's process, with what it says kept in a file: a pipe that nobody reads would stop it."""
 
     def __init__(self, program: Path, arguments: Sequence[str]) -> None:
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115  closed in `end`
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115  closed on leaving
         self._process = subprocess.Popen(
             [str(program), *arguments],
             stdin=subprocess.DEVNULL,
@@ -211,9 +231,11 @@ class _Viewer:
             start_new_session=True,
         )
 
-    def wait(self) -> int:
-        """Wait until it ends; its exit status."""
-        return self._process.wait()
+    def wait(self) -> None:
+        """Wait until it ends; a GlbenchError when it ends with an error."""
+        if self._process.wait() != 0:
+            what = "The viewer ended with an error"
+            raise self.failure(what)
 
     def await_port(self, port: int, *, may_end: bool = False) -> None:
         """Wait until it, or what it left behind where it ``may_end``, listens on ``port``."""
@@ -240,7 +262,10 @@ class _Viewer:
         reason = f": {lines[-1][:300]}" if lines else ", and does not say why"
         return GlbenchError(f"{what}{reason}. {_RENDERER}")
 
-    def end(self) -> None:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
         """End it, if it has not ended."""
         if self._process.poll() is None:
             self._process.terminate()
@@ -250,13 +275,3 @@ class _Viewer:
                 self._process.kill()
                 self._process.wait()
         self._said.close()
-
-
-@contextmanager
-def _running(program: Path, arguments: Sequence[str]) -> Iterator[_Viewer]:
-    """The program, ended when the block is left."""
-    viewer = _Viewer(program, arguments)
-    try:
-        yield viewer
-    finally:
-        viewer.end()

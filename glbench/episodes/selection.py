@@ -1,13 +1,15 @@
-"""Which runs of an evaluation are kept as full episodes."""
+"""Which runs of an evaluation are kept as full episodes, and where records lie beside the result that they belong to."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from glbench.errors import EpisodeError, did_you_mean
 
 WORDS = ("all", "none", "best", "worst", "median")
 DEFAULT = "best,worst,median"
+ACTIONS_SUFFIX = ".actions.mcap"
 
 
 def parse_selection(text: str) -> tuple[str, ...]:
@@ -56,3 +58,24 @@ def chosen_rows(words: Sequence[str], seeds: Sequence[int], values: Sequence[flo
                 raise EpisodeError(msg)
             rows.add(list(seeds).index(int(word)))
     return tuple(sorted(rows))
+
+
+def actions_path(result: Path) -> Path:
+    """``<agent>.actions.mcap`` beside ``<agent>.json``."""
+    return result.with_name(result.name.removesuffix(".json") + ACTIONS_SUFFIX)
+
+
+def episodes_folder(result: Path) -> Path:
+    """Folder of the full episodes of a result.
+
+    ``<out>/episodes/<task>/<agent>`` for a result ``<out>/results/<task>/<agent>.json``; for a result elsewhere a folder beside it.
+    """
+    name = result.name.removesuffix(".json")
+    if result.parent.parent.name == "results":
+        return result.parent.parent.parent / "episodes" / result.parent.name / name
+    return result.with_name(f"{name}.episodes")
+
+
+def episode_path(folder: Path, seed: int) -> Path:
+    """``<folder>/seed-<seed>.mcap``."""
+    return folder / f"seed-{seed}.mcap"

@@ -11,23 +11,21 @@ from glbench.late import late_names
 
 if TYPE_CHECKING:
     from glbench.evaluation.files import SavingError, load_result, result_path, save_result
-    from glbench.evaluation.job import Evaluation
     from glbench.evaluation.limits import TimeLimits
-    from glbench.evaluation.lockstep import Progress
     from glbench.evaluation.metrics import METRIC_NAMES, METRICS, UNITS, Metric
-    from glbench.evaluation.preparing import evaluate, prepare
+    from glbench.evaluation.preparing import Evaluation, evaluate, prepare
     from glbench.evaluation.records import Result, RunResult, Summary
+    from glbench.evaluation.rollout import Progress
     from glbench.evaluation.sandbox.choosing import Protected, SandboxChoice, protect
 else:
     __getattr__ = late_names(
         __name__,
         {
             "files": ("SavingError", "load_result", "result_path", "save_result"),
-            "job": ("Evaluation",),
             "limits": ("TimeLimits",),
-            "lockstep": ("Progress",),
+            "rollout": ("Progress",),
             "metrics": ("METRIC_NAMES", "METRICS", "UNITS", "Metric"),
-            "preparing": ("evaluate", "prepare"),
+            "preparing": ("Evaluation", "evaluate", "prepare"),
             "records": ("Result", "RunResult", "Summary"),
             "sandbox.choosing": ("Protected", "SandboxChoice", "protect"),
         },

@@ -1,24 +1,55 @@
-"""From an agent and a task to a result: deciding everything, finding out whether it is done already, doing it."""
+"""An evaluation: one agent on one task with everything decided, run from the start or from a checkpoint, and saved."""
 
 from __future__ import annotations
 
+import datetime as dt
+import hashlib
 import logging
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+
+import rfc8785
 
 from glbench import __version__
-from glbench.agents import LoadedAgent
+from glbench.agents import Identity, LoadedAgent
+from glbench.env import Simulation
 from glbench.env.kernels import shared_kernel
-from glbench.episodes import chosen_rows, parse_selection
-from glbench.errors import GlbenchError, ResultError, whole_number
+from glbench.episodes import Recorder, chosen_rows, parse_selection, provenance_of
+from glbench.errors import GlbenchError, ResultError, SubmissionError, whole_number
+from glbench.evaluation import provenance
+from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, holds_checkpoint, read_checkpoint
+from glbench.evaluation.episodes import make_episodes, run_facts
 from glbench.evaluation.files import ensure_writable, load_result, result_path
-from glbench.evaluation.job import Evaluation
 from glbench.evaluation.limits import TimeLimits
-from glbench.evaluation.lockstep import ProgressCallback
+from glbench.evaluation.metrics import UNITS
 from glbench.evaluation.provenance import usable_cores
-from glbench.evaluation.records import Result
+from glbench.evaluation.records import (
+    AgentRecord,
+    EvaluationRecord,
+    Result,
+    RunResult,
+    TaskRecord,
+    results_digest,
+    summarise,
+)
+from glbench.evaluation.rollout import ProgressCallback, RolloutLoop, RunTotals, StepCallback
+from glbench.evaluation.runners import (
+    AgentRunner,
+    PerRunRunner,
+    SandboxedAgent,
+    SandboxedRuns,
+    make_runner,
+    sandboxed_runner,
+)
 from glbench.evaluation.sandbox.choosing import Protected, Protection, SandboxChoice, protect
-from glbench.evaluation.saving import settle, tidy
-from glbench.tasks import TaskSpec, get_task
+from glbench.evaluation.sandbox.frames import SandboxLimits
+from glbench.evaluation.sandbox.process import Prints
+from glbench.evaluation.saving import Computed, agent_folder, alone, save, settle, tidy
+from glbench.kernel import Kernel, make_kernel
+from glbench.tasks import TaskSpec, get_task, task_card
 
 logger = logging.getLogger(__name__)
 
@@ -31,6 +62,7 @@ CHECKPOINT_SECONDS = 2.0
 TRIALS = "trials"
 """Folder below ``out`` for trials, which are evaluations with other seeds than the task's."""
 _MOST_RUNS = 10_000
+_CHECKPOINT_FORMAT = 3
 
 
 def prepare(
@@ -220,3 +252,255 @@ def _finished(
         logger.warning("%s lacks its recorded actions, without which nobody can verify it; evaluating again.", path)
         return None
     return None
+
+
+class JointAgentError(SubmissionError):
+    """An agent that decides for all runs at once was asked for some of them."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """One agent on one task with everything decided, ready to be run. Made by ``prepare``."""
+
+    task: TaskSpec
+    agent: LoadedAgent
+    seeds: tuple[int, ...]
+    workers: int
+    kernel: dict[str, str | float]
+    out: Path | None
+    limits: TimeLimits
+    checkpoint_seconds: float
+    stored: Result | None
+    """The finished result, when this very evaluation has been done before."""
+    episodes: tuple[str, ...] = ("none",)
+    """Which runs are kept as full episodes; see ``glbench.episodes.parse_selection``."""
+    protection: Protection = "unsandboxed"
+    """How the agent runs, as the result will say."""
+    submission: Identity | None = None
+    """What goes into the sandbox, if there is one."""
+    sizes: SandboxLimits = field(default_factory=SandboxLimits)
+    prints: Prints = field(default_factory=Prints, compare=False, repr=False)
+    """What a sandboxed agent printed."""
+    checkpoints: Path | None = None
+    """Folder of the checkpoint, where it is not to be the usual one below ``out``."""
+    is_part: bool = False
+    """Whether these are some of the runs of a larger evaluation, which only agents for single runs may be divided into."""
+
+    @property
+    def path(self) -> Path | None:
+        """Where the result is or will be saved; ``None`` without a folder."""
+        return None if self.out is None else result_path(self.out, self.task.id, self.agent.name)
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether there is a checkpoint to go on from."""
+        return self.folder is not None and holds_checkpoint(self.folder)
+
+    def forget(self) -> None:
+        """Throw the checkpoint away, so that ``run`` starts from the beginning."""
+        if self.folder is not None:
+            discard(self.folder)
+
+    def run(self, progress: ProgressCallback | None = None, callback: StepCallback | None = None) -> Result:
+        """Run it, from its checkpoint if there is one, and save the result; ``callback`` looks on.
+
+        Raises
+        ------
+        SubmissionError
+            When the agent cannot be made.
+        SandboxError
+            When its sandbox cannot be built.
+        SavingError
+            When the runs are over and the result, its record or its episodes cannot be written; it has the result.
+        GlbenchError
+            When another process works on the same result.
+        """
+        with self.alone():
+            computed = self.compute(progress, callback)
+            return self.save(computed)
+
+    def compute(self, progress: ProgressCallback | None = None, callback: StepCallback | None = None) -> Computed:
+        """Run it, from its checkpoint if there is one, and save nothing but checkpoints. Errors as for ``run``."""
+        with _open_kernel(self.task, self.workers) as kernel:
+            simulation = Simulation(self.task, len(self.seeds), kernel=kernel)
+            saved = read_checkpoint(self.folder) if self.folder is not None else None
+            done = self._rolled_out(simulation, saved, progress, callback) if saved is not None else None
+            if done is None:
+                self.forget()
+                done = self._rolled_out(simulation, None, progress, callback)
+            assert done is not None  # from the start on there is nothing that the agent could do otherwise
+            result, recorder = done
+            provenance = provenance_of(self.task, self.agent, self.kernel)
+            log = recorder.log(simulation, provenance, run_facts(result.runs))
+        return Computed(result, log, recorder.trace, self.prints.text())
+
+    def save(self, computed: Computed) -> Result:
+        """Save what was computed, if there is a folder for it, and remove the checkpoint.
+
+        Raises
+        ------
+        GlbenchError
+            When it cannot be written.
+        """
+        if self.out is None:
+            return computed.result
+        result = save(computed, self.out, self.task, self.episodes, checkpointed=self.interrupted)
+        discard(agent_folder(self.out, self.task.id, self.agent.name))
+        return result
+
+    def alone(self) -> AbstractContextManager[None]:
+        """Hold the lock of this result, if it is to be saved.
+
+        Raises
+        ------
+        GlbenchError
+            When another process holds it, or the folder cannot be written.
+        """
+        return nullcontext() if self.out is None else alone(self.out, self.task.id, self.agent.name)
+
+    def complete_episodes(self, result: Result) -> None:
+        """Make the full episodes that are wanted and not there yet, by replaying the recorded actions of ``result``.
+
+        Raises
+        ------
+        EpisodeError
+            When the recorded actions are missing, damaged, or of another result.
+        """
+        if self.path is not None and self.episodes != ("none",):
+            make_episodes(self.episodes, result, self.path, self.task)
+
+    def _rolled_out(
+        self,
+        simulation: Simulation,
+        saved: Saved | None,
+        progress: ProgressCallback | None,
+        callback: StepCallback | None,
+    ) -> tuple[Result, Recorder] | None:
+        """Result and record of a fresh agent, from the start or on from ``saved``; ``None`` when it cannot be brought back there."""
+        totals = RunTotals(self.seeds)
+        checkpoint = Checkpoint(self.folder, self.checkpoint_seconds)
+        with closing(self._runner()) as runner:
+            recorder = Recorder(simulation, runner.shape[1], traced=self.out is not None)
+            rollout = RolloutLoop(simulation, runner, totals, checkpoint, recorder, self.limits, progress, callback)
+            rollout.start()
+            if saved is None:
+                rollout.run(simulation.reset(self.seeds), 0)
+            elif self._replayed(rollout, saved):
+                rollout.run(simulation.observe(), saved.step)
+            else:
+                return None
+            result = self.result(
+                totals.results(self.task),
+                workers=self.workers,
+                wall_seconds=rollout.wall_seconds,
+                decision_seconds=float(totals.seconds.sum()),
+                resumed_at=saved.step if saved is not None else None,
+            )
+            return result, recorder
+
+    def _replayed(self, rollout: RolloutLoop, saved: Saved) -> bool:
+        try:
+            if rollout.replay(saved):
+                return True
+        except ResultError as error:
+            logger.warning("The checkpoint cannot be used (%s); starting from the beginning.", error)
+            return False
+        logger.warning(
+            "The interrupted evaluation of '%s' cannot be continued: shown the same observations again, the agent decided differently. "
+            "It is not deterministic, or it depends on the clock. Starting from the beginning.",
+            self.agent.name,
+        )
+        return False
+
+    def _runner(self) -> AgentRunner:
+        """The agent in its harness, made and not yet reset."""
+        card, n = task_card(self.task), len(self.seeds)
+        if self.submission is None:
+            runner = make_runner(self.agent, self.task, card, n, self.limits)
+        else:
+            runner = sandboxed_runner(SandboxedAgent(self.submission, card, n, self.limits, self.sizes, self.prints))
+        if self.is_part and not isinstance(runner, PerRunRunner | SandboxedRuns):
+            runner.close()
+            msg = f"'{self.agent.name}' decides for all runs at once: they cannot be computed apart."
+            raise JointAgentError(msg)
+        return runner
+
+    def result(
+        self,
+        runs: tuple[RunResult, ...],
+        *,
+        workers: int,
+        wall_seconds: float,
+        decision_seconds: float,
+        resumed_at: int | None,
+    ) -> Result:
+        """The result of ``runs`` that were made by so many ``workers``, with the versions and the machine of this process."""
+        task, agent = self.task, agent_record(self.agent)
+        steps = sum(run.steps for run in runs)
+        return Result(
+            task=TaskRecord(
+                id=task.id, digest=task.digest, title=task.title, steps=task.steps, step_seconds=task.step_seconds
+            ),
+            agent=agent,
+            evaluation=EvaluationRecord(
+                runs=len(self.seeds),
+                seeds=self.seeds,
+                workers=workers,
+                wall_seconds=wall_seconds,
+                steps_per_second=steps / wall_seconds,
+                decision_seconds=decision_seconds,
+                decision_milliseconds=1e3 * decision_seconds / max(steps, 1),
+                resumed_at_step=resumed_at,
+                limits=self.limits.as_dict(),
+                kernel=self.kernel,
+                sandbox=self.protection,
+            ),
+            versions=provenance.versions(),
+            machine=provenance.machine(),
+            git=provenance.git_state(),
+            created=dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
+            units=UNITS,
+            runs=runs,
+            summary=summarise(runs),
+            results_digest=results_digest(task.digest, agent, runs),
+        )
+
+    @property
+    def folder(self) -> Path | None:
+        """Folder of this evaluation's checkpoint: its name changes with everything that the numbers depend on."""
+        if self.checkpoints is not None or self.out is None:
+            return self.checkpoints
+        key: dict[str, Any] = {
+            "format": _CHECKPOINT_FORMAT,
+            "glbench": __version__,
+            "task": self.task.digest,
+            "agent": self.agent.digest,
+            "seeds": list(self.seeds),
+            "kernel": self.kernel,
+            "sandbox": self.protection,
+        }
+        return (
+            agent_folder(self.out, self.task.id, self.agent.name) / hashlib.sha256(rfc8785.dumps(key)).hexdigest()[:16]
+        )
+
+
+def agent_record(agent: LoadedAgent) -> AgentRecord:
+    """The agent as results name it."""
+    return AgentRecord(
+        name=agent.name,
+        kind=agent.kind,
+        digest=agent.digest,
+        privileged=agent.privileged,
+        information=agent.information,
+        card=agent.submission.card if agent.submission is not None else None,
+    )
+
+
+@contextmanager
+def _open_kernel(task: TaskSpec, workers: int) -> Iterator[Kernel | None]:
+    """A kernel whose rows several cores share, or ``None`` for the one that all simulations of this thread share."""
+    if workers == 1:
+        yield None
+        return
+    with make_kernel(task.model_value, task.step_seconds, workers=workers) as kernel:
+        yield kernel

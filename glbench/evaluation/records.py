@@ -1,7 +1,8 @@
 """The result of one agent on one task, as frozen records that check themselves.
 
 A record is consistent or it does not exist: seeds match runs, a finished run has all its steps, the summary follows from the runs and
-the digest from the deterministic part. ``docs/results.md`` explains the file.
+the digest from the deterministic part. A result may have metrics that this glbench does not know, which stay as they are, and may lack
+some that it knows, but for the one that ranks. ``docs/results.md`` explains the file.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ import rfc8785
 from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, model_validator
 
 from glbench.agents.card import SubmissionCard
-from glbench.evaluation.metrics import METRIC_NAMES, UNITS
+from glbench.errors import ResultError
+from glbench.evaluation.metrics import UNITS
 from glbench.fields import MOST_ENTRIES, Count, Text, Word
 from glbench.untrusted import AGENT_NAME_RULE, is_agent_name
 
@@ -23,6 +25,9 @@ if TYPE_CHECKING:
 
 SCHEMA_NAME: Final = "glbench/result"
 SCHEMA_VERSION: Final = 1
+"""The version that is written, and the newest that can be read; a file that states none is of version 1."""
+RANKING_METRIC: Final = "reward"
+"""Every result has it."""
 
 Status = Literal["ok", "crashed", "timed_out", "invalid_action", "simulation_failed"]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -60,11 +65,9 @@ class RunResult(Record):
     metrics: Annotated[dict[Word, float], Field(max_length=MOST_ENTRIES)]
 
     @model_validator(mode="after")
-    def _has_every_metric(self) -> Self:
-        missing = [name for name in METRIC_NAMES if name not in self.metrics]
-        unknown = [name for name in self.metrics if name not in METRIC_NAMES]
-        if missing or unknown:
-            msg = f"run with seed {self.seed}: metrics missing {missing}, unknown {unknown}"
+    def _is_consistent(self) -> Self:
+        if RANKING_METRIC not in self.metrics:
+            msg = f"run with seed {self.seed} lacks the metric '{RANKING_METRIC}'"
             raise ValueError(msg)
         if (self.status == "ok") != (self.reason is None):
             msg = f"run with seed {self.seed} is '{self.status}' with the reason {self.reason!r}"
@@ -170,7 +173,8 @@ class Result(Record):
     machine: Machine
     git: GitState | None
     created: Word
-    units: Annotated[dict[str, str], Field(max_length=MOST_ENTRIES)]
+    units: Annotated[dict[Word, Word], Field(max_length=MOST_ENTRIES)]
+    """Of every metric that the runs have."""
     runs: Annotated[tuple[RunResult, ...], FailFast()]
     summary: Summary
     results_digest: Digest
@@ -192,13 +196,19 @@ class Result(Record):
             msg = "a seed occurs twice"
             raise ValueError(msg)
         for run in self.runs:
+            if set(run.metrics) != set(self.units):
+                missing, more = sorted(set(self.units) - set(run.metrics)), sorted(set(run.metrics) - set(self.units))
+                msg = (
+                    f"run with seed {run.seed} lacks metrics that have a unit {missing}, or has some without one {more}"
+                )
+                raise ValueError(msg)
             if any(abs(value) > _LARGEST_METRIC for value in run.metrics.values()):
                 msg = f"run with seed {run.seed} has a metric above {_LARGEST_METRIC:g}"
                 raise ValueError(msg)
             if run.steps > self.task.steps or (run.status == "ok") != (run.steps == self.task.steps):
                 msg = f"run with seed {run.seed} is '{run.status}' after {run.steps} of {self.task.steps} steps"
                 raise ValueError(msg)
-        if self.units != UNITS:
+        if any(UNITS.get(name, unit) != unit for name, unit in self.units.items()):
             msg = "the units are not those of this schema version"
             raise ValueError(msg)
         if self.summary != summarise(self.runs):
@@ -215,7 +225,16 @@ class Result(Record):
         return tuple(run for run in self.runs if run.status != "ok")
 
     def values(self, metric: str) -> tuple[float, ...]:
-        """One metric of all runs, in the order of the seeds, in the unit of ``units[metric]``."""
+        """One metric of all runs, in the order of the seeds, in the unit of ``units[metric]``.
+
+        Raises
+        ------
+        ResultError
+            When the result does not have the metric: an earlier or a later glbench may have measured others.
+        """
+        if metric not in self.units:
+            msg = f"The result of {self.agent.name} on {self.task.id} has no metric '{metric}'. It has {', '.join(self.units)}."
+            raise ResultError(msg)
         return tuple(run.metrics[metric] for run in self.runs)
 
     def to_frame(self) -> pd.DataFrame:
@@ -238,7 +257,8 @@ def summarise(runs: tuple[RunResult, ...]) -> Summary:
     for run in runs:
         statuses[run.status] = statuses.get(run.status, 0) + 1
     ok = statuses.get("ok", 0)
-    mean = {name: math.fsum(run.metrics[name] for run in runs) / len(runs) for name in METRIC_NAMES} if runs else {}
+    names = runs[0].metrics if runs else ()
+    mean = {name: math.fsum(run.metrics[name] for run in runs) / len(runs) for name in names}
     return Summary(runs=len(runs), ok=ok, failed=len(runs) - ok, statuses=statuses, mean=mean)
 
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from glbench.leaderboard.collect import Expectation, StoredResult, collect_readable, collect_results
-from glbench.leaderboard.files import write_leaderboard
 from glbench.leaderboard.ranking import Estimate, Row, TaskTable, estimate, estimates_of, rank
 from glbench.leaderboard.statistics import bootstrap_interval, interquartile_mean, mean
-from glbench.leaderboard.tables import to_frame, to_markdown
+from glbench.leaderboard.tables import to_frame, to_markdown, write_leaderboard
 
 __all__ = [
     "Estimate",

@@ -5,8 +5,8 @@ from __future__ import annotations
 from html import escape
 
 from glbench.errors import ResultError, did_you_mean
-from glbench.leaderboard.escaping import number_text
 from glbench.leaderboard.ranking import TaskTable
+from glbench.leaderboard.tables import number_text
 from glbench.untrusted import visible
 
 _CHARACTER = 6.6  # px, about the mean width of a character at 11 px
@@ -30,7 +30,7 @@ def badge(table: TaskTable, agent: str) -> str:
         raise ResultError(msg)
     ranked = sum(one.rank is not None for one in table.rows)
     rank = f"rank {row.rank} of {ranked}" if row.rank is not None else "not ranked"
-    mean = row.estimates[table.metric].mean
+    mean = row.means[table.metric]
     said = [rank, f"{table.metric} {mean:,.0f}" if abs(mean) < 1e9 else f"{table.metric} {number_text(mean, 0)}"]
     if row.is_range:
         said.append(f"mean of {len(row.trainings)} trainings")

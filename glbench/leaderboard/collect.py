@@ -1,15 +1,21 @@
-"""Finding result files, and refusing sets of results that cannot be compared."""
+"""The results that there are: those that came with glbench and the user's own, and which of them can stand in one table."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from glbench.agents.baselines import read_baseline
+from glbench.agents.identity import baseline_names, letters_of, without_seed
 from glbench.errors import ResultError
-from glbench.evaluation import Result, load_result
-from glbench.resources import is_released
+from glbench.evaluation import Result, load_result, result_path
+from glbench.evaluation.preparing import TRIALS
+from glbench.evaluation.records import AgentRecord
+from glbench.leaderboard.catalogue import catalogue
+from glbench.resources import data_folder, is_released
+from glbench.tasks import list_tasks, read_lock
 from glbench.verification import SUFFIX, was_reproduced
 
 Origin = Literal["released", "own", "trial"]
@@ -48,12 +54,7 @@ class Expectation:
 
 
 def collect_results(folders: Iterable[Path]) -> tuple[StoredResult, ...]:
-    """Read every ``*.json`` below ``folders``; of two results of one agent and task the earlier folder's counts.
-
-    Returns
-    -------
-    tuple of StoredResult
-        Sorted by task id, then agent name.
+    """Read every ``*.json`` below ``folders``, sorted by task id and agent name; of two results the earlier folder's counts.
 
     Raises
     ------
@@ -67,19 +68,13 @@ def collect_results(folders: Iterable[Path]) -> tuple[StoredResult, ...]:
 
 
 def collect_readable(folders: Iterable[Path]) -> tuple[tuple[StoredResult, ...], tuple[ResultError, ...]]:
-    """As ``collect_results``, but files that are no valid result are left out, and the errors that say why returned beside the rest.
-
-    Raises
-    ------
-    ResultError
-        When one folder holds two results of one agent and task.
-    """
+    """As ``collect_results``, but files that are no valid result are left out, and the errors that say why returned beside the rest."""
     chosen: dict[tuple[str, str], StoredResult] = {}
     problems: list[ResultError] = []
-    for folder in _distinct(folders):
+    for folder in {folder.resolve(): folder for folder in folders if folder.is_dir()}.values():
         here, unreadable = read_folder(folder)
         problems += unreadable
-        chosen = {**by_task_and_agent(here), **chosen}
+        chosen = {**_single(here), **chosen}
     return tuple(chosen[key] for key in sorted(chosen)), tuple(problems)
 
 
@@ -96,27 +91,6 @@ def read_folder(folder: Path) -> tuple[list[StoredResult], list[ResultError]]:
     return found, problems
 
 
-def by_task_and_agent(stored: Iterable[StoredResult]) -> dict[tuple[str, str], StoredResult]:
-    """Results by task id and agent name.
-
-    Raises
-    ------
-    ResultError
-        When there are two results of one agent and task.
-    """
-    found: dict[tuple[str, str], StoredResult] = {}
-    for item in stored:
-        key = (item.result.task.id, item.result.agent.name)
-        if key in found:
-            msg = (
-                f"Two results of agent '{key[1]}' on task '{key[0]}': {found[key].path} and {item.path}. "
-                "Remove one, or give one of the agents another name."
-            )
-            raise ResultError(msg)
-        found[key] = item
-    return found
-
-
 def refuse_mixed_digests(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> None:
     """Results under one task id must be results of one and the same task.
 
@@ -125,40 +99,212 @@ def refuse_mixed_digests(stored: Iterable[StoredResult], expected: Mapping[str, 
     ResultError
         When the digests of a task's results differ from each other, or from the published digest in ``expected``.
     """
-    by_task: dict[str, dict[str, list[StoredResult]]] = {}
+    items = list(stored)
+    strangers = [problem for item in items if (problem := _problem_of_task(item, expected.get(item.result.task.id)))]
+    problems = [*map(ResultError, strangers), *_one_version_each(items)[1]]
+    if problems:
+        raise problems[0]
+
+
+def _single(stored: Iterable[StoredResult]) -> dict[tuple[str, str], StoredResult]:
+    found, doubles = _one_each(stored)
+    if doubles:
+        raise doubles[0]
+    return found
+
+
+def published_expectations() -> dict[str, Expectation]:
+    """Expectation of every locked task by id. The digests are those of the lock; nothing is computed again."""
+    locked = read_lock()
+    return {
+        task.id: Expectation(
+            digest=locked[task.id].digest,
+            seeds=tuple(range(task.evaluation.first_seed, task.evaluation.first_seed + task.evaluation.runs)),
+            metric=task.evaluation.metric,
+        )
+        for task in list_tasks()
+        if task.id in locked
+    }
+
+
+def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple[ResultError, ...]]:
+    """The results that came with glbench, those in ``<out>/results``, and the trials of agents that have no full result there.
+
+    A released result always keeps its place. The user's own evaluation of a built-in agent takes a place that is free, is not needed
+    where it has the bits of the released one, and is left out where it differs. Whatever bears the name of a released agent and is
+    another one is left out.
+
+    Returns
+    -------
+    stored, problems
+        Results, at most one an agent and task, sorted by task id and agent name; and an error for every file that is left out.
+
+    Raises
+    ------
+    ResultError
+        When the released results hold two of one agent and task.
+    """
+    home = data_folder("reports/released/results")
+    released, problems = read_folder(home)
+    chosen = _single(released)
+    names = _Names(released)
+    expected = published_expectations()
+    for folder in (out / "results", out / TRIALS / "results"):
+        if folder.resolve() == home.resolve():
+            continue
+        found, unreadable = read_folder(folder)
+        problems += unreadable
+        own = []
+        for item in found:
+            result = item.result
+            published = expected.get(result.task.id)
+            problem = (
+                names.problem(item)
+                or _problem_of_task(item, published)
+                or _problem_beside(item, chosen.get((result.task.id, result.agent.name)))
+            )
+            if problem is not None:
+                problems.append(ResultError(problem))
+                continue
+            is_trial = folder.parent.name == TRIALS or (
+                published is not None and published.seeds != result.evaluation.seeds
+            )
+            own.append(replace(item, trial=is_trial))
+        single, doubles = _one_each(own, folder.parent)
+        problems += doubles
+        chosen = {**single, **chosen}
+    kept, strangers = _one_version_each([chosen[key] for key in sorted(chosen)])
+    return kept, (*problems, *strangers)
+
+
+class _Names:
+    """The names of built-in and released agents, which no other agent may bear."""
+
+    def __init__(self, released: Iterable[StoredResult]) -> None:
+        self._agents = {item.result.agent.name: item.result.agent for item in released}
+        self._baselines = baseline_names()
+        self._known = {letters_of(name): name for name in (*self._agents, *self._baselines)}
+
+    def problem(self, item: StoredResult) -> str | None:
+        """Why a result cannot stand under its agent's name; ``None`` where it can."""
+        agent = item.result.agent
+        known = self._known.get(letters_of(agent.name)) or self._known.get(letters_of(without_seed(agent.name)))
+        if known is None:
+            if agent.kind != "baseline":
+                return None
+            return f"{item.path} calls '{agent.name}' a baseline, and glbench has none of that name."
+        if agent.name == known and self._is_genuine(agent):
+            return None
+        same = "is the name" if agent.name == known else f"looks like '{known}', the name"
+        return (
+            f"{item.path} is of another agent than the one that came with glbench: '{agent.name}' {same} of that one, and the digest, "
+            f"kind or privileges differ. Give the agent another name and evaluate it again."
+        )
+
+    def _is_genuine(self, agent: AgentRecord) -> bool:
+        stated = (agent.digest, agent.kind, agent.privileged)
+        released = self._agents.get(agent.name)
+        if released is not None and stated == (released.digest, released.kind, released.privileged):
+            return True
+        if agent.name not in self._baselines or agent.kind != "baseline":
+            return False
+        baseline = read_baseline(agent.name)
+        return stated == (baseline.digest, "baseline", baseline.privileged)
+
+
+def _one_each(
+    stored: Iterable[StoredResult], out: Path | None = None
+) -> tuple[dict[tuple[str, str], StoredResult], list[ResultError]]:
+    """One result an agent and task, the one in its place below ``out`` before all others; and an error for each other."""
+    found: dict[tuple[str, str], StoredResult] = {}
+    problems = []
+
+    def elsewhere(item: StoredResult) -> bool:
+        return out is None or item.path != result_path(out, item.result.task.id, item.result.agent.name)
+
+    for item in sorted(stored, key=elsewhere):
+        key = task_id, name = item.result.task.id, item.result.agent.name
+        if key in found:
+            msg = (
+                f"{item.path} is a second result of '{name}' on '{task_id}', beside {found[key].path}. "
+                "Remove one, or give one of the agents another name."
+            )
+            problems.append(ResultError(msg))
+        else:
+            found[key] = item
+    return found, problems
+
+
+def _one_version_each(stored: list[StoredResult]) -> tuple[tuple[StoredResult, ...], list[ResultError]]:
+    """Of each task the version with the most results, of equally many that of the latest; and an error for each result of another."""
+    by_digest: dict[tuple[str, str], list[StoredResult]] = {}
     for item in stored:
-        by_task.setdefault(item.result.task.id, {}).setdefault(item.result.task.digest, []).append(item)
-    for task_id, by_digest in by_task.items():
-        published = expected.get(task_id)
-        if published is not None:
-            strangers = [item for digest, items in by_digest.items() if digest != published.digest for item in items]
-            if strangers:
-                raise ResultError(_stranger_message(task_id, published.digest, strangers))
-        elif len(by_digest) > 1:
-            raise ResultError(_mixture_message(task_id, by_digest))
+        by_digest.setdefault((item.result.task.id, item.result.task.digest), []).append(item)
+    best: dict[str, list[StoredResult]] = {}
+    for (task_id, _), items in by_digest.items():
+        best[task_id] = max(best.get(task_id, []), items, key=_weight)
+    kept, problems = [], []
+    for item in stored:
+        task = item.result.task
+        wanted = best[task.id][0].result.task.digest
+        if task.digest == wanted:
+            kept.append(item)
+            continue
+        msg = (
+            f"{item.path} is of another version of '{task.id}' (digest {task.digest[:12]}...) than most results of it "
+            f"({wanted[:12]}...). Evaluate the agent again, or give the changed task another id."
+        )
+        problems.append(ResultError(msg))
+    return tuple(kept), problems
 
 
-def _distinct(folders: Iterable[Path]) -> list[Path]:
-    """The folders that exist, each once, in the order given."""
-    return list({folder.resolve(): folder for folder in folders if folder.is_dir()}.values())
+def _weight(stored: list[StoredResult]) -> tuple[int, str]:
+    """How many results, and when the latest was made."""
+    return len(stored), max((item.result.created for item in stored), default="")
 
 
-def _stranger_message(task_id: str, digest: str, strangers: list[StoredResult]) -> str:
-    files = "\n".join(f"  {item.path} ({item.result.task.digest[:12]}...)" for item in strangers)
+def _problem_of_task(item: StoredResult, published: Expectation | None) -> str | None:
+    """Why a result cannot stand under the id of a published task; ``None`` where it can, or where the task is a user's own."""
+    task = item.result.task
+    if published is None or task.digest == published.digest:
+        return None
     return (
-        f"These results are not of '{task_id}' as it is published (digest {digest[:12]}...):\n{files}\n"
-        "They were made with another definition, other weather or another version of the model, and cannot be ranked with it. "
-        "Evaluate these agents again with `glbench evaluate`, or move the files away."
+        f"{item.path} is not of '{task.id}' as it is published (digest {task.digest[:12]}..., published {published.digest[:12]}...): it "
+        "was made with another definition, other weather or another version of the model. Evaluate the agent again with `glbench evaluate`."
     )
 
 
-def _mixture_message(task_id: str, by_digest: Mapping[str, list[StoredResult]]) -> str:
-    lines = [
-        f"  {digest[:12]}...: {', '.join(str(item.path) for item in items)}" for digest, items in by_digest.items()
-    ]
+def _problem_beside(item: StoredResult, released: StoredResult | None) -> str | None:
+    """Why an evaluation of one's own does not stand beside the released one with the same seeds; ``None`` where nothing is to say."""
+    if released is None or item.result.evaluation.seeds != released.result.evaluation.seeds:
+        return None
+    if item.result.results_digest == released.result.results_digest:
+        return None
+    name, reward, theirs = item.result.agent.name, *(_reward(one.result) for one in (item, released))
     return (
-        f"The results under the task id '{task_id}' are of {len(by_digest)} different tasks:\n"
-        + "\n".join(lines)
-        + "\n"
-        "Evaluate the agents again on one definition of the task, or give the changed task another id."
+        f"{item.path} differs from the released result of '{name}', which keeps its row: reward {reward}, released {theirs}. "
+        f"{_what_differs(item.result, released.result)} See both with `glbench compare {name} {item.path}`."
     )
+
+
+def _reward(result: Result) -> str:
+    score = result.summary.mean.get(catalogue().score.name)
+    return "not stated" if score is None else f"{score:,.1f}"
+
+
+def _what_differs(own: Result, released: Result) -> str:
+    """What can explain other numbers, as far as the results state it."""
+    pairs = {
+        "task": (own.task.digest[:8], released.task.digest[:8]),
+        "agent": (own.agent.digest[:8], released.agent.digest[:8]),
+        "kernel": (_kernel(own), _kernel(released)),
+        "processor": (own.machine.processor, released.machine.processor),
+        **{name: (number, released.versions.model_dump()[name]) for name, number in own.versions.model_dump().items()},
+    }
+    differing = [f"{name} ({mine}, released {theirs})" for name, (mine, theirs) in pairs.items() if mine != theirs]
+    return f"What differs: {', '.join(differing)}." if differing else "The files state no reason."
+
+
+def _kernel(result: Result) -> str:
+    kernel = result.evaluation.kernel
+    return "/".join(str(kernel[key])[:16] for key in ("backend", "preset", "library_digest") if key in kernel)

@@ -5,21 +5,29 @@ judged pair by pair (Wilcoxon signed-rank test). All pairs of agents are correct
 the test says so and the ranks favour the one with the higher mean: an agent that is a little better in most runs and fails in some has
 the lower mean and the higher ranks, and calling it worse *because of the test* would be wrong. Agents that cannot be told apart from the
 first of their tier share its rank.
+
+The signed-rank test is our own code, so that a p-value has the same bits with every version of scipy, and ties (runs that failed alike) are
+judged exactly, too: exact for as many pairs as a task has runs. Pairs without a difference say nothing and are left out, as Wilcoxon did.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
 
 from glbench.errors import ResultError
-from glbench.leaderboard.resampling import Array
-from glbench.leaderboard.signed_rank import SignedRank, signed_rank
+from glbench.leaderboard.statistics import Array, mean_score
 
 SIGNIFICANCE = 0.05
+EXACT_UP_TO = 60
+"""Number of differing pairs up to which all signs are gone through; beyond, the normal approximation is as good as exact."""
+
 
 RESOLUTION = 8.0
 """Difference in a 60-day reward that means something where a task draws nothing.
@@ -27,26 +35,6 @@ RESOLUTION = 8.0
 All runs are alike there and no test can tell chance from skill. But closed loops amplify rounding: kernels that differ in the last
 bit spread the reward of the rule-based controller over 6 to 8 units (docs/results.md). Smaller differences count as none.
 """
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Two agents on the same seeds: mean of A minus B, p-value of the paired test, the same after Holm's correction.
-
-    ``favours`` says whom the ranks of the test favour: 1 the first, -1 the second, 0 neither.
-    """
-
-    first: str
-    second: str
-    difference: float
-    p_value: float
-    corrected: float
-    favours: int
-
-    @property
-    def differ(self) -> bool:
-        """Whether they can be told apart at the 5 % level: the test says so, of the agent that has the higher mean."""
-        return told_apart(self.corrected, self.favours, self.difference)
 
 
 def told_apart(p_value: float, favours: int, difference: float) -> bool:
@@ -106,10 +94,10 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return corrected
 
 
-def compare_all(
+def pairs_apart(
     scores: Mapping[str, Sequence[Array]], resolutions: Sequence[float] = (RESOLUTION,)
-) -> tuple[Comparison, ...]:
-    """Every pair of agents, from their run values: one array ``(n_i,)`` a task, in the order of the same seeds.
+) -> set[frozenset[str]]:
+    """The pairs of agents that can be told apart, from their run values: one array ``(n_i,)`` a task, in the order of the same seeds.
 
     Raises
     ------
@@ -118,17 +106,13 @@ def compare_all(
     """
     pairs = list(combinations(sorted(scores), 2))
     found = [paired_test(scores[a], scores[b], resolutions) for a, b in pairs]
+    means = {agent: float(mean_score(values)) for agent, values in scores.items()}
     corrected = holm([one.p_value for one in found])
-    means = {agent: mean_of(values) for agent, values in scores.items()}
-    return tuple(
-        Comparison(a, b, means[a] - means[b], one.p_value, p, one.favours)
+    return {
+        frozenset((a, b))
         for (a, b), one, p in zip(pairs, found, corrected, strict=True)
-    )
-
-
-def mean_of(values: Sequence[Array]) -> float:
-    """Mean over tasks of the mean over runs."""
-    return float(np.mean([runs.mean() for runs in values]))
+        if told_apart(p, one.favours, means[a] - means[b])
+    }
 
 
 def tiers(
@@ -146,8 +130,8 @@ def tiers(
     """
     if not scores:
         return ()
-    apart = {frozenset((one.first, one.second)) for one in compare_all(scores, resolutions) if one.differ}
-    order = sorted(scores, key=lambda agent: (-mean_of(scores[agent]), agent))
+    apart = pairs_apart(scores, resolutions)
+    order = sorted(scores, key=lambda agent: (-float(mean_score(scores[agent])), agent))
     found: list[list[str]] = []
     for agent in order:
         if found and frozenset((found[-1][0], agent)) not in apart:
@@ -155,3 +139,43 @@ def tiers(
         else:
             found.append([agent])
     return tuple(tuple(tier) for tier in found)
+
+
+@dataclass(frozen=True)
+class SignedRank:
+    """Two-sided p-value, and which side the ranks favour: 1 above zero, -1 below, 0 neither."""
+
+    p_value: float
+    favours: int
+
+
+def signed_rank(differences: Array) -> SignedRank:
+    """Test whether paired differences ``(n,)`` lie as often and as far above zero as below."""
+    known = differences[differences != 0.0]
+    if known.size == 0:
+        return SignedRank(1.0, 0)
+    # Twice the ranks, so that ranks shared by ties are whole numbers, too.
+    ranks = np.rint(2.0 * stats.rankdata(np.abs(known))).astype(np.int64)
+    above, total = int(ranks[known > 0.0].sum()), int(ranks.sum())
+    favours = (2 * above > total) - (2 * above < total)
+    tail = min(above, total - above)
+    p_value = _exact(ranks, tail) if known.size <= EXACT_UP_TO else _normal(ranks, tail)
+    return SignedRank(min(1.0, 2.0 * p_value), favours)
+
+
+def _exact(ranks: NDArray[np.int64], tail: int) -> float:
+    """Probability that the ranks above zero sum up to at most ``tail`` when every sign is a coin's."""
+    chance = np.zeros(int(ranks.sum()) + 1)
+    chance[0] = 1.0
+    for rank in ranks.tolist():
+        shifted = np.zeros_like(chance)
+        shifted[rank:] = chance[:-rank]
+        chance = 0.5 * chance + 0.5 * shifted
+    return float(chance[: tail + 1].sum())
+
+
+def _normal(ranks: NDArray[np.int64], tail: int) -> float:
+    """The same by the normal approximation; the sum of squares holds the correction for ties."""
+    deviation = 0.5 * math.sqrt(float((ranks.astype(np.float64) ** 2).sum()))
+    z = (tail - 0.5 * float(ranks.sum())) / deviation
+    return 0.5 * math.erfc(-z / math.sqrt(2.0))

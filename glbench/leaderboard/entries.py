@@ -15,16 +15,14 @@ import numpy as np
 
 from glbench.errors import ResultError, did_you_mean
 from glbench.evaluation import Result
+from glbench.leaderboard.catalogue import catalogue
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult
-from glbench.leaderboard.resampling import Array
+from glbench.leaderboard.statistics import Array
 
-RANKING_METRIC = "reward"
+RANKING_METRIC = catalogue().score.name
 """What ranks where no task says otherwise."""
-RANKABLE = ("reward", "epi", "revenue", "yield")
-"""Metrics of which more is better."""
 
 _SEEDED = re.compile(r"(.+)[_-]seed([0-9]{1,10})", re.DOTALL)
-_Family = tuple[str, str, bool, Origin]
 
 
 @dataclass(frozen=True)
@@ -57,6 +55,10 @@ class Entry:
         """Seeds of the evaluation."""
         return self.first.evaluation.seeds
 
+    def states(self, metric: str) -> bool:
+        """Whether all its results hold a metric: one of another version may lack it."""
+        return all(metric in run.metrics for item in self.trainings for run in item.result.runs)
+
     def by_training(self, metric: str) -> Array:
         """Values ``(trainings, runs)`` of a metric, in its unit."""
         return np.array([item.result.values(metric) for item in self.trainings], dtype=np.float64)
@@ -83,34 +85,40 @@ def entries_by_task(
     by_task: dict[str, list[StoredResult]] = {}
     for item in stored:
         by_task.setdefault(item.result.task.id, []).append(item)
-    origins: dict[int, Origin] = {}
-    complete: dict[int, bool] = {}
+    seeds = {task_id: expected_seeds(task_id, items, expected) for task_id, items in by_task.items()}
+    recipes: dict[tuple[object, ...], set[str]] = {}
     for task_id, items in by_task.items():
-        seeds = expected_seeds(task_id, items, expected)
         for item in items:
-            complete[id(item)] = not item.trial and item.result.evaluation.seeds == seeds
-            origins[id(item)] = origin_of(item, seeds)
-    families = _families((item, origins[id(item)]) for items in by_task.values() for item in items)
+            recipes.setdefault(_recipe(item, seeds[task_id]), set()).add(item.result.agent.name)
     found = {}
     for task_id in sorted(by_task):
-        groups: dict[tuple[object, ...], list[tuple[int | None, StoredResult]]] = {}
+        groups: dict[tuple[object, ...], list[StoredResult]] = {}
         for item in by_task[task_id]:
-            family, seed = _family(item, origins[id(item)], families)
-            alone = () if seed is not None else (item.path,)
-            groups.setdefault((family, item.result.evaluation.seeds, *alone), []).append((seed, item))
-        entries = [
-            Entry(
-                name=name,
-                origin=origins[id(items[0])],
-                complete=complete[id(items[0])],
-                trainings=items,
-                training_seeds=seeds_of_trainings,
-            )
-            for group in groups.values()
-            for name, items, seeds_of_trainings in _trainings(group)
-        ]
+            recipe = _recipe(item, seeds[task_id])
+            several = len(recipes[recipe]) > 1  # be it on different tasks
+            key: tuple[object, ...] = (recipe, item.result.evaluation.seeds) if several else (item.path,)
+            groups.setdefault(key, []).append(item)
+        entries = []
+        for key, group in groups.items():
+            # Of two that claim to be the same training none is one.
+            are_trainings = len(key) > 1 and len({_seed(item) for item in group}) == len(group)
+            parts = [group] if are_trainings else [[item] for item in group]
+            entries += [_entry(part, seeds[task_id], are_trainings=are_trainings) for part in parts]
         found[task_id] = _with_names_of_their_own(entries)
     return found
+
+
+def _entry(items: list[StoredResult], seeds: tuple[int, ...], *, are_trainings: bool) -> Entry:
+    """The entry of trainings of one recipe, or of one result."""
+    ordered = sorted(items, key=_seed)
+    first = ordered[0]
+    return Entry(
+        name=_split(first)[0] if are_trainings else first.result.agent.name,
+        origin=origin_of(first, seeds),
+        complete=not first.trial and first.result.evaluation.seeds == seeds,
+        trainings=tuple(ordered),
+        training_seeds=tuple(map(_seed, ordered)) if are_trainings else (),
+    )
 
 
 def entry_of(result: StoredResult) -> Entry:
@@ -141,50 +149,31 @@ def metric_of(task_id: str, expected: Mapping[str, Expectation]) -> str:
         When it is one that results do not hold, or of which less is better.
     """
     metric = expected[task_id].metric if task_id in expected else RANKING_METRIC
-    if metric not in RANKABLE:
+    rankable = [one.name for one in catalogue().metrics.values() if one.better == "high"]
+    if metric not in rankable:
         msg = (
-            f"The task {task_id} asks for a ranking by '{metric}'.{did_you_mean(metric, RANKABLE)} "
-            f"Results are ranked by a metric of which more is better: {', '.join(RANKABLE)}."
+            f"The task {task_id} asks for a ranking by '{metric}'.{did_you_mean(metric, rankable)} "
+            f"Results are ranked by a metric of which more is better: {', '.join(rankable)}."
         )
         raise ResultError(msg)
     return metric
 
 
-def _split(item: StoredResult) -> tuple[str, int | None]:
-    """Name without the seed, and the seed."""
+def _split(item: StoredResult) -> tuple[str, int]:
+    """Name without the seed of the training, and that seed; 0 where the name has none."""
     name = item.result.agent.name
     match = _SEEDED.fullmatch(name)
-    return (name, None) if match is None else (match.group(1), int(match.group(2)))
+    return (name, 0) if match is None else (match.group(1), int(match.group(2)))
 
 
-def _families(items: Iterable[tuple[StoredResult, Origin]]) -> frozenset[_Family]:
-    """Recipes of which several trainings have results, be it on different tasks."""
-    names: dict[_Family, set[str]] = {}
-    for item, origin in items:
-        agent = item.result.agent
-        names.setdefault((_split(item)[0], agent.kind, agent.privileged, origin), set()).add(agent.name)
-    return frozenset(family for family, known in names.items() if len(known) > 1)
+def _seed(item: StoredResult) -> int:
+    return _split(item)[1]
 
 
-def _family(item: StoredResult, origin: Origin, families: frozenset[_Family]) -> tuple[_Family, int | None]:
-    """The family of a result, and the seed of its training; the seed is ``None`` when it has none."""
+def _recipe(item: StoredResult, seeds: tuple[int, ...]) -> tuple[object, ...]:
+    """What trainings of one recipe have in common; ``seeds`` are the task's."""
     agent = item.result.agent
-    base, seed = _split(item)
-    family = (base, agent.kind, agent.privileged, origin)
-    if family in families:
-        return family, seed or 0
-    return (agent.name, agent.kind, agent.privileged, origin), None
-
-
-def _trainings(
-    group: list[tuple[int | None, StoredResult]],
-) -> list[tuple[str, tuple[StoredResult, ...], tuple[int, ...]]]:
-    """Name, results and training seeds of the entries that a group makes: one; or one each where two claim to be the same training."""
-    seeds = [seed for seed, _ in group if seed is not None]
-    if not seeds or len(set(seeds)) < len(seeds):
-        return [(item.result.agent.name, (item,), ()) for _, item in group]
-    ordered = sorted(zip(seeds, (item for _, item in group), strict=True), key=lambda pair: pair[0])
-    return [(_split(ordered[0][1])[0], tuple(item for _, item in ordered), tuple(seed for seed, _ in ordered))]
+    return _split(item)[0], agent.kind, agent.privileged, origin_of(item, seeds)
 
 
 def _with_names_of_their_own(entries: list[Entry]) -> tuple[Entry, ...]:

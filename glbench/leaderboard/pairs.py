@@ -8,27 +8,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from glbench.errors import ResultError
-from glbench.evaluation.metrics import METRIC_NAMES
-from glbench.leaderboard.aggregates import Interval, probability_of_improvement
+from glbench.leaderboard.catalogue import catalogue
 from glbench.leaderboard.comparisons import holm, paired_test, told_apart
-from glbench.leaderboard.entries import Entry
-from glbench.leaderboard.statistics import bootstrap_interval
-
-MONEY = {"revenue": 1.0, "cost_heat": -1.0, "cost_electricity": -1.0, "cost_co2": -1.0}
-"""What the EPI is made of, and whether it adds or takes."""
+from glbench.leaderboard.entries import RANKING_METRIC, Entry
+from glbench.leaderboard.statistics import Array, Interval, bootstrap_interval, probability_of_improvement
 
 
 @dataclass(frozen=True)
 class MetricPair:
-    """One metric of two agents: means, and the mean of A minus B with its 95 % interval over pairs of runs, in the metric's unit."""
+    """One metric of two agents: means, and the mean of A minus B with its 95 % interval over pairs of runs, in the metric's unit.
 
-    metric: str
-    first: float
-    second: float
-    difference: Interval
+    What a result does not hold is ``None``.
+    """
+
+    unit: str
+    first: float | None
+    second: float | None
+    difference: Interval | None
 
 
 @dataclass(frozen=True)
@@ -47,6 +44,7 @@ class Pair:
     """Of how many trainings each is the mean."""
     runs: int
     metrics: Mapping[str, MetricPair]
+    """Those of this version in their order, then others that a result holds."""
     p_value: float
     favours: int
     """Whom the ranks of the paired test favour: 1 the first, -1 the second, 0 neither."""
@@ -55,7 +53,23 @@ class Pair:
 
     def told_apart(self, corrected: float) -> bool:
         """Whether the rewards differ beyond chance, at the p-value corrected for the number of tasks."""
-        return told_apart(corrected, self.favours, self.metrics["reward"].difference.value)
+        return told_apart(corrected, self.favours, self.headline)
+
+    @property
+    def headline(self) -> float:
+        """Mean reward of A minus that of B."""
+        return self.gap(RANKING_METRIC) or 0.0
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether all runs differ alike, because the task draws nothing."""
+        difference = self.metrics[RANKING_METRIC].difference
+        return difference is None or difference.low == difference.high
+
+    def gap(self, metric: str) -> float | None:
+        """Mean of A minus B, where both hold the metric."""
+        difference = self.metrics[metric].difference
+        return None if difference is None else difference.value
 
 
 def compare_entries(one: Entry, other: Entry) -> Pair:
@@ -64,7 +78,7 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
     Raises
     ------
     ResultError
-        When they are of different tasks, or have no seed in common.
+        When they are of different tasks, have no seed in common, or one of them holds no reward.
     """
     first, second = one.first, other.first
     if first.task.digest != second.task.digest:
@@ -77,15 +91,23 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
     if not seeds:
         msg = f"'{one.name}' and '{other.name}' have no seed in common on {first.task.id}. Evaluate both with the same seeds."
         raise ResultError(msg)
+    for entry in (one, other):
+        if not entry.states(RANKING_METRIC):
+            msg = f"'{entry.name}' does not state its {RANKING_METRIC} on {first.task.id}, which is what agents are compared by."
+            raise ResultError(msg)
+    words = catalogue()
     places = [[entry.seeds.index(seed) for seed in seeds] for entry in (one, other)]
-    values = [
-        {name: entry.values(name)[place] for name in METRIC_NAMES}
-        for entry, place in zip((one, other), places, strict=True)
-    ]
-    metrics = {name: _metric(name, values[0][name], values[1][name]) for name in METRIC_NAMES}
-    rewards = values[0]["reward"], values[1]["reward"]
-    runs = [entry.by_training("reward")[:, place].ravel() for entry, place in zip((one, other), places, strict=True)]
-    test = paired_test([rewards[0]], [rewards[1]])
+    units = {**second.units, **first.units}
+    metrics = {
+        name: _metric(
+            words.metric(name, units).unit,
+            *(_values(entry, name, place) for entry, place in zip((one, other), places, strict=True)),
+        )
+        for name in words.known_first([*first.runs[0].metrics, *second.runs[0].metrics])
+    }
+    runs = [entry.by_training(RANKING_METRIC)[:, place] for entry, place in zip((one, other), places, strict=True)]
+    test = paired_test(*([values.mean(axis=0)] for values in runs))
+    gaps = {item.money: (metrics[item.money].difference, item.sign) for item in words.items}
     return Pair(
         task_id=first.task.id,
         title=first.task.title,
@@ -96,8 +118,8 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
         metrics=metrics,
         p_value=test.p_value,
         favours=test.favours,
-        improvement=probability_of_improvement({"": runs[0]}, {"": runs[1]}),
-        money={name: sign * metrics[name].difference.value for name, sign in MONEY.items()},
+        improvement=probability_of_improvement({"": runs[0].ravel()}, {"": runs[1].ravel()}),
+        money={name: sign * gap.value for name, (gap, sign) in gaps.items() if gap is not None},
     )
 
 
@@ -106,7 +128,14 @@ def corrected_p_values(pairs: list[Pair]) -> list[float]:
     return holm([pair.p_value for pair in pairs])
 
 
-def _metric(name: str, first: np.ndarray, second: np.ndarray) -> MetricPair:
-    difference = first - second
-    low, high = bootstrap_interval(difference)
-    return MetricPair(name, float(first.mean()), float(second.mean()), Interval(float(difference.mean()), low, high))
+def _values(entry: Entry, metric: str, place: list[int]) -> Array | None:
+    return entry.values(metric)[place] if entry.states(metric) else None
+
+
+def _metric(unit: str, first: Array | None, second: Array | None) -> MetricPair:
+    ours, theirs = (None if values is None else float(values.mean()) for values in (first, second))
+    if first is None or second is None:
+        return MetricPair(unit, ours, theirs, None)
+    low, high = bootstrap_interval(first - second)
+    difference = Interval(value=float((first - second).mean()), low=low, high=high)
+    return MetricPair(unit, ours, theirs, difference)

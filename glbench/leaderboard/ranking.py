@@ -1,81 +1,83 @@
-"""From stored results to ranked rows: entries with their estimates, complete results first."""
+"""From stored results to ranked rows: entries with their estimates, complete results first. ``leaderboard.json`` holds them, too."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from typing import Any, Literal, TypeVar
 
 import numpy as np
+from pydantic import Field
 
 from glbench.evaluation import Result
-from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.leaderboard.budget import budget_of
-from glbench.leaderboard.collect import Expectation, Origin, StoredResult, refuse_mixed_digests
+from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, refuse_mixed_digests
 from glbench.leaderboard.comparisons import RESOLUTION, tiers
 from glbench.leaderboard.entries import RANKING_METRIC, Entry, entries_by_task, expected_seeds, metric_of
-from glbench.leaderboard.kernels import kernel_build, kernel_label
-from glbench.leaderboard.statistics import bootstrap_interval, interquartile_mean, mean
+from glbench.leaderboard.statistics import Published, bootstrap_interval, interquartile_mean, mean
 
+Sandbox = Literal["bubblewrap", "unsandboxed", "built-in"]
 SANDBOXES = ("unknown", "unsandboxed", "bubblewrap", "built-in")
 """How an agent ran; what says least comes first."""
+_SHORT = 6
+Number = TypeVar("Number", int, float)
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """A metric over runs: mean, interquartile mean, and the 95 % bootstrap interval of the mean, all in the metric's unit.
+class Estimate(Published):
+    """A metric of one entry on one task, over the task's runs, in the unit that ``units`` names."""
 
-    Of several trainings: the mean over them, and ``low`` and ``high`` are the means of the lowest and the highest training.
-    """
-
-    mean: float
-    iqm: float
-    low: float
-    high: float
+    mean: float = Field(description="arithmetic mean over the runs; of several trainings the mean over them")
+    iqm: float = Field(description="mean of the middle half of the runs; of several trainings the mean over them")
+    low: float = Field(
+        description="lower end of the 95 % bootstrap interval of the mean; of several trainings the lowest of their means"
+    )
+    high: float = Field(description="upper end of it; of several trainings the highest of their means")
 
 
-@dataclass(frozen=True)
-class Row:
-    """One entry on one task: an agent, or several trainings of one recipe.
+class Row(Published):
+    """One entry on one task: an agent, or several trainings of one recipe."""
 
-    ``rank`` is shared by agents that cannot be told apart, see ``comparisons.tiers``. It is ``None`` when the result lacks runs of the
-    task's evaluation; ``remark`` then says so.
-    """
-
-    task_id: str
+    rank: int | None = Field(description="shared by agents that cannot be told apart; null when runs are missing")
     agent: str
-    rank: int | None
-    privileged: bool
+    privileged: bool = Field(description="whether it sees more than observations or acts without the rate limit")
+    information: str = Field(description="what it sees, in words")
     runs: int
-    failed: int
-    estimates: Mapping[str, Estimate]
-    task_digest: str
-    results_digest: str
-    """Of several trainings that of the first."""
+    failed: int = Field(serialization_alias="failed_runs")
+    origin: Origin = Field(
+        description="released with glbench, the user's own, or a trial with other seeds than the task's"
+    )
+    reproduced: bool = Field(description="whether glbench verify simulated all runs again and got the same numbers")
+    decision_milliseconds: float = Field(
+        serialization_alias="decision_ms",
+        description="time of one decision for one run [ms]; stated by the file, not checked",
+    )
+    training_steps: int | None = Field(
+        default=None,
+        description="control steps that it was trained for; 0 when not trained, null when not stated; not checked",
+    )
+    training_hours: float | None = Field(default=None, description="hours that the training took [h]; not checked")
+    sandbox: Sandbox | None = Field(
+        default=None, description="how it ran; null in results of glbench without sandboxes; not checked"
+    )
+    kernel: str = Field(description="backend and preset of the kernel that stepped the model")
+    build: str = Field(
+        serialization_alias="kernel_build",
+        description="short digests of the kernel's library and of all its settings",
+    )
     remark: str
-    origin: Origin = "own"
-    """Whether it came with glbench, is the user's own, or a trial with other seeds than the task's."""
-    reproduced: bool = False
-    """Whether ``glbench verify`` simulated all runs again and got the same numbers; of several trainings, of all of them."""
-    decision_milliseconds: float = 0.0
-    """Time that the agent takes for one step of one run [ms], as the file states it."""
-    information: str = ""
-    """What the agent sees, in words."""
-    unsandboxed: bool = False
+    results_digest: str = Field(description="of several trainings that of the first")
+    estimates: dict[str, Estimate] = Field(serialization_alias="metrics")
+    training_seed: int | None = Field(
+        default=None, description="of one training among several: the seed it was trained with"
+    )
+    trainings: tuple[Row, ...] = Field(default=(), description="trainings of the entry, by seed")
+    task_id: str = Field(exclude=True)
+    task_digest: str = Field(exclude=True)
+    unsandboxed: bool = Field(exclude=True)
     """Whether a submission ran with all rights of the evaluation, so that only a reader of its code knows what it saw."""
-    kernel: str = ""
-    """What stepped the model: backend and preset, as in ``compiled/reference``."""
-    build: str = ""
-    """A short name of the kernel's build and settings, see ``kernels.kernel_build``."""
-    training_steps: int | None = None
-    """Control steps of the (longest) training; 0: not trained; ``None``: not stated."""
-    training_hours: float | None = None
-    """Hours that the (longest) training took on its machine [h]."""
-    sandbox: str | None = None
-    """How the agent ran: ``bubblewrap``, ``unsandboxed``, ``built-in`` (part of glbench), or ``None`` when it is not known."""
-    trainings: tuple[Row, ...] = ()
-    """Its trainings in the order of their seeds. Empty for an agent that is no training among others."""
-    training_seed: int | None = None
-    """Of a row in ``trainings``: the seed that it was trained with."""
+    units: dict[str, str] = Field(exclude=True)
+    """Units of the metrics, as the result states them."""
 
     @property
     def is_range(self) -> bool:
@@ -87,17 +89,20 @@ class Row:
         """One row a result: the trainings, or the row itself."""
         return self.trainings or (self,)
 
+    @property
+    def means(self) -> dict[str, float]:
+        """Mean of every metric that the result holds."""
+        return {name: one.mean for name, one in self.estimates.items()}
 
-@dataclass(frozen=True)
-class TaskTable:
-    """All rows of one task, best first, unranked rows last."""
 
-    task_id: str
+class TaskTable(Published):
+    """One task and all agents on it, best first."""
+
+    task_id: str = Field(serialization_alias="id")
     title: str
     digest: str
+    metric: str = Field(description="what the rows are ranked by")
     rows: tuple[Row, ...]
-    metric: str = RANKING_METRIC
-    """What the rows are ranked by."""
 
     @property
     def results(self) -> tuple[Row, ...]:
@@ -120,12 +125,13 @@ def estimate(values: Iterable[float]) -> Estimate:
     """Mean, interquartile mean and 95 % interval of one metric over runs."""
     sample = np.fromiter(values, dtype=np.float64)
     low, high = bootstrap_interval(sample)
-    return Estimate(float(mean(sample)), float(interquartile_mean(sample)), low, high)
+    return Estimate(mean=float(mean(sample)), iqm=float(interquartile_mean(sample)), low=low, high=high)
 
 
 def estimates_of(result: Result) -> dict[str, Estimate]:
-    """Estimates of every metric of ``result``."""
-    return {name: estimate(result.values(name)) for name in METRIC_NAMES}
+    """Estimates of every metric that all runs of ``result`` hold."""
+    names = [name for name in result.runs[0].metrics if all(name in run.metrics for run in result.runs)]
+    return {name: estimate(result.values(name)) for name in names}
 
 
 def estimate_over_trainings(trainings: Sequence[Estimate]) -> Estimate:
@@ -133,7 +139,12 @@ def estimate_over_trainings(trainings: Sequence[Estimate]) -> Estimate:
     if len(trainings) == 1:
         return trainings[0]
     means = [one.mean for one in trainings]
-    return Estimate(float(np.mean(means)), float(np.mean([one.iqm for one in trainings])), min(means), max(means))
+    return Estimate(
+        mean=float(np.mean(means)),
+        iqm=float(np.mean([one.iqm for one in trainings])),
+        low=min(means),
+        high=max(means),
+    )
 
 
 def rank(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> tuple[TaskTable, ...]:
@@ -154,105 +165,107 @@ def rank(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) ->
     """
     items = tuple(stored)
     refuse_mixed_digests(items, expected)
-    return tuple(
-        _table(task_id, entries, expected_seeds(task_id, _results(entries), expected), metric_of(task_id, expected))
-        for task_id, entries in entries_by_task(items, expected).items()
-    )
+    return tuple(_table(task_id, entries, expected) for task_id, entries in entries_by_task(items, expected).items())
 
 
-def _results(entries: Iterable[Entry]) -> list[StoredResult]:
-    return [item for entry in entries for item in entry.trainings]
-
-
-def _table(task_id: str, entries: Sequence[Entry], seeds: tuple[int, ...], metric: str) -> TaskTable:
-    complete = {entry.name: entry for entry in entries if entry.complete}
-    # How far rounding spreads a figure where nothing is drawn is known of the reward alone.
-    resolution = RESOLUTION if metric == "reward" else 0.0
+def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expectation]) -> TaskTable:
+    metric = metric_of(task_id, expected)
+    seeds = expected_seeds(task_id, [item for entry in entries for item in entry.trainings], expected)
+    complete = {entry.name: entry for entry in entries if entry.complete and entry.states(metric)}
+    resolution = RESOLUTION if metric == RANKING_METRIC else 0.0
     rows: list[Row] = []
     for tier in tiers({name: (entry.values(metric),) for name, entry in complete.items()}, (resolution,)):
         shared = len(rows) + 1
         rows += [_row(complete[name], shared, "") for name in tier]
-    for entry in entries:
-        if not entry.complete:
-            runs = len(entry.seeds)
-            remark = f"not ranked: {runs} runs with other seeds than the task's {len(seeds)}"
-            if entry.seeds == seeds:
-                remark = "not ranked: a trial"
-            elif entry.seeds == seeds[:runs]:
-                remark = f"not ranked: {runs} of {len(seeds)} runs"
-            rows.append(_row(entry, None, remark))
+    rows += [
+        _row(entry, None, f"not ranked: {_what_lacks(entry, metric, seeds)}")
+        for entry in entries
+        if entry.name not in complete
+    ]
     first = entries[0].first.task
-    return TaskTable(task_id, first.title, first.digest, tuple(rows), metric)
+    return TaskTable(task_id=task_id, title=first.title, digest=first.digest, rows=tuple(rows), metric=metric)
+
+
+def _what_lacks(entry: Entry, metric: str, seeds: tuple[int, ...]) -> str:
+    if not entry.states(metric):
+        return f"the result does not state '{metric}'"
+    if entry.seeds == seeds:
+        return "a trial"
+    runs = len(entry.seeds)
+    if entry.seeds == seeds[:runs]:
+        return f"{runs} of {len(seeds)} runs"
+    return f"{runs} runs with other seeds than the task's {len(seeds)}"
 
 
 def _row(entry: Entry, rank_: int | None, remark: str) -> Row:
-    if not entry.training_seeds:
-        return _row_of_result(entry.trainings[0], entry.name, None, entry.origin, rank_, remark)
     rows = tuple(
-        _row_of_result(item, item.result.agent.name, seed, entry.origin, rank_, remark)
-        for item, seed in zip(entry.trainings, entry.training_seeds, strict=True)
+        _row_of_result(item, entry.origin, rank=rank_, remark=remark, training_seed=seed)
+        for item, seed in zip(entry.trainings, entry.training_seeds or (None,), strict=True)
     )
-    return over_trainings(entry.name, rows)
-
-
-def over_trainings(name: str, rows: tuple[Row, ...]) -> Row:
-    """The row of an entry with these trainings, of which it says the least that holds for all."""
-    first = rows[0]
-    steps, hours = [row.training_steps for row in rows], [row.training_hours for row in rows]
-    sandboxes = {row.sandbox or "unknown" for row in rows}
-    sandbox = next(kind for kind in SANDBOXES if kind in sandboxes)
-    return Row(
-        task_id=first.task_id,
-        agent=name,
-        rank=first.rank,
-        privileged=any(row.privileged for row in rows),
-        runs=sum(row.runs for row in rows),
-        failed=sum(row.failed for row in rows),
-        estimates={
-            metric: estimate_over_trainings([row.estimates[metric] for row in rows]) for metric in first.estimates
-        },
-        task_digest=first.task_digest,
-        results_digest=first.results_digest,
-        remark=first.remark,
-        origin=first.origin,
-        reproduced=all(row.reproduced for row in rows),
-        decision_milliseconds=float(np.mean([row.decision_milliseconds for row in rows])),
-        information=first.information,
-        unsandboxed=any(row.unsandboxed for row in rows),
-        kernel=first.kernel,
-        build=first.build,
-        training_steps=None if None in steps else max(one for one in steps if one is not None),
-        training_hours=None if None in hours else max(one for one in hours if one is not None),
-        sandbox=None if sandbox == "unknown" else sandbox,
-        trainings=rows,
+    if not entry.training_seeds:
+        return rows[0].model_copy(update={"agent": entry.name})
+    known = [name for name in rows[0].estimates if all(name in row.estimates for row in rows)]
+    sandbox = combined(rows)["sandbox"]
+    return rows[0].model_copy(
+        update={
+            **combined(rows),
+            "agent": entry.name,
+            "estimates": {name: estimate_over_trainings([row.estimates[name] for row in rows]) for name in known},
+            "unsandboxed": any(row.unsandboxed for row in rows),
+            "training_hours": _longest([row.training_hours for row in rows]),
+            "sandbox": None if sandbox == "unknown" else sandbox,
+            "trainings": rows,
+            "training_seed": None,
+        }
     )
 
 
-def _row_of_result(
-    item: StoredResult, name: str, training_seed: int | None, origin: Origin, rank_: int | None, remark: str
-) -> Row:
+def combined(rows: Sequence[Row]) -> dict[str, Any]:
+    """What can be said of several results together: sums and means, of the rest what says the least. ``sandbox`` may be ``unknown``."""
+    sandboxes, origins = {row.sandbox or "unknown" for row in rows}, {row.origin for row in rows}
+    return {
+        "runs": sum(row.runs for row in rows),
+        "failed": sum(row.failed for row in rows),
+        "decision_milliseconds": float(np.mean([row.decision_milliseconds for row in rows])),
+        "training_steps": _longest([row.training_steps for row in rows]),
+        "privileged": any(row.privileged for row in rows),
+        "information": rows[0].information,
+        "sandbox": next(kind for kind in SANDBOXES if kind in sandboxes),
+        "reproduced": all(row.reproduced for row in rows),
+        "origin": next(origin for origin in reversed(ORIGINS) if origin in origins),
+    }
+
+
+def _longest(trainings: Sequence[Number | None]) -> Number | None:
+    known = [one for one in trainings if one is not None]
+    return max(known) if len(known) == len(trainings) else None
+
+
+def _row_of_result(item: StoredResult, origin: Origin, **place: Any) -> Row:
     result = item.result
     budget = budget_of(result)
+    kernel, evaluation = result.evaluation.kernel, result.evaluation
+    everything = hashlib.sha256(json.dumps(kernel, sort_keys=True).encode()).hexdigest()
     return Row(
         task_id=result.task.id,
-        agent=name,
-        rank=rank_,
+        agent=result.agent.name,
         privileged=result.agent.privileged,
-        runs=result.evaluation.runs,
+        runs=evaluation.runs,
         failed=result.summary.failed,
         estimates=estimates_of(result),
+        units=dict(result.units),
         task_digest=result.task.digest,
         results_digest=result.results_digest,
-        remark=remark,
         origin=origin,
         reproduced=item.reproduced,
-        decision_milliseconds=result.evaluation.decision_milliseconds,
+        decision_milliseconds=evaluation.decision_milliseconds,
         information=result.agent.information,
-        unsandboxed=result.agent.kind == "submission" and result.evaluation.sandbox not in ("bubblewrap", "built-in"),
-        kernel=kernel_label(result),
-        build=kernel_build(result),
+        unsandboxed=result.agent.kind == "submission" and evaluation.sandbox not in ("bubblewrap", "built-in"),
+        kernel="/".join(str(kernel[key]) for key in ("backend", "preset") if key in kernel),
+        # Two builds of one preset are two kernels. The name begins like the library's digest in the file, so that one finds the other.
+        build=f"{str(kernel.get('library_digest', everything))[:_SHORT]}.{everything[:_SHORT]}",
         training_steps=budget.steps,
         training_hours=budget.hours,
-        sandbox=result.evaluation.sandbox,
-        training_seed=training_seed,
+        sandbox=evaluation.sandbox,
+        **place,
     )

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
+from pydantic import Field
 
-from glbench.evaluation.metrics import METRIC_NAMES
-from glbench.leaderboard.aggregates import (
-    Aggregate,
+from glbench.leaderboard.collect import Expectation, Origin, StoredResult
+from glbench.leaderboard.comparisons import RESOLUTION, tiers
+from glbench.leaderboard.entries import entries_by_task, metric_of
+from glbench.leaderboard.ranking import Row, TaskTable, combined
+from glbench.leaderboard.statistics import (
+    SCORES,
+    Array,
     Interval,
     Profile,
+    Published,
     aggregate,
     normalise,
     performance_profile,
     pooled,
     probability_of_improvement,
 )
-from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult
-from glbench.leaderboard.comparisons import RESOLUTION, tiers
-from glbench.leaderboard.entries import entries_by_task, metric_of
-from glbench.leaderboard.ranking import SANDBOXES, Row, TaskTable
-from glbench.leaderboard.resampling import Array
 from glbench.tasks import list_suites
 from glbench.tasks.references import References, read_references
 
@@ -35,66 +35,68 @@ _LOWEST_THRESHOLD = -0.25
 """Profiles begin here at the lowest: how far below doing nothing a failed run lies is not worth the room."""
 
 
-@dataclass(frozen=True)
-class SuiteFigures:
-    """What an agent earned, grew and used over a suite: means over the tasks of the means over the runs, in the metrics' units.
+class SuiteFigures(Published):
+    """What an agent earned, grew and used over a suite: means over the tasks, in the units that ``units`` names."""
 
-    ``training_steps`` is that of the task with the longest training; ``None``: not stated. ``origin`` is ``released`` when all of
-    its results are.
-    """
-
-    metrics: Mapping[str, float]
-    runs: int
-    failed: int
-    decision_milliseconds: float
-    training_steps: int | None
+    metrics: dict[str, float]
+    failed: int = Field(serialization_alias="failed_runs")
+    decision_milliseconds: float = Field(serialization_alias="decision_ms")
+    training_steps: int | None = Field(description="of the task with the longest training; null when not stated")
     privileged: bool
     information: str
     sandbox: str
-    """``bubblewrap``, ``unsandboxed``, ``built-in`` or ``unknown``; of several the one that says least."""
-    reproduced: bool
-    origin: Origin
+    reproduced: bool = Field(description="whether all of its results were reproduced")
+    origin: Origin = Field(description="released when all of its results are")
+    runs: int = Field(exclude=True)
+
+    @property
+    def means(self) -> dict[str, float]:
+        """As ``metrics``."""
+        return self.metrics
 
 
-@dataclass(frozen=True)
-class SuiteRow:
-    """One entry over a suite. ``rank`` is shared by agents that cannot be told apart; ``None`` when tasks are missing."""
+class SuiteRow(Published):
+    """One agent over a suite, in normalised scores: 0 is doing nothing, 1 the best known result of each task."""
 
     rank: int | None
-    aggregate: Aggregate
-    missing: tuple[str, ...]
+    agent: str
+    iqm: Interval
+    mean: Interval
+    median: Interval
+    optimality_gap: Interval
+    trainings: tuple[int, int] = Field(description="fewest and most trainings on a task")
+    missing: tuple[str, ...] = Field(serialization_alias="missing_tasks")
     figures: SuiteFigures | None = None
+    tasks: int = Field(exclude=True)
+    runs: int = Field(exclude=True)
 
 
-@dataclass(frozen=True)
-class Improvement:
-    """Probability that a run of ``first`` (of any of its trainings) scores above a run of ``second`` on the same task."""
+class Improvement(Published):
+    """Probability that a run of ``first`` scores above a run of ``second`` on the same task, ties half, with its interval."""
 
     first: str
     second: str
     probability: Interval
 
 
-@dataclass(frozen=True)
-class SuiteTable:
-    """Agents over the tasks of a suite, best first by mean normalised score; agents that lack tasks last.
+class SuiteTable(Published):
+    """One suite and all agents on it, best first by mean normalised score; agents that lack tasks last."""
 
-    ``improvements`` holds every ordered pair of ranked agents, ``profiles`` their performance profiles over the same thresholds.
-    """
-
-    suite: str
+    suite: str = Field(serialization_alias="name")
     tasks: tuple[str, ...]
     rows: tuple[SuiteRow, ...]
     improvements: tuple[Improvement, ...] = ()
-    profiles: Mapping[str, Profile] = field(default_factory=dict)
+    profiles: tuple[Profile, ...] = ()
 
 
 def scores_by_task(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, dict[str, Array]]:
     """What ranks of complete entries of published tasks ``(trainings, n)``, by task id and entry, in the order of the task's seeds."""
     return {
-        task_id: {entry.name: entry.by_training(metric_of(task_id, expected)) for entry in entries if entry.complete}
+        task_id: {entry.name: entry.by_training(metric) for entry in complete}
         for task_id, entries in entries_by_task(stored, expected).items()
-        if task_id in expected and any(entry.complete for entry in entries)
+        if task_id in expected
+        for metric in (metric_of(task_id, expected),)
+        if (complete := [entry for entry in entries if entry.complete and entry.states(metric)])
     }
 
 
@@ -138,16 +140,19 @@ def suite_table(
     shown = _rows_of_agents(usable, tables)
     rows: list[SuiteRow] = []
     for tier in order:
-        rank = len(rows) + 1
-        for agent in tier:
-            found = aggregate(agent, [whole[agent][task] for task in usable])
-            rows.append(SuiteRow(rank, found, (), _figures(shown.get(agent, ()))))
-    for agent in sorted(set(normalised) - set(whole)):
-        by_task = normalised[agent]
-        missing = tuple(task for task in usable if task not in by_task)
-        some = [row for row in shown.get(agent, ()) if row.task_id in by_task]
-        rows.append(SuiteRow(None, aggregate(agent, list(by_task.values())), missing, _figures(some)))
-    return SuiteTable(suite, usable, tuple(rows), _improvements(whole, order), _profiles(whole, usable))
+        shared = len(rows) + 1
+        rows += [_row(agent, shared, whole[agent], usable, shown.get(agent, ())) for agent in tier]
+    rows += [
+        _row(agent, None, normalised[agent], usable, shown.get(agent, ()))
+        for agent in sorted(set(normalised) - set(whole))
+    ]
+    return SuiteTable(
+        suite=suite,
+        tasks=usable,
+        rows=tuple(rows),
+        improvements=_improvements(whole, order),
+        profiles=_profiles(whole, usable),
+    )
 
 
 def suite_tables(
@@ -170,24 +175,28 @@ def _rows_of_agents(tasks: Sequence[str], tables: Sequence[TaskTable]) -> dict[s
     return found
 
 
-def _figures(rows: Sequence[Row]) -> SuiteFigures | None:
-    if not rows:
-        return None
-    steps = [row.training_steps for row in rows]
-    sandboxes = {row.sandbox or "unknown" for row in rows}
-    origins = {row.origin for row in rows}
-    return SuiteFigures(
-        metrics={name: float(np.mean([row.estimates[name].mean for row in rows])) for name in METRIC_NAMES},
-        runs=sum(row.runs for row in rows),
-        failed=sum(row.failed for row in rows),
-        decision_milliseconds=float(np.mean([row.decision_milliseconds for row in rows])),
-        training_steps=None if None in steps else max(step for step in steps if step is not None),
-        privileged=any(row.privileged for row in rows),
-        information=rows[0].information,
-        sandbox=next(kind for kind in SANDBOXES if kind in sandboxes),
-        reproduced=all(row.reproduced for row in rows),
-        origin=next(origin for origin in reversed(ORIGINS) if origin in origins),
+def _row(
+    agent: str, rank: int | None, scores: Mapping[str, Array], tasks: Sequence[str], shown: Sequence[Row]
+) -> SuiteRow:
+    arrays = [scores[task] for task in tasks if task in scores]
+    counts = [len(np.atleast_2d(runs)) for runs in arrays]
+    rows = [row for row in shown if row.task_id in scores]
+    return SuiteRow(
+        rank=rank,
+        agent=agent,
+        **{score: aggregate(arrays, score) for score in SCORES},
+        trainings=(min(counts), max(counts)),
+        missing=tuple(task for task in tasks if task not in scores),
+        figures=SuiteFigures(metrics=_means(rows), **combined(rows)) if rows else None,
+        tasks=len(arrays),
+        runs=sum(runs.size for runs in arrays),
     )
+
+
+def _means(rows: Sequence[Row]) -> dict[str, float]:
+    """Means over the tasks of the metrics that all of them have."""
+    known = [name for name in rows[0].means if all(name in row.means for row in rows)]
+    return {name: float(np.mean([row.means[name] for row in rows])) for name in known}
 
 
 def _improvements(whole: Mapping[str, Mapping[str, Array]], order: Sequence[Sequence[str]]) -> tuple[Improvement, ...]:
@@ -197,15 +206,16 @@ def _improvements(whole: Mapping[str, Mapping[str, Array]], order: Sequence[Sequ
     found = []
     for one, other in combinations(agents, 2):
         p = probability_of_improvement(runs[one], runs[other])
-        found.append(Improvement(one, other, p))
-        found.append(Improvement(other, one, Interval(1.0 - p.value, 1.0 - p.high, 1.0 - p.low)))
+        back = Interval(value=1.0 - p.value, low=1.0 - p.high, high=1.0 - p.low)
+        found.append(Improvement(first=one, second=other, probability=p))
+        found.append(Improvement(first=other, second=one, probability=back))
     return tuple(found)
 
 
-def _profiles(whole: Mapping[str, Mapping[str, Array]], tasks: Sequence[str]) -> dict[str, Profile]:
+def _profiles(whole: Mapping[str, Mapping[str, Array]], tasks: Sequence[str]) -> tuple[Profile, ...]:
     """Profiles over thresholds from the lowest score that matters to a little above the best."""
     if not whole:
-        return {}
+        return ()
     lists = {agent: pooled([by_task[task] for task in tasks]) for agent, by_task in whole.items()}
     every = np.concatenate([runs for each in lists.values() for runs in each])
     low, high = max(_LOWEST_THRESHOLD, min(0.0, float(every.min()))), max(1.0, float(every.max()))
@@ -214,7 +224,7 @@ def _profiles(whole: Mapping[str, Mapping[str, Array]], tasks: Sequence[str]) ->
     # As many again where the runs are, so that agents that lie close together keep their shape.
     dense = np.quantile(every[every >= low], np.linspace(0.0, 1.0, _THRESHOLDS))
     thresholds = np.unique(np.round(np.concatenate([even, dense]), 4))
-    return {agent: performance_profile(each, thresholds) for agent, each in lists.items()}
+    return tuple(performance_profile(agent, each, thresholds) for agent, each in lists.items())
 
 
 def references_from(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, References]:
@@ -223,8 +233,9 @@ def references_from(stored: Iterable[StoredResult], expected: Mapping[str, Expec
     for item in stored:
         task_id = item.result.task.id
         if task_id in expected and item.result.evaluation.seeds == expected[task_id].seeds:
-            mean = float(np.mean(item.result.values(metric_of(task_id, expected))))
-            by_task.setdefault(task_id, []).append((mean, item))
+            metric = metric_of(task_id, expected)
+            if all(metric in run.metrics for run in item.result.runs):
+                by_task.setdefault(task_id, []).append((float(np.mean(item.result.values(metric))), item))
     found = {}
     for task_id, results in by_task.items():
         nothing = [pair for pair in results if pair[1].result.agent.name == NOTHING]

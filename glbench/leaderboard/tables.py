@@ -1,25 +1,33 @@
-"""Leaderboards as Markdown, and as one data frame for CSV and Parquet."""
+"""Leaderboards as files: Markdown for people, LaTeX for papers, CSV, Parquet and JSON for programs.
+
+A table is a list of columns and a list of rows; the writers here and that of the terminal (``glbench.cli.leaderboard``) know nothing
+else. The rows of tasks and those of suites hold the same facts about an agent, so they share their columns.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+import io
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
-from glbench.evaluation.metrics import METRICS, UNITS
+from pydantic import Field
+
+from glbench.leaderboard.catalogue import Metric, catalogue
 from glbench.leaderboard.comparisons import RESOLUTION
-from glbench.leaderboard.escaping import markdown_text, number_text
 from glbench.leaderboard.ranking import Estimate, Row, TaskTable
+from glbench.leaderboard.statistics import SCORES, Interval, Published
+from glbench.leaderboard.suites import SuiteRow, SuiteTable
+from glbench.resources import write_atomically
 from glbench.untrusted import visible
 
 if TYPE_CHECKING:
     import pandas as pd
 
-PRIVILEGED_MARK = "†"
-UNSANDBOXED_MARK = "‡"
-REPRODUCED_MARK = "✓"
-RANGE_MARK = "↔"
-WORD_HEADINGS = ("Source", "Sees", "Sandboxed", "Reproduced")
+PRIVILEGED_MARK, UNSANDBOXED_MARK, REPRODUCED_MARK, RANGE_MARK = "†", "‡", "✓", "↔"
+NONE = "–"
 COVERS = "draws of one season, and one training"
 """What a 95 % interval over runs is about."""
 FOOTNOTES = (
@@ -39,44 +47,185 @@ FOOTNOTES = (
     "Stated by the file, not checked: decision time (of one decision of one run), training (control steps; 0: not trained, –: not stated), "
     "sandbox.",
 )
+SCORE_STEP = 0.01
+"""Narrower intervals of normalised scores are not shown: another season or training can move a score by more."""
+SCORE_NOTE = (
+    f"Intervals cover the {COVERS}. Where they are narrower than {SCORE_STEP} they are left out: another season or another "
+    f"training can move a score by more than that. {RANGE_MARK}: what the lowest and the highest training of each task make."
+)
+
+# Text of result files is chosen by whoever makes them, so it is never trusted.
+
+_LATEX = str.maketrans(
+    {
+        "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "%": r"\%", "_": r"\_",
+        "^": r"\textasciicircum{}", "~": r"\textasciitilde{}", "<": r"\textless{}", ">": r"\textgreater{}",
+        "²": "$^2$", "–": "--", "↔": r"$\leftrightarrow$", "×": r"$\times$", "†": r"\dag",
+    }
+)  # fmt: skip
+_MARKDOWN = str.maketrans(
+    {"&": "&amp;", "<": "&lt;", ">": "&gt;", "|": r"\|", "`": r"\`", "[": r"\[", "]": r"\]", "*": r"\*", "\\": r"\\"}
+)
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+def markdown_text(text: str) -> str:
+    """``text`` as Markdown shows it, also in the cell of a table: no HTML, no links, no new columns."""
+    return visible(text).translate(_MARKDOWN)
+
+
+def latex_text(text: str) -> str:
+    """``text`` with LaTeX's special characters escaped."""
+    return visible(text).translate(_LATEX)
+
+
+def number_text(value: float | None, decimals: int) -> str:
+    """``value`` with so many decimals; what no greenhouse makes in powers of ten, so that it does not fill the screen; or a dash."""
+    if value is None:
+        return NONE
+    return f"{value:.{decimals}f}" if abs(value) < 1e9 else f"{value:.3e}"
 
 
 @dataclass(frozen=True)
 class Column:
-    """A metric column of the Markdown tables: heading with unit, number of decimals, with or without interval."""
+    """A column: heading with unit, and the text of a row in it.
 
-    metric: str
-    heading: str
-    decimals: int
-    interval: bool
-
-
-COLUMNS = (
-    Column("reward", "Reward", 1, interval=True),
-    Column("epi", "EPI [EUR/m²]", 3, interval=True),
-    Column("penalty", "Penalty", 1, interval=True),
-    Column("yield", "Yield, fresh [kg/m²]", 2, interval=False),
-    Column("heat", "Heat [kWh/m²]", 1, interval=False),
-    Column("electricity", "Lamp electricity [kWh/m²]", 1, interval=False),
-    Column("co2", "CO2 [kg/m²]", 2, interval=False),
-    Column("hours_outside_limits", "Outside limits [h]", 0, interval=False),
-)
-
-
-def columns_of(table: TaskTable) -> tuple[Column, ...]:
-    """``COLUMNS``, that of the metric that ranks first."""
-    return tuple(sorted(COLUMNS, key=lambda column: column.metric != table.metric))
-
-
-def format_estimate(estimate: Estimate, column: Column, *, is_range: bool = False) -> str:
-    """Text of one cell in the column's unit: ``-4.716 [-4.720, -4.712]``, of trainings ``-4.716 (-4.9 ↔ -4.5)``, or ``12.3``.
-
-    Runs that are all alike have no interval.
+    ``words`` stand on the left; ``free`` text is somebody's own and escaped; a ``number`` is one and nothing else. On a narrow terminal
+    columns that give way are left out, the highest first (0: never).
     """
-    text, low, high = (number_text(value, column.decimals) for value in (estimate.mean, estimate.low, estimate.high))
-    if not column.interval or not estimate.low < estimate.high:
-        return text
-    return f"{text} ({low} {RANGE_MARK} {high})" if is_range else f"{text} [{low}, {high}]"
+
+    heading: str
+    cell: Callable[[Any], str]
+    words: bool = False
+    free: bool = False
+    number: bool = False
+    gives_way: int = 0
+
+
+def of_metric(metric: Metric, gives_way: int = 0) -> Column:
+    """The mean of a metric."""
+    return Column(
+        metric.headed,
+        lambda row: number_text(row.means.get(metric.name), metric.digits),
+        number=True,
+        gives_way=gives_way,
+    )
+
+
+def with_interval(metric: Metric) -> Column:
+    """The mean of a metric with its interval or range, where it has one."""
+    if not metric.interval:
+        return of_metric(metric)
+
+    def text(row: Row) -> str:
+        found = row.estimates.get(metric.name)
+        return NONE if found is None else format_estimate(found, metric.digits, is_range=row.is_range)
+
+    return Column(metric.headed, text)
+
+
+DECISION = Column("Decision [ms]", lambda row: number_text(row.decision_milliseconds, 3), number=True)
+TRAINING = Column("Training [steps]", lambda row: steps_text(row.training_steps))
+SOURCE = Column("Source", lambda row: str(row.origin), words=True)
+WORDS = (
+    SOURCE,
+    Column("Sees", lambda row: sees_word(privileged=row.privileged, information=row.information), words=True),
+    Column("Sandboxed", lambda row: sandbox_word(row.sandbox), words=True),
+)
+_CHECKED = Column("Reproduced", lambda row: REPRODUCED_MARK if row.reproduced else NONE, words=True)
+_CHECKED_IN_WORDS = Column("Reproduced", lambda row: "yes" if row.reproduced else "no", words=True)
+
+
+def ranked_columns(table: TaskTable) -> list[Metric]:
+    """The metrics that are columns, that which ranks first."""
+    shown = [metric for metric in catalogue().metrics.values() if metric.column]
+    ranks = catalogue().metrics[table.metric]
+    if not ranks.column:
+        ranks = replace(ranks, heading=ranks.label, digits=ranks.decimals)
+    return [ranks, *(metric for metric in shown if metric.name != table.metric)]
+
+
+def _task_columns(table: TaskTable) -> list[Column]:
+    first, *others = ranked_columns(table)
+    return [
+        Column("#", lambda row: NONE if row.rank is None else "" if row.training_seed is not None else str(row.rank)),
+        Column("Agent", agent_label, words=True, free=True),
+        *map(with_interval, (first, *others)),
+        Column(f"{first.heading}, IQM", lambda row: number_text(iqm_of(row, first), first.digits)),
+        DECISION,
+        TRAINING,
+        Column("Runs", lambda row: f"{runs_label(row)}; {row.remark}" if row.remark else runs_label(row)),
+        *WORDS,
+        _CHECKED,
+    ]
+
+
+def iqm_of(row: Row, metric: Metric) -> float | None:
+    """The interquartile mean of a metric."""
+    return row.estimates[metric.name].iqm if metric.name in row.estimates else None
+
+
+def _score_columns() -> list[Column]:
+    def score(name: str) -> Column:
+        heading = "IQM" if name == "iqm" else name.replace("_", " ").capitalize()
+        return Column(heading, lambda row: format_interval(getattr(row, name), is_range=row.trainings[1] > 1))
+
+    return [
+        Column("#", lambda row: NONE if row.rank is None else str(row.rank)),
+        Column("Agent", suite_label, words=True, free=True),
+        *map(score, SCORES),
+        Column("Runs", runs_of),
+    ]
+
+
+def _figure_columns() -> list[Column]:
+    """What was earned, grown and used over a suite; of the figures of a row."""
+
+    def agent(row: SuiteRow) -> str:
+        return suite_label(row) + (f" {PRIVILEGED_MARK}" if row.figures and row.figures.privileged else "")
+
+    metrics = [of_metric(metric) for metric in resources()]
+    return [
+        Column("Agent", agent, words=True, free=True),
+        *map(of_figures, (*metrics, DECISION, TRAINING, *WORDS, _CHECKED)),
+    ]
+
+
+def of_figures(column: Column) -> Column:
+    """The same column for the figures of a row of a suite."""
+    return replace(column, cell=lambda row: column.cell(row.figures))
+
+
+def resources(*, without_intervals: bool = False) -> list[Metric]:
+    """Metrics that are columns besides the score; without those that are shown with intervals, too."""
+    shown = [metric for metric in catalogue().metrics.values() if metric.column]
+    return [metric for metric in shown if not (metric.interval if without_intervals else metric.kind == "score")]
+
+
+def markdown(columns: Sequence[Column], rows: Iterable[Any]) -> list[str]:
+    """A table in Markdown."""
+    return [
+        _line([column.heading for column in columns]),
+        "|" + "|".join("---" if column.words else "---:" for column in columns) + "|",
+        *(
+            _line([markdown_text(column.cell(row)) if column.free else column.cell(row) for column in columns])
+            for row in rows
+        ),
+    ]
+
+
+def latex(columns: Sequence[Column], rows: Iterable[Any]) -> list[str]:
+    """A table in LaTeX, with booktabs."""
+
+    def cell(column: Column, row: Any) -> str:
+        text = latex_text(column.cell(row))
+        return f"${text}$" if column.number and text != "--" else text
+
+    lines = [["" if column.heading == "#" else latex_text(column.heading) for column in columns]]
+    lines += [[cell(column, row) for column in columns] for row in rows]
+    head, *body = [" & ".join(line) + r" \\" for line in lines]
+    places = "".join("l" if column.words else "r" for column in columns)
+    return [rf"\begin{{tabular}}{{{places}}}", r"\toprule", head, r"\midrule", *body, r"\bottomrule", r"\end{tabular}"]
 
 
 def to_markdown(
@@ -86,29 +235,106 @@ def to_markdown(
 ) -> str:
     """The whole leaderboard: an overview of every suite that has results, then one table a task.
 
-    ``of_suites`` holds lines by suite that follow its overview, see ``suite_views.suite_markdown``.
+    ``of_suites`` holds lines by suite that follow its overview, see ``suite_markdown``.
     """
     parts = ["# Leaderboard", ""]
     for name, task_ids in suites.items():
         parts += _overview(name, [table for task_id in task_ids for table in tables if table.task_id == task_id])
         parts += (of_suites or {}).get(name, ())
     for table in tables:
-        parts += [
-            f"## {markdown_text(table.title)}",
-            "",
-            f"`{visible(table.task_id).replace('`', '')}`, digest `{table.digest[:12]}`",
-            "",
-            *_task_rows(table),
-            "",
-            *(line for note in [kernel_note(table)] if note for line in (markdown_text(note), "")),
-        ]
+        name = visible(table.task_id).replace("`", "")
+        parts += [f"## {markdown_text(table.title)}", "", f"`{name}`, digest `{table.digest[:12]}`", ""]
+        parts += [*markdown(_task_columns(table), shown_rows(table, members=True)), ""]
+        parts += [line for note in [kernel_note(table)] if note for line in (markdown_text(note), "")]
     parts += [line for note in FOOTNOTES for line in (note, "")]
     return "\n".join(parts).rstrip() + "\n"
 
 
-def sees_word(*, privileged: bool, information: str) -> str:
-    """What an agent sees, in one word; ``information`` says it in full."""
-    return "privileged" if privileged else "nothing" if information.startswith("nothing") else "observations"
+def _overview(suite: str, tables: Sequence[TaskTable]) -> list[str]:
+    """Means of every agent over the tasks of a suite, side by side."""
+    if len(tables) < 2:
+        return []
+    agents = sorted({row.agent for table in tables for row in table.rows if row.rank is not None})
+    lines = [f"## Suite `{suite}` at a glance", ""]
+    for metric in catalogue().headlines:
+
+        def of_task(table: TaskTable, metric: Metric = metric) -> Column:
+            means = {row.agent: row.means.get(metric.name) for row in table.rows if row.rank is not None}
+            heading = markdown_text(table.task_id.rpartition("/")[2])
+            return Column(heading, lambda name: number_text(means.get(name), metric.digits))
+
+        agent = Column(f"{metric.headed}, mean", str, words=True, free=True)
+        lines += [*markdown([agent, *map(of_task, tables)], agents), ""]
+    return lines
+
+
+def shown_rows(table: TaskTable, *, members: bool) -> list[Row]:
+    """The entries; with ``members`` each of several trainings below them."""
+    return [row for entry in table.rows for row in (entry, *(entry.trainings if members and entry.is_range else ()))]
+
+
+def suite_markdown(table: SuiteTable) -> list[str]:
+    """Normalised scores, means of what was earned and used, and who improves on whom."""
+    lines = [
+        f"Normalised score over the {len(table.tasks)} tasks: 0 is doing nothing, 1 the best known result of each task. "
+        "Ranks go by the mean.",
+        "",
+        SCORE_NOTE,
+        "",
+        *markdown(_score_columns(), table.rows),
+        "",
+        "Means over the tasks:",
+        "",
+        *markdown(_figure_columns(), [row for row in table.rows if row.figures is not None]),
+        "",
+    ]
+    agents = [row.agent for row in table.rows if row.rank is not None]
+    if len(agents) < 2:
+        return lines
+    known = {(one.first, one.second): one.probability for one in table.improvements}
+
+    def against(other: str) -> Column:
+        return Column(other, lambda agent: NONE if agent == other else probability_text(known[agent, other]))
+
+    return [
+        *lines,
+        "Probability of improvement: that a run of the agent of the row scores above a run of the agent of the column on the same task.",
+        "",
+        *markdown([Column("", str, words=True), *map(against, agents)], agents),
+        "",
+    ]
+
+
+def to_latex(table: TaskTable) -> str:
+    """A task's tables for a paper (``booktabs``, units in the head): mean and 95 % interval or range, then what was grown and used."""
+    columns = ranked_columns(table)
+    scores = [
+        Column("#", lambda row: NONE if row.rank is None else str(row.rank)),
+        Column("Agent", lambda row: entry_label(row) + PRIVILEGED_MARK * row.privileged, words=True),
+        *map(with_interval, columns[:3]),
+        Column("Runs", runs_label),
+    ]
+    used = [
+        Column("Agent", entry_label, words=True),
+        *map(of_metric, columns[3:]),
+        DECISION,
+        TRAINING,
+        *WORDS,
+        _CHECKED_IN_WORDS,
+    ]
+    comment = f"% {visible(table.task_id)}, digest {table.digest[:12]}; needs \\usepackage{{booktabs}}"
+    return "\n".join([comment, *latex(scores, table.rows), "", *latex(used, table.rows)]) + "\n"
+
+
+def suite_latex(table: SuiteTable) -> str:
+    """A suite's scores for a paper: ``booktabs``, estimates with 95 % intervals."""
+
+    def agent(row: SuiteRow) -> str:
+        return suite_label(row) + PRIVILEGED_MARK * bool(row.figures and row.figures.privileged)
+
+    columns = [replace(one, cell=agent) if one.heading == "Agent" else one for one in _score_columns()]
+    tasks = f"normalised scores over {len(table.tasks)} tasks; needs \\usepackage{{booktabs}}"
+    return "\n".join([f"% suite {visible(table.suite)}, {tasks}", *latex(columns, table.rows), ""])
 
 
 def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
@@ -116,91 +342,164 @@ def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
 
     Trainings of one entry have the same ``entry``, whose mean over ``trainings`` and range over them stand in ``entry_<metric>_...``.
     """
+    rows = [(entry, row) for table in tables for entry in table.rows for row in entry.results]
+    metrics = _metrics([row for _, row in rows])
+    return _frame([_record(entry, row, metrics) for entry, row in rows])
+
+
+def _metrics(rows: Sequence[Row]) -> list[Metric]:
+    """Metrics of this version, and what else the rows hold."""
+    units = {name: unit for row in rows for name, unit in row.units.items()}
+    known = catalogue()
+    return [known.metric(name, units) for name in known.known_first(name for row in rows for name in row.estimates)]
+
+
+def _record(entry: Row, row: Row, metrics: Sequence[Metric]) -> dict[str, object]:
+    record: dict[str, object] = {
+        "task": row.task_id,
+        "rank": row.rank,
+        "agent": row.agent,
+        "entry": entry.agent,
+        "trainings": len(entry.results),
+        "training_seed": row.training_seed,
+        "origin": row.origin,
+        "privileged": row.privileged,
+        "unsandboxed": row.unsandboxed,
+        "runs": row.runs,
+        "failed_runs": row.failed,
+        "reproduced": row.reproduced,
+        "information": row.information,
+        "decision [ms]": row.decision_milliseconds,
+        "training [steps]": row.training_steps,
+        "training [h]": row.training_hours,
+        "sandbox": row.sandbox or "unknown",
+        "remark": row.remark,
+        "kernel": row.kernel,
+        "kernel_build": row.build,
+    }
+    for metric in metrics:
+        one = row.estimates.get(metric.name)
+        for part in ("mean", "iqm", "low", "high"):
+            record[f"{metric.name}_{part} [{metric.unit}]"] = None if one is None else getattr(one, part)
+    for metric in (one for one in metrics if one.column and one.interval):
+        of_all = entry.estimates.get(metric.name)
+        parts: tuple[float | None, ...] = (None,) * 3
+        if of_all is not None:
+            ends = (of_all.low, of_all.high) if entry.is_range else (of_all.mean, of_all.mean)
+            parts = (of_all.mean, *ends)
+        for part, value in zip(("mean", "lowest", "highest"), parts, strict=True):
+            record[f"entry_{metric.name}_{part} [{metric.unit}]"] = value
+    return {**record, "task_digest": row.task_digest, "results_digest": row.results_digest}
+
+
+def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
+    """One row an agent and suite: scores with intervals, and the mean over tasks of every metric with the unit in brackets."""
+    known = catalogue()
+    records = []
+    for table, row in [(one, row) for one in tables for row in one.rows]:
+        figures = row.figures
+        record: dict[str, object] = {
+            "suite": table.suite, "rank": row.rank, "agent": row.agent, "tasks": row.tasks, "runs": row.runs,
+            "missing_tasks": " ".join(row.missing),
+            "fewest_trainings": row.trainings[0], "most_trainings": row.trainings[1],
+            "low_and_high": "range over trainings" if row.trainings[1] > 1 else "95 % interval over runs",
+        }  # fmt: skip
+        for name in SCORES:
+            interval = getattr(row, name)
+            record |= {name: interval.value, f"{name}_low": interval.low, f"{name}_high": interval.high}
+        for metric in known.metrics.values():
+            record[f"{metric.name}_mean [{metric.unit}]"] = figures and figures.metrics.get(metric.name)
+        records.append(record | {
+            "failed_runs": figures and figures.failed,
+            "decision [ms]": figures and figures.decision_milliseconds,
+            "training [steps]": figures and figures.training_steps,
+            "privileged": figures and figures.privileged,
+            "information": figures and figures.information,
+            "sandbox": figures and figures.sandbox,
+            "reproduced": figures and figures.reproduced,
+            "origin": figures and figures.origin,
+        })  # fmt: skip
+    return _frame(records)
+
+
+def _frame(records: Sequence[Mapping[str, object]]) -> pd.DataFrame:
     import pandas as pd
 
-    records = []
-    for table in tables:
-        for entry, row in [(one, result) for one in table.rows for result in one.results]:
-            record: dict[str, object] = {
-                "task": row.task_id,
-                "rank": row.rank,
-                "agent": row.agent,
-                "entry": entry.agent,
-                "trainings": len(entry.results),
-                "training_seed": row.training_seed,
-                "origin": row.origin,
-                "privileged": row.privileged,
-                "unsandboxed": row.unsandboxed,
-                "runs": row.runs,
-                "failed_runs": row.failed,
-                "reproduced": row.reproduced,
-                "information": row.information,
-                "decision [ms]": row.decision_milliseconds,
-                "training [steps]": row.training_steps,
-                "training [h]": row.training_hours,
-                "sandbox": row.sandbox or "unknown",
-                "remark": row.remark,
-                "kernel": row.kernel,
-                "kernel_build": row.build,
-            }
-            for metric in METRICS:
-                estimate = row.estimates[metric.name]
-                for part in ("mean", "iqm", "low", "high"):
-                    record[f"{metric.name}_{part} [{UNITS[metric.name]}]"] = getattr(estimate, part)
-            for metric in (one for one in METRICS if one.name in _OF_ENTRIES):
-                estimate = entry.estimates[metric.name]
-                lowest, highest = (estimate.low, estimate.high) if entry.is_range else (estimate.mean, estimate.mean)
-                for part, value in (("mean", estimate.mean), ("lowest", lowest), ("highest", highest)):
-                    record[f"entry_{metric.name}_{part} [{UNITS[metric.name]}]"] = value
-            records.append({**record, "task_digest": row.task_digest, "results_digest": row.results_digest})
-    return (
-        pd.DataFrame(records).astype(
-            {"rank": "Int64", "training_seed": "Int64", "training [steps]": "Int64", "training [h]": "Float64"}
-        )
-        if records
-        else pd.DataFrame()
-    )
+    frame = pd.DataFrame(records)
+    types = {"rank": "Int64", "training_seed": "Int64", "training [steps]": "Int64", "training [h]": "Float64"}
+    if "suite" in frame:
+        types["failed_runs"] = "Int64"
+    return frame.astype({name: kind for name, kind in types.items() if name in frame})
 
 
-_OF_ENTRIES = ("reward", "epi", "penalty")
+class LeaderboardDocument(Published):
+    """``leaderboard.json``."""
+
+    schema_name: Literal["glbench/leaderboard"] = Field(default="glbench/leaderboard", alias="schema")
+    schema_version: Literal[2] = 2
+    units: dict[str, str] = Field(description="unit of every metric; '-' for none")
+    tasks: tuple[TaskTable, ...]
+    suites: tuple[SuiteTable, ...]
 
 
-def _overview(suite: str, tables: Sequence[TaskTable]) -> list[str]:
-    """Mean reward, EPI and penalty of every agent over the tasks of a suite, side by side."""
-    if len(tables) < 2:
-        return []
-    agents = sorted({row.agent for table in tables for row in table.rows if row.rank is not None})
-    lines = [f"## Suite `{suite}` at a glance", ""]
-    for column in COLUMNS[:3]:
-        heads = [markdown_text(table.task_id.rpartition("/")[2]) for table in tables]
-        lines += [f"| {column.heading}, mean | " + " | ".join(heads) + " |", "|---|" + "---:|" * len(heads)]
-        lines += [
-            "| " + " | ".join([markdown_text(agent), *(_mean_of(agent, table, column) for table in tables)]) + " |"
-            for agent in agents
-        ]
-        lines.append("")
-    return lines
+def to_json(tables: Sequence[TaskTable], suites: Sequence[SuiteTable] = ()) -> str:
+    """The leaderboard as ``LeaderboardDocument``, indented, ending in a newline."""
+    units = {metric.name: metric.unit for metric in _metrics([row for table in tables for row in table.results])}
+    document = LeaderboardDocument(units=units, tasks=tuple(tables), suites=tuple(suites))
+    return document.model_dump_json(by_alias=True, indent=1) + "\n"
 
 
-def _mean_of(agent: str, table: TaskTable, column: Column) -> str:
-    for row in table.rows:
-        if row.agent == agent and row.rank is not None:
-            return number_text(row.estimates[column.metric].mean, column.decimals)
-    return "–"
+def json_schema() -> str:
+    """JSON Schema of ``leaderboard.json``, as published in ``docs/schema/leaderboard.schema.json``."""
+    schema: dict[str, Any] = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **LeaderboardDocument.model_json_schema(by_alias=True, mode="serialization"),
+    }
+    return json.dumps(schema, indent=1) + "\n"
 
 
-def _task_rows(table: TaskTable) -> list[str]:
-    columns = columns_of(table)
-    ranking = columns[0].heading.partition(" [")[0]
-    figures = [*(column.heading for column in columns), f"{ranking}, IQM", "Decision [ms]", "Training [steps]", "Runs"]
-    heads = ["#", "Agent", *figures, *WORD_HEADINGS]
-    lines = ["| " + " | ".join(heads) + " |", "|---:|---|" + "---:|" * len(figures) + "---|" * len(WORD_HEADINGS)]
-    cells = [
-        _cells(row, columns)
-        for entry in table.rows
-        for row in (entry, *entry.trainings[: len(entry.trainings) * entry.is_range])
-    ]
-    return lines + ["| " + " | ".join(one) + " |" for one in cells]
+def write_leaderboard(
+    tables: Sequence[TaskTable],
+    suites: Mapping[str, Sequence[str]],
+    out: Path,
+    aggregated: Sequence[SuiteTable] = (),
+) -> tuple[Path, ...]:
+    """Write ``leaderboard.md``, ``.csv``, ``.parquet``, ``.json`` and ``.tex`` into ``out``, each whole or not at all; the paths.
+
+    ``suites`` are task ids by suite, for the overviews. With normalised scores over suites (``aggregated``), ``leaderboard.suites.csv`` and
+    ``.parquet`` hold one row an entry and suite.
+
+    Raises
+    ------
+    GlbenchError
+        When the folder cannot be written.
+    """
+    contents: dict[str, bytes | str] = {
+        "leaderboard.md": to_markdown(tables, suites, {table.suite: suite_markdown(table) for table in aggregated}),
+        "leaderboard.json": to_json(tables, aggregated),
+        "leaderboard.tex": "\n".join([*map(to_latex, tables), *map(suite_latex, aggregated)]),
+        **_of_frame("leaderboard", to_frame(tables)),
+        **(_of_frame("leaderboard.suites", suite_frame(aggregated)) if aggregated else {}),
+    }
+    for name, content in contents.items():
+        write_atomically(out / name, content)
+    return tuple(out / name for name in contents)
+
+
+def _of_frame(name: str, frame: pd.DataFrame) -> dict[str, bytes | str]:
+    """The frame as CSV, no cell of which a spreadsheet takes for a formula, and as Parquet."""
+    parquet = io.BytesIO()
+    frame.to_parquet(parquet, index=False)
+    cells = frame.map(lambda cell: f"'{cell}" if isinstance(cell, str) and cell.startswith(_FORMULA) else cell)
+    return {f"{name}.csv": cells.to_csv(index=False, lineterminator="\n"), f"{name}.parquet": parquet.getvalue()}
+
+
+def format_estimate(estimate: Estimate, decimals: int, *, is_range: bool = False) -> str:
+    """``-4.716 [-4.720, -4.712]``, of trainings ``-4.716 (-4.9 ↔ -4.5)``; runs that are all alike have no interval."""
+    text, low, high = (number_text(value, decimals) for value in (estimate.mean, estimate.low, estimate.high))
+    if not estimate.low < estimate.high:
+        return text
+    return f"{text} ({low} {RANGE_MARK} {high})" if is_range else f"{text} [{low}, {high}]"
 
 
 def kernel_note(table: TaskTable) -> str:
@@ -236,44 +535,77 @@ def agent_label(row: Row) -> str:
     return f"{entry_label(row)} {marks}" if marks else entry_label(row)
 
 
+def suite_label(row: SuiteRow) -> str:
+    """Name of the entry, with the number of its trainings on a task."""
+    fewest, most = row.trainings
+    name = visible(row.agent)
+    if most == 1:
+        return name
+    return f"{name} ({most} trainings)" if fewest == most else f"{name} ({fewest} to {most} trainings)"
+
+
 def runs_label(row: Row) -> str:
     """Number of runs, and how many of them failed."""
     runs = f"{len(row.trainings)} × {row.trainings[0].runs}" if row.is_range else f"{row.runs}"
     return runs if row.failed == 0 else f"{runs} ({row.failed} failed)"
 
 
-def reproduced_label(row: Row) -> str:
-    """A mark, or a dash where no note of `glbench verify` is there."""
-    return REPRODUCED_MARK if row.reproduced else "–"
+def runs_of(row: SuiteRow) -> str:
+    """Number of runs, of failed ones and of missing tasks."""
+    failed = f" ({row.figures.failed} failed)" if row.figures is not None and row.figures.failed else ""
+    lacks = f", lacks {len(row.missing)} task{'s' if len(row.missing) != 1 else ''}" if row.missing else ""
+    return f"{row.runs}{failed}{lacks}"
 
 
 def steps_text(steps: int | None) -> str:
     """Steps of a training as people write them: ``2.02M``; 0: not trained; a dash: not stated."""
     if steps is None:
-        return "–"
+        return NONE
     for size, letter in ((1_000_000, "M"), (1_000, "k")):
         if steps >= size:
             return f"{steps / size:.3g}{letter}"
     return str(steps)
 
 
+def sees_word(*, privileged: bool, information: str) -> str:
+    """What an agent sees, in one word; ``information`` says it in full."""
+    return "privileged" if privileged else "nothing" if information.startswith("nothing") else "observations"
+
+
 def sandbox_word(sandbox: str | None) -> str:
     """How an agent was kept apart, in a word."""
-    return {"bubblewrap": "yes", "unsandboxed": "no", "built-in": "part of glbench"}.get(sandbox or "", "–")
+    return {"bubblewrap": "yes", "unsandboxed": "no", "built-in": "part of glbench"}.get(sandbox or "", NONE)
 
 
-def _cells(row: Row, columns: Sequence[Column]) -> list[str]:
-    """Texts of a row in the order of the headings."""
-    return [
-        "–" if row.rank is None else "" if row.training_seed is not None else str(row.rank),
-        markdown_text(agent_label(row)),
-        *(format_estimate(row.estimates[column.metric], column, is_range=row.is_range) for column in columns),
-        number_text(row.estimates[columns[0].metric].iqm, columns[0].decimals),
-        number_text(row.decision_milliseconds, 3),
-        steps_text(row.training_steps),
-        f"{runs_label(row)}; {row.remark}" if row.remark else runs_label(row),
-        row.origin,
-        sees_word(privileged=row.privileged, information=row.information),
-        sandbox_word(row.sandbox),
-        reproduced_label(row),
-    ]
+def span_text(interval: Interval, *, is_range: bool) -> str:
+    """``0.91 to 0.93``, of trainings ``0.910 ↔ 0.934``; empty where an interval is narrower than ``SCORE_STEP``."""
+    low, high = interval.low, interval.high
+    if is_range:
+        return f"{score_text(low)} {RANGE_MARK} {score_text(high)}" if low < high else ""
+    return "" if high - low < SCORE_STEP else f"{low:.2f} to {high:.2f}"
+
+
+def format_interval(interval: Interval, *, is_range: bool) -> str:
+    """``0.912 [0.91 to 0.93]`` or ``0.912``, without unit."""
+    span = span_text(interval, is_range=is_range)
+    return f"{score_text(interval.value)} [{span}]" if span else score_text(interval.value)
+
+
+def score_text(value: float) -> str:
+    """A normalised score with three decimals; what rounds to zero has no sign."""
+    return f"{round(value, 3) + 0.0:.3f}"
+
+
+def chance_text(value: float) -> str:
+    """A probability with two decimals, never as certain as 0 or 1."""
+    return ">0.99" if value > 0.99 else "<0.01" if value < 0.01 else f"{value:.2f}"
+
+
+def probability_text(interval: Interval) -> str:
+    """A probability, with its interval where that is wider than a hundredth."""
+    low, high = chance_text(interval.low), chance_text(interval.high)
+    return chance_text(interval.value) if low == high else f"{chance_text(interval.value)} [{low}, {high}]"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"

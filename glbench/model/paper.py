@@ -8,6 +8,7 @@ The names and functions below are those of the first; code that serves any model
 from __future__ import annotations
 
 from functools import cache
+from importlib.metadata import entry_points
 
 import casadi
 import numpy as np
@@ -164,6 +165,8 @@ def get_model(model_id: str, variant: str = "author") -> Model:
         When there is no such model or variant; the message names the nearest.
     """
     if model_id not in _MODELS:
+        _load_plugins()
+    if model_id not in _MODELS:
         msg = f"There is no model '{model_id}'.{did_you_mean(model_id, _MODELS)}"
         raise UnknownNameError(msg)
     variants = _MODELS[model_id]
@@ -171,6 +174,13 @@ def get_model(model_id: str, variant: str = "author") -> Model:
         msg = f"There is no variant '{variant}' of the model '{model_id}'.{did_you_mean(variant, variants)}"
         raise UnknownNameError(msg)
     return variants[variant]
+
+
+@cache
+def _load_plugins() -> None:
+    """Call what installed packages name in the entry points ``glbench.models``: functions that register models."""
+    for entry in entry_points(group="glbench.models"):
+        entry.load()()
 
 
 def model_ids() -> tuple[str, ...]:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from glbench.episodes.definition import task_of
 from glbench.evaluation.files import short_task_id
-from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.evaluation.profiles import Profile
 from glbench.leaderboard import Row, StoredResult, TaskTable
-from glbench.leaderboard.aggregates import Interval
-from glbench.leaderboard.suite_views import SCORES
+from glbench.leaderboard.catalogue import catalogue, pretty_unit
+from glbench.leaderboard.statistics import SCORES, Interval
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
 from glbench.report.task_words import clock_of, definition_in_words, figures
 from glbench.tasks import TaskSpec, list_suites, list_tasks, read_lock
@@ -45,6 +44,24 @@ def known_results(
         for table in tables
         for row in table.results
     ]
+
+
+def words(known: Sequence[Known]) -> dict[str, Any]:
+    """What everything is called: metrics with the columns of the leaderboard first, what is sold and bought, controls, and charts."""
+    told = catalogue()
+    units = {name: unit for item in known for name, unit in item.row.units.items()}
+    names = told.known_first(name for item in known for name in item.row.estimates)
+    metrics = sorted((told.metric(name, units) for name in names), key=lambda metric: not metric.column)
+    control = {"unit": "%", "factor": 100, "decimals": 0, "range": [0, 102]}
+    return {
+        "metrics": [asdict(one) | {"unit": pretty_unit(one.unit), "column": one.column} for one in metrics],
+        "items": [asdict(item) for item in told.items],
+        "controls": list(told.controls),
+        "series": {one["name"]: one for one in told.series}
+        | {name: {"name": name, "label": label, **control} for name, label in told.controls.items()},
+        "charts": told.charts,
+        "panels": told.panels,
+    }
 
 
 def task_specs(known: Sequence[Known]) -> dict[str, TaskSpec]:
@@ -84,7 +101,7 @@ def task_facts(table: TaskTable, steps: int, step_seconds: float, spec: TaskSpec
         "suites": list(spec.suites),
         "delta": 100 * spec.uncertainty.delta,
         "description": " ".join(spec.description.split()),
-        "words": definition_in_words(spec),
+        "words": [asdict(section) for section in definition_in_words(spec)],
         "versions": _versions(table.task_id),
     }
 
@@ -112,29 +129,28 @@ def families(tables: Sequence[TaskTable], specs: Mapping[str, TaskSpec]) -> list
 
 def suite_facts(table: SuiteTable) -> dict[str, Any]:
     """Agents over a suite: scores with intervals, means over the tasks, profiles and probabilities of improvement."""
-    profiles = list(table.profiles.values())
     return {
         "name": table.suite,
         "tasks": list(table.tasks),
         "rows": [_suite_row(row) for row in table.rows],
-        "thresholds": [round(float(x), 4) for x in profiles[0].thresholds] if profiles else [],
+        "thresholds": [round(x, 4) for x in table.profiles[0].thresholds] if table.profiles else [],
         "profiles": {
-            agent: [[round(1000 * float(x)) for x in line] for line in (one.share, one.low, one.high)]
-            for agent, one in table.profiles.items()
+            one.agent: [[round(1000 * x) for x in line] for line in (one.share, one.low, one.high)]
+            for one in table.profiles
         },
         "improvements": [[one.first, one.second, *_interval(one.probability)] for one in table.improvements],
     }
 
 
 def _suite_row(row: SuiteRow) -> dict[str, Any]:
-    one, figures = row.aggregate, row.figures
+    figures = row.figures
     return {
-        "agent": one.agent,
+        "agent": row.agent,
         "rank": row.rank,
-        "runs": one.runs,
-        "trainings": list(one.trainings),
+        "runs": row.runs,
+        "trainings": list(row.trainings),
         "missing": list(row.missing),
-        **{name: _interval(getattr(one, name)) for name in SCORES},
+        **{name: _interval(getattr(row, name)) for name in SCORES},
         "figures": None
         if figures is None
         else {
@@ -142,10 +158,7 @@ def _suite_row(row: SuiteRow) -> dict[str, Any]:
             "failed": figures.failed,
             "decision": figures.decision_milliseconds,
             "training": figures.training_steps,
-            "privileged": figures.privileged,
-            "sandbox": figures.sandbox,
-            "reproduced": figures.reproduced,
-            "origin": figures.origin,
+            **figures.model_dump(include={"privileged", "sandbox", "reproduced", "origin"}),
         },
     }
 
@@ -211,7 +224,7 @@ def entry_facts(
         ],
         "values": {
             name: [_short(float(np.mean(runs))) for runs in zip(*(one.values(name) for one in stored), strict=True)]
-            for name in METRIC_NAMES
+            for name in entry.estimates
         },
     }
     members = [
@@ -230,17 +243,11 @@ def entry_facts(
 def result_facts(item: Known) -> dict[str, Any]:
     """A result as the page shows it, with estimates as on the leaderboard, and all metrics of all runs."""
     result, row = item.stored.result, item.row
+    same = row.model_dump(include={"agent", "rank", "remark", "origin", "reproduced", "privileged", "runs", "failed"})
     return {
         "task": row.task_id,
-        "agent": row.agent,
-        "rank": row.rank,
-        "remark": row.remark,
-        "origin": row.origin,
-        "reproduced": row.reproduced,
-        "privileged": row.privileged,
+        **same,
         "sees": result.agent.information,
-        "runs": row.runs,
-        "failed": row.failed,
         "seeds": list(result.evaluation.seeds),
         "reasons": [[run.seed, run.status, run.reason, run.steps] for run in result.failed],
         "decision": result.evaluation.decision_milliseconds,
@@ -252,7 +259,7 @@ def result_facts(item: Known) -> dict[str, Any]:
         "kernel": f"{row.kernel} {row.build}",
         "estimates": _estimates(row),
         "steps": None if not row.failed else [run.steps for run in result.runs],
-        "values": {name: [_short(value) for value in result.values(name)] for name in METRIC_NAMES},
+        "values": {name: [_short(value) for value in result.values(name)] for name in row.estimates},
         **optional_facts(result.model_dump(mode="json")),
     }
 

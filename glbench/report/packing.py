@@ -15,19 +15,26 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from glbench.evaluation.profiles import Profile
+from glbench.leaderboard.catalogue import catalogue
 from glbench.report.collecting import Known
 
-_CONTROLS = ("uBoil", "uCo2", "uThScr", "uVent", "uLamp", "uBlScr")
-_USED = ("fruit_fresh", "heat", "electricity", "co2_dosed", "penalty")
-COLUMNS: Mapping[str, frozenset[str]] = {
-    "day": frozenset(("air_temperature", "relative_humidity", "co2", "pipe_temperature", "epi", *_CONTROLS, *_USED)),
-    "season": frozenset(("air_temperature", "relative_humidity", "epi", *_USED)),
-    "worst": frozenset(("air_temperature", "relative_humidity", "co2", "uBoil", "uLamp", "uVent", "uThScr", "penalty")),
-    "hours": frozenset(_USED),
-}
-"""Columns of each part of a profile that the page draws; of the calendar all."""
 LEVELS: Mapping[str, int] = {"day": 400, "season": 1000, "worst": 160, "hours": 3000, "calendar": 120, "weather": 400}
 """Steps between 0 and the largest value of a column: charts of a day are 140 pixels high, sums by hour of the day are money."""
+
+
+def drawn_columns() -> Mapping[str, frozenset[str]]:
+    """Columns of each part of a profile that the page draws; of the calendar all."""
+    known = catalogue()
+    charts = known.charts
+    penalty = [metric.name for metric in known.of_kind("penalty")]
+    return {
+        "day": frozenset((*known.controls, *charts["day"], *charts["more"], *charts["climate"], *charts["compared"])),
+        "season": frozenset(charts["season"]),
+        "worst": frozenset(
+            (*penalty, *(line["column"] for panel in known.panels for line in panel["lines"] if "column" in line))
+        ),
+        "hours": frozenset((*penalty, *(item.column for item in known.items))),
+    }
 
 
 @dataclass
@@ -91,7 +98,7 @@ def _weather(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _columns(part: str, columns: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: _coarse(one, LEVELS[part]) for name, one in columns.items() if name in COLUMNS[part]}
+    return {name: _coarse(one, LEVELS[part]) for name, one in columns.items() if name in drawn_columns()[part]}
 
 
 def _coarse(packed: Mapping[str, Any], levels: int) -> dict[str, Any]:

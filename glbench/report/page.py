@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import logging
+import tomllib
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from glbench import __version__
-from glbench.errors import ResultError
+from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation.profiles import Profile, load_profile
 from glbench.leaderboard import StoredResult, TaskTable, rank
+from glbench.leaderboard.collect import own_and_released_results, published_expectations
 from glbench.leaderboard.comparisons import RESOLUTION
-from glbench.leaderboard.published import own_and_released_results, published_expectations
-from glbench.leaderboard.suite_views import SCORE_STEP
 from glbench.leaderboard.suites import SuiteTable, suite_tables
+from glbench.leaderboard.tables import SCORE_STEP
 from glbench.report import collecting
-from glbench.report.packages import load_jinja, plotly_script
 from glbench.report.packing import Blocks, profile_blocks, squeezed
-from glbench.report.words import words
 from glbench.resources import write_atomically
 from glbench.tasks import DEFAULT_TASK
 from glbench.untrusted import visible
@@ -96,8 +96,8 @@ def page_data(
     return {
         "version": __version__,
         "start": DEFAULT_TASK if DEFAULT_TASK in shown else shown[0],
-        "metrics": [asdict(metric) for metric in words().metrics],
-        "other_words": [list(pair) for pair in words().others],
+        **collecting.words(known),
+        "other_words": [[one["word"], one["meaning"]] for one in tomllib.loads(_asset("words.toml"))["word"]],
         "tasks": tasks,
         "families": collecting.families(tables, specs),
         "resolution": RESOLUTION,
@@ -127,8 +127,26 @@ def _profiles(stored: Sequence[StoredResult]) -> dict[tuple[str, str], Profile]:
     return found
 
 
+def optional(name: str) -> Any:
+    """A module that only the report needs, from an optional part of glbench.
+
+    Raises
+    ------
+    GlbenchError
+        When it is not installed; it says how to install it.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        msg = (
+            f"The report cannot be made: it needs the package {name.partition('.')[0]}. "
+            'Install it with `pip install "glbench[report]"`, or in a checkout with `uv sync --extra report`.'
+        )
+        raise GlbenchError(msg) from error
+
+
 def _html(data: dict[str, Any], blocks: Blocks) -> str:
-    jinja = load_jinja()
+    jinja = optional("jinja2")
     environment = jinja.Environment(
         autoescape=True, undefined=jinja.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -146,7 +164,7 @@ def _html(data: dict[str, Any], blocks: Blocks) -> str:
 
 @cache
 def _squeezed_plotly() -> str:
-    return squeezed(plotly_script())
+    return squeezed(optional("plotly.offline").get_plotlyjs().encode())
 
 
 def packed_data(data: dict[str, Any]) -> str:

@@ -1,160 +1,283 @@
-"""A task's definition in words, part after part, and the figures that the page computes with."""
+"""A task's definition in words and tables, section after section: what ``glbench tasks show`` prints and the page shows."""
 
 from __future__ import annotations
 
 import datetime as dt
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
+from zoneinfo import ZoneInfo
 
-from glbench.env.accounts import make_accounts
+from glbench.env.accounts import Accounts, make_accounts
 from glbench.errors import GlbenchError
-from glbench.tasks import ACTUATION_KINDS, INITIAL_STATES, MODEL_VARIANTS, PREPROCESSINGS, TaskSpec
-from glbench.weather import WeatherRecord
+from glbench.leaderboard.catalogue import catalogue, pretty_unit
+from glbench.tasks import (
+    ACTUATION_KINDS,
+    INITIAL_STATES,
+    METRICS,
+    MODEL_VARIANTS,
+    PREPROCESSINGS,
+    REWARD_MODULES,
+    Capacity,
+    Registry,
+    Scenario,
+    TaskCard,
+    TaskSpec,
+    task_card,
+)
+from glbench.tasks.ledger import LedgerItem
 
-CONTROL_LABELS = {
-    "uBoil": "Heating",
-    "uCo2": "CO₂ dosing",
-    "uThScr": "Thermal screen",
-    "uVent": "Vents",
-    "uLamp": "Lamps",
-    "uBlScr": "Blackout screen",
-}
-LIMIT_LABELS = {"air_temperature": "Air temperature", "co2": "CO₂", "relative_humidity": "Relative humidity"}
-UNITS = {"degC": "°C", "W m-2": "W/m²", "mg m-2 s-1": "mg/m²/s", "-": ""}
-_MODULE_WORDS = {
-    "indoor_climate": "air temperature, CO₂ and humidity inside, pipe temperature",
-    "crop": "fruit mass, 24-hour mean canopy temperature, temperature sum",
-    "time": "time of day and of year",
-    "controls": "the six controls as they stand",
-    "weather": "sun, temperature, humidity, CO₂ and wind outside",
-}
+_MOST_ROWS, _FIRST_ROWS = 64, 40
 
 
-def definition_in_words(task: TaskSpec) -> list[tuple[str, list[str]]]:
-    """Headings, each with sentences."""
-    return [
-        ("When and where", _period(task)),
-        ("Greenhouse and crop", _greenhouse(task)),
-        ("What is uncertain", [_uncertainty(task)]),
-        ("What the agent sees", _seen(task)),
-        ("What the agent does", [_done(task)]),
-        ("What counts", _reward(task)),
-    ]
+@dataclass(frozen=True)
+class Section:
+    """A heading, lines below it, and a table: the headings of its columns, those of numbers among them, and its rows."""
+
+    heading: str
+    lines: Sequence[str] = ()
+    columns: Sequence[str] = ()
+    right: Sequence[str] = ()
+    rows: Sequence[Sequence[str]] = ()
+
+
+def definition_in_words(task: TaskSpec) -> Iterator[Section]:
+    """The task, part after part, for a grower and a researcher. Without its weather record what does not need it."""
+    try:
+        card = task_card(task)
+    except GlbenchError:
+        card = None
+    if task.base is not None:
+        there = [f"there {change.before}" if change.before else "not there" for change in task.changes]
+        lines = [f"{one.key} = {one.value} ({before})" for one, before in zip(task.changes, there, strict=True)]
+        yield Section(f"Based on {task.base}, changed:", lines)
+    yield Section("Period and place", _period(task, card))
+    yield Section("Greenhouse and crop", _greenhouse(task))
+    if card is not None:
+        yield _observations(card)
+        yield _actions(card)
+        if card.constraints:
+            yield _constraints(card)
+    yield _prices(task)
+    yield Section("Reward of a step", _reward(task))
+    yield Section("Evaluation", _evaluation(task))
 
 
 def figures(task: TaskSpec) -> dict[str, Any]:
-    """Limits, prices, capacities, and what the reward needs to be computed again at other prices."""
-    accounts = make_accounts(task)
-    heat, electricity, co2 = accounts.full_use.ravel().tolist()
+    """What charts need of a task, and what the reward needs to be computed again at other prices."""
+    accounts, labels = make_accounts(task), catalogue().limits
     scale = dict(task.reward.penalty_scale.items())
-    prices = task.prices
     return {
         "limits": [
             {
-                "name": name, "label": LIMIT_LABELS[name], "unit": UNITS.get(limits.unit, limits.unit),
+                "name": name, "label": labels.get(name, name), "unit": pretty_unit(limits.unit),
                 "low": limits.low, "high": limits.high, "scale": scale[name],
             }
             for name, limits in task.constraints.items()
         ],
-        "prices": {"fruit": prices.fruit, "heat": prices.heat, "electricity": prices.electricity, "co2": prices.co2},
-        "dry_matter_content": prices.dry_matter_content,
+        "prices": {item.name: item.price for item in task.ledger.items},
         "reward_modules": list(task.reward.modules),
-        "full_use": {"heat": heat, "electricity": electricity, "co2": co2},
-        "full_growth": float(accounts.full_growth[0]),
+        **_scaled(task, accounts),
         "failed_step": task.evaluation.failed_step.model_dump(),
-        "capacities": [
-            {"name": c.name, "label": CONTROL_LABELS[c.name], "unit": UNITS.get(c.unit, c.unit), "at_one": c.at_one, "meaning": c.meaning}
-            for c in task.capacities()
-        ],
     }  # fmt: skip
 
 
+def _scaled(task: TaskSpec, accounts: Accounts) -> dict[str, Any]:
+    """What ``scaled_epi`` is made of at other prices, in tasks that have it."""
+    if "scaled_epi" not in task.reward.modules:
+        return {}
+    paid = [item.name for item in accounts.ledger.paid]
+    earned = [item.name for item in accounts.ledger.earned]
+    return {
+        "full_use": dict(zip(paid, accounts.full_use.tolist(), strict=True)),
+        "full_growth": dict(zip(earned, accounts.full_growth.tolist(), strict=True)),
+    }
+
+
 def clock_of(task: TaskSpec) -> str:
-    """The clock that the hours of the day are of."""
-    record = _record(task)
-    return "UTC" if task.weather.preprocessing == "paper" or record is None else record.timezone
-
-
-def _record(task: TaskSpec) -> WeatherRecord | None:
-    """The weather record, where it is installed: a page of someone else's task may have to do without."""
+    """The clock that the hours of the day are of; UTC where the weather record is not installed."""
     try:
-        return task.record()
+        return "UTC" if task.weather.preprocessing == "paper" else task.record().timezone
     except GlbenchError:
-        return None
+        return "UTC"
 
 
-def _day(date: dt.date) -> str:
+def minutes(seconds: float) -> str:
+    """A step in minutes, or in seconds where that is no whole number."""
+    return f"{seconds / 60:g} min" if seconds % 60 == 0 else f"{seconds:g} s"
+
+
+def day(date: dt.date) -> str:
+    """``1 March 2010``."""
     return f"{date.day} {date:%B %Y}"
 
 
-def _step(seconds: float) -> str:
-    return f"{seconds / 60:g} minutes" if seconds % 60 == 0 else f"{seconds:g} seconds"
-
-
-def _period(task: TaskSpec) -> list[str]:
-    weather, record = task.weather, _record(task)
-    last = weather.start + dt.timedelta(days=weather.days - 1)
-    place = f"Weather of {record.station}" if record is not None else f"Weather record '{weather.source}'"
+def _period(task: TaskSpec, card: TaskCard | None) -> list[str]:
+    weather, end = task.weather, task.weather.start + dt.timedelta(days=task.weather.days)
+    clock = "" if card is None else f", clock {card.clock}{_local(card, end)}"
+    place = "not installed here"
+    if card is not None:
+        at = card.place
+        north, east = ("N" if at.latitude >= 0 else "S"), ("E" if at.longitude >= 0 else "W")
+        place = f"{at.station}, {abs(at.latitude):g} {north}, {abs(at.longitude):g} {east}, {at.altitude:g} m"
     return [
-        f"{weather.days} days, {_day(weather.start)} to {_day(last)}. "
-        f"One decision every {_step(task.step_seconds)}, {task.steps:,} in all.",
-        f"{place}, {weather.co2_ppm:g} ppm of CO₂ outside; prepared {PREPROCESSINGS[weather.preprocessing].meaning}.",
+        f"{weather.days} days, from {day(weather.start)} 00:00 to {day(end)} 00:00{clock}; "
+        f"one decision every {minutes(task.step_seconds)}, {task.steps} in all.",
+        f"Weather '{weather.source}': {place}; CO2 outside {weather.co2_ppm:g} ppm.",
+        f"Prepared {PREPROCESSINGS[weather.preprocessing].meaning}.",
     ]
+
+
+def _local(card: TaskCard, end: dt.date) -> str:
+    """How far the grower's own clock is ahead where the task's is UTC."""
+    if card.clock != "UTC" or card.place.timezone == "UTC":
+        return ""
+    zone = ZoneInfo(card.place.timezone)
+    moments = (dt.datetime.combine(date, dt.time(), dt.UTC) for date in (card.start, end))
+    shifts = dict.fromkeys(
+        (moment.astimezone(zone).utcoffset() or dt.timedelta()) / dt.timedelta(hours=1) for moment in moments
+    )
+    return f" ({card.place.timezone} is UTC{' and later UTC'.join(f'{hours:+g} h' for hours in shifts)})"
 
 
 def _greenhouse(task: TaskSpec) -> list[str]:
+    names, uncertainty = task.uncertain_parameters(), task.uncertainty
     lines = [
-        f"Parameter set '{task.model.parameters}': {MODEL_VARIANTS[task.model.variant].meaning}.",
-        f"At the start: {INITIAL_STATES[task.initial.kind].meaning}, {task.initial.air_temperature:g} °C inside, all controls at 0.",
+        *([f"Model {task.model_id}."] if task.schema_version > 1 else []),
+        f"Parameter set '{task.model.parameters}'; {_meaning(MODEL_VARIANTS, task.model.variant)}.",
+        *(f"Changed: {name} = {value:g} {unit}." for name, value, unit in task.model.overrides),
+        f"Start: {_meaning(INITIAL_STATES, task.initial.kind)} ({task.initial.air_temperature:g} degC), all controls at 0.",
     ]
-    return lines + [f"Changed: {name} = {value:g} {unit}." for name, value, unit in task.model.overrides]
-
-
-def _uncertainty(task: TaskSpec) -> str:
-    uncertainty = task.uncertainty
+    if task.schema_version > 1:
+        return [*lines, *_scenario(task.scenario)]
     if uncertainty.half_width == 0.0:
-        return "Nothing: the crop behaves exactly as the model says, and all runs are alike."
-    moment = "at every step" if uncertainty.redraw == "step" else "once in every run"
-    return (
-        f"{len(task.uncertain_parameters())} properties of the crop. "
-        f"Each is off by up to ±{100 * uncertainty.half_width:g} % of its value, drawn anew {moment}."
-    )
-
-
-def _seen(task: TaskSpec) -> list[str]:
-    words = [_MODULE_WORDS.get(name, name.replace("_", " ")) for name in task.observation.modules]
-    forecast = task.observation.forecast_steps
+        return [*lines, "Nothing is uncertain: the parameters keep their nominal values."]
+    moment = "at every step" if uncertainty.redraw == "step" else "once an episode"
     return [
-        f"{len(task.observed())} numbers after every step: {'; '.join(words)}.",
-        f"A forecast of {forecast} steps." if forecast else "No forecast.",
+        *lines,
+        f"Uncertain: {moment} each of {len(names)} parameters is its nominal value times 1 + e, e {uncertainty.distribution} "
+        f"within ±{100 * uncertainty.half_width:g} % and different for each.",
+        f"These are {', '.join(names)}.",
     ]
 
 
-def _done(task: TaskSpec) -> str:
-    labels = ", ".join(CONTROL_LABELS[name].lower().replace("co₂", "CO₂") for name in task.actuation.controls)
-    kind = (
-        ACTUATION_KINDS[task.actuation.kind]
-        .meaning.replace("max_change", f"{task.actuation.max_change:g}")
-        .replace(" -1 ", " −1 ")
-    )
-    return f"Moves {labels}: {kind}."
+def _meaning(words: Registry[Any], name: str) -> str:
+    """What a word means, or the word where only the model knows it."""
+    return words[name].meaning if name in words else f"'{name}'"
+
+
+def _scenario(scenario: Scenario) -> list[str]:
+    """What a run draws, in words."""
+    lines = [f"Random numbers of the family '{scenario.family}'."]
+    if len(scenario.seasons) > 1:
+        days = ", ".join(f"{season.start} ({season.source})" for season in scenario.seasons)
+        lines.append(f"A run's season is one of {len(scenario.seasons)}, drawn evenly: {days}.")
+    if scenario.start_within_days:
+        lines.append(f"It starts up to {scenario.start_within_days} days later, drawn evenly.")
+    lines += [
+        f"Uncertain, drawn anew every {group.redraw} ({group.distribution}, ±{100 * group.half_width:g} %): "
+        f"{', '.join(group.parameters)}."
+        for group in scenario.groups
+    ]
+    return lines + [
+        f"At the start ({start.distribution}, ±{100 * start.half_width:g} %): {', '.join(start.states)}."
+        for start in scenario.start_groups
+    ]
+
+
+def _observations(card: TaskCard) -> Section:
+    count = len(card.observations)
+    shown = card.observations if count <= _MOST_ROWS else card.observations[:_FIRST_ROWS]
+    rows = [
+        (
+            str(i),
+            one.name,
+            one.unit,
+            f"{one.low:g}",
+            f"{one.high:g}" if one.high < 1e6 else f"{one.high:.2g}",
+            one.meaning,
+        )
+        for i, one in enumerate(shown)
+    ]
+    if len(shown) < count:
+        rows.append(("...", f"and {count - len(shown)} more; --json lists all", "", "", "", ""))
+    heading = f"What the agent sees: {count} values after every step, float32, in this order"
+    return Section(heading, (), ("", "Name", "Unit", "Lowest", "Highest", "Meaning"), ("", "Lowest", "Highest"), rows)
+
+
+def _actions(card: TaskCard) -> Section:
+    by_name = {capacity.name: capacity for capacity in card.controls}
+    driven = [action.name for action in card.actions]
+    rows = []
+    for i, action in enumerate(card.actions):
+        one = by_name[action.name]
+        at_one, most = _delivers(one, 1.0), _delivers(one, card.max_change)
+        rows.append((str(i), one.name, one.meaning, f"{action.low:g} to {action.high:g}", at_one, most))
+    rows += [("", name, by_name[name].meaning, "stays at 0", "", "") for name in sorted(by_name.keys() - set(driven))]
+    words = f"{len(driven)} numbers a step, in this order: {ACTUATION_KINDS[card.actuation].meaning}."
+    columns = ("", "Control", "Drives", "Action", "At 1", "Most a step")
+    return Section("What the agent does", (words,), columns, ("", "At 1", "Most a step"), rows)
+
+
+def _delivers(capacity: Capacity, fraction: float) -> str:
+    return f"{capacity.at_one * fraction:g}" + (f" {capacity.unit}" if capacity.unit != "-" else "")
+
+
+def _constraints(card: TaskCard) -> Section:
+    labels = catalogue().limits
+    rows = [
+        (labels.get(one.name, one.name), *(f"{value:g} {one.unit}" for value in (one.low, one.high, one.scale)))
+        for one in card.constraints
+    ]
+    columns = ("Quantity", "Lowest", "Highest", "Violation that costs 1 a step")
+    return Section("Limits of the climate, checked after every step", (), columns, ("Lowest", "Highest"), rows)
+
+
+def _prices(task: TaskSpec) -> Section:
+    rows = [
+        (
+            item.label or item.name,
+            "earned" if item.sign > 0 else "paid",
+            f"price table '{item.price}'"
+            if isinstance(item.price, str)
+            else f"{item.price:g} EUR per {_unit_sold(item)}",
+            item.amount_meaning or item.label,
+        )
+        for item in task.ledger.items
+    ]
+    return Section("Prices", (), ("Item", "", "Price", "Amount"), (), rows)
+
+
+def _unit_sold(item: LedgerItem) -> str:
+    """What a price is for: ``kg`` where amounts are in kg m-2."""
+    return item.amount_unit.removesuffix(" m-2").removesuffix("m-2") or "piece"
 
 
 def _reward(task: TaskSpec) -> list[str]:
-    evaluation, modules = task.evaluation, task.reward.modules
-    lines = []
+    modules = task.reward.modules
+    lines = [f"reward = {' + '.join(modules)}", *(f"  {name}: {REWARD_MODULES[name].meaning}." for name in modules)]
+    if {"epi", "scaled_epi"} & set(modules):
+        lines += ["Economic performance EPI [EUR m-2] =", *(f"  {line}" for line in task.ledger.lines())]
     if "scaled_epi" in modules:
-        lines.append(
-            "Profit of a step, on a scale on which 0 is boiler, lamps and CO₂ at full without any growth, and 1 is full growth for nothing."
+        accounts, paper = make_accounts(task), task.schema_version == 1
+        lowest, highest = (
+            (": all that is paid for at its most, no growth", ": growth at the potential rate at 20 degC, nothing used")
+            if paper
+            else ("", "")
         )
-    if "epi" in modules:
-        lines.append("Profit of a step in EUR/m².")
-    if "scaled_penalty" in modules:
-        lines.append("Minus the distance to each broken limit, divided by the distance that costs 1.")
-    if "penalties" in modules:
-        lines.append("Minus the distance to each broken limit, in its own unit.")
-    failed = evaluation.failed_step
-    lines.append(
-        f"{evaluation.runs} runs with the seeds {evaluation.seeds[0]} to {evaluation.seeds[-1]}. A step that a failed run misses counts as "
-        f"reward {failed.reward:g}, profit {failed.epi:g} EUR/m² and penalty {failed.penalty:g}.".replace("-", "−")
-    )
+        lines += [
+            "Scaled EPI = (EPI - lowest) / (highest - lowest), not clipped;",
+            f"  lowest {accounts.lowest_epi:.6f} EUR m-2{lowest};",
+            f"  highest {accounts.highest_epi:.8f} EUR m-2{highest}.",
+        ]
     return lines
+
+
+def _evaluation(task: TaskSpec) -> list[str]:
+    evaluation, failed = task.evaluation, task.evaluation.failed_step
+    return [
+        f"{evaluation.runs} runs with the seeds {evaluation.seeds[0]} to {evaluation.seeds[-1]}. "
+        f"Ranked by {evaluation.metric}: {METRICS[evaluation.metric].meaning}.",
+        f"Each missing step of a run that fails counts as reward {failed.reward:g}, EPI {failed.epi:g} EUR m-2, "
+        f"penalty {failed.penalty:g}.",
+    ]

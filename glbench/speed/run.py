@@ -1,25 +1,165 @@
-"""The measurement: reference and subject in turn, round by round."""
+"""The measurement: reference and subject in turn, round by round; and what happens once, the first use and the memory it takes.
+
+The reference is the model as the benchmark's paper steps it: CasADi's interface to CVODES with absolute and relative tolerance 1e-6 on
+the states as they are, the right-hand side compiled by the C compiler at -O3. Without a compiler CasADi's virtual machine evaluates it,
+which is told.
+"""
 
 from __future__ import annotations
 
 import datetime as dt
+import os
+import shutil
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from glbench.errors import GlbenchError
 from glbench.evaluation.provenance import machine, versions
 from glbench.kernel import Kernel
+from glbench.kernel.compiled.accuracy import make_cvodes
 from glbench.model import TOMATO
-from glbench.speed.clock import Timed, processor_time, timed, wall_time
-from glbench.speed.first_use import measure_first_use, measure_memory
-from glbench.speed.record import Measurement, SpeedRecord
-from glbench.speed.reference import Reference, references
-from glbench.speed.subjects import STEP_SECONDS, Subject, paper_course
-from glbench.speed.workloads import points
+from glbench.speed.record import FirstUse, Measurement, Memory, SpeedRecord
+from glbench.speed.subjects import STEP_SECONDS, Points, Season, Subject, Work, paper_season, points
 
 ROUNDS = 7
+TOLERANCE = 1e-6
+SHORTEST_SECONDS = 0.05
+"""Work that is over sooner is repeated until it has taken that long."""
+MANY = 4096
+_STEPS = 96
+_TIMEOUT_SECONDS = 600.0
 
 ProgressCallback = Callable[[str, int, int], None]
 """Called with what is being measured, how many subjects are done, and how many there are."""
+
+
+@dataclass(frozen=True)
+class Timed:
+    """Work, how often it is done in one round, and the clock that judges it.
+
+    Processor time of this process and its threads, by default: what others do on the machine does not count.
+    """
+
+    work: Work
+    repeats: int
+    clock: Callable[[], float] = time.process_time
+
+    def seconds_per_step(self) -> float:
+        """Time of one step in one round [s]."""
+        started = self.clock()
+        steps = sum(self.work() for _ in range(self.repeats))
+        return (self.clock() - started) / steps
+
+
+def timed(work: Work) -> Timed:
+    """``work``, done once to warm up and often enough to be measured."""
+    started = time.perf_counter()
+    work()
+    seconds = max(time.perf_counter() - started, 1e-9)
+    return Timed(work, max(1, round(SHORTEST_SECONDS / seconds)))
+
+
+@dataclass(frozen=True)
+class Reference:
+    """CVODES for one step length; ``compiled`` says whether the model is."""
+
+    integrator: Any
+    compiled: bool
+
+    def scattered(self, points: Points) -> Work:
+        """Some of the steps of ``points``, one by one."""
+        held = np.concatenate([points.u, points.d], axis=1)[:_STEPS]
+        states = points.x[:_STEPS]
+
+        def work() -> int:
+            for x, inputs in zip(states, held, strict=True):
+                self.integrator(x0=x, p=inputs)
+            return len(held)
+
+        return work
+
+    def season(self, season: Season) -> Work:
+        """All steps of ``season``, each from where the one before ended."""
+        held = np.concatenate([season.controls, season.weather], axis=1)
+
+        def work() -> int:
+            x = season.start
+            for inputs in held:
+                x = self.integrator(x0=x, p=inputs)["xf"]
+            return len(held)
+
+        return work
+
+
+@contextmanager
+def references(subjects: Iterable[Subject]) -> Iterator[dict[float, Reference]]:
+    """A reference for each step length [s] of ``subjects``. CasADi compiles in the working directory, which is elsewhere meanwhile."""
+    compiled = shutil.which("gcc") is not None
+    lengths, before = sorted({one.step_seconds for one in subjects}), Path.cwd()
+    with tempfile.TemporaryDirectory(prefix="glbench-bench-") as folder:
+        os.chdir(folder)
+        try:
+            yield {seconds: Reference(make_cvodes(TOLERANCE, seconds, jit=compiled), compiled) for seconds in lengths}
+        finally:
+            os.chdir(before)
+
+
+class Comparisons:
+    """Sets subjects against references, each of which is prepared once.
+
+    Parameters
+    ----------
+    known
+        A reference for each step length [s].
+    rounds
+        How often a subject and its reference are timed in turn.
+    """
+
+    def __init__(self, known: Mapping[float, Reference], rounds: int) -> None:
+        self._known = known
+        self._rounds = rounds
+        self._prepared: dict[tuple[float, str, bool], Timed] = {}
+
+    def compare(self, subject: Subject) -> Measurement:
+        """The figures of one subject."""
+        own, reference = timed(subject.make()), self._reference_of(subject)
+        if subject.on_the_wall:
+            own, reference = (replace(one, clock=time.perf_counter) for one in (own, reference))
+        pairs = [(reference.seconds_per_step(), own.seconds_per_step()) for _ in range(self._rounds)]
+        ratios = [theirs / ours for theirs, ours in pairs]
+        return Measurement(
+            name=subject.name,
+            group=subject.group,
+            title=subject.title,
+            microseconds=1e6 * min(ours for _, ours in pairs),
+            reference=f"{'course' if subject.follows_season else subject.controls}, {subject.step_seconds:g} s",
+            reference_microseconds=1e6 * min(theirs for theirs, _ in pairs),
+            ratio=statistics.median(ratios),
+            ratio_low=min(ratios),
+            ratio_high=max(ratios),
+            clock="wall" if subject.on_the_wall else "processor",
+        )
+
+    def _reference_of(self, subject: Subject) -> Timed:
+        key = (subject.step_seconds, subject.controls, subject.follows_season)
+        if key not in self._prepared:
+            reference = self._known[subject.step_seconds]
+            self._prepared[key] = timed(
+                reference.season(paper_season())
+                if subject.follows_season
+                else reference.scattered(points(subject.controls, subject.step_seconds))
+            )
+        return self._prepared[key]
 
 
 def measure(
@@ -42,17 +182,16 @@ def measure(
     progress
         Told before each subject.
     """
-    lengths = tuple(sorted({one.step_seconds for one in subjects}))
+    tell = progress or (lambda words, done, total: None)
     found = []
-    with references(lengths) as known:
+    with references(subjects) as known:
         comparisons = Comparisons(known, rounds)
         for done, subject in enumerate(subjects):
-            if progress is not None:
-                progress(f"{subject.group}: {subject.title}", done, len(subjects))
+            tell(f"{subject.group}: {subject.title}", done, len(subjects))
             found.append(comparisons.compare(subject))
         compiled = all(one.compiled for one in known.values())
-    if progress is not None and processes:
-        progress("first use and memory", len(subjects), len(subjects))
+    if processes:
+        tell("first use and memory", len(subjects), len(subjects))
     return SpeedRecord(
         created=dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
         machine=machine(),
@@ -66,49 +205,69 @@ def measure(
     )
 
 
-class Comparisons:
-    """Sets subjects against references, each of which is prepared once.
+_FIRST_USE = """
+import resource
+from glbench.kernel import Kernel
+from glbench.model import TOMATO
+kernel = Kernel(TOMATO, 900.0)
+peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+print(peak / 1024)
+"""
 
-    Parameters
-    ----------
-    known
-        A reference for each step length [s].
-    rounds
-        How often a subject and its reference are timed in turn.
+# On Linux ru_maxrss also counts the memory that the parent held when it started this process; VmHWM is the process's own.
+_PEAK = """
+def peak():
+    import pathlib, resource
+    status = pathlib.Path("/proc/self/status")
+    lines = status.read_text().splitlines() if status.exists() else []
+    own = [float(line.split()[1]) for line in lines if line.startswith("VmHWM:")]
+    return (own or [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss])[0] / 1024
+"""
+
+_MEMORY = f"""
+import sys
+{_PEAK}
+import numpy as np
+from glbench.env import GreenhouseVectorEnv
+envs = GreenhouseVectorEnv("glbench/Schiphol2010-Delta10-v1", int(sys.argv[1]))
+envs.reset(seed=0)
+for _ in range(4):
+    envs.step(np.zeros(envs.action_space.shape, dtype=np.float32))
+print(peak())
+"""
+
+
+def measure_first_use() -> FirstUse:
+    """Start a process with an empty cache and make a kernel: everything is generated and compiled anew."""
+    with tempfile.TemporaryDirectory(prefix="glbench-bench-") as cache:
+        started = time.perf_counter()
+        megabytes = _run(_FIRST_USE, GLBENCH_CACHE=cache)
+        return FirstUse(seconds=time.perf_counter() - started, megabytes=megabytes)
+
+
+def measure_memory() -> Memory:
+    """Peak memory of a process that steps many environments, and of one that steps a single one."""
+    return Memory(environments=MANY, megabytes=_run(_MEMORY, str(MANY)), megabytes_of_one=_run(_MEMORY, "1"))
+
+
+def _run(code: str, *arguments: str, **environment: str) -> float:
+    """The number that ``code`` prints in a process of its own.
+
+    Raises
+    ------
+    GlbenchError
+        When it fails or takes too long.
     """
-
-    def __init__(self, known: Mapping[float, Reference], rounds: int) -> None:
-        self._known = known
-        self._rounds = rounds
-        self._prepared: dict[tuple[float, str, bool], Timed] = {}
-
-    def compare(self, subject: Subject) -> Measurement:
-        """The figures of one subject."""
-        own, reference = subject.make(), self._reference_of(subject)
-        if own.clock is wall_time:
-            reference = Timed(reference.work, wall_time, reference.repeats)
-        pairs = [(reference.seconds_per_step(), own.seconds_per_step()) for _ in range(self._rounds)]
-        ratios = [theirs / ours for theirs, ours in pairs]
-        return Measurement(
-            name=subject.name,
-            group=subject.group,
-            title=subject.title,
-            microseconds=1e6 * min(ours for _, ours in pairs),
-            reference=f"{'course' if subject.follows_course else subject.controls}, {subject.step_seconds:g} s",
-            reference_microseconds=1e6 * min(theirs for theirs, _ in pairs),
-            ratio=statistics.median(ratios),
-            ratio_low=min(ratios),
-            ratio_high=max(ratios),
-            clock="processor" if own.clock is processor_time else "wall",
+    command, settings = [sys.executable, "-c", code, *arguments], {**os.environ, **environment}
+    try:
+        done = subprocess.run(
+            command, env=settings, capture_output=True, text=True, check=True, timeout=_TIMEOUT_SECONDS
         )
-
-    def _reference_of(self, subject: Subject) -> Timed:
-        key = (subject.step_seconds, subject.controls, subject.follows_course)
-        if key not in self._prepared:
-            reference = self._known[subject.step_seconds]
-            self._prepared[key] = timed(
-                reference.course(paper_course())
-                if subject.follows_course
-                else reference.scattered(points(subject.controls, subject.step_seconds))
-            )
-        return self._prepared[key]
+    except subprocess.CalledProcessError as error:
+        said = error.stderr.strip().splitlines()[-1:] or ["nothing"]
+        msg = f"A process that was to be measured failed; it said: {said[0]}"
+        raise GlbenchError(msg) from error
+    except subprocess.TimeoutExpired as error:
+        msg = f"A process that was to be measured took longer than {_TIMEOUT_SECONDS:g} s."
+        raise GlbenchError(msg) from error
+    return float(done.stdout)

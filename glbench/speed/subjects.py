@@ -1,24 +1,34 @@
-"""What is measured: each subject is some stepping that can be repeated, and the reference it is set against."""
+"""What is measured: each subject is some stepping that can be repeated. All step states, controls and weather of real seasons."""
 
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glbench.errors import UnknownNameError, did_you_mean
 from glbench.kernel import Kernel, make_kernel
-from glbench.model import TOMATO, default_parameters
-from glbench.speed.clock import Timed, processor_time, timed, wall_time
-from glbench.speed.workloads import Controls, Course, course, points
+from glbench.model import TOMATO, default_parameters, initial_state
+from glbench.weather import disturbances, load_weather
+
+Array = NDArray[np.float64]
+Controls = Literal["walk", "jump"]
+Work = Callable[[], int]
+"""Does something and says how many steps it took."""
 
 STEP_SECONDS = 900.0
 PAPER_SECONDS = 300.0
 PAPER_START = dt.date(2009, 10, 1)
 PAPER_DAYS = 10.0
 TASK = "glbench/Schiphol2010-Delta10-v1"
+LARGEST_CHANGE = 0.1
+"""Of a control in one step, when controls walk."""
+_SEASON_DAYS = 2
 
 GROUPS = {
     "step": "the model alone, one greenhouse",
@@ -34,6 +44,73 @@ GROUPS = {
 
 
 @dataclass(frozen=True)
+class Season:
+    """Consecutive steps of one greenhouse: controls (steps, controls), weather (steps, disturbances), state at the start (states,)."""
+
+    controls: Array
+    weather: Array
+    start: Array
+
+
+@dataclass(frozen=True)
+class Points:
+    """Steps that have nothing to do with one another: states (n, states), controls (n, controls), weather (n, disturbances)."""
+
+    x: Array
+    u: Array
+    d: Array
+
+    def parts(self, rows: int) -> tuple[Points, ...]:
+        """The same points, ``rows`` at a time; what is left over is left out. More than there are: all of them, repeated."""
+        if rows >= len(self.x):
+            return (
+                Points(*(np.ascontiguousarray(np.resize(a, (rows, a.shape[1]))) for a in (self.x, self.u, self.d))),
+            )
+        starts = range(0, len(self.x) - rows + 1, rows)
+        return tuple(Points(self.x[i : i + rows], self.u[i : i + rows], self.d[i : i + rows]) for i in starts)
+
+
+def controls_of(kind: Controls, steps: int, seed: int) -> Array:
+    """Controls (steps, controls) that walk by at most ``LARGEST_CHANGE`` a step within 0..1, or jump: 0 or 1, redrawn at every step."""
+    generator, count = np.random.default_rng([seed, ("walk", "jump").index(kind)]), len(TOMATO.control_names)
+    if kind == "jump":
+        return generator.integers(0, 2, (steps, count)).astype(np.float64)
+    changes = generator.uniform(-LARGEST_CHANGE, LARGEST_CHANGE, (steps, count))
+    controls, now = np.empty_like(changes), generator.uniform(0.0, 1.0, count)
+    for step, change in enumerate(changes):
+        controls[step] = now = np.minimum(np.maximum(now + change, 0.0), 1.0)
+    return controls
+
+
+@cache
+def season(kind: Controls, step_seconds: float, start: dt.date, days: float, seed: int = 0) -> Season:
+    """A greenhouse at Schiphol from ``start``, with a grown crop, under controls of that kind."""
+    steps = round(days * 86400.0 / step_seconds)
+    weather = disturbances(load_weather("schiphol"), start=start, steps=steps, step_seconds=step_seconds).values
+    return Season(controls_of(kind, steps, seed), weather, initial_state(weather[0], 16.5, default_parameters()))
+
+
+paper_season = partial(season, "walk", PAPER_SECONDS, PAPER_START, PAPER_DAYS)
+"""Ten days from 1 October 2009 in steps of 300 s: the setting of the paper's comparison, with Schiphol's weather."""
+
+
+@cache
+def points(kind: Controls, step_seconds: float, count: int = 512, seed: int = 0) -> Points:
+    """``count`` steps out of all months of a year, with the states that controls of that kind lead to."""
+    kernel = Kernel(TOMATO, step_seconds, preset="standard")
+    parameters = default_parameters()
+    found: list[tuple[Array, Array, Array]] = []
+    for month in range(1, 13):
+        one = season(kind, step_seconds, dt.date(2010, month, 1), _SEASON_DAYS, seed + month)
+        x = one.start
+        for u, d in zip(one.controls, one.weather, strict=True):
+            found.append((x, u, d))
+            x = kernel.step(x, u, d, parameters)
+    pick = np.random.default_rng(seed).choice(len(found), count, replace=len(found) < count)
+    return Points(*(np.stack([found[i][k] for i in pick]) for k in range(3)))
+
+
+@dataclass(frozen=True)
 class Subject:
     """Something to measure.
 
@@ -43,25 +120,28 @@ class Subject:
         Group, then what tells it from the others of the group.
     title : str
         In words.
+    make : callable
+        Prepares it.
     step_seconds : float
         Length of its steps [s]; the reference has the same.
     controls : str
         How controls move, for it and for the reference.
-    make : callable
-        Prepares it.
-    follows_course : bool
-        Whether the reference, too, steps the course of the paper's setting instead of scattered points.
+    follows_season : bool
+        Whether the reference, too, steps the season of the paper's setting instead of scattered points.
     quick : bool
         Whether ``--quick`` measures it.
+    on_the_wall : bool
+        Whether time on the wall counts, as for what several threads share, and not processor time.
     """
 
     name: str
     title: str
-    step_seconds: float
-    controls: Controls
-    make: Callable[[], Timed]
-    follows_course: bool = False
+    make: Callable[[], Work]
+    step_seconds: float = STEP_SECONDS
+    controls: Controls = "walk"
+    follows_season: bool = False
     quick: bool = False
+    on_the_wall: bool = False
 
     @property
     def group(self) -> str:
@@ -69,163 +149,114 @@ class Subject:
         return self.name.split("/", 1)[0]
 
 
-def paper_course() -> Course:
-    """Ten days from 1 October 2009 in steps of 300 s: the setting of the paper's comparison, with Schiphol's weather."""
-    return course("walk", PAPER_SECONDS, PAPER_START, PAPER_DAYS)
+def _alone(preset: str, controls: Controls) -> Work:
+    """One greenhouse, one call a step."""
+    kernel, chosen, p = (
+        Kernel(TOMATO, STEP_SECONDS, preset=preset),
+        points(controls, STEP_SECONDS),
+        default_parameters(),
+    )
+    steps = [kernel.bind(chosen.x[i], chosen.u[i], chosen.d[i], p, np.empty_like(chosen.x[i])) for i in range(256)]
+
+    def work() -> int:
+        for step in steps:
+            step()
+        return len(steps)
+
+    return work
 
 
-def _alone(preset: str, controls: Controls, seconds: float) -> Callable[[], Timed]:
-    def make() -> Timed:
-        kernel = Kernel(TOMATO, seconds, preset=preset)
-        chosen, p = points(controls, seconds), default_parameters()
-        steps = [kernel.bind(chosen.x[i], chosen.u[i], chosen.d[i], p, np.empty(28)) for i in range(256)]
+def _many(preset: str, controls: Controls, rows: int, seconds: float = STEP_SECONDS, threads: int = 1) -> Work:
+    """Many greenhouses a call; every size steps the same points."""
+    kernel = make_kernel(TOMATO, seconds, preset=preset, workers=threads)
+    parts, p = points(controls, seconds).parts(rows), default_parameters()
 
-        def work() -> int:
-            for step in steps:
-                step()
-            return len(steps)
+    def work() -> int:
+        for part in parts:
+            kernel.step(part.x, part.u, part.d, p)
+        return rows * len(parts)
 
-        return timed(work)
-
-    return make
+    return work
 
 
-def _many(preset: str, controls: Controls, seconds: float, rows: int, threads: int = 1) -> Callable[[], Timed]:
-    def make() -> Timed:
-        kernel = make_kernel(TOMATO, seconds, preset=preset, workers=threads)
-        chosen, p = points(controls, seconds), default_parameters()
-        # Every size steps the same points, those of one call at a time, or more of them than there are.
-        parts = chosen.parts(rows) if rows < len(chosen.x) else (chosen.resized(rows),)
+def _along(preset: str, seconds: float, start: dt.date, days: float) -> Work:
+    """One greenhouse through a season."""
+    kernel, one, p = Kernel(TOMATO, seconds, preset=preset), season("walk", seconds, start, days), default_parameters()
+    x, u, d = np.empty(one.start.shape), one.controls[0].copy(), one.weather[0].copy()
+    step = kernel.bind(x, u, d, p, x)
 
-        def work() -> int:
-            for part in parts:
-                kernel.step(part.x, part.u, part.d, p)
-            return rows * len(parts)
+    def work() -> int:
+        x[...] = one.start
+        for u[...], d[...] in zip(one.controls, one.weather, strict=True):
+            step()
+        return len(one.controls)
 
-        return timed(work, processor_time if threads == 1 else wall_time)
-
-    return make
+    return work
 
 
-def _on_the_wall(make: Callable[[], Timed]) -> Callable[[], Timed]:
-    def on_the_wall() -> Timed:
-        made = make()
-        return Timed(made.work, wall_time, made.repeats)
+def _environment(preset: str) -> Work:
+    from glbench.env import GreenhouseEnv
 
-    return on_the_wall
+    env = GreenhouseEnv(TASK, kernel=Kernel(TOMATO, STEP_SECONDS, preset=preset))
+    generator, seeds = np.random.default_rng(0), iter(range(10**6))
+    actions = generator.uniform(-1.0, 1.0, (960, *(env.action_space.shape or ()))).astype(np.float32)
+    env.reset(seed=next(seeds))
 
+    def work() -> int:
+        for action in actions:
+            _, _, terminated, truncated, _ = env.step(action)
+            if terminated or truncated:
+                env.reset(seed=next(seeds))
+        return len(actions)
 
-def _along(followed: Callable[[], Course], seconds: float, preset: str) -> Callable[[], Timed]:
-    def make() -> Timed:
-        kernel, one, p = Kernel(TOMATO, seconds, preset=preset), followed(), default_parameters()
-
-        x, u, d = np.empty(one.start.shape), one.controls[0].copy(), one.weather[0].copy()
-        step = kernel.bind(x, u, d, p, x)
-
-        def work() -> int:
-            x[...] = one.start
-            for u[...], d[...] in zip(one.controls, one.weather, strict=True):
-                step()
-            return len(one.controls)
-
-        return timed(work)
-
-    return make
+    return work
 
 
-def _season(days: float) -> Callable[[], Timed]:
-    return _along(lambda: course("walk", STEP_SECONDS, dt.date(2010, 3, 1), days), STEP_SECONDS, "standard")
+def _vector(count: int) -> Work:
+    from glbench.env import GreenhouseVectorEnv
+
+    envs = GreenhouseVectorEnv(TASK, count, kernel=make_kernel(TOMATO, STEP_SECONDS, preset="standard"))
+    steps = max(16, min(192, 8192 // count))
+    shape = (steps, *(envs.action_space.shape or ()))
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, shape).astype(np.float32)
+    envs.reset(seed=0)
+
+    def work() -> int:
+        for action in actions:
+            envs.step(action)
+        return steps * count
+
+    return work
 
 
-def _environment(preset: str) -> Callable[[], Timed]:
-    def make() -> Timed:
-        from glbench.env import GreenhouseEnv
-
-        env = GreenhouseEnv(TASK, kernel=Kernel(TOMATO, STEP_SECONDS, preset=preset))
-        generator = np.random.default_rng(0)
-        actions = generator.uniform(-1.0, 1.0, (960, *(env.action_space.shape or ()))).astype(np.float32)
-        seeds = iter(range(10**6))
-        env.reset(seed=next(seeds))
-
-        def work() -> int:
-            for action in actions:
-                _, _, terminated, truncated, _ = env.step(action)
-                if terminated or truncated:
-                    env.reset(seed=next(seeds))
-            return len(actions)
-
-        return timed(work)
-
-    return make
-
-
-def _vector(count: int, preset: str, threads: int = 1) -> Callable[[], Timed]:
-    def make() -> Timed:
-        from glbench.env import GreenhouseVectorEnv
-
-        kernel = make_kernel(TOMATO, STEP_SECONDS, preset=preset, workers=threads)
-        envs = GreenhouseVectorEnv(TASK, count, kernel=kernel)
-        generator = np.random.default_rng(0)
-        steps = max(16, min(192, 8192 // count))
-        actions = generator.uniform(-1.0, 1.0, (steps, *envs.action_space.shape)).astype(np.float32)  # type: ignore[misc]
-        envs.reset(seed=0)
-
-        def work() -> int:
-            for action in actions:
-                envs.step(action)
-            return steps * count
-
-        return timed(work, processor_time if threads == 1 else wall_time)
-
-    return make
-
-
-def _subjects() -> tuple[Subject, ...]:
-    walk: Controls = "walk"
+def _subjects() -> Iterator[Subject]:
     kinds: tuple[Controls, ...] = ("walk", "jump")
-    found = []
-    for controls in kinds:
-        for preset in ("standard", "reference", "fast"):
-            end, words = f"{preset}/{controls}", f"{preset}, controls {controls}"
-            quick = preset == "standard"
-            alone = _alone(preset, controls, STEP_SECONDS)
-            batch = _many(preset, controls, STEP_SECONDS, 512)
-            found.append(Subject(f"step/{end}", words, STEP_SECONDS, controls, alone, quick=quick))
-            found.append(Subject(f"batch/{end}", words, STEP_SECONDS, controls, batch, quick=quick))
+    pairs = [(kind, preset) for kind in kinds for preset in ("standard", "reference", "fast")]
+    for kind, preset in pairs:
+        end, words, quick = f"{preset}/{kind}", f"{preset}, controls {kind}", preset == "standard"
+        yield Subject(f"step/{end}", words, partial(_alone, preset, kind), controls=kind, quick=quick)
+        yield Subject(f"batch/{end}", words, partial(_many, preset, kind, 512), controls=kind, quick=quick)
     for rows in (1, 8, 64, 512, 4096):
-        many = _many("standard", walk, STEP_SECONDS, rows)
-        found.append(Subject(f"rows/{rows}", f"{rows:,} greenhouses", STEP_SECONDS, walk, many))
+        yield Subject(f"rows/{rows}", f"{rows:,} greenhouses", partial(_many, "standard", "walk", rows))
     for threads in (1, 2):
-        shared = _on_the_wall(_many("standard", walk, STEP_SECONDS, 4096, threads))
-        found.append(Subject(f"threads/{threads}", f"threads: {threads}", STEP_SECONDS, walk, shared))
-    found += [Subject(f"horizon/{days}", f"days: {days}", STEP_SECONDS, walk, _season(days)) for days in (1, 10, 60)]
+        shared = partial(_many, "standard", "walk", 4096, threads=threads)
+        yield Subject(f"threads/{threads}", f"threads: {threads}", shared, on_the_wall=True)
+    for days in (1, 10, 60):
+        season = partial(_along, "standard", STEP_SECONDS, dt.date(2010, 3, 1), days)
+        yield Subject(f"horizon/{days}", f"days: {days}", season)
     for preset in ("standard", "reference"):
-        along = _along(paper_course, PAPER_SECONDS, preset)
-        found.append(
-            Subject(
-                f"paper/{preset}",
-                f"{preset}",
-                PAPER_SECONDS,
-                walk,
-                along,
-                follows_course=True,
-                quick=preset == "standard",
-            )
-        )
-        batch = _many(preset, walk, PAPER_SECONDS, 512)
-        found.append(Subject(f"paper-batch/{preset}", preset, PAPER_SECONDS, walk, batch))
-    for preset in ("standard", "reference"):
-        one = _environment(preset)
-        found.append(Subject(f"env/{preset}", preset, STEP_SECONDS, walk, one, quick=preset == "standard"))
+        quick = preset == "standard"
+        along = partial(_along, preset, PAPER_SECONDS, PAPER_START, PAPER_DAYS)
+        yield Subject(f"paper/{preset}", preset, along, PAPER_SECONDS, follows_season=True, quick=quick)
+        together = partial(_many, preset, "walk", 512, PAPER_SECONDS)
+        yield Subject(f"paper-batch/{preset}", preset, together, PAPER_SECONDS)
+        yield Subject(f"env/{preset}", preset, partial(_environment, preset), quick=quick)
     for count in (8, 64, 512, 4096):
         words = f"{count:,} environments, standard"
-        found.append(
-            Subject(f"vector/{count}", words, STEP_SECONDS, walk, _vector(count, "standard"), quick=count == 512)
-        )
-    return tuple(sorted(found, key=lambda one: list(GROUPS).index(one.group)))
+        yield Subject(f"vector/{count}", words, partial(_vector, count), quick=count == 512)
 
 
-SUBJECTS: tuple[Subject, ...] = _subjects()
+SUBJECTS: tuple[Subject, ...] = tuple(sorted(_subjects(), key=lambda one: list(GROUPS).index(one.group)))
 
 
 def choose_subjects(names: Sequence[str] = (), *, quick: bool = False) -> tuple[Subject, ...]:

@@ -6,7 +6,7 @@ See docs/training.md.
 
 from __future__ import annotations
 
-from glbench.training.progress import CurvePoint, Listener, Progress
+from glbench.training.probe import CurvePoint, Listener, Progress
 from glbench.training.run import Trained, train
 from glbench.training.settings import TrainingSettings, read_settings, shipped_settings
 

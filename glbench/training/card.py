@@ -6,7 +6,7 @@ import json
 import platform
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
@@ -18,7 +18,7 @@ from glbench.errors import TrainingError
 from glbench.evaluation.provenance import git_state, machine
 from glbench.model import MODEL_VERSION
 from glbench.resources import write_atomically
-from glbench.training.checkpoint import History
+from glbench.training.probe import History
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 
 CARD, POLICY = "card.toml", "policy.npz"
 _PACKAGES = ("torch", "stable-baselines3", "sb3-contrib", "cmaes", "numpy", "gymnasium", "casadi")
+_NOT_LEARNT = (
+    "Nothing was learnt: this is the policy that the training began with, which no later one of {:,} steps beat."
+)
+_SHARED = ("simulator", "policy", "learning")
 
 
 def settings_digest(settings: TrainingSettings) -> str:
@@ -91,13 +95,13 @@ def write_card(
     evaluation: EvaluationPlan,
     history: History,
     start: Mapping[str, Any] | None = None,
-) -> None:
-    """Write the card of a finished training to ``folder/card.toml``, with which the folder can be evaluated as an agent.
+) -> dict[str, Any]:
+    """Write the card of a finished training to ``folder/card.toml``, with which the folder can be evaluated as an agent; its content.
 
     ``start`` tells of the policy that it started from.
     """
     spent = history.time
-    shares = {name: round(seconds / spent.training, 4) for name, seconds in spent.as_dict().items() if name in _SHARED}
+    shares = {name: round(seconds / spent.training, 4) for name, seconds in asdict(spent).items() if name in _SHARED}
     learnt = history.best_steps > 0
     where = machine()
     git = git_state()
@@ -121,7 +125,7 @@ def write_card(
             "learnt": learnt,
             "evaluation_seeds": evaluation.seeds(task),
         },
-        "wall_seconds": {"total": round(spent.total, 1), **{k: round(v, 1) for k, v in spent.as_dict().items()}},
+        "wall_seconds": {"total": round(spent.total, 1), **{k: round(v, 1) for k, v in asdict(spent).items()}},
         "share_of_training_time": shares,
         "versions": _versions(),
         "machine": {"processor": where.processor, "cores": where.cores, "system": where.system},
@@ -131,12 +135,7 @@ def write_card(
     if git is not None:
         content["git"] = {"commit": git.commit, "dirty": git.dirty}
     write_atomically(folder / CARD, to_toml(content))
-
-
-_NOT_LEARNT = (
-    "Nothing was learnt: this is the policy that the training began with, which no later one of {:,} steps beat."
-)
-_SHARED = ("simulator", "policy", "learning")
+    return content
 
 
 def read_card(file: Path) -> dict[str, Any] | None:
@@ -176,18 +175,8 @@ def _key(name: str) -> str:
 
 
 def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, str):
-        return _text(value)
-    return "[" + ", ".join(_value(item) for item in value) + "]"
-
-
-def _text(value: str) -> str:
-    """A string of one line, or of several as they stand when they need no escapes."""
-    if "\n" in value and '"""' not in value and "\\" not in value:
+    """As TOML, which writes these as JSON does; a string of several lines as it stands when it needs no escapes."""
+    if isinstance(value, str) and "\n" in value and '"""' not in value and "\\" not in value:
         return f'"""\n{value}"""'
     return json.dumps(value, ensure_ascii=False)
 

@@ -1,6 +1,6 @@
-"""The state of a training on disk: what it takes to go on as if it had never stopped.
+"""The folder of a training or of a search: who may work in it, what is left untouched, and the state from which a training goes on.
 
-A checkpoint is a folder. A new one is written beside the old one and takes its place when it is complete, so that a kill
+A checkpoint is a folder in it. A new one is written beside the old one and takes its place when it is complete, so that a kill
 at any moment leaves a whole one. It holds Stable-Baselines3's own files, which are pickles: read only your own.
 """
 
@@ -12,24 +12,29 @@ import random
 import shutil
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+import yaml
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from glbench.errors import TrainingError
+from glbench.resources import write_atomically
 from glbench.training.algorithms import algorithm_class
-from glbench.training.normalization import Normalizer
-from glbench.training.progress import TimeAccount
-from glbench.training.vec_env import TrainingVecEnv
+from glbench.training.card import CARD, POLICY, read_card
+from glbench.training.probe import History
+from glbench.training.vec_env import Normalizer, TrainingVecEnv
 
+CHECKPOINT, SEARCH, SETTINGS = "checkpoint", "search.npz", "settings.yml"
+"""State of a training, state of a search, and the settings of either."""
+_LOCK = ".lock"
 MODEL, NORMALIZATION, BUFFER = "model.zip", "vecnormalize.pkl", "replay_buffer.pkl"
 _STATE, _ARRAYS = "state.json", "state.npz"
 DAMAGED = (
@@ -39,24 +44,104 @@ DAMAGED = (
 """What reading a damaged file of Stable-Baselines3 or numpy may end in."""
 
 
-@dataclass
-class History:
-    """What a training has been through: its learning curve, its best evaluation, its time."""
+@contextmanager
+def folder_lock(folder: Path) -> Iterator[None]:
+    """Make ``folder`` where it is missing, and keep other processes out of it until the block is left.
 
-    curve: list[dict[str, float]] = field(default_factory=list)
-    best_reward: float = float("-inf")
-    best_steps: int = 0
-    next_evaluation: int = 0
-    ends: list[int] = field(default_factory=list)
-    """Steps at which the training was finished, the last end included."""
-    sessions: list[str] = field(default_factory=list)
-    """With which versions it went on, and from which step, wherever they changed."""
-    time: TimeAccount = field(default_factory=TimeAccount)
+    Raises
+    ------
+    TrainingError
+        When one is at work there, or the disk refuses to be written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / _LOCK).open("w", encoding="utf-8") as lock:
+            _take(lock.fileno(), folder)
+            yield
+    except OSError as error:
+        msg = f"The work in {folder} stopped: {error}. Once that is mended, --resume goes on from what was kept last."
+        raise TrainingError(msg) from error
 
-    @property
-    def last_reward(self) -> float:
-        """Return of the last evaluation."""
-        return self.curve[-1]["reward"]
+
+def _take(lock: int, folder: Path) -> None:
+    try:
+        import fcntl
+    except ImportError:  # no such locks on this system
+        return
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        msg = f"Another process is at work in {folder}. Wait for it to end, or choose another folder with --out."
+        raise TrainingError(msg) from error
+
+
+def claim(
+    folder: Path,
+    identity: Mapping[str, Any],
+    state: Path | None,
+    *,
+    start: Path | None,
+    wanted: Mapping[str, int],
+    resume: bool,
+) -> dict[str, Any] | None:
+    """The card of this very training if ``folder`` holds it, finished as far as is wanted; ``None`` when there is work to do.
+
+    Parameters
+    ----------
+    identity
+        Digests of task and settings, and seed.
+    state
+        What the training would go on from; ``None`` when there is nothing.
+    start
+        Policy that it starts from, if any.
+    wanted
+        How far, in the card's terms, such as ``{"steps": 100_000}``.
+    resume
+        Whether it may go on from ``state``.
+
+    Raises
+    ------
+    TrainingError
+        When the folder holds something else that this training would overwrite, something that is not to be resumed, or what it
+        would go on from is gone.
+    """
+    if start is not None and start.resolve() == (folder / POLICY).resolve():
+        msg = f"{folder} holds the policy that is to be started from, and would be overwritten. Choose another folder with --out."
+        raise TrainingError(msg)
+    card = read_card(folder / CARD)
+    others = {folder / SEARCH, find_checkpoint(folder / CHECKPOINT)} - {state, None}
+    ours = (
+        card is not None
+        and {
+            "task_digest": card["task"]["digest"],
+            "settings_digest": card["training"]["settings_digest"],
+            "seed": card["training"]["seed"],
+        }.items()
+        <= identity.items()
+    )
+    if any(other is not None and other.exists() for other in others) or (
+        card is not None and not ours and state is None
+    ):
+        msg = f"{folder} holds another training. Choose another folder with --out."
+        raise TrainingError(msg)
+    if card is not None and ours and all(card["training"][name] >= count for name, count in wanted.items()):
+        return card
+    if state is not None and not resume:
+        msg = f"{folder} holds a training that was begun. Go on with --resume, or choose another folder with --out."
+        raise TrainingError(msg)
+    if card is not None and state is None:
+        msg = (
+            f"{folder} holds this training with {card['training']['steps']:,} steps, but not its last state, so that it cannot go on. "
+            "Choose another folder with --out."
+        )
+        raise TrainingError(msg)
+    return None
+
+
+def open_folder(folder: Path, settings: Mapping[str, Any]) -> None:
+    """Write the settings of a training that begins or goes on. Until it finishes, the folder has no card and cannot be evaluated."""
+    (folder / CARD).unlink(missing_ok=True)
+    write_atomically(folder / SETTINGS, yaml.safe_dump({"default": dict(settings)}, sort_keys=False))
 
 
 def save_checkpoint(
@@ -152,8 +237,7 @@ def load_checkpoint(
         version, internal, gauss = state["python"]
         random.setstate((version, tuple(internal), gauss))
         model.action_space.np_random.bit_generator.state = state["random_actions"]
-        past = dict(state["history"])
-        history = History(**{**past, "time": TimeAccount(**past["time"])})
+        history = History.from_dict(state["history"])
     except DAMAGED as error:
         msg = f"The checkpoint {folder} cannot be read: {error}. Remove the folder to begin the training anew."
         raise TrainingError(msg) from error

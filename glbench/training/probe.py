@@ -1,10 +1,15 @@
-"""Evaluation between the steps of training: whole seasons with the policy as it is, without noise."""
+"""Evaluations between the steps of training, the learning curve that they make, and what a training tells while it runs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+import csv
+import io
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +18,105 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from glbench.env import Simulation
 from glbench.kernel import make_kernel
+from glbench.resources import write_atomically
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
     from glbench.training.settings import EvaluationPlan
 
+
+CURVE = "learning_curve.csv"
 SUMS = ("reward", "epi", "penalty", "revenue", "cost_heat", "cost_electricity", "cost_co2")
 """What is summed over a season: reward and penalty without unit, money in EUR/m2."""
+Act = Callable[[NDArray[np.float32]], NDArray[np.floating[Any]]]
+"""Actions ``(n, m)`` for observations ``(n, columns)``, within their bounds."""
+
+
+@dataclass
+class TimeAccount:
+    """Wall time [s] of a training by what it was spent on, over all its sessions."""
+
+    simulator: float = 0.0
+    policy: float = 0.0
+    learning: float = 0.0
+    evaluation: float = 0.0
+    saving: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """All of it [s]."""
+        return self.simulator + self.policy + self.learning + self.evaluation + self.saving
+
+    @property
+    def training(self) -> float:
+        """Simulator, policy and learning [s]: what every training pays, however often it is evaluated and saved."""
+        return self.simulator + self.policy + self.learning
+
+    @contextmanager
+    def spend(self, on: str) -> Iterator[None]:
+        """Add the time of a block to what was spent ``on`` something."""
+        began = time.perf_counter()
+        yield
+        setattr(self, on, getattr(self, on) + time.perf_counter() - began)
+
+
+@dataclass(frozen=True)
+class CurvePoint:
+    """One point of the learning curve."""
+
+    steps: int
+    seconds: float
+    """Wall time spent so far [s]."""
+    result: ProbeResult
+    is_best: bool
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a training stands."""
+
+    steps: int
+    total_steps: int
+    """Steps that will be made: those asked for, rounded up to whole rollouts."""
+    steps_per_second: float
+    """Since this session began; 0 before anything was timed."""
+    season_reward: float | None
+    """Mean reward of the last seasons of training, with exploration; ``None`` before one has ended."""
+
+    @property
+    def seconds_left(self) -> float | None:
+        """Time left [s] at this speed, ``None`` when it is not known yet."""
+        if self.steps_per_second <= 0:
+            return None
+        return max(0, self.total_steps - self.steps) / self.steps_per_second
+
+
+class Listener(Protocol):
+    """Receives the news of a training; what it does not override, it ignores."""
+
+    def on_progress(self, progress: Progress) -> None:
+        """Called about once a second."""
+        return
+
+    def on_evaluation(self, point: CurvePoint) -> None:
+        """Called after every evaluation."""
+        return
+
+    def on_saved(self, steps: int) -> None:
+        """Called after every checkpoint."""
+        return
+
+
+@dataclass
+class Pace:
+    """Steps per second since it was made."""
+
+    first_steps: int
+    began: float = field(default_factory=time.perf_counter)
+
+    def rate(self, steps: int) -> float:
+        """Steps per second."""
+        return (steps - self.first_steps) / max(time.perf_counter() - self.began, 1e-9)
 
 
 @dataclass(frozen=True)
@@ -32,10 +129,6 @@ class ProbeResult:
     def reward(self) -> float:
         """Cumulative reward, by which the best model is chosen."""
         return self.sums["reward"]
-
-
-Act = Callable[[NDArray[np.float32]], NDArray[np.floating[Any]]]
-"""Actions ``(n, m)`` for observations ``(n, columns)``, within their bounds."""
 
 
 def season_sums(simulation: Simulation, seeds: Sequence[int], act: Act) -> dict[str, NDArray[np.float64]]:
@@ -81,3 +174,45 @@ class Probe:
         """The same of whatever acts."""
         sums = season_sums(self._simulation, self.seeds, act)
         return ProbeResult({name: float(values.mean()) for name, values in sums.items()})
+
+
+@dataclass
+class History:
+    """What a training has been through: its learning curve, its best evaluation, its time."""
+
+    curve: list[dict[str, float]] = field(default_factory=list)
+    best_reward: float = float("-inf")
+    best_steps: int = 0
+    next_evaluation: int = 0
+    ends: list[int] = field(default_factory=list)
+    """Steps at which the training was finished, the last end included."""
+    sessions: list[str] = field(default_factory=list)
+    """With which versions it went on, and from which step, wherever they changed."""
+    time: TimeAccount = field(default_factory=TimeAccount)
+
+    @property
+    def last_reward(self) -> float:
+        """Return of the last evaluation."""
+        return self.curve[-1]["reward"]
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any]) -> History:
+        """What ``asdict`` made of a history."""
+        return cls(**{**content, "time": TimeAccount(**content["time"])})
+
+    def add(self, steps: int, result: ProbeResult) -> CurvePoint:
+        """Book an evaluation after ``steps``, the best so far or not."""
+        is_best = result.reward > self.best_reward
+        if is_best:
+            self.best_reward, self.best_steps = result.reward, steps
+        seconds = self.time.total
+        self.curve.append({"steps": steps, "seconds": round(seconds, 1), "best": int(is_best), **result.sums})
+        return CurvePoint(steps, seconds, result, is_best)
+
+    def write_curve(self, folder: Path) -> None:
+        """Write the learning curve to ``folder``."""
+        text = io.StringIO()
+        writer = csv.DictWriter(text, list(self.curve[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({key: f"{value:.10g}" for key, value in point.items()} for point in self.curve)
+        write_atomically(folder / CURVE, text.getvalue())

@@ -1,34 +1,157 @@
-"""``train``: one agent from settings, task and seed, in a folder that can be continued."""
+"""``train``: one agent from settings, task and seed, in a folder that can be continued; and what happens beside the learning."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
-import yaml
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
 
 from glbench.errors import TrainingError
 from glbench.resources import write_atomically
 from glbench.tasks import get_task
 from glbench.training.algorithms import make_model, steps_to_make
-from glbench.training.callback import BEST, TrainingCallback
 from glbench.training.card import CARD, POLICY, making_of, note_session, read_card, settings_digest, write_card
-from glbench.training.checkpoint import MODEL, NORMALIZATION, History, find_checkpoint, load_checkpoint
-from glbench.training.export import export_policy, load_model
-from glbench.training.folder import CHECKPOINT, SETTINGS, alone_in, finished_in, may_begin
-from glbench.training.normalization import Normalizer
-from glbench.training.probe import Probe
-from glbench.training.progress import Listener
-from glbench.training.starting import begin_with, start_of
-from glbench.training.vec_env import TrainingVecEnv
+from glbench.training.checkpoint import (
+    CHECKPOINT,
+    MODEL,
+    NORMALIZATION,
+    claim,
+    find_checkpoint,
+    folder_lock,
+    load_checkpoint,
+    open_folder,
+    replaced,
+    save_checkpoint,
+)
+from glbench.training.export import begin_with, export_policy, load_model, start_of
+from glbench.training.probe import History, Listener, Pace, Probe, Progress
+from glbench.training.vec_env import Normalizer, TrainingVecEnv
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
     from glbench.training.settings import TrainingSettings
+
+
+BEST = "best"
+_PROGRESS_SECONDS = 1.0
+
+
+class TrainingCallback(BaseCallback):
+    """Called by the algorithm. Everything is done between two rollouts, where a checkpoint can be continued to the bit."""
+
+    def __init__(
+        self,
+        folder: Path,
+        env: TrainingVecEnv,
+        normalization: Normalizer,
+        probe: Probe,
+        history: History,
+        *,
+        identity: dict[str, Any],
+        evaluate_every: int,
+        total_steps: int,
+        save_seconds: float,
+        listeners: Sequence[Listener],
+    ) -> None:
+        super().__init__()
+        self.folder, self.env, self.normalization, self.probe, self.history = folder, env, normalization, probe, history
+        self._identity = identity
+        self._evaluate_every = evaluate_every
+        self._total_steps = total_steps
+        self._save_seconds = save_seconds
+        self._listeners = listeners
+        self._mark = time.perf_counter()
+        self._simulator = env.simulator_seconds
+        self._saved = time.perf_counter()
+        self._told = 0.0
+        self._pace: Pace | None = None
+
+    def _on_rollout_start(self) -> None:
+        self.history.time.learning += self._lap()
+        if self.num_timesteps >= self.history.next_evaluation:
+            self._evaluate()
+        if time.perf_counter() - self._saved > self._save_seconds:
+            self._save()
+        if self._pace is None:
+            self._pace = Pace(self.num_timesteps)
+        self._lap()
+        self._simulator = self.env.simulator_seconds
+
+    def _on_rollout_end(self) -> None:
+        simulator = self.env.simulator_seconds - self._simulator
+        self.history.time.simulator += simulator
+        self.history.time.policy += self._lap() - simulator
+
+    def _on_training_start(self) -> None:
+        self._lap()
+
+    def _on_step(self) -> bool:
+        now = time.perf_counter()
+        if now - self._told > _PROGRESS_SECONDS:
+            self._told = now
+            self._tell()
+        return True
+
+    def finish(self) -> None:
+        """The evaluation of the last policy, and the last checkpoint."""
+        self.history.time.learning += self._lap()
+        if not self.history.curve or self.history.curve[-1]["steps"] < self.num_timesteps:
+            self._evaluate()
+        if self.history.ends[-1:] != [
+            self.num_timesteps
+        ]:  # a kill may have come between the last checkpoint and the card
+            self.history.ends.append(self.num_timesteps)
+        self._save()
+        self._tell()
+
+    def _lap(self) -> float:
+        now = time.perf_counter()
+        passed, self._mark = now - self._mark, now
+        return passed
+
+    def _evaluate(self) -> None:
+        history = self.history
+        result = self.probe.run(self.model, self.normalization)
+        history.time.evaluation += self._lap()
+        if self.num_timesteps >= history.next_evaluation:  # an end between two evaluations moves none
+            history.next_evaluation = self.num_timesteps + self._evaluate_every
+        point = history.add(self.num_timesteps, result)
+        if point.is_best:
+            self._keep_best()
+        history.write_curve(self.folder)
+        for name, value in result.sums.items():
+            self.logger.record(f"evaluation/{name}", value)
+        for listener in self._listeners:
+            listener.on_evaluation(point)
+
+    def _keep_best(self) -> None:
+        with replaced(self.folder / BEST) as folder:
+            self.model.save(folder / MODEL)
+            self.normalization.save(str(folder / NORMALIZATION))
+
+    def _save(self) -> None:
+        save_checkpoint(
+            self.folder / CHECKPOINT, self.model, self.env, self.normalization, self.history, self._identity
+        )
+        self.history.time.saving += self._lap()
+        self._saved = time.perf_counter()
+        for listener in self._listeners:
+            listener.on_saved(self.num_timesteps)
+
+    def _tell(self) -> None:
+        rate = self._pace.rate(self.num_timesteps) if self._pace else 0.0
+        seasons = [float(episode["r"]) for episode in self.model.ep_info_buffer or ()]
+        mean = sum(seasons) / len(seasons) if seasons else None
+        for listener in self._listeners:
+            # an algorithm that is neither on-policy nor off-policy may make more steps than it announced
+            total = max(self._total_steps, self.num_timesteps)
+            listener.on_progress(Progress(self.num_timesteps, total, rate, mean))
 
 
 @dataclass(frozen=True)
@@ -47,18 +170,10 @@ class Trained:
     """Why its policy could not be exported to a file for numpy; ``None`` when it was."""
 
     @classmethod
-    def before(cls, folder: Path, card: dict[str, Any], not_exported: str | None = None) -> Trained:
-        """What ``folder`` held already, as its card says."""
-        best = card["best"]
-        return cls(
-            folder,
-            card["training"]["steps"],
-            best["reward"],
-            best["steps"],
-            best["last_reward"],
-            already_done=True,
-            not_exported=not_exported,
-        )
+    def of(cls, folder: Path, card: dict[str, Any], *, already_done: bool, not_exported: str | None = None) -> Trained:
+        """What ``folder`` holds, as its card says."""
+        steps, best = card["training"]["steps"], card["best"]
+        return cls(folder, steps, best["reward"], best["steps"], best["last_reward"], already_done, not_exported)
 
     @property
     def learnt(self) -> bool:
@@ -103,20 +218,27 @@ def train(
     tensorboard
         Whether to write TensorBoard's files to ``folder/tensorboard``.
     listeners
-        Who is told how it goes.
+        Receive progress, evaluations and saves.
 
     Raises
     ------
     TrainingError
         When ``folder`` holds something else, or a training that was begun and is not to be resumed; when the algorithm fails.
     """
-    with alone_in(folder):
+    with folder_lock(folder):
         identity = _identity(task, settings, seed)
         state = find_checkpoint(folder / CHECKPOINT)
-        card = finished_in(folder, identity, state, settings.start_from)
-        if card is not None and card["training"]["steps"] >= settings.n_timesteps:
-            return _done(folder, card, task)
-        may_begin(folder, card, state, resume)
+        card = claim(
+            folder,
+            identity,
+            state,
+            start=settings.start_from,
+            wanted={"steps": settings.n_timesteps},
+            resume=resume,
+        )
+        if card is not None:  # its policy is exported if a kill came before that
+            reason = None if (folder / POLICY).is_file() else export_best(folder, task)
+            return Trained.of(folder, card, already_done=True, not_exported=reason)
         start = start_of(settings.start_from) if settings.start_from is not None else None
         prepare_torch()
         env = TrainingVecEnv(
@@ -124,11 +246,9 @@ def train(
         )
         try:
             model, normalization, history = _begin_or_continue(env, task, settings, state, seed, identity)
-            if card is not None:  # until it finishes, the folder cannot be evaluated
-                (folder / CARD).unlink()
+            open_folder(folder, _as_yaml(settings))
             note_session(history, model.num_timesteps)
             model.tensorboard_log = str(folder / "tensorboard") if tensorboard else None
-            write_atomically(folder / SETTINGS, yaml.safe_dump({"default": _as_yaml(settings)}, sort_keys=False))
             callback = TrainingCallback(
                 folder,
                 env,
@@ -146,16 +266,8 @@ def train(
             env.close()
         reason = _export(folder, task, settings.algorithm, seed, history.best_steps)
         making = making_of(task, settings, identity["settings_digest"], seed, model.num_timesteps, history.ends[:-1])
-        write_card(folder, task, making, settings.evaluation, history, start)
-    return Trained(
-        folder,
-        model.num_timesteps,
-        history.best_reward,
-        history.best_steps,
-        history.last_reward,
-        already_done=False,
-        not_exported=reason,
-    )
+        card = write_card(folder, task, making, settings.evaluation, history, start)
+    return Trained.of(folder, card, already_done=False, not_exported=reason)
 
 
 def export_best(folder: Path, task: TaskSpec | None = None) -> str | None:
@@ -233,12 +345,6 @@ def _begin_or_continue(
     if settings.start_from is not None:
         begin_with(settings.start_from, model, normalization, task)
     return model, normalization, History()
-
-
-def _done(folder: Path, card: dict[str, Any], task: TaskSpec) -> Trained:
-    """The finished training of ``folder``, whose policy is exported if a kill came before that."""
-    reason = None if (folder / POLICY).is_file() else export_best(folder, task)
-    return Trained.before(folder, card, reason)
 
 
 def _identity(task: TaskSpec, settings: TrainingSettings, seed: int) -> dict[str, Any]:

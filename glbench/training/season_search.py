@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import yaml
 from cmaes import CMA
 from numpy.typing import NDArray
 from pydantic import Field
@@ -31,35 +30,94 @@ from glbench.env import Simulation
 from glbench.errors import TrainingError, did_you_mean
 from glbench.kernel import make_kernel
 from glbench.resources import write_atomically
-from glbench.training.batched_policy import BatchedPolicy
-from glbench.training.card import CARD, POLICY, Making, note_session, write_card
-from glbench.training.checkpoint import DAMAGED, History, altered
-from glbench.training.curve import add_point, write_curve
-from glbench.training.folder import SEARCH, SETTINGS, alone_in, finished_in, may_begin
-from glbench.training.normalization import varies, without_steady_columns
-from glbench.training.probe import Probe, season_sums
-from glbench.training.progress import CurvePoint, Listener, Pace, Progress, TimeAccount
+from glbench.training.card import POLICY, Making, note_session, write_card
+from glbench.training.checkpoint import DAMAGED, SEARCH, SETTINGS, altered, claim, folder_lock, open_folder
+from glbench.training.export import policy_in, start_of
+from glbench.training.probe import CurvePoint, History, Listener, Pace, Probe, Progress, season_sums
 from glbench.training.run import Trained
 from glbench.training.settings import (
     FIRST_TRAINING_SEED,
     EvaluationPlan,
-    Part,
+    FrozenSettings,
     PolicyFile,
     TrainingSeed,
     in_words,
     section,
 )
-from glbench.training.starting import policy_in, start_of
+from glbench.training.vec_env import varies, without_steady_columns
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
+
+Singles = NDArray[np.float32]
 Floats = NDArray[np.float64]
 _LOOKED_AT = 5
 """Every fifth step of the seasons from which the directions are taken is enough."""
 
 
-class SearchSettings(Part):
+class BatchedPolicy:
+    """As fast as training asks for; ``NetworkPolicy`` gives the same to 1e-6 and the same bits everywhere.
+
+    Attributes
+    ----------
+    seconds
+        Time spent on actions so far [s].
+    """
+
+    def __init__(self, policy: NetworkPolicy) -> None:
+        self._policy = policy
+        self._shared = list(zip(policy.weights[:-1], policy.biases[:-1], strict=True))
+        self._between = _ACTIVATIONS[policy.activation]
+        self.take([(policy.weights[-1], policy.biases[-1])])
+        self.seconds = 0.0
+
+    def take(self, layers: Sequence[tuple[Singles, Singles]]) -> None:
+        """Last layers, one a run: weights ``(hidden, actions)`` and biases ``(actions,)``."""
+        self._weights = np.stack([weights for weights, _ in layers])
+        self._biases = np.stack([biases for _, biases in layers])
+
+    def hidden(self, observations: Singles) -> Singles:
+        """The last hidden layer ``(n, hidden)``."""
+        policy = self._policy
+        x = np.clip((observations - policy.mean) / policy.scale, -policy.clip, policy.clip).astype(np.float32)
+        for weights, biases in self._shared:
+            x = self._between(x @ weights + biases)
+        return x
+
+    def act(self, observations: Singles) -> NDArray[np.float64]:
+        """Actions ``(n, actions)`` for observations ``(n, columns)``, row i by the last layer i."""
+        began = time.perf_counter()
+        policy = self._policy
+        last = (self.hidden(observations)[:, None, :] @ self._weights)[:, 0] + self._biases
+        x: NDArray[np.float64] = last.astype(np.float64)
+        if policy.output == "tanh":
+            x = policy.low + 0.5 * (np.tanh(x) + 1.0) * (policy.high - policy.low)
+        actions: NDArray[np.float64] = np.clip(x, policy.low, policy.high)
+        self.seconds += time.perf_counter() - began
+        return actions
+
+
+def _silu(x: Singles) -> Singles:
+    with np.errstate(over="ignore"):  # exp(-x) of a large negative x is infinite, and x / infinity is 0
+        silu: Singles = np.divide(x, 1.0 + np.exp(-x))
+    return silu
+
+
+def _tanh(x: Singles) -> Singles:
+    tanh: Singles = np.tanh(x)
+    return tanh
+
+
+def _relu(x: Singles) -> Singles:
+    relu: Singles = np.maximum(x, 0.0)
+    return relu
+
+
+_ACTIVATIONS = {"SiLU": _silu, "Tanh": _tanh, "ReLU": _relu}
+
+
+class SearchSettings(FrozenSettings):
     """Settings of a search.
 
     Attributes
@@ -195,32 +253,29 @@ class _Search:
         self.history = history
 
     def generation(self) -> None:
-        """Ask for variations, let each have a season, and tell what came of it."""
-        clock = self.history.time
-        began = time.perf_counter()
-        asked = [self._strategy.ask() for _ in range(self.settings.population)]
-        self._batched.take([self.variations.layer(numbers) for numbers in asked])
-        clock.learning += time.perf_counter() - began
-        seconds = self._batched.seconds
-        began = time.perf_counter()
-        seeds = [self.settings.first_seed + len(self.rewards)] * self.settings.population
-        rewards = season_sums(self._simulation, seeds, self._batched.act)["reward"]
-        clock.policy += self._batched.seconds - seconds
-        clock.simulator += time.perf_counter() - began - (self._batched.seconds - seconds)
-        began = time.perf_counter()
-        self._strategy.tell([(numbers, -float(reward)) for numbers, reward in zip(asked, rewards, strict=True)])
-        self.rewards.append(rewards)
-        clock.learning += time.perf_counter() - began
+        """Ask the strategy for variations, reward each with a season, and tell it the rewards."""
+        clock, batched = self.history.time, self._batched
+        with clock.spend("learning"):
+            asked = [self._strategy.ask() for _ in range(self.settings.population)]
+            batched.take([self.variations.layer(numbers) for numbers in asked])
+        before = batched.seconds
+        with clock.spend("simulator"):
+            seeds = [self.settings.first_seed + len(self.rewards)] * self.settings.population
+            rewards = season_sums(self._simulation, seeds, batched.act)["reward"]
+        clock.policy += batched.seconds - before
+        clock.simulator -= batched.seconds - before
+        with clock.spend("learning"):
+            self._strategy.tell([(numbers, -float(reward)) for numbers, reward in zip(asked, rewards, strict=True)])
+            self.rewards.append(rewards)
 
     def evaluate(self) -> CurvePoint:
         """A point of the learning curve: the middle of the variations."""
-        began = time.perf_counter()
-        self._batched.take([self.variations.layer(self.mean)] * len(self._probe.seeds))
-        result = self._probe.of(self._batched.act)
-        self.history.time.evaluation += time.perf_counter() - began
+        with self.history.time.spend("evaluation"):
+            self._batched.take([self.variations.layer(self.mean)] * len(self._probe.seeds))
+            result = self._probe.of(self._batched.act)
         if self.steps >= self.history.next_evaluation:  # an end between two evaluations moves none
             self.history.next_evaluation = self.steps + self.settings.evaluation.every
-        return add_point(self.history, self.steps, result)
+        return self.history.add(self.steps, result)
 
     def _hidden_of_a_season(self, policy: NetworkPolicy) -> NDArray[np.float32]:
         batched = BatchedPolicy(policy)
@@ -256,7 +311,7 @@ def search(
     resume
         Go on from what ``folder`` holds, to the same bits as without the interruption; begin when it holds nothing.
     listeners
-        Who is told how it goes.
+        Receive progress, evaluations and saves.
 
     Raises
     ------
@@ -265,28 +320,29 @@ def search(
     SubmissionError
         When there is no policy to start from.
     """
-    with alone_in(folder):
+    with folder_lock(folder):
         identity = {"task_digest": task.digest, "settings_digest": settings.digest, "seed": seed}
         state = folder / SEARCH if (folder / SEARCH).is_file() else None
-        card = finished_in(folder, identity, state, settings.start_from)
-        if card is not None and card["training"]["generations"] >= settings.generations:
-            return Trained.before(folder, card)
-        may_begin(folder, card, state, resume)
+        card = claim(
+            folder,
+            identity,
+            state,
+            start=settings.start_from,
+            wanted={"generations": settings.generations},
+            resume=resume,
+        )
+        if card is not None:
+            return Trained.of(folder, card, already_done=True)
         start = start_of(settings.start_from)
         under_way = _Search(task, settings, seed)
         if state is not None:
             _continue(under_way, state, identity)
         note_session(under_way.history, under_way.steps)
-        if card is not None:  # until it finishes, the folder cannot be evaluated
-            (folder / CARD).unlink()
-        content = settings.model_dump(mode="json")
-        write_atomically(folder / SETTINGS, yaml.safe_dump({"default": content}, sort_keys=False))
+        open_folder(folder, settings.model_dump(mode="json"))
         _run(under_way, folder, listeners, identity)
         history, making = under_way.history, _making(under_way, identity)
-        write_card(folder, task, making, settings.evaluation, history, start)
-    return Trained(
-        folder, under_way.steps, history.best_reward, history.best_steps, history.last_reward, already_done=False
-    )
+        card = write_card(folder, task, making, settings.evaluation, history, start)
+    return Trained.of(folder, card, already_done=False)
 
 
 def _run(under_way: _Search, folder: Path, listeners: Sequence[Listener], identity: dict[str, Any]) -> None:
@@ -316,7 +372,7 @@ def _evaluate(under_way: _Search, folder: Path, listeners: Sequence[Listener], i
             folder / POLICY,
             replace(policy, task_id=under_way.task.id, delta=under_way.task.uncertainty.delta).to_bytes(),
         )
-    write_curve(folder, under_way.history)
+    under_way.history.write_curve(folder)
     _keep(under_way, folder / SEARCH, identity)
     for listener in listeners:
         listener.on_evaluation(point)
@@ -345,8 +401,7 @@ def _continue(under_way: _Search, file: Path, identity: dict[str, Any]) -> None:
         raise TrainingError(msg)
     if facts.pop("digest", None) != _digest(facts, rewards):
         raise altered(file)
-    past = facts["history"]
-    under_way.repeat(rewards, History(**{**past, "time": TimeAccount(**past["time"])}))
+    under_way.repeat(rewards, History.from_dict(facts["history"]))
 
 
 def _digest(facts: dict[str, Any], rewards: Floats) -> str:

@@ -86,13 +86,13 @@ def _is_allowed(name: str, value: Any) -> bool:
     return isinstance(value, int) and (value >= 1 or (name == "gradient_steps" and value == -1))
 
 
-class Part(BaseModel):
-    """A part of settings: fixed, and without entries that nobody knows."""
+class FrozenSettings(BaseModel):
+    """Base of settings and their parts: frozen, without unknown entries."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Normalization(Part):
+class Normalization(FrozenSettings):
     """Running mean and standard deviation of observations and rewards (``VecNormalize``)."""
 
     observations: bool = True
@@ -101,7 +101,7 @@ class Normalization(Part):
     clip_rewards: float = Field(default=10.0, gt=0)
 
 
-class EvaluationPlan(Part):
+class EvaluationPlan(FrozenSettings):
     """Evaluation between the steps of training, on seeds that no task is scored with."""
 
     every: int = Field(default=100_000, gt=0)
@@ -116,7 +116,7 @@ class EvaluationPlan(Part):
         return list(range(self.first_seed, self.first_seed + runs))
 
 
-class TrainingSettings(Part):
+class TrainingSettings(FrozenSettings):
     """Settings of one training.
 
     Attributes
@@ -237,14 +237,14 @@ def _overlaid(under: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
     return {**under, **over, **both}
 
 
-def problems_of(error: ValidationError, kind: type[Part]) -> str:
+def problems_of(error: ValidationError, kind: type[FrozenSettings]) -> str:
     """What pydantic found wrong with settings of a kind, as the end of a sentence."""
     problems = "; ".join(_said(problem["loc"], problem["type"], problem["msg"], kind) for problem in error.errors())
     return problems if problems.endswith((".", "?")) else f"{problems}."
 
 
 @contextmanager
-def in_words(file: Path, kind: type[Part]) -> Iterator[None]:
+def in_words(file: Path, kind: type[FrozenSettings]) -> Iterator[None]:
     """Say what is wrong with settings of a kind in ``file``.
 
     Raises
@@ -259,7 +259,7 @@ def in_words(file: Path, kind: type[Part]) -> Iterator[None]:
         raise TrainingError(msg) from error
 
 
-def _said(place: tuple[str | int, ...], problem: str, words: str, kind: type[Part]) -> str:
+def _said(place: tuple[str | int, ...], problem: str, words: str, kind: type[FrozenSettings]) -> str:
     name = ".".join(map(str, place))
     if place == ("hyperparameters",):
         return words.removeprefix("Value error, ")
@@ -267,7 +267,7 @@ def _said(place: tuple[str | int, ...], problem: str, words: str, kind: type[Par
         return f"'{name}': {words}"
     for part in place[:-1]:
         found = kind.model_fields[str(part)].annotation
-        kind = found if isinstance(found, type) and issubclass(found, Part) else kind
+        kind = found if isinstance(found, type) and issubclass(found, FrozenSettings) else kind
     return f"There is no setting '{name}'.{did_you_mean(str(place[-1]), kind.model_fields)}"
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from glbench.errors import TrainingError
-from glbench.training.progress import CurvePoint, Progress
+from glbench.training.probe import CurvePoint, Listener, Progress
 
 if TYPE_CHECKING:
-    from glbench.training.search_space import Search
+    from glbench.training.sweep import Search
 
 _NOT_INSTALLED = (
     'Weights & Biases is not installed. Install it with `pip install "glbench[train,wandb]"`, '
@@ -19,7 +19,7 @@ _NOT_INSTALLED = (
 _NOT_IN_AN_ID = re.compile(r"[^A-Za-z0-9_-]")
 
 
-class WandbListener:
+class WandbListener(Listener):
     """Logs evaluations and speed to a run of Weights & Biases.
 
     Parameters
@@ -78,9 +78,6 @@ class WandbListener:
         if point.is_best:
             self._run.summary["best_reward"] = point.result.reward
 
-    def on_saved(self, steps: int) -> None:
-        """Nothing to log."""
-
     def close(self) -> None:
         """End the run."""
         self._run.finish()
@@ -100,8 +97,7 @@ def wandb_sweep(search: Search, folder: Path) -> None:
         raise TrainingError(_NOT_INSTALLED) from error
     from glbench.tasks import get_task
     from glbench.training.run import train
-    from glbench.training.search_space import with_choices
-    from glbench.training.sweep import base_settings
+    from glbench.training.sweep import base_settings, with_choices
 
     settings, task = base_settings(search), get_task(search.task)
 

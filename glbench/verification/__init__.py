@@ -5,11 +5,9 @@
 
 from __future__ import annotations
 
-from glbench.verification.comparing import TOLERANCE
-from glbench.verification.coverage import stated_words
 from glbench.verification.proof import SUFFIX, Proof, proof_path, read_proof, save_proof, was_reproduced
 from glbench.verification.proving import verify
-from glbench.verification.verdict import Verdict
+from glbench.verification.verdict import TOLERANCE, Verdict, stated_words
 
 __all__ = [
     "SUFFIX",

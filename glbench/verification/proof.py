@@ -21,8 +21,7 @@ from glbench.evaluation.records import Digest, Machine, Record
 from glbench.fields import Count, Word
 from glbench.resources import is_released, user_data_folder, write_atomically
 from glbench.untrusted import MIB, read_regular
-from glbench.verification.comparing import TOLERANCE
-from glbench.verification.verdict import Exactness, Verdict
+from glbench.verification.verdict import TOLERANCE, Exactness, Verdict
 
 SUFFIX: Final = ".proof.json"
 SCHEMA: Final = "glbench/proof"

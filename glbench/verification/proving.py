@@ -13,19 +13,34 @@ from glbench.episodes import ActionLog, Episode, Replay, Trace, episodes_folder
 from glbench.episodes.recorder import BYTES_A_STEP, LARGEST_TRACE
 from glbench.errors import ActionError, ResultError
 from glbench.evaluation import Result, provenance
-from glbench.evaluation.acting import Failure
+from glbench.evaluation.limits import Failure
 from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.evaluation.profiles import load_profile, make_profile
 from glbench.evaluation.records import RunResult
-from glbench.evaluation.tally import Tally
+from glbench.evaluation.rollout import RunTotals
 from glbench.kernel import Kernel, available
 from glbench.model import STATE_NAMES
 from glbench.tasks import TaskSpec
-from glbench.verification.comparing import TOLERANCE, Agreement, same_bits
-from glbench.verification.coverage import coverage
-from glbench.verification.documents import check_seeds, check_setting, check_sums, find_task, read_record, read_result
-from glbench.verification.full_episodes import compare_episode, read_episodes
-from glbench.verification.verdict import Refused, Verdict, refute
+from glbench.verification.documents import (
+    check_seeds,
+    check_setting,
+    check_sums,
+    compare_episode,
+    find_task,
+    read_episodes,
+    read_record,
+    read_result,
+)
+from glbench.verification.verdict import (
+    TOLERANCE,
+    Agreement,
+    Refused,
+    Verdict,
+    cannot_tell,
+    coverage,
+    refute,
+    same_bits,
+)
 
 Progress = Callable[[int, int], None]
 """Called with the steps done and the steps there are."""
@@ -66,6 +81,11 @@ def verify(
         spec = find_task(result, log, task)
         notes = check_seeds(result, spec)
         check_setting(result, log, spec)
+        unknown = sorted(set(result.units) - set(METRIC_NAMES))
+        if unknown:
+            cannot_tell(
+                "unknown_metrics", f"This glbench does not measure {', '.join(unknown)}. Verify with the one that did."
+            )
         whole, complaint = _try_to_read(episodes or episodes_folder(path), log, wanted=episodes is not None)
         profiled = _profile_is_there(path, result, spec)
         with _kernel(result, spec, workers) as kernel:
@@ -172,30 +192,28 @@ def _simulate(
 ) -> _Again:
     """All runs again, booked as the evaluation books them."""
     replay = Replay(task, log, kernel=kernel)
-    tally, rewards = Tally(log.seeds), np.zeros_like(log.rewards)
+    totals, rewards = RunTotals(log.seeds), np.zeros_like(log.rewards)
     trace = Trace(replay.simulation, traced) if traced else None
     ends = {row: Failure(row, run.status, run.reason or "") for row, run in enumerate(log.runs)}
     last = np.array([run.actions for run in log.runs])
     steps = iter(replay.steps())
     for step in range(task.steps):
-        tally.end(ends[int(row)] for row in np.flatnonzero(last <= step))
+        totals.end(ends[int(row)] for row in np.flatnonzero(last <= step))
         try:
             outcome = next(steps, None)
         except ActionError as error:
             refute("invalid_action", f"A recorded action in step {step + 1} is none that the task allows: {error}")
         if outcome is None:
             break
-        ended = tally.add(outcome)
+        ended = totals.add(outcome)
         if ended:
             replay.simulation.end(ended)
-        rewards[step] = np.where(tally.alive, outcome.rewards, 0.0)
+        rewards[step] = np.where(totals.alive, outcome.rewards, 0.0)
         if trace is not None:
             trace.add(replay.simulation, outcome)
         if progress is not None:
             progress(step + 1, task.steps)
-    charge = task.evaluation.failed_step
-    runs = tally.results(task.steps, {"reward": charge.reward, "epi": charge.epi, "penalty": charge.penalty})
-    return _Again(runs, rewards, np.array(replay.simulation.x), trace)
+    return _Again(totals.results(task), rewards, np.array(replay.simulation.x), trace)
 
 
 def _try_to_read(folder: Path, log: ActionLog, *, wanted: bool) -> tuple[list[tuple[int, Episode]], Refused | None]:
@@ -225,13 +243,15 @@ def _agreement(result: Result, log: ActionLog, again: _Again) -> Agreement:
     """Rewards of every step, final states and metrics."""
     seeds = tuple(f"reward of the run with seed {seed}" for seed in log.seeds)
     found = Agreement().add("reward", log.rewards, again.rewards, seeds, "recorded rewards")
-    metrics = np.array([[run.metrics[name] for name in METRIC_NAMES] for run in result.runs])
-    earned = np.array([[run.metrics[name] for name in METRIC_NAMES] for run in again.runs])
+    names = tuple(name for name in METRIC_NAMES if name in result.units)  # an earlier glbench may have measured fewer
+    metrics, earned = (
+        np.array([[run.metrics[name] for name in names] for run in runs]) for runs in (result.runs, again.runs)
+    )
     for row, run in enumerate(result.runs):
         states, reached = log.final_states[row : row + 1], again.final_states[row : row + 1]
         found = found.add("state", states, reached, STATE_NAMES, f"final state of the run with seed {run.seed}")
         where = f"metrics of the run with seed {run.seed}"
-        found = found.add("metric", metrics[row : row + 1], earned[row : row + 1], METRIC_NAMES, where)
+        found = found.add("metric", metrics[row : row + 1], earned[row : row + 1], names, where)
     return found
 
 

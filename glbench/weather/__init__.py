@@ -11,15 +11,12 @@ Example
 
 from __future__ import annotations
 
-from glbench.weather.fetch import fetch_knmi
-from glbench.weather.knmi import read_knmi
+from glbench.weather.knmi import fetch_knmi, read_knmi
 from glbench.weather.preprocessing import COLUMNS
-from glbench.weather.readers import FORMATS, read_weather
+from glbench.weather.readers import FORMATS, read_csv, read_epw, read_tmy, read_weather
 from glbench.weather.record import QUANTITIES, Place, WeatherInfo, WeatherRecord
 from glbench.weather.series import PREPROCESSINGS, Disturbances, disturbances
 from glbench.weather.store import list_weather, load_weather, save_weather
-from glbench.weather.table import read_csv
-from glbench.weather.typical import read_epw, read_tmy
 
 __all__ = [
     "COLUMNS",

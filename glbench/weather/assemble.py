@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import WeatherError
-from glbench.weather.clock import time_zone
-from glbench.weather.preprocessing import RAW_SECONDS
+from glbench.weather.preprocessing import RAW_SECONDS, time_zone
 from glbench.weather.record import (
     QUANTITIES,
     REQUIRED,
@@ -27,6 +26,18 @@ from glbench.weather.record import (
 
 LONGEST_FILL = 48
 """Most hours in a row that may be filled on request: beyond two days a straight line says nothing about the weather."""
+
+
+USUAL_TIMING: Mapping[str, Timing] = {
+    "air_temperature": "instant",
+    "relative_humidity": "instant",
+    "cloud_cover": "instant",
+    "sky_temperature": "instant",
+    "wind_speed": "mean",
+    "global_radiation": "mean",
+    "sky_infrared": "mean",
+}
+"""What a value is in most files: of means, the slot's mean; of instants, the value at its end."""
 
 
 @dataclass(frozen=True)

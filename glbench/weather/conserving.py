@@ -6,36 +6,136 @@
   kappa the clearness, linear between the slots' middles, scaled so that each hour keeps exactly its energy.
 - Row k is the **mean over step k**, so that the means over the steps of an hour are the hour's mean.
 - Clock and calendar are local (IANA zone, with summer time); the day's radiation sum belongs to the local calendar day.
+
+The sun's elevation is geometric, not apparent: refraction lifts the sun by half a degree at the horizon only, depends on the day's air,
+and would add direct sun to minutes that have none. Twilight is treated on its own. Algorithm: NREL's SPA (Reda and Andreas, 2004) as in
+pvlib, numpy version, with a fixed difference between terrestrial and universal time, so that nothing depends on tables that are updated.
 """
 
 from __future__ import annotations
 
 import datetime as dt
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from glbench.errors import WeatherError
-from glbench.weather.clock import time_zone, utc_offsets
-from glbench.weather.means import Means
-from glbench.weather.preprocessing import RAW_SECONDS, Prepared, Window, sigmoid
-from glbench.weather.psychrometrics import (
+from glbench.weather.preprocessing import (
+    RAW_SECONDS,
+    Prepared,
+    Window,
     co2_density,
     seconds_into_year,
-    sky_temperature_from_cloud,
-    sky_temperature_from_infrared,
+    sigmoid,
+    sky_temperature,
     soil_temperature,
+    time_zone,
+    utc_offsets,
     vapour_pressure,
 )
-from glbench.weather.record import SLOT_SECONDS, FloatArray, IntArray, WeatherRecord, utc_text
-from glbench.weather.sun import sine_of_elevation
+from glbench.weather.record import SLOT_SECONDS, FloatArray, IntArray, Place, WeatherRecord, utc_text
 
+DELTA_T = 67.0  # s, terrestrial minus universal time; 65.5 to 69.4 s from 2008 to 2024, 1 s moves the sun by 0.004 deg
+STANDARD_PRESSURE_HPA = 1013.25
+MEAN_TEMPERATURE = 12.0  # degC; enters the refraction only, which is not used
+REFRACTION_AT_SUNRISE = 0.5667  # deg; likewise
 VERSION = 1
 PARTS = SLOT_SECONDS // RAW_SECONDS
 DAY_SECONDS = 86400
 BRIGHTEST_BEAM = 1361.0  # W m-2, solar constant: kappa above it cannot be sunshine on a sun this low
 TWILIGHT_SINE = float(np.sin(np.radians(6.0)))  # civil twilight lasts until the sun is 6 deg below the horizon
+
+
+def sine_of_elevation(times: FloatArray, place: Place) -> FloatArray:
+    """Sine of the sun's geometric elevation at ``times`` (seconds since 1970-01-01 UTC), the same shape."""
+    from pvlib import spa
+
+    flat = np.ascontiguousarray(times, dtype=np.float64).ravel()
+    position = spa.solar_position_numpy(
+        flat,
+        place.latitude,
+        place.longitude,
+        place.altitude,
+        STANDARD_PRESSURE_HPA,
+        MEAN_TEMPERATURE,
+        DELTA_T,
+        REFRACTION_AT_SUNRISE,
+        1,
+    )
+    geometric_elevation = np.asarray(position[3], dtype=np.float64)
+    return np.sin(np.radians(geometric_elevation)).reshape(np.shape(times))
+
+
+class Means:
+    """Means over the intervals ``[starts, ends)`` of functions given cell by cell.
+
+    Parameters
+    ----------
+    starts, ends : ndarray (n,) of int64
+        Seconds; every interval is at least 1 s long and lies inside the cells.
+    begin, cell : int
+        Start of the first cell and length of every cell, seconds.
+
+    An interval inside one cell is never computed as a difference of long running sums, so nothing is lost to rounding.
+    """
+
+    def __init__(self, starts: IntArray, ends: IntArray, begin: int, cell: int) -> None:
+        self._cell = cell
+        self._first = (starts - begin) // cell
+        self._last = (ends - begin - 1) // cell
+        self._from = (starts - begin) - self._first * cell
+        self._to = (ends - begin) - self._last * cell
+        self._duration = ends - starts
+        self._inside = self._first == self._last
+
+    def of_constants(self, values: FloatArray) -> FloatArray:
+        """Means (n,) of a function that is ``values[i]`` throughout cell i."""
+
+        def partial(cells: IntArray, seconds: IntArray) -> FloatArray:
+            return np.asarray(values[cells] * seconds)
+
+        across = self._across(values * self._cell, partial)
+        return np.where(self._inside, values[self._first], across / self._duration)
+
+    def of_lines(self, nodes: FloatArray) -> FloatArray:
+        """Means (n,) of the function that runs linearly from ``nodes[i]`` to ``nodes[i + 1]`` in cell i."""
+        rise = np.diff(nodes)
+
+        def partial(cells: IntArray, seconds: IntArray) -> FloatArray:
+            return np.asarray((nodes[cells] + rise[cells] * (seconds / (2.0 * self._cell))) * seconds)
+
+        across = self._across((nodes[:-1] + rise / 2.0) * self._cell, partial)
+        middle = (self._from + self._to) / (2.0 * self._cell)
+        return np.where(self._inside, nodes[self._first] + rise[self._first] * middle, across / self._duration)
+
+    def of_amounts(self, amounts: IntArray, shares: FloatArray) -> FloatArray:
+        """Mean rates (n,) [amount per second] when cell i receives ``amounts[i]``, of which ``shares[i, j]`` by part j's start.
+
+        ``shares`` (cells, parts + 1) rises from exactly 0 to exactly 1; within a part it is linear.
+        """
+        parts = shares.shape[1] - 1
+
+        def share(cells: IntArray, seconds: IntArray) -> FloatArray:
+            position = seconds * (parts / self._cell)
+            part = np.minimum(position.astype(np.int64), parts - 1)
+            low, high = shares[cells, part], shares[cells, part + 1]
+            return np.asarray(low + (high - low) * (position - part))
+
+        def partial(cells: IntArray, seconds: IntArray) -> FloatArray:
+            return np.asarray(amounts[cells] * share(cells, seconds))
+
+        inside = amounts[self._first] * (share(self._first, self._to) - share(self._first, self._from))
+        return np.asarray(np.where(self._inside, inside, self._across(amounts, partial)) / self._duration)
+
+    def _across(self, whole: FloatArray | IntArray, partial: Callable[[IntArray, IntArray], FloatArray]) -> FloatArray:
+        """Integrals over intervals that span cells: the end of the first, the whole ones between, the beginning of the last."""
+        running = np.concatenate(([0], np.cumsum(whole)))
+        # Inside one cell there is nothing between; the caller takes its own value there.
+        between = running[np.maximum(self._last, self._first)] - running[np.minimum(self._first + 1, self._last)]
+        head = whole[self._first] - partial(self._first, self._from)
+        return np.asarray(head + between + partial(self._last, self._to))
 
 
 @dataclass(frozen=True)
@@ -73,7 +173,7 @@ def prepare(record: WeatherRecord, window: Window) -> Prepared:
             slots.step_means("vapour_pressure", steps),
             co2_density(temperature, window.co2_ppm),
             slots.step_means("wind_speed", steps),
-            _sky_temperature(slots, steps, temperature),
+            sky_temperature(record, lambda name: slots.step_means(name, steps), temperature, overcast=8.0),
             soil_temperature(seconds_into_year(np.asarray(window.times + window.step / 2.0, dtype=np.float64))),
             _radiation_sums(slots, days)[days.of_step],
             samples.of_constants(is_day),
@@ -175,15 +275,6 @@ def _normalised(weights: FloatArray) -> FloatArray:
     """``weights`` (slots, parts) with mean 1 in every row; a row of zeros becomes ones (spread evenly)."""
     mean = weights.mean(axis=1, keepdims=True)
     return np.where(mean > 0.0, weights, 1.0) / np.where(mean > 0.0, mean, 1.0)
-
-
-def _sky_temperature(slots: _Slots, steps: Means, temperature: FloatArray) -> FloatArray:
-    """Sky temperature [degC] of each step: measured where the record has it, else from cloud in octants of 8."""
-    if "sky_temperature" in slots.record.counts:
-        return slots.step_means("sky_temperature", steps)
-    if "sky_infrared" in slots.record.counts:
-        return sky_temperature_from_infrared(slots.step_means("sky_infrared", steps))
-    return sky_temperature_from_cloud(temperature, slots.step_means("cloud_cover", steps) / 8.0)
 
 
 def _local_days(window: Window, timezone: str) -> _Days:

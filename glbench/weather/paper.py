@@ -11,23 +11,21 @@ the day's radiation sum belongs to its whole calendar day, and overlapping day-f
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from glbench.errors import WeatherError
-from glbench.weather.preprocessing import RAW_SECONDS, Prepared, Window, sigmoid
-from glbench.weather.psychrometrics import (
+from glbench.weather.preprocessing import (
+    RAW_SECONDS,
+    Prepared,
+    Window,
     co2_density,
     seconds_into_year,
-    sky_temperature_from_cloud,
-    sky_temperature_from_infrared,
+    sigmoid,
+    sky_temperature,
     soil_temperature,
     vapour_pressure,
 )
 from glbench.weather.record import SLOT_SECONDS, FloatArray, IntArray, WeatherRecord, utc_text
-
-_Column = Callable[[str], FloatArray]
 
 VERSION = 1
 NODES_PER_SLOT = SLOT_SECONDS // RAW_SECONDS
@@ -95,22 +93,13 @@ def _five_minute_grid(record: WeatherRecord, first_slot: int, last_slot: int, co
             vapour_pressure(temperature, line(column("relative_humidity"))),
             co2_density(temperature, co2_ppm),
             line(column("wind_speed")),
-            line(_sky_temperature(record, temperature_hourly, column)),
+            line(sky_temperature(record, column, temperature_hourly, overcast=9.0)),
             soil_temperature(seconds_into_year(times.astype(np.float64))),
             _radiation_sum_of_the_day(times, radiation),
             is_day,
             is_day_smooth,
         ]
     )
-
-
-def _sky_temperature(record: WeatherRecord, temperature: FloatArray, column: _Column) -> FloatArray:
-    """Hourly sky temperature [degC]: measured where the record has it, else from cloud cover divided by 9."""
-    if "sky_temperature" in record.counts:
-        return column("sky_temperature")
-    if "sky_infrared" in record.counts:
-        return sky_temperature_from_infrared(column("sky_infrared"))
-    return sky_temperature_from_cloud(temperature, column("cloud_cover") / 9.0)
 
 
 def _radiation_sum_of_the_day(times: IntArray, radiation: FloatArray) -> FloatArray:

@@ -1,20 +1,482 @@
-"""One door to all readers: the format of a weather file, told from its content."""
+"""Readers of weather files: the format told from the content, the documented CSV, and EnergyPlus EPW and NREL TMY read with pvlib.
+
+**CSV**: a unit in every column's title, and the place in comment lines (docs/weather.md).
+
+**EPW and TMY** stamp local standard time. Radiation is the sum over the hour before the stamp; temperature, humidity, wind and cloud are
+instants at the stamp; the sky's infrared radiation in EPW is a sum over the hour. Codes for "missing" become gaps.
+
+**Typical years.** A TMY, and an EPW made from one, joins months of different years. Such a file gets one nominal common year.
+Because a typical year is a circle, the few hours that local time and UTC differ by are turned over its end: the record is the
+nominal year from 1 January 00:00 UTC, whole. An EPW whose rows all carry one year is taken as that year's own weather instead.
+"""
 
 from __future__ import annotations
 
+import calendar
+import csv
+import datetime as dt
+import io
+import math
 import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
+
+import numpy as np
 
 from glbench.errors import UnknownNameError, WeatherError, did_you_mean
+from glbench.weather.assemble import USUAL_TIMING, Origin, Rows, assemble, check_order, require_columns
 from glbench.weather.knmi import read_knmi
-from glbench.weather.record import WeatherRecord
-from glbench.weather.table import EXPECTED_HEADER, UNITS, meant_by, read_csv
-from glbench.weather.typical import read_epw, read_tmy
+from glbench.weather.preprocessing import KELVIN
+from glbench.weather.record import QUANTITIES, SLOT_SECONDS, FloatArray, IntArray, Place, Timing, WeatherRecord
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
+    "air_temperature": {"degC": (1.0, 0.0), "K": (1.0, -KELVIN)},
+    "relative_humidity": {"%": (1.0, 0.0)},
+    "wind_speed": {"m/s": (1.0, 0.0), "km/h": (1 / 3.6, 0.0)},
+    "global_radiation": {"W/m2": (1.0, 0.0), "Wh/m2": (1.0, 0.0), "J/cm2": (1 / 0.36, 0.0)},
+    "cloud_cover": {"octants": (1.0, 0.0), "tenths": (0.8, 0.0), "%": (0.08, 0.0)},
+    "sky_infrared": {"W/m2": (1.0, 0.0)},
+    "sky_temperature": {"degC": (1.0, 0.0), "K": (1.0, -KELVIN)},
+}
+"""For every column, the units it may come in: factor and offset to the canonical unit."""
+
+TIME_COLUMNS = {"slot_end [UTC]": 0, "slot_start [UTC]": SLOT_SECONDS}
+_MOST_PROBLEMS = 12
+_LONGEST_HEADER = 300
+_TITLES = {f"{quantity} [{unit}]": quantity for quantity, units in UNITS.items() for unit in units}
+_EXPECTED = (
+    "slot_end [UTC]",
+    "air_temperature [degC]",
+    "relative_humidity [%]",
+    "wind_speed [m/s]",
+    "global_radiation [W/m2]",
+    "cloud_cover [octants]",
+)
+EXPECTED_HEADER = (
+    f"{','.join(_EXPECTED)}\n  Other units, sky_infrared or sky_temperature instead of cloud_cover, and the comment lines above it: "
+    "docs/weather.md."
+)
+"""The line of titles that a CSV needs, and where the rest is explained."""
+_SHORT = {
+    "slot_end [UTC]": ("time", "date", "datetime", "date_time", "timestamp", "utc", "slot_end"),
+    "air_temperature [degC]": ("temp", "temperature", "t", "tair", "t_air", "tout", "air_temp", "outdoor_temperature"),
+    "relative_humidity [%]": ("rh", "humidity", "relhum", "rel_humidity"),
+    "wind_speed [m/s]": ("wind", "windspeed", "ws", "wind_velocity"),
+    "global_radiation [W/m2]": ("radiation", "ghi", "rad", "solar", "solar_radiation", "global", "iglob", "glob"),
+    "cloud_cover [octants]": ("cloud", "clouds", "cloudiness"),
+}
+REQUIRED_KEYS = ("latitude", "longitude", "altitude", "timezone")
+TEXT_KEYS = ("station", "source", "licence")
+NOMINAL_YEAR = 2001
+"""Year given to typical years: a common year, like every typical year."""
+YEAR_HOURS = 8760
+UNKNOWN_LICENCE = "Not stated in the file: ask its provider before you pass it on."
+TIMING: Mapping[str, Timing] = {**USUAL_TIMING, "wind_speed": "instant"}
+OCTANTS_PER_TENTH = 0.8
+EPW_HEADER_LINES = 8
+TMY3_HEADER_LINES = 2
+TMY2_HEADER_LINES = 1
+_Sources = Mapping[str, tuple[str, float, tuple[float, ...]]]
+"""Of each quantity: pvlib's name of its column, the factor to the canonical unit, and the codes for a missing value."""
+EPW_COLUMNS: _Sources = {
+    "air_temperature": ("temp_air", 1.0, (99.9,)),
+    "relative_humidity": ("relative_humidity", 1.0, (999,)),
+    "wind_speed": ("wind_speed", 1.0, (999,)),
+    "global_radiation": ("ghi", 1.0, (9999,)),
+    "cloud_cover": ("total_sky_cover", OCTANTS_PER_TENTH, (99,)),
+    "sky_infrared": ("ghi_infrared", 1.0, (9999,)),
+}
+TMY3_COLUMNS: _Sources = {
+    "air_temperature": ("temp_air", 1.0, (-9900,)),
+    "relative_humidity": ("relative_humidity", 1.0, (-9900,)),
+    "wind_speed": ("wind_speed", 1.0, (-9900,)),
+    "global_radiation": ("ghi", 1.0, (-9900,)),
+    "cloud_cover": ("TotCld (tenths)", OCTANTS_PER_TENTH, (-9900, 99)),
+}
+TMY2_COLUMNS: _Sources = {
+    "air_temperature": ("DryBulb", 0.1, (9999,)),
+    "relative_humidity": ("RHum", 1.0, (999,)),
+    "wind_speed": ("Wspd", 0.1, (999,)),
+    "global_radiation": ("GHI", 1.0, (9999,)),
+    "cloud_cover": ("TotCld", OCTANTS_PER_TENTH, (99,)),
+}
 Format = Literal["knmi", "epw", "tmy", "csv"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 _HEAD_BYTES = 65536
+
+
+def read_csv(path: Path | str, *, name: str | None = None, fill_gaps: int = 0) -> WeatherRecord:
+    """Weather record of a CSV in the form documented in docs/weather.md.
+
+    Raises
+    ------
+    WeatherError
+        When a column, unit or comment is missing or unknown, a value is no number, or the hours have gaps; names file, row
+        and value.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        msg = f"Cannot read {path}: {error}. The file must exist and be UTF-8 text."
+        raise WeatherError(msg) from error
+    file = str(path)
+    comments, header, rows, numbers = _split(text, file)
+    titles = _columns(file, header)
+    origin, timing = _described(file, comments, name or path.stem.lower())
+    time_title = next(title for title in header if title in TIME_COLUMNS)
+    position = header.index(time_title)
+    ends = np.array(
+        [_time(file, n, row[position]) + TIME_COLUMNS[time_title] for n, row in zip(numbers, rows, strict=True)],
+        dtype=np.int64,
+    )
+    columns = {quantity: _values(file, numbers, rows, header, titles[quantity], quantity) for quantity in titles}
+    return assemble(Rows(file, ends, columns, timing, np.array(numbers, dtype=np.int64)), origin, fill_gaps=fill_gaps)
+
+
+def _split(text: str, file: str) -> tuple[dict[str, str], list[str], list[list[str]], list[int]]:
+    """Comments, header, rows, and the rows' line numbers."""
+    comments: dict[str, str] = {}
+    header: list[str] = []
+    rows: list[list[str]] = []
+    numbers: list[int] = []
+    for number, line in enumerate(io.StringIO(text), start=1):
+        if line.lstrip().startswith("#"):
+            key, colon, value = line.lstrip("# \t").partition(":")
+            if colon:
+                comments[key.strip()] = value.strip()
+        elif line.strip():
+            fields = [field.strip() for field in next(csv.reader([line]))]
+            if not header:
+                header = fields
+                continue
+            if len(fields) != len(header):
+                msg = f"{file}, row {number}: {len(fields)} fields instead of {len(header)}. Is the file whole?"
+                raise WeatherError(msg)
+            rows.append(fields)
+            numbers.append(number)
+    if not rows:
+        msg = f"{file} holds no hourly values. Is it the right file, and whole?"
+        raise WeatherError(msg)
+    return comments, header, rows, numbers
+
+
+def _columns(file: str, header: Sequence[str]) -> dict[str, str]:
+    """Title of each quantity's column; every title must be known, so that a misspelt one is not quietly left out."""
+    titles: dict[str, str] = {}
+    problems = []
+    for title in header:
+        if title in TIME_COLUMNS:
+            continue
+        quantity = _TITLES.get(title)
+        if quantity is None:
+            near = meant_by(title)
+            hint = f" Did you mean '{near}'?" if near else did_you_mean(title, [*_TITLES, *TIME_COLUMNS])
+            problems.append(f"unknown column '{title}'.{hint}")
+        elif quantity in titles:
+            problems.append(f"two columns for {quantity}: '{titles[quantity]}' and '{title}'. Keep one.")
+        else:
+            titles[quantity] = title
+    if not any(title in TIME_COLUMNS or meant_by(title) in TIME_COLUMNS for title in header):
+        problems.append(f"no time column. Name it '{next(iter(TIME_COLUMNS))}' or 'slot_start [UTC]'.")
+    if problems:
+        missing = [title for title in _EXPECTED if _TITLES.get(title) in QUANTITIES and _TITLES[title] not in titles]
+        lines = [*problems[:_MOST_PROBLEMS], *([f"missing: {', '.join(missing)}"] if missing else [])]
+        listed, found = "\n".join(f"  - {line}" for line in lines), ",".join(header)[:_LONGEST_HEADER]
+        msg = f"{file}: the titles of its columns cannot be used.\n{listed}\n  found:    {found}\n  expected: {EXPECTED_HEADER}"
+        raise WeatherError(msg)
+    return titles
+
+
+def meant_by(title: str) -> str | None:
+    """The documented title that a short one such as ``temp`` or ``RH (%)`` seems to mean."""
+    word = re.sub(r"[\[(].*", "", title).strip().lower().replace(" ", "_").replace("-", "_")
+    return next((meant for meant, words in _SHORT.items() if word in words), None)
+
+
+def _described(file: str, comments: Mapping[str, str], name: str) -> tuple[Origin, dict[str, Timing]]:
+    timing = dict(USUAL_TIMING)
+    known = (*REQUIRED_KEYS, *TEXT_KEYS, *(f"timing {quantity}" for quantity in QUANTITIES))
+    for key, value in comments.items():
+        if key not in known:
+            msg = f"{file}: unknown comment '# {key}: ...'.{did_you_mean(key, known)} Leave other remarks without a colon."
+            raise WeatherError(msg)
+        if key.startswith("timing "):
+            if value not in get_args(Timing):
+                msg = f"{file}: '# {key}: {value}' must be instant (at the slot's end) or mean (over the slot)."
+                raise WeatherError(msg)
+            timing[key.removeprefix("timing ")] = cast(Timing, value)
+    if timing["global_radiation"] != "mean":
+        msg = f"{file}: global radiation must be a mean (or sum) over the slot; an instant does not tell the hour's energy."
+        raise WeatherError(msg)
+    missing = [key for key in REQUIRED_KEYS if key not in comments]
+    if missing:
+        msg = f"{file}: the comment lines do not give {', '.join(missing)}. Add a line such as '# {missing[0]}: ...' on top."
+        raise WeatherError(msg)
+    latitude, longitude, altitude = (_number(file, 0, key, comments[key]) for key in REQUIRED_KEYS[:3])
+    place = Place(comments.get("station", name), latitude, longitude, altitude, comments["timezone"])
+    source = comments.get("source", f"file {Path(file).name}")
+    return Origin(name, place, source, comments.get("licence", "Not stated in the file.")), timing
+
+
+def _time(file: str, row: int, text: str) -> int:
+    try:
+        moment = dt.datetime.fromisoformat(text)
+    except ValueError as error:
+        msg = f"{file}, row {row}: '{text}' is no time such as 2010-03-01T05:00Z. Correct the file."
+        raise WeatherError(msg) from error
+    if moment.tzinfo is None:
+        moment = moment.replace(tzinfo=dt.UTC)
+    return int(moment.timestamp())
+
+
+def _values(
+    file: str, numbers: Sequence[int], rows: Sequence[Sequence[str]], header: Sequence[str], title: str, quantity: str
+) -> FloatArray:
+    """The column ``title`` in the canonical unit of ``quantity``; an empty field is a missing value (NaN)."""
+    factor, offset = UNITS[quantity][title[title.index("[") + 1 : -1]]
+    position = header.index(title)
+    raw = [
+        _number(file, number, title, row[position]) if row[position] else math.nan
+        for number, row in zip(numbers, rows, strict=True)
+    ]
+    return np.asarray(np.array(raw) * factor + offset)
+
+
+def _number(file: str, row: int, what: str, text: str) -> float:
+    where = f", row {row}" if row else ""
+    try:
+        value = float(text)
+    except ValueError as error:
+        msg = f"{file}{where}: '{text}' for {what} is no number. Correct the file; leave a missing value empty."
+        raise WeatherError(msg) from error
+    if not math.isfinite(value):
+        msg = f"{file}{where}: '{text}' for {what} is not finite. Correct the file; leave a missing value empty."
+        raise WeatherError(msg)
+    return value
+
+
+@dataclass(frozen=True)
+class _Local:
+    """A file's rows in local standard time: calendar of each slot's start ``(n, 4)`` (year, month, day, hour), values, place, clock."""
+
+    file: str
+    calendar: IntArray
+    columns: dict[str, FloatArray]
+    row_numbers: IntArray
+    utc_offset: float  # h
+    station: str
+    coordinates: tuple[float, float, float]
+    source: str
+
+
+def read_epw(
+    path: Path | str,
+    *,
+    name: str | None = None,
+    timezone: str | None = None,
+    year: int | None = None,
+    fill_gaps: int = 0,
+) -> WeatherRecord:
+    """Weather record of an EnergyPlus weather file.
+
+    Parameters
+    ----------
+    path : Path or str
+        The ``.epw`` file.
+    name : str, optional
+        Name of the record; the file's own name by default.
+    timezone : str, optional
+        IANA zone of the local clock. By default the file's fixed offset (``Etc/GMT-1``), which has no summer time.
+    year : int, optional
+        Nominal (common) year of a typical year; 2001 by default. Not for a file of one real year.
+    fill_gaps : int
+        Fill up to so many missing hours in a row linearly (recorded in the notes); 0 fills nothing.
+
+    Raises
+    ------
+    WeatherError
+        When the file is no EPW, or has gaps or impossible values; names file, row and value.
+    """
+    path = Path(path)
+    from pvlib.iotools import read_epw as pvlib_read_epw
+
+    data, meta = _through_pvlib(path, "an EnergyPlus weather file (EPW)", lambda: pvlib_read_epw(str(path)))
+    place_name = ", ".join(str(meta[key]).strip() for key in ("city", "country"))
+    local = _Local(
+        file=str(path),
+        calendar=_calendar(data),
+        columns=_values_of(data, EPW_COLUMNS),
+        row_numbers=_rows_after(EPW_HEADER_LINES, data),
+        utc_offset=meta["TZ"],
+        station=place_name,
+        coordinates=(meta["latitude"], meta["longitude"], meta["altitude"]),
+        source=f"EnergyPlus weather file {path.name} ({place_name}; {str(meta['data_type']).strip()})",
+    )
+    typical = np.unique(local.calendar[:, 0]).size > 1
+    if year is not None and not typical:
+        msg = f"{path} holds the weather of one real year ({local.calendar[0, 0]}): --year is only for typical years. Leave it out."
+        raise WeatherError(msg)
+    return _record(local, name, timezone, (year or NOMINAL_YEAR) if typical else None, fill_gaps)
+
+
+def read_tmy(
+    path: Path | str,
+    *,
+    name: str | None = None,
+    timezone: str | None = None,
+    year: int | None = None,
+    fill_gaps: int = 0,
+) -> WeatherRecord:
+    """Weather record of an NREL typical meteorological year: TMY3 (``.csv``) or TMY2 (``.tm2``).
+
+    Parameters and errors as for ``read_epw``; a TMY is always a typical year.
+    """
+    path = Path(path)
+    local = _read_tmy2(path) if path.suffix.lower() in (".tm2", ".tmy2") else _read_tmy3(path)
+    return _record(local, name, timezone, year or NOMINAL_YEAR, fill_gaps)
+
+
+def _read_tmy3(path: Path) -> _Local:
+    from pvlib.iotools import read_tmy3
+
+    data, meta = _through_pvlib(path, "a TMY3 file", lambda: read_tmy3(str(path), coerce_year=NOMINAL_YEAR))
+    require_columns(str(path), [str(title) for title in data.columns], [source for source, *_ in TMY3_COLUMNS.values()])
+    index = cast("pd.DatetimeIndex", data.index)
+    if bool(np.any(index.minute != 0)):
+        msg = f"{path}: its stamps are not whole hours, so it is unclear which hour a value belongs to. Use hour-ending TMY3."
+        raise WeatherError(msg)
+    starts = index.tz_localize(None) - np.timedelta64(1, "h")
+    return _Local(
+        file=str(path),
+        calendar=np.stack([starts.year, starts.month, starts.day, starts.hour], axis=1).astype(np.int64),
+        columns=_values_of(data, TMY3_COLUMNS),
+        row_numbers=_rows_after(TMY3_HEADER_LINES, data),
+        utc_offset=meta["TZ"],
+        station=str(meta["Name"]).strip().strip('"'),
+        coordinates=(meta["latitude"], meta["longitude"], meta["altitude"]),
+        source=f"NREL TMY3 {path.name}, station {meta['USAF']}",
+    )
+
+
+def _read_tmy2(path: Path) -> _Local:
+    from pvlib.iotools import read_tmy2
+
+    data, meta = _through_pvlib(path, "a TMY2 file", lambda: read_tmy2(str(path)))
+    return _Local(
+        file=str(path),
+        calendar=_calendar(data, first_year=1900),
+        columns=_values_of(data, TMY2_COLUMNS),
+        row_numbers=_rows_after(TMY2_HEADER_LINES, data),
+        utc_offset=float(meta["TZ"]),
+        station=str(meta["City"]).replace("_", " ").title(),
+        coordinates=(meta["latitude"], meta["longitude"], meta["altitude"]),
+        source=f"NREL TMY2 {path.name}, station {meta['WBAN']}",
+    )
+
+
+def _through_pvlib(
+    path: Path, what: str, read: Callable[[], tuple[pd.DataFrame, dict[str, Any]]]
+) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """What pvlib reads, with its many ways of failing turned into one sentence."""
+    try:
+        data, meta = read()
+    except (OSError, ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
+        msg = f"{path} cannot be read as {what}: {error}. Check the path and the file, or choose another --format."
+        raise WeatherError(msg) from error
+    if data.empty:
+        msg = f"{path} holds no hourly values. Is it the right file, and whole?"
+        raise WeatherError(msg)
+    return data, meta
+
+
+def _values_of(data: pd.DataFrame, sources: _Sources) -> dict[str, FloatArray]:
+    """Columns in canonical units, with the codes for "missing" turned into NaN; a text that is no number is a missing value too."""
+    import pandas as pd
+
+    columns = {}
+    for quantity, (source, factor, missing) in sources.items():
+        values = pd.to_numeric(data[source], errors="coerce").to_numpy(dtype=np.float64, copy=True)
+        values[np.isin(values, missing)] = np.nan
+        # Tenths are divided, as one correctly rounded operation.
+        columns[quantity] = values / 10.0 if factor == 0.1 else values * factor
+    return columns
+
+
+def _calendar(data: pd.DataFrame, first_year: int = 0) -> IntArray:
+    """Year, month, day and hour of each slot's start ``(n, 4)``, from columns whose hours count to the slot's end."""
+    stamps: IntArray = data[["year", "month", "day", "hour"]].to_numpy(dtype=np.int64)
+    return np.asarray(stamps + np.array([first_year, 0, 0, -1]), dtype=np.int64)
+
+
+def _rows_after(header_lines: int, data: pd.DataFrame) -> IntArray:
+    return np.arange(len(data), dtype=np.int64) + header_lines + 1
+
+
+def _record(
+    local: _Local, name: str | None, timezone: str | None, nominal_year: int | None, fill_gaps: int
+) -> WeatherRecord:
+    starts = _starts(local, nominal_year)
+    rows = Rows(local.file, starts + SLOT_SECONDS, local.columns, TIMING, local.row_numbers)
+    if nominal_year is not None:
+        rows = _turned(rows, nominal_year, fill_gaps)
+    latitude, longitude, altitude = local.coordinates
+    place = Place(local.station, latitude, longitude, altitude, timezone or _fixed_zone(local.file, local.utc_offset))
+    notes = (
+        () if nominal_year is None else (f"typical year, its months from different years; all named {nominal_year}",)
+    )
+    origin = Origin(
+        name or Path(local.file).stem.lower(), place, local.source, UNKNOWN_LICENCE, nominal_year is not None, notes
+    )
+    return assemble(rows, origin, fill_gaps=fill_gaps)
+
+
+def _starts(local: _Local, nominal_year: int | None) -> IntArray:
+    """Start of each slot [s since 1970-01-01 UTC], in the nominal year where one is given."""
+    if nominal_year is not None and calendar.isleap(nominal_year):
+        msg = f"{nominal_year} is a leap year and a typical year has no 29 February. Choose a common year with --year."
+        raise WeatherError(msg)
+    starts = np.empty(len(local.calendar), dtype=np.int64)
+    for i, (own_year, month, day, hour) in enumerate(local.calendar.tolist()):
+        year = own_year if nominal_year is None else nominal_year
+        if not (1 <= month <= 12 and 1 <= day <= calendar.monthrange(year, month)[1] and 0 <= hour <= 23):
+            row = local.row_numbers[i]
+            msg = f"{local.file}, row {row}: {year}-{month:02d}-{day:02d}, hour {hour + 1} does not exist. Correct the file."
+            raise WeatherError(msg)
+        starts[i] = calendar.timegm((year, month, day, hour, 0, 0))
+    return starts - round(local.utc_offset * SLOT_SECONDS)
+
+
+def _turned(rows: Rows, year: int, fill_gaps: int) -> Rows:
+    """The whole typical year from 1 January 00:00 UTC: hours that UTC puts outside the year re-enter at its other end."""
+    check_order(rows)
+    if rows.slot_ends.size != YEAR_HOURS and fill_gaps == 0:
+        msg = (
+            f"{rows.file} holds {rows.slot_ends.size} hours instead of the {YEAR_HOURS} of a typical year. Get the whole file, "
+            "or import with --fill-gaps N if single hours are missing."
+        )
+        raise WeatherError(msg)
+    begin = calendar.timegm((year, 1, 1, 0, 0, 0))
+    ends = begin + (rows.slot_ends - begin - 1) % (YEAR_HOURS * SLOT_SECONDS) + 1
+    order = np.argsort(ends, kind="stable")
+    columns = {name: values[order] for name, values in rows.columns.items()}
+    return Rows(rows.file, ends[order], columns, rows.timing, rows.row_numbers[order])
+
+
+def _fixed_zone(file: str, utc_offset: float) -> str:
+    """IANA name of a fixed offset [h]; in these names east of Greenwich is minus."""
+    if utc_offset != int(utc_offset) or not -12 <= utc_offset <= 14:
+        msg = (
+            f"{file}: its clock is {utc_offset:+g} h from UTC, which has no fixed IANA zone. Give one with --timezone."
+        )
+        raise WeatherError(msg)
+    return f"Etc/GMT{-int(utc_offset):+d}" if utc_offset else "Etc/GMT"
 
 
 def read_weather(

@@ -34,7 +34,7 @@ SCHEMA = 1
 
 
 @dataclass(frozen=True)
-class Quantity:
+class HourlyQuantity:
     """One column of the canonical table.
 
     ``counts_per_unit`` whole counts make one ``unit``; ``low`` and ``high`` are the limits of the physically possible.
@@ -48,18 +48,20 @@ class Quantity:
     meaning: str
 
 
-QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
+QUANTITIES: Mapping[str, HourlyQuantity] = MappingProxyType(
     {
         q.name: q
         for q in (
-            Quantity("air_temperature", "degC", 1000, -60.0, 60.0, "air temperature at 1.5 to 2 m"),
-            Quantity("relative_humidity", "%", 1000, 0.0, 100.0, "relative humidity at 1.5 to 2 m"),
-            Quantity("wind_speed", "m/s", 1000, 0.0, 75.0, "wind speed at 10 m"),
+            HourlyQuantity("air_temperature", "degC", 1000, -60.0, 60.0, "air temperature at 1.5 to 2 m"),
+            HourlyQuantity("relative_humidity", "%", 1000, 0.0, 100.0, "relative humidity at 1.5 to 2 m"),
+            HourlyQuantity("wind_speed", "m/s", 1000, 0.0, 75.0, "wind speed at 10 m"),
             # One count is 1 J m-2 in the slot, so that both J cm-2 and Wh m-2 come out whole.
-            Quantity("global_radiation", "W/m2", SLOT_SECONDS, 0.0, 1500.0, "global horizontal radiation"),
-            Quantity("cloud_cover", "octants", 1000, 0.0, 9.0, "cloud cover; 9 = sky invisible (KNMI's code)"),
-            Quantity("sky_infrared", "W/m2", 1000, 50.0, 700.0, "infrared radiation from the sky on the horizontal"),
-            Quantity("sky_temperature", "degC", 1000, -100.0, 60.0, "apparent sky temperature"),
+            HourlyQuantity("global_radiation", "W/m2", SLOT_SECONDS, 0.0, 1500.0, "global horizontal radiation"),
+            HourlyQuantity("cloud_cover", "octants", 1000, 0.0, 9.0, "cloud cover; 9 = sky invisible (KNMI's code)"),
+            HourlyQuantity(
+                "sky_infrared", "W/m2", 1000, 50.0, 700.0, "infrared radiation from the sky on the horizontal"
+            ),
+            HourlyQuantity("sky_temperature", "degC", 1000, -100.0, 60.0, "apparent sky temperature"),
         )
     }
 )

@@ -16,8 +16,7 @@ import numpy.typing as npt
 
 from glbench.errors import UnknownNameError, WeatherError, did_you_mean
 from glbench.weather import conserving, paper
-from glbench.weather.clock import clock_time, to_utc_seconds
-from glbench.weather.preprocessing import Prepared, Window
+from glbench.weather.preprocessing import Prepared, Window, clock_time, to_utc_seconds
 from glbench.weather.record import SCHEMA, FloatArray, WeatherRecord, canonical_digest, utc_text
 
 PREPROCESSINGS = ("paper", "conserving")

@@ -16,7 +16,7 @@ from dataclasses import asdict, replace
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -76,29 +76,12 @@ def list_weather() -> list[WeatherInfo]:
     """What every record is, shipped ones first, then the user's own in order of name. Reads no values of the user's."""
     folder = data_folder("weather")
     infos = [
-        _info(load_weather(name), "shipped", folder / entry["file"])
+        _info(name, _described(load_weather(name)), "shipped", folder / entry["file"])
         for name, entry in sorted(_manifest(folder).items())
     ]
     for name in _user_names():
         path = user_folder() / f"{name}.parquet"
-        described = _metadata(_parquet_schema(path), path)
-        first = dt.datetime.fromtimestamp(described["begin"], tz=dt.UTC)
-        infos.append(
-            WeatherInfo(
-                name=name,
-                place=Place(**described["place"]),
-                first=first,
-                last=first + dt.timedelta(hours=described["hours"]),
-                hours=described["hours"],
-                source=described["source"],
-                licence=described["licence"],
-                digest=described["digest"],
-                origin="yours",
-                path=path,
-                typical_year=described["typical_year"],
-                notes=tuple(described["notes"]),
-            )
-        )
+        infos.append(_info(name, _metadata(_parquet_schema(path), path), "yours", path))
     return infos
 
 
@@ -138,20 +121,34 @@ def check_new_name(name: str, *, overwrite: bool = False) -> Path:
     return path
 
 
-def _info(record: WeatherRecord, origin: Any, path: Path) -> WeatherInfo:
+def _described(record: WeatherRecord) -> dict[str, Any]:
+    """What a user's Parquet file says of its record."""
+    return {
+        "schema": SCHEMA,
+        "name": record.name,
+        "place": asdict(record.place),
+        "begin": record.begin,
+        "hours": record.hours,
+        "timing": dict(record.timing),
+        "source": record.source,
+        "licence": record.licence,
+        "typical_year": record.typical_year,
+        "notes": list(record.notes),
+        "digest": record.digest,
+    }
+
+
+def _info(name: str, described: Mapping[str, Any], origin: Literal["shipped", "yours"], path: Path) -> WeatherInfo:
+    first = dt.datetime.fromtimestamp(described["begin"], tz=dt.UTC)
     return WeatherInfo(
-        name=record.name,
-        place=record.place,
-        first=record.first,
-        last=record.last,
-        hours=record.hours,
-        source=record.source,
-        licence=record.licence,
-        digest=record.digest,
+        name=name,
+        place=Place(**described["place"]),
+        first=first,
+        last=first + dt.timedelta(hours=described["hours"]),
         origin=origin,
         path=path,
-        typical_year=record.typical_year,
-        notes=record.notes,
+        notes=tuple(described["notes"]),
+        **{key: described[key] for key in ("hours", "source", "licence", "digest", "typical_year")},
     )
 
 
@@ -207,23 +204,10 @@ def _parquet_bytes(record: WeatherRecord) -> bytes:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    described = {
-        "schema": SCHEMA,
-        "name": record.name,
-        "place": asdict(record.place),
-        "begin": record.begin,
-        "hours": record.hours,
-        "timing": dict(record.timing),
-        "source": record.source,
-        "licence": record.licence,
-        "typical_year": record.typical_year,
-        "notes": list(record.notes),
-        "digest": record.digest,
-    }
     ends = record.begin + SLOT_SECONDS * np.arange(1, record.hours + 1, dtype=np.int64)
     columns: dict[str, Any] = {"slot_end": pa.array(ends, type=pa.timestamp("s", tz="UTC"))}
     columns |= {name: pa.array(counts, type=pa.int64()) for name, counts in record.counts.items()}
-    table = pa.table(columns).replace_schema_metadata({METADATA_KEY: json.dumps(described).encode()})
+    table = pa.table(columns).replace_schema_metadata({METADATA_KEY: json.dumps(_described(record)).encode()})
     sink = io.BytesIO()
     pq.write_table(table, sink, compression="zstd")
     return sink.getvalue()

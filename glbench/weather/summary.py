@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from glbench.errors import WeatherError
-from glbench.weather.psychrometrics import saturation_vapour_pressure
+from glbench.weather.preprocessing import saturation_vapour_pressure
 from glbench.weather.record import SLOT_SECONDS, WeatherRecord
 
 UNITS: Mapping[str, str] = {

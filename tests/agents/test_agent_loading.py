@@ -247,7 +247,7 @@ def test_files_that_cannot_be_read_are_explained(write: Write, monkeypatch: pyte
         raise PermissionError(13, "Permission denied", str(path))
 
     path = write("still.py", STILL)
-    monkeypatch.setattr("glbench.agents.contents.os.open", refuse)
+    monkeypatch.setattr("glbench.agents.identity.os.open", refuse)
     assert "still cannot be read: [Errno 13] Permission denied" in refusal(path)
 
 

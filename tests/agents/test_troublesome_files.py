@@ -16,10 +16,9 @@ import pytest
 
 from glbench.agents import load_agent
 from glbench.agents.card import check_card
-from glbench.agents.contents import LARGEST_SUBMISSION, digest_of, files_of_folder
-from glbench.agents.formats.sb3_archive import read_archive
-from glbench.agents.formats.torchscript import torchscript_complaint
-from glbench.agents.identity import identify, read_identity
+from glbench.agents.formats.exported import torchscript_complaint
+from glbench.agents.formats.sb3 import read_archive
+from glbench.agents.identity import LARGEST_SUBMISSION, digest_of, files_of_folder, identify, read_identity
 from glbench.errors import SubmissionError
 from glbench.resources import sha256_of_files
 
@@ -51,7 +50,7 @@ def test_a_file_of_a_terabyte_is_refused_before_it_is_read(folder: Path) -> None
 
 
 def test_thousands_of_files_are_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("glbench.agents.contents.MOST_FILES", 3)
+    monkeypatch.setattr("glbench.agents.identity.MOST_FILES", 3)
     for number in range(3):
         (folder / str(number)).touch()
     with pytest.raises(SubmissionError, match="has more than 3 files"):
@@ -59,7 +58,7 @@ def test_thousands_of_files_are_refused(folder: Path, monkeypatch: pytest.Monkey
 
 
 def test_empty_folders_and_hidden_files_without_end_are_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("glbench.agents.contents.MOST_ENTRIES", 20)
+    monkeypatch.setattr("glbench.agents.identity.MOST_ENTRIES", 20)
     for number in range(10):
         (folder / f".{number}").touch()
         (folder / f"{number}" / "empty").mkdir(parents=True)
@@ -68,7 +67,7 @@ def test_empty_folders_and_hidden_files_without_end_are_refused(folder: Path, mo
 
 
 def test_what_lies_in_a_hidden_folder_is_not_even_looked_at(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("glbench.agents.contents.MOST_ENTRIES", 5)
+    monkeypatch.setattr("glbench.agents.identity.MOST_ENTRIES", 5)
     for place in (".git", "__pycache__"):
         (folder / place).mkdir()
         for number in range(10):

@@ -122,6 +122,7 @@ def test_mistakes_are_told_in_words_without_a_traceback(
     assert answer.out == ""
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_with_130_and_the_same_command_goes_on(here: Path) -> None:
     slow = (here / "steady.py").read_text(encoding="utf-8").replace("return np", PATIENT)
     (here / "slow.py").write_text(slow, encoding="utf-8")
@@ -148,6 +149,7 @@ def test_ctrl_c_leaves_with_130_and_the_same_command_goes_on(here: Path) -> None
     assert 0 < resumed_at < 24
 
 
+@pytest.mark.slow
 def test_on_a_terminal_a_bar_shows_step_speed_and_time_left(here: Path) -> None:
     pty = pytest.importorskip("pty")
     slow = (
@@ -184,7 +186,7 @@ def test_on_a_terminal_a_bar_shows_step_speed_and_time_left(here: Path) -> None:
     [
         ("glbench.evaluation.files.write_atomically", "Nothing of this evaluation is saved"),
         ("glbench.evaluation.saving.write_atomically", "The result is saved, and not the recorded actions"),
-        ("glbench.episodes.writing.write_atomically", "are saved, and not all of profile and full episodes"),
+        ("glbench.episodes.episode.write_atomically", "are saved, and not all of profile and full episodes"),
     ],
 )
 def test_a_full_disk_takes_nobody_the_table(

@@ -19,8 +19,8 @@ RUNNER = CliRunner()
 
 
 @pytest.fixture
-def reports(tmp_path: Path) -> Path:
-    """Reports folder with three made-up agents on a task that no one has published."""
+def reports(tmp_path: Path, few_released: None) -> Path:
+    """Reports folder with three made-up agents on a task that no one has published, beside few released results."""
     folder = tmp_path / "reports"
     save_result(make_result("better", [5.0, 6.0, 7.0, 8.0]), folder)
     save_result(make_result("worse", [-15.0, -14.0, -13.0, -12.0], privileged=True), folder)
@@ -182,6 +182,7 @@ def test_another_folder_shows_its_own_agents_and_the_released_baselines_only(rep
     assert "better" not in shown
 
 
+@pytest.mark.slow
 def test_agents_over_a_suite_are_shown_with_scores_and_resources(monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     console.output.cache_clear()
@@ -200,6 +201,7 @@ def test_agents_over_a_suite_are_shown_with_scores_and_resources(monkeypatch):
         assert words in result.stdout
 
 
+@pytest.mark.usefixtures("few_released")
 def test_an_unknown_suite_is_answered_with_the_nearest():
     result = run("--suite", "papre")
     assert result.exit_code == 1

@@ -12,6 +12,8 @@ import pytest
 
 from glbench.evaluation import load_result
 
+pytestmark = pytest.mark.slow
+
 GLBENCH = (sys.executable, "-c", "from glbench_command import main; main()")
 ARGUMENTS = ("--task", "day.toml", "--workers", "1")
 PATIENT = "import os, time; time.sleep(0 if os.path.exists('hurry') else 1.0); return np"

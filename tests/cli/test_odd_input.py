@@ -98,6 +98,7 @@ def test_examples_are_written_where_there_are_none(glbench: Command, here: Path)
     assert (here / "submissions" / "my_agent.py").read_text(encoding="utf-8") == "# mine\n"
 
 
+@pytest.mark.slow
 def test_commands_leave_the_released_results_alone(glbench: Command, here: Path) -> None:
     from glbench.resources import data_folder
 

@@ -6,10 +6,11 @@ import json
 
 import pytest
 
-from glbench.cli.show import sparkline
+from glbench.cli.results import sparkline
 from glbench.evaluation import load_result
 from glbench.resources import data_folder
 
+pytestmark = pytest.mark.usefixtures("few_released")
 TASK = "Schiphol2010-Delta10-v1"
 RELEASED = data_folder("reports/released/results")
 
@@ -77,6 +78,7 @@ def test_a_folder_that_is_not_there_is_no_empty_one(glbench, tmp_path):
         assert "There is no folder" in done.err
 
 
+@pytest.mark.usefixtures("all_released")
 def test_agents_are_compared_over_all_tasks_that_both_have(glbench):
     done = glbench("compare", "rule_based", "rule_based_fair")
     assert done.code == 0

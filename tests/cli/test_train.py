@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="training needs the extra 'train'")
 
-from glbench.cli.training_support import needs_the_extra
+from glbench.cli.train import needs_the_extra
 from glbench.errors import TrainingError
 from tests.cli.command_line import Command
 
@@ -110,6 +110,7 @@ def test_the_normalisation_beside_a_model_is_exported_with_it(glbench: Command, 
     assert policies["beside"] == policies["named"] != policies["none"]
 
 
+@pytest.mark.slow
 @pytest.mark.train
 def test_a_policy_with_a_memory_is_evaluated_as_it_was_saved(glbench: Command, settings: Path) -> None:
     recurrent = TINY.replace("policy_kwargs: {net_arch: [8], activation_fn: SiLU}", "policy: MlpLstmPolicy")

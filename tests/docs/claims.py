@@ -721,7 +721,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     ],
     "docs/episodes.md": [
         ("Above 512 MB", "definition: glbench/episodes/recorder.py"),
-        ("at most 128 MiB or 32 times", "definition: glbench/episodes/mcap_scan.py"),
+        ("at most 128 MiB or 32 times", "definition: glbench/episodes/mcap_file.py"),
     ],
     "docs/nomenclature.md": [
         ("averaged over about 24 h", "definition: a state of the model"),

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from glbench.env import ACTUATIONS, DISTRIBUTIONS, REWARDS, observations
+from glbench.model import paper
 from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, get_task
 from glbench.tasks.vocabulary import ACTUATION_KINDS, OBSERVATION_MODULES, REWARD_MODULES
@@ -48,13 +49,14 @@ def day(make_task: MakeTask) -> TaskSpec:
 
 @pytest.fixture
 def own_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Words that a test registers are forgotten after it."""
+    """Words and models that a test registers are forgotten after it."""
     registries = (OBSERVATION_MODULES, REWARD_MODULES, ACTUATION_KINDS, DISTRIBUTION_WORDS)
     for registry in registries:
         monkeypatch.setattr(registry, "_entries", dict(registry._entries))
     for parts in (REWARDS, ACTUATIONS, DISTRIBUTIONS):
         monkeypatch.setattr(parts, "_makers", dict(parts._makers))
     monkeypatch.setattr(observations, "_MAKERS", dict(observations._MAKERS))
+    monkeypatch.setattr(paper, "_MODELS", dict(paper._MODELS))
 
 
 @pytest.fixture

@@ -18,12 +18,9 @@ from glbench.cli.app import app
 from glbench.episodes import action_log, read_episode, read_log, recover
 from glbench.episodes.action_log import RunTable
 from glbench.episodes.definition import task_of
+from glbench.episodes.episode import PROVENANCE, TASK, _groups, episode_bytes
 from glbench.episodes.header import as_words, canonical
-from glbench.episodes.mcap_scan import scan, scan_bytes
-from glbench.episodes.mcap_stream import McapStream
-from glbench.episodes.reading import _groups
-from glbench.episodes.wire import Layout, Part
-from glbench.episodes.writing import PROVENANCE, TASK, episode_bytes
+from glbench.episodes.mcap_file import Layout, McapWriter, Part, scan, scan_bytes
 from glbench.errors import EpisodeError
 from glbench.untrusted import MIB
 from glbench.verification import verify
@@ -38,14 +35,14 @@ def log(day_result):
 def record(log, *, provenance=None, runs=None, chunks=(), words=None):
     """A record whose parts are as given, with every checksum right."""
     buffer = io.BytesIO()
-    stream = McapStream(buffer)
+    stream = McapWriter(buffer)
     facts = {"format": action_log.LOG_FORMAT, **as_words(log.provenance), "runs": "3", "actions_as": "float64"}
     stream.metadata("glbench actions", {**facts, **(words or {})})
-    stream.attachment(PROVENANCE, "application/json", provenance or canonical(log.provenance))
-    stream.attachment("runs.json", "application/json", runs or canonical(RunTable(runs=log.runs)))
-    stream.attachment(TASK, "application/json", log.definition)
-    schema = stream.schema("glbench.RunPart", "protobuf", b"")
-    channels = [stream.channel(f"/runs/{run.seed}", schema, "protobuf", {}) for run in log.runs]
+    stream.attachment(PROVENANCE, provenance or canonical(log.provenance))
+    stream.attachment("runs.json", runs or canonical(RunTable(runs=log.runs)))
+    stream.attachment(TASK, log.definition)
+    schema = stream.schema("glbench.RunPart", b"")
+    channels = [stream.channel(f"/runs/{run.seed}", schema, {}) for run in log.runs]
     for chunk in chunks:
         stream.chunk(chunk, {channels[0]: (np.array([1], np.uint64), np.array([0], np.uint64))})
     stream.finish()
@@ -87,8 +84,8 @@ def test_a_chunk_that_lies_about_its_size_is_not_expanded(log, tmp_path):
 
 def test_a_torn_chunk_is_not_expanded_without_end():
     buffer = io.BytesIO()
-    stream = McapStream(buffer)
-    channel = stream.channel("/runs/1", 0, "protobuf", {})
+    stream = McapWriter(buffer)
+    channel = stream.channel("/runs/1", 0, {})
     stream.chunk(bytes(400 * MIB), {channel: (np.array([1], np.uint64), np.array([0], np.uint64))})
     tracemalloc.start()
     found = scan_bytes(buffer.getvalue()[:-100])
@@ -183,10 +180,8 @@ def test_a_pipe_in_place_of_a_record_or_a_profile_is_not_waited_for(day_result, 
 
 
 def test_an_episode_that_describes_no_protobuf(episode_file, tmp_path, monkeypatch):
-    from glbench.episodes import writing
-
     episode = read_episode(episode_file)
-    monkeypatch.setattr(writing, "descriptor_of", lambda layout: b"\xff\xff\xff")
+    monkeypatch.setattr(Layout, "descriptor", lambda layout: b"\xff\xff\xff")
     path = tmp_path / "strange.mcap"
     path.write_bytes(episode_bytes(episode))
     with pytest.raises(EpisodeError, match="as glbench writes it"):
@@ -226,22 +221,22 @@ def test_a_column_that_a_spreadsheet_would_take_for_a_formula(name):
     part = Part("agent_action", 1, "AgentAction", (name,), np.dtype("<f8"))
     channel = Channel(1, "/inputs", "protobuf", {}, 1)
     with pytest.raises(ValueError, match="a column is called"):
-        _groups(channel, Layout("Inputs", (part,), np.dtype([])))
+        _groups(channel, Layout("Inputs", [part]))
 
 
 def test_an_episode_without_actions(episode_file, tmp_path):
     found = scan(episode_file)
     buffer = io.BytesIO()
-    stream = McapStream(buffer)
+    stream = McapWriter(buffer)
     for name, words in found.metadata.items():
         stream.metadata(name, words)
     for name, data in found.attachments.items():
-        stream.attachment(name, "application/json", data)
+        stream.attachment(name, data)
     for schema in found.schemas.values():
-        stream.schema(schema.name, schema.encoding, schema.data)
+        stream.schema(schema.name, schema.data)
     for topic in found.channels.values():
         words = {key: "other" if value == "action" else value for key, value in topic.metadata.items()}
-        stream.channel(topic.topic, topic.schema_id, topic.message_encoding, words)
+        stream.channel(topic.topic, topic.schema_id, words)
     for chunk in found.chunks:
         stream.chunk(chunk, {1: (np.array([1], np.uint64), np.array([0], np.uint64))})
     stream.finish()

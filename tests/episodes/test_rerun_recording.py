@@ -12,13 +12,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glbench.episodes.rerun_blueprint import OVERVIEW, PAGES, with_two_ticks
-from glbench.episodes.rerun_card import card
-from glbench.episodes.rerun_colours import PALETTE
-from glbench.episodes.rerun_course import Course, course_of, provenance_words, show_together, shown_of
-from glbench.episodes.rerun_package import load_rerun
-from glbench.episodes.rerun_recording import save_recording
-from glbench.episodes.rerun_signals import CONTROLS, NEEDED_COLUMNS, SIGNALS, WEATHER
+from glbench.episodes.rerun_course import (
+    PALETTE,
+    Trajectory,
+    card,
+    provenance_words,
+    show_together,
+    shown_of,
+    trajectory_of,
+)
+from glbench.episodes.rerun_recording import save_recording, with_two_ticks
+from glbench.episodes.rerun_viewer import load_rerun
+from glbench.episodes.signals import GREENHOUSE
 from glbench.errors import GlbenchError
 from glbench.evaluation import load_result
 from glbench.tasks import get_task
@@ -40,9 +45,11 @@ def recording(runs: Runs, tmp_path_factory: pytest.TempPathFactory) -> Recording
     return read_recording(path)
 
 
-def _course(task_file: Path, controller: str = "one", seed: int = 1, steps: int = 96, **columns: np.ndarray) -> Course:
+def _course(
+    task_file: Path, controller: str = "one", seed: int = 1, steps: int = 96, **columns: np.ndarray
+) -> Trajectory:
     times = get_task(task_file).disturbances().times[: steps + 1].astype("datetime64[ns]")
-    return Course(controller, seed, times, {name: np.zeros(steps) for name in NEEDED_COLUMNS} | columns)
+    return Trajectory(controller, seed, times, {name: np.zeros(steps) for name in GREENHOUSE.needed} | columns)
 
 
 def test_plain_curves_are_the_columns_of_the_record_bit_for_bit(runs: Runs, recording: Recording) -> None:
@@ -61,8 +68,8 @@ def test_plain_curves_are_the_columns_of_the_record_bit_for_bit(runs: Runs, reco
 
 def test_every_curve_follows_from_the_record_at_the_records_steps_and_times(runs: Runs, recording: Recording) -> None:
     episode = runs.episode()
-    columns = course_of(episode).columns
-    for signal in SIGNALS:
+    columns = trajectory_of(episode).columns
+    for signal in GREENHOUSE.curves:
         curve = recording.curves[f"/{signal.path}" if signal.shared else f"/{signal.path}/rule_based"]
         assert curve.values.tobytes() == np.ascontiguousarray(signal.values(columns)).tobytes(), signal.path
         assert (curve.steps == np.arange(1, episode.steps + 1)).all()
@@ -96,7 +103,7 @@ def test_violations_are_positive_above_the_limits_and_negative_below(runs: Runs,
 
 
 def test_every_series_names_its_unit(recording: Recording) -> None:
-    for signal in SIGNALS:
+    for signal in GREENHOUSE.curves:
         entity = f"/{signal.path}" if signal.shared else f"/{signal.path}/rule_based"
         (name,) = recording.styles[entity]["SeriesLines:names"]
         assert name == f"{signal.title if signal.shared else 'rule_based'} [{signal.unit}]"
@@ -105,8 +112,8 @@ def test_every_series_names_its_unit(recording: Recording) -> None:
 def test_controls_and_weather_are_drawn_as_steps_and_the_rest_as_lines(recording: Recording) -> None:
     from rerun.components import InterpolationMode
 
-    steps = {signal.path for signal in (*CONTROLS, *WEATHER)}
-    for signal in SIGNALS:
+    steps = {signal.path for signal in GREENHOUSE.curves if signal.path.startswith(("controls/", "weather/"))}
+    for signal in GREENHOUSE.curves:
         entity = f"/{signal.path}" if signal.shared else f"/{signal.path}/rule_based"
         drawn = InterpolationMode.StepAfter if signal.path in steps else InterpolationMode.Linear
         assert recording.styles[entity]["SeriesLines:interpolation_mode"] == [drawn.value], signal.path
@@ -147,7 +154,7 @@ def test_the_card_tells_the_task_and_who_is_who(runs: Runs) -> None:
 def test_a_run_that_ended_early_is_shown_with_its_reason(runs: Runs, tmp_path: Path) -> None:
     short = _course(runs.task_file, "failing", steps=20)
     shown = show_together(
-        get_task(runs.task_file), [course_of(runs.episode()), replace(short, remark="act raised ValueError")]
+        get_task(runs.task_file), [trajectory_of(runs.episode()), replace(short, remark="act raised ValueError")]
     )
     save_recording(shown, tmp_path / "two.rrd")
     curves = read_recording(tmp_path / "two.rrd").curves
@@ -175,8 +182,8 @@ def test_other_days_can_be_chosen(runs: Runs) -> None:
 
 
 def test_an_episode_shorter_than_the_days_is_shown_whole(runs: Runs) -> None:
-    course = _course(runs.task_file, steps=5)
-    assert show_together(get_task(runs.task_file), [course]).closeup() == (course.times[0], course.times[5])
+    trajectory = _course(runs.task_file, steps=5)
+    assert show_together(get_task(runs.task_file), [trajectory]).closeup() == (trajectory.times[0], trajectory.times[5])
 
 
 def test_one_controller_twice_is_told_apart_by_its_seeds(runs: Runs) -> None:
@@ -184,13 +191,13 @@ def test_one_controller_twice_is_told_apart_by_its_seeds(runs: Runs) -> None:
 
 
 def test_what_cannot_be_shown_together_is_refused_in_words(runs: Runs) -> None:
-    task, course = get_task(runs.task_file), _course(runs.task_file)
+    task, trajectory = get_task(runs.task_file), _course(runs.task_file)
     with pytest.raises(GlbenchError, match="nothing to show"):
         shown_of([])
     with pytest.raises(GlbenchError, match=r"one \(seed 1\) is there twice"):
-        show_together(task, [course, course])
+        show_together(task, [trajectory, trajectory])
     with pytest.raises(GlbenchError, match="At most 6 runs"):
-        show_together(task, [replace(course, seed=seed) for seed in range(7)])
+        show_together(task, [replace(trajectory, seed=seed) for seed in range(7)])
     with pytest.raises(GlbenchError, match="'one' with seed 1 has no steps"):
         show_together(task, [_course(runs.task_file, steps=0)])
     episode = runs.episode()
@@ -206,9 +213,11 @@ def test_without_the_package_the_message_says_how_to_install_it(monkeypatch: pyt
         load_rerun()
 
 
-def test_every_signal_is_on_exactly_one_page_and_the_overview_knows_its_signals() -> None:
-    assert [signal for page in PAGES for signal in page.signals] == list(SIGNALS)
-    assert {path for column in OVERVIEW for path in column} <= {signal.path for signal in SIGNALS}
+def test_every_curve_has_a_place_of_its_own_and_the_overview_knows_its_curves() -> None:
+    paths = [curve.path for curve in GREENHOUSE.curves]
+    assert len(set(paths)) == len(paths)
+    assert {path for column in GREENHOUSE.overview for path in column} <= set(paths)
+    assert {name for curve in GREENHOUSE.curves for name in curve.columns} <= {one.name for one in GREENHOUSE.recorded}
 
 
 @given(low=st.floats(-1e5, 1e5), width=st.floats(1e-3, 1e5), margin=st.floats(0.0, 0.4))

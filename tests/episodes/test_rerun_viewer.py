@@ -17,11 +17,10 @@ import pytest
 
 from glbench.env import Simulation
 from glbench.episodes import rerun_viewer
-from glbench.episodes.rerun_colours import PALETTE
-from glbench.episodes.rerun_course import course_of, show_together, shown_of
+from glbench.episodes.rerun_course import PALETTE, show_together, shown_of, trajectory_of
 from glbench.episodes.rerun_live import LiveView
 from glbench.episodes.rerun_recording import save_recording
-from glbench.episodes.rerun_signals import SIGNALS
+from glbench.episodes.signals import GREENHOUSE
 from glbench.errors import GlbenchError
 from glbench.tasks import get_task
 from tests.episodes.rerun_runs import Runs, make_runs, read_recording
@@ -39,7 +38,7 @@ def stream_into(file: Path) -> Iterator[str]:
     """A viewer without a window that writes what is streamed to it into ``file``; gives its address."""
     port = rerun_viewer.free_port()
     listening = ["--bind", rerun_viewer.LOOPBACK, "--port", str(port)]
-    with rerun_viewer._running(rerun_viewer.viewer_program(), ["--save", str(file), *listening]) as viewer:
+    with rerun_viewer.Viewer(rerun_viewer.viewer_program(), ["--save", str(file), *listening]) as viewer:
         viewer.await_port(port)
         yield rerun_viewer.stream_address(port)
         _await_quiet(file)
@@ -72,7 +71,7 @@ def test_what_is_streamed_is_what_is_recorded(runs: Runs, tmp_path: Path) -> Non
     live = read_recording(tmp_path / "live.rrd")
     save_recording(shown_of([runs.episode()]), tmp_path / "recorded.rrd")
     recorded = read_recording(tmp_path / "recorded.rrd")
-    for signal in SIGNALS:
+    for signal in GREENHOUSE.curves:
         entity = f"/{signal.path}" if signal.shared else f"/{signal.path}/rule_based"
         assert live.curves[entity].values.tobytes() == recorded.curves[entity].values.tobytes(), entity
         assert (live.curves[entity].times == recorded.curves[entity].times).all()
@@ -165,6 +164,7 @@ def _listening_addresses(ports: set[int]) -> set[str]:
     return found
 
 
+@pytest.mark.slow
 def test_a_picture_of_the_real_viewer_shows_both_controllers_and_the_limits(runs: Runs, tmp_path: Path) -> None:
     image = pytest.importorskip("PIL.Image", reason="Pillow, which reads the picture, is not installed")
     episodes = [runs.episode(), runs.episode(666, "steady")]
@@ -199,7 +199,7 @@ def test_where_nothing_can_draw_it_says_what_to_install(
         monkeypatch.setenv(name, "/there/is/none")
     monkeypatch.setenv("WGPU_BACKEND", "vulkan")
     task = get_task(runs.task_file)
-    save_recording(show_together(task, [course_of(runs.episode())]), tmp_path / "one.rrd")
+    save_recording(show_together(task, [trajectory_of(runs.episode())]), tmp_path / "one.rrd")
     with pytest.raises(GlbenchError, match="mesa-vulkan-drivers"):
         rerun_viewer.take_picture(tmp_path / "one.rrd", tmp_path / "none.png")
     assert not (tmp_path / "none.png").exists()

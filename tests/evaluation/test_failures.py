@@ -161,6 +161,7 @@ def test_leaving_python_is_a_crash_like_any_other(day_task: TaskSpec, write_agen
     assert reason(result, 0).startswith("SystemExit: 0 (agent_under_test.py:")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "hang",
     [
@@ -246,6 +247,7 @@ def test_an_agent_that_cannot_be_made_is_an_error_and_no_result(
     assert not list((tmp_path / "reports").rglob("*.json"))
 
 
+@pytest.mark.slow
 def test_making_an_agent_has_a_time_limit(day_task: TaskSpec, write_agent: AgentWriter, hasty: TimeLimits) -> None:
     path = write_agent()
     path.write_text(

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from glbench.evaluation.acting import guarded
-from glbench.evaluation.limits import TimeUp
+from glbench.evaluation.limits import TimeUp, guarded
 
 
 @pytest.fixture

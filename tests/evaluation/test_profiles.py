@@ -62,7 +62,7 @@ def test_replaying_the_actions_gives_the_same_bytes(day_task, write_agent: Agent
 
 def test_replaying_few_runs_at_a_time_changes_nothing(day_task, write_agent, tmp_path, monkeypatch):
     result, path = stored(day_task, write_agent(), tmp_path)
-    monkeypatch.setattr("glbench.evaluation.profiles.course.LARGEST_TRACE", 1)
+    monkeypatch.setattr("glbench.evaluation.profiles.building.LARGEST_TRACE", 1)
     again = make_profile(day_task, result, recorded_actions(result, path), None)
     assert again.to_bytes() == profile_path(path).read_bytes()
 

@@ -12,9 +12,9 @@ from tests.evaluation.agent_files import agent_writer
 
 
 def test_what_cannot_be_recorded_is_refused_in_words(day_task, tmp_path):
-    agent = agent_writer(tmp_path)(FAILING, "broken")
+    agent = agent_writer(tmp_path)(FAILING, "stumbling")
     evaluate(day_task, agent, out=tmp_path)
-    path = result_path(tmp_path, day_task.id, "broken")
+    path = result_path(tmp_path, day_task.id, "stumbling")
     with pytest.raises(EpisodeError, match=r"no run with seed 10000. Its seeds: 666, 667, 668"):
         write_recording(path, 10000, tmp_path / "new")
     with pytest.raises(EpisodeError, match=r"seed 667 .* failed"):

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from glbench.errors import ResultError
 from glbench.evaluation import METRIC_NAMES, UNITS, Result, RunResult, load_result, save_result
-from glbench.evaluation.records import summarise
+from glbench.evaluation.records import AgentRecord, results_digest, summarise
 
 Document = dict[str, Any]
 
@@ -70,8 +70,9 @@ def test_the_file_stands_by_itself(saved: Path) -> None:
         (lambda d: d["runs"][0].update(steps=5), "is 'ok' after 5 of 24 steps"),
         (lambda d: d["runs"][0].update(status="crashed"), "'crashed' with the reason None"),
         (lambda d: d["runs"][0].update(status="fine"), "runs.0.status"),
-        (lambda d: d["runs"][0]["metrics"].pop("heat"), r"metrics missing \['heat'\]"),
-        (lambda d: d["runs"][0]["metrics"].update(beauty=1.0), r"unknown \['beauty'\]"),
+        (lambda d: d["runs"][0]["metrics"].pop("heat"), r"666 lacks metrics that have a unit \['heat'\]"),
+        (lambda d: d["runs"][0]["metrics"].update(beauty=1.0), r"or has some without one \['beauty'\]"),
+        (lambda d: d["runs"][0]["metrics"].pop("reward"), "run with seed 666 lacks the metric 'reward'"),
         (lambda d: d["summary"]["mean"].update(reward=99.0), "the summary does not follow from the runs"),
         (lambda d: d["task"].update(digest="0" * 64), "results_digest does not match"),
         (lambda d: d["agent"].update(name="somebody"), "results_digest does not match"),
@@ -86,6 +87,39 @@ def test_the_file_stands_by_itself(saved: Path) -> None:
 def test_a_changed_file_is_refused_with_its_reason(saved: Path, edit: Callable[[Document], object], words: str) -> None:
     with pytest.raises(ResultError, match=words):
         load_result(change(saved, edit))
+
+
+def measured_by_another_version(document: Document, names: Callable[[dict[str, Any]], object]) -> None:
+    """Change the metrics of all runs, their units and the summary, as another glbench would have written them."""
+    for values in (*(run["metrics"] for run in document["runs"]), document["summary"]["mean"], document["units"]):
+        names(values)
+    agent = AgentRecord.model_validate(document["agent"])
+    runs = tuple(RunResult.model_validate_json(json.dumps(run)) for run in document["runs"])
+    document["results_digest"] = results_digest(document["task"]["digest"], agent, runs)
+
+
+def test_metrics_that_this_version_does_not_know_are_kept_as_they_are(saved: Path) -> None:
+    def edit(document: Document) -> None:
+        measured_by_another_version(document, lambda values: values.update(water=2.5))
+        document["units"]["water"] = "l m-2"
+
+    result = load_result(change(saved, edit))
+    assert result.values("water") == (2.5, 2.5, 2.5)
+    assert result.to_frame().attrs["units"]["water"] == "l m-2"
+    assert json.loads(result.to_json()) == json.loads(saved.read_text(encoding="utf-8"))
+    assert result.to_json() == load_result(save_result(result, saved.parents[3])).to_json()
+
+
+def test_a_result_may_lack_metrics_that_this_version_knows(saved: Path) -> None:
+    result = load_result(change(saved, lambda d: measured_by_another_version(d, lambda values: values.pop("heat"))))
+    assert "heat" not in result.to_frame().columns
+    assert json.loads(result.to_json()) == json.loads(saved.read_text(encoding="utf-8"))
+    with pytest.raises(ResultError, match=r"has no metric 'heat'\. It has reward, epi, "):
+        result.values("heat")
+
+
+def test_a_file_without_a_schema_version_is_of_the_first(good_result: Result, saved: Path) -> None:
+    assert load_result(change(saved, lambda d: d.pop("schema_version"))) == good_result
 
 
 def test_a_reward_that_is_changed_with_its_summary_breaks_the_digest(saved: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from glbench.evaluation.scratch import Scratch
+from glbench.evaluation.files import Scratch
 
 
 @pytest.fixture(autouse=True)

@@ -13,6 +13,8 @@ from glbench.evaluation.sandbox import bubblewrap
 from glbench.evaluation.sandbox.bubblewrap import why_no_sandbox
 from glbench.evaluation.submitting import CHECKS, Report, check_submission
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 30.0  # an upper bound: a good agent needs a fraction of it, on a busy machine too
 CARD = 'name = "x"\nauthors = ["A"]\nlicence = "MIT"\ninformation = ["observations"]\n'
 HEAD = """

@@ -37,8 +37,3 @@ def test_links_between_documents_lead_somewhere(document):
     text = (ROOT / document).read_text()
     for target in re.findall(r"\]\((?!https?:|mailto:|#)([^)#\s]+)", text):
         assert ((ROOT / document).parent / target).exists(), f"{document} points to {target}"
-
-
-def test_no_file_of_the_package_is_too_long_to_read_in_one_sitting():
-    long = {p.name: n for p in ROOT.glob("glbench/**/*.py") if (n := len(p.read_text().splitlines())) > 400}
-    assert not long

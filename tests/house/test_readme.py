@@ -9,7 +9,8 @@ import pytest
 
 from glbench.cli.app import main
 
-README = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 
 
@@ -48,6 +49,11 @@ def test_a_command_of_the_readme_explains_itself(command, capsys):
 
 
 def test_the_documents_name_the_same_test_command_that_continuous_integration_runs():
-    ci = (Path(__file__).resolve().parents[2] / ".ci" / "run").read_text(encoding="utf-8")
-    assert "uv run --group dev pytest" in README
-    assert "uv run --group dev pytest" in ci.replace("--locked ", "")
+    ci = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    contributing = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    workflow = (ROOT / ".github" / "workflows" / "tests.yml").read_text(encoding="utf-8")
+    command = "uv run --group dev pytest -n auto --dist worksteal\n"
+    assert command in README
+    assert command in ci.replace("--locked ", "")
+    assert command.strip() in contributing
+    assert "run: bash .ci/run\n" in workflow

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -154,6 +156,10 @@ def test_the_published_tasks_hold_in_the_installed_package(installed, tmp_path):
 
 
 def test_a_newcomers_agent_is_evaluated_and_ranked_from_the_installed_package(installed, tmp_path):
+    installed = Path(shutil.copytree(installed, tmp_path / "site"))
+    for released in (installed / "glbench/_data/reports/released/results").iterdir():
+        if not released.name.endswith("Delta10-v1"):  # to rank all takes long, and they are the checkout's
+            shutil.rmtree(released)
     (tmp_path / "my_agent.py").write_bytes((ROOT / "submissions" / "my_agent.py").read_bytes())
     short = (ROOT / "tasks" / "schiphol2010-delta10-v1.toml").read_text()
     short = short.replace('id = "glbench/Schiphol2010-Delta10-v1"', 'id = "mine/OneDay-v1"').replace(

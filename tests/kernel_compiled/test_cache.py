@@ -78,6 +78,7 @@ def test_a_broken_record_is_built_again(empty_cache: Path, quick_compiler: Path)
     assert compilations(quick_compiler) == 2
 
 
+@pytest.mark.slow
 def test_processes_that_start_together_build_once(empty_cache: Path, quick_compiler: Path) -> None:
     program = "from glbench.kernel.compiled import availability; print(availability())"
     started = [

@@ -300,7 +300,7 @@ def test_a_batch_without_rows_has_no_derivatives(kernel: Kernel, points: Rows) -
 def test_a_row_that_cannot_be_stepped_is_named(kernel: Kernel, points: Rows) -> None:
     x = points.x[:5].copy()
     x[3, 23] = 0.0  # no leaves
-    rows = as_rows(x, points.u[:5], points.d[:5], points.p)
+    rows = as_rows(TOMATO.names, x, points.u[:5], points.d[:5], points.p)
     for call in (lambda: kernel.linearise(*rows), lambda: kernel.adjoint(*rows, np.ones(28))):
         with pytest.raises(StepError, match=r"failed in row 3 of 5: .* controls uBoil"):
             call()

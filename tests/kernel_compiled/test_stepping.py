@@ -42,6 +42,7 @@ def test_golden_steps_are_met(
     assert np.max(np.abs(found - after) / STATE_SCALE) < limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["walk", "jump"])
 def test_standard_is_at_least_as_accurate_as_cvodes(kind: str) -> None:
     cvodes, found = compare(kind, seeds=range(0, 20, 3), days=3, presets=["standard"])

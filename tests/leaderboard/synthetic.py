@@ -84,3 +84,26 @@ def make_result(
 def make_entry(agent: str, rewards: list[float], **keywords: Any) -> Entry:
     """Entry of one result, see ``make_result``."""
     return entry_of(StoredResult(Path(f"{agent}.json"), make_result(agent, rewards, **keywords)))
+
+
+def of_another_version(result: Result, lacks: tuple[str, ...], more: dict[str, tuple[str, float]]) -> Result:
+    """``result`` as another version would have written it: without the metrics in ``lacks``, and with ``more`` (unit and value)."""
+    runs = tuple(
+        run.model_copy(
+            update={
+                "metrics": {name: value for name, value in run.metrics.items() if name not in lacks}
+                | {name: value for name, (_, value) in more.items()}
+            }
+        )
+        for run in result.runs
+    )
+    known = {name: value for name, value in result.summary.mean.items() if name not in lacks}
+    mean = known | {name: value for name, (_, value) in more.items()}
+    units = {name: unit for name, unit in result.units.items() if name not in lacks}
+    changes = {
+        "runs": runs,
+        "summary": result.summary.model_copy(update={"mean": mean}),
+        "units": units | {name: unit for name, (unit, _) in more.items()},
+        "results_digest": results_digest(result.task.digest, result.agent, runs),
+    }
+    return result.model_copy(update=changes)

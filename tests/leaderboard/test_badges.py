@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import replace
 
 import pytest
 
@@ -29,7 +28,9 @@ def test_a_badge_has_task_rank_and_reward(table):
 
 
 def test_only_a_reproduced_result_is_called_so_and_green(table):
-    reproduced = replace(table, rows=tuple(replace(row, reproduced=True) for row in table.rows))
+    reproduced = table.model_copy(
+        update={"rows": tuple(row.model_copy(update={"reproduced": True}) for row in table.rows)}
+    )
     assert "reproduced" in text_of(badge(reproduced, "good"))
     assert badge(reproduced, "good") != badge(table, "good").replace("3,150", "3,150, reproduced")
     assert "#2f7d4f" not in badge(table, "good")

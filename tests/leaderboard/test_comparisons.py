@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glbench.errors import ResultError
-from glbench.leaderboard.comparisons import RESOLUTION, compare_all, holm, paired_test, tiers
+from glbench.leaderboard.comparisons import RESOLUTION, holm, paired_test, pairs_apart, tiers
 
 
 def p_of(first: np.ndarray, second: np.ndarray) -> float:
@@ -80,15 +80,15 @@ def test_one_agent_is_a_tier_of_its_own():
     assert tiers({"only": (np.ones(30),)}) == (("only",),)
 
 
-def test_every_pair_is_compared_with_its_mean_difference():
-    found = compare_all({"a": (np.array([1.0, 2.0, 4.0]),), "b": (np.array([1.0, 1.0, 1.0]),), "c": (np.zeros(3),)})
-    assert [(one.first, one.second) for one in found] == [("a", "b"), ("a", "c"), ("b", "c")]
-    assert found[0].difference == pytest.approx(4.0 / 3.0)
+def test_of_every_pair_it_is_said_whether_it_can_be_told_apart():
+    noise = np.random.default_rng(2).normal(0.0, 0.1, 30)
+    scores = {"a": (noise + 1.0,), "b": (noise[::-1].copy(),), "c": (noise - 0.001 * noise**2,)}
+    assert pairs_apart(scores) == {frozenset("ab"), frozenset("ac")}
 
 
 def test_agents_with_different_runs_are_not_compared():
     with pytest.raises(ResultError, match="same runs"):
-        compare_all({"a": (np.ones(3),), "b": (np.ones(4),)})
+        pairs_apart({"a": (np.ones(3),), "b": (np.ones(4),)})
 
 
 def test_an_agent_that_fails_sometimes_is_not_called_worse_by_a_test_that_favours_it():
@@ -96,11 +96,10 @@ def test_an_agent_that_fails_sometimes_is_not_called_worse_by_a_test_that_favour
     steady = luck
     brilliant = luck + np.random.default_rng(7).uniform(1.0, 2.0, 30)
     brilliant[:3] -= 1000.0  # three failed runs: the lower mean, and the higher ranks
-    (one,) = compare_all({"brilliant": (brilliant,), "steady": (steady,)})
-    assert one.difference < 0.0
-    assert one.corrected < 0.05
-    assert one.favours == 1
-    assert not one.differ
+    found = paired_test([brilliant], [steady])
+    assert brilliant.mean() < steady.mean()
+    assert (found.p_value < 0.05, found.favours) == (True, 1)
+    assert pairs_apart({"brilliant": (brilliant,), "steady": (steady,)}) == set()
     assert tiers({"brilliant": (brilliant,), "steady": (steady,)}) == (("steady", "brilliant"),)
 
 
@@ -130,7 +129,7 @@ def test_the_first_of_a_tier_is_told_apart_from_the_first_of_the_tier_above():
         luck = generator.normal(0.0, 3.0, 30)
         spreads = generator.uniform(0.1, 6.0, 8)
         scores = {f"a{i}": (luck + 0.5 * i + generator.normal(0.0, spread, 30),) for i, spread in enumerate(spreads)}
-        apart = {frozenset((one.first, one.second)) for one in compare_all(scores) if one.differ}
+        apart = pairs_apart(scores)
         found = tiers(scores)
         means = [scores[agent][0].mean() for tier in found for agent in tier]
         assert means == sorted(means, reverse=True)

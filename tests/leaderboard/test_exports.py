@@ -9,8 +9,8 @@ import jsonschema
 import pytest
 
 from glbench.leaderboard import rank
-from glbench.leaderboard.exports import json_schema, to_json, to_latex
 from glbench.leaderboard.suites import suite_table
+from glbench.leaderboard.tables import json_schema, to_json, to_latex
 from glbench.tasks.references import References
 from tests.leaderboard.synthetic import TASK
 

@@ -11,10 +11,11 @@ from glbench.evaluation.files import result_path, save_result
 from glbench.evaluation.preparing import TRIALS
 from glbench.evaluation.records import results_digest, summarise
 from glbench.leaderboard import StoredResult, rank
-from glbench.leaderboard.published import own_and_released_results, published_expectations
+from glbench.leaderboard.collect import own_and_released_results, published_expectations
 from glbench.resources import data_folder
 from tests.leaderboard.synthetic import digest_of, make_result
 
+pytestmark = pytest.mark.usefixtures("few_released")
 TASK = "glbench/Schiphol2010-Delta10-v1"
 RELEASED = data_folder("reports/released/results")
 
@@ -156,6 +157,7 @@ def test_a_trial_of_a_built_in_agent_is_not_shown_beside_its_released_result(tmp
     assert own_and_released_results(tmp_path)[1] == ()
 
 
+@pytest.mark.usefixtures("all_released")
 def test_the_released_results_alone_are_seen_where_they_lie():
     stored, problems = own_and_released_results(RELEASED.parent)
     assert problems == ()

@@ -60,12 +60,12 @@ def test_failed_runs_are_counted_in_the_row(store):
 
 def test_results_of_another_version_of_a_published_task_are_refused_by_name(store):
     stale = store("old", [1.0] * 4, task_digest=digest_of("meadow, mown"))
-    with pytest.raises(ResultError, match=r"not of 'glbench/Meadow-v1' as it is published.*\n.*old\.json"):
+    with pytest.raises(ResultError, match=r"old\.json is not of 'glbench/Meadow-v1' as it is published"):
         rank([stale, store("new", [1.0] * 4)], published())
 
 
 def test_results_of_two_definitions_of_a_users_task_are_refused(store):
-    with pytest.raises(ResultError, match="2 different tasks"):
+    with pytest.raises(ResultError, match="is of another version of 'glbench/Meadow-v1'"):
         rank([store("a", [1.0]), store("b", [1.0], task_digest=digest_of("other"))], {})
 
 
@@ -84,7 +84,7 @@ def test_two_results_of_one_agent_in_one_folder_are_refused(store, tmp_path):
     stored = store("twin", [1.0] * 4)
     copy = stored.path.with_name("copy.json")
     copy.write_bytes(stored.path.read_bytes())
-    with pytest.raises(ResultError, match="Two results of agent 'twin'"):
+    with pytest.raises(ResultError, match="is a second result of 'twin'"):
         collect_results([tmp_path])
 
 

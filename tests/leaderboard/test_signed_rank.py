@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from glbench.leaderboard.signed_rank import EXACT_UP_TO, signed_rank
+from glbench.leaderboard.comparisons import EXACT_UP_TO, signed_rank
 
 
 def by_all_signs(differences: np.ndarray) -> float:

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from glbench.errors import ResultError
-from glbench.leaderboard.resampling import resampling_indices
-from glbench.leaderboard.statistics import bootstrap_interval, interquartile_mean, mean
+from glbench.leaderboard.statistics import bootstrap_interval, interquartile_mean, mean, resampling_indices
 
 RUNS = np.array([3.1, -1.0, 4.0, 1.0, 5.0, 9.0, 2.0, 6.0])
 

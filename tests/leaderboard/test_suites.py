@@ -7,8 +7,8 @@ import pytest
 
 from glbench.errors import TaskError
 from glbench.leaderboard import Expectation, rank
-from glbench.leaderboard.suite_views import suite_frame, suite_markdown
 from glbench.leaderboard.suites import references_from, scores_by_task, suite_table
+from glbench.leaderboard.tables import suite_frame, suite_markdown
 from glbench.tasks import references as references_module
 from glbench.tasks.references import References, read_references, write_references
 from tests.leaderboard.synthetic import digest_of
@@ -52,13 +52,13 @@ def test_scores_are_those_of_complete_results(stored):
 
 def test_a_suite_ranks_agents_that_have_all_tasks_and_lists_the_others_with_what_they_lack(stored):
     table = suite_table("s", TASKS, scores_by_task(stored, EXPECTED), REFERENCES)
-    assert [(row.aggregate.agent, row.rank, row.missing) for row in table.rows] == [
+    assert [(row.agent, row.rank, row.missing) for row in table.rows] == [
         ("good", 1, ()),
         ("poor", 2, ()),
         ("patchy", None, (TASKS[1],)),
     ]
     # 80/100 and 1600/2000
-    assert table.rows[0].aggregate.mean.value == pytest.approx(0.8, abs=0.01)
+    assert table.rows[0].mean.value == pytest.approx(0.8, abs=0.01)
 
 
 def test_without_references_there_is_no_suite_table(stored):
@@ -101,9 +101,9 @@ def test_every_ordered_pair_has_a_probability_of_improvement_and_the_two_add_up_
 
 def test_profiles_fall_from_all_runs_to_none_over_the_same_thresholds(stored):
     table = suite_table("s", TASKS, scores_by_task(stored, EXPECTED), REFERENCES)
-    assert set(table.profiles) == {"good", "poor"}
-    for profile in table.profiles.values():
-        assert np.array_equal(profile.thresholds, table.profiles["good"].thresholds)
+    assert {profile.agent for profile in table.profiles} == {"good", "poor"}
+    for profile in table.profiles:
+        assert profile.thresholds == table.profiles[0].thresholds
         assert (profile.share[0], profile.share[-1]) == (1.0, 0.0)
         assert (np.diff(profile.share) <= 0.0).all()
 

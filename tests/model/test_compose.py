@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from glbench.errors import GlbenchError, UnknownNameError
-from glbench.model import LETTUCE, TOMATO, Horizon, Meter, compose, get_model, register_model, tomato
+from glbench.model import LETTUCE, TOMATO, Horizon, Meter, compose, get_model, paper, register_model, tomato
 from glbench.model.actuators import Actuators
 from glbench.model.crop import lettuce as equations
 from glbench.model.crop.tomato import VanthoorTomato
@@ -191,6 +191,19 @@ def test_every_state_and_observed_column_has_finite_bounds_in_order(model: Model
         assert columns
         assert all(np.isfinite([c.low, c.high]).all() and c.low < c.high for c in columns)
     assert model.observed("roots", horizon(model)) is None
+
+
+def test_an_installed_package_can_bring_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Entry:
+        def load(self) -> Any:
+            return lambda: register_model(with_water())
+
+    monkeypatch.setattr(paper, "_MODELS", dict(paper._MODELS))
+    monkeypatch.setattr(paper, "entry_points", lambda group: [Entry()] if group == "glbench.models" else [])
+    paper._load_plugins.cache_clear()
+
+    assert get_model("greenlight-tomato-water-1.0.0") == with_water()
+    paper._load_plugins.cache_clear()
 
 
 def test_models_are_known_by_id_and_variant_and_an_id_means_one_model() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from glbench.evaluation import evaluate
 from glbench.leaderboard import StoredResult, TaskTable, collect_results, rank
-from glbench.leaderboard.published import published_expectations
+from glbench.leaderboard.collect import published_expectations
 from glbench.report import Report, build_report
 from glbench.resources import data_folder
 

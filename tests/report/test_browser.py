@@ -15,9 +15,10 @@ from tests.report.conftest import OTHER_PRICES
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: no browser test")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="there is no chromium on this machine to look at the page with"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine to look at the page with"),
+]
 
 PATIENCE = 120_000
 """Milliseconds to wait for what a busy machine may be slow to show."""

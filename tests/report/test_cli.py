@@ -17,6 +17,7 @@ def folder(made, tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_page_is_written_and_named(glbench, folder):
     answer = glbench("report", "--out", folder)
     assert answer.code == 0
@@ -24,6 +25,7 @@ def test_the_page_is_written_and_named(glbench, folder):
     assert (folder / "index.html").read_text(encoding="utf-8").startswith("<!doctype html>")
 
 
+@pytest.mark.usefixtures("few_released")
 def test_missing_profiles_are_named_and_can_be_made(glbench, folder):
     path = folder / "results" / "Days-v1" / "thrifty.json"
     kept = profile_path(path).read_bytes()
@@ -34,6 +36,7 @@ def test_missing_profiles_are_named_and_can_be_made(glbench, folder):
     assert profile_path(path).read_bytes() == kept
 
 
+@pytest.mark.usefixtures("few_released")
 def test_a_page_that_is_to_be_opened_is_given_to_the_browser(glbench, folder, monkeypatch):
     opened = []
     monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)

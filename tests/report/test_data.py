@@ -16,11 +16,11 @@ from glbench.errors import GlbenchError
 from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.evaluation.profiles import load_profile, profile_path
 from glbench.leaderboard import StoredResult, collect_results
-from glbench.report import build_report, complete_profiles, packages
+from glbench.leaderboard.catalogue import catalogue
+from glbench.report import build_report, complete_profiles, page
 from glbench.report.collecting import optional_facts
 from glbench.report.packing import LEVELS
 from glbench.report.page import _asset, _scripts
-from glbench.report.words import words
 from glbench.tasks import DEFAULT_TASK
 
 
@@ -138,7 +138,9 @@ def test_what_only_some_results_say_is_shown_where_it_is_said():
 
 
 def test_every_metric_has_words():
-    assert {metric.name for metric in words().metrics} == set(METRIC_NAMES)
+    metrics = catalogue().metrics
+    assert set(metrics) == set(METRIC_NAMES)
+    assert all(metric.kind != "unknown" and metric.explanation for metric in metrics.values())
 
 
 def test_the_page_asks_for_nothing_from_the_network(made):
@@ -168,16 +170,16 @@ def test_a_result_without_recorded_actions_is_named_with_the_reason(made):
 
 @pytest.mark.parametrize("package", ["jinja2", "plotly"])
 def test_without_the_extra_the_error_names_it(package, monkeypatch):
-    import_module = packages.importlib.import_module
+    import_module = page.importlib.import_module
 
     def absent(name: str, *rest: object) -> object:
         if name.startswith(package):
             raise ModuleNotFoundError(name=package)
         return import_module(name, *rest)
 
-    monkeypatch.setattr(packages.importlib, "import_module", absent)
+    monkeypatch.setattr(page.importlib, "import_module", absent)
     with pytest.raises(GlbenchError, match=rf"needs the package {package}.*glbench\[report\]"):
-        packages.load_jinja() if package == "jinja2" else packages.plotly_script()
+        page.optional("jinja2" if package == "jinja2" else "plotly.offline")
 
 
 def test_the_library_loads_neither_jinja_nor_plotly(monkeypatch):

@@ -9,14 +9,16 @@ import pytest
 
 from glbench.evaluation.records import results_digest, summarise
 from glbench.leaderboard import StoredResult, rank
-from glbench.leaderboard.published import published_expectations
+from glbench.leaderboard.collect import published_expectations
 from glbench.report import build_report
+from tests.leaderboard.synthetic import of_another_version
 from tests.report.test_browser import CHROMIUM, browser, change_price, draw_everything, order, visit
 
 __all__ = ["browser", "visit"]
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="there is no chromium on this machine to look at the page with"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine to look at the page with"),
+]
 TASK = "Schiphol2010-Delta10-v1"
 AGENTS = 11
 
@@ -176,3 +178,31 @@ def test_the_overall_page_shows_scores_profiles_and_odds(visit):
     page.wait_for_function("location.hash.includes('rule_based_fair')")
     assert "worse" in page.locator("table.odds tbody tr").first.inner_text()
     assert page.evaluate("document.activeElement.id") == "choose-improver"
+
+
+@pytest.mark.parametrize(
+    "view", [f"#/{TASK}", f"#/agent/other/{TASK}", f"#/compare/other/usual/{TASK}", "#/overall", "#/guide"]
+)
+def test_a_result_of_another_version_has_its_place(visit, made, tmp_path, view):
+    """One that lacks metrics of this version and has others: a dash for what is missing, the others by their names."""
+    base = next(item for item in made.stored if item.result.task.id.endswith(TASK))
+    usual = base.result.model_copy(
+        update={"agent": base.result.agent.model_copy(update={"name": "usual", "kind": "submission"})}
+    )
+    other = usual.model_copy(update={"agent": usual.agent.model_copy(update={"name": "other"})})
+    other = of_another_version(other, ("epi", "heat", "cost_heat", "hours_co2_low"), {"gas": ("m3 m-2", 1.5)})
+    stored = [StoredResult(base.path.with_name(f"{one.agent.name}.json"), one) for one in (usual, other)]
+    file = tmp_path / "index.html"
+    file.write_text(build_report(stored).html, encoding="utf-8")
+    page = visit(view, file=file)
+    draw_everything(page)
+    words = page.locator("main").inner_text()
+    assert "NaN" not in words
+    assert "undefined" not in words
+    if view == f"#/{TASK}":
+        row = page.locator("table.ranks tbody tr").filter(has_text="other")
+        assert [row.locator("td").nth(i).inner_text().split("\n")[0] for i in (2, 5)] == ["–", "–"], "profit and heat"
+        change_price(page, "fruit", 2.0)
+        assert page.locator("table.ranks tbody tr").count() == 2
+    if "compare" in view:
+        assert "gas" in words

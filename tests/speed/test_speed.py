@@ -7,11 +7,8 @@ import pytest
 
 from glbench.errors import ResultError, UnknownNameError
 from glbench.speed import SUBJECTS, choose_subjects, measure, read_record, save_record
-from glbench.speed.clock import Timed
-from glbench.speed.first_use import _PEAK, _run
-from glbench.speed.run import Comparisons
-from glbench.speed.subjects import GROUPS, Subject
-from glbench.speed.workloads import LARGEST_CHANGE, controls_of, course, points
+from glbench.speed.run import _PEAK, Comparisons, Timed, _run
+from glbench.speed.subjects import GROUPS, LARGEST_CHANGE, Subject, controls_of, points, season
 
 
 class Ticks:
@@ -42,13 +39,13 @@ class FixedReference:
 
 def test_a_ratio_is_reference_over_subject_for_one_step(monkeypatch):
     ticks = Ticks()
-    monkeypatch.setattr("glbench.speed.run.timed", lambda work: Timed(work, ticks, 3))
+    monkeypatch.setattr("glbench.speed.run.timed", lambda work: Timed(work, 3, ticks))
 
     def half_a_second_a_step() -> int:
         ticks.now += 2.0
         return 4
 
-    subject = Subject("step/x", "x", 900.0, "walk", lambda: Timed(half_a_second_a_step, ticks, 2))
+    subject = Subject("step/x", "x", lambda: half_a_second_a_step)
     found = Comparisons({900.0: FixedReference(ticks)}, rounds=3).compare(subject)
     assert found.ratio == found.ratio_low == found.ratio_high == pytest.approx(4.0)
     assert found.microseconds == pytest.approx(0.5e6)
@@ -89,7 +86,7 @@ def test_points_are_states_of_real_seasons_in_all_months():
 def test_the_setting_of_the_paper_is_ten_days_of_300_s():
     import datetime as dt
 
-    assert len(course("walk", 300.0, dt.date(2009, 10, 1), 10.0).controls) == 2880
+    assert len(season("walk", 300.0, dt.date(2009, 10, 1), 10.0).controls) == 2880
 
 
 @pytest.mark.slow

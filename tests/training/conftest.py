@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -65,3 +66,13 @@ def tiny(algorithm: str, tmp_path: Path) -> TrainingSettings:
     file = tmp_path / f"{algorithm}.yml"
     file.write_text(PPO if algorithm == "ppo" else SAC, encoding="utf-8")
     return read_settings(file, algorithm, "test/Day-v1")
+
+
+def torch_action(model: Any, normalization: Any, observations: Any) -> Any:
+    """What Stable-Baselines3 itself answers, to compare with."""
+    import torch
+
+    seen = observations if normalization is None else normalization.normalize_obs(observations)
+    with torch.no_grad():
+        actions, _ = model.predict(seen, deterministic=True)
+    return actions

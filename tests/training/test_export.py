@@ -15,8 +15,9 @@ from glbench.errors import TrainingError
 from glbench.tasks import TaskSpec, task_card
 from glbench.training import TrainingSettings, read_settings, shipped_settings
 from glbench.training.algorithms import make_model
-from glbench.training.export import export_model, export_policy, torch_action
+from glbench.training.export import export_model, export_policy
 from glbench.training.vec_env import TrainingVecEnv
+from tests.training.conftest import torch_action
 
 SIZE = {"ppo": {"pi": [256] * 3, "vf": [16]}, "sac": {"pi": [256] * 3, "qf": [16]}}
 

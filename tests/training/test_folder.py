@@ -10,7 +10,7 @@ import pytest
 from glbench.errors import TrainingError
 from glbench.tasks import TaskSpec
 from glbench.training import TrainingSettings, read_settings, train
-from glbench.training.folder import alone_in
+from glbench.training.checkpoint import folder_lock
 from glbench.training.season_search import SearchSettings, search
 from tests.training.conftest import PPO
 
@@ -100,11 +100,11 @@ def test_a_policy_that_was_not_written_any_more_is_made_by_the_next_call(
 
 
 def test_only_one_process_works_in_a_folder(day: TaskSpec, settings: TrainingSettings, run: Path) -> None:
-    with alone_in(run), pytest.raises(TrainingError, match="Another process is at work"):
+    with folder_lock(run), pytest.raises(TrainingError, match="Another process is at work"):
         train(day, settings, run, tensorboard=False)
     assert train(day, settings, run, tensorboard=False).already_done
 
 
 def test_a_disk_that_refuses_is_explained(tmp_path: Path) -> None:
-    with pytest.raises(TrainingError, match=r"No space left.*--resume"), alone_in(tmp_path):
+    with pytest.raises(TrainingError, match=r"No space left.*--resume"), folder_lock(tmp_path):
         raise OSError(28, "No space left on device")

@@ -13,12 +13,11 @@ from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, get_task, task_card
 from glbench.training import TrainingSettings, run, train
 from glbench.training.algorithms import make_model
-from glbench.training.export import export_policy, torch_action
-from glbench.training.normalization import Normalizer, varies
+from glbench.training.export import begin_with, export_policy
 from glbench.training.run import load_model
 from glbench.training.season_search import SearchSettings, search
-from glbench.training.starting import begin_with
-from glbench.training.vec_env import TrainingVecEnv
+from glbench.training.vec_env import Normalizer, TrainingVecEnv, varies
+from tests.training.conftest import torch_action
 
 PPM = 1.0
 
@@ -37,6 +36,7 @@ def moved(policy: NetworkPolicy, seen: np.ndarray) -> float:
     return float(np.abs(policy.act(more) - policy.act(seen)).mean())
 
 
+@pytest.mark.slow
 @pytest.mark.train
 def test_one_ppm_of_outdoor_co2_moves_a_trained_policy_no_more(
     day: TaskSpec, tiny: TrainingSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

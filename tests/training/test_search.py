@@ -13,12 +13,10 @@ import yaml
 from glbench.cli.train import _say_trial
 from glbench.errors import TrainingError
 from glbench.tasks import TaskSpec
-from glbench.training.probe import ProbeResult
-from glbench.training.progress import CurvePoint
+from glbench.training.probe import CurvePoint, ProbeResult
 from glbench.training.run import Trained
-from glbench.training.search_space import Search, read_search, with_choices
 from glbench.training.settings import TrainingSettings
-from glbench.training.sweep import TrialReport, _Pruning, open_study, sweep
+from glbench.training.sweep import Search, TrialReport, _Pruning, open_study, read_search, sweep, with_choices
 
 BASE = TrainingSettings(algorithm="ppo", policy_kwargs={"activation_fn": "Tanh"}, hyperparameters={"gamma": 0.9})
 
@@ -251,7 +249,7 @@ def test_numbers_that_yaml_takes_for_text_are_numbers_in_a_search(tmp_path: Path
     search = read(tmp_path, "  lr: {values: [1e-3, lin_1e-4]}\n  n_steps: {min: 1e1, max: 1e2}", "steps: 2e5")
     assert search.steps == 200_000
     assert search.parameters["lr"].values == (1e-3, "lin_1e-4")
-    low, high = search.parameters["n_steps"].bounds()
+    low, high = search.parameters["n_steps"].min, search.parameters["n_steps"].max
     assert (low, high, type(low), type(high)) == (10, 100, int, int)
 
 

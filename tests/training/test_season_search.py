@@ -15,8 +15,7 @@ from glbench.agents.network_policy import read_policy
 from glbench.errors import TrainingError
 from glbench.tasks import TaskSpec
 from glbench.training import CurvePoint, Progress, read_settings, train
-from glbench.training.batched_policy import BatchedPolicy
-from glbench.training.season_search import SearchSettings, read_season_search, search
+from glbench.training.season_search import BatchedPolicy, SearchSettings, read_season_search, search
 from tests.training.conftest import PPO, SAC
 
 pytestmark = pytest.mark.train

@@ -14,11 +14,9 @@ from glbench.tasks import TaskSpec
 from glbench.training import TrainingSettings, read_settings, train
 from glbench.training.algorithms import make_model
 from glbench.training.card import settings_digest
-from glbench.training.export import export_model, torch_action
-from glbench.training.normalization import Normalizer
-from glbench.training.starting import begin_with, start_of
-from glbench.training.vec_env import TrainingVecEnv
-from tests.training.conftest import PPO
+from glbench.training.export import begin_with, export_model, start_of
+from glbench.training.vec_env import Normalizer, TrainingVecEnv
+from tests.training.conftest import PPO, torch_action
 
 pytestmark = pytest.mark.train
 

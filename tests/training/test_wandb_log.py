@@ -14,7 +14,7 @@ import wandb
 
 from glbench.tasks import TaskSpec
 from glbench.training import TrainingSettings, train
-from glbench.training.search_space import Search
+from glbench.training.sweep import Search
 from glbench.training.wandb_log import WandbListener, wandb_sweep
 
 pytestmark = [pytest.mark.train, pytest.mark.slow]

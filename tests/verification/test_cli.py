@@ -157,6 +157,7 @@ def test_a_proof_of_changed_actions_is_not_carried_over(wavy):
     assert run("verify", wavy).exit_code == 0
 
 
+@pytest.mark.usefixtures("few_released")
 def test_the_table_on_the_terminal_marks_what_is_verified_within_80_columns(reports, day_task, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     output.cache_clear()

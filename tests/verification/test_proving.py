@@ -15,8 +15,8 @@ from glbench.evaluation.preparing import TRIALS
 from glbench.evaluation.profiles import load_profile, profile_path
 from glbench.evaluation.records import AgentRecord, EvaluationRecord, RunResult, TaskRecord
 from glbench.tasks import get_task
-from glbench.verification import comparing, documents, proof_path, read_proof, save_proof, verify
-from glbench.verification.comparing import Agreement
+from glbench.verification import documents, proof_path, read_proof, save_proof, verify
+from glbench.verification.verdict import TOLERANCE, Agreement
 from tests.episodes.day import RANDOM
 from tests.evaluation.agent_files import GOOD
 from tests.support import write_day_task
@@ -105,6 +105,28 @@ def test_fewer_runs_than_the_task_asks_for_are_reproduced_as_a_trial(day_task, w
     verdict = verify(result_path(tmp_path / TRIALS, day_task.id, "agent_under_test"))
     assert verdict.outcome == "reproduced"
     assert "trial of 2 runs" in verdict.notes[0]
+
+
+def test_metrics_of_another_version_are_not_vouched_for(wavy):
+    def more(document):
+        for values in (*(run["metrics"] for run in document["runs"]), document["units"]):
+            values["water"] = 2.5
+        document["units"]["water"] = "l m-2"
+
+    rewrite(wavy, more)
+    verdict = verify(wavy)
+    assert (verdict.outcome, verdict.cause) == ("unknown", "unknown_metrics")
+    assert verdict.reason == "This glbench does not measure water. Verify with the one that did."
+
+
+def test_a_result_with_fewer_metrics_is_reproduced_in_those_it_has(wavy):
+    def fewer(document):
+        for values in (*(run["metrics"] for run in document["runs"]), document["units"]):
+            del values["heat"]
+
+    rewrite(wavy, fewer)
+    verdict = verify(wavy)
+    assert (verdict.outcome, verdict.exactness) == ("reproduced", "bits")
 
 
 def test_a_task_that_a_record_brings_along_is_not_simulated_without_end(wavy, monkeypatch):
@@ -255,7 +277,7 @@ def test_the_tolerance_is_relative_to_the_column():
     one = np.array([[1000.0, 1.0], [0.0, 2.0]])
     found = Agreement().add("x", one, one + np.array([[0.0, 0.0], [5e-7, 0.0]]), ("a", "b"), "here")
     assert found.largest == pytest.approx(5e-10)
-    assert found.largest < comparing.TOLERANCE
+    assert found.largest < TOLERANCE
     assert found.first_large is None
     assert found.first.words == "here, step 2, a: recorded 0.0, found 5e-07"
 

@@ -10,8 +10,8 @@ import pytest
 
 from glbench.errors import WeatherError
 from glbench.weather import Disturbances, Place, WeatherRecord, disturbances, load_weather
+from glbench.weather.conserving import sine_of_elevation
 from glbench.weather.record import Timing
-from glbench.weather.sun import sine_of_elevation
 
 IGLOB, TOUT, VP, CO2, WIND, TSKY, SOIL, RADSUM, DAY, DAYSMOOTH = range(10)
 YEAR_BEGIN = dt.datetime(2010, 1, 1, tzinfo=dt.UTC)

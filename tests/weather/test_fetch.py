@@ -15,7 +15,7 @@ import pytest
 
 from glbench.errors import GlbenchError, WeatherError
 from glbench.weather import WeatherRecord, fetch_knmi
-from glbench.weather.fetch import KNMI_URL, URL_VARIABLE
+from glbench.weather.knmi import KNMI_URL, URL_VARIABLE
 from tests.weather.files import KNMI_COMMENTS, KNMI_HEADER, knmi_days, knmi_line, knmi_text
 
 YEAR = 2013

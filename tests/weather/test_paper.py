@@ -13,7 +13,7 @@ import pytest
 from glbench.errors import WeatherError
 from glbench.weather import Disturbances, WeatherRecord, disturbances, load_weather
 from glbench.weather.paper import day_flags
-from glbench.weather.psychrometrics import (
+from glbench.weather.preprocessing import (
     co2_density,
     sky_temperature_from_cloud,
     sky_temperature_from_infrared,

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from glbench.evaluation.engines.jobs import Engine, Job, Options, Outcome, Report
-from glbench.evaluation.engines.local import LocalEngine
+from glbench.evaluation.engines.local import Engine, Job, LocalEngine, Options, Outcome, Report
 
 __all__ = ["Engine", "Job", "LocalEngine", "Options", "Outcome", "Report"]

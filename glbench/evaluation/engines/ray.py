@@ -1,7 +1,8 @@
-"""Jobs on a Ray cluster: plain remote tasks, one for each part of an evaluation, tried again when a worker is lost.
+"""Jobs on a Ray cluster: plain remote tasks, one for each share of an evaluation's runs, tried again when a worker is lost.
 
 This machine prepares every job, keeps the locks, and saves. Workers compute and send numbers. So nothing but Ray itself has to be shared
-with them; a disk that happens to be shared is used for checkpoints.
+with them; a disk that happens to be shared is used for checkpoints. Only agents for single runs are divided. An agent that decides for
+all runs at once keeps them together, whatever it does with them.
 """
 
 from __future__ import annotations
@@ -11,23 +12,27 @@ import signal
 import threading
 import time
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePosixPath
 from typing import Any
+
+import numpy as np
 
 from glbench import __version__
 from glbench.agents.formats.packages import need
-from glbench.episodes.definition import definition_json
-from glbench.errors import GlbenchError
-from glbench.evaluation.engines.jobs import Job, Outcome, Report, failed
-from glbench.evaluation.engines.parcels import Parcel
-from glbench.evaluation.engines.parts import divided, may_be_divided, put_together
-from glbench.evaluation.engines.worker import Order, Refusal, work
-from glbench.evaluation.job import Evaluation
-from glbench.evaluation.lockstep import Progress
+from glbench.agents.identity import baseline_names, files_of_folder, identify
+from glbench.episodes.action_log import exactly
+from glbench.episodes.definition import definition_json, task_of
+from glbench.errors import GlbenchError, SubmissionError
+from glbench.evaluation.engines.local import Job, Outcome, Report, failed
+from glbench.evaluation.files import Scratch
+from glbench.evaluation.preparing import Evaluation, JointAgentError, prepare
+from glbench.evaluation.rollout import Progress
+from glbench.evaluation.sandbox.choosing import Protection
 from glbench.evaluation.saving import Computed, agent_folder
+from glbench.kernel import why_not_compiled
 from glbench.resources import write_atomically
 
 _TRIES = 3
@@ -35,6 +40,171 @@ _STARTS = 3
 _LOOK_SECONDS = 0.5
 _TELL_SECONDS = 0.5
 _PACKAGE = Path(__file__).resolve().parents[3]
+
+
+@dataclass(frozen=True)
+class Parcel:
+    """An agent on its way: the name of a baseline, or the files of a submission. ``name`` is that of its file or folder."""
+
+    name: str
+    files: tuple[tuple[str, bytes], ...] = ()
+    is_folder: bool = False
+
+    @classmethod
+    def of(cls, ref: str) -> Parcel:
+        """Pack the agent ``ref``.
+
+        Raises
+        ------
+        SubmissionError
+            When its files cannot be read.
+        """
+        if ref in baseline_names():
+            return cls(ref)
+        path = Path(ref).expanduser().resolve()
+        identity = identify(path)
+        own = identity.files if identity is not None else ()
+        root = path.parent if own else path
+        try:
+            files = [(file.relative_to(root).as_posix(), file.read_bytes()) for file in own or files_of_folder(path)]
+        except OSError as error:
+            msg = f"The submission {path} cannot be packed: {error}. Check that its files exist and may be read."
+            raise SubmissionError(msg) from error
+        return cls(path.name, tuple(files), is_folder=not own)
+
+    @contextmanager
+    def unpacked(self) -> Iterator[str]:
+        """The agent as ``prepare`` takes it; the files are gone afterwards."""
+        if not self.files:
+            yield self.name
+            return
+        scratch = Scratch()
+        try:
+            root = scratch.folder() / self.name if self.is_folder else scratch.folder()
+            for name, content in self.files:
+                file = root / PurePosixPath(name)
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_bytes(content)
+            yield str(scratch.folder() / self.name)
+        finally:
+            scratch.remove()
+
+
+def divided(seeds: tuple[int, ...], parts: int) -> list[tuple[int, ...]]:
+    """``seeds`` in at most that many parts of nearly the same size, in their order."""
+    sizes = [len(chunk) for chunk in np.array_split(np.arange(len(seeds)), min(parts, len(seeds)))]
+    ends = np.cumsum(sizes).tolist()
+    return [seeds[end - size : end] for size, end in zip(sizes, ends, strict=True)]
+
+
+def may_be_divided(evaluation: Evaluation) -> bool:
+    """Whether the agent may be one for single runs, as far as its source tells; the worker looks at the agent itself."""
+    submission = evaluation.submission or evaluation.agent.submission
+    if submission is None or submission.form != "python":
+        return False
+    return any(b"single_run" in file.read_bytes() for file in submission.all_files() if file.suffix == ".py")
+
+
+def put_together(evaluation: Evaluation, parts: Sequence[Computed]) -> Computed:
+    """The whole of ``parts``, which are in the order of the seeds: the same runs, bits and digests as in one piece."""
+    if len(parts) == 1:
+        return replace(parts[0], trace=None)
+    first = parts[0]
+    log = replace(
+        first.log,
+        runs=tuple(run for part in parts for run in part.log.runs),
+        actions=exactly(np.concatenate([part.log.actions.astype(np.float64) for part in parts], axis=1)),
+        rewards=np.concatenate([part.log.rewards for part in parts], axis=1),
+        final_states=np.concatenate([part.log.final_states for part in parts], axis=0),
+    )
+    results = [part.result for part in parts]
+    records = [result.evaluation for result in results]
+    resumed = [record.resumed_at_step for record in records if record.resumed_at_step is not None]
+    whole = evaluation.result(
+        tuple(run for result in results for run in result.runs),
+        workers=len(parts),
+        wall_seconds=max(record.wall_seconds for record in records),
+        decision_seconds=sum(record.decision_seconds for record in records),
+        resumed_at=min(resumed, default=None),
+    )
+    # Versions and machine are those that computed.
+    there = {name: getattr(first.result, name) for name in ("versions", "machine", "git")}
+    created = max(result.created for result in results)
+    printed = "\n".join(part.printed for part in parts if part.printed)
+    return Computed(whole.model_copy(update={**there, "created": created}), log, printed=printed)
+
+
+@dataclass(frozen=True)
+class Order:
+    """Runs of an agent on a task, and everything that has to be the same there.
+
+    ``checkpoints`` is a folder on the machine that sent the order, and ``mark`` a file in it: where both are seen, the two machines share
+    their disk and checkpoints are worth writing. ``is_part`` says that these are only some of the evaluation's runs.
+    """
+
+    definition: bytes
+    parcel: Parcel
+    seeds: tuple[int, ...]
+    is_part: bool
+    protection: Protection
+    task_digest: str
+    agent_digest: str
+    kernel: dict[str, str | float]
+    version: str
+    checkpoints: Path | None
+    mark: Path | None
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why there are no numbers, in words. ``joint``: the agent decides for all runs at once, so they cannot be divided."""
+
+    reason: str
+    joint: bool = False
+
+
+def work(order: Order, progress: Callable[[Progress], None]) -> Computed | Refusal:
+    """Do what was ordered. Errors of glbench come back as words, everything else is raised."""
+    # Numerical libraries would start a thread a core in each of several workers on one machine, and round by their number.
+    os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+    try:
+        with order.parcel.unpacked() as ref:
+            evaluation = _prepared(order, ref)
+            different = _differences(order, evaluation)
+            if different is not None:
+                return Refusal(different)
+            computed = evaluation.compute(progress)
+    except JointAgentError as error:
+        return Refusal(str(error), joint=True)
+    except GlbenchError as error:
+        return Refusal(str(error))
+    return replace(computed, trace=None)
+
+
+def _prepared(order: Order, ref: str) -> Evaluation:
+    evaluation = prepare(
+        task_of(order.definition),
+        ref,
+        runs=len(order.seeds),
+        first_seed=order.seeds[0],
+        sandbox="bubblewrap" if order.protection == "bubblewrap" else "none",
+    )
+    shared = order.checkpoints is not None and order.mark is not None and order.mark.is_file()
+    return replace(evaluation, checkpoints=order.checkpoints if shared else None, is_part=order.is_part)
+
+
+def _differences(order: Order, evaluation: Evaluation) -> str | None:
+    """Why this machine's numbers would be others than those of the machine that sent the order."""
+    if order.version != __version__:
+        return f"The worker has glbench {__version__}, this machine {order.version}. Install the same version on all machines."
+    if order.task_digest != evaluation.task.digest:
+        return "The worker's weather, parameters or model differ from those of this machine: the task has another digest there."
+    if order.agent_digest != evaluation.agent.digest:
+        return "The agent arrived with another digest than it was sent with. Did its files change while it was packed?"
+    if order.kernel != evaluation.kernel:
+        reason = why_not_compiled() or f"It has {evaluation.kernel}."
+        return f"The worker's kernel is another one than this machine's, which would change the numbers. {reason}"
+    return None
 
 
 @contextmanager

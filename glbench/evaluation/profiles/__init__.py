@@ -5,7 +5,7 @@ They are made from what the evaluation simulates anyway. ``docs/report.md`` expl
 
 from __future__ import annotations
 
-from glbench.evaluation.profiles.making import load_profile, make_profile, profiled
+from glbench.evaluation.profiles.building import load_profile, make_profile, profiled
 from glbench.evaluation.profiles.record import Profile, profile_path, read_profile
 
 __all__ = ["Profile", "load_profile", "make_profile", "profile_path", "profiled", "read_profile"]

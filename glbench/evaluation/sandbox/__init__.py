@@ -6,12 +6,11 @@ Outside (the evaluation):
 
 =============  ======================================================================================================
 ``choosing``   whether an agent is sandboxed, and what its result says about that
-``bubblewrap`` the command line that builds the sandbox, and why it cannot be built here
-``visible``    the files that the agent's process sees
-``syscalls``   the system calls that it may not make
+``bubblewrap`` how the sandbox is built: files that the agent's process sees, system calls that it may not make
 ``process``    the process: starting it, talking to it with deadlines, watching its size, ending it
-``drivers``    the process behind the evaluation's ``Driver``, as an agent in this process would be
 =============  ======================================================================================================
 
-Inside: ``guest``, which loads the agent and answers. Both sides share ``frames`` and the ``limits``.
+``glbench.evaluation.runners`` puts the process behind the evaluation's ``AgentRunner``, as an agent in this process would be.
+
+Inside: ``guest``, which loads the agent and answers. Both sides share ``frames``: kinds of questions and answers, and the limits.
 """

@@ -1,13 +1,27 @@
-"""The sandbox itself: how bubblewrap is called, and why it cannot be where it cannot."""
+"""The sandbox itself: how bubblewrap is called, what can be seen and called inside, and why it cannot be where it cannot.
+
+Nothing of the disk is visible that is not listed here: the agent's own files, Python with its libraries, glbench without its data. Of a
+submission it is copies of the files that its digest covers, made while the digest is computed again. Folders with weather, tasks (they
+hold the seeds), results and other submissions are covered wherever they would show through, as they do when glbench is installed among the
+libraries; a submission's folder that holds them is refused.
+
+Namespaces keep an agent away from files, network and other processes. The filter of system calls (seccomp) takes away what would weaken
+them (new namespaces, mounts, handles of files), what escapes the limits of memory (memory that belongs to no process), ways to look into
+other processes, kinds of sockets that no network namespace holds back, and parts of the kernel that no controller needs.
+"""
 
 from __future__ import annotations
 
+import errno
 import os
 import platform
 import shutil
+import socket
+import struct
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -15,9 +29,10 @@ from typing import Final
 
 from glbench import __version__
 from glbench.agents import Identity
-from glbench.errors import SandboxError
-from glbench.evaluation.sandbox import visible
-from glbench.evaluation.sandbox.limits import SandboxLimits
+from glbench.agents.identity import digest_of
+from glbench.errors import GlbenchError, SandboxError, SubmissionError
+from glbench.evaluation.sandbox.frames import SandboxLimits
+from glbench.resources import DataFolder, cache_folder, data_folder, user_data_folder
 
 ENVIRONMENT_OF_BUBBLEWRAP = {"PATH": "/usr/bin:/bin"}
 """bubblewrap itself gets no more: its process is visible inside."""
@@ -26,10 +41,51 @@ _NOBODY: Final = 65534
 _FIRST_USER, _USERS = 61184, 4336
 """User ids that nobody has: those that systemd sets aside for services."""
 _PATIENCE_SECONDS = 20.0
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 _REMEDY = (
     "or, for code that you wrote or have read, give --sandbox none: it then runs unprotected, and the result says so"
 )
+CODE: Final = Path("/opt/glbench")
+"""Where glbench is inside the sandbox: a place of its file system, on no machine."""
+SUBMISSION: Final = Path("/submission")
+"""Where the submission is inside."""
+_SYSTEM = ("usr", "bin", "sbin", "lib", "lib32", "lib64", "nix/store")
+_SETTINGS = ("ld.so.cache", "ld.so.conf", "ld.so.conf.d", "alternatives")
+_LIBRARIES = {"site-packages", "dist-packages"}
+_HIDDEN_DATA: tuple[DataFolder, ...] = ("tasks", "weather", "submissions", "reports/released/results")
+_PACKAGE = Path(__file__).resolve().parents[2]
+_LOAD, _EQUAL, _AT_LEAST, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06
+_ALLOW: Final = 0x7FFF0000
+_KILL: Final = 0x80000000
+_ERROR: Final = 0x00050000
+_NUMBER, _ARCHITECTURE, _FIRST_ARGUMENT, _SECOND_ARGUMENT, _THIRD_ARGUMENT = 0, 4, 16, 24, 32
+_NEW_NAMESPACES: Final = 0x7E020000
+"""Flags of ``clone`` that ask for a namespace of any kind."""
+_OTHER_ABI: Final = 0x40000000
+"""System calls of x86-64 from here on are those of x32, with numbers of their own."""
+_FAMILIES: Final = (socket.AF_UNIX,)
+"""Sockets of other families reach past a network namespace (AF_VSOCK), deep into the kernel (AF_ALG, AF_PACKET), or hold memory that
+all networks of the machine share (AF_INET, AF_INET6, of which there is none inside but the sandbox's own)."""
+_LARGER_BUFFERS: Final = (7, 32)
+"""Options of sockets (SO_SNDBUF, SO_SNDBUFFORCE) with which each could hold megabytes of the kernel's memory."""
+_REFUSED: Final = {
+    # name: (x86-64, AArch64)
+    "ptrace": (101, 117), "process_vm_readv": (310, 270), "process_vm_writev": (311, 271), "kcmp": (312, 272),
+    "pidfd_getfd": (438, 438), "perf_event_open": (298, 241), "bpf": (321, 280), "userfaultfd": (323, 282),
+    "memfd_create": (319, 279), "memfd_secret": (447, 447), "shmget": (29, 194), "msgget": (68, 186), "semget": (64, 190),
+    "io_setup": (206, 0), "fanotify_init": (300, 262),
+    "io_uring_setup": (425, 425), "io_uring_enter": (426, 426), "io_uring_register": (427, 427),
+    "add_key": (248, 217), "request_key": (249, 218), "keyctl": (250, 219),
+    "unshare": (272, 97), "setns": (308, 268), "mount": (165, 40), "umount2": (166, 39), "pivot_root": (155, 41),
+    "chroot": (161, 51), "open_tree": (428, 428), "move_mount": (429, 429), "fsopen": (430, 430), "fsconfig": (431, 431),
+    "fsmount": (432, 432), "fspick": (433, 433), "mount_setattr": (442, 442),
+    "name_to_handle_at": (303, 264), "open_by_handle_at": (304, 265), "quotactl": (179, 60), "acct": (163, 89),
+    "init_module": (175, 105), "finit_module": (313, 273), "delete_module": (176, 106), "kexec_load": (246, 104),
+    "kexec_file_load": (320, 294), "reboot": (169, 142), "swapon": (167, 224), "swapoff": (168, 225), "syslog": (103, 116),
+    "settimeofday": (164, 170), "clock_settime": (227, 112), "clock_adjtime": (305, 266), "adjtimex": (159, 171),
+    "sethostname": (170, 161), "setdomainname": (171, 162), "personality": (135, 92), "vhangup": (153, 58),
+}  # fmt: skip
+_CLONE, _CLONE3, _SOCKET, _LIMITS, _OPTION = (56, 220), (435, 435), (41, 198), (302, 261), (54, 208)
 
 
 class Mode(Enum):
@@ -64,11 +120,11 @@ def command(
         "--proc", "/proc", "--dev", "/dev",
         # First, so that an interpreter or a library that lies in /tmp shows up in it.
         *_scratch("/dev/shm", sizes.shared), *_scratch("/tmp", sizes.scratch),
-        *visible.arguments(submission, staging),
+        *visible_files(submission, staging),
         "--remount-ro", "/dev", "--remount-ro", "/proc", "--remount-ro", "/", "--chdir", "/tmp",
     ]  # fmt: skip
-    guest = visible.in_package(Path(__file__).with_name("guest.py"))
-    python = [str(visible.interpreter()), "-S", "-s", "-P", "-X", "faulthandler", str(guest), str(sock), __version__]
+    guest = in_package(Path(__file__).with_name("guest.py"))
+    python = [str(interpreter()), "-S", "-s", "-P", "-X", "faulthandler", str(guest), str(sock), __version__]
     return [*_becoming_another_user(mode), *python], arguments
 
 
@@ -183,15 +239,198 @@ def _becoming_another_user(mode: Mode) -> list[str]:
 
 def _environment() -> list[str]:
     # Pydantic looks for plugins by reading the descriptions of all installed packages, which an agent would wait for.
-    path = os.pathsep.join(map(str, [visible.CODE, *visible.libraries()]))
+    path = os.pathsep.join(map(str, [CODE, *libraries()]))
     variables = {
         "PATH": "/usr/bin:/bin", "HOME": "/tmp", "TMPDIR": "/tmp", "USER": "agent", "LOGNAME": "agent", "LANG": "C.UTF-8",
         "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONUNBUFFERED": "1", "PYTHONHASHSEED": "0",
         "PYDANTIC_DISABLE_PLUGINS": "1",
-        **dict.fromkeys(_THREAD_VARIABLES, "1"),
+        **dict.fromkeys(THREAD_VARIABLES, "1"),
     }  # fmt: skip
     return ["--clearenv", *(word for name, value in variables.items() for word in ("--setenv", name, value))]
 
 
 def _scratch(place: str, size: int) -> list[str]:
     return ["--perms", "1777", "--size", str(size), "--tmpfs", place]
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A file or folder of this machine, and where it is inside."""
+
+    outside: Path
+    inside: Path
+
+
+def interpreter() -> Path:
+    """The Python program itself, behind all links and virtual environments."""
+    return Path(sys.executable).resolve()
+
+
+def libraries() -> tuple[Path, ...]:
+    """Folders with installed packages, in the order in which they are searched."""
+    return tuple(path for path in map(Path, sys.path) if path.name in _LIBRARIES and path.is_dir())
+
+
+def visible_files(submission: Identity, staging: Callable[[], Path]) -> list[str]:
+    """Arguments for bubblewrap that make the files visible; ``staging`` makes a folder for the copies of the submission's files."""
+    bounds = [*_python(), Bound(_PACKAGE, CODE / "glbench"), _own_files(submission, staging)]
+    covered = [inside for bound in bounds for inside in _secrets_below(bound)]
+    lines = [
+        *_system(),
+        *_ways_to(bounds),
+        *(_bind(bound) for bound in bounds),
+        *(["--tmpfs", str(path)] for path in covered),
+        *_data(),
+    ]
+    lines += [["--remount-ro", str(path)] for path in covered]
+    return [word for line in lines for word in line]
+
+
+def in_package(file: Path) -> Path:
+    """Path inside of a file of glbench."""
+    return CODE / "glbench" / file.resolve().relative_to(_PACKAGE)
+
+
+def place_inside(submission: Identity) -> Path:
+    """Path of the submission inside."""
+    return SUBMISSION / submission.path.name
+
+
+def _system() -> Iterator[list[str]]:
+    for name in _SYSTEM:
+        path = Path("/") / name
+        if path.is_symlink():
+            yield ["--symlink", str(path.readlink()), str(path)]
+        elif path.is_dir():
+            yield ["--ro-bind", str(path), str(path)]
+    for name in _SETTINGS:
+        yield ["--ro-bind-try", f"/etc/{name}", f"/etc/{name}"]
+
+
+def _python() -> Iterator[Bound]:
+    """The interpreter with its standard library, and the installed packages, at the same paths as outside."""
+    base = Path(sys.base_prefix).resolve()
+    for path in (interpreter(), base / "lib", base / "lib64", *libraries()):
+        if path.exists() and not any(path.is_relative_to(f"/{name}") for name in _SYSTEM):
+            yield Bound(path, path)
+
+
+def _data() -> Iterator[list[str]]:
+    """Of glbench's data the settings of the built-in controllers, and an empty folder of tasks."""
+    if (_PACKAGE / "_data").is_dir():
+        root = CODE / "glbench" / "_data"
+    else:
+        root = CODE
+        yield ["--ro-bind", str(_PACKAGE.parent / "pyproject.toml"), str(CODE / "pyproject.toml")]  # marks a checkout
+    yield ["--dir", str(root / "tasks")]
+    yield ["--ro-bind", str(data_folder("baselines")), str(root / "baselines")]
+
+
+def _own_files(submission: Identity, staging: Callable[[], Path]) -> Bound:
+    """Copies of the submission's files."""
+    place = place_inside(submission)
+    try:
+        files = submission.all_files()
+        for secret in _secrets():
+            if secret.is_relative_to(submission.path) and any(file.is_relative_to(secret) for file in files):
+                msg = f"The folder {submission.path} holds {secret}, which no agent may see. Put the agent into a folder of its own."
+                raise SubmissionError(msg)
+        root = staging() / "submission"
+        if submission.folder is not None:
+            root /= place.name
+        root.mkdir(parents=True)
+        digest = digest_of(files, submission.root, root)
+    except OSError as error:
+        msg = f"The submission {submission.path} cannot be copied for its sandbox: {error}."
+        raise GlbenchError(msg) from error
+    if digest != submission.digest:
+        msg = f"The files of {submission.path} were changed after its evaluation began. Leave them as they are until it ends."
+        raise SubmissionError(msg)
+    return Bound(root, place if submission.folder is not None else place.parent)
+
+
+def _ways_to(bounds: list[Bound]) -> Iterator[list[str]]:
+    """The folders above, which bubblewrap would make for its own user only."""
+    above = {folder for bound in bounds for folder in bound.inside.parents if folder != Path("/")}
+    yield from (["--perms", "0755", "--dir", str(folder)] for folder in sorted(above))
+
+
+def _secrets_below(bound: Bound) -> Iterator[Path]:
+    """Folders inside that must be covered because ``bound`` brings them along."""
+    outside = bound.outside.resolve()
+    for secret in _secrets():
+        if secret.is_relative_to(outside):
+            yield bound.inside / secret.relative_to(outside)
+
+
+def _secrets() -> list[Path]:
+    """Folders that no agent may see, none of which lies in another."""
+    # An editable installation leaves a second copy of the data among the libraries.
+    folders = {(path / "glbench" / "_data").resolve() for path in libraries()}
+    folders |= {data_folder(name).resolve() for name in _HIDDEN_DATA}
+    folders |= {(_PACKAGE / "_data").resolve(), user_data_folder().resolve(), cache_folder().resolve()}
+    return [folder for folder in sorted(folders) if folder.is_dir() and folders.isdisjoint(folder.parents)]
+
+
+def _bind(bound: Bound) -> list[str]:
+    return ["--ro-bind", str(bound.outside), str(bound.inside)]
+
+
+@dataclass(frozen=True)
+class _Machine:
+    column: int
+    audit: int
+
+
+_MACHINES = {"x86_64": _Machine(0, 0xC000003E), "aarch64": _Machine(1, 0xC00000B7)}
+
+
+def system_call_filter() -> bytes | None:
+    """The filter as a program of the kernel's BPF machine; ``None`` for processors whose numbers are not known here."""
+    machine = _MACHINES.get(platform.machine())
+    if machine is None:
+        return None
+    column = machine.column
+    program = [
+        _load(_ARCHITECTURE), _unless(_EQUAL, machine.audit, _KILL),
+        _load(_NUMBER), _if(_AT_LEAST, _OTHER_ABI, _KILL),
+    ]  # fmt: skip
+    program += [_if(_EQUAL, numbers[column], _ERROR | errno.EPERM) for numbers in _REFUSED.values()]
+    # The C library asks for clone3 first, whose flags no filter can read, and takes clone when there is none.
+    program.append(_if(_EQUAL, _CLONE3[column], _ERROR | errno.ENOSYS))
+    clone = _load(_FIRST_ARGUMENT) + _if(_ANY_BIT, _NEW_NAMESPACES, _ERROR | errno.EPERM) + _return(_ALLOW)
+    program.append(_block(_CLONE[column], clone))
+    families = b"".join(_if(_EQUAL, family, _ALLOW) for family in _FAMILIES)
+    program.append(_block(_SOCKET[column], _load(_FIRST_ARGUMENT) + families + _return(_ERROR | errno.EAFNOSUPPORT)))
+    # Limits of other processes: bubblewrap's own may belong to the same user. Process 0 is whoever asks.
+    own = _if(_EQUAL, 0, _ALLOW) + _return(_ERROR | errno.EPERM)
+    program.append(_block(_LIMITS[column], _load(_FIRST_ARGUMENT) + own))
+    larger = b"".join(_if(_EQUAL, option, _ERROR | errno.EPERM) for option in _LARGER_BUFFERS) + _return(_ALLOW)
+    buffers = _load(_SECOND_ARGUMENT) + _unless(_EQUAL, socket.SOL_SOCKET, _ALLOW) + _load(_THIRD_ARGUMENT) + larger
+    program.append(_block(_OPTION[column], buffers))
+    return b"".join(program) + _return(_ALLOW)
+
+
+def _instruction(code: int, value: int, yes: int = 0, no: int = 0) -> bytes:
+    return struct.pack("=HBBI", code, yes, no, value)
+
+
+def _load(offset: int) -> bytes:
+    return _instruction(_LOAD, offset)
+
+
+def _return(value: int) -> bytes:
+    return _instruction(_RETURN, value)
+
+
+def _if(test: int, value: int, then: int) -> bytes:
+    return _instruction(test, value, yes=0, no=1) + _return(then)
+
+
+def _unless(test: int, value: int, then: int) -> bytes:
+    return _instruction(test, value, yes=1, no=0) + _return(then)
+
+
+def _block(number: int, instructions: bytes) -> bytes:
+    """Do ``instructions`` for one system call, and skip them for the others."""
+    return _instruction(_EQUAL, number, yes=0, no=len(instructions) // 8) + instructions

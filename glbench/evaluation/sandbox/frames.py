@@ -1,4 +1,4 @@
-"""The language between an evaluation and the process of its agent: frames of a 16-byte header and a body.
+"""The language between an evaluation and the process of its agent: frames of a 16-byte header and a body; and the limits both sides know.
 
 The header holds the kind, the number of the question that a frame asks or answers, and the length of the body. Numbers are in the
 machine's own byte order, both ends being on one machine. Questions come from the trusted side, and the first holds a pickle. Answers
@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from glbench.evaluation.limits import TimeLimits
-    from glbench.evaluation.sandbox.limits import SandboxLimits
     from glbench.tasks import TaskCard
+
 
 HEADER = struct.Struct("=IIQ")
 """Kind, number of the question, length of the body in bytes."""
@@ -27,6 +27,8 @@ STATUSES = ("", "crashed", "timed_out", "invalid_action")
 """Statuses by the number that stands for them; the first means that nothing is wrong."""
 LONGEST_TEXT = 1024
 """Bytes of one text in an answer; a longer one makes it no answer."""
+MIB = 2**20
+GIB = 2**30
 
 
 class Kind(IntEnum):
@@ -106,3 +108,25 @@ def unpacked_problems(body: bytes) -> Iterator[tuple[int, bytes]]:
             raise ValueError(msg)
         yield row, body[at : at + length]
         at += length
+
+
+@dataclass(frozen=True)
+class SandboxLimits:
+    """Sizes in bytes. The same on every machine, so that an agent that runs on one runs on the other."""
+
+    memory: int = 4 * GIB
+    """Address space of one process, and resident memory of all its processes together."""
+    scratch: int = 256 * MIB
+    """Size of its /tmp, and of the largest file in it."""
+    shared: int = 64 * MIB
+    """Size of its /dev/shm."""
+    tasks: int = 128
+    """Processes and threads together."""
+    files: int = 256
+    """Open files of one process."""
+    open_files: int = 1024
+    """Open files, pipes and sockets of all processes together: each may hold memory of the kernel."""
+    made: int = 65536
+    """Files and folders in /tmp and /dev/shm."""
+    printed: int = 64 * 1024
+    """What is kept of its output: the first half and the last."""

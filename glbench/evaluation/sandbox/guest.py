@@ -1,12 +1,14 @@
 """Inside the sandbox: the process that loads an agent, shows it observations and sends its actions.
 
-It is started as a script with the number of its socket and the version of glbench. Until it loads the submission everything here can
+In a sandbox it is started as a script with the number of its socket and the version of glbench; for a check without a sandbox as a module,
+with the number of its socket. Until it loads the submission everything here can
 be trusted; from then on nothing can, and whoever reads the answers knows that.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import gc
 import importlib
 import os
@@ -14,11 +16,12 @@ import pickle
 import resource
 import socket
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, Final, NoReturn
 
-if __name__ == "__main__":
+if __name__ == "__main__" and "glbench" not in sys.modules:
     # The package without what its __init__ does: there are no tasks here to register, and Gymnasium takes its time to load.
     _package = ModuleType("glbench")
     _package.__path__ = [str(Path(__file__).parents[2])]
@@ -28,20 +31,30 @@ if __name__ == "__main__":
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.agents.actions import action_problems
+from glbench.agents.actions import action_problems, read_actions
 from glbench.agents.loading import load_agent
 from glbench.agents.protocol import PerRunAgent
 from glbench.errors import ActionError, SubmissionError
-from glbench.evaluation.acting import guarded, in_words
-from glbench.evaluation.actions import read_actions
-from glbench.evaluation.sandbox.domain import enter_domain
-from glbench.evaluation.sandbox.frames import HEADER, ROW, STATUSES, Kind, Order, encoded, packed_problems
-from glbench.evaluation.sandbox.limits import SandboxLimits
+from glbench.evaluation.limits import guarded, in_words
+from glbench.evaluation.sandbox.frames import (
+    HEADER,
+    ROW,
+    STATUSES,
+    Kind,
+    Order,
+    SandboxLimits,
+    encoded,
+    packed_problems,
+)
 
-if TYPE_CHECKING:
-    from glbench.agents.protocol import Agent
-    from glbench.evaluation.sandbox.listening import Listener
-
+_CREATE_RULESET, _RESTRICT_SELF = 444, 446
+"""Numbers of the system calls, on all processors the same."""
+_MAKE_DEVICES: Final = 1 << 6 | 1 << 11
+"""A domain must forbid something; devices cannot be made in the sandbox anyhow."""
+_WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+_MOST_HEARD = 5
+_REMOVING = frozenset({"os.remove", "os.rename", "os.mkdir", "os.rmdir"})
+_NETWORK = (socket.AF_INET, socket.AF_INET6)
 _NOBODY_ASKS_ANY_MORE = 0
 _LETTING_GO_SECONDS = 0.25
 """Less than the patience of who asked, on top of a call that took all of its time."""
@@ -113,113 +126,95 @@ class Host:
     def do(self, kind: int, body: memoryview) -> None:
         """Answer a question."""
         if kind == Kind.REHEARSE:
-            self._listener = rehearse(bytes(body).decode())
-            self._line.answer(Kind.DONE)
-        elif kind == Kind.HEARD and self._listener is not None:
-            heard = [f"c {where}" for where in self._listener.connections] + [
-                f"w {what}" for what in self._listener.written
-            ]
+            self._rehearse(bytes(body).decode())
+        elif self._listener is None:
+            self._ask_agent(kind, body)
+        elif kind == Kind.HEARD:
+            heard = [f"c {where}" for where in self._listener.connections]
+            heard += [f"w {what}" for what in self._listener.written]
             self._line.answer(Kind.TOLD, encoded("\n".join(heard)))
-        elif self._listener is not None:
+        else:
             with self._listener.listening():
                 self._ask_agent(kind, body)
-        else:
-            self._ask_agent(kind, body)
+
+    def _rehearse(self, packages: str) -> None:
+        """Import packages whose time is not the agent's, and begin to listen."""
+        for package in filter(None, packages.split("\0")):
+            with contextlib.suppress(ImportError):  # told when the agent itself imports it
+                importlib.import_module(package)
+        self._listener = Listener()
+        self._line.answer(Kind.DONE)
 
     def _ask_agent(self, kind: int, body: memoryview) -> None:
-        line = self._line
         if kind == Kind.LOAD:
-            order = self._order = pickle.loads(body)
-            limit_this_process(order.sizes)
-            self._agents = make_agents(line, order)
-            self._single = bool(self._agents) and isinstance(self._agents[0], PerRunAgent)
-            if self._agents:
-                line.answer(Kind.MADE, bytes([self._single]))
+            self._make(pickle.loads(body))
         elif self._single:
-            answer_by_row(line, self._order, self._agents, kind, body)
-        elif kind == Kind.RESET:
-            reset(line, self._order, self._agents[0])
+            self._ask_one_by_one(kind, body)
         else:
-            act(line, self._order, self._agents[0], body)
+            self._ask_for_all(kind, body)
 
-
-def rehearse(packages: str) -> Listener:
-    """Import packages whose time is not the agent's, and begin to listen."""
-    from glbench.evaluation.sandbox.listening import Listener
-
-    for package in filter(None, packages.split("\0")):
-        with contextlib.suppress(ImportError):  # told when the agent itself imports it
-            importlib.import_module(package)
-    return Listener()
-
-
-def make_agents(line: Line, order: Order) -> list[Any]:
-    """The agent, or one adapter with its agent for each run; none when it failed, which is answered."""
-    try:
-        loaded = load_agent(Path(order.path))
-        line.answer(Kind.LOADED)
-        first = loaded.make(order.card)
-        others = order.runs - 1 if isinstance(first, PerRunAgent) else 0
-        return [first, *(loaded.make(order.card) for _ in range(others))]
-    except SubmissionError as error:
-        line.failed("crashed", str(error))
-    except BaseException as error:  # the submission's code may raise anything; it is told, not swallowed
-        line.failed("crashed", f"The agent '{Path(order.path).stem}' cannot be made: {described(error)}.")
-    return []
-
-
-def reset(line: Line, order: Order, agent: Agent) -> None:
-    """Reset a batched agent."""
-    try:
-        agent.reset(order.card, order.runs)
-    except BaseException as error:
-        line.failed("crashed", described(error))
-    else:
-        line.answer(Kind.DONE)
-
-
-def act(line: Line, order: Order, agent: Agent, body: memoryview) -> None:
-    """Ask a batched agent for all rows."""
-    card, n = order.card, order.runs
-    observations = np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy()
-    try:
-        returned: object = agent.act(observations)
-        actions = _plain(returned, (n, len(card.actions)))
-        if actions is not None:
-            line.answer(Kind.ACTIONS, actions.tobytes())
-            return
-        actions, problems = read_actions(returned, card, n)
-        line.answer(Kind.PROBLEMS, actions.tobytes(), packed_problems(problems))
-    except ActionError as error:
-        line.failed("invalid_action", str(error).rstrip("."))
-    except BaseException as error:
-        line.failed("crashed", described(error))
-
-
-def answer_by_row(line: Line, order: Order, agents: list[Any], kind: int, body: memoryview) -> None:
-    """Reset or ask one agent after the other, and answer row by row, so that one who never returns is known by its place."""
-    card, n = order.card, order.runs
-    rows = np.flatnonzero(np.frombuffer(body[:n], dtype=np.uint8))
-    observations = np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy() if kind == Kind.ACT else None
-    for row in rows.tolist():
-        if observations is None:
-            failure = guarded(lambda r=row: agents[r].reset(card, 1), order.time.start, "reset", through=()).failure  # type: ignore[misc]
-            given: NDArray[np.float64] = np.empty(0)
+    def _make(self, order: Order) -> None:
+        """Make the agent, or one adapter with its agent for each run."""
+        self._order, self._agents = order, []
+        limit_this_process(order.sizes)
+        try:
+            loaded = load_agent(Path(order.path))
+            self._line.answer(Kind.LOADED)
+            first = loaded.make(order.card)
+            self._single = isinstance(first, PerRunAgent)
+            others = order.runs - 1 if self._single else 0
+            self._agents = [first, *(loaded.make(order.card) for _ in range(others))]
+        except SubmissionError as error:
+            self._line.failed("crashed", str(error))
+        except BaseException as error:  # the submission's code may raise anything; it is told, not swallowed
+            reason = f"The agent '{Path(order.path).stem}' cannot be made: {described(error)}."
+            self._line.failed("crashed", reason)
         else:
-            shown = observations[row : row + 1]
-            answer = guarded(lambda r=row, o=shown: agents[r].act(o)[0], order.time.step, "act", through=())  # type: ignore[misc]
-            failure, given = answer.failure, np.asarray(answer.value)
-        if failure is not None:
-            # It is not asked again. What it holds is the others' to have, and the time in which it lets go is its own.
-            guarded(lambda r=row: let_go(agents, r), _LETTING_GO_SECONDS, "letting go", through=())  # type: ignore[misc]
-            # The adapter counts its own runs, of which it has one here.
-            reason = failure.reason.replace(" in run 0", "")
-            line.answer(Kind.ROW, ROW.pack(row, STATUSES.index(failure.status)), encoded(reason))
-        elif observations is not None and given.shape != (len(card.actions),):
-            reason = action_problems([given], card, 1)[0]
-            line.answer(Kind.ROW, ROW.pack(row, STATUSES.index("invalid_action")), encoded(reason))
-        else:
-            line.answer(Kind.ROW, ROW.pack(row, 0), given.tobytes())
+            self._line.answer(Kind.MADE, bytes([self._single]))
+
+    def _ask_for_all(self, kind: int, body: memoryview) -> None:
+        """Reset a batched agent, or ask it for all rows."""
+        card, n, agent = self._order.card, self._order.runs, self._agents[0]
+        try:
+            if kind == Kind.RESET:
+                agent.reset(card, n)
+                self._line.answer(Kind.DONE)
+                return
+            observations = np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy()
+            actions, problems = read_actions(agent.act(observations), card, n)
+            said = Kind.PROBLEMS if problems else Kind.ACTIONS
+            self._line.answer(said, actions.tobytes(), packed_problems(problems))
+        except BaseException as error:
+            if isinstance(error, ActionError) and kind == Kind.ACT:
+                self._line.failed("invalid_action", str(error).rstrip("."))
+            else:
+                self._line.failed("crashed", described(error))
+
+    def _ask_one_by_one(self, kind: int, body: memoryview) -> None:
+        """Reset or ask one agent after the other, and answer row by row, so that one who never returns is known by its place."""
+        order, agents, line = self._order, self._agents, self._line
+        card, n = order.card, order.runs
+        rows = np.flatnonzero(np.frombuffer(body[:n], dtype=np.uint8))
+        observations = np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy() if kind == Kind.ACT else None
+        for row in rows.tolist():
+            if observations is None:
+                failure = guarded(lambda r=row: agents[r].reset(card, 1), order.time.start, "reset", through=()).failure  # type: ignore[misc]
+                given: NDArray[np.float64] = np.empty(0)
+            else:
+                shown = observations[row : row + 1]
+                answer = guarded(lambda r=row, o=shown: agents[r].act(o)[0], order.time.step, "act", through=())  # type: ignore[misc]
+                failure, given = answer.failure, np.asarray(answer.value)
+            if failure is not None:
+                # It is not asked again. What it holds is the others' to have, and the time in which it lets go is its own.
+                guarded(lambda r=row: let_go(agents, r), _LETTING_GO_SECONDS, "letting go", through=())  # type: ignore[misc]
+                # The adapter counts its own runs, of which it has one here.
+                reason = failure.reason.replace(" in run 0", "")
+                line.answer(Kind.ROW, ROW.pack(row, STATUSES.index(failure.status)), encoded(reason))
+            elif observations is not None and given.shape != (len(card.actions),):
+                reason = action_problems([given], card, 1)[0]
+                line.answer(Kind.ROW, ROW.pack(row, STATUSES.index("invalid_action")), encoded(reason))
+            else:
+                line.answer(Kind.ROW, ROW.pack(row, 0), given.tobytes())
 
 
 def let_go(agents: list[Any], row: int) -> None:
@@ -236,16 +231,86 @@ def described(error: BaseException) -> str:
         return str(type.__getattribute__(type(error), "__name__"))
 
 
-def _plain(returned: object, shape: tuple[int, int]) -> NDArray[np.float64] | None:
-    """What ``act`` returned, when it is an array of numbers of the right shape; the other side looks at the values."""
-    if isinstance(returned, np.ndarray) and returned.dtype.kind in "fiu" and returned.shape == shape:
-        return np.ascontiguousarray(returned, dtype=np.float64)
-    return None
+def enter_domain() -> bool:
+    """Put this process and all that it starts into a domain of its own (Landlock), so that they cannot look into bubblewrap's.
+
+    In a user namespace the first process of the sandbox, which is bubblewrap's, belongs to the same user as the agent. System calls to
+    trace it are refused by the filter, but ``/proc/1/mem`` is a file. ``/proc`` is read-only, and the kernel lets no process of a Landlock
+    domain look into one outside of it. False where the kernel has none. Needs ``no_new_privs``.
+    """
+    library = ctypes.CDLL(None, use_errno=True)
+    forbidden = ctypes.c_uint64(_MAKE_DEVICES)
+    ruleset: int = library.syscall(
+        _CREATE_RULESET, ctypes.byref(forbidden), ctypes.c_size_t(ctypes.sizeof(forbidden)), 0
+    )
+    return ruleset >= 0 and library.syscall(_RESTRICT_SELF, ruleset, 0) == 0
 
 
-def main(descriptor: int) -> NoReturn:
-    """Say hello and serve."""
-    enter_domain()
+class Listener:
+    """Hears of connections and of files opened for writing, while it is told to listen, for a check of the agent.
+
+    Code that avoids Python's own calls is not heard. An audit hook cannot be taken away again: for processes that end with the agent.
+    """
+
+    def __init__(self) -> None:
+        import tempfile  # here: only a check needs it
+
+        self._addresses: list[str] = []
+        self._network = False
+        self.written: list[str] = []
+        self._on = False
+        self._free = (str(Path(tempfile.gettempdir()).resolve()), "/tmp", "/dev/", "/proc/")
+        sys.addaudithook(self._hear)
+
+    @property
+    def connections(self) -> list[str]:
+        """Where it connected to, or wanted to."""
+        return self._addresses or (["the network"] if self._network else [])
+
+    @contextlib.contextmanager
+    def listening(self) -> Iterator[None]:
+        """Listen while the agent's code runs."""
+        self._on = True
+        try:
+            yield
+        finally:
+            self._on = False
+
+    def _hear(self, event: str, arguments: tuple[object, ...]) -> None:
+        if not self._on:
+            return
+        if event in {"socket.connect", "socket.getaddrinfo"}:
+            self._add(self._addresses, _address(event, arguments))
+        elif event == "socket.__new__" and arguments[1] in _NETWORK:
+            self._network = True  # a sandbox refuses here, before any address is named
+        elif event in _REMOVING or (event == "open" and isinstance(arguments[2], int) and arguments[2] & _WRITING):
+            self._write(arguments[0])
+
+    def _write(self, path: object) -> None:
+        if isinstance(path, str | bytes | os.PathLike):
+            given = Path(os.fsdecode(path))
+            place = str(given)
+            # Beside the agent's own /tmp nothing will be there to write to; a relative path may lead anywhere.
+            if not given.is_absolute() or not place.startswith(self._free):
+                self._add(self.written, place)
+
+    @staticmethod
+    def _add(told: list[str], what: str) -> None:
+        if what not in told and len(told) < _MOST_HEARD:
+            told.append(what)
+
+
+def _address(event: str, arguments: tuple[object, ...]) -> str:
+    if event == "socket.getaddrinfo":
+        return str(arguments[0])
+    address = arguments[1]
+    return f"{address[0]}:{address[1]}" if isinstance(address, tuple) and len(address) >= 2 else str(address)
+
+
+def main(descriptor: int, *, walls: bool) -> NoReturn:
+    """Say hello and serve; ``walls``: in a sandbox, whose own process the agent must not look into."""
+    if walls:
+        enter_domain()
     os.closerange(3, descriptor)
     os.closerange(descriptor + 1, 1024)
     line = Line(socket.socket(fileno=descriptor))
@@ -256,4 +321,4 @@ def main(descriptor: int) -> NoReturn:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(int(sys.argv[1]), walls=len(sys.argv) > 2)

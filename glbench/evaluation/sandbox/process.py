@@ -1,7 +1,9 @@
 """The process of a sandboxed agent, from outside: started, asked with deadlines, watched, ended.
 
 Whatever it does, the evaluation gets an answer of the right form or a ``LostError`` with the reason, in bounded time. Nothing waits for the
-process without a deadline, its output is read while it is waited for, and it is gone when ``close`` returns.
+process without a deadline, its output is read while it is waited for, and it is gone when ``close`` returns. The kernel limits each
+process by itself (``guest.limit_this_process``); what many of them take together is found out by looking. So is what stands in nobody's
+account: the kernel's own memory behind sockets and empty files.
 """
 
 from __future__ import annotations
@@ -13,27 +15,157 @@ import select
 import signal
 import socket
 import subprocess
+import sys
 import time
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, NoReturn
 
 from glbench.agents import Identity
 from glbench.errors import SandboxError
+from glbench.evaluation.files import Scratch
 from glbench.evaluation.records import Status
-from glbench.evaluation.sandbox.bubblewrap import ENVIRONMENT_OF_BUBBLEWRAP, command, program
-from glbench.evaluation.sandbox.frames import HEADER, LONGEST_TEXT, Kind
-from glbench.evaluation.sandbox.limits import SandboxLimits
-from glbench.evaluation.sandbox.prints import Prints
-from glbench.evaluation.sandbox.size import Watch
-from glbench.evaluation.sandbox.syscalls import system_call_filter
-from glbench.evaluation.scratch import Scratch
+from glbench.evaluation.sandbox.bubblewrap import (
+    ENVIRONMENT_OF_BUBBLEWRAP,
+    THREAD_VARIABLES,
+    command,
+    program,
+    system_call_filter,
+)
+from glbench.evaluation.sandbox.frames import GIB, HEADER, LONGEST_TEXT, Kind, SandboxLimits
 
+_LOOK_SECONDS = 0.2
+_SOME_MORE = 8
+"""Tasks that do not belong to the agent: bubblewrap's own, and those that are just coming or going."""
+_KIB = 1024
 _START_SECONDS: Final = 60.0
 """For Python and numpy to come up; the agent's own time begins afterwards."""
 _END_SECONDS: Final = 5.0
-_LOOK_SECONDS: Final = 0.2
 _GULP: Final = 1 << 16
 _EAGER_SECONDS: Final = 0.5e-3
 """An answer that comes so soon is not slept for: waking up takes as long as a small agent's decision, on a colder processor."""
+
+
+class Prints:
+    """The output of an agent's processes: the first half of ``size`` bytes, and the last."""
+
+    def __init__(self, size: int = 64 * 1024) -> None:
+        self._half = size // 2
+        self._head = b""
+        self._tail = b""
+        self._total = 0
+
+    def add(self, said: bytes) -> None:
+        """Take in more output."""
+        self._total += len(said)
+        room = self._half - len(self._head)
+        self._head += said[:room]
+        self._tail = (self._tail + said[room:])[-self._half :] if len(said) > room else self._tail
+
+    @property
+    def size(self) -> int:
+        """Bytes of all that was printed, kept or not."""
+        return self._total
+
+    def text(self) -> str:
+        """The output with a note where some of it was left out; free of control characters, which could forge what a terminal shows."""
+        left_out = self._total - len(self._head) - len(self._tail)
+        note = f"\n[... {left_out:,} bytes left out ...]\n".encode() if left_out else b""
+        return plain((self._head + note + self._tail).decode("utf-8", errors="replace"))
+
+    def last_lines(self, number: int) -> list[str]:
+        """The last lines that are not empty."""
+        return [line for line in self.text().splitlines() if line.strip()][-number:]
+
+
+def plain(text: str) -> str:
+    """``text`` without control characters other than ends of lines and tabulators."""
+    return "".join(letter for letter in text if letter.isprintable() or letter in "\n\t")
+
+
+class Watch:
+    """Looks at the processes below ``root``, a process id, not more often than is useful."""
+
+    def __init__(self, root: int, sizes: SandboxLimits) -> None:
+        self._root = root
+        self._sizes = sizes
+        self._next = 0.0
+
+    def complaint(self) -> str | None:
+        """What has grown too large, in words; ``None`` while nothing has, and between two looks."""
+        now = time.monotonic()
+        if now < self._next:
+            return None
+        self._next = now + _LOOK_SECONDS
+        return self._look()
+
+    def memory(self) -> int:
+        """Memory of all processes now [bytes]."""
+        return self._taken().memory
+
+    def _look(self) -> str | None:
+        taken, sizes = self._taken(), self._sizes
+        if taken.tasks > sizes.tasks + _SOME_MORE:
+            return f"the agent started more than {sizes.tasks} processes and threads, which is its limit"
+        if taken.memory > sizes.memory:
+            return f"the agent's processes took more than {sizes.memory / GIB:.3g} GiB of memory together, which is their limit"
+        if taken.open_files > sizes.open_files:
+            return f"the agent's processes opened more than {sizes.open_files:,} files, pipes and sockets together, which is their limit"
+        if sum(map(self._made, ("tmp", "dev/shm"))) > sizes.made:
+            return f"the agent made more than {sizes.made:,} files in /tmp and /dev/shm, which is its limit"
+        return None
+
+    def _taken(self) -> _Taken:
+        """What all processes take; not counted on where there are too many already."""
+        waiting, taken = [self._root], _Taken()
+        while waiting and taken.tasks <= self._sizes.tasks + _SOME_MORE:
+            place = Path("/proc") / str(waiting.pop())
+            threads: list[Path] = []
+            try:
+                threads = list((place / "task").iterdir())
+                taken.memory += _memory(place)
+                waiting += [int(child) for thread in threads for child in _children(thread)]
+                taken.open_files += sum(1 for _ in (place / "fd").iterdir())
+            except OSError:  # it ended while we looked
+                continue
+            finally:
+                taken.tasks += len(threads)
+        return taken
+
+    def _made(self, place: str) -> int:
+        """Files in a folder of the sandbox that lies in memory: each takes some of it, which no size limits."""
+        try:
+            told = os.statvfs(f"/proc/{self._root}/root/{place}")
+        except OSError:  # it has ended
+            return 0
+        return told.f_files - told.f_ffree
+
+
+@dataclass
+class _Taken:
+    """What the processes of a sandbox take together; ``memory`` in bytes."""
+
+    tasks: int = 0
+    memory: int = 0
+    open_files: int = 0
+
+
+def _memory(place: Path) -> int:
+    """Memory of a process that is not the content of files [bytes]."""
+    numbers = [
+        int(line.split()[1]) * _KIB
+        for line in (place / "status").read_text(encoding="utf-8", errors="replace").splitlines()
+        if line.startswith(("RssAnon:", "RssShmem:"))
+    ]
+    return sum(numbers)
+
+
+def _children(thread: Path) -> list[str]:
+    """Ids of the processes that a thread started; none where the kernel keeps no such list."""
+    try:
+        return (thread / "children").read_text(encoding="ascii").split()
+    except FileNotFoundError:
+        return []
 
 
 class LostError(Exception):
@@ -45,7 +177,7 @@ class LostError(Exception):
         self.reason = reason
 
 
-class GuestProcess:
+class AgentProcess:
     """A process with the submission in it, ready to be asked.
 
     Parameters
@@ -58,6 +190,8 @@ class GuestProcess:
         Takes in what it prints.
     largest_answer : int
         Bytes of the longest answer there can be.
+    walls : bool
+        Whether it runs in a sandbox; without, it has all rights of this process.
 
     Raises
     ------
@@ -65,7 +199,10 @@ class GuestProcess:
         When the sandbox cannot be built, or does not start.
     """
 
-    def __init__(self, submission: Identity, sizes: SandboxLimits, prints: Prints, largest_answer: int) -> None:
+    def __init__(
+        self, submission: Identity, sizes: SandboxLimits, prints: Prints, largest_answer: int, *, walls: bool = True
+    ) -> None:
+        self._walls = walls
         self._prints = prints
         self._longest = max(largest_answer, 2 * LONGEST_TEXT)
         self._inbox = memoryview(bytearray(2 * (HEADER.size + self._longest)))
@@ -168,28 +305,31 @@ class GuestProcess:
         self._staging.remove()
 
     def _start(self, submission: Identity, sizes: SandboxLimits) -> None:
-        call_filter = system_call_filter()
         with contextlib.ExitStack() as undo, contextlib.ExitStack() as stack:
             self._sock, theirs = socket.socketpair()
             undo.callback(self._sock.close)
             stack.callback(theirs.close)
-            self._output, writing = os.pipe2(os.O_CLOEXEC)
+            self._output, writing = os.pipe()
             undo.callback(os.close, self._output)
             stack.callback(os.close, writing)
-            self._facts, facts_writing = os.pipe2(os.O_CLOEXEC)
+            self._facts, facts_writing = os.pipe()
             undo.callback(os.close, self._facts)
             stack.callback(os.close, facts_writing)
-            filter_file = _readable(call_filter, stack) if call_filter is not None else None
-            inside, arguments = command(
-                submission, self._staging.folder, sizes, (theirs.fileno(), filter_file, facts_writing)
-            )
-            words = _readable("\0".join(arguments).encode() + b"\0", stack)
-            inherited = [theirs.fileno(), facts_writing, words, *([filter_file] if filter_file is not None else [])]
+            inherited, environment = [theirs.fileno()], {**os.environ, **dict.fromkeys(THREAD_VARIABLES, "1")}
+            line = [sys.executable, "-m", "glbench.evaluation.sandbox.guest", str(theirs.fileno())]
+            if self._walls:
+                call_filter, environment = system_call_filter(), ENVIRONMENT_OF_BUBBLEWRAP
+                filter_file = _readable(call_filter, stack) if call_filter is not None else None
+                inside, arguments = command(
+                    submission, self._staging.folder, sizes, (theirs.fileno(), filter_file, facts_writing)
+                )
+                words = _readable("\0".join(arguments).encode() + b"\0", stack)
+                inherited += [facts_writing, words, *([filter_file] if filter_file is not None else [])]
+                line = [*program(), "--args", str(words), *inside]
             # A session of its own: Ctrl-C in the terminal is for the evaluation, which ends the agent in its own time.
-            self._bubblewrap = subprocess.Popen(
-                [*program(), "--args", str(words), *inside],
-                stdin=subprocess.DEVNULL, stdout=writing, stderr=writing, pass_fds=inherited,
-                start_new_session=True, env=ENVIRONMENT_OF_BUBBLEWRAP,
+            self._started = subprocess.Popen(
+                line, stdin=subprocess.DEVNULL, stdout=writing, stderr=writing, pass_fds=inherited,
+                start_new_session=True, env=environment,
             )  # fmt: skip
             undo.pop_all()
         self._sock.setblocking(False)
@@ -199,19 +339,23 @@ class GuestProcess:
         self._poll.register(self._output, select.POLLIN)
 
     def _await_hello(self, sizes: SandboxLimits) -> None:
+        what = "sandbox" if self._walls else "agent's process"
         try:
             kind, _ = self.answer(0, time.monotonic() + _START_SECONDS, "Python does not come up")
         except LostError as lost:
             said = " ".join(self._prints.last_lines(5))
-            msg = f"The sandbox does not start: {lost.reason}. {said or 'It said nothing.'}"
+            msg = f"The {what} does not start: {lost.reason}. {said or 'It said nothing.'}"
             raise SandboxError(msg) from lost
         if kind != Kind.HELLO:
-            msg = f"The sandbox does not start: it began with a frame of kind {kind}."
+            msg = f"The {what} does not start: it began with a frame of kind {kind}."
             raise SandboxError(msg)
+        first = self._started.pid
         with os.fdopen(self._facts, "rb") as facts:
-            first = int(json.loads(facts.read())["child-pid"])
-        self._facts = -1
-        self._pidfd = os.pidfd_open(first)
+            self._facts = -1
+            if self._walls:
+                first = int(json.loads(facts.read())["child-pid"])
+        if hasattr(os, "pidfd_open"):
+            self._pidfd = os.pidfd_open(first)
         self._watch = Watch(first, sizes)
 
     def _have(self, size: int, until: float, late: str) -> None:
@@ -292,7 +436,7 @@ class GuestProcess:
     def _gone(self) -> NoReturn:
         """The other end is closed: find out how the process ended."""
         try:
-            code = self._bubblewrap.wait(1.0)
+            code = self._started.wait(1.0)
         except subprocess.TimeoutExpired:
             self._end("crashed", "the agent's process closed the connection")
         self._end("crashed", f"the agent's process ended {_how(code)}")
@@ -303,6 +447,9 @@ class GuestProcess:
         raise self._lost
 
     def _kill(self) -> None:
+        if not self._walls:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._started.pid, signal.SIGKILL)
         if self._pidfd >= 0:
             # The first process of the sandbox takes all others with it, and has ended when they have.
             with contextlib.suppress(ProcessLookupError):
@@ -315,9 +462,9 @@ class GuestProcess:
         if self._facts >= 0:
             os.close(self._facts)
             self._facts = -1
-        self._bubblewrap.kill()
+        self._started.kill()
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self._bubblewrap.wait(_END_SECONDS)
+            self._started.wait(_END_SECONDS)
 
 
 def _how(code: int) -> str:

@@ -1,36 +1,47 @@
-"""``check_submission``: the files first, then the agent for a day as an evaluation would run it, all within seconds."""
+"""``check_submission``: the files first, then an evaluation of a day that is compared with itself, all within seconds.
+
+The agent runs in a process of its own, as in an evaluation: in the sandbox, or without one where there is to be none.
+"""
 
 from __future__ import annotations
 
-import contextlib
-import json
-import os
-import signal
-import subprocess
-import sys
-import threading
 import time
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from glbench.agents.identity import FORM_WORDS, Identity, baseline_names, is_built_in, read_identity
 from glbench.agents.loading import find_submission
-from glbench.errors import SandboxError, SubmissionError
+from glbench.env import Simulation
+from glbench.errors import GlbenchError, SandboxError, SubmissionError
+from glbench.evaluation.limits import Failure, TimeLimits
+from glbench.evaluation.runners import AgentRunner, Decision, SandboxedAgent, in_process
 from glbench.evaluation.sandbox.choosing import Protection, SandboxChoice, protection_of
-from glbench.evaluation.sandbox.limits import SandboxLimits
-from glbench.evaluation.submitting import files
+from glbench.evaluation.sandbox.frames import GIB, MIB, Kind, SandboxLimits
+from glbench.evaluation.sandbox.process import LostError, Prints
+from glbench.evaluation.submitting import findings
 from glbench.evaluation.submitting.findings import Finding, Report, Subject, note, problem
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task, task_card
 
 SECONDS = 15.0
-"""Time for the whole check [s]; a process that does not end by itself has two seconds more."""
-_GRACE = 2.0
-_STARTING = 90.0
-"""Time for Python, glbench and large packages to be there [s], on however busy a machine."""
-_LOOK = 0.02
-_PRINTED_NOTE, _PRINTED_KEPT, _SAID_KEPT = 4096, SandboxLimits().printed, 2**20
-_SHOWN = 160
+"""Time for the whole check [s], besides what large packages take to be imported."""
+STEPS = 96
+"""Steps of the short run: a day in steps of a quarter of an hour, with its night."""
+RUNS = 4
+_LEAST = 0.6
+"""Share of the time that is the agent's, however long packages took to be imported."""
+_SHARE_RUN, _SHARE_REPEAT, _SHARE_ALONE = 0.5, 0.4, 0.4
+"""Shares of the time that is left, for the first run, its repetition, and each row alone."""
+_PACKAGES_SECONDS = 60.0
+_PRINTED_NOTE, _SHOWN = 4096, 160
+_ANY = 2**62
+_SIZES = SandboxLimits()
+_SIZES_OF_THE_MACHINE = SandboxLimits(scratch=_ANY, shared=_ANY, tasks=_ANY, files=_ANY, open_files=_ANY, made=_ANY)
+"""Without a sandbox only memory has a limit."""
 _WHERE: dict[Protection, str] = {
     "bubblewrap": "in a sandbox (bubblewrap)",
     "unsandboxed": "unsandboxed, with your rights",
@@ -73,7 +84,7 @@ def check_submission(
         msg = f"{path} holds settings for a controller of glbench and no code: there is nothing to check. Evaluate it."
         raise SubmissionError(msg)
     book = _Book()
-    card, found = files.card_findings(path)
+    card, found = findings.card_findings(path)
     book.add(found, "card")
     # A wrong card hides what lies behind it: what is wrong with the rest is found out as if there was none.
     broken_card = card is None and any(finding.level == "problem" for finding in found)
@@ -82,22 +93,13 @@ def check_submission(
     if identity is not None:
         what = FORM_WORDS[identity.form]
         _look_at_files(identity, spec, book)
-        if not book.hopeless:
-            task_ref = str(task) if not isinstance(task, TaskSpec) else spec.id
+        protection = _protection(identity, sandbox, book) if not book.hopeless else None
+        if protection is not None:
+            book.facts["loading"] = _WHERE[protection]
             left = max(2.0, seconds - (time.monotonic() - began))
-            protection = _protection(identity, sandbox, book)
-            if protection is not None:
-                book.facts["loading"] = _WHERE[protection]
-                _probe(path, (task_ref, str(left)), (protection, *files.large_packages(identity)), book)
-    return Report(
-        name,
-        what,
-        spec.id,
-        tuple(dict.fromkeys(book.findings)),
-        frozenset(book.checked),
-        book.facts,
-        time.monotonic() - began,
-    )
+            _DryRun(identity, spec, book, left, walls=protection == "bubblewrap").run()
+    found = list(dict.fromkeys(book.findings))
+    return Report(name, what, spec.id, tuple(found), frozenset(book.checked), book.facts, time.monotonic() - began)
 
 
 @dataclass
@@ -108,9 +110,9 @@ class _Book:
     checked: set[Subject] = field(default_factory=set)
     facts: dict[Subject, str] = field(default_factory=dict)
 
-    def add(self, findings: list[Finding], *subjects: Subject) -> None:
-        self.findings += findings
-        self.checked |= {*subjects, *(finding.subject for finding in findings)}
+    def add(self, found: Sequence[Finding], *subjects: Subject) -> None:
+        self.findings += found
+        self.checked |= {*subjects, *(finding.subject for finding in found)}
 
     @property
     def hopeless(self) -> bool:
@@ -138,151 +140,293 @@ def _protection(identity: Identity, choice: SandboxChoice, book: _Book) -> Prote
 
 
 def _look_at_files(identity: Identity, task: TaskSpec, book: _Book) -> None:
-    book.add(files.card_notes(identity))
-    book.add(files.size_findings(identity), "files")
-    book.facts["files"] = files.size_in_words(identity)
-    book.add(files.package_findings(identity), "packages")
-    book.add(files.policy_findings(identity, task_card(task)))
+    book.add(findings.card_notes(identity))
+    book.add(findings.size_findings(identity), "files")
+    book.facts["files"] = findings.size_in_words(identity)
+    book.add(findings.package_findings(identity), "packages")
+    book.add(findings.policy_findings(identity, task_card(task)))
 
 
-def _probe(path: Path, task: tuple[str, str], how: tuple[str, ...], book: _Book) -> None:
-    """Run the agent in a process of its own and book what that says, and how it ended.
+class _DryRun:
+    """A few steps of an evaluation, shown again to fresh agents, together and alone; what goes wrong is booked in words.
 
-    ``task`` holds the task and the seconds, ``how`` the protection and the packages to import beforehand.
+    All agents that are made live in one process, each from the file run afresh.
     """
-    reading, writing = os.pipe()
-    arguments = [str(path), *task, str(writing), *how]
-    threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "glbench.evaluation.submitting.probe", *arguments],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        env={**os.environ, **threads},
-        pass_fds=(writing,),
-        start_new_session=True,
-    )
-    os.close(writing)
-    said, printed = _Reader(os.fdopen(reading, "rb"), _SAID_KEPT), _Reader(process.stdout, _PRINTED_KEPT)
-    try:
-        hung = _outlives(process, said)
-    finally:
-        _end(process)
-    told = _book_lines(said.text(), book)
-    _book_end(process.returncode, told.stage, hung=hung, printed=printed, book=book)
-    # What comes out of a sandbox is counted there; outside of one it is the output of this process.
-    _book_printing(max(printed.size, told.printed), book)
 
+    def __init__(self, submission: Identity, task: TaskSpec, book: _Book, seconds: float, *, walls: bool) -> None:
+        self._task, self._book, self._seconds = task, book, seconds
+        self._limits = TimeLimits.of_table(task.evaluation.time_limits)
+        self._prints = Prints(_SIZES.printed)
+        sizes = _SIZES if walls else _SIZES_OF_THE_MACHINE
+        self._agent = SandboxedAgent(submission, task_card(task), 1, self._limits, sizes, self._prints, walls)
+        self._packages = findings.large_packages(submission)
+        self._deadline = time.monotonic() + seconds
+        self._dialogue: list[tuple[NDArray[np.float32], NDArray[np.float64]]] = []
+        self._stack = ExitStack()
+        self._runner: AgentRunner
 
-def _outlives(process: subprocess.Popen[bytes], said: _Reader) -> bool:
-    """Whether the process is still there when its time, of which it tells itself, is over."""
-    until = time.time() + _STARTING
-    while process.poll() is None:
-        first, newline, _ = said.so_far().partition("\n")
-        if newline and "deadline" in first:
-            until = json.loads(first)["deadline"] + _GRACE
-        if time.time() > until:
-            return True
-        time.sleep(_LOOK)
-    return False
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """End the process and what it started: it leads a session of its own."""
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-
-
-@dataclass
-class _Told:
-    """What the probe said besides its findings: the stage that it was in last (empty at its end), and bytes printed in the sandbox."""
-
-    stage: str = "before it began"
-    printed: int = 0
-
-
-def _book_lines(text: str, book: _Book) -> _Told:
-    """Book what the probe said."""
-    told = _Told()
-    for line in text.splitlines():
+    def run(self) -> None:
+        """Look at everything, in the order in which things can go wrong."""
         try:
-            said: dict[str, Any] = json.loads(line)
-        except ValueError:  # cut off by the end of the process
-            continue
-        told.stage, told.printed = said.get("stage", told.stage), said.get("printed", told.printed)
-        if "finding" in said:
-            book.add([Finding(**said["finding"])])
-        if "checked" in said:
-            book.checked.add(said["checked"])
-        book.facts.update(said.get("fact", {}))
-    return told
+            # Large enough for the answers of all runs.
+            with self._stack:
+                self._process = replace(self._agent, runs=RUNS).process()
+                self._stack.callback(self._process.close)
+                self._rehearse()
+                if self._made(RUNS):
+                    self._book.checked.add("loading")
+                    # An agent that does not repeat itself would be found to decide differently alone, too.
+                    if self._short_run() and self._repeat():
+                        self._alone()
+                    self._book_surroundings()
+        except LostError as error:
+            self._book.add([problem("loading", f"{error.reason[:1].upper()}{error.reason[1:]}.")])
+        except SandboxError as error:
+            self._book.add([problem("loading", str(error))])
+        except GlbenchError as error:
+            self._book.add([problem("decisions", str(error))])
+        self._book_printing()
 
+    def _rehearse(self) -> None:
+        """Import large packages, whose time is not the agent's, and begin to listen to what the agent does."""
+        self._process.ask(Kind.REHEARSE, 0, "\0".join(self._packages).encode(), seconds=_PACKAGES_SECONDS)
+        self._process.answer(0, time.monotonic() + _PACKAGES_SECONDS, "importing its packages takes too long")
+        self._deadline = max(self._deadline, time.monotonic() + _LEAST * self._seconds)
 
-def _book_end(code: int, stage: str, *, hung: bool, printed: _Reader, book: _Book) -> None:
-    if not stage:
-        return
-    subject: Subject = "decisions" if "act" in stage.split() or "act," in stage.split() else "loading"
-    last = printed.last_line()
-    heard = f' Its last words: "{last}"' if last else ""
-    if hung:
-        book.add([problem("time", f"It did not come back {stage}: it hangs, or waits for something.{heard}")])
-    elif code < 0:
-        name = signal.Signals(-code).name
-        why = (
-            "a crash in compiled code, or no memory left"
-            if name in {"SIGSEGV", "SIGKILL", "SIGABRT", "SIGBUS"}
-            else "a signal"
+    def _made(self, runs: int, *, again: bool = False) -> bool:
+        """Make a fresh agent and reset it; false when that fails, which is told."""
+        left = self._left()
+        hasty = replace(
+            self._limits,
+            start=min(self._limits.start, round(left, 1)),
+            step=min(self._limits.step, round(left / runs, 1)),
         )
-        book.add([problem(subject, f"The process of the agent was ended by {name} {stage} ({why}).{heard}")])
-    else:
-        book.add([problem(subject, f"The process of the agent ended {stage}, with exit code {code}.{heard}")])
+        agent = replace(self._agent, runs=runs, time=hasty)
+        when = " a second time" if again else ""
+        try:
+            self._runner = in_process(agent, self._process, single=agent.made_in(self._process))
+        except SubmissionError as error:
+            late = isinstance(error.__cause__, LostError) and error.__cause__.status == "timed_out"
+            text = "It did not come back while its file was loaded or in make_agent: it hangs, or waits for something."
+            told = f"The agent cannot be made{when}: {str(error).rstrip('.')}." if again else str(error)
+            self._book.add([problem("time", text) if late else problem("loading", told)])
+            return False
+        self._stack.callback(self._runner.close)  # it may have started another process
+        failure = next(iter(self._runner.start()), None)
+        if failure is not None:
+            self._book.add([problem("loading", f"The agent cannot be made{when}: {failure.reason.rstrip('.')}.")])
+        return failure is None
+
+    def _ask(self, shown: NDArray[np.float32]) -> tuple[Decision, float]:
+        """What it decides for the rows, and the seconds that this took."""
+        began = time.perf_counter()
+        decision = self._runner.decide(0, shown, np.ones(len(shown), dtype=np.bool_))
+        return decision, time.perf_counter() - began
+
+    def _short_run(self) -> bool:
+        """Run a day in closed loop; false when it ends early, after which nothing can be compared."""
+        simulation = Simulation(self._task, RUNS)
+        first, steps = self._task.evaluation.first_seed, min(STEPS, self._task.steps)
+        observations = simulation.reset(range(first, first + RUNS))
+        began, until = time.monotonic(), time.monotonic() + _SHARE_RUN * self._left()
+        seconds, memory = list[float](), list[int]()
+        for step in range(1, steps + 1):
+            shown = observations.astype(np.float32)
+            decision, took = self._ask(shown)
+            if not self._accepted(decision, took, step):
+                return False
+            self._dialogue.append((shown, decision.actions))
+            seconds.append(took / RUNS)
+            memory.append(self._process.memory())
+            outcome = simulation.step(decision.actions)
+            observations = outcome.observations
+            if outcome.failed:
+                text = f"Step {step} cannot be simulated with these actions: {outcome.failed[0].reason}."
+                self._book.add([problem("decisions", text)])
+                return False
+            if time.monotonic() > until:
+                break
+        self._measured(seconds, memory)
+        if len(seconds) < steps:
+            done = f"Only {len(seconds)} of {steps} steps fitted into the check ({time.monotonic() - began:.0f} s)"
+            self._book.add([note("time", f"{done}; what goes wrong later was not seen.")])
+        return True
+
+    def _accepted(self, decision: Decision, took: float, step: int) -> bool:
+        """Whether there are actions for all runs; why there are none is told."""
+        failure = _worst(decision)
+        if failure is not None and failure.status == "timed_out":
+            # Agents for single runs have one clock each; what the others took does not matter.
+            together, took = (RUNS, took) if failure.row is None else (1, min(took, self._runner.limits.step))
+            self._book.add([_no_answer(took, together, step, self._task.steps, self._limits)])
+            return False
+        self._book.checked.add("decisions")
+        if failure is None:
+            return True
+        if failure.row is None or failure.status != "invalid_action":
+            last = next(iter(self._prints.last_lines(1)), "") if failure.status == "crashed" else ""
+            heard = f' Its last words: "{last[:_SHOWN]}"' if last else ""
+            text = f"act fails in step {step}: {failure.reason}.{heard} The runs it decides for would end there."
+        else:
+            who = "every run" if len(decision.failures) == RUNS else f"run {failure.row + 1} of {RUNS}"
+            text = f"In step {step}, {who}: {failure.reason}. The run would end there, and each missing step costs."
+        self._book.add([problem("decisions", text)])
+        return False
+
+    def _measured(self, seconds: list[float], taken: list[int]) -> None:
+        """What decisions of one run took [s], and what memory was taken after each step [bytes]."""
+        each, steps, runs = sum(seconds) / len(seconds), self._task.steps, self._task.evaluation.runs
+        limits, found = self._limits, list[Finding]()
+        if max(seconds) > limits.step:
+            text = f"One decision took {max(seconds):.1f} s a run; the limit is {limits.step:g} s."
+            found.append(problem("time", text))
+        if each * steps > limits.run:
+            text = (
+                f"All decisions of a run would take {_duration(each * steps)}, and the limit is {_duration(limits.run)}"
+            )
+            found.append(problem("time", f"{text}: runs would end early."))
+        whole = _duration(each * steps * runs)
+        self._book.facts["time"] = (
+            f"{1e3 * each:.3g} ms a decision of one run; {whole} for {runs} runs of {steps} steps"
+        )
+        half = taken[len(taken) // 2 :]  # the first half warms up
+        growth = max(0.0, (half[-1] - half[0]) / (len(half) - 1)) if len(half) > 1 else 0.0
+        later = taken[-1] + growth * steps
+        if later > _SIZES.memory:
+            text = (
+                f"Memory grows by {growth / MIB:.2f} MiB a step and would reach {later / GIB:,.1f} GiB by the end of a run; the limit is "
+                f"{_SIZES.memory / GIB:,.0f} GiB. Keep only what the next decision needs."
+            )
+            found.append(problem("memory", text))
+        self._book.facts["memory"] = f"{max(taken) / MIB:,.0f} MiB; limit {_SIZES.memory / MIB:,.0f} MiB"
+        self._book.add(found, "time", "memory")
+
+    def _repeat(self) -> bool:
+        """Show a fresh agent the same observations: it must decide the same, to the last bit."""
+        if not self._made(RUNS, again=True):
+            return False
+        self._book.checked.add("repeatable")
+        until = time.monotonic() + _SHARE_REPEAT * self._left()
+        for step, (shown, before) in enumerate(self._dialogue, start=1):
+            decision, _ = self._ask(shown)
+            failure = _worst(decision)
+            if failure is not None and (failure.row is None or failure.status != "invalid_action"):
+                self._book.add([_unrepeatable(step, None, failure.reason)])
+                return False
+            if decision.actions.tobytes() != before.tobytes():
+                self._book.add([_unrepeatable(step, float(np.abs(decision.actions - before).max()), "")])
+                return False
+            if time.monotonic() > until:
+                break
+        return True
+
+    def _alone(self) -> None:
+        """Show fresh agents single runs: what they decide must not depend on the company."""
+        for row in (0, RUNS - 1):
+            if not self._made(1, again=True):
+                return
+            self._book.checked.add("rows")
+            until = time.monotonic() + _SHARE_ALONE * self._left()
+            for step, (shown, together) in enumerate(self._dialogue, start=1):
+                decision, _ = self._ask(shown[row : row + 1])
+                failure = _worst(decision)
+                if failure is not None:
+                    who = f"With one run instead of {RUNS} the agent"
+                    text = f"{who} fails in step {step}: {failure.reason}. So would `--runs 1`."
+                    self._book.add([problem("rows", text)])
+                    return
+                difference = float(np.abs(decision.actions - together[row : row + 1]).max())
+                if difference > 0.0:
+                    self._book.add([_company(difference, step)])
+                    return
+                if time.monotonic() > until:
+                    break
+
+    def _book_surroundings(self) -> None:
+        """Where the agent connected to and what it wrote, as it says itself; nothing once its process has ended."""
+        told: dict[str, list[str]] = {"c": [], "w": []}
+        with suppress(LostError):
+            self._process.ask(Kind.HEARD, 0, seconds=1.0)
+            _, body = self._process.answer(0, time.monotonic() + 1.0, "no answer")
+            for line in bytes(body).decode("utf-8", errors="replace").splitlines():
+                told.get(line[:1], []).append(line[2:])
+        self._book.checked.add("surroundings")
+        if told["c"]:
+            text = f"It connects to {', '.join(told['c'])}. In the evaluation there is no network: bring along what it needs."
+            self._book.add([problem("surroundings", text)])
+        if told["w"]:
+            text = f"It writes to {', '.join(told['w'])}. In the evaluation only /tmp can be written to, and that is gone afterwards."
+            self._book.add([problem("surroundings", text)])
+
+    def _book_printing(self) -> None:
+        size, kept = self._prints.size, _SIZES.printed
+        said = f"It prints {size / 1024:,.0f} KiB in this short run"
+        self._book.checked.add("printing")
+        if size > kept:
+            text = f"{said}. Of an evaluation only the beginning and the end are kept, and printing takes time."
+            self._book.add([problem("printing", text)])
+        elif size > _PRINTED_NOTE:
+            self._book.add([note("printing", f"{said}. Of an evaluation only the beginning and the end are kept.")])
+        if size:
+            self._book.facts["printing"] = f"{size} bytes"
+
+    def _left(self) -> float:
+        """Seconds until the whole check should be over."""
+        return max(self._deadline - time.monotonic(), 0.1)
 
 
-def _book_printing(size: int, book: _Book) -> None:
-    book.checked.add("printing")
-    said = f"It prints {size / 1024:,.0f} KiB in this short run"
-    if size > _PRINTED_KEPT:
-        text = f"{said}. Of an evaluation only the beginning and the end are kept, and printing takes time."
-        book.add([problem("printing", text)])
-    elif size > _PRINTED_NOTE:
-        book.add([note("printing", f"{said}. Of an evaluation only the beginning and the end are kept.")])
-    if size:
-        book.facts["printing"] = f"{size} bytes"
+def _worst(decision: Decision) -> Failure | None:
+    """The failure that says most: one of a call before one of an action."""
+    return next(
+        (one for one in decision.failures if one.row is None or one.status != "invalid_action"),
+        next(iter(decision.failures), None),
+    )
 
 
-class _Reader:
-    """Reads a pipe to its end in a thread; keeps the first bytes and the last, and counts all."""
+_SAME = 1e-4
+"""Differences of an action that rounding explains; what is larger is information from other runs."""
 
-    def __init__(self, stream: IO[bytes] | None, keep: int) -> None:
-        self.size = 0
-        self._keep = keep
-        self._head = b""
-        self._tail = b""
-        self._stream = stream
-        self._thread = threading.Thread(target=self._read, daemon=True)
-        self._thread.start()
 
-    def _read(self) -> None:
-        if self._stream is None:
-            return
-        with self._stream as stream:
-            while part := stream.read1(65536):  # type: ignore[attr-defined]
-                self.size += len(part)
-                self._head += part[: max(self._keep - len(self._head), 0)]
-                self._tail = (self._tail + part)[-2000:]
+def _company(difference: float, step: int) -> Finding:
+    """A run alone was decided differently, by ``difference``, than among others."""
+    if difference > _SAME:
+        text = (
+            f"A run shown alone is decided differently than among others, by {difference:.2g} in step {step}: rows learn of each other. "
+            "Decide each row from that row only, and keep one memory a row."
+        )
+        return problem("rows", text)
+    text = (
+        f"A run shown alone is decided differently than among others in the last digits ({difference:.1g} in step {step}), as matrix "
+        "products round by the size of a batch. `--runs 1` will differ a little from the first of many runs."
+    )
+    return note("rows", text)
 
-    def so_far(self) -> str:
-        """The first bytes that have come until now, as text."""
-        return self._head.decode("utf-8", errors="replace")
 
-    def text(self) -> str:
-        """The first bytes as text, once the other end is closed."""
-        self._thread.join(_GRACE)
-        return self._head.decode("utf-8", errors="replace")
+def _unrepeatable(step: int, difference: float | None, reason: str) -> Finding:
+    """A fresh agent decided differently by ``difference``, or failed for a ``reason``."""
+    how = f"by up to {difference:.2g}" if difference is not None else f"because it failed: {reason}"
+    text = (
+        f"Shown the same observations again, a fresh agent decided differently in step {step}, {how}. Draw random numbers from a "
+        "generator that is seeded in reset, and do not look at the clock: otherwise nobody can repeat the result."
+    )
+    return problem("repeatable", text)
 
-    def last_line(self) -> str:
-        """The last line that is not empty."""
-        self._thread.join(_GRACE)
-        lines = [line.strip() for line in self._tail.decode("utf-8", errors="replace").splitlines() if line.strip()]
-        return lines[-1][:_SHOWN] if lines else ""
+
+def _no_answer(seconds: float, runs: int, step: int, steps: int, limits: TimeLimits) -> Finding:
+    """``act`` was stopped after so many ``seconds`` for that many runs."""
+    whom = "one run" if runs == 1 else f"{runs} runs"
+    began = f"act did not come back within {_duration(seconds)} for {whom} in step {step}"
+    each, whole = seconds / runs, seconds / runs * steps
+    if each >= limits.step:
+        return problem("time", f"{began}. The limit is {limits.step:g} s for one decision of one run.")
+    if whole > limits.run:
+        text = f"{began}. At that pace all decisions of a run take {_duration(whole)} or more, and the limit is {_duration(limits.run)}."
+        return problem("time", text)
+    return note("time", f"{began}, which is too slow for this check, though not for an evaluation: more was not seen.")
+
+
+def _duration(seconds: float) -> str:
+    """Seconds, minutes or hours, as suits."""
+    if seconds < 90:
+        return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -1,9 +1,25 @@
-"""What a check found: findings in words, by subject, and the report that holds them."""
+"""What a check finds: the report, and what the files of a submission tell without being run."""
 
 from __future__ import annotations
 
+import ast
+import sys
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from glbench.agents.card import SubmissionCard, check_card
+from glbench.agents.formats.exported import torchscript_complaint
+from glbench.agents.formats.packages import how_to_install, missing
+from glbench.agents.formats.sb3 import read_archive, space_complaints, statistics_complaints
+from glbench.agents.identity import FORM_WORDS, Identity, find_card
+from glbench.errors import SubmissionError
+from glbench.evaluation.sandbox.frames import MIB
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskCard
+
 
 Level = Literal["problem", "note"]
 Subject = Literal[
@@ -84,3 +100,164 @@ def problem(subject: Subject, text: str) -> Finding:
 def note(subject: Subject, text: str) -> Finding:
     """A finding that is good to know."""
     return Finding(subject, "note", text)
+
+
+MANY_FILES = 1000
+_LARGEST_LOOK, _LARGEST_SOURCE = 64 * MIB, 2 * MIB
+"""Sizes up to which a saved policy is opened and a source file parsed before the agent runs."""
+_ALWAYS_THERE = frozenset({"numpy", "glbench"})
+_NEEDS = {"sb3": ("torch", "stable_baselines3"), "torchscript": ("torch",), "onnx": ("onnxruntime",), "python": ()}
+_LARGE = frozenset(
+    {"torch", "stable_baselines3", "sb3_contrib", "onnxruntime", "scipy", "pandas", "sklearn", "jax", "tensorflow"}
+)
+_PACKAGE_OF = {
+    "stable_baselines3": "stable-baselines3",
+    "sb3_contrib": "sb3-contrib",
+    "sklearn": "scikit-learn",
+    "yaml": "pyyaml",
+    "PIL": "pillow",
+}
+"""What a module is called where it is installed from, when that is another name."""
+
+
+def card_findings(path: Path) -> tuple[SubmissionCard | None, list[Finding]]:
+    """The card of the submission at ``path``, and what is wrong with it."""
+    file = find_card(path.resolve())
+    if file is None:
+        where = "submission.toml in the folder" if path.is_dir() else f"{path.stem}.toml beside the file"
+        text = (
+            f"There is no card ({where}). Results then say nothing of authors, licence and training. "
+            "`glbench submit new` writes one to copy."
+        )
+        return None, [note("card", text)]
+    card, problems = check_card(file)
+    return card, [problem("card", f"{file.name}: {text}.") for text in problems]
+
+
+def card_notes(identity: Identity) -> list[Finding]:
+    """What a valid card leaves open."""
+    card = identity.card
+    if card is None:
+        return []
+    found = []
+    if identity.form != "python" and card.training is None:
+        found.append(
+            note(
+                "card",
+                "The card of a trained policy has no table [training] (steps, wall_hours): others cannot tell what it cost.",
+            )
+        )
+    if "privileged" in card.information:
+        text = (
+            "The card says 'privileged'. A submission is shown observations only, so it cannot be; "
+            "if it knows more, say from where in 'description'."
+        )
+        found.append(note("card", text))
+    return found
+
+
+def size_findings(identity: Identity) -> list[Finding]:
+    """Whether the files are few; those that are too large have no identity at all."""
+    count = len(identity.all_files())
+    if count > MANY_FILES:
+        return [note("files", f"The folder holds {count} files. Is all of it needed? Each is part of the digest.")]
+    return []
+
+
+def size_in_words(identity: Identity) -> str:
+    """How many files there are, and how large they are together."""
+    files = identity.all_files()
+    size = sum(file.stat().st_size for file in files)
+    amount = f"{size / MIB:.1f} MiB" if size >= MIB / 10 else f"{size / 1024:.1f} KiB"
+    return f"{len(files)} file{'s' if len(files) > 1 else ''}, {amount}"
+
+
+def package_findings(identity: Identity) -> list[Finding]:
+    """Whether what the submission imports is installed, and declared where there is a card."""
+    found = [
+        problem(
+            "packages",
+            f"A {FORM_WORDS[identity.form]} needs {module}, which is not installed here. {how_to_install(module)}",
+        )
+        for module in missing(*_NEEDS[identity.form])
+    ]
+    declared = (
+        {name.lower().replace("_", "-") for name in identity.card.requires} if identity.card is not None else set()
+    )
+    own = _own_modules(identity)
+    seen: set[str] = set()
+    for file in (file for file in identity.all_files() if file.suffix == ".py"):
+        for module, line, guarded in _imported(file):
+            if module in seen or module in own or module in sys.stdlib_module_names or module in _ALWAYS_THERE:
+                continue
+            seen.add(module)
+            place = f"{file.relative_to(identity.root)}:{line}"
+            if missing(module):
+                text = f"{place} imports '{module}', which is not installed here. {how_to_install(module)}"
+                found.append(
+                    note("packages", f"{text} (It is imported within try, so the agent may do without.)")
+                    if guarded
+                    else problem("packages", text)
+                )
+            package = _PACKAGE_OF.get(module, module).lower().replace("_", "-")
+            if identity.card is not None and package not in declared and not guarded:
+                text = f"{place} imports '{module}', which the card does not name: requires = [\"{package}\"]."
+                found.append(note("packages", text))
+    return found
+
+
+def large_packages(identity: Identity) -> tuple[str, ...]:
+    """Those packages that a submission needs and that take seconds to import."""
+    imported = {module for file in identity.all_files() if file.suffix == ".py" for module, _, _ in _imported(file)}
+    wanted = imported if identity.form == "python" else set(_NEEDS[identity.form])
+    return tuple(sorted(module for module in wanted & _LARGE if not missing(module)))
+
+
+def policy_findings(identity: Identity, task: TaskCard) -> list[Finding]:
+    """What a saved policy says about itself that does not fit; of a huge file its loading will tell, where it can do no harm."""
+    if identity.entry.stat().st_size > _LARGEST_LOOK:
+        return []
+    if identity.form == "torchscript":
+        complaint = torchscript_complaint(identity.entry)
+        return [problem("loading", complaint)] if complaint is not None else []
+    if identity.form != "sb3":
+        return []
+    try:
+        archive = read_archive(identity.entry)
+    except SubmissionError as error:
+        return [problem("loading", str(error))]
+    found = [problem("loading", text) for text in space_complaints(archive, task, identity.entry.name)]
+    found += [problem("loading", text) for text in statistics_complaints(archive, identity)]
+    if archive.algorithm.module == "sb3_contrib" and missing("sb3_contrib"):
+        text = f"The {archive.algorithm.name} model needs sb3-contrib, which is not installed here. {how_to_install('sb3_contrib')}"
+        found.append(problem("packages", text))
+    said = identity.card.algorithm if identity.card is not None else None
+    if said is not None and said.lower() != archive.algorithm.name.lower():
+        found.append(note("card", f'The card says algorithm = "{said}", the model is of {archive.algorithm.name}.'))
+    return found
+
+
+def _own_modules(identity: Identity) -> set[str]:
+    if identity.folder is None:
+        return set()
+    return {item.stem for item in identity.folder.iterdir() if item.is_dir() or item.suffix == ".py"}
+
+
+def _imported(file: Path) -> Iterator[tuple[str, int, bool]]:
+    """Top-level name, line, and whether it stands within ``try``, of every import that is not relative."""
+    if file.stat().st_size > _LARGEST_SOURCE:
+        return
+    try:
+        tree = ast.parse(file.read_bytes())
+    except (SyntaxError, ValueError, RecursionError, MemoryError):  # told by the loading, with the line
+        return
+    guarded = {id(inner) for outer in ast.walk(tree) if isinstance(outer, ast.Try) for inner in ast.walk(outer)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names = [name.name for name in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            names = [node.module]
+        else:
+            continue
+        for name in names:
+            yield name.partition(".")[0], node.lineno, id(node) in guarded

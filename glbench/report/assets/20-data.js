@@ -20,8 +20,11 @@ const BY_SHORT = Object.fromEntries(D.tasks.map((task) => [task.short, task]));
 const ENTRIES = D.agents.filter((agent) => !agent.training_of);
 const AGENTS = Object.fromEntries(ENTRIES.map((agent, index) => [agent.name, { ...agent, index }]));
 for (const agent of D.agents) if (agent.training_of) AGENTS[agent.name] = { ...agent, index: AGENTS[agent.training_of].index };
-const PRICE_NAMES = { fruit: ["Fruit", "EUR/kg"], heat: ["Heat", "EUR/kWh"], electricity: ["Electricity", "EUR/kWh"], co2: ["CO\u2082", "EUR/kg"] };
-const ITEMS = [["fruit_fresh", "fruit", "Fruit", 1], ["heat", "heat", "Heat", -1], ["electricity", "electricity", "Lamp electricity", -1], ["co2_dosed", "co2", "CO\u2082", -1]];
+// Names of metrics, of what is sold and bought, and of recorded columns come with the data; the script goes by their kinds.
+const ofKind = (...kinds) => D.metrics.filter((metric) => kinds.includes(metric.kind));
+const [SCORE, PROFIT, PENALTY] = ["score", "profit", "penalty"].map((kind) => ofKind(kind)[0].name);
+const VIOLATIONS = ofKind("violation"), COLUMNS = D.metrics.filter((metric) => metric.column), HEADLINES = COLUMNS.filter((metric) => metric.interval).map((metric) => metric.name);
+const SOLD = D.items.filter((item) => item.sign > 0), BOUGHT = D.items.filter((item) => item.sign < 0);
 
 const resultsOf = (taskId) => D.results.filter((result) => result.task === taskId && !result.member_of);
 // Trainings of an entry in the order of their seeds; of an agent with one result none.
@@ -37,44 +40,42 @@ const pricesDiffer = (task) => Boolean(chosenPrices && task.prices && Object.key
 
 // The scale of the reward's profit: 0 at full use without growth, 1 at full growth without use.
 const scaleAt = (task, prices) => {
-  const lowest = -(task.full_use.heat * prices.heat + task.full_use.electricity * prices.electricity + task.full_use.co2 * prices.co2);
-  return { lowest, span: task.full_growth * prices.fruit - lowest };
+  const lowest = -sum(BOUGHT.map((item) => task.full_use[item.price] * prices[item.price]));
+  return { lowest, span: task.full_growth * sum(SOLD.map((item) => prices[item.price])) - lowest };
 };
 
 // Values of one metric in every run, at the prices that hold now. All amounts are linear in them, so nothing is simulated.
+// Undefined where the result does not hold the metric, or at other prices not what it follows from.
 const valuesOf = (result, metric) => {
   const task = TASKS[result.task], stored = result.values[metric];
-  if (!pricesDiffer(task)) return stored;
-  const prices = pricesOf(task), run = result.values, failed = task.failed_step;
+  if (!pricesDiffer(task) || !stored) return stored;
+  const prices = pricesOf(task), run = result.values, failed = task.failed_step[PROFIT], item = D.items.find((one) => one.money === metric);
+  if (item) return run[item.amount]?.map((amount) => amount * prices[item.price]);
+  if (metric !== PROFIT && metric !== SCORE) return stored;
+  if (!D.items.every((one) => run[one.amount]) || !run[PROFIT]) return undefined;
   const steps = (i) => (result.steps ? result.steps[i] : task.steps);
-  const profit = (i) => prices.fruit * run.yield[i] - prices.heat * run.heat[i] - prices.electricity * run.electricity[i] - prices.co2 * run.co2[i];
-  switch (metric) {
-    case "revenue": return run.yield.map((amount) => amount * prices.fruit);
-    case "cost_heat": return run.heat.map((amount) => amount * prices.heat);
-    case "cost_electricity": return run.electricity.map((amount) => amount * prices.electricity);
-    case "cost_co2": return run.co2.map((amount) => amount * prices.co2);
-    case "epi": return stored.map((_, i) => profit(i) + (task.steps - steps(i)) * failed.epi);
-    case "reward": {
-      const before = scaleAt(task, task.prices), now = scaleAt(task, prices);
-      return stored.map((reward, i) => {
-        const earned = run.epi[i] - (task.steps - steps(i)) * failed.epi;
-        let changed = reward;
-        if (task.reward_modules.includes("scaled_epi")) changed += (profit(i) - steps(i) * now.lowest) / now.span - (earned - steps(i) * before.lowest) / before.span;
-        if (task.reward_modules.includes("epi")) changed += profit(i) - earned;
-        return changed;
-      });
-    }
-    default: return stored;
-  }
+  const profit = (i) => sum(D.items.map((one) => one.sign * prices[one.price] * run[one.amount][i]));
+  if (metric === PROFIT) return stored.map((_, i) => profit(i) + (task.steps - steps(i)) * failed);
+  const before = scaleAt(task, task.prices), now = scaleAt(task, prices);
+  return stored.map((reward, i) => {
+    const earned = run[PROFIT][i] - (task.steps - steps(i)) * failed;
+    let changed = reward;
+    if (task.reward_modules.includes("scaled_epi")) changed += (profit(i) - steps(i) * now.lowest) / now.span - (earned - steps(i) * before.lowest) / before.span;
+    if (task.reward_modules.includes("epi")) changed += profit(i) - earned;
+    return changed;
+  });
 };
 
-const MONEY = new Set(["reward", "epi", "revenue", "cost_heat", "cost_electricity", "cost_co2"]);
+const MONEY = new Set(ofKind("score", "profit", "earned", "paid").map((metric) => metric.name));
+const UNKNOWN = { mean: null, low: null, high: null };
 const remembered = new Map();
 // Mean with the ends of its interval: as on the leaderboard, or computed here where prices were changed.
 const estimate = (result, metric) => {
+  if (!result.estimates[metric]) return UNKNOWN;
   const [center, low, high] = result.estimates[metric];
   if (!MONEY.has(metric) || !pricesDiffer(TASKS[result.task])) return { mean: center, low, high };
   const key = `${result.task} ${result.agent} ${metric} ${JSON.stringify(chosenPrices)}`;
+  if (!valuesOf(result, metric)) return UNKNOWN;
   if (!remembered.has(key)) {
     const means = trainingsOf(result).map((one) => mean(valuesOf(one, metric)));
     const values = valuesOf(result, metric), [from, to] = means.length ? [Math.min(...means), Math.max(...means)] : interval(values);
@@ -84,21 +85,20 @@ const estimate = (result, metric) => {
 };
 
 // What an estimate's ends are, in words: of several trainings a range, else an interval.
-const spanWords = (result, { low, high }, decimals) => (!(high > low) ? "no interval: all runs are alike"
+const spanWords = (result, { mean: center, low, high }, decimals) => (center === null ? "the result does not state it" : !(high > low) ? "no interval: all runs are alike"
   : result.members ? `lowest to highest of ${plural(result.trainings, "training")}: ${number(low, decimals)} \u2194 ${number(high, decimals)}`
     : `95 % interval over the draws, for this training: ${number(low, decimals)} to ${number(high, decimals)}`);
-const spanText = (result, { low, high }, decimals) => (!(high > low) ? "all runs alike" : `${number(low, decimals)} ${result.members ? "\u2194" : "to"} ${number(high, decimals)}`);
+const spanText = (result, { mean: center, low, high }, decimals) => (center === null ? "not stated" : !(high > low) ? "all runs alike" : `${number(low, decimals)} ${result.members ? "\u2194" : "to"} ${number(high, decimals)}`);
 
 // Results of a task with their ranks, best first: as on the leaderboard, or by the metric that ranks at the prices that hold now.
 const ranked = (taskId) => {
   const results = resultsOf(taskId);
   if (!pricesDiffer(TASKS[taskId])) return results.map((result) => ({ result, rank: result.rank }));
   const metric = TASKS[taskId].metric, figure = (result) => estimate(result, metric).mean;
-  const complete = results.filter((result) => result.rank !== null).sort((a, b) => figure(b) - figure(a));
+  const complete = results.filter((result) => result.rank !== null && valuesOf(result, metric)).sort((a, b) => figure(b) - figure(a));
   const ranks = tierRanks(complete.map((result) => ({ values: valuesOf(result, metric), mean: figure(result) })), metric);
-  return [...complete.map((result, i) => ({ result, rank: ranks[i] })), ...results.filter((result) => result.rank === null).map((result) => ({ result, rank: null }))];
+  return [...complete.map((result, i) => ({ result, rank: ranks[i] })), ...results.filter((result) => !complete.includes(result)).map((result) => ({ result, rank: null }))];
 };
-
 
 // Whole numbers times a resolution, each as the difference from the known one before it in its row; null where nothing is known.
 const unpack = ({ resolution, differences }) => {

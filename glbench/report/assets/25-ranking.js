@@ -1,4 +1,5 @@
-// Ranks at other prices: the same test, correction and tiers as glbench/leaderboard (a test compares the two).
+// Ranks at prices that the reader types: they cannot be computed beforehand. The same test, correction and tiers as glbench/leaderboard/comparisons.py;
+// tests/report/test_overall.py holds the two to the same ranks.
 
 // Wilcoxon's signed-rank test of paired differences: exact two-sided p-value, and whom the ranks favour.
 const signedRank = (differences) => {
@@ -26,7 +27,7 @@ const pairedTest = (first, second, metric) => {
   const differences = first.map((value, i) => value - second[i]), gap = differences[0];
   if (differences.some((value) => value !== gap)) return signedRank(differences);
   // A task that draws nothing: no chance to test against, and small differences are rounding.
-  return Math.abs(gap) > (metric === "reward" ? D.resolution : 0) ? { p: 0, favours: Math.sign(gap) } : { p: 1, favours: 0 };
+  return Math.abs(gap) > (metric === SCORE ? D.resolution : 0) ? { p: 0, favours: Math.sign(gap) } : { p: 1, favours: 0 };
 };
 
 const holm = (values) => {

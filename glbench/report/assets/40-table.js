@@ -11,7 +11,7 @@ const sortable = ({ caption, columns, rows, state, className = "", rowClass = ()
   const fill = () => {
     const column = columns.find((one) => one.key === state.key) ?? columns[0];
     const turn = state.direction === "ascending" ? 1 : -1;
-    const rank = (row) => (column.value(row) === null ? null : column.value(row));
+    const rank = (row) => column.value(row) ?? null;
     const sorted = [...rows].sort((a, b) => {
       const [x, y] = [rank(a), rank(b)];
       if (x === null || y === null) return (x === null) - (y === null);
@@ -45,7 +45,8 @@ const sortable = ({ caption, columns, rows, state, className = "", rowClass = ()
 // The interval of a mean as a bar on an axis that all rows share.
 // From where to where bars are drawn. One in four at most that lies far from the others would press these together: it gets an arrow instead.
 const barRange = (estimates) => {
-  const kept = [...estimates].sort((a, b) => a.mean - b.mean), span = (list) => list.at(-1).mean - list[0].mean;
+  const kept = estimates.filter((one) => one.mean !== null).sort((a, b) => a.mean - b.mean), span = (list) => list.at(-1).mean - list[0].mean;
+  if (!kept.length) return [0, 0];
   for (let spare = Math.floor(kept.length / 4); spare > 0; spare--) {
     const [lower, upper] = [kept.slice(1), kept.slice(0, -1)], rest = span(lower) < span(upper) ? lower : upper;
     if (!(span(rest) > 0) || span(kept) < 3 * span(rest)) break;
@@ -55,6 +56,7 @@ const barRange = (estimates) => {
 };
 
 const bar = ({ mean: center, low, high }, [from, to], agent, isRange = false) => {
+  if (center === null) return null;
   const place = (value) => `${to > from ? 5 + (90 * (value - from)) / (to - from) : 50}%`;
   const width = to > from ? `${(90 * (high - low)) / (to - from)}%` : "0";
   if (to > from && (center < from || center > to)) return h("span", { class: `bar off ${center < from ? "below" : "above"}`, "aria-hidden": "true", "data-agent": agent, style: { "--colour": colourOf(agent) } }, h("b", {}));

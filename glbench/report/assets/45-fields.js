@@ -28,10 +28,10 @@ const agentField = (label, chosen, change, names, id) => select(label, names.map
 const priceField = (task, changed) => {
   if (!task.prices) return null;
   const prices = pricesOf(task), differ = pricesDiffer(task);
-  const inputs = Object.entries(PRICE_NAMES).map(([name, [label, unit]]) => h("div", { class: "field" },
+  const inputs = D.items.map(({ price: name, label, unit, least }) => h("div", { class: "field" },
     h("label", { for: `price-${name}` }, `${label}, ${unit}`),
     h("input", {
-      id: `price-${name}`, type: "number", min: name === "fruit" ? "0.05" : "0", max: "100", step: name === "fruit" ? "0.05" : "0.01", value: prices[name], inputmode: "decimal", required: true,
+      id: `price-${name}`, type: "number", min: least, max: "100", step: least || "0.01", value: prices[name], inputmode: "decimal", required: true,
       onchange: (event) => {
         if (!event.target.checkValidity() && (event.target.validity.rangeUnderflow || event.target.validity.rangeOverflow || event.target.validity.valueMissing || event.target.validity.badInput)) { event.target.reportValidity(); return; }
         chosenPrices = { ...(chosenPrices ?? {}), [name]: Number(event.target.value) };
@@ -39,7 +39,7 @@ const priceField = (task, changed) => {
       },
     })));
   const words = differ
-    ? Object.keys(PRICE_NAMES).filter((name) => prices[name] !== task.prices[name]).map((name) => `${lower(PRICE_NAMES[name][0])} ${prices[name]} instead of ${task.prices[name]} ${PRICE_NAMES[name][1]}`)
+    ? D.items.filter(({ price }) => prices[price] !== task.prices[price]).map(({ price, label, unit }) => `${lower(label)} ${prices[price]} instead of ${task.prices[price]} ${unit}`)
     : [];
   return h("details", { class: `prices${differ ? " changed" : ""}`, id: "prices", open: pricesOpen, ontoggle: (event) => { pricesOpen = event.target.open; } },
     h("summary", {}, differ ? [h("b", {}, "Other prices: "), sentence(words)] : [h("b", {}, "What if prices were different?"), " Change them, and the ranking follows."]),

@@ -18,7 +18,7 @@ const rankColumns = (task, rows, refill) => {
     return {
       key: metric.name, label: metric.label, unit: metric.unit || "\u00a0", value: (row) => of(row).mean,
       start: metric.better === "low" ? "ascending" : "descending",
-      explain: [...explained(metric.name), metric.name === "hours_outside_limits" ? ` The period has ${number(hours, 0)} hours.` : ""],
+      explain: [...explained(metric.name), metric.kind === "outside" ? ` The period has ${number(hours, 0)} hours.` : ""],
       cell: (row) => {
         const one = of(row);
         const title = spanWords(row.result, one, metric.decimals + 1);
@@ -35,7 +35,7 @@ const rankColumns = (task, rows, refill) => {
         h("a", { href: link("agent", row.result.agent, task.short) }, row.result.member_of ? `seed ${row.result.training_seed}` : breakable(row.result.agent)),
         row.result.members ? [" ", unfold(row.result, refill)] : row.result.trainings ? h("span", { class: "of" }, plural(row.result.trainings, "training")) : null,
         row.result.failed ? h("span", { class: "of loss" }, `${row.result.failed} of ${row.result.runs} runs failed`) : null, row.result.remark ? h("span", { class: "of" }, row.result.remark) : null) },
-    ...D.metrics.filter((metric) => metric.column).map(metricColumn),
+    ...COLUMNS.map(metricColumn),
     ...aboutColumns((row) => ({ ...row.result, steps: row.result.training?.steps, hours: trainingWords(row.result.training), name: row.result.agent })),
   ].filter(Boolean);
 };
@@ -83,7 +83,7 @@ const familyFigure = (family) => {
     }),
     layout: layout({ xaxis: { title: { text: "delta, %", standoff: 6 }, tickvals: tasks.map((task) => task.delta) }, hovermode: "x unified" }),
   });
-  const figures = ["reward", "epi", "penalty"].map((metric) => chart([METRICS[metric].label, METRICS[metric].unit ? h("span", {}, ` ${METRICS[metric].unit}`) : null],
+  const figures = HEADLINES.map((metric) => chart([METRICS[metric].label, METRICS[metric].unit ? h("span", {}, ` ${METRICS[metric].unit}`) : null],
     build(metric), { height: 280, says: `${METRICS[metric].label} of ${sentence(names)} against delta; the same numbers are in the table below.` }));
   const legend = h("ul", { class: "legend", "aria-label": "Agents in the figure" }, names.map((name) => h("li", {}, h("button", {
     type: "button", "aria-pressed": String(!hidden.has(name)),
@@ -101,7 +101,7 @@ const familyFigure = (family) => {
     h("h2", {}, "How each agent copes with a crop it does not know"),
     h("p", { class: "soft" }, `${suiteTitle(family.name)}: mean over the runs with its 95 % interval, of several trainings with their range, against delta, the share by which the crop\u2019s properties may be off. Intervals cover the draws of one season and one training. Choose agents below.${names.includes(NOTHING) && hidden.has(NOTHING) ? ` ${NOTHING} is switched off at first: beside it all others would look alike.` : ""}`),
     legend, h("div", { class: "grid three" }, figures),
-    h("details", { class: "data" }, h("summary", {}, "These figures as tables"), ["reward", "epi", "penalty"].map((metric) =>
+    h("details", { class: "data" }, h("summary", {}, "These figures as tables"), HEADLINES.map((metric) =>
       plainTable(`${METRICS[metric].label}${METRICS[metric].unit ? `, ${METRICS[metric].unit}` : ""}, mean, by delta`, ["Agent", ...tasks.map((task) => `${task.delta} %`)], rows(metric)))),
   ];
 };

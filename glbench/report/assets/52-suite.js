@@ -1,7 +1,7 @@
 // All tasks of a suite together: normalised scores, how often an agent reaches a score, and who beats whom.
 
 const overallState = { key: "mean", direction: "descending" };
-const usedState = { key: "epi", direction: "descending" };
+const usedState = { key: PROFIT, direction: "descending" };
 const suiteHidden = new Set();
 let closeUp = false;
 
@@ -44,12 +44,12 @@ const usedTable = (suite) => {
   const rows = suite.rows.filter((row) => row.figures);
   const metricColumn = (metric) => ({
     key: metric.name, label: metric.label, unit: metric.unit || "\u00a0", value: (row) => row.figures[metric.name], start: metric.better === "low" ? "ascending" : "descending",
-    explain: explained(metric.name), cell: (row) => h("td", {}, number(row.figures[metric.name], metric.decimals)),
+    explain: explained(metric.name), cell: (row) => h("td", {}, number(row.figures[metric.name] ?? null, metric.decimals)),
   });
   return sortable({
     caption: "What they earned, grew and used: means over the tasks with results", rows, state: usedState, className: "ranks", columns: [
       { key: "agent", label: "Agent", value: (row) => row.agent, left: true, start: "ascending", className: "agent", explain: [h("b", {}, "Agent"), ": its name."], cell: suiteAgent },
-      ...D.metrics.filter((metric) => metric.column && metric.name !== "reward").map(metricColumn),
+      ...COLUMNS.filter((metric) => metric.kind !== "score").map(metricColumn),
       ...aboutColumns((row) => ({ ...row.figures, steps: row.figures.training, name: row.agent })),
     ],
   });

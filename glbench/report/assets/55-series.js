@@ -1,39 +1,16 @@
-// What profiles hold, as charts: names, units and scales of their columns.
+// What profiles hold, as charts.
 
-const SERIES = {
-  air_temperature: { label: "Air temperature", unit: "\u00b0C", decimals: 1, limit: "air_temperature" },
-  relative_humidity: { label: "Relative humidity", unit: "%", decimals: 0, limit: "relative_humidity" },
-  co2: { label: "CO\u2082 in the air", unit: "ppm", decimals: 0, limit: "co2" },
-  pipe_temperature: { label: "Pipes", unit: "\u00b0C", decimals: 0 },
-  uBoil: { label: "Heating", unit: "%", factor: 100, decimals: 0, range: [0, 102] },
-  uLamp: { label: "Lamps", unit: "%", factor: 100, decimals: 0, range: [0, 102] },
-  uCo2: { label: "CO\u2082 dosing", unit: "%", factor: 100, decimals: 0, range: [0, 102] },
-  uVent: { label: "Vents", unit: "%", factor: 100, decimals: 0, range: [0, 102] },
-  uThScr: { label: "Thermal screen", unit: "%", factor: 100, decimals: 0, range: [0, 102] },
-  uBlScr: { label: "Blackout screen", unit: "%", factor: 100, decimals: 0, range: [0, 102] },
-  fruit_fresh: { label: "Fruit growth", unit: "g/m\u00b2 an hour", daily: "g/m\u00b2 a day", factor: 1000, decimals: 1 },
-  heat: { label: "Heat", unit: "Wh/m\u00b2 an hour", daily: "kWh/m\u00b2 a day", factor: 1000, dailyFactor: 1, decimals: 1, dailyDecimals: 2 },
-  electricity: { label: "Lamp electricity", unit: "Wh/m\u00b2 an hour", daily: "kWh/m\u00b2 a day", factor: 1000, dailyFactor: 1, decimals: 1, dailyDecimals: 2 },
-  co2_dosed: { label: "CO\u2082 dosed", unit: "g/m\u00b2 an hour", daily: "g/m\u00b2 a day", factor: 1000, decimals: 1 },
-  epi: { label: "Profit", unit: "ct/m\u00b2 an hour", daily: "ct/m\u00b2 a day", factor: 100, decimals: 2 },
-  penalty: { label: "Penalty", unit: "an hour", daily: "a day", factor: 1, decimals: 2 },
-  global_radiation: { label: "Sun", unit: "W/m\u00b2", decimals: 0 },
-  outdoor_temperature: { label: "Temperature outside", unit: "\u00b0C", decimals: 1 },
-  outdoor_relative_humidity: { label: "Humidity outside", unit: "%", decimals: 0 },
-  wind_speed: { label: "Wind", unit: "m/s", decimals: 1 },
-};
-const CLIMATE_AND_CONTROLS = ["air_temperature", "relative_humidity", "co2", "pipe_temperature", "uBoil", "uLamp", "uCo2", "uVent", "uThScr", "uBlScr"];
-
-const limitOf = (task, name) => task.limits?.find((limit) => limit.name === SERIES[name].limit);
+const SERIES = D.series;
+const limitOf = (task, name) => task.limits?.find((limit) => limit.name === name);
 const scaled = (rows, factor = 1) => rows.map((row) => row.map((value) => (value === null ? null : value * factor)));
 const HOUR_AXIS = { range: [0, 24], tickvals: [0, 6, 12, 18, 24], ticktext: ["0", "6", "12", "18", "24"], title: { text: "hour of the day", standoff: 4, font: { size: 11 } } };
 const DAY_TITLE = { text: "day", standoff: 4, font: { size: 11 } };
 const captionOf = (label, unit) => [label, unit ? h("span", {}, ` ${unit}`) : null];
 // Prices that were changed do not change what was recorded at the task's prices.
-const atTaskPrices = (task, name) => (name === "epi" && pricesDiffer(task) ? " at the task\u2019s prices" : "");
+const atTaskPrices = (task, name) => (SERIES[name].money && pricesDiffer(task) ? " at the task\u2019s prices" : "");
 
 // Amounts begin at 0; where nothing was used there is no scale to find.
-const fromZero = (name, values) => (!["heat", "electricity", "co2_dosed", "penalty"].includes(name) ? {} : values.some((value) => value > 0) ? { rangemode: "tozero" } : { range: [0, 1], tickvals: [0] });
+const fromZero = (name, values) => (!SERIES[name]?.amount ? {} : values.some((value) => value > 0) ? { rangemode: "tozero" } : { range: [0, 1], tickvals: [0] });
 
 // One quantity by time of day: the band of nine in ten, the band of half, and the median; for several agents at once.
 const dayChart = (task, name, courses, slotSeconds) => {
@@ -63,14 +40,14 @@ const dayChart = (task, name, courses, slotSeconds) => {
 // One quantity by day of the season: median over the runs, best and worst run; `add` sums up from the start.
 const seasonChart = (task, name, packed, agent, { add = false } = {}) => {
   const words = SERIES[name], limit = limitOf(task, name);
-  const factor = add ? (name === "epi" ? 1 : words.dailyFactor ?? 1) : words.dailyFactor ?? words.factor;
+  const factor = add ? 1 : words.daily_factor ?? words.factor;
   const unit = add ? "EUR/m\u00b2 since the start" : (words.daily ?? `${words.unit}, daily mean`);
   const build = () => {
     const colour = colourOf(agent), days = (task.steps * task.step_seconds) / 86400;
     const x = Array.from({ length: days }, (_, day) => date(task.start, day, { day: "numeric", month: "short" }));
     const running = (values) => { let total = 0; return values.map((value) => (value === null ? null : (total += value))); };
     const [median, best, worst] = scaled(unpack(packed), factor).map((row) => (add ? running(row) : row));
-    const digits = add ? 2 : words.dailyDecimals ?? words.decimals, one = (label, values, more) => line(x, values, more.colour, { name: label, hovertemplate: `%{y:,.${digits}f}`, line: more.line });
+    const digits = add ? 2 : words.daily_decimals ?? words.decimals, one = (label, values, more) => line(x, values, more.colour, { name: label, hovertemplate: `%{y:,.${digits}f}`, line: more.line });
     return {
       traces: [
         ...(differs(worst, median) ? [one("worst run", worst, { colour: variable("tomato"), line: { width: 1.2, dash: "dot" } })] : []),

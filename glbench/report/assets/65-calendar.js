@@ -1,9 +1,7 @@
 // When limits were broken, as a calendar of days and hours; and the worst run, hour by hour, with the reasons.
 
-const LIMIT_SIDES = [["air_temperature_low", "Too cold"], ["air_temperature_high", "Too hot"], ["relative_humidity_low", "Too dry"], ["relative_humidity_high", "Too humid"], ["co2_low", "Too little CO\u2082"], ["co2_high", "Too much CO\u2082"]];
-
 const calendarPart = (profile, task) => {
-  const broken = LIMIT_SIDES.map(([name, label]) => ({ name, label, minutes: unpack(profile.calendar[name]) }))
+  const broken = VIOLATIONS.map(({ name, label }) => ({ label, packed: profile.calendar[name.replace("hours_", "")] })).filter(({ packed }) => packed).map(({ label, packed }) => ({ label, minutes: unpack(packed) }))
     .map((limit) => ({ ...limit, total: sum(limit.minutes.flat().filter((value) => value !== null)) / 60 }));
   const shown = broken.filter((limit) => limit.total >= 0.05), kept = broken.filter((limit) => limit.total < 0.05);
   const figure = ({ label, minutes, total }) => {
@@ -28,7 +26,7 @@ const calendarPart = (profile, task) => {
 
 // The day on which the worst run paid the largest penalty.
 const hardestDay = (profile) => {
-  const hours = unpack(profile.worst.penalty).map((value) => value ?? 0);
+  const hours = unpack(profile.worst[PENALTY]).map((value) => value ?? 0);
   const days = Array.from({ length: Math.floor(hours.length / 24) }, (_, day) => sum(hours.slice(24 * day, 24 * day + 24)));
   const penalty = Math.max(...days);
   return { day: days.indexOf(penalty), penalty };
@@ -37,33 +35,24 @@ const hardestDay = (profile) => {
 // Why the worst run is the worst: against the mean of all runs, in profit, penalty and hours.
 const reasons = (result, task, profile) => {
   const row = result.seeds.indexOf(profile.seeds.worst), of = (metric) => valuesOf(result, metric);
-  const gap = (metric) => of(metric)[row] - mean(of(metric));
-  const behind = -gap("reward"), share = (100 * behind) / Math.abs(mean(of("reward")));
-  if (!(behind > 1e-6 * Math.abs(mean(of("reward"))))) return ["All runs are alike: there is no worst one. This is the first."];
-  const metric = (name) => METRICS[name];
-  const items = ["revenue", "cost_heat", "cost_electricity", "cost_co2"].map((name) => [name, (name === "revenue" ? 1 : -1) * gap(name)]).sort((a, b) => a[1] - b[1]);
-  const worse = D.metrics.filter((one) => /^hours_(air|co2|rel)/.test(one.name)).map((one) => [one, gap(one.name)]).sort((a, b) => b[1] - a[1])[0];
+  const gap = (metric) => (of(metric) ? of(metric)[row] - mean(of(metric)) : 0);
+  const behind = -gap(SCORE), share = (100 * behind) / Math.abs(mean(of(SCORE)));
+  if (!(behind > 1e-6 * Math.abs(mean(of(SCORE))))) return ["All runs are alike: there is no worst one. This is the first."];
+  const [item] = D.items.map((one) => [one, one.sign * gap(one.money)]).sort((a, b) => a[1] - b[1])[0];
+  const worse = VIOLATIONS.map((one) => [one, gap(one.name)]).sort((a, b) => b[1] - a[1])[0];
   const why = [];
-  if (gap("epi") < 0) why.push(`it earned ${withUnit(-gap("epi"), 3, "EUR/m\u00b2")} less, most of it by ${items[0][0] === "revenue" ? "less fruit" : `a dearer bill for ${lower(metric(items[0][0]).label)}`}`);
-  if (gap("penalty") > 0) why.push(`its penalty was ${number(gap("penalty"), 1)} higher${worse[1] > 0.05 ? ` (${lower(worse[0].label)} for ${withUnit(worse[1], 1, "h")} longer)` : ""}`);
+  if (gap(PROFIT) < 0) why.push(`it earned ${withUnit(-gap(PROFIT), 3, "EUR/m\u00b2")} less, most of it by ${item.sign > 0 ? `less ${lower(item.label)}` : `a dearer bill for ${lower(item.label)}`}`);
+  if (gap(PENALTY) > 0) why.push(`its penalty was ${number(gap(PENALTY), 1)} higher${worse[1] > 0.05 ? ` (${lower(worse[0].label)} for ${withUnit(worse[1], 1, "h")} longer)` : ""}`);
   const { day, penalty } = hardestDay(profile);
-  return [`Seed ${profile.seeds.worst} got a reward of ${number(of("reward")[row], 0)}, ${number(behind, behind < 10 ? 1 : 0)} (${number(share, share < 1 ? 2 : 1)} %) below the mean of all runs`,
+  return [`Seed ${profile.seeds.worst} got a reward of ${number(of(SCORE)[row], 0)}, ${number(behind, behind < 10 ? 1 : 0)} (${number(share, share < 1 ? 2 : 1)} %) below the mean of all runs`,
     why.length ? `: ${why.join(", and ")}. ` : ". ", penalty > 0 ? `Its hardest day was ${date(task.start, day)}, with a penalty of ${number(penalty, 1)}.` : "",
     share < 1 ? " The runs hardly differ: this is how every run looks." : ""];
 };
 
 const worstPart = (result, task, profile, weather) => {
-  const course = (name, factor = 1) => scaled([unpack(profile.worst[name])], factor)[0];
-  const outside = (name) => unpack(weather.hours[name]);
-  const hours = course("air_temperature").map((_, hour) => new Date(Date.parse(`${task.start}T00:00:00Z`) + 3.6e6 * (hour + 0.5)).toISOString().slice(0, 16));
-  const rows = [
-    { title: "Temperature, \u00b0C", limit: "air_temperature", lines: [["inside", course("air_temperature"), "accent", 1], ["outside", outside("outdoor_temperature"), "soft", 1]] },
-    { title: "Humidity, %", limit: "relative_humidity", lines: [["humidity", course("relative_humidity"), "accent", 0]] },
-    { title: "CO\u2082, ppm", limit: "co2", lines: [["CO\u2082", course("co2"), "accent", 0]] },
-    { title: "Heating and lamps, %", lines: [["heating", course("uBoil", 100), "tomato", 0], ["lamps", course("uLamp", 100), "lamp", 0]] },
-    { title: "Vents and screen, %", lines: [["vents", course("uVent", 100), "vent", 0], ["thermal screen", course("uThScr", 100), "soft", 0]] },
-    { title: "Penalty an hour", lines: [["penalty", course("penalty"), "tomato", 2]] },
-  ];
+  const course = ({ column, weather: outside }) => (outside ? unpack(weather.hours[outside]) : scaled([unpack(profile.worst[column])], SERIES[column].range ? SERIES[column].factor : 1)[0]);
+  const rows = D.panels.map((panel) => ({ ...panel, lines: panel.lines.map((one) => [one.name, course(one), one.ink, one.decimals ?? 0]) }));
+  const hours = rows[0].lines[0][1].map((_, hour) => new Date(Date.parse(`${task.start}T00:00:00Z`) + 3.6e6 * (hour + 0.5)).toISOString().slice(0, 16));
   const colour = (name) => ({ lamp: colourAt(3), vent: colourAt(2), accent: colourOf(result.agent) })[name] ?? variable(name);
   // The week of the hardest day comes first: a whole season at once shows little.
   const days = (task.steps * task.step_seconds) / 86400, weeks = Math.ceil(days / 7);

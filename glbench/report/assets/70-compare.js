@@ -24,6 +24,7 @@ const comparePage = (first, second, short) => {
 // Differences of one metric over the seeds that both have, with the interval of their mean.
 const difference = (one, two, metric) => {
   const [x, y] = [valuesOf(one, metric), valuesOf(two, metric)];
+  if (!x || !y) return { ...UNKNOWN, shared: 0 };
   const place = new Map(two.seeds.map((seed, i) => [seed, i]));
   const values = one.seeds.map((seed, i) => (place.has(seed) ? x[i] - y[place.get(seed)] : null)).filter((value) => value !== null);
   if (!values.length) return { mean: mean(x) - mean(y), low: null, high: null, shared: 0 };
@@ -32,7 +33,7 @@ const difference = (one, two, metric) => {
 };
 
 const verdict = (one, two) => {
-  const profit = difference(one, two, "epi"), reward = difference(one, two, "reward"), penalty = difference(one, two, "penalty");
+  const profit = difference(one, two, PROFIT), reward = difference(one, two, SCORE), penalty = difference(one, two, PENALTY);
   const clear = profit.low !== null && profit.high > profit.low && profit.low * profit.high > 0;
   const sure = number(profit.low, 2) !== number(profit.high, 2) ? ` (95 % interval over the draws of this season ${number(profit.low, 2, true)} to ${number(profit.high, 2, true)})` : "";
   return [
@@ -42,19 +43,20 @@ const verdict = (one, two) => {
 };
 
 const byItem = (one, two, task) => {
-  const items = [["revenue", 1], ["cost_heat", -1], ["cost_electricity", -1], ["cost_co2", -1], ["epi", 1]];
-  const gaps = items.map(([name, sign]) => { const d = difference(one, two, name); return { name, label: name === "epi" ? "Profit" : METRICS[name].label, value: sign * d.mean, low: sign > 0 ? d.low : -d.high, high: sign > 0 ? d.high : -d.low }; });
+  const items = [...D.items.map((item) => [item.money, item.sign]), [PROFIT, 1]];
+  const gaps = items.map(([name, sign]) => { const d = difference(one, two, name); return { name, label: name === PROFIT ? "Profit" : METRICS[name].label, value: sign * d.mean, low: sign > 0 ? d.low : -d.high, high: sign > 0 ? d.high : -d.low }; });
   const ends = [Math.min(0, ...gaps.map((gap) => gap.value)), Math.max(0, ...gaps.map((gap) => gap.value))], room = 0.3 * (ends[1] - ends[0] || 1);
   const build = () => ({
     traces: [{
       type: "bar", orientation: "h", y: gaps.map((gap) => gap.label), x: gaps.map((gap) => gap.value), text: gaps.map((gap) => ` ${number(gap.value, 2, true)} `), textposition: "outside", cliponaxis: false, hoverinfo: "skip",
-      marker: { color: gaps.map((gap) => variable(gap.value >= 0 ? "gain" : "loss")), opacity: gaps.map((gap) => (gap.name === "epi" ? 1 : 0.75)) }, textfont: { color: variable("ink") },
+      marker: { color: gaps.map((gap) => variable(gap.value >= 0 ? "gain" : "loss")), opacity: gaps.map((gap) => (gap.name === PROFIT ? 1 : 0.75)) }, textfont: { color: variable("ink") },
     }],
     layout: layout({ hovermode: false, bargap: 0.4, yaxis: { autorange: "reversed", showgrid: false }, xaxis: { range: [ends[0] - room, ends[1] + room], zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
   });
-  const rows = [...items.map(([name]) => name), "reward", "penalty", "yield", "heat", "electricity", "co2", "hours_outside_limits"].map((name) => {
-    const metric = METRICS[name], d = difference(one, two, name), unit = metric.unit, cost = name.startsWith("cost_");
-    return [[`${cost ? "Cost of " : ""}${cost ? lower(metric.label) : metric.label}`, unit ? h("span", { class: "soft" }, ` ${unit}`) : null], number(mean(valuesOf(one, name)), metric.decimals), number(mean(valuesOf(two, name)), metric.decimals),
+  const average = (result, name) => { const values = valuesOf(result, name); return values ? mean(values) : null; };
+  const rows = [...items.map(([name]) => name), ...COLUMNS.map((metric) => metric.name).filter((name) => name !== PROFIT), ...ofKind("unknown").map((metric) => metric.name)].map((name) => {
+    const metric = METRICS[name], d = difference(one, two, name), unit = metric.unit, cost = metric.kind === "paid";
+    return [[`${cost ? "Cost of " : ""}${cost ? lower(metric.label) : metric.label}`, unit ? h("span", { class: "soft" }, ` ${unit}`) : null], number(average(one, name), metric.decimals), number(average(two, name), metric.decimals),
       number(d.mean, metric.decimals, true), number(d.low, metric.decimals, true) !== number(d.high, metric.decimals, true) ? `${number(d.low, metric.decimals, true)} to ${number(d.high, metric.decimals, true)}` : "\u2013"];
   });
   return [
@@ -74,10 +76,10 @@ const byHour = (one, two, task) => later(1500, async () => {
     const [p, q] = [perRun(x, name), perRun(y, name)];
     return p.map((row, hour) => (pairs ? pairs.map(([i, j]) => factor * (row[i] - q[hour][j])) : [factor * (mean(row) - mean(q[hour]))]));
   };
-  const parts = ITEMS.map(([name, price, label, sign], i) => ({ label, runs: gap(name, sign * prices[price]), ink: [0, 1, 3, 2][i] }));
+  const parts = D.items.map(({ column, price, label, sign, colour }) => ({ label, runs: gap(column, sign * prices[price]), ink: colour }));
   const profit = parts[0].runs.map((_, hour) => parts[0].runs[hour].map((_, run) => sum(parts.map((part) => part.runs[hour][run]))));
   const spread = profit.map((values) => [mean(values), ...(values.length > 1 ? interval(values) : [mean(values), mean(values)])]);
-  const hours = Array.from({ length: 24 }, (_, hour) => hour + 0.5), penalty = gap("penalty", -1);
+  const hours = Array.from({ length: 24 }, (_, hour) => hour + 0.5), penalty = gap(PENALTY, -1);
   const ranges = sentence(stretches(spread.map(([value]) => value > 0.005 * Math.max(...spread.map(([v]) => Math.abs(v))))));
   const money = () => ({
     traces: [
@@ -99,7 +101,7 @@ const byHour = (one, two, task) => later(1500, async () => {
     h("h2", {}, "Their typical days"),
     h("p", { class: "soft" }, "Median over all days and runs, with 50 % bands; dotted lines are limits."),
     h("ul", { class: "legend", "aria-label": "Colours" }, [one, two].map((result) => h("li", {}, swatch(result.agent), result.agent, "\u2003"))),
-    h("div", { class: "grid" }, [...CLIMATE_AND_CONTROLS, "fruit_fresh", "epi"].map((name) => dayChart(task, name, [[one, x], [two, y]].map(([result, profile]) => ({ agent: result.agent, packed: profile.day.columns[name] })), x.day.slot_seconds))),
+    h("div", { class: "grid" }, [...D.charts.climate, ...D.controls, ...D.charts.compared].map((name) => dayChart(task, name, [[one, x], [two, y]].map(([result, profile]) => ({ agent: result.agent, packed: profile.day.columns[name] })), x.day.slot_seconds))),
   ];
 });
 

@@ -32,34 +32,32 @@ const taskPage = (short) => {
 };
 
 const definition = (task) => [
-  h("div", { class: "columns" }, task.words.map(([heading, lines]) => h("section", {}, h("h3", {}, heading), lines.map((words) => h("p", {}, words))))),
-  h("div", { class: "grid task" },
-    h("div", {}, h("h2", {}, "Limits"), plainTable("What the air should stay within, and what distance outside costs 1 a step", ["Quantity", "Lowest", "Highest", "Costs 1"], task.limits.map((limit) => [limit.label, ...[limit.low, limit.high, limit.scale].map((value) => `${number(value, 0)}\u00a0${limit.unit}`)]))),
-    h("div", {}, h("h2", {}, "Prices"), plainTable("What things are worth", ["Item", "Price"], Object.entries(PRICE_NAMES).map(([name, [label, unit]]) => [label, `${number(task.prices[name], 2)}\u00a0${unit}`]))),
-    h("div", {}, h("h2", {}, "Equipment"), plainTable("The six controls, and what each delivers when fully on", ["Control", "Fully on"], task.capacities.map((one) => [one.label, one.unit ? `${number(one.at_one, 0)}\u00a0${one.unit}` : "closed or open"])))),
+  h("div", { class: "columns" }, task.words.filter((part) => part.lines.length).map((part) => h("section", {}, h("h3", {}, part.heading), part.lines.map((words) => h("p", {}, words))))),
+  task.words.filter((part) => part.rows.length).map((part) => h("details", { class: "data", open: part.rows.length < 8 }, h("summary", {}, part.heading),
+    plainTable(part.heading, part.columns, part.rows, part.columns.map((_, i) => i).filter((i) => !part.right.includes(part.columns[i]))))),
 ];
 
 const weatherPart = (task) => later(700, async () => {
   const weather = await block(task.weather), ink = () => variable("accent");
   const x = Array.from({ length: task.days }, (_, day) => date(task.start, day, { day: "numeric", month: "short" })), ticks = x.filter((_, day) => day % Math.max(1, Math.ceil(task.days / 4)) === 0);
-  const season = (name, kind) => {
-    const words = SERIES[name], rows = unpack(weather.season.columns[name]), factor = kind === "sun" ? 0.0864 : 1, [average, low, high] = scaled(rows, factor);
-    const decimals = kind === "sun" ? 1 : words.decimals;
-    return chart(captionOf(kind === "sun" ? "Sun" : words.label, kind === "sun" ? "MJ/m\u00b2 a day" : `${words.unit}, mean and range of the day`), () => ({
-      traces: kind === "sun"
+  const season = (name) => {
+    const words = SERIES[name], rows = unpack(weather.season.columns[name]), summed = Boolean(words.daily), factor = words.daily_factor ?? 1, [average, low, high] = scaled(rows, factor);
+    const decimals = words.daily_decimals ?? words.decimals;
+    return chart(captionOf(words.label, words.daily ?? `${words.unit}, mean and range of the day`), () => ({
+      traces: summed
         ? [{ type: "bar", x, y: average, marker: { color: colourAt(3), opacity: 0.85 }, hovertemplate: `%{y:,.${decimals}f}<extra></extra>` }]
         : [band(x, low, high, ink(), 0.18), line(x, average, ink(), { name: "mean", hovertemplate: `%{y:,.${decimals}f}<extra></extra>` })],
-      layout: layout({ xaxis: { title: DAY_TITLE, tickvals: ticks, tickangle: 0 }, bargap: 0.2, shapes: name === "outdoor_temperature" ? [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 0, y1: 0, line: { color: variable("soft"), width: 1, dash: "dot" } }] : [] }),
+      layout: layout({ xaxis: { title: DAY_TITLE, tickvals: ticks, tickangle: 0 }, bargap: 0.2, shapes: words.unit === "\u00b0C" ? [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 0, y1: 0, line: { color: variable("soft"), width: 1, dash: "dot" } }] : [] }),
     }), { height: 200, says: `${words.label} by day: ${number(Math.min(...average), decimals)} to ${number(Math.max(...average), decimals)}, mean ${number(mean(average), decimals)}.` });
   };
   const day = (name) => dayChart(task, name, [{ agent: null, packed: weather.day[name] }], weather.slot_seconds);
-  const temperatures = unpack(weather.season.columns.outdoor_temperature), sun = scaled(unpack(weather.season.columns.global_radiation), 0.0864)[0], frost = temperatures[1].filter((value) => value < 0).length;
+  const [warmth, light] = D.charts.weather, temperatures = unpack(weather.season.columns[warmth]), sun = scaled(unpack(weather.season.columns[light]), SERIES[light].daily_factor)[0], frost = temperatures[1].filter((value) => value < 0).length;
   return [
     h("h2", {}, "Weather at a glance"),
     h("p", {}, `Mean temperature ${withUnit(mean(temperatures[0]), 1, "\u00b0C")}, between ${withUnit(Math.min(...temperatures[1]), 1, "\u00b0C")} and ${withUnit(Math.max(...temperatures[2]), 1, "\u00b0C")}; frost on ${plural(frost, "day")}; ${number(mean(sun), 1)} MJ/m\u00b2 of sun on the mean day, ${number(Math.min(...sun), 1)} on the darkest and ${number(Math.max(...sun), 1)} on the brightest.`),
-    h("div", { class: "grid" }, season("outdoor_temperature"), season("global_radiation", "sun"), season("outdoor_relative_humidity"), season("wind_speed")),
+    h("div", { class: "grid" }, D.charts.weather.map(season)),
     h("h3", {}, `By hour of the day (${task.clock}): median, 50 % and 90 % bands over the days`),
-    h("div", { class: "grid" }, ["outdoor_temperature", "global_radiation", "outdoor_relative_humidity", "wind_speed"].map(day)),
+    h("div", { class: "grid" }, D.charts.weather.map(day)),
   ];
 });
 
@@ -69,7 +67,7 @@ const guidePage = () => ({
     h("h1", {}, "How to read this page"),
     h("p", { class: "lead" }, "Every number in a grower\u2019s words. All areas are m\u00b2 of greenhouse floor; sums run over the whole period of a task and are means over its runs."),
     h("h2", {}, "Numbers"),
-    h("dl", { class: "words" }, D.metrics.filter((metric) => !/^(revenue|cost_)/.test(metric.name)).map((metric) => [h("dt", {}, metric.label, metric.unit ? h("span", {}, ` ${metric.unit}`) : null), h("dd", {}, metric.explanation)])),
+    h("dl", { class: "words" }, D.metrics.filter((metric) => !["earned", "paid", "unknown"].includes(metric.kind)).map((metric) => [h("dt", {}, metric.label, metric.unit ? h("span", {}, ` ${metric.unit}`) : null), h("dd", {}, metric.explanation)])),
     h("h2", {}, "Words"),
     h("dl", { class: "words" }, D.other_words.map(([word, meaning]) => [h("dt", {}, word), h("dd", {}, meaning)])),
     h("h2", {}, "What not to read out of it"),

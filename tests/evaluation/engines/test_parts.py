@@ -9,10 +9,8 @@ import pytest
 
 from glbench.episodes.definition import definition_json
 from glbench.evaluation import Progress, prepare
-from glbench.evaluation.engines.parcels import Parcel
-from glbench.evaluation.engines.parts import divided, may_be_divided, put_together
-from glbench.evaluation.engines.worker import Order, Refusal, work
-from glbench.evaluation.job import Evaluation
+from glbench.evaluation.engines.ray import Order, Parcel, Refusal, divided, may_be_divided, put_together, work
+from glbench.evaluation.preparing import Evaluation
 from glbench.evaluation.saving import Computed
 from glbench.tasks import TaskSpec
 from tests.evaluation.agent_files import AgentWriter

@@ -13,9 +13,11 @@ import pytest
 
 from glbench.errors import SubmissionError
 from glbench.evaluation import Result, TimeLimits
-from glbench.evaluation.sandbox.limits import GIB, MIB, SandboxLimits
+from glbench.evaluation.sandbox.frames import GIB, MIB, SandboxLimits
 from tests.evaluation.agent_files import AgentWriter
 from tests.evaluation.sandbox.conftest import Prepare, ends
+
+pytestmark = pytest.mark.slow
 
 DEED = """
 def act(self, observations):

@@ -17,6 +17,8 @@ from tests.evaluation.agent_files import GOOD, AgentWriter
 from tests.evaluation.sandbox.conftest import Prepare
 from tests.evaluation.sandbox.test_hostile_agents import LEAVE, survivors
 
+pytestmark = pytest.mark.slow
+
 CODE = (
     "import sys\nfrom glbench.evaluation import evaluate\n"
     "evaluate(sys.argv[1], sys.argv[2], out=sys.argv[3], checkpoint_seconds=0.0, sandbox='bubblewrap')\n"

@@ -65,6 +65,7 @@ def test_a_batched_agent_ends_as_it_does_unsandboxed(
     assert sandboxed(path).run().runs == evaluate(day_task, path, limits=PATIENT).runs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("body", SINGLE.values(), ids=SINGLE)
 def test_agents_for_single_runs_end_as_they_do_unsandboxed(
     day_task: TaskSpec, write_agent: AgentWriter, sandboxed: Prepare, body: str
@@ -173,6 +174,7 @@ def test_a_stored_result_without_sandbox_does_not_pass_for_one_with(
     assert prepare(day_task, path, out=tmp_path).stored is not None
 
 
+@pytest.mark.slow
 def test_limits_in_the_task_hold_for_the_agent(
     day_task_file: Path, write_agent: AgentWriter, needs_sandbox: None, tmp_path: Path
 ) -> None:

@@ -11,12 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glbench.evaluation.sandbox.drivers import told_failure, words
-from glbench.evaluation.sandbox.frames import HEADER, packed_problems, unpacked_problems
-from glbench.evaluation.sandbox.limits import SandboxLimits
-from glbench.evaluation.sandbox.prints import Prints
-from glbench.evaluation.sandbox.size import Watch
-from glbench.evaluation.sandbox.syscalls import system_call_filter
+from glbench.evaluation.runners import told_failure, words
+from glbench.evaluation.sandbox.bubblewrap import system_call_filter
+from glbench.evaluation.sandbox.frames import HEADER, SandboxLimits, packed_problems, unpacked_problems
+from glbench.evaluation.sandbox.process import Prints, Watch
 
 
 def test_a_header_has_16_bytes() -> None:

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from glbench.evaluation import TimeLimits, evaluate
-from glbench.evaluation.sandbox.limits import GIB, SandboxLimits
+from glbench.evaluation.sandbox.frames import GIB, SandboxLimits
 from glbench.tasks import TaskSpec
 from tests.evaluation.agent_files import AgentWriter
 from tests.evaluation.sandbox.conftest import Prepare, ends
@@ -29,6 +29,7 @@ def agent(when: str, deed: str) -> str:
     return AGENT.format(when=when, deed=deed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("deed", "status", "words"),
     [

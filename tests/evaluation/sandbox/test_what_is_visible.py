@@ -15,8 +15,8 @@ import glbench
 from glbench.errors import SubmissionError
 from glbench.evaluation import TimeLimits
 from glbench.evaluation.sandbox import bubblewrap
-from glbench.evaluation.sandbox.prints import Prints
-from glbench.evaluation.sandbox.visible import libraries
+from glbench.evaluation.sandbox.bubblewrap import libraries
+from glbench.evaluation.sandbox.process import Prints
 from glbench.resources import data_folder
 from tests.evaluation.agent_files import AgentWriter
 from tests.evaluation.sandbox.conftest import Prepare
@@ -135,7 +135,7 @@ def test_the_model_can_be_used(write_agent: AgentWriter, sandboxed: Prepare) -> 
 def test_nothing_of_the_evaluation_is_in_its_memory(write_agent: AgentWriter, sandboxed: Prepare) -> None:
     body = """
 import gc
-kinds = {"Simulation", "TaskSpec", "Evaluation", "Lockstep", "WeatherRecord", "Kernel"}
+kinds = {"Simulation", "TaskSpec", "Evaluation", "RolloutLoop", "WeatherRecord", "Kernel"}
 seen = sorted({type(o).__name__ for o in gc.get_objects()} & kinds)
 seen += [name for name in sys.modules if name.startswith(("glbench.env", "glbench.weather", "glbench.kernel"))]
 """

@@ -1,0 +1,405 @@
+"""``glbench show`` and ``glbench compare``: what agents earned and where, and whether a difference is more than luck."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.box import HEAVY_HEAD
+from rich.markup import escape
+from rich.table import Table
+
+from glbench.cli.console import harmless, messages, output, put_json, say, table
+from glbench.cli.options import REPORTS, AsJson, Out
+from glbench.errors import ResultError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from glbench.evaluation import Result, RunResult
+    from glbench.leaderboard.catalogue import Metric
+    from glbench.leaderboard.entries import Entry
+    from glbench.leaderboard.pairs import Pair
+    from glbench.leaderboard.ranking import Estimate
+
+_BARS = "▁▂▃▄▅▆▇█"
+_BAR_WIDTH = 40
+_SHOWN_FAILURES = 5
+_SECTIONS = {"penalty", "amount", "outside"}
+_SENTENCES = 3
+_NONE = "–"
+
+
+def show(
+    result: Annotated[str, typer.Argument(metavar="RESULT|AGENT", help="A result file, or the name of an agent.")],
+    task: Annotated[
+        list[str] | None,
+        typer.Option("--task", "-t", help="Of an agent: this task (repeatable). Default: the default task."),
+    ] = None,
+    show_all: Annotated[bool, typer.Option("--all", help="Of an agent: all its tasks.")] = False,
+    out: Out = REPORTS,
+) -> None:
+    """Show a result: every metric with its unit and interval, where the money went, how the runs differ."""
+    from glbench.cli.stored import find_results
+    from glbench.tasks import DEFAULT_TASK
+
+    found = find_results(result, task or [], out)
+    latest = max(found, key=lambda one: one.created)
+    usual = next((one for one in found if one.task.id == DEFAULT_TASK), latest)
+    shown = found if task or show_all else [usual]
+    for one in shown:
+        _show(one, _where_from(one, out))
+    if len(shown) < len(found):
+        words = f"'{result}' has results on {len(found)} tasks: --all, or --task ID, shows the others."
+        messages().print(words, style="dim", markup=False)
+
+
+def _where_from(result: Result, out: Path) -> list[str]:
+    """Origin of the result, whether it was reproduced, and the trainings that it belongs to."""
+    from glbench.leaderboard import rank
+    from glbench.leaderboard.collect import own_and_released_results, published_expectations
+    from glbench.leaderboard.entries import RANKING_METRIC
+    from glbench.leaderboard.tables import entry_label
+
+    stored = [item for item in own_and_released_results(out)[0] if item.result.task.digest == result.task.digest]
+    if all(item.result != result for item in stored):
+        return []  # the digest of the runs leaves out what the file states of the agent
+    expected = {task_id: one for task_id, one in published_expectations().items() if one.digest == result.task.digest}
+    entries = [one for ranked in rank(stored, expected) for one in ranked.rows]
+    for entry, row in [(one, row) for one in entries for row in one.results]:
+        if (row.task_id, row.results_digest) != (result.task.id, result.results_digest):
+            continue
+        checked = "reproduced by glbench verify" if row.reproduced else "not reproduced yet (glbench verify)"
+        source, mean = f"Source: {row.origin}; {checked}", entry.estimates.get(RANKING_METRIC)
+        if not entry.is_range or mean is None:
+            return [source]
+        others = ", ".join(one.agent for one in entry.results if one is not row)
+        family = f"One of {entry_label(entry)}: {RANKING_METRIC} {mean.mean:,.1f}, {mean.low:,.1f} to {mean.high:,.1f}."
+        return [source, f"{family} The others: {others}."]
+    return []
+
+
+def _show(result: Result, where_from: Sequence[str]) -> None:
+    from glbench.leaderboard.catalogue import catalogue
+
+    output().print(summary_table(result))
+    output().print(f"\n[bold]Where the money went[/] (mean of {len(result.runs)} runs)")
+    for line in money_lines(result):
+        output().print(line)
+    known, metrics = catalogue(), result.runs[0].metrics
+    if (score := known.score.name) in metrics:
+        scores = sorted(result.values(score))
+        if scores[0] < scores[-1]:
+            spark = f"{scores[0]:,.1f} {sparkline(scores)} {scores[-1]:,.1f}"
+            output().print(f"\n[bold]{known.score.heading}s[/], worst to best: {spark}", soft_wrap=True)
+        worst = min(result.runs, key=lambda run: run.metrics[score])
+        profit = worst.metrics.get(known.profit.name)
+        words = "" if profit is None else f", {known.profit.heading} {profit:,.3f} {unit_of(known.profit)}"
+        output().print(f"Worst run: seed {worst.seed}, {score} {worst.metrics[score]:,.1f}{words}")
+    print_failures(result)
+    kernel = result.evaluation.kernel
+    stated = [
+        f"decision {result.evaluation.decision_milliseconds:.3f} ms",
+        f"sandbox {result.evaluation.sandbox or 'unknown'}",
+        f"made {result.created} with glbench {result.versions.glbench}",
+        *([f"git {result.git.commit[:12]}{' with changes' if result.git.dirty else ''}"] if result.git else []),
+        *([f"card by {', '.join(result.agent.card.authors)}"] if result.agent.card else []),
+    ]
+    lines = [
+        f"{result.agent.name} sees: {result.agent.information}",
+        f"Kernel {kernel.get('backend')}, preset {kernel.get('preset', _NONE)}; results digest {result.results_digest[:12]}",
+        *where_from,
+        f"Stated by the file, not checked: {'; '.join(stated)}",
+    ]
+    output().print()
+    for line in lines:
+        say(output(), escape(harmless(line)), style="dim")
+
+
+def shown_metrics(*held: Mapping[str, float], units: Mapping[str, str]) -> list[Metric]:
+    """Metrics in the order of the terminal, time outside any limit before that outside each; then those that only the results know."""
+    from glbench.leaderboard.catalogue import catalogue
+
+    known = catalogue()
+    found = [known.metric(name, units) for name in known.known_first(name for metrics in held for name in metrics)]
+    return sorted(found, key=lambda metric: (metric.kind == "unknown", metric.kind == "violation"))
+
+
+def summary_table(result: Result) -> Table:
+    """Mean, interquartile mean and 95 % interval of every metric, with units."""
+    from glbench.leaderboard.ranking import estimates_of
+
+    runs = len(result.runs)
+    headings, numbers = ("Sum over the period", "Unit"), ("Mean", "IQM", "95 % interval")
+    view = table(
+        f"{escape(result.agent.name)} on {escape(result.task.id)}: {count(runs, 'run')}",
+        *headings, *numbers, right=numbers, folded=headings + numbers, box=HEAVY_HEAD,
+        caption="IQM: mean of the middle half of the runs. 95 % interval: bootstrap, of the mean.",
+        caption_justify="left",
+    )  # fmt: skip
+    estimates, before = estimates_of(result), ""
+    for metric in shown_metrics(result.summary.mean, units=result.units):
+        if metric.kind != before and metric.kind in _SECTIONS:
+            view.add_section()
+        before = metric.kind
+        view.add_row(metric.line, unit_of(metric), *_cells(estimates.get(metric.name), metric, runs))
+    view.add_section()
+    evaluation = result.evaluation
+    view.add_row("Decision, each step", "ms", f"{evaluation.decision_milliseconds:.3f}", "", "")
+    view.add_row("Whole evaluation", "s", f"{evaluation.wall_seconds:.1f}", "", "")
+    return view
+
+
+def unit_of(metric: Metric) -> str:
+    """Unit as people write it, or a dash."""
+    from glbench.leaderboard.catalogue import pretty_unit
+
+    return pretty_unit(metric.unit) or _NONE
+
+
+def _cells(estimate: Estimate | None, metric: Metric, runs: int) -> tuple[str, str, str]:
+    if estimate is None:
+        return _NONE, _NONE, _NONE
+    low, high = metric.text(estimate.low), metric.text(estimate.high)
+    interval = f"{low} to {high}" if runs > 1 and estimate.low < estimate.high else _NONE
+    return metric.text(estimate.mean), metric.text(estimate.iqm), interval
+
+
+def money_lines(result: Result) -> list[str]:
+    """What was earned and paid as bars of one scale, and what is left."""
+    from glbench.leaderboard.catalogue import catalogue
+
+    known, mean = catalogue(), result.summary.mean
+    items = [(item.short, item.sign * mean[item.money]) for item in known.items if item.money in mean]
+    scale = max(*(abs(signed) for _, signed in items), 1e-9, 1e-9)
+    profit = known.profit
+    lines = [
+        f"  {words:<6}{_signed(signed):>9} {unit_of(profit)}  [{'green' if signed >= 0.0 else 'red'}]"
+        f"{'█' * round(_BAR_WIDTH * abs(signed) / scale)}[/]"
+        for words, signed in items
+    ]
+    if profit.name in mean:
+        lines.append(f"  [bold]{profit.heading:<6}{_signed(mean[profit.name]):>9} {unit_of(profit)}[/]")
+    return lines
+
+
+def _signed(value: float) -> str:
+    """With sign and three decimals; what rounds to zero has no sign."""
+    return f"{value:+.3f}" if abs(value) >= 0.0005 else "0.000"
+
+
+def sparkline(values: Sequence[float]) -> str:
+    """One character a value, its height between the smallest and the largest."""
+    low, high = min(values), max(values)
+    if not high > low:
+        return _BARS[0] * len(values)
+    return "".join(_BARS[min(int((value - low) / (high - low) * len(_BARS)), len(_BARS) - 1)] for value in values)
+
+
+def print_failures(result: Result) -> None:
+    """Say loudly which runs failed and why; the same reason once."""
+    if result.failed:
+        messages().print(
+            f"[bold red]{len(result.failed)} of {count(len(result.runs), 'run')} failed.[/bold red] Each of their missing steps counts as "
+            "the task's price of a failed step, so these numbers are low."
+        )
+        print_reasons(result, _SHOWN_FAILURES)
+
+
+def print_reasons(result: Result, most: int, indent: str = "  ") -> None:
+    """Why runs failed, the same reason once, and at most so many."""
+    groups: dict[tuple[str, str | None, int], list[RunResult]] = {}
+    for run in result.failed:
+        groups.setdefault((run.status, run.reason, run.steps), []).append(run)
+    for (status, reason, steps), members in list(groups.items())[:most]:
+        seeds = ", ".join(str(run.seed) for run in members[:3]) + (", ..." if len(members) > 3 else "")
+        where = f"{count(steps, 'step')} ({count(len(members), 'run')}: seed {seeds})"
+        messages().print(f"{indent}[red]{status}[/red] after {where}: {escape(harmless(reason or ''))}", soft_wrap=True)
+    if len(groups) > most:
+        messages().print(f"{indent}and {len(groups) - most} more kinds of failure; the result file has them all.")
+
+
+def count(number: int, noun: str) -> str:
+    """``1 run``, ``2 runs``."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def compare(
+    first: Annotated[str, typer.Argument(metavar="A", help="A result file, or the name of an agent.")],
+    second: Annotated[str, typer.Argument(metavar="B", help="The same of the other one.")],
+    task: Annotated[
+        list[str] | None, typer.Option("--task", "-t", help="This task (repeatable). Default: all that both have.")
+    ] = None,
+    out: Out = REPORTS,
+    as_json: AsJson = False,
+) -> None:
+    """Compare two agents on the runs that both did: metric by metric, with intervals of the difference.
+
+    Runs with the same seed met the same weather and the same crop, so they are compared in pairs (Wilcoxon signed-rank test; over several
+    tasks the p-values are corrected for their number). Of an agent with several trainings (NAME, NAME_seed1, ...) the mean over them
+    counts, run by run; NAME_seed1 or a result file means one training.
+    """
+    from glbench.leaderboard.comparisons import RESOLUTION
+    from glbench.leaderboard.pairs import compare_entries, corrected_p_values
+    from glbench.leaderboard.tables import COVERS
+
+    ours, theirs = _entries(first, task or [], out), _entries(second, task or [], out)
+    common = [task_id for task_id in ours if task_id in theirs]
+    if not common:
+        msg = f"'{first}' has results on {', '.join(ours)}; '{second}' on {', '.join(theirs)}: none in common. Evaluate both on one task."
+        raise ResultError(msg)
+    if all(_digests(ours[task_id]) == _digests(theirs[task_id]) for task_id in common):
+        msg = f"'{first}' and '{second}' are one and the same result. Give two agents, or two result files."
+        raise ResultError(msg)
+    pairs = [compare_entries(ours[task_id], theirs[task_id]) for task_id in common]
+    judged = list(zip(pairs, corrected_p_values(pairs), strict=True))
+    if as_json:
+        put_json([_plain(pair, p) for pair, p in judged])
+        return
+    if len(pairs) == 1:
+        output().print(_metrics_table(pairs[0]))
+    else:
+        output().print(_tasks_table(judged))
+        say(output(), _count(judged))
+    for pair, p_value in judged[:_SENTENCES]:
+        say(output(), _sentence(pair, p_value, named=len(pairs) > 1))
+    if len(pairs) > _SENTENCES:
+        words = f"In words for the first {_SENTENCES} tasks; --task ID shows every metric of one."
+        messages().print(words, style="dim")
+    messages().print(
+        f"Intervals: 95 %, bootstrap over pairs of runs; they and p cover the {COVERS}. Where a task draws nothing, a reward that "
+        f"differs by less than {RESOLUTION:g} differs by rounding, and there is no p-value (–).",
+        style="dim",
+    )
+    for entry in (ours[common[0]], theirs[common[0]]):
+        if len(entry.trainings) > 1:
+            trainings = f"{entry.name} is the mean of {len(entry.trainings)} trainings"
+            words = f"{trainings}; p says nothing about trainings that were not made."
+            messages().print(words, style="dim", markup=False)
+
+
+def _entries(wanted: str, tasks: Sequence[str], out: Path) -> dict[str, Entry]:
+    """By task what ``wanted`` means: an agent with all its trainings, one training, or a result file."""
+    from glbench.cli.stored import check_folder, find_results
+    from glbench.leaderboard.collect import StoredResult, own_and_released_results, published_expectations
+    from glbench.leaderboard.entries import entries_by_task, entry_of
+
+    check_folder(out)
+    if not (wanted.endswith(".json") or Path(wanted).is_file()):
+        stored, _ = own_and_released_results(out)
+        found = {
+            task_id: entry
+            for task_id, entries in entries_by_task(stored, published_expectations()).items()
+            for entry in entries
+            if entry.name == wanted and (not tasks or task_id in tasks or task_id.rpartition("/")[2] in tasks)
+        }
+        if found:
+            return found
+    return {result.task.id: entry_of(StoredResult(Path(wanted), result)) for result in find_results(wanted, tasks, out)}
+
+
+def _digests(entry: Entry) -> list[str]:
+    return [item.result.results_digest for item in entry.trainings]
+
+
+def _metrics_table(pair: Pair) -> Table:
+    def named(name: str, trainings: int) -> str:
+        return escape(harmless(name)) + (f" ({trainings} trainings)" if trainings > 1 else "")
+
+    view = table(
+        f"{named(pair.first, pair.trainings[0])}, A, and {named(pair.second, pair.trainings[1])}, B, "
+        f"on {escape(harmless(pair.task_id))}: {pair.runs} pairs of runs",
+        "Sum over the period", "Unit", "A", "B", "A - B", "95 % interval",
+        right=("A", "B", "A - B", "95 % interval"), padding=(0, 1, 0, 0),
+    )  # fmt: skip
+    for metric in shown_metrics(
+        dict.fromkeys(pair.metrics, 0.0), units={name: one.unit for name, one in pair.metrics.items()}
+    ):
+        one = pair.metrics[metric.name]
+        gap = one.difference
+        values = (one.first, one.second, None if gap is None else gap.value)
+        low, high = ("", "") if gap is None else (metric.text(gap.low), metric.text(gap.high))
+        numbers = [_NONE if value is None else metric.text(value) for value in values]
+        view.add_row(metric.line, unit_of(metric), *numbers, f"{low} to {high}" if low != high else _NONE)
+    return view
+
+
+def _tasks_table(judged: Sequence[tuple[Pair, float]]) -> Table:
+    from glbench.leaderboard.catalogue import catalogue
+    from glbench.leaderboard.tables import chance_text
+
+    pair, shown = judged[0][0], catalogue().headlines
+    numbers = [*(metric.headed.replace(" [", "\n\\[") for metric in shown), "P(A > B)", "p"]
+    title = f"{escape(harmless(pair.first))} (A) minus {escape(harmless(pair.second))} (B), task by task"
+    view = table(title, "Task", *numbers, right=numbers, folded=("Task",), collapse_padding=True)
+    for pair, p_value in judged:
+        gaps = [(pair.gap(metric.name), metric.digits) for metric in shown]
+        view.add_row(
+            escape(harmless(pair.task_id.rpartition("/")[2])),
+            *(_NONE if gap is None else f"{gap:+,.{digits}f}" for gap, digits in gaps),
+            chance_text(pair.improvement.value),
+            _p_words(pair, p_value),
+        )
+    return view
+
+
+def _sentence(pair: Pair, p_value: float, *, named: bool) -> str:
+    """Who earns more, and from what."""
+    from glbench.leaderboard.catalogue import catalogue
+
+    names = harmless(pair.first), harmless(pair.second)
+    verdict = "Their rewards cannot be told apart"
+    if pair.told_apart(p_value):
+        verdict = f"{escape(names[pair.headline <= 0])} has the higher reward"
+    words = _p_words(pair, p_value)
+    shown = "nothing is drawn here" if words == _NONE else f"p < {words[1:]}" if words[0] == "<" else f"p = {words}"
+    where = f"{escape(pair.task_id.rpartition('/')[2])}: " if named else ""
+    epi = pair.gap(catalogue().profit.name)
+    if epi is None:
+        return f"{where}{verdict} ({shown})."
+    more, less = names if epi >= 0.0 else names[::-1]
+    sign = 1.0 if epi >= 0.0 else -1.0
+    labels = {item.money: item.words for item in catalogue().items}
+    items = sorted(pair.money.items(), key=lambda item: -abs(item[1]))
+    parts = ", ".join(f"{sign * value:+.3f} {labels[name]}" for name, value in items if abs(value) >= 0.0005)
+    gap = f"earns {abs(epi):.3f} EUR/m² more than" if abs(epi) >= 0.0005 else "earns as much as"
+    return f"{where}[bold]{escape(more)}[/] {gap} {escape(less)}{f' ({parts})' if parts else ''}. {verdict} ({shown})."
+
+
+def _p_words(pair: Pair, p_value: float) -> str:
+    """A p-value, or a dash where a task draws nothing and there is no chance to test against."""
+    if pair.is_certain:
+        return _NONE
+    return f"{p_value:.3f}" if p_value >= 0.001 else "<0.001"
+
+
+def _count(judged: Sequence[tuple[Pair, float]]) -> str:
+    """On how many tasks who is ahead."""
+    clear = [pair for pair, p_value in judged if pair.told_apart(p_value)]
+    ahead = sum(pair.headline > 0.0 for pair in clear)
+    first, second = (escape(harmless(name)) for name in (judged[0][0].first, judged[0][0].second))
+    return (
+        f"[bold]{first}[/] has the higher reward on {ahead} of {len(judged)} tasks, {second} on {len(clear) - ahead}; "
+        f"on {len(judged) - len(clear)} they cannot be told apart."
+    )
+
+
+def _plain(pair: Pair, p_value: float) -> dict[str, object]:
+    one = pair.improvement
+    return {
+        "task": pair.task_id,
+        "first": pair.first,
+        "second": pair.second,
+        "trainings": list(pair.trainings),
+        "runs": pair.runs,
+        "p_value_corrected": p_value,
+        "probability_of_improvement": [one.value, one.low, one.high],
+        "money [EUR m-2]": dict(pair.money),
+        "metrics": {
+            name: {"first": one.first, "second": one.second}
+            | {key: one.difference and getattr(one.difference, part) for key, part in
+               (("difference", "value"), ("low", "low"), ("high", "high"))}
+            for name, one in pair.metrics.items()
+        },
+    }  # fmt: skip

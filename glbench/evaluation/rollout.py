@@ -1,0 +1,256 @@
+"""The rollout: all runs of an evaluation, step by step together, with their running totals; and going on where one was interrupted."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.env import Simulation, Snapshot, StepResult
+from glbench.episodes import Recorder
+from glbench.evaluation.checkpoint import Checkpoint, Saved
+from glbench.evaluation.limits import Failure, TimeLimits
+from glbench.evaluation.metrics import METRIC_NAMES, METRICS, step_values, with_missing_steps
+from glbench.evaluation.records import RunResult, Status
+from glbench.evaluation.runners import AgentRunner
+from glbench.fields import LONGEST_TEXT
+from glbench.kernel.records import all_finite
+from glbench.tasks import TaskSpec
+from glbench.untrusted import as_one_line
+
+
+class RunTotals:
+    """Books of ``n`` runs, kept step by step.
+
+    ``totals`` has shape ``(metrics, n)``; ``asked`` ``(n,)`` counts the decisions asked for, ``steps`` ``(n,)`` the simulated steps;
+    ``seconds`` ``(n,)`` is the time of the decisions; ``alive`` ``(n,)`` is true for runs that have not failed,
+    ``all_alive`` while that is all of them.
+    """
+
+    def __init__(self, seeds: tuple[int, ...]) -> None:
+        n = len(seeds)
+        self.seeds = seeds
+        self.totals = np.zeros((len(METRICS), n))
+        self.asked = np.zeros(n, dtype=np.int64)
+        self.steps = np.zeros(n, dtype=np.int64)
+        self.seconds = np.zeros(n)
+        self.alive = np.ones(n, dtype=np.bool_)
+        self.all_alive = True
+        self._ends: dict[int, tuple[Status, str]] = {}
+
+    def end(self, failures: Iterable[Failure]) -> list[int]:
+        """End the runs that failed, all that still run where a failure names none; the rows that ended now."""
+        ended = []
+        for failure in failures:
+            rows = range(len(self.seeds)) if failure.row is None else (failure.row,)
+            for row in rows:
+                if self.alive[row]:
+                    self.alive[row] = self.all_alive = False
+                    self._ends[row] = (failure.status, as_one_line(failure.reason[:LONGEST_TEXT]))
+                    ended.append(row)
+        return ended
+
+    def add(self, outcome: StepResult) -> list[int]:
+        """Book a simulated step; the rows that could not be simulated end and are returned."""
+        values = step_values(outcome.table)
+        failures = [Failure(failure.row, "simulation_failed", failure.reason) for failure in outcome.failed]
+        if not all_finite(values):  # huge values only look broken
+            broken = ~np.isfinite(values).all(axis=0)
+            failures += [_not_finite(int(row), values[:, row]) for row in np.flatnonzero(broken)]
+        ended = self.end(failures) if failures else []
+        if self.all_alive:
+            self.totals += values
+        else:
+            np.add(self.totals, values, out=self.totals, where=self.alive)
+        self.steps += self.alive
+        return ended
+
+    def results(self, task: TaskSpec) -> tuple[RunResult, ...]:
+        """Every run as a record, missing steps at the task's price."""
+        charge = task.evaluation.failed_step
+        prices = {"reward": charge.reward, "epi": charge.epi, "penalty": charge.penalty}
+        found = []
+        for row, seed in enumerate(self.seeds):
+            end: tuple[Status, str | None] = self._ends.get(row, ("ok", None))
+            status, reason = end
+            steps = int(self.steps[row])
+            sums = dict(zip(METRIC_NAMES, self.totals[:, row].tolist(), strict=True))
+            metrics = with_missing_steps(sums, task.steps - steps, prices)
+            found.append(RunResult(seed=seed, status=status, reason=reason, steps=steps, metrics=metrics))
+        return tuple(found)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The numbers, for a checkpoint."""
+        return {name: getattr(self, name) for name in ("totals", "asked", "steps", "seconds", "alive")}
+
+    def ends(self) -> dict[str, list[str]]:
+        """Status and reason by row, for a checkpoint."""
+        return {str(row): [status, reason] for row, (status, reason) in self._ends.items()}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], ends: Mapping[str, tuple[Status, str]]) -> None:
+        """Go back to what ``arrays`` and ``ends`` gave."""
+        self.totals = arrays["totals"].copy()
+        self.asked, self.steps = arrays["asked"].copy(), arrays["steps"].copy()
+        self.seconds, self.alive = arrays["seconds"].copy(), arrays["alive"].copy()
+        self.all_alive = bool(self.alive.all())
+        self._ends = {int(row): (status, reason) for row, (status, reason) in ends.items()}
+
+
+def _not_finite(row: int, values: NDArray[np.float64]) -> Failure:
+    name = METRIC_NAMES[int(np.flatnonzero(~np.isfinite(values))[0])]
+    return Failure(row, "simulation_failed", f"the step's {name} is not a finite number")
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where an evaluation stands: ``step`` of ``steps``, ``alive`` of ``runs`` still running.
+
+    While ``replaying``, an interrupted evaluation shows its agent again what it had seen before.
+    """
+
+    step: int
+    steps: int
+    alive: int
+    runs: int
+    replaying: bool = False
+
+
+ProgressCallback = Callable[[Progress], None]
+
+
+class StepCallback(Protocol):
+    """Something that looks on while an evaluation runs, such as a live view."""
+
+    def add(self, simulation: Simulation, outcome: StepResult) -> None:
+        """Called after every simulated step, before runs that failed in it are ended."""
+
+
+class RolloutLoop:
+    """One agent in one simulation, from the first step or from a checkpoint to the last."""
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        runner: AgentRunner,
+        totals: RunTotals,
+        checkpoint: Checkpoint,
+        recorder: Recorder,
+        limits: TimeLimits,
+        progress: ProgressCallback | None,
+        callback: StepCallback | None = None,
+    ) -> None:
+        self._simulation = simulation
+        self._runner = runner
+        self._totals = totals
+        self._checkpoint = checkpoint
+        self._recorder = recorder
+        self._limits = limits
+        self._progress = progress
+        self._callback = callback
+        self._earlier_seconds = 0.0
+        self._began = time.perf_counter()
+        self._unbooked: tuple[NDArray[np.float64], StepResult] | None = None
+
+    @property
+    def wall_seconds(self) -> float:
+        """Time of the evaluation, that before an interruption included."""
+        return self._earlier_seconds + time.perf_counter() - self._began
+
+    def start(self) -> None:
+        """Make the agent ready; when that fails, all of its runs have failed before the first step."""
+        self._totals.end(self._runner.start())
+
+    def replay(self, saved: Saved) -> bool:
+        """Bring a fresh agent to where ``saved`` left it, and everything else too; false when it decides differently this time."""
+        asked = saved.arrays["asked"]
+        if (self._totals.alive != (asked > 0)).any():
+            return False
+        for step in range(saved.step):
+            decision = self._runner.decide(step, saved.inputs[step], asked > step)
+            if decision.actions.tobytes() != saved.actions[step].tobytes():
+                return False
+            self._report(step + 1, replaying=True)
+        self._simulation.restore(Snapshot.from_bytes(saved.arrays["simulation"].tobytes()))
+        self._totals.restore(saved.arrays, saved.facts["ends"])
+        self._recorder.restore(saved.arrays, saved.actions)
+        self._earlier_seconds = float(saved.facts["wall_seconds"])
+        self._began = time.perf_counter()
+        self._checkpoint.continue_from(saved)
+        return True
+
+    def run(self, observations: NDArray[np.float32], first_step: int) -> None:
+        """Take the steps from ``first_step`` on, until the horizon or until no run is left."""
+        totals, steps = self._totals, self._simulation.task.steps
+        if first_step == 0:
+            self._simulation.end(~totals.alive)
+            self._recorder.begin(self._simulation)
+        self._report(first_step)
+        for step in range(first_step, steps):
+            if not (totals.all_alive or totals.alive.any()):
+                break
+            observations = self._step(step, observations)
+            if self._checkpoint.due:
+                self._keep_books()
+                self._save(step + 1)
+            self._report(step + 1)
+        self._keep_books()
+
+    def _step(self, step: int, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        totals, simulation = self._totals, self._simulation
+        inputs = self._runner.inputs(simulation, observations)
+        self._runner.ask(step, inputs, totals.alive)
+        self._keep_books()
+        decision = self._runner.decide(step, inputs, totals.alive)
+        totals.asked += totals.alive
+        totals.seconds += decision.seconds
+        ended = totals.end((*decision.failures, *self._overdue()))
+        self._checkpoint.record(inputs, decision.actions)
+        if ended:
+            simulation.end(ended)
+            if not totals.alive.any():
+                return observations
+        outcome = self._runner.apply(simulation, decision.actions)
+        self._unbooked = decision.actions, outcome
+        if not outcome.whole:
+            simulation.end(self._keep_books())
+        return outcome.observations
+
+    def _keep_books(self) -> list[int]:
+        """Count, record and show the last step, if that was not done; the rows that could not be simulated end and are returned.
+
+        A step in which none failed is booked when the next question has been put: an agent in a process of its own is thinking then.
+        """
+        if self._unbooked is None:
+            return []
+        actions, outcome = self._unbooked
+        self._unbooked = None
+        ended = self._totals.add(outcome)
+        self._recorder.add(actions, self._simulation, outcome)
+        if self._callback is not None:
+            self._callback.add(self._simulation, outcome)
+        return ended
+
+    def _overdue(self) -> list[Failure]:
+        """Runs whose decisions together took too long."""
+        limit, seconds = self._limits.run, self._totals.seconds
+        if np.maximum.reduce(seconds) <= limit:
+            return []
+        late = np.flatnonzero(seconds > limit)
+        return [
+            Failure(int(row), "timed_out", f"the run's decisions together took longer than their limit of {limit:g} s")
+            for row in late
+        ]
+
+    def _save(self, step: int) -> None:
+        snapshot = np.frombuffer(self._simulation.snapshot().to_bytes(), dtype=np.uint8)
+        facts = {"ends": self._totals.ends(), "wall_seconds": self.wall_seconds}
+        self._checkpoint.save(step, {**self._totals.arrays(), **self._recorder.arrays(), "simulation": snapshot}, facts)
+
+    def _report(self, step: int, *, replaying: bool = False) -> None:
+        if self._progress is not None:
+            alive = int(np.count_nonzero(self._totals.alive))
+            self._progress(Progress(step, self._simulation.task.steps, alive, len(self._totals.seeds), replaying))

@@ -1,0 +1,560 @@
+"""Who decides: a batched agent, one agent a run, or a privileged controller, here or in a sandbox, behind one small interface.
+
+A runner shows its agent the inputs of a step, checks the answer and applies it to the simulation. Inputs are what a checkpoint records,
+so that the agent can be brought back by showing it the same inputs again.
+
+What an agent in this process may do, a sandboxed one may, and nothing more. What breaks a call of a batched agent ends all runs, a bad row
+ends one, and the end of a sandboxed process ends all runs, too. Of agents for single runs each is asked by itself, and whatever one of
+them does ends its own run only. In a sandbox they share one process; when one of them ends it, a new process brings the others back by
+showing them again what they had seen.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import pickle
+import re
+import time
+from dataclasses import dataclass, replace
+from typing import Any, Final, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.agents import Agent, Identity, LoadedAgent, PerRunAgent, PrivilegedController
+from glbench.agents.actions import ROUNDING, read_actions, value_problems
+from glbench.env import Simulation, StepResult
+from glbench.errors import SubmissionError
+from glbench.evaluation.limits import Failure, TimeLimits, guarded
+from glbench.evaluation.sandbox.bubblewrap import place_inside
+from glbench.evaluation.sandbox.frames import (
+    LONGEST_TEXT,
+    ROW,
+    STATUSES,
+    Kind,
+    Order,
+    SandboxLimits,
+    unpacked_problems,
+)
+from glbench.evaluation.sandbox.process import AgentProcess, LostError, Prints, plain
+from glbench.model import CONTROL_NAMES
+from glbench.tasks import Action, TaskCard, TaskSpec
+
+Inputs = NDArray[np.float32] | NDArray[np.float64]
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_LONGEST_REASON = 640
+_ERROR: Final = re.compile(r'(File ".*", line \d+ .*)?[\w.<>]+(: .*|\Z| \([^()]*:\d+ in [^()]*\)\Z)')
+"""How an error of Python begins: its name alone, with words behind a colon, or with a place; reasons of the evaluation never do."""
+_SHOWN_LINES = 8
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What the agent decided in one step.
+
+    ``actions`` has shape ``(n, m)``, zero where there is none; ``failures`` names the rows that went wrong; ``seconds`` ``(n,)`` is the
+    time that each run's decision took (of a batched agent: an equal share).
+    """
+
+    actions: Array
+    failures: tuple[Failure, ...]
+    seconds: Array
+
+
+class AgentRunner:
+    """An agent in its harness, for ``n`` runs; ``card`` holds names and bounds of what it decides."""
+
+    def __init__(self, card: TaskCard, n: int, limits: TimeLimits) -> None:
+        self.card, self.n, self.limits = card, n, limits
+        self.shape = (n, len(card.actions))
+        low, high = card.action_bounds
+        self._low, self._high = low - ROUNDING, high + ROUNDING
+
+    def start(self) -> tuple[Failure, ...]:
+        """Make the agent ready for the first step."""
+        raise NotImplementedError
+
+    def inputs(self, simulation: Simulation, observations: NDArray[np.float32]) -> Inputs:
+        """What the agent is shown in this step, one row a run; an array of its own."""
+        return observations.copy()
+
+    def ask(self, step: int, inputs: Inputs, alive: Mask) -> None:
+        """Put the question of ``decide`` to the agent already, where it thinks elsewhere; the call to ``decide`` follows."""
+
+    def decide(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
+        """Ask the agent. Rows that are not alive keep their place; their answers are ignored.
+
+        Here, and nowhere else in an evaluation, the values that an agent gave are compared with their bounds.
+        """
+        decision = self._decided(step, inputs, alive)
+        if ((decision.actions >= self._low) & (decision.actions <= self._high)).all():
+            return decision
+        problems = value_problems(decision.actions, self.card)
+        actions = decision.actions.copy()
+        actions[list(problems)] = 0.0
+        return replace(decision, actions=actions, failures=(*decision.failures, *_invalid(problems, alive)))
+
+    def _decided(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
+        """What the agent says, whatever the values."""
+        raise NotImplementedError
+
+    def apply(self, simulation: Simulation, actions: Array) -> StepResult:
+        """Take a step with what was decided: with actions, through the actuation."""
+        return simulation.step(actions)
+
+    def close(self) -> None:
+        """Let go of whatever the agent holds outside this process."""
+
+
+def make_runner(agent: LoadedAgent, task: TaskSpec, card: TaskCard, n: int, limits: TimeLimits) -> AgentRunner:
+    """A fresh agent for ``n`` runs of ``task``, in this process, in the harness that fits it.
+
+    Raises
+    ------
+    SubmissionError
+        When the agent cannot be made.
+    """
+    first = _made(agent, card, limits)
+    if isinstance(first, PerRunAgent):
+        others = [_made(agent, card, limits) for _ in range(n - 1)]
+        return PerRunRunner([first, *others], card, limits)  # type: ignore[list-item]
+    # What the loader says counts, not what the object looks like: a submission is never privileged.
+    if agent.privileged:
+        return PrivilegedRunner(cast(PrivilegedController, first), task, card, n, limits)
+    return BatchRunner(cast(Agent, first), card, n, limits)
+
+
+def _made(agent: LoadedAgent, card: TaskCard, limits: TimeLimits) -> Agent | PrivilegedController:
+    answer = guarded(lambda: agent.make(card), limits.start, "make_agent", through=(KeyboardInterrupt, SubmissionError))
+    if answer.value is None:
+        reason = answer.failure.reason if answer.failure else "make_agent returned nothing"
+        msg = f"The agent '{agent.name}' cannot be made: {reason}."
+        raise SubmissionError(msg)
+    return answer.value
+
+
+class BatchRunner(AgentRunner):
+    """One agent that decides for all runs at once."""
+
+    _call = "act (for all runs)"
+
+    def __init__(self, agent: Agent, card: TaskCard, n: int, limits: TimeLimits) -> None:
+        super().__init__(card, n, limits)
+        self._agent: Any = agent
+        self._task = card
+
+    def start(self) -> tuple[Failure, ...]:
+        """Reset the agent."""
+        answer = guarded(lambda: self._agent.reset(self._task, self.n), self.limits.start, "reset")
+        return (answer.failure,) if answer.failure else ()
+
+    def _decided(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
+        deciding = int(np.count_nonzero(alive))
+        # A copy: an agent that works in its observations must not change what is recorded or what the simulation holds.
+        shown = inputs.copy()
+        answer = guarded(
+            lambda: read_actions(self._returned(step, shown), self.card, self.n),
+            self.limits.step * deciding,
+            self._call,
+        )
+        seconds: Array = np.where(alive, answer.seconds / deciding, 0.0)
+        if answer.value is None:
+            return Decision(np.zeros(self.shape), (answer.failure,) if answer.failure else (), seconds)
+        actions, problems = answer.value
+        return Decision(actions, _invalid(problems, alive), seconds)
+
+    def _returned(self, step: int, shown: Inputs) -> object:
+        return self._agent.act(shown.astype(np.float32, copy=False))
+
+
+class PrivilegedRunner(BatchRunner):
+    """A controller of glbench that sees states and disturbances and sets the controls themselves."""
+
+    _call = "controls (for all runs)"
+
+    def __init__(
+        self, controller: PrivilegedController, task: TaskSpec, card: TaskCard, n: int, limits: TimeLimits
+    ) -> None:
+        controls = tuple(Action(name, 0.0, 1.0) for name in CONTROL_NAMES)
+        super().__init__(cast(Agent, controller), replace(card, actions=controls), n, limits)
+        self._task = card
+        self._weather = task.disturbances(extra_rows=task.observation.forecast_steps)
+
+    def inputs(self, simulation: Simulation, observations: NDArray[np.float32]) -> Inputs:
+        """Show the states."""
+        return np.array(simulation.x, dtype=np.float64)
+
+    def apply(self, simulation: Simulation, actions: Array) -> StepResult:
+        """Take a step with controls, past the actuation."""
+        return simulation.step_controls(actions)
+
+    def _returned(self, step: int, shown: Inputs) -> object:
+        weather = self._weather
+        hour, day = float(weather.hour_of_day[step]), float(weather.day_of_year[step])
+        return self._agent.controls(shown, weather.values[step], hour, day)
+
+
+class PerRunRunner(AgentRunner):
+    """One agent a run, each asked by itself."""
+
+    def __init__(self, agents: list[PerRunAgent], card: TaskCard, limits: TimeLimits) -> None:
+        super().__init__(card, len(agents), limits)
+        self._agents = agents
+
+    def start(self) -> tuple[Failure, ...]:
+        """Reset the agents."""
+        failures = []
+        for row, agent in enumerate(self._agents):
+            answer = guarded(lambda agent=agent: agent.reset(self.card, 1), self.limits.start, "reset")  # type: ignore[misc]
+            failures += [replace(answer.failure, row=row)] if answer.failure else []
+        return tuple(failures)
+
+    def _decided(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
+        rows: list[Array] = [np.zeros(self.shape[1])] * self.n
+        seconds, failures = np.zeros(self.n), []
+        for row in np.flatnonzero(alive).tolist():
+            agent, shown = self._agents[row], inputs[row : row + 1].astype(np.float32)
+            answer = guarded(lambda agent=agent, shown=shown: agent.act(shown)[0], self.limits.step, "act")  # type: ignore[misc]
+            seconds[row] = answer.seconds
+            if answer.value is not None:
+                rows[row] = answer.value
+            if answer.failure:
+                # The adapter counts its own runs, of which it has one here.
+                failures.append(replace(answer.failure, row=row, reason=answer.failure.reason.replace(" in run 0", "")))
+        actions, problems = read_actions(rows, self.card, self.n)
+        return Decision(actions, (*failures, *_invalid(problems, alive)), seconds)
+
+
+def _invalid(problems: dict[int, str], alive: Mask) -> tuple[Failure, ...]:
+    """Failures of the runs that are alive and whose action has a problem."""
+    return tuple(Failure(row, "invalid_action", reason) for row, reason in problems.items() if alive[row])
+
+
+@dataclass(frozen=True)
+class SandboxedAgent:
+    """All that is needed to start the process of an agent; without ``walls`` it has all rights of the user."""
+
+    submission: Identity
+    card: TaskCard
+    runs: int
+    time: TimeLimits
+    sizes: SandboxLimits
+    prints: Prints
+    walls: bool = True
+
+    def started(self) -> tuple[AgentProcess, bool]:
+        """A process with the agent made, and whether it is one agent a run.
+
+        Raises
+        ------
+        SubmissionError
+            When the agent cannot be made.
+        SandboxError
+            When the sandbox does not start.
+        """
+        process = self.process()
+        try:
+            return process, self.made_in(process)
+        except BaseException:
+            process.close()
+            raise
+
+    def process(self) -> AgentProcess:
+        """A process with nothing in it yet.
+
+        Raises
+        ------
+        SandboxError
+            When the sandbox does not start.
+        """
+        n, m = self.runs, len(self.card.actions)
+        longest = n * (8 * m + ROW.size + LONGEST_TEXT)
+        return AgentProcess(self.submission, self.sizes, self.prints, longest, walls=self.walls)
+
+    def made_in(self, process: AgentProcess) -> bool:
+        """Load the submission in ``process`` and make the agent; whether it is one agent a run.
+
+        Raises
+        ------
+        SubmissionError
+            When the agent cannot be made.
+        """
+        limit = self.time.start
+        until = time.monotonic() + limit
+        place = place_inside(self.submission) if self.walls else self.submission.path
+        order = Order(str(place), self.card, self.runs, self.time, self.sizes)
+        doing = "loading it"
+        try:
+            process.ask(Kind.LOAD, 0, pickle.dumps(order), seconds=limit)
+            kind, body = process.answer(0, until, f"{doing} took longer than its limit of {limit:g} s")
+            if kind == Kind.LOADED:
+                doing = "make_agent"
+                kind, body = process.answer(0, until, f"{doing} took longer than its limit of {limit:g} s")
+            if kind == Kind.FAILED and len(body) > 1:
+                raise SubmissionError(words(body[1:], len(body)))
+            if kind != Kind.MADE or len(body) != 1:
+                process.refuse(f"a frame of kind {kind} where an agent was to be made")
+        except LostError as lost:
+            said = "".join(f"\n  {line}" for line in self.prints.last_lines(_SHOWN_LINES))
+            msg = f"The agent '{self.submission.name}' cannot be made: {lost.reason}." + (
+                f" It printed:{said}" if said else ""
+            )
+            raise SubmissionError(msg) from lost
+        return bool(body[0])
+
+
+def sandboxed_runner(agent: SandboxedAgent) -> AgentRunner:
+    """The agent in its sandbox, made and ready to be reset.
+
+    Raises
+    ------
+    SubmissionError
+        When the agent cannot be made.
+    SandboxError
+        When the sandbox does not start.
+    """
+    process, single = agent.started()
+    return in_process(agent, process, single=single)
+
+
+def in_process(agent: SandboxedAgent, process: AgentProcess, *, single: bool) -> AgentRunner:
+    """The harness of an agent that was made in ``process``; ``single``: one agent a run."""
+    return SandboxedRuns(agent, process) if single else SandboxedBatch(agent, process)
+
+
+class SandboxedBatch(AgentRunner):
+    """One agent that decides for all runs at once."""
+
+    def __init__(self, agent: SandboxedAgent, process: AgentProcess) -> None:
+        super().__init__(agent.card, agent.runs, agent.time)
+        self._process, self._number = process, 0
+        self._asked_at: float | None = None  # of the question that waits for its answer
+
+    def start(self) -> tuple[Failure, ...]:
+        """Reset the agent."""
+        limit = self.limits.start
+        try:
+            until = time.monotonic() + limit
+            self._put(Kind.RESET, (bytes([1]) * self.n,), limit)
+            kind, body = self._answer(until, limit, "reset")
+            if kind == Kind.FAILED:
+                return (self._failure(body),)
+            if kind != Kind.DONE:
+                self._process.refuse(f"a frame of kind {kind} to a reset")
+        except LostError as lost:
+            return (Failure(None, lost.status, lost.reason),)
+        return ()
+
+    def ask(self, step: int, inputs: Inputs, alive: Mask) -> None:
+        """Send the observations; the answer is waited for in ``decide``."""
+        parts = (alive.tobytes(), inputs.astype(np.float32, copy=False).tobytes())
+        self._asked_at = time.monotonic()
+        with contextlib.suppress(LostError):  # raised again when the answer is waited for
+            self._put(Kind.ACT, parts, self.limits.step * int(np.count_nonzero(alive)))
+
+    def _decided(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
+        if self._asked_at is None:
+            self.ask(step, inputs, alive)
+        began, self._asked_at = cast(float, self._asked_at), None
+        deciding = int(np.count_nonzero(alive))
+        limit = self.limits.step * deciding
+        actions: Array = np.zeros(self.shape)
+        failures: tuple[Failure, ...]
+        try:
+            kind, body = self._answer(began + limit, limit, "act (for all runs)")
+            actions, failures = self._read(kind, body, alive)
+        except LostError as lost:
+            failures = (Failure(None, lost.status, lost.reason),)
+        seconds: Array = np.where(alive, (time.monotonic() - began) / deciding, 0.0)
+        return Decision(actions, failures, seconds)
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.close()
+
+    def _put(self, kind: Kind, parts: tuple[bytes, ...], seconds: float) -> None:
+        self._number += 1
+        self._process.ask(kind, self._number, *parts, seconds=seconds)
+
+    def _answer(self, until: float, seconds: float, what: str) -> tuple[int, memoryview]:
+        return self._process.answer(self._number, until, f"{what} took longer than its limit of {seconds:g} s")
+
+    def _read(self, kind: int, body: memoryview, alive: Mask) -> tuple[Array, tuple[Failure, ...]]:
+        """Actions and failures out of an answer, of which nothing is believed but the wording of complaints."""
+        n, m = self.shape
+        if kind == Kind.FAILED:
+            return np.zeros(self.shape), (self._failure(body),)
+        size = 8 * n * m
+        if (kind != Kind.ACTIONS or len(body) != size) and (kind != Kind.PROBLEMS or len(body) < size):
+            self._process.refuse(f"a frame of kind {kind} with {len(body):,} bytes to a question for {n} x {m} actions")
+        actions = np.frombuffer(body[:size], dtype=np.float64).reshape(n, m).copy()
+        try:
+            told = {row: words(text, _LONGEST_REASON) for row, text in unpacked_problems(bytes(body[size:]))}
+        except ValueError:
+            self._process.refuse("a list of problems that cannot be read")
+        problems = {row: reason for row, reason in told.items() if row < n}
+        actions[list(problems)] = 0.0
+        return actions, _invalid(problems, alive)
+
+    def _failure(self, body: memoryview) -> Failure:
+        if len(body) < 2 or not 1 <= body[0] < len(STATUSES):
+            self._process.refuse("a failure without a reason")
+        if STATUSES[body[0]] == "timed_out":
+            self._process.refuse("a timeout, which is not for it to find")
+        return told_failure(None, body[0], body[1:])
+
+
+@dataclass(frozen=True)
+class _Exchange:
+    """A question to agents for single runs, whom it was put to, and what they decided."""
+
+    kind: Kind
+    inputs: Inputs | None
+    asked: Mask
+    actions: Array
+
+
+class SandboxedRuns(AgentRunner):
+    """One agent a run, all in one process: what ends the process ends the run that was being asked."""
+
+    def __init__(self, agent: SandboxedAgent, process: AgentProcess) -> None:
+        super().__init__(agent.card, agent.runs, agent.time)
+        self._agent, self._process, self._number = agent, process, 0
+        self._past: list[_Exchange] = []
+        self._repeating_seconds = 0.0
+
+    def start(self) -> tuple[Failure, ...]:
+        """Reset the agents."""
+        return self._told(Kind.RESET, None, np.ones(self.n, dtype=np.bool_)).failures
+
+    def _decided(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
+        return self._told(Kind.ACT, inputs.astype(np.float32, copy=False), alive)
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.close()
+
+    def _told(self, kind: Kind, inputs: Inputs | None, alive: Mask) -> Decision:
+        """Ask the rows that are alive, one after the other, again in a new process where one of them ends it."""
+        asked, lost_rows = alive.copy(), dict[int, Failure]()
+        while True:
+            actions, seconds = np.zeros(self.shape), np.zeros(self.n)
+            failures = dict[int, Failure]()
+            lost = self._exchange(kind, inputs, asked, actions, seconds, failures)
+            if lost is None:
+                break
+            row, why = lost
+            lost_rows[row] = Failure(row, why.status, why.reason)
+            asked[row] = False
+            for gone in self._bring_back(asked):
+                asked[gone.row], lost_rows[gone.row] = False, gone  # type: ignore[index]
+            if not asked.any():
+                break
+        self._past.append(_Exchange(kind, inputs, asked, actions))
+        return Decision(actions, (*lost_rows.values(), *failures.values()), seconds)
+
+    def _exchange(
+        self,
+        kind: Kind,
+        inputs: Inputs | None,
+        asked: Mask,
+        actions: Array,
+        seconds: Array,
+        failures: dict[int, Failure],
+    ) -> tuple[int, LostError] | None:
+        """Ask the rows in ``asked`` and fill in what they say; the row at which the process was lost, and why, if it was."""
+        self._number += 1
+        limits = self.limits
+        limit, what = (limits.step, "act") if kind == Kind.ACT else (limits.start, "reset")
+        # The process looks at its own clock and ends a slow call alone; past these seconds it does not, and is ended.
+        patience = limit + max(0.5, 0.05 * limit)
+        late = f"{what} took longer than its limit of {limit:g} s"
+        timeouts = 0
+        rows = np.flatnonzero(asked).tolist()
+        row = rows[0]
+        try:
+            parts = (asked.tobytes(), inputs.tobytes() if inputs is not None else b"")
+            asked_at = time.perf_counter()
+            self._process.ask(kind, self._number, *parts, seconds=patience)
+            for row in rows:
+                began = time.perf_counter()
+                answer, body = self._process.answer(self._number, time.monotonic() + patience, late)
+                failure = self._read_row(answer, body, row, actions if kind == Kind.ACT else None)
+                seconds[row] = time.perf_counter() - began
+                if failure is not None and failure.status == "timed_out":
+                    # Which call took the time, the process says; that the time has passed, only the clock here.
+                    timeouts += 1
+                    if time.perf_counter() - asked_at < timeouts * limit:
+                        self._process.refuse(f"that run {row} took longer than {limit:g} s, which it did not")
+                    failure = Failure(row, "timed_out", late)
+                if failure is not None:
+                    failures[row] = failure
+        except LostError as lost:
+            return row, lost
+        return None
+
+    def _read_row(self, kind: int, body: memoryview, row: int, actions: Array | None) -> Failure | None:
+        told, status = ROW.unpack_from(body) if kind == Kind.ROW and len(body) >= ROW.size else (-1, -1)
+        rest = body[ROW.size :]
+        if told != row or not 0 <= status < len(STATUSES):
+            self._process.refuse(f"a frame of kind {kind} with {len(body):,} bytes, when run {row} was asked")
+        if status:
+            return told_failure(row, status, rest)
+        if len(rest) != (8 * self.shape[1] if actions is not None else 0):
+            self._process.refuse(f"{len(rest):,} bytes for {self.shape[1]} actions of run {row}")
+        if actions is not None:
+            actions[row] = np.frombuffer(rest, dtype=np.float64)
+        return None
+
+    def _bring_back(self, needed: Mask) -> list[Failure]:
+        """Start a new process and show the agents what they had seen; the rows out of ``needed`` that cannot go on."""
+        if not needed.any():
+            return []
+        began = time.monotonic()
+        try:
+            self._process, _ = self._agent.started()
+            differing = self._repeat(needed, began)
+        except (SubmissionError, LostError) as error:
+            return self._all(needed, f"{error} (when it was started again after another run had ended its process)")
+        finally:
+            self._repeating_seconds += time.monotonic() - began
+        reason = "another run ended the process of the agent, and shown the same observations again in a new one it decided differently"
+        return [Failure(row, "crashed", reason) for row in differing]
+
+    def _repeat(self, needed: Mask, began: float) -> list[int]:
+        differing = np.zeros(self.n, dtype=np.bool_)
+        limit = self.limits.run
+        for exchange in self._past:
+            if self._repeating_seconds + time.monotonic() - began > limit:
+                reason = f"bringing the agent back took longer than {limit:g} s"
+                raise LostError(status="timed_out", reason=reason)
+            if not exchange.asked.any():
+                continue
+            actions: Array = np.zeros(self.shape)
+            ignored: NDArray[np.float64] = np.zeros(self.n)
+            lost = self._exchange(exchange.kind, exchange.inputs, exchange.asked, actions, ignored, {})
+            if lost is not None:
+                raise lost[1]
+            differing |= (actions.view(np.uint64) != exchange.actions.view(np.uint64)).any(axis=1)
+        return np.flatnonzero(differing & needed).tolist()
+
+    @staticmethod
+    def _all(needed: Mask, reason: str) -> list[Failure]:
+        short = reason if len(reason) <= _LONGEST_REASON else reason[: _LONGEST_REASON - 4] + " ..."
+        return [Failure(row, "crashed", short) for row in np.flatnonzero(needed).tolist()]
+
+
+def told_failure(row: int | None, status: int, text: memoryview) -> Failure:
+    """A failure as the agent's process tells it. What does not read like an error of Python is marked as its own words."""
+    reason = words(text, _LONGEST_REASON)
+    if STATUSES[status] == "crashed" and not _ERROR.match(reason):
+        reason = f"the agent's process said: {reason}"
+    return Failure(row, STATUSES[status], reason)  # type: ignore[arg-type]
+
+
+def words(text: bytes | memoryview, longest: int) -> str:
+    """A text of the agent's process as it may stand in a result: one line, printable, not empty, not too long."""
+    said = " ".join(plain(bytes(text).decode("utf-8", errors="replace")).split()) or "nothing that can be shown"
+    return said if len(said) <= longest else said[: longest - 4] + " ..."

@@ -1,0 +1,62 @@
+"""docs/extending.md: its examples run, one after the other, as they stand on the page."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from glbench.env import Simulation
+from glbench.tasks import get_task
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", PAGE, flags=re.DOTALL)
+
+
+@pytest.mark.usefixtures("own_words")
+def test_the_examples_run_and_say_what_the_page_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (whole,) = (block for block in blocks("toml") if "mylab/Basil-v1" in block)
+    Path("basil.toml").write_text(whole, encoding="utf-8")
+    names: dict[str, object] = {}
+    for example in blocks("python"):
+        exec(compile(example, "docs/extending.md", "exec", dont_inherit=True), names)
+        said = capsys.readouterr().out.splitlines()
+        told = re.findall(r"^print\(.*\)  # (.*)$", example, flags=re.MULTILINE)
+        exact = [text for text in told if not text.startswith(("g m-2", "EUR", "True:"))]
+        assert [line for line in said if line in exact] == exact
+
+    changes = {
+        "greenlight-basil-1.0.0": "greenlight-tomato-water-1.0.0",
+        "seedlings": "mature_crop",
+        '"lue"': '"sla"',
+        'stock = "basil"': 'stock = "fruit"\namount = "fruit_dry"\nunit = "kg m-2"\nfactor = 1e-6',
+        '"uBlScr"]': '"uBlScr", "uTap"]',
+        '"crop",': '"crop", "canopy_excess",',
+    }
+    tank = whole
+    for old, new in changes.items():
+        assert old in tank
+        tank = tank.replace(old, new)
+    (cost,) = (block for block in blocks("toml") if "cost_water" in block)
+    Path("tank.toml").write_text(f"{tank}\n{cost}", encoding="utf-8")
+    task = get_task("tank.toml")
+    watered = Simulation(task, 2)
+    watered.reset([1, 2])
+    result = watered.step([[0.0] * 6 + [1.0]] * 2)
+
+    assert "cost_water" not in {quantity.name for quantity in get_task("basil.toml").quantities}
+    assert result.quantities["cost_water"] == pytest.approx([0.1 * 1e-3 * 900 * 0.002] * 2)
+    assert not watered.fused  # a part in Python
+    assert "canopy_above_air" in {column.name for column in task.observed()}
+
+
+def test_every_table_of_the_page_can_be_read() -> None:
+    assert all(tomllib.loads(block) for block in blocks("toml"))
