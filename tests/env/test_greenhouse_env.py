@@ -156,7 +156,7 @@ def test_the_panel_speaks_of_climate_controls_and_money(day: TaskSpec) -> None:
     start = environment.render()
     assert start is not None
     assert "2010-03-01 00:00 UTC, step 0 of 96" in start
-    assert "air 16.5 degC" in start
+    assert "air temperature 16.5 degC" in start
     environment.step(np.ones(6, dtype=np.float32))
     text = environment.render()
     assert text is not None
