@@ -180,10 +180,10 @@ class PrivilegedRunner(BatchRunner):
         controls = tuple(Action(name, 0.0, 1.0) for name in CONTROL_NAMES)
         super().__init__(cast(Agent, controller), replace(card, actions=controls), n, limits)
         self._task = card
-        self._weather = task.disturbances(extra_rows=task.observation.forecast_steps)
 
     def inputs(self, simulation: Simulation, observations: NDArray[np.float32]) -> Inputs:
-        """Show the states."""
+        """Show the states, and keep what acts on each run in its own season."""
+        self._now = simulation.d, simulation.hour_of_day, simulation.day_of_year
         return np.array(simulation.x, dtype=np.float64)
 
     def apply(self, simulation: Simulation, actions: Array) -> StepResult:
@@ -191,9 +191,7 @@ class PrivilegedRunner(BatchRunner):
         return simulation.step_controls(actions)
 
     def _returned(self, step: int, shown: Inputs) -> object:
-        weather = self._weather
-        hour, day = float(weather.hour_of_day[step]), float(weather.day_of_year[step])
-        return self._agent.controls(shown, weather.values[step], hour, day)
+        return self._agent.controls(shown, *self._now)
 
 
 class PerRunRunner(AgentRunner):

@@ -14,11 +14,11 @@ from stable_baselines3.common.env_checker import check_env as check_env_for_stab
 import glbench  # noqa: F401  # registers the ids
 from glbench.env import GreenhouseEnv, info_quantities
 from glbench.errors import ActionError, GlbenchError, UnknownNameError
-from glbench.tasks import TaskSpec, get_task, list_tasks
+from glbench.tasks import TaskSpec, get_task, list_drafts, list_tasks
 from tests.env.stepping import GOLDEN, StillKernel, walk
 
 MakeTask = Callable[..., TaskSpec]
-TASKS = [task.id for task in list_tasks()]
+TASKS = [task.id for task in (*list_tasks(), *list_drafts())]
 
 
 @pytest.mark.parametrize("name", TASKS)

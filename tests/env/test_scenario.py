@@ -14,13 +14,27 @@ from typing import Any
 import numpy as np
 import pytest
 
-from glbench.env import GreenhouseEnv, Simulation, Snapshot, StepResult, run_weather
+from glbench.env import (
+    GreenhouseEnv,
+    ObservationInputs,
+    Simulation,
+    Snapshot,
+    StepResult,
+    WeatherTables,
+    register_distribution,
+    register_observation,
+    run_weather,
+)
 from glbench.env.scenario import RunScenarios, WeatherPool
 from glbench.env.uncertainty import stream_key
+from glbench.evaluation.limits import TimeLimits
+from glbench.evaluation.runners import PrivilegedRunner
 from glbench.kernel import Kernel, why_not_compiled
 from glbench.model import TOMATO, paper
-from glbench.tasks import TaskSpec, get_task
+from glbench.tasks import TaskSpec, get_task, task_card
+from glbench.tasks.quantities import Quantity
 from glbench.tasks.scenario import ParameterGroup, Scenario, Season, StartGroup
+from glbench.tasks.vocabulary import ObservationModule
 from tests.env.stepping import StillKernel, walk
 from tests.tasks import toy
 
@@ -197,6 +211,79 @@ def test_the_weather_of_a_run_is_what_its_simulation_meets(make_own: MakeOwn) ->
     nominal = task.disturbances()
     assert weather.values.tobytes() == nominal.values.tobytes()
     assert weather.times.tobytes() == nominal.times.tobytes()
+
+
+def test_a_privileged_controller_sees_each_runs_own_weather_and_clock(make_own: MakeOwn) -> None:
+    seen: list[tuple[Any, ...]] = []
+
+    class Spy:
+        def reset(self, card: Any, n: int) -> None:
+            pass
+
+        def controls(self, x: Any, d: Any, hour_of_day: Any, day_of_year: Any) -> Any:
+            seen.append((d, hour_of_day, day_of_year))
+            return np.zeros((N, 6))
+
+    task = make_own()
+    runner = PrivilegedRunner(Spy(), task, task_card(task), N, TimeLimits())
+    simulation = Simulation(task, N, StillKernel())
+    observations = simulation.reset(SEEDS)
+    for step in range(2):
+        inputs, met = (
+            runner.inputs(simulation, observations),
+            (simulation.d, simulation.hour_of_day, simulation.day_of_year),
+        )
+        runner.decide(step, inputs, np.ones(N, np.bool_))
+        assert all(np.array_equal(one, other) for one, other in zip(seen[-1], met, strict=True))
+        assert np.unique(seen[-1][2]).size > 2
+        observations = simulation.step(np.zeros((N, 6))).observations
+
+
+@pytest.mark.usefixtures("own_words")
+def test_parts_of_ones_own_are_called_with_the_rows_of_each_run(make_own: MakeOwn) -> None:
+    register_distribution("test_sides", "minus or plus the half width", lambda u, h: np.where(u < 0.5, -h, h))
+    rows: list[Any] = []
+
+    def sun(task: TaskSpec, tables: WeatherTables) -> Callable[[ObservationInputs], Any]:
+        def columns(inputs: ObservationInputs) -> Any:
+            rows.append((inputs.weather_rows, inputs.clock_rows))
+            return tables.measured[inputs.weather_rows, :1]
+
+        return columns
+
+    column = Quantity("test_sun", "W m-2", 0.0, 2000.0, "sun")
+    register_observation(ObservationModule("test_sun", "sun", lambda context: (column,)), sun)
+    own = replace(VARIED, groups=(replace(CROP, distribution="test_sides"), replace(HOUSE, distribution="test_sides")))
+    task = make_own(own, '[observation]\nmodules = ["test_sun", "weather"]')
+    simulation = Simulation(task, N, StillKernel())
+    observations = simulation.reset(SEEDS)
+    for _ in range(3):
+        assert (
+            observations[:, 0].tolist() == observations[:, 1].tolist() == simulation.d[:, 0].astype(np.float32).tolist()
+        )
+        assert (WeatherPool.of(task).times[rows[-1][0]] == simulation.time).all()
+        assert rows[-1][0].tolist() == rows[-1][1].tolist()
+        observations = simulation.step(np.zeros((N, 6))).observations
+    parameters = seen_parameters(task, [1, 2, 3], 20)
+    for name, half_width, values in (("sla", 0.1, 2), ("hAir", 0.05, 1)):
+        place = TOMATO.parameter_names.index(name)
+        found = parameters[:, 0, place] / task.parameters()[place]
+        assert np.allclose(np.abs(found - 1.0), half_width, rtol=1e-9), name
+        assert np.unique(found.round(9)).size == values, name
+
+
+@pytest.mark.skipif(why_not_compiled() is not None, reason="needs the compiled kernel")
+@pytest.mark.usefixtures("own_words")
+def test_a_distribution_of_ones_own_for_the_episode_is_stepped_in_one_call(make_own: MakeOwn, kernel: Kernel) -> None:
+    register_distribution("test_thirds", "in three parts", lambda u, h: np.floor(3.0 * u - 1.0) * h)
+    task = make_own(replace(VARIED, groups=(CROP, replace(HOUSE, distribution="test_thirds"))))
+    pair = Simulation(task, N, kernel), Simulation(task, N, kernel, fused=False)
+    assert [simulation.fused for simulation in pair] == [True, False]
+    for simulation in pair:
+        simulation.reset(SEEDS)
+    for action in walk(3, 3, N):
+        results = [simulation.step(action) for simulation in pair]
+        assert bits(pair[0], results[0]) == bits(pair[1], results[1])
 
 
 def test_each_run_starts_from_its_own_weather_and_factors(make_own: MakeOwn) -> None:

@@ -74,8 +74,9 @@ def forget() -> Iterator[Callable[[], None]]:
     """Forgets what is remembered of tasks in this process, as a new process would; also afterwards."""
 
     def forget_all() -> None:
-        for cached in (spec._disturbances, scenario._pool, weather_tables._tables, program._shipped):
-            cached.cache_clear()
+        spec._disturbances.cache_clear()
+        for remembered in (program._shipped, scenario._pool, weather_tables._tables):
+            remembered.cache_clear()
         library._load_state.cache_clear()
 
     yield forget_all
