@@ -317,7 +317,7 @@ def signals_of(task: TaskSpec) -> Signals:
         pages=pages,
         overview=_overview(task, paths),
         worst="penalty",
-        names={name: words for name, (words, _, _) in _AIR.items()},
+        names={name: _AIR[name][0] for name in _MEASURED},
         prices=tuple(_price(task, item) for item in (*ledger.earned, *ledger.paid)),
         total="epi",
         income=tuple(item.name for item in ledger.earned),
