@@ -91,7 +91,8 @@ def _last_step(simulation: Simulation, result: StepResult, row: int) -> dict[str
     quantities = {name: float(values[row]) for name, values in result.quantities.items()}
     ledger = simulation.task.ledger
     earned, paid = (
-        [f"{_label(item)} {_CENTS * quantities[item.name]:.3f}" for item in side] for side in (ledger.earned, ledger.paid)
+        [f"{_label(item)} {_CENTS * quantities[item.name]:.3f}" for item in side]
+        for side in (ledger.earned, ledger.paid)
     )
     sum_of = " - ".join([" + ".join(earned) or "0", *paid])
     told = {

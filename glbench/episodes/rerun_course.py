@@ -115,7 +115,8 @@ class Shown:
     def times(self) -> Times:
         """UTC at the start and at the end of every step of the whole episode, ``(steps + 1,)``."""
         step = np.timedelta64(round(self.task.step_seconds * 1e9), "ns")
-        return self.longest.times[0].astype("datetime64[ns]") + np.arange(self.task.steps + 1) * step
+        times: Times = self.longest.times[0].astype("datetime64[ns]") + np.arange(self.task.steps + 1) * step
+        return times
 
     def is_shared(self, curve: Curve) -> bool:
         """Whether a curve is the same for all trajectories: those of the weather are, when all have one season."""
@@ -229,14 +230,14 @@ def _aligned(trajectories: Sequence[Trajectory]) -> tuple[Trajectory, ...]:
     first = trajectories[0].times[0]
     if all(trajectory.times[0] == first for trajectory in trajectories):
         return tuple(trajectories)
-    return tuple(
-        replace(one, times=one.times - one.times[0] + first, began=_day(one.times[0])) for one in trajectories
-    )
+    return tuple(replace(one, times=one.times - one.times[0] + first, began=_day(one.times[0])) for one in trajectories)
 
 
 def _day(start: np.datetime64) -> dt.date:
     """The day that begins at ``start``, which is midnight on some clock [UTC]."""
-    day: dt.date = (start.astype("datetime64[h]") + np.timedelta64(HOURS_PER_DAY // 2, "h")).astype("datetime64[D]").item()
+    day: dt.date = (
+        (start.astype("datetime64[h]") + np.timedelta64(HOURS_PER_DAY // 2, "h")).astype("datetime64[D]").item()
+    )
     return day
 
 

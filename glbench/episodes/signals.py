@@ -29,8 +29,8 @@ Columns = Mapping[str, Floats]
 """Columns of an episode by name, each ``(steps,)``."""
 Moment = Literal["start", "end"]
 Source = Literal["control", "disturbance", "air", "state", "derived", "quantity"]
-"""Where a simulation has a number: the vectors u, d and x, the climate measured in the air, what the model derives from x, or the table of a
-step's quantities."""
+"""Where a simulation has a number: the vectors u, d and x, the climate measured in the air, what the model derives from x, or the
+table of a step's quantities."""
 _ACTS: frozenset[Source] = frozenset({"control", "disturbance"})
 """Sources of what acts during a step; all others are measured at its end."""
 _BEGUN: frozenset[Source] = frozenset({"air", "state", "derived"})
@@ -402,10 +402,14 @@ def _pages(task: TaskSpec) -> tuple[Page, ...]:
             for name, (_, title, unit) in _AIR.items()
         )
     earned = _by_amount(task.ledger.earned)
-    curves["crop"] += (_summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued == FLOW)
+    curves["crop"] += (
+        _summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued == FLOW
+    )
     for drawn in model.signals():
         curves.setdefault(drawn.path.partition("/")[0], []).append(_curve(model, drawn))
-    curves["crop"] += (_summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued != FLOW)
+    curves["crop"] += (
+        _summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued != FLOW
+    )
     pages = [Page(_TITLES.get(group) or _sentence(group), tuple(listed)) for group, listed in curves.items() if listed]
     return (*pages, Page("Money", _money(task)), Page("Violations", _violations(task, limited)))
 
@@ -439,7 +443,13 @@ def _amount_title(item: LedgerItem) -> str:
 
 
 def _summed(path: str, title: str, item: LedgerItem) -> Curve:
-    return Curve(path, f"{title}, summed" if item.valued == FLOW else f"{title} gained", _raised(item.amount_unit), (item.amount,), "sum")
+    return Curve(
+        path,
+        f"{title}, summed" if item.valued == FLOW else f"{title} gained",
+        _raised(item.amount_unit),
+        (item.amount,),
+        "sum",
+    )
 
 
 def _money(task: TaskSpec) -> tuple[Curve, ...]:

@@ -119,8 +119,8 @@ class EvaluationPlan(FrozenSettings):
 def _draws(task: TaskSpec) -> bool:
     """Whether runs of a task differ."""
     scenario = task.scenario
-    widths = (group.half_width for group in (*scenario.groups, *scenario.start_groups))
-    return any(widths) or len(scenario.seasons) > 1 or scenario.start_within_days > 0
+    drawn = any(group.half_width for group in scenario.groups) or any(one.half_width for one in scenario.start_groups)
+    return drawn or len(scenario.seasons) > 1 or scenario.start_within_days > 0
 
 
 class TrainingSettings(FrozenSettings):
