@@ -1,6 +1,10 @@
-"""Agents for the task of one day: what the tests of records and proofs work with."""
+"""Agents for the task of one day, and a short task with another crop: what the tests of records and proofs work with."""
 
 from __future__ import annotations
+
+from pathlib import Path
+
+from glbench.resources import data_folder
 
 RANDOM = """
     def act(self, observations):
@@ -24,3 +28,20 @@ FAILING = """
             raise RuntimeError("the pump broke")
         return actions
 """
+
+
+def write_lettuce_task(folder: Path, *, days: int, more: tuple[tuple[str, str], ...] = ()) -> Path:
+    """The lettuce task, cut to some days of 24 steps and three runs, as ``test/Lettuce-v1``, with further replacements."""
+    text = (data_folder("tasks") / "drafts" / "lettuce-v1.toml").read_text(encoding="utf-8")
+    cut = (
+        ('id = "glbench/Lettuce-v1"', 'id = "test/Lettuce-v1"'),
+        ("days = 50", f"days = {days}"),
+        ("step_seconds = 900", "step_seconds = 3600"),
+        ("runs = 30", "runs = 3"),
+    )
+    for old, new in (*cut, *more):
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    path = folder / "lettuce.toml"
+    path.write_text(text, encoding="utf-8")
+    return path

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,12 +21,15 @@ from glbench.episodes import rerun_viewer
 from glbench.episodes.rerun_course import PALETTE, show_together, shown_of, trajectory_of
 from glbench.episodes.rerun_live import LiveView
 from glbench.episodes.rerun_recording import save_recording
-from glbench.episodes.signals import GREENHOUSE
+from glbench.episodes.signals import signals_of
 from glbench.errors import GlbenchError
 from glbench.tasks import get_task
+from tests.episodes.day import write_lettuce_task
 from tests.episodes.rerun_runs import Runs, make_runs, read_recording
 
 pytest.importorskip("rerun", reason="the viewer (rerun-sdk) is not installed")
+
+GREENHOUSE = signals_of(get_task("Schiphol2010-Delta10-v1"))
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +82,27 @@ def test_what_is_streamed_is_what_is_recorded(runs: Runs, tmp_path: Path) -> Non
     (card,) = live.styles["/card"]["TextDocument:text"]
     assert "EPI" in card
     assert "running" not in card
+
+
+def test_a_live_run_of_another_crop_has_its_own_season_and_series(tmp_path: Path) -> None:
+    task = get_task(write_lettuce_task(tmp_path, days=3))
+    simulation = Simulation(task, 2)
+    simulation.reset([10_000, 10_001])
+    began = simulation.time[1]
+    heads = []
+    with stream_into(tmp_path / "live.rrd") as address, LiveView(task, "one", 10_001, address, row=1) as live:
+        for _ in range(task.steps):
+            live.add(simulation, simulation.step(np.full((2, 6), 0.01)))
+            heads.append(simulation.task.model_value.signals()[-4].of(*_records(simulation, 1)))
+    curves = read_recording(tmp_path / "live.rrd").curves
+    assert curves["/crop/head/one"].values.tolist() == heads
+    assert curves["/weather/temperature"].times[0] == began.astype("datetime64[ns]")
+
+
+def _records(simulation: Simulation, row: int) -> tuple[Any, Any]:
+    """State and nominal parameters of a run by name."""
+    model = simulation.task.model_value
+    return model.State(*simulation.x[row].tolist()), model.Parameters(*simulation.p_nominal.tolist())
 
 
 def test_two_evaluations_are_two_recordings(runs: Runs, tmp_path: Path) -> None:

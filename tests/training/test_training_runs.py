@@ -14,11 +14,13 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 from glbench.agents.network_policy import read_policy
 from glbench.errors import TrainingError
+from glbench.evaluation import evaluate
 from glbench.tasks import TaskSpec, get_task
 from glbench.training import CurvePoint, Progress, TrainingSettings, train
 from glbench.training.algorithms import algorithm_class, rollout_steps
 from glbench.training.checkpoint import find_checkpoint, replaced
 from glbench.training.probe import Probe, ProbeResult
+from tests.episodes.day import write_lettuce_task
 
 pytestmark = pytest.mark.train
 
@@ -130,7 +132,7 @@ def test_the_card_tells_how_the_agent_was_made_and_where_the_time_went(
     listening = Listening()
     trained = train(day, tiny, tmp_path / "run", seed=3, tensorboard=False, listeners=[listening])
     card = tomllib.loads((tmp_path / "run" / "card.toml").read_text(encoding="utf-8"))
-    assert card["task"] == {"id": day.id, "digest": day.digest}
+    assert card["task"] == {"id": day.id, "digest": day.digest, "model": "greenlight-tomato-1.0.0"}
     assert (card["training"]["seed"], card["training"]["steps"]) == (3, trained.steps)
     assert card["best"]["reward"] == max(point.result.reward for point in listening.points)
     assert not set(card["best"]["evaluation_seeds"]) & set(range(666, 696))
@@ -336,3 +338,28 @@ def test_a_kill_between_the_two_renames_of_a_checkpoint_leaves_one(tmp_path: Pat
         (new / "half").touch()
         raise PowerCutError
     assert find_checkpoint(folder) == tmp_path / "checkpoint.old"
+
+
+def test_another_crop_with_another_ledger_is_learnt_and_evaluated(tiny: TrainingSettings, tmp_path: Path) -> None:
+    task = get_task(write_lettuce_task(tmp_path, days=2))
+    folder = tmp_path / "run"
+    trained = train(task, tiny, folder, tensorboard=False)
+    assert trained.not_exported is None
+    card = tomllib.loads((folder / "card.toml").read_text(encoding="utf-8"))
+    assert card["task"]["model"] == card["versions"]["model"] == "greenlight-lettuce-1.0.0"
+    assert len(card["best"]["evaluation_seeds"]) == 2
+    curve = (folder / "learning_curve.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert curve.endswith("reward,epi,penalty,revenue,cost_heat,cost_electricity,cost_co2")
+    policy = read_policy(folder / "policy.npz")
+    assert {"head_fresh_mass", "leaf_area_index"} < set(policy.observation_names)
+    result = evaluate(task, folder, out=tmp_path)
+    assert [run.status for run in result.runs] == ["ok"] * 3
+
+
+def test_seeds_differ_wherever_runs_do(tiny: TrainingSettings, day: TaskSpec, tmp_path: Path) -> None:
+    drawn_parameters = (("half_width = 0.10", "half_width = 0.0"), ("half_width = 0.20", "half_width = 0.0"))
+    seasons = get_task(write_lettuce_task(tmp_path, days=2, more=drawn_parameters))
+    assert len(tiny.evaluation.seeds(seasons)) == len(tiny.evaluation.seeds(day)) == 2
+    steady = (("years = [2010, 2011, 2012]\n", ""), ("start_within_days = 14\n", ""))
+    alike = get_task(write_lettuce_task(tmp_path, days=2, more=(*drawn_parameters, *steady)))
+    assert len(tiny.evaluation.seeds(alike)) == 1

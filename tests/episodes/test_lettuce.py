@@ -1,0 +1,166 @@
+"""Records and viewer of another crop, whose runs have seasons of their own; and that nothing of the tomatoes is different."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from glbench.env import run_weather
+from glbench.episodes import (
+    Episode,
+    actions_path,
+    episode_bytes,
+    episode_path,
+    episodes_folder,
+    read,
+    read_episode,
+    read_log,
+    recover,
+    replayed_episodes,
+)
+from glbench.episodes.recorder import bytes_a_step
+from glbench.episodes.rerun_course import card, shown_of
+from glbench.episodes.rerun_recording import save_recording
+from glbench.episodes.signals import signals_of
+from glbench.errors import TaskError
+from glbench.evaluation import evaluate, result_path
+from glbench.model import get_model
+from glbench.tasks import TaskSpec, get_task
+from tests.episodes.day import RANDOM, write_lettuce_task
+from tests.episodes.rerun_runs import read_recording
+from tests.evaluation.agent_files import agent_writer
+
+PUBLISHED = "Schiphol2010-Delta10-v1"
+RECORDED_OF_TOMATOES = "d499ece3b539a4b7"
+DRAWN_OF_TOMATOES = "c5a3e529a358bc6a"
+
+
+@dataclass(frozen=True)
+class Lettuce:
+    task: TaskSpec
+    result: Path
+    files: tuple[Path, ...]
+
+    @property
+    def episodes(self) -> list[Episode]:
+        return [read_episode(file) for file in self.files]
+
+
+@pytest.fixture(scope="module")
+def lettuce(tmp_path_factory: pytest.TempPathFactory) -> Lettuce:
+    """Three recorded runs of three days."""
+    folder = tmp_path_factory.mktemp("lettuce")
+    task = get_task(write_lettuce_task(folder, days=3))
+    result = evaluate(task, agent_writer(folder)(RANDOM, "wavy"), out=folder, episodes="all")
+    path = result_path(folder, task.id, "wavy")
+    return Lettuce(task, path, tuple(episode_path(episodes_folder(path), run.seed) for run in result.runs))
+
+
+def test_a_record_has_the_columns_and_units_of_its_own_model(lettuce: Lettuce) -> None:
+    frame = read(lettuce.files[0])
+    model = get_model("greenlight-lettuce-1.0.0")
+    assert set(model.state_names) < set(frame.columns)
+    assert not [name for name in frame.columns if "fruit" in name.lower() or name == "cLeaf"]
+    units = frame.attrs["units"]
+    assert [units[name] for name in ("xN", "head", "leaf_area_index", "heads_gained")] == [
+        "kg m-2", "g", "m2 m-2", "m-2",
+    ]  # fmt: skip
+    groups = {group.name: group.names for group in lettuce.episodes[0].groups}
+    assert groups["crop"] == ("tCan", "xN", "xS")
+    assert groups["derived"] == ("head", "leaf_area_index")
+    assert 2.0 < frame.attrs["start"]["derived"]["head"] < 4.0
+    assert bytes_a_step(lettuce.task) == 8 * (24 + 6 + 3 + len(lettuce.task.quantities))
+
+
+def test_what_is_derived_follows_from_the_recorded_states(lettuce: Lettuce) -> None:
+    episode = lettuce.episodes[0]
+    model, nominal = lettuce.task.model_value, lettuce.task.parameters()
+    head = next(signal for signal in model.signals() if signal.path == "crop/head")
+    assert head.of is not None
+    again = head.of(model.State(*episode.states.T), model.Parameters(*nominal.tolist()))
+    assert np.asarray(again)[1:].tobytes() == np.ascontiguousarray(episode["head"]).tobytes()
+
+
+def test_the_times_and_the_weather_of_a_record_are_those_of_its_run(lettuce: Lettuce) -> None:
+    starts = set()
+    for episode in lettuce.episodes:
+        weather = run_weather(lettuce.task, episode.run.seed)
+        assert (episode.times == weather.times[: episode.steps + 1]).all()
+        assert episode.tables["weather"].tobytes() == weather.values[: episode.steps].tobytes()
+        starts.add(str(episode.times[0]))
+    assert len(starts) == 3
+
+
+def test_a_record_is_recovered_and_replayed_to_the_bit(lettuce: Lettuce, tmp_path: Path) -> None:
+    data = lettuce.files[0].read_bytes()
+    (tmp_path / "torn.mcap").write_bytes(data[: len(data) * 2 // 3])
+    left = recover(tmp_path / "torn.mcap", tmp_path / "left.mcap")
+    whole = lettuce.episodes[0]
+    assert 0 < left.steps < whole.steps
+    assert read_episode(tmp_path / "left.mcap").states.tobytes() == whole.states[: left.steps + 1].tobytes()
+    log = read_log(actions_path(lettuce.result))
+    assert log.final_states.shape == (3, 24)
+    for file, episode in zip(lettuce.files, replayed_episodes(log.task(), log, range(3)), strict=True):
+        assert episode_bytes(episode) == file.read_bytes()
+        assert episode.provenance.versions["model"] == "greenlight-lettuce-1.0.0"
+
+
+def test_the_viewer_speaks_of_heads_and_not_of_fruit(lettuce: Lettuce) -> None:
+    shown = shown_of(lettuce.episodes[:1])
+    headings = [curve.heading for curve in shown.signals.curves]
+    assert {"Fresh mass of a head [g]", "Leaf area index [m² m⁻²]", "Revenue of the heads, summed [EUR m⁻²]"} <= set(
+        headings
+    )
+    assert "crop/head" in shown.signals.overview[0]
+    words = card(shown)
+    assert "heads 0.4 EUR each; heat 0.03 EUR/kWh; electricity 0.04 to 0.08 EUR/kWh" in words
+    assert "heads per m²" in words
+    assert not [text for text in (words, *headings) if "fruit" in text.lower() or "tomato" in text.lower()]
+
+
+def test_runs_of_several_seasons_are_drawn_on_the_dates_of_the_first(lettuce: Lettuce, tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="the viewer (rerun-sdk) is not installed")
+    episodes = lettuce.episodes
+    shown = shown_of(episodes)
+    assert all((one.times == episodes[0].times).all() for one in shown.trajectories)
+    for one, episode in zip(shown.trajectories, episodes, strict=True):
+        midnight = episode.times[0].astype("datetime64[h]").item()
+        assert one.began is not None
+        assert 0 < (np.datetime64(one.began, "h") - np.datetime64(midnight, "h")).astype(int) <= 2  # of the Dutch clock
+        assert f"seed {one.seed}, from {one.began:%-d %B %Y}" in card(shown)
+    save_recording(shown, tmp_path / "runs.rrd")
+    curves = read_recording(tmp_path / "runs.rrd").curves
+    for label, episode in zip(shown.labels, episodes, strict=True):
+        found = next(
+            curve
+            for path, curve in curves.items()
+            if path.startswith("/weather/temperature/") and str(episode.run.seed) in path
+        )
+        assert found.values.tobytes() == np.ascontiguousarray(episode["tOut"]).tobytes(), label
+
+
+def test_two_columns_of_a_record_cannot_have_one_name(tmp_path: Path) -> None:
+    more = (('flow = "co2_dosed"', 'flow = "co2_dosed"\namount = "co2"'),)
+    task = get_task(write_lettuce_task(tmp_path, days=3, more=more))
+    with pytest.raises(TaskError, match="'co2' is the name of two columns of a record"):
+        signals_of(task)
+
+
+def test_what_is_recorded_and_drawn_of_tomatoes_stays_as_it_was() -> None:
+    signals = signals_of(get_task(PUBLISHED))
+    recorded = [(one.group, one.name, one.unit, one.meaning, one.source, one.index) for one in signals.recorded]
+    drawn = [
+        (page.title, c.path, c.title, c.unit, c.columns, c.form, c.factor, c.moment, c.limits, c.shared, c.slow, c.span)
+        for page in signals.pages
+        for c in page.curves
+    ]
+    assert _digest(recorded) == RECORDED_OF_TOMATOES
+    assert _digest([*drawn, signals.overview, signals.prices]) == DRAWN_OF_TOMATOES
+
+
+def _digest(rows: list[tuple[object, ...]]) -> str:
+    return hashlib.sha256(repr(rows).encode()).hexdigest()[:16]
