@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, Val
 
 from glbench.errors import ResultError
 from glbench.evaluation.records import Digest
-from glbench.fields import Count, Word
+from glbench.fields import MOST_ENTRIES, Count, Word
 from glbench.untrusted import LARGEST_INTEGER, MIB, gunzip, parse_json, quoted, read_regular, visible
 
 SCHEMA: Final = "glbench/profile"
@@ -71,6 +71,8 @@ class _Seeds(_Part):
     all: Annotated[list[Count], FailFast()]
     best: Count
     worst: Count
+    starts: list[Word] | None = Field(default=None, max_length=MOST_ENTRIES)
+    """First days of the runs, where they differ."""
 
 
 class _Day(_Part):
