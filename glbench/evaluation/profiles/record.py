@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, Val
 
 from glbench.errors import ResultError
 from glbench.evaluation.records import Digest
-from glbench.fields import MOST_ENTRIES, Count, Word
+from glbench.fields import Count, Word
 from glbench.untrusted import LARGEST_INTEGER, MIB, gunzip, parse_json, quoted, read_regular, visible
 
 SCHEMA: Final = "glbench/profile"
@@ -24,6 +24,7 @@ SUFFIX: Final = ".profile.json.gz"
 _LARGEST_FILE, _LARGEST_CONTENT = 24 * MIB, 24 * MIB
 """That of 30 runs of 60 days has 0.2 MB uncompressed."""
 _DEEPEST_TASK = 20
+_MOST_RUNS = 10_000
 
 
 def _shallow(task: dict[str, Any]) -> dict[str, Any]:
@@ -71,7 +72,7 @@ class _Seeds(_Part):
     all: Annotated[list[Count], FailFast()]
     best: Count
     worst: Count
-    starts: list[Word] | None = Field(default=None, max_length=MOST_ENTRIES)
+    starts: list[Word] | None = Field(default=None, max_length=_MOST_RUNS)
     """First days of the runs, where they differ."""
 
 
