@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env import Simulation, StepResult
+from glbench.env import Simulation, StepResult, run_weather
 from glbench.episodes.action_log import ActionLog, exactly
 from glbench.episodes.definition import definition_json
 from glbench.episodes.episode import Episode
@@ -60,7 +60,7 @@ class Trace:
     ) -> Episode:
         """The episode of the simulation's ``row``, whose raw actions were ``actions`` ``(steps or more, m)``."""
         place, steps = self.rows.index(row), run.steps
-        weather = task.disturbances(extra_rows=task.observation.forecast_steps)
+        weather = run_weather(task, run.seed)
         begun = self._signals.tables({"air": self.air[: steps + 1, :, place], "state": self.x[: steps + 1, place]})
         during = self._signals.tables(
             {

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from glbench.env import Simulation, StepResult
+from glbench.env import Simulation, StepResult, run_weather
 from glbench.episodes.rerun_course import Shown, Trajectory
 from glbench.episodes.rerun_recording import (
     APPLICATION,
@@ -52,7 +52,7 @@ class LiveView:
     def __init__(self, task: TaskSpec, controller: str, seed: int, address: str, row: int = 0) -> None:
         rerun = load_rerun()
         self._task, self._controller, self._seed, self._row = task, controller, seed, row
-        weather = task.disturbances()
+        weather = run_weather(task, seed)
         self._times = weather.times[: task.steps + 1].astype("datetime64[ns]")
         self._signals = signals = signals_of(task)
         self._tables: dict[Source, Floats] = {
