@@ -90,10 +90,9 @@ def _control(capacity: Capacity, fraction: float) -> str:
 def _last_step(simulation: Simulation, result: StepResult, row: int) -> dict[str, str]:
     quantities = {name: float(values[row]) for name, values in result.quantities.items()}
     ledger = simulation.task.ledger
-    earned = [
-        f"{item.label.lower() or _words(item.name)} {_CENTS * quantities[item.name]:.3f}" for item in ledger.earned
-    ]
-    paid = [f"{item.label.lower() or _words(item.name)} {_CENTS * quantities[item.name]:.3f}" for item in ledger.paid]
+    earned, paid = (
+        [f"{_label(item)} {_CENTS * quantities[item.name]:.3f}" for item in side] for side in (ledger.earned, ledger.paid)
+    )
     sum_of = " - ".join([" + ".join(earned) or "0", *paid])
     told = {
         "limits": _complaints(quantities) or ("all kept" if simulation.task.constraints.items() else ""),
@@ -104,8 +103,9 @@ def _last_step(simulation: Simulation, result: StepResult, row: int) -> dict[str
 
 
 def _label(item: LedgerItem) -> str:
-    label = item.label or _words(item.name)
-    return label if label.isupper() else label.lower()
+    """The item in a sentence; terminals may lack the letters of plots."""
+    label = (item.label or _words(item.name)).replace("₂", "2")
+    return label if label[1:2].isupper() else label.lower()
 
 
 def _complaints(quantities: dict[str, float]) -> str:

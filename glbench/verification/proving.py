@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from glbench.episodes import ActionLog, Episode, Replay, Trace, episodes_folder
 from glbench.episodes.header import versions as recorded_versions
-from glbench.episodes.recorder import BYTES_A_STEP, LARGEST_TRACE
+from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
 from glbench.errors import ActionError, ResultError
 from glbench.evaluation import Result, provenance
 from glbench.evaluation.limits import Failure
@@ -177,7 +177,7 @@ def _stated_machine(result: Result, task: TaskSpec, kernel: Kernel) -> str:
 
 def _profile_is_there(path: Path, result: Result, task: TaskSpec) -> bool:
     """Whether the result names a profile, which lies beside it and can be made again within the memory of a trace."""
-    if result.profile is None or task.steps * len(result.runs) * BYTES_A_STEP > LARGEST_TRACE:
+    if result.profile is None or task.steps * len(result.runs) * bytes_a_step(task) > LARGEST_TRACE:
         return False
     try:
         return load_profile(result, path) is not None

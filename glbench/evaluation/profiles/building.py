@@ -19,7 +19,7 @@ from glbench.env.climate import read_air
 from glbench.env.scenario import RunScenarios
 from glbench.episodes import ActionLog, Replay, Trace, chosen_rows
 from glbench.episodes.definition import definition_json, task_of
-from glbench.episodes.recorder import BYTES_A_STEP, LARGEST_TRACE
+from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation.profiles import tables
 from glbench.evaluation.profiles.record import SCHEMA, VERSION, Profile, profile_path, read_profile
@@ -156,7 +156,7 @@ def course_of(task: TaskSpec, log: ActionLog, trace: Trace | None, kernel: Stepp
 
 def _replayed(task: TaskSpec, log: ActionLog, kernel: Stepper | None) -> Iterator[_Part]:
     """All runs again, as many at a time as fit into memory."""
-    together = max(1, LARGEST_TRACE // (task.steps * BYTES_A_STEP))
+    together = max(1, LARGEST_TRACE // (task.steps * bytes_a_step(task)))
     for first in range(0, len(log.runs), together):
         rows = range(first, min(first + together, len(log.runs)))
         replay = Replay(task, log, rows, kernel)
