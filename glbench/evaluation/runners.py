@@ -37,7 +37,6 @@ from glbench.evaluation.sandbox.frames import (
     unpacked_problems,
 )
 from glbench.evaluation.sandbox.process import AgentProcess, LostError, Prints, plain
-from glbench.model import CONTROL_NAMES
 from glbench.tasks import Action, TaskCard, TaskSpec
 
 Inputs = NDArray[np.float32] | NDArray[np.float64]
@@ -177,21 +176,33 @@ class PrivilegedRunner(BatchRunner):
     def __init__(
         self, controller: PrivilegedController, task: TaskSpec, card: TaskCard, n: int, limits: TimeLimits
     ) -> None:
-        controls = tuple(Action(name, 0.0, 1.0) for name in CONTROL_NAMES)
+        controls = tuple(Action(name, 0.0, 1.0) for name in task.model_value.control_names)
         super().__init__(cast(Agent, controller), replace(card, actions=controls), n, limits)
         self._task = card
+        self._states = len(task.model_value.states)
+        scenario = task.scenario
+        one_season = len(scenario.seasons) == 1 and not scenario.start_within_days
+        # One row of weather for all runs where they share it: controllers compute what follows from it once.
+        self._weather = task.disturbances(extra_rows=task.observation.forecast_steps) if one_season else None
 
     def inputs(self, simulation: Simulation, observations: NDArray[np.float32]) -> Inputs:
-        """Show the states, and keep what acts on each run in its own season."""
-        self._now = simulation.d, simulation.hour_of_day, simulation.day_of_year
-        return np.array(simulation.x, dtype=np.float64)
+        """Show the states, and behind them weather and clock where each run has its own."""
+        if self._weather is not None:
+            return np.array(simulation.x, dtype=np.float64)
+        clock = simulation.hour_of_day[:, None], simulation.day_of_year[:, None]
+        return np.concatenate([simulation.x, simulation.d, *clock], axis=1)
 
     def apply(self, simulation: Simulation, actions: Array) -> StepResult:
         """Take a step with controls, past the actuation."""
         return simulation.step_controls(actions)
 
     def _returned(self, step: int, shown: Inputs) -> object:
-        return self._agent.controls(shown, *self._now)
+        weather = self._weather
+        if weather is None:
+            x, d, hours, days = np.split(shown, [self._states, shown.shape[1] - 2, shown.shape[1] - 1], axis=1)
+            return self._agent.controls(x, d, hours[:, 0], days[:, 0])
+        hour, day = float(weather.hour_of_day[step]), float(weather.day_of_year[step])
+        return self._agent.controls(shown, weather.values[step], hour, day)
 
 
 class PerRunRunner(AgentRunner):
