@@ -12,6 +12,7 @@ from pydantic import Field
 
 from glbench.evaluation import Result
 from glbench.leaderboard.budget import budget_of
+from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, refuse_mixed_digests
 from glbench.leaderboard.comparisons import RESOLUTION, tiers
 from glbench.leaderboard.entries import RANKING_METRIC, Entry, entries_by_task, expected_seeds, metric_of
@@ -103,6 +104,13 @@ class TaskTable(Published):
     digest: str
     metric: str = Field(description="what the rows are ranked by")
     rows: tuple[Row, ...]
+    task: Any = Field(default=None, exclude=True)
+    """The task's definition, where a result has it."""
+
+    @property
+    def words(self) -> Catalogue:
+        """What the task calls its metrics."""
+        return catalogue(self.task)
 
     @property
     def results(self) -> tuple[Row, ...]:
@@ -183,7 +191,10 @@ def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expect
         if entry.name not in complete
     ]
     first = entries[0].first.task
-    return TaskTable(task_id=task_id, title=first.title, digest=first.digest, rows=tuple(rows), metric=metric)
+    task = next((entry.task for entry in entries if entry.task is not None), None)
+    return TaskTable(
+        task_id=task_id, title=first.title, digest=first.digest, rows=tuple(rows), metric=metric, task=task
+    )
 
 
 def _what_lacks(entry: Entry, metric: str, seeds: tuple[int, ...]) -> str:
