@@ -46,7 +46,7 @@ def test_thirty_runs_of_sixty_days(task: TaskSpec, agent: str, benchmark: Any) -
         simulation = Simulation(task, 30, Kernel(TOMATO, 900.0, preset="standard"))
         runner = make_runner(load_agent(agent), task, task_card(task), 30, limits)
         recorder = Recorder(simulation, 6, traced=False)
-        rollout = RolloutLoop(simulation, runner, RunTotals(seeds), Checkpoint(None, 2.0), recorder, limits, None)
+        rollout = RolloutLoop(simulation, runner, RunTotals(task, seeds), Checkpoint(None, 2.0), recorder, limits, None)
         observations = simulation.reset(seeds)
         rollout.start()
         began = time.process_time()

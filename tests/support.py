@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import re
 import shutil
+import tempfile
+from functools import cache
 from pathlib import Path
 
 from glbench.resources import data_folder
+from glbench.tasks import TaskSpec, get_task
 
 
 def write_day_task(folder: Path) -> Path:
@@ -28,6 +31,124 @@ def write_short_task(folder: Path, name: str, *, days: int) -> Path:
     path = folder / f"{name.lower()}.toml"
     path.write_text(text, encoding="utf-8")
     return path
+
+
+LETTUCE = """
+schema = 2
+id = "test/Lettuce-v1"
+title = "Two days of lettuce"
+description = "Of a task of schema 2, all that published tasks have not."
+suites = []
+
+[weather]
+source = "schiphol"
+preprocessing = "conserving"
+start = 2010-03-01
+days = 2
+step_seconds = 3600
+co2_ppm = 400.0
+
+[model]
+id = "greenlight-lettuce-1.0.0"
+
+[initial_state]
+kind = "young_lettuce"
+air_temperature = { value = 15.0, unit = "degC" }
+
+[scenario]
+family = "test/Lettuce"
+years = [2010, 2011, 2012]
+start_within_days = 14
+
+[[scenario.parameters]]
+name = "crop"
+parameters = ["cAlpha", "cLar", "cGrMax", "cRespSht", "cEps", "sStm"]
+half_width = 0.10
+redraw = "episode"
+
+[[scenario.start]]
+name = "plants"
+states = ["xN", "xS"]
+half_width = 0.20
+
+[observation]
+modules = ["indoor_climate", "crop", "time", "controls", "weather"]
+timing = "current"
+
+[actuation]
+kind = "rate"
+max_change = 0.1
+controls = ["uBoil", "uCo2", "uThScr", "uVent", "uLamp", "uBlScr"]
+
+[constraints]
+air_temperature = { low = 12.0, high = 24.0, unit = "degC" }
+co2 = { low = 300.0, high = 1600.0, unit = "ppm" }
+relative_humidity = { low = 50.0, high = 90.0, unit = "%" }
+
+[ledger.revenue]
+side = "earned"
+stock = "heads"
+price = { value = 0.40, unit = "EUR" }
+label = "Heads"
+
+[ledger.cost_heat]
+side = "paid"
+flow = "heat"
+price = { value = 0.03, unit = "EUR kWh-1" }
+label = "Heat"
+
+[ledger.cost_electricity]
+side = "paid"
+flow = "electricity"
+price = "electricity"
+label = "Electricity"
+
+[ledger.cost_co2]
+side = "paid"
+flow = "co2_dosed"
+price = { value = 0.08, unit = "EUR kg-1" }
+label = "CO2"
+
+[price_tables.electricity]
+unit = "EUR kWh-1"
+hourly = [
+    0.04, 0.04, 0.04, 0.04, 0.04, 0.04, 0.04, 0.08, 0.08, 0.08, 0.08, 0.08,
+    0.08, 0.08, 0.08, 0.08, 0.08, 0.08, 0.08, 0.08, 0.08, 0.08, 0.08, 0.04,
+]
+
+[reward]
+modules = ["epi", "scaled_penalty"]
+
+[reward.penalty_scale]
+air_temperature = { value = 750.0, unit = "degC" }
+co2 = { value = 125000.0, unit = "ppm" }
+relative_humidity = { value = 750.0, unit = "%" }
+
+[evaluation]
+first_seed = 10000
+runs = 3
+metric = "epi"
+
+[evaluation.failed_step]
+reward = -0.1
+epi = { value = -0.1, unit = "EUR m-2" }
+penalty = 3.0
+"""
+"""Another crop, other years and first days for each run, parameters and plants drawn once, a tariff, ranked by profit."""
+
+
+def write_lettuce_task(folder: Path) -> Path:
+    """The task ``LETTUCE`` as a file."""
+    path = folder / "lettuce.toml"
+    path.write_text(LETTUCE, encoding="utf-8")
+    return path
+
+
+@cache
+def lettuce_task() -> TaskSpec:
+    """The task ``LETTUCE``."""
+    with tempfile.TemporaryDirectory() as folder:
+        return get_task(write_lettuce_task(Path(folder)))
 
 
 FEW = ("do_nothing", "ppo", "ppo_seed1", "ppo_seed2", "rule_based", "rule_based_fair")

@@ -1,31 +1,38 @@
 """What is measured of a run: names, units, meanings, and the sums over its steps.
 
-A metric of a run is the plain sum, step by step, of one quantity of the simulation. The order of the additions is the order of the
-steps, in every batch size, so that a run has the same bits alone and among others.
+A metric of a run is the plain sum, step by step, of one quantity of the simulation; which there are, the task's ledger and limits say.
+The order of the additions is the order of the steps, in every batch size, so that a run has the same bits alone and among others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.quantities import QUANTITY_NAMES
+from glbench.env.quantities import QUANTITIES
 
-EUR = "EUR m-2"
-KWH = "kWh m-2"
-KG = "kg m-2"
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+    from glbench.tasks.ledger import StepQuantity
+
+ANY_LIMIT = "hours_outside_limits"
 HOURS = "h"
-ONE = "-"
 
-LIMITED = {
-    "air_temperature": "the air temperature",
-    "co2": "the CO2 concentration",
-    "relative_humidity": "the relative humidity",
+_OUTSIDE = "hours_outside_"
+_VIOLATION = "violation_"
+_PAPER_NAMES = {"fruit_fresh": "yield", "co2_dosed": "co2"}
+"""Metrics of tasks of schema 1 that have another name than their quantity."""
+_PAPER_ORDER = (
+    "reward", "epi", "revenue", "cost_heat", "cost_electricity", "cost_co2", "penalty", "yield", "heat", "electricity", "co2",
+)  # fmt: skip
+_SUMS = {
+    "reward": "sum of the task's reward",
+    "penalty": "sum of the scaled distances outside the climate limits",
 }
-SIDES = {"low": "below", "high": "above"}
 
 
 @dataclass(frozen=True)
@@ -42,50 +49,67 @@ class Metric:
     quantity: str | None = None
 
 
-def _hours_outside() -> tuple[Metric, ...]:
-    return tuple(
-        Metric(
-            f"hours_{what}_{side}",
-            HOURS,
-            f"time at which {words} was {SIDES[side]} its limit",
-            f"hours_outside_{what}_{side}",
-        )
-        for what, words in LIMITED.items()
-        for side in SIDES
-    )
+def _metrics(quantities: Iterable[StepQuantity], *, paper: bool) -> tuple[Metric, ...]:
+    """Reward, profit, money, penalty and amounts; then the hours outside each limit, its lower side first, and outside any."""
+    sums, hours = [], []
+    for q in quantities:
+        if q.name.startswith(_OUTSIDE):
+            meaning = q.meaning.replace("length of the step if", "time at which").replace(" at its end", "")
+            hours.append(Metric(f"hours_{q.name.removeprefix(_OUTSIDE)}", q.unit, meaning, q.name))
+        elif not q.name.startswith(_VIOLATION):
+            name = _PAPER_NAMES.get(q.name, q.name) if paper else q.name
+            sums.append(Metric(name, q.unit, _SUMS.get(q.name, q.meaning), q.name))
+    if paper:
+        sums.sort(key=lambda metric: _PAPER_ORDER.index(metric.name))
+    # The quantities have the lower sides of all limits first.
+    limits = [metric.name.rpartition("_")[0] for metric in hours]
+    hours.sort(key=lambda metric: limits.index(metric.name.rpartition("_")[0]))
+    any_limit = Metric(ANY_LIMIT, HOURS, "time at which at least one of these limits was broken")
+    return (*sums, *hours, *([any_limit] if hours else []))
 
 
-HOURS_OUTSIDE: tuple[Metric, ...] = _hours_outside()
-
-METRICS: tuple[Metric, ...] = (
-    Metric("reward", ONE, "sum of the task's reward; what the leaderboard ranks by", "reward"),
-    Metric("epi", EUR, "economic performance: revenue minus the costs of heat, electricity and CO2", "epi"),
-    Metric("revenue", EUR, "value of the fruit grown, when it grows and not when it is picked", "revenue"),
-    Metric("cost_heat", EUR, "price of the heat", "cost_heat"),
-    Metric("cost_electricity", EUR, "price of the electricity for the lamps", "cost_electricity"),
-    Metric("cost_co2", EUR, "price of the CO2 dosed", "cost_co2"),
-    Metric("penalty", ONE, "sum of the scaled distances outside the climate limits", "penalty"),
-    Metric("yield", KG, "fresh fruit grown (dry increment divided by the dry matter content)", "fruit_fresh"),
-    Metric("heat", KWH, "heat of the boiler", "heat"),
-    Metric("electricity", KWH, "electricity of the lamps", "electricity"),
-    Metric("co2", KG, "CO2 dosed", "co2_dosed"),
-    *HOURS_OUTSIDE,
-    Metric("hours_outside_limits", HOURS, "time at which at least one of these limits was broken"),
-)
+METRICS: tuple[Metric, ...] = _metrics(QUANTITIES, paper=True)
+"""The metrics of every task of schema 1; ``metrics_of`` has those of any task."""
 METRIC_NAMES: tuple[str, ...] = tuple(metric.name for metric in METRICS)
 UNITS: dict[str, str] = {metric.name: metric.unit for metric in METRICS}
+PAPER_ONLY = frozenset(_PAPER_NAMES.values())
+"""Metrics by which a result of a task of schema 1 is known."""
+COMMON_UNITS = {name: unit for name, unit in UNITS.items() if name in ("reward", "epi", "penalty") or unit == HOURS}
+"""Units of the metrics that mean the same in every task."""
 
-# The last metric is derived from others; it takes any quantity's place first.
-_QUANTITIES = np.array([QUANTITY_NAMES.index(metric.quantity or "reward") for metric in METRICS])
-_ANY_LIMIT = METRIC_NAMES.index("hours_outside_limits")
-_FIRST_LIMIT = METRIC_NAMES.index(HOURS_OUTSIDE[0].name)
+
+def metrics_of(task: TaskSpec) -> tuple[Metric, ...]:
+    """The metrics of a run of ``task``, in the order of its results."""
+    return METRICS if task.schema_version == 1 else _metrics(task.quantities, paper=False)
 
 
-def step_values(quantities: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values of all metrics in one step, shape ``(metrics, n)``, from the step's quantities ``(quantities, n)``."""
-    values: NDArray[np.float64] = quantities.take(_QUANTITIES, axis=0)
-    np.maximum.reduce(values[_FIRST_LIMIT : _FIRST_LIMIT + len(HOURS_OUTSIDE)], axis=0, out=values[_ANY_LIMIT])
-    return values
+def units_of(task: TaskSpec) -> dict[str, str]:
+    """The unit of each metric of ``task``."""
+    return {metric.name: metric.unit for metric in metrics_of(task)}
+
+
+class StepMetrics:
+    """Reads the values of all ``metrics`` of a task from its quantities, step by step.
+
+    ``names`` are those of the metrics, in the order of the values.
+    """
+
+    def __init__(self, task: TaskSpec) -> None:
+        metrics = metrics_of(task)
+        self.names = tuple(metric.name for metric in metrics)
+        rows = {quantity.name: row for row, quantity in enumerate(task.quantities)}
+        # What is derived from others takes any quantity's place first.
+        self._rows = np.array([rows[metric.quantity or "reward"] for metric in metrics])
+        outside = [i for i, metric in enumerate(metrics) if (metric.quantity or "").startswith(_OUTSIDE)]
+        self._any = self.names.index(ANY_LIMIT) if outside else None
+        self._outside = slice(outside[0], outside[-1] + 1) if outside else slice(0)
+
+    def __call__(self, quantities: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values of all metrics in one step, shape ``(metrics, n)``, from the step's quantities ``(quantities, n)``."""
+        values: NDArray[np.float64] = quantities.take(self._rows, axis=0)
+        if self._any is not None:
+            np.maximum.reduce(values[self._outside], axis=0, out=values[self._any])
+        return values
 
 
 def with_missing_steps(totals: Mapping[str, float], missing: int, failed_step: Mapping[str, float]) -> dict[str, float]:

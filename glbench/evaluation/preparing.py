@@ -24,7 +24,7 @@ from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, holds_chec
 from glbench.evaluation.episodes import make_episodes, run_facts
 from glbench.evaluation.files import ensure_writable, load_result, result_path
 from glbench.evaluation.limits import TimeLimits
-from glbench.evaluation.metrics import UNITS
+from glbench.evaluation.metrics import units_of
 from glbench.evaluation.provenance import usable_cores
 from glbench.evaluation.records import (
     AgentRecord,
@@ -377,7 +377,7 @@ class Evaluation:
         callback: StepCallback | None,
     ) -> tuple[Result, Recorder] | None:
         """Result and record of a fresh agent, from the start or on from ``saved``; ``None`` when it cannot be brought back there."""
-        totals = RunTotals(self.seeds)
+        totals = RunTotals(self.task, self.seeds)
         checkpoint = Checkpoint(self.folder, self.checkpoint_seconds)
         with closing(self._runner()) as runner:
             recorder = Recorder(simulation, runner.shape[1], traced=self.out is not None)
@@ -390,7 +390,7 @@ class Evaluation:
             else:
                 return None
             result = self.result(
-                totals.results(self.task),
+                totals.results(),
                 workers=self.workers,
                 wall_seconds=rollout.wall_seconds,
                 decision_seconds=float(totals.seconds.sum()),
@@ -459,7 +459,7 @@ class Evaluation:
             machine=provenance.machine(),
             git=provenance.git_state(),
             created=dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
-            units=UNITS,
+            units=units_of(task),
             runs=runs,
             summary=summarise(runs),
             results_digest=results_digest(task.digest, agent, runs),

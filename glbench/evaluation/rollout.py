@@ -14,7 +14,7 @@ from glbench.env import Simulation, Snapshot, StepResult
 from glbench.episodes import Recorder
 from glbench.evaluation.checkpoint import Checkpoint, Saved
 from glbench.evaluation.limits import Failure, TimeLimits
-from glbench.evaluation.metrics import METRIC_NAMES, METRICS, step_values, with_missing_steps
+from glbench.evaluation.metrics import StepMetrics, with_missing_steps
 from glbench.evaluation.records import RunResult, Status
 from glbench.evaluation.runners import AgentRunner
 from glbench.fields import LONGEST_TEXT
@@ -24,17 +24,19 @@ from glbench.untrusted import as_one_line
 
 
 class RunTotals:
-    """Books of ``n`` runs, kept step by step.
+    """Books of ``n`` runs of ``task``, one for each of ``seeds``, kept step by step.
 
     ``totals`` has shape ``(metrics, n)``; ``asked`` ``(n,)`` counts the decisions asked for, ``steps`` ``(n,)`` the simulated steps;
     ``seconds`` ``(n,)`` is the time of the decisions; ``alive`` ``(n,)`` is true for runs that have not failed,
     ``all_alive`` while that is all of them.
     """
 
-    def __init__(self, seeds: tuple[int, ...]) -> None:
+    def __init__(self, task: TaskSpec, seeds: tuple[int, ...]) -> None:
         n = len(seeds)
         self.seeds = seeds
-        self.totals = np.zeros((len(METRICS), n))
+        self._task = task
+        self._metrics = StepMetrics(task)
+        self.totals = np.zeros((len(self._metrics.names), n))
         self.asked = np.zeros(n, dtype=np.int64)
         self.steps = np.zeros(n, dtype=np.int64)
         self.seconds = np.zeros(n)
@@ -56,11 +58,11 @@ class RunTotals:
 
     def add(self, outcome: StepResult) -> list[int]:
         """Book a simulated step; the rows that could not be simulated end and are returned."""
-        values = step_values(outcome.table)
+        values = self._metrics(outcome.table)
         failures = [Failure(failure.row, "simulation_failed", failure.reason) for failure in outcome.failed]
         if not all_finite(values):  # huge values only look broken
             broken = ~np.isfinite(values).all(axis=0)
-            failures += [_not_finite(int(row), values[:, row]) for row in np.flatnonzero(broken)]
+            failures += [self._not_finite(int(row), values[:, row]) for row in np.flatnonzero(broken)]
         ended = self.end(failures) if failures else []
         if self.all_alive:
             self.totals += values
@@ -69,17 +71,17 @@ class RunTotals:
         self.steps += self.alive
         return ended
 
-    def results(self, task: TaskSpec) -> tuple[RunResult, ...]:
+    def results(self) -> tuple[RunResult, ...]:
         """Every run as a record, missing steps at the task's price."""
-        charge = task.evaluation.failed_step
+        charge = self._task.evaluation.failed_step
         prices = {"reward": charge.reward, "epi": charge.epi, "penalty": charge.penalty}
         found = []
         for row, seed in enumerate(self.seeds):
             end: tuple[Status, str | None] = self._ends.get(row, ("ok", None))
             status, reason = end
             steps = int(self.steps[row])
-            sums = dict(zip(METRIC_NAMES, self.totals[:, row].tolist(), strict=True))
-            metrics = with_missing_steps(sums, task.steps - steps, prices)
+            sums = dict(zip(self._metrics.names, self.totals[:, row].tolist(), strict=True))
+            metrics = with_missing_steps(sums, self._task.steps - steps, prices)
             found.append(RunResult(seed=seed, status=status, reason=reason, steps=steps, metrics=metrics))
         return tuple(found)
 
@@ -99,10 +101,9 @@ class RunTotals:
         self.all_alive = bool(self.alive.all())
         self._ends = {int(row): (status, reason) for row, (status, reason) in ends.items()}
 
-
-def _not_finite(row: int, values: NDArray[np.float64]) -> Failure:
-    name = METRIC_NAMES[int(np.flatnonzero(~np.isfinite(values))[0])]
-    return Failure(row, "simulation_failed", f"the step's {name} is not a finite number")
+    def _not_finite(self, row: int, values: NDArray[np.float64]) -> Failure:
+        name = self._metrics.names[int(np.flatnonzero(~np.isfinite(values))[0])]
+        return Failure(row, "simulation_failed", f"the step's {name} is not a finite number")
 
 
 @dataclass(frozen=True)

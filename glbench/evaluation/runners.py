@@ -37,7 +37,6 @@ from glbench.evaluation.sandbox.frames import (
     unpacked_problems,
 )
 from glbench.evaluation.sandbox.process import AgentProcess, LostError, Prints, plain
-from glbench.model import CONTROL_NAMES
 from glbench.tasks import Action, TaskCard, TaskSpec
 
 Inputs = NDArray[np.float32] | NDArray[np.float64]
@@ -177,7 +176,7 @@ class PrivilegedRunner(BatchRunner):
     def __init__(
         self, controller: PrivilegedController, task: TaskSpec, card: TaskCard, n: int, limits: TimeLimits
     ) -> None:
-        controls = tuple(Action(name, 0.0, 1.0) for name in CONTROL_NAMES)
+        controls = tuple(Action(name, 0.0, 1.0) for name in task.model_value.control_names)
         super().__init__(cast(Agent, controller), replace(card, actions=controls), n, limits)
         self._task = card
         self._weather = task.disturbances(extra_rows=task.observation.forecast_steps)

@@ -16,7 +16,6 @@ from glbench.errors import EpisodeError, GlbenchError, ResultError
 from glbench.evaluation import Result, load_result
 from glbench.evaluation.episodes import run_facts
 from glbench.evaluation.metrics import with_missing_steps
-from glbench.model import CONTROL_NAMES
 from glbench.registration import task_ids
 from glbench.tasks import TaskSpec, get_task
 from glbench.verification.verdict import Agreement, cannot_tell, refute
@@ -198,7 +197,7 @@ def check_seeds(result: Result, task: TaskSpec) -> tuple[str, ...]:
 def check_setting(result: Result, log: ActionLog, task: TaskSpec) -> None:
     """Scores are made with the reference preset, for the task's step and equations, and with actions for its controls."""
     agent = log.provenance.agent
-    columns = CONTROL_NAMES if agent.acts == "controls" else task.actuation.controls
+    columns = task.model_value.control_names if agent.acts == "controls" else task.actuation.controls
     if agent.columns != columns:
         reason = f"The recorded actions are of {', '.join(agent.columns)}, the task's of {', '.join(columns)}."
         refute("record_of_other_task", reason)

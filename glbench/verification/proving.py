@@ -14,12 +14,11 @@ from glbench.episodes.recorder import BYTES_A_STEP, LARGEST_TRACE
 from glbench.errors import ActionError, ResultError
 from glbench.evaluation import Result, provenance
 from glbench.evaluation.limits import Failure
-from glbench.evaluation.metrics import METRIC_NAMES
+from glbench.evaluation.metrics import units_of
 from glbench.evaluation.profiles import load_profile, make_profile
 from glbench.evaluation.records import RunResult
 from glbench.evaluation.rollout import RunTotals
 from glbench.kernel import Kernel, available
-from glbench.model import STATE_NAMES
 from glbench.tasks import TaskSpec
 from glbench.verification.documents import (
     check_seeds,
@@ -81,10 +80,17 @@ def verify(
         spec = find_task(result, log, task)
         notes = check_seeds(result, spec)
         check_setting(result, log, spec)
-        unknown = sorted(set(result.units) - set(METRIC_NAMES))
+        units = units_of(spec)
+        unknown = sorted(set(result.units) - set(units))
         if unknown:
             cannot_tell(
                 "unknown_metrics", f"This glbench does not measure {', '.join(unknown)}. Verify with the one that did."
+            )
+        other = {name: unit for name, unit in result.units.items() if unit != units[name]}
+        if other:
+            refute(
+                "units",
+                f"The result gives units that are not the task's: {', '.join(f'{n} in {u}, not {units[n]}' for n, u in other.items())}.",
             )
         whole, complaint = _try_to_read(episodes or episodes_folder(path), log, wanted=episodes is not None)
         profiled = _profile_is_there(path, result, spec)
@@ -92,7 +98,7 @@ def verify(
             stated = _stated_machine(result, kernel)
             rows = range(len(log.runs)) if profiled else [row for row, _ in whole]
             again = _simulate(spec, log, rows, kernel, progress)
-        agreement = _agreement(result, log, again)
+        agreement = _agreement(result, spec, log, again)
         same = agreement.exact or _same_arithmetic(log, again)
         _refuse(agreement, same_arithmetic=same, stated=stated)
         check_sums(result, log, spec)
@@ -192,7 +198,7 @@ def _simulate(
 ) -> _Again:
     """All runs again, booked as the evaluation books them."""
     replay = Replay(task, log, kernel=kernel)
-    totals, rewards = RunTotals(log.seeds), np.zeros_like(log.rewards)
+    totals, rewards = RunTotals(task, log.seeds), np.zeros_like(log.rewards)
     trace = Trace(replay.simulation, traced) if traced else None
     ends = {row: Failure(row, run.status, run.reason or "") for row, run in enumerate(log.runs)}
     last = np.array([run.actions for run in log.runs])
@@ -213,7 +219,7 @@ def _simulate(
             trace.add(replay.simulation, outcome)
         if progress is not None:
             progress(step + 1, task.steps)
-    return _Again(totals.results(task), rewards, np.array(replay.simulation.x), trace)
+    return _Again(totals.results(), rewards, np.array(replay.simulation.x), trace)
 
 
 def _try_to_read(folder: Path, log: ActionLog, *, wanted: bool) -> tuple[list[tuple[int, Episode]], Refused | None]:
@@ -239,17 +245,19 @@ def _refuse(agreement: Agreement, *, same_arithmetic: bool, stated: str) -> None
         raise refused
 
 
-def _agreement(result: Result, log: ActionLog, again: _Again) -> Agreement:
+def _agreement(result: Result, task: TaskSpec, log: ActionLog, again: _Again) -> Agreement:
     """Rewards of every step, final states and metrics."""
     seeds = tuple(f"reward of the run with seed {seed}" for seed in log.seeds)
     found = Agreement().add("reward", log.rewards, again.rewards, seeds, "recorded rewards")
-    names = tuple(name for name in METRIC_NAMES if name in result.units)  # an earlier glbench may have measured fewer
+    names = tuple(name for name in units_of(task) if name in result.units)  # an earlier glbench may have measured fewer
     metrics, earned = (
         np.array([[run.metrics[name] for name in names] for run in runs]) for runs in (result.runs, again.runs)
     )
     for row, run in enumerate(result.runs):
         states, reached = log.final_states[row : row + 1], again.final_states[row : row + 1]
-        found = found.add("state", states, reached, STATE_NAMES, f"final state of the run with seed {run.seed}")
+        found = found.add(
+            "state", states, reached, task.model_value.state_names, f"final state of the run with seed {run.seed}"
+        )
         where = f"metrics of the run with seed {run.seed}"
         found = found.add("metric", metrics[row : row + 1], earned[row : row + 1], names, where)
     return found
