@@ -406,7 +406,7 @@ def _announcement(evaluation: Evaluation) -> str:
 
 def _reward_in_words(result: Result) -> str:
     """``reward 3,751.9 (3,750.9 to 3,752.8)``: mean and 95 % interval."""
-    from glbench.leaderboard.entries import RANKING_METRIC
+    from glbench.evaluation.records import RANKING_METRIC
     from glbench.leaderboard.ranking import estimate
 
     one = estimate(result.values(RANKING_METRIC))

@@ -58,9 +58,9 @@ def show(
 
 def _where_from(result: Result, out: Path) -> list[str]:
     """Origin of the result, whether it was reproduced, and the trainings that it belongs to."""
+    from glbench.evaluation.records import RANKING_METRIC
     from glbench.leaderboard import rank
     from glbench.leaderboard.collect import own_and_released_results, published_expectations
-    from glbench.leaderboard.entries import RANKING_METRIC
     from glbench.leaderboard.tables import entry_label
 
     stored = [item for item in own_and_released_results(out)[0] if item.result.task.digest == result.task.digest]

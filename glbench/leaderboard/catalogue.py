@@ -186,7 +186,17 @@ def _of_task(task: TaskSpec) -> Catalogue:
         else:
             metric = unknown_metric(one.name, one.unit)
         metrics[one.name] = metric
-    ordered = sorted(metrics.values(), key=lambda metric: (_ORDER.index(metric.kind), metric.better == "low"))
+    items = [
+        _item(item, place, labels[item.name], known[item.name], amounts.get(item.amount, item.amount))
+        for place, item in enumerate((*ledger.earned, *ledger.paid))
+    ]
+    # What is known first: a stored task has its tables in another order than the file that it came from.
+    flows = {item.name: place for place, item in enumerate(ledger.items)} | {
+        item.name: list(told["item"]).index(item.flow) - len(told["item"]) for item in ledger.items if known[item.name]
+    }
+    items.sort(key=lambda item: (-item.sign, flows[item.money]))
+    places = {name: place for place, item in enumerate(items) for name in (item.money, item.amount)}
+    ordered = sorted(metrics.values(), key=lambda metric: (_ORDER.index(metric.kind), places.get(metric.name, 0)))
     paid = sentence([in_sentence(labels[item.name]) for item in ledger.paid])
     earned = sentence([in_sentence(labels[item.name]) for item in ledger.earned])
     lead = (
@@ -195,10 +205,7 @@ def _of_task(task: TaskSpec) -> Catalogue:
     )
     return Catalogue(
         metrics={metric.name: metric for metric in ordered},
-        items=tuple(
-            _item(item, place, labels[item.name], known[item.name], amounts.get(item.amount, item.amount))
-            for place, item in enumerate((*ledger.earned, *ledger.paid))
-        ),
+        items=tuple(items),
         limits={name: told["limit"].get(name, {}).get("label", name) for name in limits},
         lead=told["usual"]["lead"] if usual else lead,
         caution=told["usual"]["caution"] if usual else "",

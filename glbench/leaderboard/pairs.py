@@ -9,9 +9,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from glbench.errors import ResultError
+from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.comparisons import holm, paired_test, told_apart
-from glbench.leaderboard.entries import RANKING_METRIC, Entry
+from glbench.leaderboard.entries import Entry
 from glbench.leaderboard.statistics import Array, Interval, bootstrap_interval, probability_of_improvement
 
 

@@ -11,11 +11,12 @@ import numpy as np
 from pydantic import Field
 
 from glbench.evaluation import Result
+from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard.budget import budget_of
 from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, refuse_mixed_digests
 from glbench.leaderboard.comparisons import RESOLUTION, tiers
-from glbench.leaderboard.entries import RANKING_METRIC, Entry, entries_by_task, expected_seeds, metric_of
+from glbench.leaderboard.entries import Entry, entries_by_task, expected_seeds, metric_of
 from glbench.leaderboard.statistics import Published, bootstrap_interval, interquartile_mean, mean
 
 Sandbox = Literal["bubblewrap", "unsandboxed", "built-in"]

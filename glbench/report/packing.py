@@ -60,7 +60,9 @@ def squeezed(text: bytes) -> str:
     return base64.b64encode(gzip.compress(text, compresslevel=9, mtime=0)).decode("ascii")
 
 
-def profile_blocks(known: Sequence[Known], blocks: Blocks) -> tuple[dict[tuple[str, str], str], dict[str, str]]:
+def profile_blocks(
+    known: Sequence[Known], tasks: Mapping[str, TaskSpec | None], blocks: Blocks
+) -> tuple[dict[tuple[str, str], str], dict[str, str]]:
     """Names of the profiles by task id and ``results_digest``, and of the weather by task id."""
     profiles: dict[tuple[str, str], str] = {}
     weather: dict[str, str] = {}
@@ -68,7 +70,7 @@ def profile_blocks(known: Sequence[Known], blocks: Blocks) -> tuple[dict[tuple[s
         if item.profile is None:
             continue
         profiles[item.row.task_id, item.row.results_digest] = blocks.add(
-            "profile", embedded_profile(item.profile, item.stored.task)
+            "profile", embedded_profile(item.profile, tasks[item.row.task_id])
         )
     for item in sorted(known, key=lambda one: not one.stored.released):  # what came with glbench knows the weather best
         if item.profile is not None and item.row.task_id not in weather:

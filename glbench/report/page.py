@@ -83,7 +83,7 @@ def page_data(
 ) -> dict[str, Any]:
     """Everything that the page's script reads, but the ``blocks``, which it opens when they are needed."""
     words = collecting.Vocabularies(known)
-    profiles, weather = profile_blocks(known, blocks)
+    profiles, weather = profile_blocks(known, {table.task_id: table.task for table in tables}, blocks)
     of_task = {item.row.task_id: item.stored.result.task for item in known}
     tasks = [
         {

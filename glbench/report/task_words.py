@@ -243,7 +243,7 @@ def _prices(task: TaskSpec) -> Section:
         (
             labels[item.name],
             "earned" if item.sign > 0 else "paid",
-            f"price table '{item.price}'"
+            _price_words(task, item.price)
             if isinstance(item.price, str)
             else f"{item.price:g} EUR per {unit_sold(item) or 'piece'}",
             item.amount_meaning or item.label,
@@ -251,6 +251,14 @@ def _prices(task: TaskSpec) -> Section:
         for item in task.ledger.items
     ]
     return Section("Prices", (), ("Item", "", "Price", "Amount"), (), rows)
+
+
+def _price_words(task: TaskSpec, name: str) -> str:
+    """A price that changes with the calendar: from where to where, and when."""
+    table = task.price_tables[name]
+    steps = table.hourly or [price for *_, price in table.dated] or [price for _, price in table.series]
+    when = "hour of the day" if table.hourly else "date"
+    return f"'{name}', {min(steps):g} to {max(steps):g} {table.unit} by {when}"
 
 
 def _reward(task: TaskSpec) -> list[str]:
