@@ -16,6 +16,7 @@ from glbench.resources import data_folder
 LOCK_NAME = "lock.toml"
 REFERENCES_NAME = "references.toml"
 BEHAVIOUR_NAME = "behaviour.toml"
+DRAFTS = "drafts"
 ENTRY_POINT = "glbench.env:GreenhouseEnv"
 VECTOR_ENTRY_POINT = "glbench.env:GreenhouseVectorEnv"
 
@@ -26,14 +27,19 @@ def task_files() -> list[Path]:
     return sorted(path for path in data_folder("tasks").glob("*.toml") if path.name not in others)
 
 
+def draft_files() -> list[Path]:
+    """Files of the shipped drafts: tasks that can be used but are not published, in the order of their names."""
+    return sorted((data_folder("tasks") / DRAFTS).glob("*.toml"))
+
+
 def task_ids() -> dict[str, Path]:
-    """Ids of the shipped tasks and their files, read without checking anything else.
+    """Ids of the shipped tasks, drafts included, and their files, read without checking anything else.
 
     Files that are no TOML or have no id are left out: one that is being edited must not keep the package from loading.
     ``get_task`` and ``glbench tasks check`` say what is wrong with them.
     """
     ids: dict[str, Path] = {}
-    for path in task_files():
+    for path in (*task_files(), *draft_files()):
         with suppress(OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
             task_id = tomllib.loads(path.read_text(encoding="utf-8")).get("id")
             if isinstance(task_id, str):

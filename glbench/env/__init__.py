@@ -14,6 +14,7 @@ from glbench.env.observations import register_observation
 from glbench.env.quantities import QUANTITIES, StepQuantity
 from glbench.env.reference import ObservationInputs
 from glbench.env.rewards import REWARDS, StepOutcome, register_reward
+from glbench.env.scenario import RunWeather, run_weather
 from glbench.env.simulation import Simulation
 from glbench.env.snapshot import Snapshot
 from glbench.env.step_result import StepResult
@@ -30,6 +31,7 @@ __all__ = [
     "GreenhouseEnv",
     "GreenhouseVectorEnv",
     "ObservationInputs",
+    "RunWeather",
     "Simulation",
     "Snapshot",
     "StepOutcome",
@@ -42,4 +44,5 @@ __all__ = [
     "register_distribution",
     "register_observation",
     "register_reward",
+    "run_weather",
 ]

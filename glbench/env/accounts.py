@@ -105,6 +105,11 @@ class Accounts:
             raise self._no_bounds(reason)
         return _frozen(amounts)
 
+    @property
+    def unit_costs(self) -> NDArray[np.float64]:
+        """Prices of what is paid for, in the order of the ledger; TaskError where one changes with the calendar."""
+        return _frozen(self._worth(self.ledger.paid, np.ones(len(self.ledger.paid))))
+
     @cached_property
     def full_growth(self) -> NDArray[np.float64]:
         """Amounts earned in a step at the potential rates of the model, in the order of the ledger.

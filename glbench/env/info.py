@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.quantities import QUANTITIES, StepQuantity
-from glbench.tasks.ledger import LIMITED
+from glbench.tasks.ledger import LIMITED, StepQuantity
 
 if TYPE_CHECKING:
     from glbench.env.simulation import Simulation
@@ -23,18 +22,9 @@ STEP_REWARD = "step_reward"
 """Key of the reward: tools that merge ``info`` with what a step returns (TorchRL) have a ``reward`` of their own."""
 
 
-def _in_info(quantities: tuple[StepQuantity, ...]) -> tuple[StepQuantity, ...]:
-    """The quantities of a step under their names in ``info``."""
-    return tuple(replace(q, name=STEP_REWARD) if q.name == "reward" else q for q in quantities)
-
-
-OF_STEP = _in_info(QUANTITIES)
-"""The quantities of a step of a task of schema 1 under their names in ``info``."""
-
-
 def info_of_step(task: TaskSpec) -> tuple[StepQuantity, ...]:
     """The quantities of a step of ``task`` under their names in ``info``, in the order of ``task.quantities``."""
-    return _in_info(task.quantities)
+    return tuple(replace(q, name=STEP_REWARD) if q.name == "reward" else q for q in task.quantities)
 
 
 def info_quantities(task: TaskSpec) -> tuple[StepQuantity, ...]:

@@ -12,7 +12,7 @@ that makes it; it is made once for a task and called after every step:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -23,7 +23,6 @@ from glbench.env.climate import AIR
 from glbench.env.reference import ObservationInputs
 from glbench.env.weather_tables import WeatherTables
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
-from glbench.model import Horizon
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
 
 if TYPE_CHECKING:
@@ -88,15 +87,8 @@ def python_part(name: str) -> MakeObservation | None:
     return _MAKERS.get(name)
 
 
-def observed_widths(task: TaskSpec) -> Iterator[tuple[str, int]]:
-    """The modules of a task with the number of columns that each announces."""
-    context = task.observation_context()
-    for name in task.observation.modules:
-        yield name, len(OBSERVATION_MODULES[name].quantities(context))
-
-
 def shown_by(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Shown, ...]:
-    """The columns of a module that is data: of the environment's own, or of the task's model.
+    """The columns of a module that is data: of the task's model, or the environment's own.
 
     Raises
     ------
@@ -105,11 +97,11 @@ def shown_by(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Shown, .
     TaskError
         When the model shows something that neither its states nor its air have.
     """
-    if name in _SHOWN:
-        return _SHOWN[name](task, tables)
     model = task.model_value
-    seen = model.observed(name, Horizon(task.steps, task.step_seconds, task.parameters_by_name()))
+    seen = model.observed(name, task.observation_context().horizon)
     if seen is None:
+        if name in _SHOWN:
+            return _SHOWN[name](task, tables)
         known = (*_MAKERS, *_SHOWN, *model.observation_modules)
         msg = f"There is no observation module called '{name}'.{did_you_mean(name, known)}"
         raise UnknownNameError(msg)

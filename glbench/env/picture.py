@@ -15,8 +15,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from glbench.env.trail import AIR, CONTROLS, HOURS_SHOWN, MONEY, Trail
-from glbench.tasks.quantities import LIMITED
+from glbench.env.climate import AIR
+from glbench.env.trail import HOURS_SHOWN, MONEY, Trail
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -103,6 +103,7 @@ class Picture:
         self._seed = self._figure.text(  # at the foot: unseeded episodes have seeds of up to 20 digits
             0.988, 0.008, "", fontsize=7, color=_QUIET, ha="right", va="bottom", animated=True
         )
+        self._airs = len(AIR) if task.model_value.air else 0  # a trail begins with so many columns of air
         self._climate = self._make_climate()
         self._controls = tuple(
             (index, capacity)
@@ -111,7 +112,7 @@ class Picture:
         )
         self._lanes, self._amounts, lanes = self._make_lanes()
         self._money = self._make_money()
-        self._every = [*(curve.axes for curve in self._climate), lanes, self._money.axes]
+        self._every = [*(curve.axes for curve in self._climate.values()), lanes, self._money.axes]
         self._window = 0.0
         self._midnights = [
             [axes.axvline(0.0, color=_QUIET, lw=0.7, ls=(0, (2, 2)), animated=True) for axes in self._every]
@@ -132,12 +133,10 @@ class Picture:
         self._title.set_text(f"{self._task.short_id}   {_words(time)} UTC")
         self._place.set_text(f"step {simulation.k[row]} of {self._task.steps}")
         self._seed.set_text(f"seed {simulation.seeds[row]}")
-        changed = [
-            self._show_air(curve, hours, values) for curve, values in zip(self._climate, points.T[AIR], strict=True)
-        ]
+        changed = [self._show_air(curve, hours, points[:, column]) for column, curve in self._climate.items()]
         changed.append(self._look_back(-float(hours[0])))
         changed.append(self._show_money(hours, points.T[MONEY], trail.first_step))
-        self._show_controls(hours, points[:, CONTROLS])
+        self._show_controls(hours, points[:, self._airs : MONEY])
         self._show_midnights(time, hours[0])
         if self._kept is None or any(changed):
             self._canvas.draw()
@@ -185,18 +184,19 @@ class Picture:
         )
         return _Curve(axes, line, now, broken, value, unit)
 
-    def _make_climate(self) -> list[_Curve]:
+    def _make_climate(self) -> dict[int, _Curve]:
+        """A curve for each quantity of the air that has limits, by its column."""
         limits = self._task.constraints.items()
-        height = (_TOP - _BOTTOM - (len(limits) - 1) * _GAP) / len(limits)
-        curves = []
+        height = (_TOP - _BOTTOM - (len(limits) - 1) * _GAP) / max(len(limits), 1)
+        curves = {}
         for place, (name, limit) in enumerate(limits):
-            unit = _UNITS.get(LIMITED[name], LIMITED[name])
+            unit = _UNITS.get(AIR[name], AIR[name])
             bottom = _TOP - height - place * (height + _GAP)
             axes = self._axes(_CLIMATE, bottom, height, labelled=place == len(limits) - 1)
             curve = self._curve(axes, f"{_name(name)} ({limit.low:g} to {limit.high:g} {unit})", unit, _LINE)
             axes.axhspan(limit.low, limit.high, color=_BAND, lw=0.0)
             curve.low, curve.high = limit.low, limit.high
-            curves.append(curve)
+            curves[list(AIR).index(name)] = curve
         return curves
 
     def _make_lanes(self) -> tuple[list[FillBetweenPolyCollection], list[Text], Axes]:

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from glbench.env.accounts import ByName, make_accounts
 from glbench.env.actuation import ActionReader, make_actuation, recorded_actuation
 from glbench.env.climate import AIR, record_air
-from glbench.env.observations import Formula, Numbers, TableRows, observed_widths, python_part, shown_by
+from glbench.env.observations import Formula, Numbers, TableRows, python_part, shown_by
 from glbench.env.quantities import REWARD
 from glbench.env.reference import NO_PARTS, PythonParts
 from glbench.env.rewards import REWARDS, StepOutcome, make_reward
 from glbench.env.scenario import CLOCK, RunScenarios, WeatherPool
 from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters
 from glbench.env.weather_tables import WeatherTables
+from glbench.errors import TaskError
 from glbench.kernel.environment import Lookup, ParameterNoise, Program
 from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, Value
 
@@ -53,7 +54,7 @@ def _all_shipped(task: TaskSpec) -> bool:
         recorded_actuation(task) is not None
         and all(REWARDS.recorded(name) for name in task.reward.modules)
         and all(python_part(name) is None for name in task.observation.modules)
-        and all(group.distribution == UNIFORM for group in task.scenario.groups if group.redraw != "episode")
+        and all(group.distribution == UNIFORM for group in task.scenario.groups)
     )
 
 
@@ -161,33 +162,29 @@ def _quantities(
     task: TaskSpec, recorder: Recorder, controls: list[Value], air: list[Value]
 ) -> tuple[list[Any], tuple[int, Any] | None]:
     """In the order of ``task.quantities``; the reward as Python when a part of it is."""
-    accounts, pool, names = (
-        make_accounts(task),
-        WeatherPool.of(task),
-        tuple(quantity.name for quantity in task.quantities),
-    )
+    accounts, pool = make_accounts(task), WeatherPool.of(task)
     places = accounts.ledger_states()
     before, after = ({place: recorder.input(source, place) for place in places} for source in ("before", "after"))
-    columns_of_prices = [pool.price_column(name) for name in accounts.price_tables]
+    columns = [pool.price_column(name) for name in accounts.price_tables]
     prices, later = (
-        [recorder.input(source, column) for column in columns_of_prices] for source in ("calendar_before", "calendar")
+        [recorder.input(source, column) for column in columns] for source in ("calendar_before", "calendar")
     )
     rows = accounts.of_step(before, after, controls, air, prices, later)
     reward = make_reward(task, accounts)
     if all(REWARDS.recorded(name) for name in task.reward.modules):
-        table = [rows.get(name) for name in names]
+        table = [rows.get(name) for name in accounts.names]
         nothing = cast("Floats", None)  # the recorded parts look at quantities only
-        rows["reward"] = reward(StepOutcome(cast("Floats", table), nothing, nothing, nothing, nothing, names))
-        return [rows[name] for name in names], None
+        rows["reward"] = reward(StepOutcome(cast("Floats", table), nothing, nothing, nothing, nothing, accounts.names))
+        return [rows[name] for name in accounts.names], None
     rows["reward"] = 0.0
     first, shown = info_columns(task), air_columns(task)
 
     def judged(table: Floats, before: Floats, after: Floats, controls: Floats) -> Floats:
         columns = np.ascontiguousarray(table.T)
         columns[first + REWARD] = 0.0
-        return reward(StepOutcome(columns[first:], before, after, controls, columns[shown], names))
+        return reward(StepOutcome(columns[first:], before, after, controls, columns[shown], accounts.names))
 
-    return [rows[name] for name in names], (first + REWARD, judged)
+    return [rows[name] for name in accounts.names], (first + REWARD, judged)
 
 
 def _observation(
@@ -197,9 +194,10 @@ def _observation(
     lookups: list[Lookup] = []
     parts: list[tuple[slice, Any]] = []
     at = 0
-    for name, width in observed_widths(task):
+    for name in task.observation.modules:
         make = python_part(name)
         if make is not None:
+            width = len(task.observed_by(name))
             parts.append((slice(at, at + width), make(task, tables)))
             at += width
             continue
@@ -212,6 +210,9 @@ def _observation(
                 at += 1
             else:
                 at = _numbers(shown, at, recorder, controls, air)
+    if at != len(task.observed()):
+        msg = f"{task.id} announces {len(task.observed())} observed columns, its modules have {at}."
+        raise TaskError(msg)
     return tuple(lookups), tuple(parts), at
 
 

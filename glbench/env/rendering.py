@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.program import air_columns, info_columns
 from glbench.env.quantities import EPI
-from glbench.env.trail import SHOWN, Trail
+from glbench.env.trail import Trail
 from glbench.errors import GlbenchError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ class Camera:
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
+        self._shown = slice(air_columns(simulation.task).start, info_columns(simulation.task))  # air and controls
         self._trails: list[Trail] = []
         self._pictures: dict[int, Picture] = {}  # one a row: what a picture keeps suits the next one of the same run
 
@@ -72,15 +74,15 @@ class Camera:
             rows, self._trails = range(simulation.n), [None] * simulation.n  # type: ignore[list-item]
         for row in rows:
             trail = self._trails[row] = Trail(int(simulation.k[row]), simulation.task.step_seconds)
-            trail.add(simulation.info_columns[SHOWN, row].tolist())
+            trail.add(simulation.info_columns[self._shown, row].tolist())
 
     def follow_only(self, numbers: Sequence[float], epi: float) -> None:
         """Note a step of the only run, from the numbers of ``Simulation.step_single``."""
-        self._trails[0].add(numbers[SHOWN], epi)
+        self._trails[0].add(numbers[self._shown], epi)
 
     def follow(self, result: StepResult, rows: Iterable[int]) -> None:
         """Note the step that ``rows`` have taken."""
-        shown, epi = self._simulation.info_columns[SHOWN].T.tolist(), result.table[EPI].tolist()
+        shown, epi = self._simulation.info_columns[self._shown].T.tolist(), result.table[EPI].tolist()
         for row in rows:
             self._trails[row].add(shown[row], epi[row])
 

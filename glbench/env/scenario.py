@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-SECONDS_A_DAY = 86400
 CLOCK = ("hour_of_day", "day_of_year")
 """Columns of a calendar before those of its price tables."""
 
@@ -71,10 +70,10 @@ class WeatherPool:
 
 @lru_cache(maxsize=16)
 def _pool(task: TaskSpec) -> WeatherPool:
-    scenario, day = task.scenario, round(SECONDS_A_DAY / task.step_seconds)
+    scenario, day = task.scenario, task.steps_per_day
     length = task.steps + 1 + task.observation.forecast_steps
     seasons = _seasons(task, scenario)
-    tables = getattr(task, "price_tables", {})
+    tables = task.price_tables
     prices = [
         np.concatenate([table.values(season.times, season.hour_of_day) for season in seasons])
         for table in tables.values()
@@ -130,8 +129,9 @@ class RunScenarios:
         self.task, self.scenario = task, task.scenario
         self.pool = WeatherPool.of(task)
         self.nominal = task.parameters()
-        self.in_step = tuple(group for group in self.scenario.groups if group.redraw != "episode")
-        self.in_episode = tuple(group for group in self.scenario.groups if group.redraw == "episode")
+        drawn = [group for group in self.scenario.groups if group.half_width > 0.0]
+        self.in_step = tuple(group for group in drawn if group.redraw != "episode")
+        self.in_episode = tuple(group for group in drawn if group.redraw == "episode")
         self._model = task.model_value
         self._derived = DerivedParameters(self._model, self.nominal, self.places(self.in_episode))
         self._starts: dict[int, Floats] = {}
@@ -207,6 +207,27 @@ class RunScenarios:
             )
         self._derived.complete(drawn)
         return drawn
+
+
+@dataclass(frozen=True, eq=False)
+class RunWeather:
+    """What acts on one run, row k on step k: disturbances ``(rows, d)``, and start [UTC], hour of day and day of year of each row."""
+
+    values: Floats
+    times: NDArray[np.datetime64]
+    hour_of_day: Floats
+    day_of_year: Floats
+
+
+def run_weather(task: TaskSpec, seed: int) -> RunWeather:
+    """The weather of the run with ``seed``: ``steps + 1`` rows, and those that a forecast reaches."""
+    scenarios = RunScenarios(task)
+    pool, scenes = scenarios.pool, scenarios.draw([seed])
+    steps = np.arange(task.steps + 1 + task.observation.forecast_steps)
+    dates = scenes.first[0] + steps
+    hour_of_day, day_of_year = pool.calendar[dates, : len(CLOCK)].T
+    weather = pool.values[scenes.days[0, steps // pool.day] + steps % pool.day]
+    return RunWeather(weather, pool.times[dates], hour_of_day, day_of_year)
 
 
 def parameter_stream(group: ParameterGroup) -> str:

@@ -8,16 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.model import CONTROL_NAMES
-from glbench.tasks.quantities import LIMITED
-
 HOURS_SHOWN = 48.0
 
-SHOWN = slice(3, 3 + len(LIMITED) + len(CONTROL_NAMES))
-"""Rows of ``Simulation.info_columns`` that a trail keeps: the air and the controls in physical units."""
-AIR = slice(0, len(LIMITED))
-CONTROLS = slice(len(LIMITED), -1)
 MONEY = -1
+"""Column of a trail with the profit so far."""
 
 
 class Trail:
@@ -42,5 +36,5 @@ class Trail:
         self._points.append([*shown, self._epi])
 
     def table(self) -> NDArray[np.float64]:
-        """One row a point, the last one now: air in the order of ``LIMITED``, controls in physical units, EPI so far."""
+        """One row a point, the last one now: air, controls in physical units, profit so far [EUR m-2]."""
         return np.array(self._points)

@@ -23,10 +23,10 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 from pydantic import FailFast, Field, ValidationError
 
+from glbench.episodes.definition import task_of
 from glbench.episodes.episode import PROVENANCE, TASK
 from glbench.episodes.header import Facts, Provenance, RunFacts, as_words, canonical
 from glbench.episodes.mcap_file import FRAME, McapWriter, Scan, scan
-from glbench.episodes.signals import signals_of
 from glbench.errors import EpisodeError
 from glbench.untrusted import refuse_crowd, visible
 
@@ -84,8 +84,6 @@ class ActionLog:
 
     def task(self) -> TaskSpec:
         """The task, from the definition in the record."""
-        from glbench.episodes.definition import task_of
-
         return task_of(self.definition)
 
     @cached_property
@@ -196,7 +194,7 @@ def _log(found: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], number
         raise ValueError(msg)
     actions = np.zeros((steps, len(runs), width), kind)
     rewards = np.zeros((steps, len(runs)))
-    final = np.zeros((len(runs), len(signals_of().vector("state"))))
+    final = np.zeros((len(runs), len(task_of(found.attachments[TASK]).model_value.states)))
     places = {f"/runs/{run.seed}": row for row, run in enumerate(runs)}
     rows = {topic.id: places[topic.topic] for topic in found.channels.values()}
     counted = np.zeros((2, len(runs)), dtype=np.int64)

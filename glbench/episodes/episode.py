@@ -20,7 +20,7 @@ from pydantic import BaseModel, ValidationError
 
 from glbench.episodes.header import Provenance, RunFacts, as_words, canonical
 from glbench.episodes.mcap_file import PACKAGE, Layout, McapWriter, Part, Scan, layout_from, scan
-from glbench.episodes.signals import ACTION, MESSAGES, TOPICS, Column, Group, Moment, signals_of
+from glbench.episodes.signals import ACTION, MESSAGES, TOPICS, Column, Group, Moment
 from glbench.errors import EpisodeError, did_you_mean
 from glbench.resources import write_atomically
 from glbench.untrusted import one_line, quoted, refuse_crowd, visible
@@ -98,7 +98,7 @@ class Episode:
     @property
     def states(self) -> Table:
         """The model's states at the start and at the end of every step, ``(steps + 1, states)``, in the model's order and units."""
-        names = [signal.name for signal in signals_of().vector("state")]
+        names = self.task().model_value.state_names
         return np.stack([np.concatenate([[self._begun(name)], self[name]]) for name in names], axis=1)
 
     def _begun(self, name: str) -> float:

@@ -14,10 +14,8 @@ import rfc8785
 from pydantic import BaseModel, ConfigDict, FailFast, Field, model_validator
 
 from glbench import __version__
-from glbench.episodes.signals import signals_of
 from glbench.errors import TaskError
 from glbench.fields import MOST_ENTRIES, Count, Text, Word
-from glbench.model import MODEL_VERSION
 from glbench.untrusted import is_agent_name, steers
 
 if TYPE_CHECKING:
@@ -118,7 +116,7 @@ def provenance_of(task: TaskSpec, agent: LoadedAgent, kernel: dict[str, str | fl
         )
         raise TaskError(msg)
     prints = task.fingerprint()
-    all_controls = tuple(signal.name for signal in signals_of(task).vector("control"))
+    all_controls = task.model_value.control_names
     parts = {name: getattr(prints, name) for name in PARTS}
     return Provenance(
         task=TaskFacts(
@@ -140,7 +138,7 @@ def provenance_of(task: TaskSpec, agent: LoadedAgent, kernel: dict[str, str | fl
             columns=all_controls if agent.privileged else task.actuation.controls,
         ),
         kernel=kernel,
-        versions=versions(),
+        versions=versions(task),
     )
 
 
@@ -148,11 +146,12 @@ PARTS = ("definition", "parameters", "start", "observation", "weather", "model")
 """Parts of a task's fingerprint."""
 
 
-def versions() -> dict[str, str]:
+def versions(task: TaskSpec) -> dict[str, str]:
     """Versions of everything that computes a number."""
+    model = task.model_value
     return {
         "glbench": __version__,
-        "model": MODEL_VERSION,
+        "model": model.version if task.schema_version == 1 else model.id,
         "python": platform.python_version(),
         "numpy": version("numpy"),
         "casadi": version("casadi"),

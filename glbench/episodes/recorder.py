@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env import Simulation, StepResult
+from glbench.env import Simulation, StepResult, run_weather
 from glbench.episodes.action_log import ActionLog, exactly
 from glbench.episodes.definition import definition_json
 from glbench.episodes.episode import Episode
@@ -23,14 +23,17 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 LARGEST_TRACE = 512 * 2**20
 """Bytes of memory above which no trace is kept: the episodes are then made by replaying."""
-BYTES_A_STEP = 8 * signals_of().width
-"""Bytes of memory that a trace takes for a step of a run."""
+
+
+def bytes_a_step(task: TaskSpec) -> int:
+    """Bytes of memory that a trace takes for a step of a run of ``task``; about 500 in a greenhouse with tomatoes."""
+    return 8 * signals_of(task).width
 
 
 class Trace:
     """States, controls, climate and quantities of all runs of ``simulation``, from where it stands on.
 
-    ``rows`` chooses runs; by default all. About 0.5 kB a step and run.
+    ``rows`` chooses runs; by default all. ``bytes_a_step`` tells what it takes.
     """
 
     def __init__(self, simulation: Simulation, rows: Sequence[int] | None = None) -> None:
@@ -60,7 +63,7 @@ class Trace:
     ) -> Episode:
         """The episode of the simulation's ``row``, whose raw actions were ``actions`` ``(steps or more, m)``."""
         place, steps = self.rows.index(row), run.steps
-        weather = task.disturbances(extra_rows=task.observation.forecast_steps)
+        weather = run_weather(task, run.seed)
         begun = self._signals.tables({"air": self.air[: steps + 1, :, place], "state": self.x[: steps + 1, place]})
         during = self._signals.tables(
             {
@@ -93,7 +96,7 @@ class Recorder:
         self.actions = np.zeros((steps, n, columns))
         self.rewards = np.zeros((steps, n))
         self._steps = 0
-        self._wanted = traced and steps * n * BYTES_A_STEP <= LARGEST_TRACE
+        self._wanted = traced and steps * n * bytes_a_step(simulation.task) <= LARGEST_TRACE
         self.trace: Trace | None = None
 
     def begin(self, simulation: Simulation) -> None:

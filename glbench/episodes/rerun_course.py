@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench.episodes.episode import Episode
-from glbench.episodes.signals import Floats, Signals, price_words, signals_of
+from glbench.episodes.signals import Curve, Floats, Signals, signals_of
 from glbench.errors import GlbenchError
 from glbench.tasks import TaskSpec, task_card
 
@@ -59,6 +59,8 @@ class Trajectory:
         Values of each step by column name, ``(steps,)`` float64 each.
     remark
         Why the run ended early, in words; empty when it did not.
+    began
+        Day on which it began, where that is not the day from which its curves are drawn.
     """
 
     controller: str
@@ -66,6 +68,7 @@ class Trajectory:
     times: Times
     columns: Mapping[str, Floats]
     remark: str = ""
+    began: dt.date | None = None
 
     @property
     def steps(self) -> int:
@@ -107,6 +110,16 @@ class Shown:
     def longest(self) -> Trajectory:
         """The trajectory with the most steps."""
         return max(self.trajectories, key=lambda trajectory: trajectory.steps)
+
+    @property
+    def times(self) -> Times:
+        """UTC at the start and at the end of every step of the whole episode, ``(steps + 1,)``."""
+        step = np.timedelta64(round(self.task.step_seconds * 1e9), "ns")
+        return self.longest.times[0].astype("datetime64[ns]") + np.arange(self.task.steps + 1) * step
+
+    def is_shared(self, curve: Curve) -> bool:
+        """Whether a curve is the same for all trajectories: those of the weather are, when all have one season."""
+        return curve.shared and all(trajectory.began is None for trajectory in self.trajectories)
 
     def closeup(self) -> tuple[np.datetime64, np.datetime64]:
         """Start and end of the days that fast quantities show first.
@@ -208,7 +221,23 @@ def show_together(task: TaskSpec, trajectories: Sequence[Trajectory]) -> Shown:
         if labels.count(label) > 1:
             msg = f"{label} is there twice. Give each run once, or rename one of the agents."
             raise GlbenchError(msg)
-    return Shown(task, tuple(trajectories), labels, signals_of(task))
+    return Shown(task, _aligned(trajectories), labels, signals_of(task))
+
+
+def _aligned(trajectories: Sequence[Trajectory]) -> tuple[Trajectory, ...]:
+    """Runs of several seasons on the dates of the first, each with the day on which it began."""
+    first = trajectories[0].times[0]
+    if all(trajectory.times[0] == first for trajectory in trajectories):
+        return tuple(trajectories)
+    return tuple(
+        replace(one, times=one.times - one.times[0] + first, began=_day(one.times[0])) for one in trajectories
+    )
+
+
+def _day(start: np.datetime64) -> dt.date:
+    """The day that begins at ``start``, which is midnight on some clock [UTC]."""
+    day: dt.date = (start.astype("datetime64[h]") + np.timedelta64(HOURS_PER_DAY // 2, "h")).astype("datetime64[D]").item()
+    return day
 
 
 def card(shown: Shown) -> str:
@@ -218,17 +247,19 @@ def card(shown: Shown) -> str:
         f"{signals.names.get(limit.name, limit.name)} **{limit.low:g} to {limit.high:g} {_UNITS.get(limit.unit, limit.unit)}**"
         for limit in facts.constraints
     )
+    several = any(trajectory.began for trajectory in shown.trajectories)
+    start = _day(shown.trajectories[0].times[0])
     lines = [
         f"# {task.title}",
         "",
         " ".join(task.description.split()),
         "",
-        f"**Where and when:** {facts.place.station}, from {facts.start:%-d %B %Y}, {task.weather.days} days, "
-        f"a decision every {task.step_seconds / 60:g} minutes.",
+        f"**Where and when:** {facts.place.station}, from {start:%-d %B %Y}, {task.weather.days} days, "
+        f"a decision every {task.step_seconds / 60:g} minutes."
+        + (" The runs have seasons of their own, drawn on these dates." if several else ""),
         "",
-        f"**Climate to stay within:** {limits}.",
-        "",
-        f"**Prices:** {price_words(task, signals)}.",
+        *([f"**Climate to stay within:** {limits}.", ""] if limits else []),
+        f"**Prices:** {'; '.join(signals.prices)}.",
         "",
         f"Task `{task.id}`",
         "",
@@ -236,7 +267,8 @@ def card(shown: Shown) -> str:
         "",
     ]
     for colour, label, trajectory in zip(PALETTE, shown.labels, shown.trajectories, strict=False):
-        lines += [f"**{label}** ({colour.name}), seed {trajectory.seed}", ""]
+        began = f", from {trajectory.began:%-d %B %Y}" if trajectory.began else ""
+        lines += [f"**{label}** ({colour.name}), seed {trajectory.seed}{began}", ""]
         lines += [f"- {line}" for line in _outcome(trajectory, signals)] if trajectory.steps else ["- running"]
         if trajectory.remark:
             lines.append(f"- **ended after step {trajectory.steps}: {trajectory.remark}**")
@@ -257,7 +289,8 @@ def _outcome(trajectory: Trajectory, signals: Signals) -> list[str]:
         return sum(float(trajectory.columns[name].sum()) for name in names)
 
     result = f"{total(signals.total):.2f}".replace("-", "−")
+    harvest = (f"{total(amount.column):.2f} {amount.words}" for amount in signals.harvest)
     return [
-        f"EPI {result} EUR/m² = revenue {total(signals.income):.2f} − costs {total(*signals.costs):.2f}",
-        f"{total(signals.harvest):.2f} kg/m² of fruit grown; reward {total(signals.reward):.1f}",
+        f"EPI {result} EUR/m² = revenue {total(*signals.income):.2f} − costs {total(*signals.costs):.2f}",
+        "; ".join([*harvest, f"reward {total(signals.reward):.1f}"]),
     ]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from glbench.env import Simulation, StepResult
+from glbench.env import Simulation, StepResult, run_weather
 from glbench.episodes.rerun_course import Shown, Trajectory
 from glbench.episodes.rerun_recording import (
     APPLICATION,
@@ -52,12 +52,12 @@ class LiveView:
     def __init__(self, task: TaskSpec, controller: str, seed: int, address: str, row: int = 0) -> None:
         rerun = load_rerun()
         self._task, self._controller, self._seed, self._row = task, controller, seed, row
-        weather = task.disturbances()
+        weather = run_weather(task, seed)
         self._times = weather.times[: task.steps + 1].astype("datetime64[ns]")
         self._signals = signals = signals_of(task)
         self._tables: dict[Source, Floats] = {
             source: np.zeros((task.steps, len(signals.vector(source))))
-            for source in ("state", "control", "air", "quantity")
+            for source in ("state", "derived", "control", "air", "quantity")
         }
         known = {**self._tables, "disturbance": weather.values[: task.steps]}
         self._columns = {
@@ -83,6 +83,7 @@ class LiveView:
             send_limits(self._stream, self._shown(0), [step])
         row, tables = self._row, self._tables
         tables["state"][step], tables["control"][step] = simulation.x[row], simulation.u[row]
+        tables["derived"][step] = self._signals.derived(simulation.x[row : row + 1])[0]
         tables["air"][step], tables["quantity"][step] = simulation.air[:, row], outcome.table[:, row]
         self._done = step + 1
         if time.monotonic() - self._sent_at >= _SEND_SECONDS or self._done == self._task.steps:

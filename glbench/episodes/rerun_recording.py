@@ -89,7 +89,7 @@ def send_frame(stream: rr.RecordingStream, shown: Shown) -> None:
             words = f"limits {limit.low:g} to {limit.high:g} [{curve.unit}]"
             style = rerun.Measurements.from_fields(names=words, colors=LIMITS.rgb, widths=0.0)
             stream.log(_entity(curve, "limits"), style, static=True)
-        if curve.shared:
+        if shown.is_shared(curve):
             _send_style(stream, curve, None, WEATHER)
             continue
         for colour, label in zip(PALETTE, shown.labels, strict=False):
@@ -106,7 +106,7 @@ def send_card(stream: rr.RecordingStream, shown: Shown) -> None:
 def send_trajectories(stream: rr.RecordingStream, shown: Shown, first: int = 0) -> None:
     """Send the curves of all controllers from step ``first`` on; those that are the same for all once, from the longest trajectory."""
     for curve in shown.signals.curves:
-        if curve.shared:
+        if shown.is_shared(curve):
             _send_curve(stream, _entity(curve, None), curve, shown.longest, first)
             continue
         for label, trajectory in zip(shown.labels, shown.trajectories, strict=True):
@@ -119,7 +119,7 @@ def send_limits(stream: rr.RecordingStream, shown: Shown, steps: Sequence[int]) 
     A band is a measurement in its middle whose deviation is half its width; its own line has no width.
     """
     rerun = load_rerun()
-    moments = shown.task.disturbances().times[list(steps)].astype("datetime64[ns]")
+    moments = shown.times[list(steps)]
     for curve in shown.signals.curves:
         if curve.limits is None:
             continue
@@ -203,7 +203,7 @@ class _Layout:
         self._rr, self._rrb = load_rerun(), load_blueprint()
         self._shown, self._live = shown, live
         self._limits = dict(shown.task.constraints.items())
-        times = shown.task.disturbances().times
+        times = shown.times
         self._episode = self._absolute(times[0], times[shown.task.steps])
         self._days = self._last_days() if live else self._absolute(*shown.closeup())
 

@@ -1,35 +1,39 @@
 """What is recorded and shown of a run, as one description: columns, MCAP channels, curves, pages and words all follow from it.
 
-``Signals`` is handed in; no other file of this room names a state, a control, a cost, or counts them. The second half of this file is
-the description for the greenhouse with tomatoes.
+``Signals`` is handed in; no other file of this room names a state, a control, a cost, or counts them. The second half of this file makes
+the description of a task: from its model what there is of states, controls and weather, and what of it is drawn; from its constraints the
+climate and its violations; from its ledger the money and the amounts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env import QUANTITIES
-from glbench.model import CONTROLS, DISTURBANCES, STATES
-from glbench.tasks import task_card
-from glbench.tasks.quantities import LIMITED
+from glbench.errors import TaskError
+from glbench.tasks.ledger import FLOW, LIMITED, LedgerItem
 
 if TYPE_CHECKING:
+    from glbench.model import Model
+    from glbench.model import Signal as Drawn
     from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 Columns = Mapping[str, Floats]
 """Columns of an episode by name, each ``(steps,)``."""
 Moment = Literal["start", "end"]
-Source = Literal["control", "disturbance", "air", "state", "quantity"]
-"""Where a simulation has a number: the vectors u, d and x, the climate measured in the air, or the table of a step's quantities."""
+Source = Literal["control", "disturbance", "air", "state", "derived", "quantity"]
+"""Where a simulation has a number: the vectors u, d and x, the climate measured in the air, what the model derives from x, or the table of a
+step's quantities."""
 _ACTS: frozenset[Source] = frozenset({"control", "disturbance"})
 """Sources of what acts during a step; all others are measured at its end."""
-_BEGUN: frozenset[Source] = frozenset({"air", "state"})
+_BEGUN: frozenset[Source] = frozenset({"air", "state", "derived"})
 """Sources that also have values at step 0, before anything was done."""
 
 TOPICS: dict[Moment, str] = {"start": "/inputs", "end": "/outcome"}
@@ -179,13 +183,23 @@ class Page:
 
 
 @dataclass(frozen=True)
+class Amount:
+    """What the card tells of a harvest: the sum of ``column``, then ``words``, as in ``kg/m² of fruit grown``."""
+
+    column: str
+    words: str
+
+
+@dataclass(frozen=True)
 class Signals:
-    """What is recorded and shown of runs of one kind of task.
+    """What is recorded and shown of runs of one task.
 
     Attributes
     ----------
     recorded
         Every column but the agent's actions, in the order of the record.
+    formulas
+        What the model derives from its states, in the order of their source: from states ``(steps, states)`` to ``(steps,)``.
     pages
         The curves, page by page.
     overview
@@ -195,8 +209,8 @@ class Signals:
     names
         How the card calls a constraint.
     prices
-        The task's prices in words: price, unit and what it is of.
-    income, costs, harvest, total, reward
+        The task's prices in words, as in ``heat 0.09 EUR/kWh``.
+    total, income, costs, harvest, reward
         Columns whose sums the card tells of every controller.
     """
 
@@ -205,12 +219,13 @@ class Signals:
     overview: tuple[tuple[str, ...], ...]
     worst: str
     names: Mapping[str, str]
-    prices: tuple[tuple[str, str, str], ...]
+    prices: tuple[str, ...]
     total: str
-    income: str
+    income: tuple[str, ...]
     costs: tuple[str, ...]
-    harvest: str
+    harvest: tuple[Amount, ...]
     reward: str
+    formulas: tuple[Callable[[Floats], Floats], ...] = ()
 
     @property
     def curves(self) -> tuple[Curve, ...]:
@@ -221,18 +236,24 @@ class Signals:
     def needed(self) -> tuple[str, ...]:
         """Columns that a record must have to be shown."""
         shown = (name for curve in self.curves for name in curve.columns)
-        return tuple(
-            dict.fromkeys((*shown, self.worst, self.total, self.income, *self.costs, self.harvest, self.reward))
-        )
+        told = (self.worst, self.total, *self.income, *self.costs, *(amount.column for amount in self.harvest))
+        return tuple(dict.fromkeys((*shown, *told, self.reward)))
 
     def vector(self, source: Source) -> tuple[Signal, ...]:
         """The signals of a source, in the order of its vector."""
         return tuple(sorted((one for one in self.recorded if one.source == source), key=lambda one: one.index))
 
+    def derived(self, states: Floats) -> Floats:
+        """What the model derives from ``states`` ``(steps, states)``, ``(steps, formulas)``."""
+        values = np.empty((len(states), len(self.formulas)))
+        for column, formula in enumerate(self.formulas):
+            values[:, column] = formula(states)
+        return values
+
     @property
     def width(self) -> int:
-        """Numbers that a run has in a step, the weather not counted: it is the task's."""
-        return sum(signal.source != "disturbance" for signal in self.recorded)
+        """Numbers to keep of a run in a step: those that do not follow from the others or from its season."""
+        return sum(signal.source not in ("disturbance", "derived") for signal in self.recorded)
 
     def groups(self, agent_columns: Iterable[str], *, controls: bool) -> tuple[Group, ...]:
         """All groups, in the order of the record: what acts during a step, then its result.
@@ -260,7 +281,9 @@ class Signals:
         )
 
     def tables(self, vectors: Mapping[Source, Floats]) -> dict[str, Floats]:
-        """Values ``(steps, columns)`` by group, of the sources ``(steps, entries)`` that are given."""
+        """Values ``(steps, columns)`` by group, of the sources ``(steps, entries)`` that are given, and of what follows from the states."""
+        if "state" in vectors:
+            vectors = {**vectors, "derived": self.derived(vectors["state"])}
         places: dict[str, tuple[Source, list[int]]] = {}
         for signal in self.recorded:
             if signal.source in vectors:
@@ -268,147 +291,238 @@ class Signals:
         return {name: vectors[source][:, chosen] for name, (source, chosen) in places.items()}
 
 
-def signals_of(task: TaskSpec | None = None) -> Signals:
-    """The description for ``task``: so far all tasks have the greenhouse with tomatoes."""
-    return GREENHOUSE
+@lru_cache(maxsize=32)
+def signals_of(task: TaskSpec) -> Signals:
+    """The description for ``task``.
+
+    Raises
+    ------
+    TaskError
+        When two columns of its record would have the same name.
+    """
+    model, ledger = task.model_value, task.ledger
+    pages = _pages(task)
+    paths = [curve.path for page in pages for curve in page.curves]
+    recorded = _recorded(task)
+    names = [one.name for one in recorded]
+    for one in recorded:
+        if names.count(one.name) > 1:
+            msg = (
+                f"{task.source}: '{one.name}' is the name of two columns of a record: of {model.id}, its climate, and the quantities of a "
+                "step. Give one of them another name (in the ledger: amount = ...)."
+            )
+            raise TaskError(msg)
+    return Signals(
+        recorded=recorded,
+        pages=pages,
+        overview=_overview(task, paths),
+        worst="penalty",
+        names={name: _AIR[name][0] for name in _MEASURED},
+        prices=tuple(_price(task, item) for item in (*ledger.earned, *ledger.paid)),
+        total="epi",
+        income=tuple(item.name for item in ledger.earned),
+        costs=tuple(item.name for item in ledger.paid),
+        harvest=tuple(Amount(item.amount, _harvest(item)) for item in _by_amount(ledger.earned)),
+        reward="reward",
+        formulas=tuple(_formula(model, task, drawn) for drawn in model.signals() if drawn.of is not None),
+    )
 
 
-def price_words(task: TaskSpec, signals: Signals) -> str:
-    """The prices of ``task``, as in ``heat 0.09 EUR/kWh``."""
-    prices = task_card(task).prices
-    return "; ".join(f"{what} {getattr(prices, name):g} EUR/{unit}" for name, unit, what in signals.prices)
-
-
-# The greenhouse with tomatoes.
-
-_CROP = ("tCan", "tCan24", "cBuf", "cLeaf", "cStem", "cFruit", "tCanSum")
-"""States of the group ``crop``; all others stand in ``state``, so that no number stands in a file twice."""
-_COSTS = ("cost_heat", "cost_electricity", "cost_co2")
-_ECONOMICS = ("reward", "epi", "revenue", *_COSTS, "heat", "electricity", "co2_dosed", "fruit_fresh")
-"""Amounts of one step, not sums since the start."""
 _AIR = {
+    "air_temperature": ("air temperature", "Air temperature", "°C"),
+    "relative_humidity": ("relative humidity", "Relative humidity", "%"),
+    "co2": ("CO₂", "CO₂", "ppm"),
+}
+"""What is measured in the main air, in the order shown: in a sentence, as a title, its unit."""
+_MEASURED = {
     "air_temperature": "air temperature",
     "co2": "CO2 of the indoor air",
     "relative_humidity": "relative humidity of the indoor air",
 }
-_CELSIUS, _PERCENT, _PPM, _ONE = "°C", "%", "ppm", "–"
-_EUR, _KG, _GRAM, _HOURS = "EUR m⁻²", "kg m⁻²", "g m⁻²", "h"
-_HOURS_OUTSIDE = tuple(quantity.name for quantity in QUANTITIES if quantity.name.startswith("hours_outside_"))
+"""The same in the order of the simulation, as a record explains it."""
+_TITLES = {"climate": "Climate", "crop": "Crop and harvest", "controls": "Controls", "weather": "Weather"}
+"""Pages that a model's signals may be on, in their order; other groups of signals follow, each with a page."""
+_ONE, _PERCENT = "–", "%"
 _SHUT_TO_OPEN = (-5.0, 105.0)
 """Range of the controls [%], with room for lines at its ends."""
+_COLUMNS_OF_CONTROLS = 4
+_PLAIN, _RAISED = "0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"
 
 
-def _recorded() -> tuple[Signal, ...]:
+def _recorded(task: TaskSpec) -> tuple[Signal, ...]:
+    """Controls, weather, climate, crop, other states, what is derived, money and amounts, violations."""
+    model, quantities = task.model_value, task.quantities
+    crop = model.crop_states
     states = [
-        Signal(s.name, s.unit, s.meaning, "crop" if s.name in _CROP else "state", "state", i)
-        for i, s in enumerate(STATES)
+        Signal(s.name, s.unit, s.meaning, "crop" if s.name in crop else "state", "state", i)
+        for i, s in enumerate(model.states)
     ]
-    amounts = {q.name: Signal(q.name, q.unit, q.meaning, "economics", "quantity", i) for i, q in enumerate(QUANTITIES)}
-    broken = ("penalty", *(name for name in amounts if name.startswith(("violation_", "hours_outside_"))))
+    derived = [drawn for drawn in model.signals() if drawn.of is not None]
+    amounts = [
+        Signal(q.name, q.unit, q.meaning, "violations" if _judges(q.name) else "economics", "quantity", i)
+        for i, q in enumerate(quantities)
+    ]
     return (
-        *(Signal(c.name, "-", c.meaning, "controls", "control", i) for i, c in enumerate(CONTROLS)),
-        *(Signal(d.name, d.unit, d.meaning, "weather", "disturbance", i) for i, d in enumerate(DISTURBANCES)),
-        *(Signal(name, LIMITED[name], meaning, "climate", "air", i) for i, (name, meaning) in enumerate(_AIR.items())),
-        *sorted((one for one in states if one.group == "crop"), key=lambda one: _CROP.index(one.name)),
+        *(Signal(c.name, "-", c.meaning, "controls", "control", i) for i, c in enumerate(model.controls)),
+        *(Signal(d.name, d.unit, d.meaning, "weather", "disturbance", i) for i, d in enumerate(model.disturbances)),
+        *(
+            Signal(name, LIMITED[name], meaning, "climate", "air", i)
+            for i, (name, meaning) in enumerate(_MEASURED.items())
+            if model.air is not None
+        ),
+        *sorted((one for one in states if one.group == "crop"), key=lambda one: crop.index(one.name)),
         *(one for one in states if one.group == "state"),
-        *(amounts[name] for name in _ECONOMICS),
-        *(replace(amounts[name], group="violations") for name in broken),
+        *(
+            Signal(drawn.path.rpartition("/")[2], _written(drawn.unit), drawn.label, "derived", "derived", i)
+            for i, drawn in enumerate(derived)
+        ),
+        *(one for one in amounts if one.group == "economics"),
+        *(one for one in amounts if one.group == "violations"),
     )
 
 
-def _climate(path: str, title: str, unit: str, column: str, limits: str | None = None) -> Curve:
-    return Curve(f"climate/{path}", title, unit, (column,), limits=limits)
+def _judges(quantity: str) -> bool:
+    return quantity == "penalty" or quantity.startswith(("violation_", "hours_outside_"))
 
 
-def _crop(path: str, title: str, column: str, unit: str = _GRAM, factor: float = 1e-3) -> Curve:
-    return Curve(f"crop/{path}", title, unit, (column,), factor=factor, slow=True)
+def _formula(model: Model, task: TaskSpec, drawn: Drawn) -> Callable[[Floats], Floats]:
+    nominal: Any = model.Parameters(*task.parameters().tolist())
+    of = drawn.of
+    assert of is not None
+    return lambda states: np.asarray(of(model.State(*states.T), nominal), dtype=np.float64)
 
 
-def _total(path: str, title: str, unit: str, column: str) -> Curve:
-    return Curve(path, f"{title}, summed", unit, (column,), "sum")
+def _pages(task: TaskSpec) -> tuple[Page, ...]:
+    model = task.model_value
+    limited = [name for name, _ in task.constraints.items()]
+    curves: dict[str, list[Curve]] = {group: [] for group in _TITLES}
+    if model.air is not None:
+        curves["climate"] += (
+            Curve(f"climate/{name}", title, unit, (name,), limits=name if name in limited else None)
+            for name, (_, title, unit) in _AIR.items()
+        )
+    earned = _by_amount(task.ledger.earned)
+    curves["crop"] += (_summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued == FLOW)
+    for drawn in model.signals():
+        curves.setdefault(drawn.path.partition("/")[0], []).append(_curve(model, drawn))
+    curves["crop"] += (_summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued != FLOW)
+    pages = [Page(_TITLES.get(group) or _sentence(group), tuple(listed)) for group, listed in curves.items() if listed]
+    return (*pages, Page("Money", _money(task)), Page("Violations", _violations(task, limited)))
 
 
-def _control(path: str, title: str, column: str) -> Curve:
-    return Curve(f"controls/{path}", title, _PERCENT, (column,), factor=100.0, moment="start", span=_SHUT_TO_OPEN)
+def _curve(model: Model, drawn: Drawn) -> Curve:
+    """A series of the model."""
+    group, _, name = drawn.path.rpartition("/")
+    if drawn.of is not None:
+        return Curve(drawn.path, drawn.label, drawn.unit, (name,), slow=group == "crop")
+    control, weather = drawn.source in model.control_names, drawn.source in model.disturbance_names
+    return Curve(
+        drawn.path,
+        drawn.label,
+        drawn.unit,
+        (drawn.source,),
+        factor=drawn.factor,
+        moment="start" if control or weather else "end",
+        shared=weather,
+        slow=group == "crop",
+        span=_SHUT_TO_OPEN if control and drawn.unit == _PERCENT else None,
+    )
 
 
-def _weather(path: str, title: str, unit: str, column: str) -> Curve:
-    return Curve(f"weather/{path}", title, unit, (column,), moment="start", shared=True)
+def _by_amount(items: Iterable[LedgerItem]) -> tuple[LedgerItem, ...]:
+    """The items with an amount of their own: one amount may have two prices."""
+    return tuple({item.amount: item for item in items}.values())
 
 
-def _violation(name: str, title: str, unit: str) -> Curve:
-    columns = (f"violation_{name}_low", f"violation_{name}_high")
-    return Curve(f"violations/{name}", f"{title} beyond its limits, − below, + above", unit, columns, "beyond")
+def _amount_title(item: LedgerItem) -> str:
+    return item.amount_label or item.label or _sentence(item.amount)
 
 
-_PAGES = (
-    Page("Climate", (
-        _climate("air_temperature", "Air temperature", _CELSIUS, "air_temperature", "air_temperature"),
-        _climate("relative_humidity", "Relative humidity", _PERCENT, "relative_humidity", "relative_humidity"),
-        _climate("co2", "CO₂", _PPM, "co2", "co2"),
-        _climate("canopy_temperature", "Canopy temperature", _CELSIUS, "tCan"),
-        _climate("pipe_temperature", "Rail pipe temperature", _CELSIUS, "tPipe"),
-    )),
-    Page("Crop and harvest", (
-        _total("crop/fruit_fresh", "Fruit grown, fresh", _KG, "fruit_fresh"),
-        _crop("fruit", "Carbohydrates in the fruit", "cFruit"),
-        _crop("leaves", "Carbohydrates in the leaves", "cLeaf"),
-        _crop("stems", "Carbohydrates in stems and roots", "cStem"),
-        _crop("buffer", "Carbohydrate buffer", "cBuf"),
-        _crop("canopy_temperature_24h", "Canopy temperature, 24 h mean", "tCan24", _CELSIUS, 1.0),
-    )),
-    Page("Controls", (
-        _control("boiler", "Boiler valve (heating)", "uBoil"),
-        _control("vents", "Roof vents open", "uVent"),
-        _control("lamps", "Lamps", "uLamp"),
-        _control("co2_dosing", "CO₂ dosing valve", "uCo2"),
-        _control("thermal_screen", "Thermal screen closed", "uThScr"),
-        _control("blackout_screen", "Blackout screen closed", "uBlScr"),
-    )),
-    Page("Weather", (
-        _weather("global_radiation", "Sun outside (global radiation)", "W m⁻²", "iGlob"),
-        _weather("temperature", "Outside temperature", _CELSIUS, "tOut"),
-        _weather("wind", "Wind", "m s⁻¹", "wind"),
-        _weather("vapour_pressure", "Outside vapour pressure", "Pa", "vpOut"),
-    )),
-    Page("Money", (
-        _total("money/epi", "Economic performance (EPI)", _EUR, "epi"),
-        _total("money/revenue", "Revenue of the fruit", _EUR, "revenue"),
-        _total("money/cost_heat", "Cost of heat", _EUR, "cost_heat"),
-        _total("money/cost_electricity", "Cost of electricity", _EUR, "cost_electricity"),
-        _total("money/cost_co2", "Cost of CO₂", _EUR, "cost_co2"),
-        _total("money/reward", "Reward", _ONE, "reward"),
-    )),
-    Page("Violations", (
-        _violation("air_temperature", "Air temperature", _CELSIUS),
-        _violation("relative_humidity", "Relative humidity", _PERCENT),
-        _violation("co2", "CO₂", _PPM),
-        Curve("violations/hours", "Time outside the limits, summed", _HOURS, _HOURS_OUTSIDE, "any"),
-        _total("violations/penalty", "Penalty", _ONE, "penalty"),
-    )),
-)  # fmt: skip
-_OVERVIEW = (
-    ("money/epi", "crop/fruit_fresh", "money/cost_electricity", "violations/hours"),
-    ("climate/air_temperature", "climate/relative_humidity", "climate/co2", "weather/global_radiation"),
-    ("controls/boiler", "controls/vents", "controls/lamps", "controls/co2_dosing"),
-)
+def _summed(path: str, title: str, item: LedgerItem) -> Curve:
+    return Curve(path, f"{title}, summed" if item.valued == FLOW else f"{title} gained", _raised(item.amount_unit), (item.amount,), "sum")
 
-GREENHOUSE = Signals(
-    recorded=_recorded(),
-    pages=_PAGES,
-    overview=_OVERVIEW,
-    worst="penalty",
-    names={"air_temperature": "air temperature", "co2": "CO₂", "relative_humidity": "relative humidity"},
-    prices=(
-        ("fruit", "kg", "tomatoes"),
-        ("heat", "kWh", "heat"),
-        ("electricity", "kWh", "electricity"),
-        ("co2", "kg", "CO₂"),
-    ),
-    total="epi",
-    income="revenue",
-    costs=_COSTS,
-    harvest="fruit_fresh",
-    reward="reward",
-)
-"""The greenhouse with tomatoes."""
+
+def _money(task: TaskSpec) -> tuple[Curve, ...]:
+    def summed(name: str, title: str, unit: str) -> Curve:
+        return Curve(f"money/{name}", f"{title}, summed", unit, (name,), "sum")
+
+    ledger = task.ledger
+    profit = "Economic performance" if ledger.meaning.startswith("economic performance") else "Profit"
+    return (
+        summed("epi", f"{profit} (EPI)", "EUR m⁻²"),
+        *(summed(i.name, f"Revenue of the {_within(i.label or i.name)}", _raised(i.unit)) for i in ledger.earned),
+        *(summed(i.name, f"Cost of {_within(i.label or i.name)}", _raised(i.unit)) for i in ledger.paid),
+        summed("reward", "Reward", _ONE),
+    )
+
+
+def _violations(task: TaskSpec, limited: list[str]) -> tuple[Curve, ...]:
+    hours = tuple(q.name for q in task.quantities if q.name.startswith("hours_outside_"))
+    return (
+        *(
+            Curve(
+                f"violations/{name}",
+                f"{title} beyond its limits, − below, + above",
+                unit,
+                (f"violation_{name}_low", f"violation_{name}_high"),
+                "beyond",
+            )
+            for name, (_, title, unit) in _AIR.items()
+            if name in limited
+        ),
+        *([Curve("violations/hours", "Time outside the limits, summed", "h", hours, "any")] if hours else []),
+        Curve("violations/penalty", "Penalty, summed", _ONE, ("penalty",), "sum"),
+    )
+
+
+def _overview(task: TaskSpec, paths: list[str]) -> tuple[tuple[str, ...], ...]:
+    """What was earned, grown, paid and broken; the climate and the sun; the first controls."""
+    paid = task.ledger.paid
+    cost = next((item for item in paid if item.flow == "electricity"), paid[0] if paid else None)
+
+    def of(group: str, count: int) -> list[str]:
+        return [path for path in paths if path.startswith(f"{group}/")][:count]
+
+    outcome = ["money/epi", *of("crop", 1), *([f"money/{cost.name}"] if cost else []), "violations/hours"]
+    columns = (outcome, [*of("climate", len(_AIR)), *of("weather", 1)], of("controls", _COLUMNS_OF_CONTROLS))
+    return tuple(kept for column in columns if (kept := tuple(path for path in column if path in paths)))
+
+
+def _price(task: TaskSpec, item: LedgerItem) -> str:
+    """As in ``heat 0.09 EUR/kWh``; a price that changes with the calendar from its lowest to its highest."""
+    unit = item.amount_unit.removesuffix("m-2").strip()
+    price = f"{item.price:g}" if not isinstance(item.price, str) else _range(task.price_tables[item.price].all_values)
+    return f"{item.goods or _within(item.label or item.name)} {price} EUR{f'/{unit}' if unit else ' each'}"
+
+
+def _range(values: tuple[float, ...]) -> str:
+    low, high = min(values), max(values)
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
+
+
+def _harvest(item: LedgerItem) -> str:
+    """As in ``kg/m² of fruit grown``."""
+    unit = item.amount_unit.removesuffix("m-2").strip()
+    what = _within(_amount_title(item).partition(",")[0])
+    return f"{unit}/m² of {what}" if unit else f"{what} per m²"
+
+
+def _sentence(name: str) -> str:
+    words = name.replace("_", " ")
+    return words[:1].upper() + words[1:]
+
+
+def _within(label: str) -> str:
+    """A label within a sentence: its first letter small, unless it begins an abbreviation."""
+    words = label.replace("_", " ")
+    return words if words[1:2].isupper() else words[:1].lower() + words[1:]
+
+
+def _raised(unit: str) -> str:
+    """``kg m⁻²`` for ``kg m-2``."""
+    return re.sub(r"-?\d+", lambda found: found[0].translate(str.maketrans(_PLAIN, _RAISED)), unit)
+
+
+def _written(unit: str) -> str:
+    """``kg m-2`` for ``kg m⁻²``."""
+    return unit.translate(str.maketrans(_RAISED, _PLAIN))

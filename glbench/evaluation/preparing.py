@@ -18,6 +18,7 @@ from glbench.agents import Identity, LoadedAgent
 from glbench.env import Simulation
 from glbench.env.kernels import shared_kernel
 from glbench.episodes import Recorder, chosen_rows, parse_selection, provenance_of
+from glbench.episodes.header import versions as recorded_versions
 from glbench.errors import GlbenchError, ResultError, SubmissionError, whole_number
 from glbench.evaluation import provenance
 from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, holds_checkpoint, read_checkpoint
@@ -455,7 +456,7 @@ class Evaluation:
                 kernel=self.kernel,
                 sandbox=self.protection,
             ),
-            versions=provenance.versions(),
+            versions=provenance.versions(recorded_versions(task)["model"]),
             machine=provenance.machine(),
             git=provenance.git_state(),
             created=dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),

@@ -15,7 +15,6 @@ from pathlib import Path
 
 from glbench import __version__
 from glbench.evaluation.records import GitState, Machine, Versions
-from glbench.model import MODEL_VERSION
 
 # What decides a number, besides task and agent (those have digests of their own). Reports and a user's submissions change all the
 # time and do not make a checkout "dirty".
@@ -23,11 +22,11 @@ _DECISIVE = ("glbench", "tasks", "weather", "baselines", "pyproject.toml", "uv.l
 _GIT_SECONDS = 10
 
 
-def versions() -> Versions:
-    """Versions of everything that computes a number."""
+def versions(model: str) -> Versions:
+    """Versions of everything that computes a number; ``model`` is that of the model."""
     return Versions(
         glbench=__version__,
-        model=MODEL_VERSION,
+        model=model,
         python=platform.python_version(),
         numpy=version("numpy"),
         casadi=version("casadi"),

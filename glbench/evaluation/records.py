@@ -209,7 +209,7 @@ class Result(Record):
                 msg = f"run with seed {run.seed} is '{run.status}' after {run.steps} of {self.task.steps} steps"
                 raise ValueError(msg)
         # Other tasks may measure their heat in MJ; what every task has is in one unit, and so is all that the paper's tasks have.
-        fixed = UNITS if PAPER_ONLY <= set(self.units) else COMMON_UNITS
+        fixed = UNITS if set(self.units) >= PAPER_ONLY else COMMON_UNITS
         if any(fixed.get(name, unit) != unit for name, unit in self.units.items()):
             msg = "the units are not those of this schema version"
             raise ValueError(msg)

@@ -179,11 +179,18 @@ class PrivilegedRunner(BatchRunner):
         controls = tuple(Action(name, 0.0, 1.0) for name in task.model_value.control_names)
         super().__init__(cast(Agent, controller), replace(card, actions=controls), n, limits)
         self._task = card
-        self._weather = task.disturbances(extra_rows=task.observation.forecast_steps)
+        self._states = len(task.model_value.states)
+        scenario = task.scenario
+        one_season = len(scenario.seasons) == 1 and not scenario.start_within_days
+        # One row of weather for all runs where they share it: controllers compute what follows from it once.
+        self._weather = task.disturbances(extra_rows=task.observation.forecast_steps) if one_season else None
 
     def inputs(self, simulation: Simulation, observations: NDArray[np.float32]) -> Inputs:
-        """Show the states."""
-        return np.array(simulation.x, dtype=np.float64)
+        """Show the states, and behind them weather and clock where each run has its own."""
+        if self._weather is not None:
+            return np.array(simulation.x, dtype=np.float64)
+        clock = simulation.hour_of_day[:, None], simulation.day_of_year[:, None]
+        return np.concatenate([simulation.x, simulation.d, *clock], axis=1)
 
     def apply(self, simulation: Simulation, actions: Array) -> StepResult:
         """Take a step with controls, past the actuation."""
@@ -191,6 +198,9 @@ class PrivilegedRunner(BatchRunner):
 
     def _returned(self, step: int, shown: Inputs) -> object:
         weather = self._weather
+        if weather is None:
+            x, d, hours, days = np.split(shown, [self._states, shown.shape[1] - 2, shown.shape[1] - 1], axis=1)
+            return self._agent.controls(x, d, hours[:, 0], days[:, 0])
         hour, day = float(weather.hour_of_day[step]), float(weather.day_of_year[step])
         return self._agent.controls(shown, weather.values[step], hour, day)
 

@@ -17,7 +17,7 @@ from glbench.model.expressions import Expr
 from glbench.model.model import Capacity, Evaluation, Flow, Model, Record, Seen, Signal, Start, Step, Stock
 from glbench.model.parameter_checks import Order, Shares
 from glbench.model.parameter_table import ParameterInfo
-from glbench.model.quantities import Variable, public_name
+from glbench.model.quantities import Variable, public_name, states_of
 from glbench.model.states import Clock
 from glbench.model.submodels import Addition, Around, Climate, Crop, Submodel
 
@@ -111,6 +111,11 @@ class Greenhouse(Model):
     @property
     def singular(self) -> tuple[str, str] | None:
         return self.climate.singular
+
+    @property
+    def crop_states(self) -> tuple[str, ...]:
+        own = (state.name for state in states_of(self.crop.State))
+        return (*((self.climate.canopy,) if self.climate.canopy else ()), *own)
 
     @property
     def shares(self) -> tuple[Shares, ...]:

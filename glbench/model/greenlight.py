@@ -94,6 +94,7 @@ class GreenLightClimate(Climate):
     )
     air = ("tAir", "co2Air", "vpAir")
     singular = ("tAir", "tTop")
+    canopy = "tCan"
     observation_modules: ClassVar[Mapping[str, str]] = {
         "indoor_climate": "air temperature, CO2, relative humidity, pipe temperature",
         "published_indoor_climate": "as indoor_climate, CO2 first",

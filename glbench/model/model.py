@@ -227,6 +227,11 @@ class Model(ABC):
         return None
 
     @property
+    def crop_states(self) -> tuple[str, ...]:
+        """Public names of the states of plants, which a record shows apart from the others."""
+        return ()
+
+    @property
     def shares(self) -> tuple[Shares, ...]:
         """Parameters whose sum cannot exceed 1."""
         return ()

@@ -85,6 +85,8 @@ class Climate(Submodel):
     """States of the main air: temperature [°C], CO2 density [mg m-3], vapour pressure [Pa]."""
     singular: ClassVar[tuple[str, str] | None] = None
     """Two states whose difference the rates depend on like a root."""
+    canopy: ClassVar[str | None] = None
+    """State of the plants that the climate has: the temperature of the canopy."""
     variant_name: str = "author"
 
     @abstractmethod

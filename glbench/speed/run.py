@@ -195,7 +195,7 @@ def measure(
     return SpeedRecord(
         created=dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
         machine=machine(),
-        versions=versions(),
+        versions=versions(TOMATO.version),
         kernel=Kernel(TOMATO, STEP_SECONDS, preset="standard").describe(),
         reference=f"CasADi CVODES, tolerances 1e-6, {'compiled with -O3' if compiled else 'not compiled: no gcc here'}",
         rounds=rounds,

@@ -67,6 +67,10 @@ class LedgerItem:
         moment. Step by step that is the value after the step at the next step's price, minus the value before it at this step's.
     meaning, amount_meaning
         The two columns in words.
+    amount_label
+        Heading of the amount in plots, where it is not ``label``.
+    goods
+        What the price is of, in words, where it is not ``label``.
     """
 
     name: str
@@ -81,6 +85,8 @@ class LedgerItem:
     valued: Literal["when it flows", "as stock"] = FLOW
     meaning: str = ""
     amount_meaning: str = ""
+    amount_label: str = ""
+    goods: str = ""
 
 
 @dataclass(frozen=True)
@@ -124,6 +130,7 @@ def paper_v1(prices: PricesTable) -> Ledger:
                 "revenue", "fruit_growth", "fruit_fresh", "kg m-2", fresh, prices.fruit, 1, label="Fruit",
                 meaning="value of the fresh fruit grown, when it grows and not when it is picked",
                 amount_meaning="fresh fruit grown: dry increment divided by the dry matter content",
+                amount_label="Fruit grown, fresh", goods="tomatoes",
             ),
             LedgerItem(
                 "cost_heat", "heat", "heat", "kWh m-2", 1.0, prices.heat, -1, label="Heat",
@@ -208,6 +215,11 @@ class PriceTable:
     hourly: tuple[float, ...] = ()
     dated: tuple[tuple[int, int, float], ...] = ()
     series: tuple[tuple[dt.datetime, float], ...] = ()
+
+    @property
+    def all_values(self) -> tuple[float, ...]:
+        """Every price that there can be."""
+        return (*self.hourly, *(price for _, _, price in self.dated), *(price for _, price in self.series))
 
     def values(self, times: NDArray[np.datetime64], hour_of_day: NDArray[np.float64]) -> NDArray[np.float64]:
         """The price at each row of a calendar ``(rows,)``, from its moments [UTC] and the hours of day of the task's clock."""

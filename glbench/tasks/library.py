@@ -6,7 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from glbench.errors import GlbenchError, TaskError, UnknownNameError, did_you_mean
-from glbench.registration import task_files
+from glbench.registration import draft_files, task_files
 from glbench.tasks.bases import base_of, shipped_file
 from glbench.tasks.lock import LOCK_WORDS, LockEntry, canonical_sha256, lock_path, read_lock, write_lock
 from glbench.tasks.reading import read_task
@@ -43,7 +43,7 @@ def get_task(id_or_path: str | Path) -> TaskSpec:
 
 
 def list_tasks() -> list[TaskSpec]:
-    """All shipped tasks, in the order of their files.
+    """All published tasks, in the order of their files.
 
     Their files are compared with the lock; weather and model are only when a task is taken with ``get_task``.
 
@@ -53,6 +53,17 @@ def list_tasks() -> list[TaskSpec]:
         When a file is invalid or a published one was changed.
     """
     return [_read_listed(path) for path in task_files()]
+
+
+def list_drafts() -> list[TaskSpec]:
+    """Shipped tasks that are not published: they can be used like any other, and may change.
+
+    Raises
+    ------
+    TaskError
+        When a file is invalid.
+    """
+    return [read_task(path) for path in draft_files()]
 
 
 def list_suites() -> dict[str, tuple[str, ...]]:

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
+from glbench.errors import UnknownNameError, did_you_mean
 from glbench.tasks.ledger import LIMITED
 
 if TYPE_CHECKING:
@@ -92,10 +93,14 @@ class QuantityTable(Protocol):
 
 
 def of_model(module: str) -> QuantityTable:
-    """The columns of a module that the model supplies; none where it has no such module."""
+    """The columns of a module that the model supplies; UnknownNameError where it has no such module."""
 
     def columns(context: ObservationContext) -> tuple[Quantity, ...]:
-        seen = context.model.observed(module, context.horizon) or ()
+        model = context.model
+        seen = model.observed(module, context.horizon)
+        if seen is None:
+            msg = f"{model.id} has no observation module '{module}'.{did_you_mean(module, model.observation_modules)}"
+            raise UnknownNameError(msg)
         return tuple(Quantity(column.name, column.unit, column.low, column.high, column.meaning) for column in seen)
 
     return columns

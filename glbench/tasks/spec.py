@@ -33,7 +33,7 @@ from glbench.tasks.ledger import (
     step_quantities,
 )
 from glbench.tasks.lock import Fingerprint, canonical_sha256, read_lock
-from glbench.tasks.quantities import PAPER_MODEL, Capacity, ObservationContext, Quantity, capacities
+from glbench.tasks.quantities import PAPER_MODEL, Capacity, ObservationContext, Quantity, capacities, of_model
 from glbench.tasks.scenario import ParameterGroup, Scenario, Season, StartGroup
 from glbench.tasks.tables import (
     ActuationTable,
@@ -370,16 +370,15 @@ class TaskSpec:
             When neither the vocabulary nor the model has it.
         """
         context, model = self.observation_context(), self.model_value
-        own = model.observed(module, context.horizon) if self.schema_version > 1 else None
-        if own is not None:
-            return tuple(Quantity(seen.name, seen.unit, seen.low, seen.high, seen.meaning) for seen in own)
-        columns = OBSERVATION_MODULES[module].quantities(context) if module in OBSERVATION_MODULES else ()
-        if not columns:
-            known = [entry.name for entry in OBSERVATION_MODULES if entry.quantities(context)]
-            near = did_you_mean(module, [*known, *model.observation_modules])
-            msg = f"{self.source}: [observation] {model.id} has no observation module '{module}'.{near}"
-            raise TaskError(msg)
-        return columns
+        own = model.observation_modules if self.schema_version > 1 else {}
+        with self._asked_by("observation"):
+            if module in own:
+                return of_model(module)(context)
+            if module in OBSERVATION_MODULES:
+                return OBSERVATION_MODULES[module].quantities(context)
+            near = did_you_mean(module, [*OBSERVATION_MODULES.names, *own])
+            msg = f"{model.id} has no observation module '{module}'.{near}"
+            raise UnknownNameError(msg)
 
     def observation_context(self) -> ObservationContext:
         """What the columns of observation modules may depend on."""

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 from glbench import __version__
 from glbench.errors import TrainingError
 from glbench.evaluation.provenance import git_state, machine
-from glbench.model import MODEL_VERSION
 from glbench.resources import write_atomically
 from glbench.training.probe import History
 
@@ -54,11 +53,11 @@ class Making:
     training: Mapping[str, Any]
 
 
-def note_session(history: History, steps: int) -> None:
-    """Note with which versions and commit a training goes on from ``steps``, unless they are those of the session before."""
+def note_session(history: History, task: TaskSpec, steps: int) -> None:
+    """Note with which versions and commit a training on ``task`` goes on from ``steps``, unless they are those of the session before."""
     git = git_state()
     commit = [] if git is None else [f"commit {git.commit}{' with changes' if git.dirty else ''}"]
-    words = ", ".join([*(f"{name} {found}" for name, found in _versions().items()), *commit])
+    words = ", ".join([*(f"{name} {found}" for name, found in _versions(task).items()), *commit])
     if not history.sessions or history.sessions[-1].partition(": ")[2] != words:
         history.sessions.append(f"from step {steps}: {words}")
 
@@ -112,7 +111,7 @@ def write_card(
         "description": making.description if learnt else _NOT_LEARNT.format(making.training["steps"]),
         "made": making.made,
         "sources": list(making.sources),
-        "task": {"id": task.id, "digest": task.digest},
+        "task": {"id": task.id, "digest": task.digest, "model": task.model_id},
         "training": {
             **making.training,
             **({"sessions": history.sessions} if len(history.sessions) > 1 else {}),
@@ -127,7 +126,7 @@ def write_card(
         },
         "wall_seconds": {"total": round(spent.total, 1), **{k: round(v, 1) for k, v in asdict(spent).items()}},
         "share_of_training_time": shares,
-        "versions": _versions(),
+        "versions": _versions(task),
         "machine": {"processor": where.processor, "cores": where.cores, "system": where.system},
     }
     if start is not None:
@@ -181,8 +180,8 @@ def _value(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-def _versions() -> dict[str, str]:
-    found = {"glbench": __version__, "model": MODEL_VERSION, "python": platform.python_version()}
+def _versions(task: TaskSpec) -> dict[str, str]:
+    found = {"glbench": __version__, "model": task.model_id, "python": platform.python_version()}
     return found | {name: known for name in _PACKAGES if (known := _version(name))}
 
 

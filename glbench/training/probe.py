@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 
 CURVE = "learning_curve.csv"
-SUMS = ("reward", "epi", "penalty", "revenue", "cost_heat", "cost_electricity", "cost_co2")
-"""What is summed over a season: reward and penalty without unit, money in EUR/m2."""
 Act = Callable[[NDArray[np.float32]], NDArray[np.floating[Any]]]
 """Actions ``(n, m)`` for observations ``(n, columns)``, within their bounds."""
 
@@ -121,7 +119,7 @@ class Pace:
 
 @dataclass(frozen=True)
 class ProbeResult:
-    """Sums over a season, averaged over the runs; names in ``SUMS``."""
+    """Sums over a season, averaged over the runs; names in ``summed_over``."""
 
     sums: dict[str, float]
 
@@ -131,16 +129,21 @@ class ProbeResult:
         return self.sums["reward"]
 
 
+def summed_over(task: TaskSpec) -> tuple[str, ...]:
+    """What is summed over a season of ``task``: reward and penalty without unit, profit and every line of its ledger in EUR/m2."""
+    return ("reward", "epi", "penalty", *(item.name for item in (*task.ledger.earned, *task.ledger.paid)))
+
+
 def season_sums(simulation: Simulation, seeds: Sequence[int], act: Act) -> dict[str, NDArray[np.float64]]:
     """Sums over one season of every run ``(n,)``; a run that fails counts what it had reached, and the task's charge for the rest."""
     observations = simulation.reset(seeds)
-    sums = {name: np.zeros(len(seeds)) for name in SUMS}
+    sums = {name: np.zeros(len(seeds)) for name in summed_over(simulation.task)}
     charge = simulation.task.evaluation.failed_step
     while simulation.over < simulation.n:
         running = ~simulation.ended
         result = simulation.step(act(observations))
         observations = result.observations
-        for name in SUMS:
+        for name in sums:
             sums[name] += np.where(running, result.quantities[name], 0.0)
     missing = simulation.task.steps - simulation.k
     sums["reward"] += missing * charge.reward

@@ -247,7 +247,7 @@ def train(
         try:
             model, normalization, history = _begin_or_continue(env, task, settings, state, seed, identity)
             open_folder(folder, _as_yaml(settings))
-            note_session(history, model.num_timesteps)
+            note_session(history, task, model.num_timesteps)
             model.tensorboard_log = str(folder / "tensorboard") if tensorboard else None
             callback = TrainingCallback(
                 folder,

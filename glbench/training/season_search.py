@@ -337,7 +337,7 @@ def search(
         under_way = _Search(task, settings, seed)
         if state is not None:
             _continue(under_way, state, identity)
-        note_session(under_way.history, under_way.steps)
+        note_session(under_way.history, task, under_way.steps)
         open_folder(folder, settings.model_dump(mode="json"))
         _run(under_way, folder, listeners, identity)
         history, making = under_way.history, _making(under_way, identity)

@@ -112,8 +112,15 @@ class EvaluationPlan(FrozenSettings):
 
     def seeds(self, task: TaskSpec) -> list[int]:
         """Seeds of the runs."""
-        runs = self.runs if task.uncertainty.delta else 1
+        runs = self.runs if _draws(task) else 1
         return list(range(self.first_seed, self.first_seed + runs))
+
+
+def _draws(task: TaskSpec) -> bool:
+    """Whether runs of a task differ."""
+    scenario = task.scenario
+    widths = (group.half_width for group in (*scenario.groups, *scenario.start_groups))
+    return any(widths) or len(scenario.seasons) > 1 or scenario.start_within_days > 0
 
 
 class TrainingSettings(FrozenSettings):

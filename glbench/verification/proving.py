@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.episodes import ActionLog, Episode, Replay, Trace, episodes_folder
-from glbench.episodes.recorder import BYTES_A_STEP, LARGEST_TRACE
+from glbench.episodes.header import versions as recorded_versions
+from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
 from glbench.errors import ActionError, ResultError
 from glbench.evaluation import Result, provenance
 from glbench.evaluation.limits import Failure
@@ -95,7 +96,7 @@ def verify(
         whole, complaint = _try_to_read(episodes or episodes_folder(path), log, wanted=episodes is not None)
         profiled = _profile_is_there(path, result, spec)
         with _kernel(result, spec, workers) as kernel:
-            stated = _stated_machine(result, kernel)
+            stated = _stated_machine(result, spec, kernel)
             rows = range(len(log.runs)) if profiled else [row for row, _ in whole]
             again = _simulate(spec, log, rows, kernel, progress)
         agreement = _agreement(result, spec, log, again)
@@ -149,10 +150,10 @@ def _kernel(result: Result, task: TaskSpec, workers: int | None) -> Kernel:
     return Kernel(task.model_value, task.step_seconds, backend=backend, threads=min(workers or 1, len(result.runs)))
 
 
-def _stated_machine(result: Result, kernel: Kernel) -> str:
+def _stated_machine(result: Result, task: TaskSpec, kernel: Kernel) -> str:
     """What the result states of its machine, beside this one: an explanation of differences for people, and evidence of nothing."""
     here, there = provenance.machine(), result.machine
-    versions = provenance.versions().model_dump()
+    versions = provenance.versions(recorded_versions(task)["model"]).model_dump()
     others = [
         name
         for name, number in result.versions.model_dump().items()
@@ -176,7 +177,7 @@ def _stated_machine(result: Result, kernel: Kernel) -> str:
 
 def _profile_is_there(path: Path, result: Result, task: TaskSpec) -> bool:
     """Whether the result names a profile, which lies beside it and can be made again within the memory of a trace."""
-    if result.profile is None or task.steps * len(result.runs) * BYTES_A_STEP > LARGEST_TRACE:
+    if result.profile is None or task.steps * len(result.runs) * bytes_a_step(task) > LARGEST_TRACE:
         return False
     try:
         return load_profile(result, path) is not None

@@ -14,11 +14,11 @@ from stable_baselines3.common.env_checker import check_env as check_env_for_stab
 import glbench  # noqa: F401  # registers the ids
 from glbench.env import GreenhouseEnv, info_quantities
 from glbench.errors import ActionError, GlbenchError, UnknownNameError
-from glbench.tasks import TaskSpec, get_task, list_tasks
+from glbench.tasks import TaskSpec, get_task, list_drafts, list_tasks
 from tests.env.stepping import GOLDEN, StillKernel, walk
 
 MakeTask = Callable[..., TaskSpec]
-TASKS = [task.id for task in list_tasks()]
+TASKS = [task.id for task in (*list_tasks(), *list_drafts())]
 
 
 @pytest.mark.parametrize("name", TASKS)
@@ -156,7 +156,7 @@ def test_the_panel_speaks_of_climate_controls_and_money(day: TaskSpec) -> None:
     start = environment.render()
     assert start is not None
     assert "2010-03-01 00:00 UTC, step 0 of 96" in start
-    assert "air 16.5 degC" in start
+    assert "air temperature 16.5 degC" in start
     environment.step(np.ones(6, dtype=np.float32))
     text = environment.render()
     assert text is not None

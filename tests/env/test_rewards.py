@@ -36,7 +36,7 @@ def outcome(accounts: Accounts, growth: float, controls: list[float], air: tuple
     after = before.copy()
     before[0, 25], after[0, 25] = 55338.0, 55338.0 + growth
     u, climate = np.array([controls]), np.array(air).reshape(3, 1)
-    return StepOutcome(accounts.quantities(before, after, u, climate), before, after, u, climate)
+    return StepOutcome(accounts.quantities(before, after, u, climate), before, after, u, climate, accounts.names)
 
 
 def test_the_worked_example_of_the_benchmark(task: TaskSpec, accounts: Accounts) -> None:

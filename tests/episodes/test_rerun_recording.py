@@ -23,13 +23,15 @@ from glbench.episodes.rerun_course import (
 )
 from glbench.episodes.rerun_recording import save_recording, with_two_ticks
 from glbench.episodes.rerun_viewer import load_rerun
-from glbench.episodes.signals import GREENHOUSE
+from glbench.episodes.signals import signals_of
 from glbench.errors import GlbenchError
 from glbench.evaluation import load_result
 from glbench.tasks import get_task
 from tests.episodes.rerun_runs import Recording, Runs, make_runs, read_recording
 
 pytest.importorskip("rerun", reason="the viewer (rerun-sdk) is not installed")
+
+GREENHOUSE = signals_of(get_task("Schiphol2010-Delta10-v1"))
 
 
 @pytest.fixture(scope="module")

@@ -20,12 +20,14 @@ from glbench.episodes import rerun_viewer
 from glbench.episodes.rerun_course import PALETTE, show_together, shown_of, trajectory_of
 from glbench.episodes.rerun_live import LiveView
 from glbench.episodes.rerun_recording import save_recording
-from glbench.episodes.signals import GREENHOUSE
+from glbench.episodes.signals import signals_of
 from glbench.errors import GlbenchError
 from glbench.tasks import get_task
 from tests.episodes.rerun_runs import Runs, make_runs, read_recording
 
 pytest.importorskip("rerun", reason="the viewer (rerun-sdk) is not installed")
+
+GREENHOUSE = signals_of(get_task("Schiphol2010-Delta10-v1"))
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,11 @@ import pytest
 import glbench.episodes
 from glbench.env.quantities import QUANTITY_NAMES
 from glbench.episodes import Episode, episode_bytes, read_episode
-from glbench.episodes.signals import GREENHOUSE, Curve, Page, Signal
+from glbench.episodes.signals import Amount, Curve, Page, Signal, signals_of
 from glbench.model import CONTROL_NAMES, DISTURBANCE_NAMES, STATE_NAMES
+from glbench.tasks import get_task
+
+GREENHOUSE = signals_of(get_task("Schiphol2010-Delta10-v1"))
 
 TOY = replace(
     GREENHOUSE,
@@ -26,7 +29,7 @@ TOY = replace(
         Signal("gain", "EUR", "of a step", "economics", "quantity", 0),
     ),
     pages=(Page("All", (Curve("crop/mass", "Mass", "g", ("mass",), factor=1e3), Curve("money/gain", "Gain", "EUR", ("gain",), "sum"))),),
-    worst="gain", total="gain", income="gain", costs=(), harvest="mass", reward="gain",
+    worst="gain", total="gain", income=("gain",), costs=(), harvest=(Amount("mass", "kg"),), reward="gain",
 )  # fmt: skip
 """Two states, one control: a kind of task that glbench does not have."""
 

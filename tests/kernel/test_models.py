@@ -12,7 +12,7 @@ import pytest
 from glbench.errors import ActionError, ShapeError, StepError, UnknownNameError
 from glbench.kernel import Kernel, Rows, available, state_scale, why_not_compiled
 from glbench.kernel.compiled import CompiledStepper, CompiledUnavailable, absent_equipment
-from glbench.model import TOMATO, Evaluation, Model
+from glbench.model import TOMATO, Evaluation, Model, get_model
 from tests.kernel.known_steps import Array, KnownSteps
 from tests.kernel.toy import DECAY, METERED, TANK, Tank, decay_rows, metered_rows, tank_rows
 
@@ -134,7 +134,14 @@ def test_what_a_meter_adds_up_has_derivatives(harvests: Rows) -> None:
 
 def test_models_side_by_side_do_not_disturb_each_other(steps_900: KnownSteps, p: Array, harvests: Rows) -> None:
     tomatoes = Rows(steps_900.x, steps_900.u, steps_900.d, p[None])
-    pairs = [(TANK, tank_rows(32)), (TOMATO, tomatoes), (METERED, harvests), (DECAY, decay_rows(32))]
+    lettuce = get_model("greenlight-lettuce-1.0.0")
+    values = lettuce.parameters.default()
+    kind = next(iter(lettuce.starts()))
+    planted = np.stack([lettuce.start(kind, d, 18.0, values) for d in steps_900.d])
+    lettuces = Rows(planted, steps_900.u, steps_900.d, values[None])
+    pairs = [
+        (TANK, tank_rows(32)), (TOMATO, tomatoes), (METERED, harvests), (DECAY, decay_rows(32)), (lettuce, lettuces),
+    ]  # fmt: skip
     kernels = [kernel_of(model, "compiled") for model, _ in pairs]
     apart = [kernel_of(model, "compiled").step(*rows).tobytes() for model, rows in pairs]
     for _ in range(2):

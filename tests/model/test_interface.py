@@ -19,6 +19,7 @@ from glbench.model import (
     CONTROLS,
     DISTURBANCE_NAMES,
     DISTURBANCES,
+    LETTUCE,
     PARAMETER_NAMES,
     STATE_NAMES,
     STATES,
@@ -52,7 +53,7 @@ def test_names_are_in_the_order_of_the_vectors() -> None:
 def test_every_name_is_explained_in_the_nomenclature() -> None:
     page = (Path(__file__).parents[2] / "docs" / "nomenclature.md").read_text(encoding="utf-8")
 
-    for entry in (*STATES, *CONTROLS, *DISTURBANCES, *AUXILIARIES):
+    for entry in (*STATES, *CONTROLS, *DISTURBANCES, *AUXILIARIES, *LETTUCE.states, *LETTUCE.auxiliaries):
         row = next((line for line in page.splitlines() if line.startswith(f"| `{entry.name}` |")), "")
         assert f"| {entry.unit} |" in row, entry.name
 

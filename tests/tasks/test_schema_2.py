@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glbench.env import make_accounts
+from glbench.env import Simulation, make_accounts
 from glbench.env.rewards import make_reward
 from glbench.episodes.definition import definition_json, task_of
 from glbench.errors import TaskError
@@ -282,3 +282,48 @@ def test_a_profit_can_be_scaled_between_stated_bounds(toys: Callable[..., TaskSp
     )
     accounts = make_accounts(task)
     assert (accounts.lowest_epi, accounts.highest_epi) == (-0.1, 0.3)
+
+
+def season(task: TaskSpec) -> dict[str, np.ndarray]:
+    """Quantities of every step of a season under controls that repeat from day to day, one array each."""
+    simulation = Simulation(task, 1, "fast")
+    simulation.reset([1])
+    names = task.model_value.control_names
+    days = np.zeros((task.steps_per_day, 1, len(names)))
+    hours = np.arange(task.steps_per_day) * task.step_seconds / 3600.0
+    for name, values in (
+        ("uBoil", np.where((hours < 7) | (hours > 19), 0.35, 0.1)),
+        ("uCo2", np.where((hours > 7) & (hours < 19), 0.5, 0.0)),
+        ("uLamp", np.where(hours < 18, 1.0, 0.0)),
+        ("uVent", np.where((hours > 9) & (hours < 17), 0.1, 0.02)),
+        ("uTap", np.where(hours < 12, 0.5, 0.0)),
+    ):
+        if name in names:
+            days[:, 0, names.index(name)] = values
+    steps = [simulation.step_controls(days[k % task.steps_per_day]).quantities for k in range(task.steps)]
+    return {name: np.array([step[name][0] for step in steps]) for name in steps[0]}
+
+
+def test_revenue_goes_on_after_day_30_where_the_harvest_is_paid(write: Write) -> None:
+    """hps_2020: once a plant carries 300000 mg m-2 its fruit does not get heavier, and growth alone earns nothing."""
+    text = HARVEST.replace("Delta10", "Delta00")
+    paid = season(get_task(write(text)))
+    growth = season(
+        get_task(write(text.split("[ledger.revenue]")[0] + '[reward]\nmodules = ["epi", "scaled_penalty"]\n'))
+    )
+    late = slice(30 * 96, None)
+    assert growth["revenue"][late].sum() < 0.1
+    assert paid["revenue"][late].sum() > 5.0
+    np.testing.assert_allclose(paid["standing"], growth["revenue"], atol=1e-6)
+    np.testing.assert_allclose(paid["epi"] - growth["epi"], paid["revenue"], atol=1e-6)
+
+
+def test_a_season_of_another_model_with_prices_over_time(toys: Callable[..., TaskSpec]) -> None:
+    task = toys()
+    steps = season(task)
+    assert steps["water"].sum() == pytest.approx(3 * 12 * 3600 * 1e-3 * 0.5)
+    assert steps["epi"].sum() == pytest.approx(steps["growth"].sum() - steps["cost_water"].sum())
+    gained = steps["mass_gained"].sum()
+    assert gained > 0.01
+    assert steps["growth"].sum() == pytest.approx(gained * 1.0, rel=1e-9)  # begins and ends at midnight, at 1 EUR kg-1
+    assert (steps["reward"] == steps["epi"]).all()

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glbench.registration import task_files
-from glbench.tasks import DEFAULT_TASK, TaskSpec, get_suite, get_task, list_suites, list_tasks, read_lock
+from glbench.env import Simulation
+from glbench.registration import draft_files, task_files
+from glbench.tasks import DEFAULT_TASK, TaskSpec, get_suite, get_task, list_drafts, list_suites, list_tasks, read_lock
 from glbench.tasks.library import check_file_name
 
 DELTAS = (0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30)
@@ -130,3 +131,29 @@ def test_a_list_of_tasks_needs_neither_weather_nor_digest(monkeypatch: pytest.Mo
     monkeypatch.setattr(TaskSpec, "record", refuse)
     monkeypatch.setattr(TaskSpec, "fingerprint", refuse)
     assert len(list_tasks()) == 14
+
+
+def test_drafts_can_be_used_and_are_not_published() -> None:
+    drafts = list_drafts()
+
+    assert [task.id for task in drafts] == ["glbench/Lettuce-v1"]
+    for task in drafts:
+        assert get_task(task.short_id).digest == task.digest
+        assert not task.locked
+        assert task.id not in {published.id for published in list_tasks()}
+        assert f"{task.short_id.lower()}.toml" in {path.name for path in draft_files()}
+
+
+def test_the_lettuce_draft_draws_season_start_and_crop_for_each_run() -> None:
+    simulation = Simulation("Lettuce-v1", 6)
+
+    simulation.reset(range(6))
+
+    assert simulation.fused
+    assert len({str(moment)[:10] for moment in simulation.time}) > 3
+    assert len({str(moment)[:4] for moment in simulation.time}) > 1
+    heads = [column.name for column in simulation.task.observed()].index("head_fresh_mass")
+    assert np.ptp(simulation.observe()[:, heads]) > 0.1
+    assert [quantity.name for quantity in simulation.task.quantities][:6] == [
+        "reward", "epi", "revenue", "cost_heat", "cost_electricity", "cost_co2",
+    ]  # fmt: skip

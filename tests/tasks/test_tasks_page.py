@@ -11,6 +11,14 @@ import gymnasium
 import pytest
 
 from glbench.tasks import TaskFile1, TaskSpec, get_task
+from glbench.tasks.tables import (
+    AnyRewardTable,
+    ItemTable,
+    ParameterGroupTable,
+    PriceTableTable,
+    ScenarioTable,
+    StartGroupTable,
+)
 
 PAGE = Path(__file__).parents[2] / "docs" / "tasks.md"
 
@@ -49,8 +57,21 @@ def test_the_whole_file_shown_is_a_task(page: str, write: Callable[[str], Path])
     assert task.uncertain_parameters() == ("rgFruit", "sla")
 
 
+def test_the_task_of_schema_2_shown_is_one(page: str, write: Callable[[str], Path]) -> None:
+    task = get_task(write(blocks(page, "toml")[2]))
+    assert (task.schema_version, task.model_value.id) == (2, "greenlight-tomato-harvest-1.0.0")
+    assert [item.name for item in task.ledger.earned] == ["revenue", "standing"]
+    assert (len(task.scenario.seasons), len(task.scenario.groups[0].parameters)) == (3, 28)
+
+
+def test_every_key_of_schema_2_is_explained(page: str) -> None:
+    for record in (ItemTable, PriceTableTable, ScenarioTable, ParameterGroupTable, StartGroupTable, AnyRewardTable):
+        for name, field in record.model_fields.items():
+            assert field.exclude or f"`{name}`" in page, name
+
+
 def test_the_published_modules_shown_have_263_columns(page: str, write: Callable[[str], Path]) -> None:
-    _, whole, published = blocks(page, "toml")
+    _, whole, _, published = blocks(page, "toml")
     kept = re.sub(r"modules = \[\"indoor.*\n|timing = .*\n|forecast = .*\n", "", whole)
     task = get_task(write(kept.replace("[observation]\n", "[observation]\n" + published)))
     assert len(task.observed()) == 263

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,20 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.climate import read_air
-from glbench.env.quantities import QUANTITIES, QUANTITY_NAMES
+from glbench.env.scenario import RunScenarios
 from glbench.episodes import ActionLog, Replay, Trace, chosen_rows
 from glbench.episodes.definition import definition_json, task_of
-from glbench.episodes.recorder import BYTES_A_STEP, LARGEST_TRACE
-from glbench.errors import EpisodeError, ResultError
+from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
+from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation.profiles import tables
 from glbench.evaluation.profiles.record import SCHEMA, VERSION, Profile, profile_path, read_profile
 from glbench.evaluation.records import RecordReference, Result
-from glbench.model import CONTROLS, DISTURBANCE_NAMES, STATE_NAMES
+from glbench.model import Horizon
 from glbench.registration import task_ids
-from glbench.tasks.quantities import LIMITED
+from glbench.tasks import get_task
+from glbench.weather import COLUMNS as WEATHER
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
+    from glbench.model.model import Seen
     from glbench.tasks import TaskSpec
 
 
@@ -47,17 +50,64 @@ class Column:
     kind: Literal["level", "amount"]
 
 
-CONTROL_COLUMNS = tuple(Column(control.name, "-", control.meaning, "level") for control in CONTROLS)
-CLIMATE_COLUMNS = (
-    Column("air_temperature", "degC", "air temperature at the end of the step", "level"),
-    Column("co2", "ppm", "CO2 of the indoor air at the end of the step", "level"),
-    Column("relative_humidity", "%", "relative humidity of the indoor air at the end of the step", "level"),
-)
-PIPE = Column("pipe_temperature", "degC", "temperature of the rail pipes", "level")
-_WANTED = ("fruit_fresh", "heat", "electricity", "co2_dosed", "epi", "penalty", "reward")
-AMOUNTS = tuple(Column(q.name, q.unit, q.meaning, "amount") for q in QUANTITIES if q.name in _WANTED)
-COLUMNS = (*CONTROL_COLUMNS, *CLIMATE_COLUMNS, PIPE, *AMOUNTS)
-LIMITS = tuple(q for q in QUANTITIES if q.name.startswith("hours_outside_"))
+@dataclass(frozen=True)
+class Columns:
+    """The columns of a task's profiles.
+
+    ``controls``, ``climate`` (what the model shows of it, as ``seen``) and ``amounts`` make up ``all``; ``limits`` are quantities that are
+    hours outside a limit. ``worst`` are shown of the worst run, ``by_hour`` are names of amounts that are summed by hour of day.
+    """
+
+    controls: tuple[Column, ...]
+    climate: tuple[Column, ...]
+    seen: tuple[Seen, ...]
+    amounts: tuple[Column, ...]
+    limits: tuple[str, ...]
+    worst: tuple[Column, ...]
+    by_hour: tuple[str, ...]
+
+    @property
+    def all(self) -> tuple[Column, ...]:
+        """Every column of the runs' course."""
+        return (*self.controls, *self.climate, *self.amounts)
+
+
+@lru_cache(maxsize=32)
+def columns_of(task: TaskSpec) -> Columns:
+    """The columns of profiles of ``task``, from its model, ledger and limits."""
+    model, ledger = task.model_value, task.ledger
+    controls = tuple(Column(control.name, "-", control.meaning, "level") for control in model.controls)
+    seen = model.observed("indoor_climate", Horizon(task.steps, task.step_seconds, task.parameters_by_name())) or ()
+    meanings = {state.name: state.meaning for state in model.states}
+    climate = tuple(
+        Column(one.name, one.unit, _AIR.get(one.source) or meanings.get(one.source, one.meaning), "level")
+        for one in seen
+    )
+    earned = {item.amount for item in ledger.earned}
+    flows = {item.amount for item in ledger.items}
+    amounts = tuple(
+        Column(q.name, q.unit, q.meaning, "amount")
+        for q in task.quantities
+        if q.name in {*flows, "epi", "penalty", "reward"}
+    )
+    return Columns(
+        controls,
+        climate,
+        seen,
+        amounts,
+        tuple(q.name for q in task.quantities if q.name.startswith(_OUTSIDE)),
+        (*controls, *climate, *(c for c in amounts if c.name in {*earned, "epi", "penalty"})),
+        tuple(c.name for c in amounts if c.name != "epi"),
+    )
+
+
+_OUTSIDE = "hours_outside_"
+_AIR = {
+    "air_temperature": "air temperature at the end of the step",
+    "co2": "CO2 of the indoor air at the end of the step",
+    "relative_humidity": "relative humidity of the indoor air at the end of the step",
+}
+"""What is measured in the main air, in the order of the simulation."""
 WEATHER_COLUMNS = (
     Column("global_radiation", "W m-2", "sun and sky on a horizontal plane outside", "level"),
     Column("outdoor_temperature", "degC", "air outside", "level"),
@@ -71,13 +121,15 @@ WEATHER_COLUMNS = (
 class Course:
     """Columns ``(steps, n)`` float32 of ``n`` runs; what lies behind a run's ``lengths`` ``(n,)`` was not simulated.
 
-    ``outside`` holds, by limit, whether it was broken ``(steps, n)``; ``weather`` columns are ``(steps,)``.
+    ``outside`` holds, by limit, whether it was broken ``(steps, n)``; ``weather`` columns are ``(steps, n)``, or ``(steps, 1)`` where all
+    runs have the same. ``starts`` are the runs' first days, where they differ.
     """
 
     columns: Mapping[str, Floats]
     outside: Mapping[str, NDArray[np.bool_]]
     weather: Mapping[str, Floats]
     lengths: NDArray[np.int64]
+    starts: tuple[str, ...] = ()
 
 
 def course_of(task: TaskSpec, log: ActionLog, trace: Trace | None, kernel: Stepper | None = None) -> Course:
@@ -90,19 +142,21 @@ def course_of(task: TaskSpec, log: ActionLog, trace: Trace | None, kernel: Stepp
     """
     lengths = np.array([run.steps for run in log.runs])
     traced: Iterable[_Part] = [(trace, range(len(lengths)))] if trace is not None else _replayed(task, log, kernel)
-    parts = [_read(part, lengths[list(rows)]) for part, rows in traced]
+    parts = [_read(task, part, lengths[list(rows)]) for part, rows in traced]
+    weather, starts = _outside_air(task, log.seeds)
     joined = {name: np.concatenate([part[name] for part in parts], axis=1) for name in parts[0]}
     return Course(
-        columns={column.name: joined[column.name] for column in COLUMNS},
-        outside={limit.name: joined[limit.name] > 0 for limit in LIMITS},
-        weather=_outside_air(task),
+        columns={column.name: joined[column.name] for column in columns_of(task).all},
+        outside={limit: joined[limit] > 0 for limit in columns_of(task).limits},
+        weather=weather,
         lengths=lengths,
+        starts=starts,
     )
 
 
 def _replayed(task: TaskSpec, log: ActionLog, kernel: Stepper | None) -> Iterator[_Part]:
     """All runs again, as many at a time as fit into memory."""
-    together = max(1, LARGEST_TRACE // (task.steps * BYTES_A_STEP))
+    together = max(1, LARGEST_TRACE // (task.steps * bytes_a_step(task)))
     for first in range(0, len(log.runs), together):
         rows = range(first, min(first + together, len(log.runs)))
         replay = Replay(task, log, rows, kernel)
@@ -112,28 +166,48 @@ def _replayed(task: TaskSpec, log: ActionLog, kernel: Stepper | None) -> Iterato
         yield trace, rows
 
 
-def _read(trace: Trace, lengths: NDArray[np.int64]) -> dict[str, Floats]:
+def _read(task: TaskSpec, trace: Trace, lengths: NDArray[np.int64]) -> dict[str, Floats]:
     """Columns of a trace, float32; steps that a run did not take are 0."""
-    named: dict[str, Floats] = {column.name: trace.u[:, :, i] for i, column in enumerate(CONTROL_COLUMNS)}
-    named |= {name: trace.air[1:, i] for i, name in enumerate(LIMITED)}
-    named[PIPE.name] = trace.x[1:, :, STATE_NAMES.index("tPipe")]
-    quantities = (*(column.name for column in AMOUNTS), *(limit.name for limit in LIMITS))
-    named |= {name: trace.quantities[:, QUANTITY_NAMES.index(name)] for name in quantities}
+    columns, model = columns_of(task), task.model_value
+    named: dict[str, Floats] = {column.name: trace.u[:, :, i] for i, column in enumerate(columns.controls)}
+    for one in columns.seen:
+        if one.of is not None:
+            states = model.State(*np.moveaxis(trace.x[1:], 2, 0))
+            values = np.broadcast_to(one.of(states, _nominal(task)), trace.x.shape[1:2])
+        elif one.source in _AIR:
+            values = trace.air[1:, list(_AIR).index(one.source)]
+        else:
+            values = trace.x[1:, :, model.state_index(one.source)]
+        named[one.name] = values if one.factor == 1.0 else values * one.factor
+    rows = {quantity.name: row for row, quantity in enumerate(task.quantities)}
+    quantities = (*(column.name for column in columns.amounts), *columns.limits)
+    named |= {name: trace.quantities[:, rows[name]] for name in quantities}
     taken = np.arange(len(trace.u))[:, None] < lengths
     return {name: np.where(taken, values, 0.0).astype(np.float32) for name, values in named.items()}
 
 
-def _outside_air(task: TaskSpec) -> dict[str, Floats]:
-    values = task.disturbances(extra_rows=task.observation.forecast_steps).values[: task.steps]
-    outside = {name: values[:, DISTURBANCE_NAMES.index(name)] for name in ("iGlob", "tOut", "vpOut", "co2Out", "wind")}
-    humidity = read_air(outside["tOut"], outside["co2Out"], outside["vpOut"])[2]
-    series = (outside["iGlob"], outside["tOut"], humidity, outside["wind"])
-    return {column.name: one.astype(np.float32) for column, one in zip(WEATHER_COLUMNS, series, strict=True)}
+def _nominal(task: TaskSpec) -> Any:
+    return task.model_value.Parameters(*task.parameters().tolist())
+
+
+def _outside_air(task: TaskSpec, seeds: Sequence[int]) -> tuple[dict[str, Floats], tuple[str, ...]]:
+    """The weather of each run's own season, as one column where it is the same for all, and the first days where they differ."""
+    scenarios = RunScenarios(task)
+    pool, scenes, steps = scenarios.pool, scenarios.draw(seeds), np.arange(task.steps)
+    same = bool((scenes.days == scenes.days[0]).all())
+    rows = scenes.days[: 1 if same else None, steps // pool.day] + steps % pool.day
+    values = pool.values[rows.T]
+    radiation, temperature, vapour, co2, wind = (
+        values[..., WEATHER.index(name)] for name in ("iGlob", "tOut", "vpOut", "co2Out", "wind")
+    )
+    humidity = read_air(temperature.ravel(), co2.ravel(), vapour.ravel())[2].reshape(temperature.shape)
+    series = (radiation, temperature, humidity, wind)
+    named = {column.name: one.astype(np.float32) for column, one in zip(WEATHER_COLUMNS, series, strict=True)}
+    starts = () if same else tuple(str(time) for time in pool.times[scenes.first].astype("datetime64[D]"))
+    return named, starts
 
 
 _DAY_DIGITS, _SEASON_DIGITS, _HOUR_DIGITS, _COURSE_DIGITS = 3, 3, 4, 2
-_BY_HOUR_OF_DAY = ("fruit_fresh", "heat", "electricity", "co2_dosed", "penalty", "reward")
-_WORST_RUN = (*CONTROL_COLUMNS, *CLIMATE_COLUMNS, PIPE, *(c for c in AMOUNTS if c.name in ("fruit_fresh", "epi", "penalty")))  # fmt: skip
 
 
 def make_profile(
@@ -147,15 +221,17 @@ def make_profile(
     made = _Made(task, course_of(task, log, trace, kernel))
     values = result.values(task.evaluation.metric)
     (best,), (worst,) = (chosen_rows((word,), log.seeds, values) for word in ("best", "worst"))
+    seeds = {"all": list(log.seeds), "best": log.seeds[best], "worst": log.seeds[worst]}
+    starts = {"starts": list(made.starts)} if made.starts else {}
     return Profile(
         {
             "schema": SCHEMA,
             "schema_version": VERSION,
             "results_digest": result.results_digest,
             "task": json.loads(definition_json(task)),
-            "columns": {c.name: {"unit": c.unit, "meaning": c.meaning, "kind": c.kind} for c in COLUMNS},
-            "seeds": {"all": list(log.seeds), "best": log.seeds[best], "worst": log.seeds[worst]},
-            "weather": made.weather(),
+            "columns": {c.name: {"unit": c.unit, "meaning": c.meaning, "kind": c.kind} for c in made.columns.all},
+            "seeds": {**seeds, **starts},
+            "weather": made.weather(worst),
             "day": made.day(),
             "season": made.season(best, worst),
             "calendar": made.calendar(),
@@ -207,35 +283,38 @@ def _misfit(result: Result, profile: Profile) -> str:
     seeds = document["seeds"]
     if seeds["all"] != [run.seed for run in result.runs] or not {seeds["best"], seeds["worst"]} <= set(seeds["all"]):
         return "its seeds are others"
-    if task.id not in task_ids():
-        try:
-            if task_of(profile.text_of_task).id != task.id:
-                return "its task is another one"
-        except EpisodeError as error:
-            return str(error).rstrip(".")
+    try:
+        spec = get_task(task.id) if task.id in task_ids() else task_of(profile.text_of_task)
+        if spec.id != task.id:
+            return "its task is another one"
+        columns = columns_of(spec)
+    except GlbenchError as error:
+        return str(error).rstrip(".")
+    if len(seeds.get("starts", seeds["all"])) != len(seeds["all"]):
+        return "its first days are not those of the runs"
     if (task.steps * task.step_seconds) % tables.SECONDS_A_DAY or tables.SECONDS_A_DAY % task.step_seconds:
         return "the result's steps do not fill days"
     a_day = round(tables.SECONDS_A_DAY / task.step_seconds)
     slots, days = a_day // tables.steps_a_slot(task.step_seconds), task.steps // a_day
     of_day, hours = tables.hours(a_day, task.step_seconds), tables.hours(task.steps, task.step_seconds)
-    every, weather = {c.name for c in COLUMNS}, {c.name for c in WEATHER_COLUMNS}
+    every, weather = {c.name for c in columns.all}, {c.name for c in WEATHER_COLUMNS}
     day, season, outside = document["day"], document["season"], document["weather"]
     parts = {
         "day": (day["columns"], every, (len(tables.QUANTILES), slots)),
         "season": (season["columns"], every, (3, days)),
         "calendar": (
             document["calendar"],
-            {limit.name.removeprefix("hours_outside_") for limit in LIMITS},
+            {limit.removeprefix(_OUTSIDE) for limit in columns.limits},
             (days, of_day),
         ),
-        "worst": (document["worst"], {c.name for c in _WORST_RUN}, (hours,)),
-        "hours": (document["hours"], set(_BY_HOUR_OF_DAY), (of_day, len(result.runs))),
+        "worst": (document["worst"], {c.name for c in columns.worst}, (hours,)),
+        "hours": (document["hours"], set(columns.by_hour), (of_day, len(result.runs))),
         "weather of the day": (outside["day"], weather, (len(tables.QUANTILES), slots)),
         "weather of the season": (outside["season"]["columns"], weather, (3, days)),
         "weather by hour": (outside["hours"], weather, (hours,)),
     }
-    for name, (columns, names, shape) in parts.items():
-        if set(columns) != names or any(not _has_shape(one["values"], shape) for one in columns.values()):
+    for name, (held, names, shape) in parts.items():
+        if set(held) != names or any(not _has_shape(one["values"], shape) for one in held.values()):
             return f"its '{name}' has other columns, days or hours"
     return ""
 
@@ -248,6 +327,7 @@ class _Made:
     """The parts of a profile, made from the course of all runs."""
 
     def __init__(self, task: TaskSpec, course: Course) -> None:
+        self.columns, self.starts = columns_of(task), course.starts
         self._course, self._lengths, self._seconds = course, course.lengths, task.step_seconds
         self._a_day, self._a_slot = round(tables.SECONDS_A_DAY / self._seconds), tables.steps_a_slot(self._seconds)
 
@@ -256,7 +336,7 @@ class _Made:
         scale = {"level": 1.0, "amount": 3600.0 / self._seconds}
         columns = {
             c.name: tables.pack(self._typical(self._course.columns[c.name], self._lengths) * scale[c.kind], _DAY_DIGITS)
-            for c in COLUMNS
+            for c in self.columns.all
         }
         return {
             "slot_seconds": self._a_slot * self._seconds,
@@ -267,7 +347,7 @@ class _Made:
     def season(self, best: int, worst: int) -> dict[str, Any]:
         """By day: means of levels, totals of amounts; the median over the runs, the best and the worst run."""
         columns = {}
-        for c in COLUMNS:
+        for c in self.columns.all:
             days = tables.by_day(self._course.columns[c.name], self._lengths, self._a_day, add=c.kind == "amount")
             lines = np.stack([tables.middle_run(days), days[:, best], days[:, worst]])
             columns[c.name] = tables.pack(lines, _SEASON_DIGITS)
@@ -276,7 +356,7 @@ class _Made:
     def calendar(self) -> dict[str, Any]:
         """By day and hour of day: minutes outside each limit, mean over the runs, in tenths."""
         return {
-            name.removeprefix("hours_outside_"): tables.pack(
+            name.removeprefix(_OUTSIDE): tables.pack(
                 tables.calendar(outside, self._lengths, self._a_day, self._seconds), 2
             )
             for name, outside in self._course.outside.items()
@@ -287,27 +367,27 @@ class _Made:
         length = int(self._lengths[run])
         return {
             c.name: self._hourly(self._course.columns[c.name][:, run], length, add=c.kind == "amount")
-            for c in _WORST_RUN
+            for c in self.columns.worst
         }
 
     def hours(self) -> dict[str, Any]:
         """By hour of day and run: sums over the whole season."""
         sums = {
             name: tables.by_hour_of_day(self._course.columns[name], self._a_day, self._seconds)
-            for name in _BY_HOUR_OF_DAY
+            for name in self.columns.by_hour
         }
         return {name: tables.pack(values, _HOUR_DIGITS) for name, values in sums.items()}
 
-    def weather(self) -> dict[str, Any]:
-        """Weather by time of day, by day (mean, lowest, highest) and by hour."""
+    def weather(self, run: int) -> dict[str, Any]:
+        """Weather by time of day and by day (mean, lowest, highest) of all runs, and by hour of one ``run``."""
         day, season, hours = {}, {}, {}
         for name, series in self._course.weather.items():
-            everything = np.array([len(series)])
-            day[name] = tables.pack(self._typical(series[:, None], everything), _DAY_DIGITS)
-            days = series.reshape(-1, self._a_day)
+            steps, n = series.shape
+            day[name] = tables.pack(self._typical(series, np.full(n, steps)), _DAY_DIGITS)
+            days = series.T.reshape(n, -1, self._a_day).swapaxes(0, 1).reshape(-1, n * self._a_day)
             lines = np.stack([days.mean(axis=1, dtype=np.float64), days.min(axis=1), days.max(axis=1)])
             season[name] = tables.pack(lines, _SEASON_DIGITS)
-            hours[name] = self._hourly(series, len(series), add=False)
+            hours[name] = self._hourly(np.ascontiguousarray(series[:, run if n > 1 else 0]), steps, add=False)
         return {
             "columns": {c.name: {"unit": c.unit, "meaning": c.meaning} for c in WEATHER_COLUMNS},
             "day": day,

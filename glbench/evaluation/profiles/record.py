@@ -24,6 +24,7 @@ SUFFIX: Final = ".profile.json.gz"
 _LARGEST_FILE, _LARGEST_CONTENT = 24 * MIB, 24 * MIB
 """That of 30 runs of 60 days has 0.2 MB uncompressed."""
 _DEEPEST_TASK = 20
+_MOST_RUNS = 10_000
 
 
 def _shallow(task: dict[str, Any]) -> dict[str, Any]:
@@ -71,6 +72,8 @@ class _Seeds(_Part):
     all: Annotated[list[Count], FailFast()]
     best: Count
     worst: Count
+    starts: list[Word] | None = Field(default=None, max_length=_MOST_RUNS)
+    """First days of the runs, where they differ."""
 
 
 class _Day(_Part):

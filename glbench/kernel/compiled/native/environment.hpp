@@ -119,11 +119,11 @@ template <class V> class EnvironmentWorker final : public RowWork {
 
     void end(int64_t row) override {
         pending_[waiting_++] = row;
-        if (waiting_ == W) look();
+        if (waiting_ == W) observe();
     }
 
-    // Looks at the rows that wait.
-    void look() {
+    // Observes the rows that wait.
+    void observe() {
         if (waiting_ == 0) return;
         for (int lane = waiting_; lane < W; ++lane) pending_[lane] = pending_[0];
         for (int lane = 0; lane < waiting_; ++lane) count(lane);
@@ -138,10 +138,10 @@ template <class V> class EnvironmentWorker final : public RowWork {
     }
 
     // Without a step: what there is to observe now.
-    void look_at_all() {
+    void observe_all() {
         standing_ = true;
         for (int64_t row = 0; row < all_.n; ++row) end(row);
-        look();
+        observe();
     }
 
     // The controls of the next step from what was given; false when a value is out of bounds.
@@ -339,11 +339,11 @@ template <class V> class EnvironmentWorker final : public RowWork {
     }
 };
 
-template <class V> void attend(const Settings& settings, const Program& program, Environments& all, const Rows& rows, std::atomic<int64_t>& next) {
+template <class V> void run_worker(const Settings& settings, const Program& program, Environments& all, const Rows& rows, std::atomic<int64_t>& next) {
     EnvironmentWorker<V> worker(program, all);
     Stepper<V> stepper(settings, rows, next, &worker);
     stepper.run();
-    worker.look();
+    worker.observe();
 }
 
 template <class V> bool act(const Program& program, Environments& all, bool directly) {
@@ -358,8 +358,8 @@ static void step_environments(const glb::Settings* settings, const glb::Program*
     if (all->refused) return;
     const glb::Rows rows = {all->n, all->x, all->next, nullptr, nullptr, 0, all->after, all->status, all->substeps, all->reached, 0};
     std::atomic<int64_t> next{0};
-    if (single) glb::attend<double>(*settings, *program, *all, rows, next);
-    else in_threads(*settings, all->n, [&] { glb::attend<BatchLanes>(*settings, *program, *all, rows, next); });
+    if (single) glb::run_worker<double>(*settings, *program, *all, rows, next);
+    else in_threads(*settings, all->n, [&] { glb::run_worker<BatchLanes>(*settings, *program, *all, rows, next); });
     std::swap(all->x, all->after);
     std::swap(all->u, all->next);
     all->failed = 0;
@@ -378,7 +378,7 @@ struct EnvironmentCall {
 
 extern "C" void glb_environment(const EnvironmentCall* call) {
     glb::Environments* all = call->all;
-    if (call->request == OBSERVE) glb::EnvironmentWorker<BatchLanes>(*call->program, *all).look_at_all();
+    if (call->request == OBSERVE) glb::EnvironmentWorker<BatchLanes>(*call->program, *all).observe_all();
     else step_environments(call->settings, call->program, all, call->request == CONTROLS);
     all->over = 0;
     for (int64_t row = 0; row < all->n; ++row) all->over += all->ended[row];
