@@ -165,9 +165,15 @@ def _of_task(task: TaskSpec) -> Catalogue:
     of_money = {item.name: item for item in ledger.items}
     of_amount = {item.amount: item for item in ledger.items}
     labels = {item.name: known[item.name].get("label") or item.label or item.name for item in ledger.items}
-    profit = " minus ".join(
-        sentence([in_sentence(labels[item.name]) for item in side]) for side in (ledger.earned, ledger.paid) if side
+    # What is known comes first: a stored task has its tables in another order than the file that it came from.
+    flows = {item.name: place for place, item in enumerate(ledger.items)} | {
+        item.name: list(told["item"]).index(item.flow) - len(told["item"]) for item in ledger.items if known[item.name]
+    }
+    ledger_items = sorted(ledger.items, key=lambda item: (-item.sign, flows[item.name]))
+    earned, paid = (
+        sentence([in_sentence(labels[item.name]) for item in ledger_items if item.sign == sign]) for sign in (1, -1)
     )
+    profit = " minus ".join(side for side in (earned, paid) if side)
     metrics, amounts = {}, {}
     for one in metrics_of(task):
         if one.name in of_money:
@@ -180,25 +186,19 @@ def _of_task(task: TaskSpec) -> Catalogue:
             metric, amounts[item.amount] = Metric(one.name, one.unit, **words), one.name
         elif one.name in told["metric"]:
             words = {key: value for key, value in told["metric"][one.name].items() if key not in ("name", "elsewhere")}
-            if not usual and "elsewhere" in told["metric"][one.name]:
-                words["explanation"] = told["metric"][one.name]["elsewhere"].format(profit=profit)
+            if not usual:
+                words |= told["metric"][one.name].get("elsewhere", {})
+                words["explanation"] = words["explanation"].format(profit=profit)
             metric = Metric(one.name, one.unit, **words)
         else:
             metric = unknown_metric(one.name, one.unit)
         metrics[one.name] = metric
     items = [
         _item(item, place, labels[item.name], known[item.name], amounts.get(item.amount, item.amount))
-        for place, item in enumerate((*ledger.earned, *ledger.paid))
+        for place, item in enumerate(ledger_items)
     ]
-    # What is known first: a stored task has its tables in another order than the file that it came from.
-    flows = {item.name: place for place, item in enumerate(ledger.items)} | {
-        item.name: list(told["item"]).index(item.flow) - len(told["item"]) for item in ledger.items if known[item.name]
-    }
-    items.sort(key=lambda item: (-item.sign, flows[item.money]))
     places = {name: place for place, item in enumerate(items) for name in (item.money, item.amount)}
     ordered = sorted(metrics.values(), key=lambda metric: (_ORDER.index(metric.kind), places.get(metric.name, 0)))
-    paid = sentence([in_sentence(labels[item.name]) for item in ledger.paid])
-    earned = sentence([in_sentence(labels[item.name]) for item in ledger.earned])
     lead = (
         f"Controllers run the same greenhouse through the same season: they earn with {earned or 'nothing'} and pay for {paid or 'nothing'}"
         f"{', while the climate stays within limits' if limits else ''}."
@@ -226,7 +226,7 @@ def _money_words(item: LedgerItem, label: str) -> dict[str, Any]:
         "decimals": 2,
         "line": f"  {in_sentence(label) if sold else f'cost of {in_sentence(label)}'}",
         "better": "high" if sold else "low",
-        "explanation": f"What {item.amount_meaning or in_sentence(label)} {'earned' if sold else 'cost'}.",
+        "explanation": f"What {in_sentence(label)} {'earned' if sold else 'cost'} at the task's price.",
     }
 
 

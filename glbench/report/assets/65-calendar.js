@@ -44,7 +44,7 @@ const reasons = (result, task, profile) => {
   if (item && gap(PROFIT) < 0) why.push(`it earned ${withUnit(-gap(PROFIT), 3, "EUR/m\u00b2")} less, most of it by ${item.sign > 0 ? `less ${lower(item.label)}` : `a dearer bill for ${lower(item.label)}`}`);
   if (gap(PENALTY) > 0) why.push(`its penalty was ${number(gap(PENALTY), 1)} higher${worse[1] > 0.05 ? ` (${lower(worse[0].label)} for ${withUnit(worse[1], 1, "h")} longer)` : ""}`);
   const { day, penalty } = hardestDay(profile);
-  return [`Seed ${profile.seeds.worst} got a reward of ${number(of(SCORE)[row], 0)}, ${number(behind, behind < 10 ? 1 : 0)} (${number(share, share < 1 ? 2 : 1)} %) below the mean of all runs`,
+  return [`Seed ${profile.seeds.worst} got a reward of ${number(of(SCORE)[row], wordsOf(task).metric[SCORE].decimals)}, ${number(behind, behind < 10 ? 1 : 0)} (${number(share, share < 1 ? 2 : 1)} %) below the mean of all runs`,
     why.length ? `: ${why.join(", and ")}. ` : ". ", penalty > 0 ? `Its hardest day was ${date(task.start, day)}, with a penalty of ${number(penalty, 1)}.` : "",
     share < 1 ? " The runs hardly differ: this is how every run looks." : ""];
 };

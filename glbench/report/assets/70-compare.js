@@ -12,7 +12,7 @@ const comparePage = (first, second, short) => {
       h("h1", {}, "Where does one earn more?"),
       h("div", { class: "fields" }, agentField("Agent A", a, (value) => go("compare", value, value === b ? a : b, task.short), here, "choose-a"),
         agentField("Agent B", b, (value) => go("compare", value === a ? b : a, value, task.short), here, "choose-b"), taskField(task.short, (value) => go("compare", a, b, value))),
-      h("p", { class: "story" }, verdict(one, two)),
+      h("p", { class: "story" }, verdict(one, two, task)),
       priceField(task, (focus) => show(focus)),
       [one, two].filter((result) => result.members).map((result) => h("p", { class: "note" }, `${result.agent} is the mean of ${plural(result.trainings, "training")}, run by run. By hour of the day and on typical days it is the training with seed ${trainingsOf(result)[0].training_seed}.`)),
       byItem(one, two, task),
@@ -32,13 +32,14 @@ const difference = (one, two, metric) => {
   return { mean: mean(values), low, high, shared: values.length };
 };
 
-const verdict = (one, two) => {
+const verdict = (one, two, task) => {
+  const decimals = (name) => wordsOf(task).metric[name].decimals;
   const profit = difference(one, two, PROFIT), reward = difference(one, two, SCORE), penalty = difference(one, two, PENALTY);
   const clear = profit.low !== null && profit.high > profit.low && profit.low * profit.high > 0;
   const sure = number(profit.low, 2) !== number(profit.high, 2) ? ` (95 % interval over the draws of this season ${number(profit.low, 2, true)} to ${number(profit.high, 2, true)})` : "";
   return [
     h("b", {}, one.agent), ` earns `, h("b", { class: profit.mean >= 0 ? "gain" : "loss" }, withUnit(Math.abs(profit.mean), 2, "EUR/m\u00b2")), ` ${profit.mean >= 0 ? "more" : "less"} than `, h("b", {}, two.agent),
-    `${sure}${clear || !(profit.high > profit.low) ? "" : ", which may be chance"}. Its penalty is ${number(Math.abs(penalty.mean), 0)} ${penalty.mean >= 0 ? "higher" : "lower"}, its reward ${number(Math.abs(reward.mean), 0)} ${reward.mean >= 0 ? "higher" : "lower"}, over ${plural(profit.shared, "shared seed")}.`,
+    `${sure}${clear || !(profit.high > profit.low) ? "" : ", which may be chance"}. Its penalty is ${number(Math.abs(penalty.mean), decimals(PENALTY))} ${penalty.mean >= 0 ? "higher" : "lower"}, its reward ${number(Math.abs(reward.mean), decimals(SCORE))} ${reward.mean >= 0 ? "higher" : "lower"}, over ${plural(profit.shared, "shared seed")}.`,
   ];
 };
 
@@ -82,7 +83,7 @@ const byHour = (one, two, task) => later(1500, async () => {
     const hourly = task.hourly_prices[money], average = paid(one, money) / (paid(one, amount) || 1);
     return (hour) => prices[money] * (hourly.length ? hourly[hour] : average);
   };
-  const { items, charts, controls } = wordsOf(task), shown = items.filter(({ column }) => x.hours[column] && y.hours[column]), averaged = shown.filter(({ money, table }) => table && !task.hourly_prices[money].length);
+  const { items, charts, controls } = wordsOf(task), shown = items.filter(({ column }) => x.hours[column] && y.hours[column]), atEnd = items.filter((item) => !shown.includes(item)), averaged = shown.filter(({ money, table }) => table && !task.hourly_prices[money].length);
   const parts = shown.map((item) => ({ label: item.label, runs: gap(item.column, (hour) => item.sign * priceAt(item)(hour)), ink: item.colour }));
   const penalty = gap(PENALTY, () => -1), profit = penalty.map((row, hour) => row.map((_, run) => sum(parts.map((part) => part.runs[hour][run]))));
   const spread = profit.map((values) => [mean(values), ...(values.length > 1 ? interval(values) : [mean(values), mean(values)])]);
@@ -101,7 +102,7 @@ const byHour = (one, two, task) => later(1500, async () => {
   });
   return [
     h("h2", {}, "By hour of the day"),
-    h("p", { class: "soft" }, ranges ? `${one.agent} earns more than ${two.agent} ${ranges}` : `${one.agent} earns more than ${two.agent} in no hour of the day`, `. Sums over the whole season, A minus B, mean over the shared seeds; hours are ${task.clock}.`, averaged.length ? ` Its price changes with the calendar, so at its mean price: ${sentence(averaged.map((item) => lower(item.label)))}.` : ""),
+    h("p", { class: "soft" }, ranges ? `${one.agent} earns more than ${two.agent} ${ranges}` : `${one.agent} earns more than ${two.agent} in no hour of the day`, `. Sums over the whole season, A minus B, mean over the shared seeds; hours are ${task.clock}.`, atEnd.length ? ` Not by the hour: ${sentence(atEnd.map((item) => lower(item.label)))}.` : "", averaged.length ? ` Its price changes with the calendar, so at its mean price: ${sentence(averaged.map((item) => lower(item.label)))}.` : ""),
     chart(captionOf("Profit, A minus B", "EUR/m\u00b2; above the line, A is better"), money, { height: 330, says: `Profit by hour of the day, ${one.agent} minus ${two.agent}: ${spread.map(([value], hour) => `${hour} h ${number(value, 2, true)}`).join(", ")}` }),
     h("div", { style: { height: "14px" } }),
     chart(captionOf("Penalty spared, A against B", "above the line, A keeps the limits better"), limits, { height: 200, says: `Penalty spared by hour: ${penalty.map((values, hour) => `${hour} h ${number(mean(values), 1, true)}`).join(", ")}` }),
