@@ -17,7 +17,7 @@ import numpy as np
 from glbench.errors import ResultError, did_you_mean
 from glbench.evaluation import Result
 from glbench.evaluation.records import RANKING_METRIC
-from glbench.leaderboard.catalogue import of_published
+from glbench.leaderboard.catalogue import catalogue, of_published
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult
 from glbench.leaderboard.statistics import Array
 
@@ -147,16 +147,18 @@ def expected_seeds(task_id: str, items: Iterable[StoredResult], expected: Mappin
     return max((item.result.evaluation.seeds for item in full or given), key=lambda seeds: (len(seeds), seeds))
 
 
-def metric_of(task_id: str, expected: Mapping[str, Expectation]) -> str:
-    """The metric that ranks on a task.
+def metric_of(task_id: str, expected: Mapping[str, Expectation], task: TaskSpec | None = None) -> str:
+    """The metric that ranks on a task: on a published one as ``expected`` says, else as its definition says where that is known.
 
     Raises
     ------
     ResultError
         When it is one that results do not hold, or of which less is better.
     """
-    metric = expected[task_id].metric if task_id in expected else RANKING_METRIC
-    rankable = [one.name for one in of_published([task_id]).metrics.values() if one.better == "high"]
+    own = RANKING_METRIC if task is None else task.evaluation.metric
+    metric = expected[task_id].metric if task_id in expected else own
+    words = of_published([task_id]) if task is None else catalogue(task)
+    rankable = [one.name for one in words.metrics.values() if one.better == "high"]
     if metric not in rankable:
         msg = (
             f"The task {task_id} asks for a ranking by '{metric}'.{did_you_mean(metric, rankable)} "

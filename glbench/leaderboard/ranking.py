@@ -164,8 +164,8 @@ def rank(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) ->
     stored
         Results.
     expected
-        Digest, seeds and metric of the published tasks by id. A task that is not in it (a user's own) is ranked by the reward, over the
-        largest set of seeds among its results.
+        Digest, seeds and metric of the published tasks by id. A task that is not in it (a user's own) is ranked by the metric that its
+        definition names, by the reward where no result has the definition, over the largest set of seeds among its results.
 
     Raises
     ------
@@ -178,10 +178,12 @@ def rank(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) ->
 
 
 def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expectation]) -> TaskTable:
-    metric = metric_of(task_id, expected)
+    task = next((entry.task for entry in entries if entry.task is not None), None)
+    metric = metric_of(task_id, expected, task)
     seeds = expected_seeds(task_id, [item for entry in entries for item in entry.trainings], expected)
     complete = {entry.name: entry for entry in entries if entry.complete and entry.states(metric)}
-    resolution = RESOLUTION if metric == RANKING_METRIC else 0.0
+    scaled = task is None or "scaled_epi" in task.reward.modules  # the resolution is one of scaled rewards
+    resolution = RESOLUTION if metric == RANKING_METRIC and scaled else 0.0
     rows: list[Row] = []
     for tier in tiers({name: (entry.values(metric),) for name, entry in complete.items()}, (resolution,)):
         shared = len(rows) + 1
@@ -192,7 +194,6 @@ def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expect
         if entry.name not in complete
     ]
     first = entries[0].first.task
-    task = next((entry.task for entry in entries if entry.task is not None), None)
     return TaskTable(
         task_id=task_id, title=first.title, digest=first.digest, rows=tuple(rows), metric=metric, task=task
     )
