@@ -23,6 +23,7 @@ from glbench.agents.identity import baseline_names, check_file, check_sizes, fil
 from glbench.agents.protocol import Agent, PrivilegedController
 from glbench.errors import GlbenchError, SubmissionError, did_you_mean
 from glbench.resources import data_folder, sha256_of_files
+from glbench.tasks.quantities import PAPER_MODEL
 from glbench.untrusted import MIB, quoted
 
 if TYPE_CHECKING:
@@ -164,7 +165,19 @@ class Baseline:
         return _CONTROLLERS[self.card.controller].information
 
     def make(self, task: TaskCard) -> Agent | PrivilegedController:
-        """A new controller; which task it is for it learns on reset."""
+        """A new controller; what else there is to know of its task it learns on reset.
+
+        Raises
+        ------
+        SubmissionError
+            When it reads the state of another model, or cannot be made with its settings.
+        """
+        if self.privileged and task.model != PAPER_MODEL:
+            msg = (
+                f"'{self.card.controller}' reads the state of {PAPER_MODEL}, and {task.id} has {task.model}. "
+                "Evaluate an agent that works with observations, such as rule_based_fair."
+            )
+            raise SubmissionError(msg)
         return _CONTROLLERS[self.card.controller].make(self.settings)
 
 

@@ -186,12 +186,7 @@ class RunScenarios:
     def _start(self, row: int) -> Floats:
         """State of an episode that starts with a row of the pool, before factors."""
         if row not in self._starts:
-            initial = self.task.initial
-            self._starts[row] = (
-                self.task.initial_state()
-                if self.scenario.legacy
-                else self._model.start(initial.kind, self.pool.values[row], initial.air_temperature, self.nominal)
-            )
+            self._starts[row] = self.task.start_state(self.pool.values[row])
         return self._starts[row]
 
     def _parameters(self, seeds: Sequence[int]) -> Floats | None:

@@ -302,13 +302,16 @@ class TaskSpec:
 
     @cached_property
     def _initial_state(self) -> FloatArray:
-        first = self.disturbances().values[0]
+        return _read_only(self.start_state(self.disturbances().values[0]))
+
+    def start_state(self, first: FloatArray) -> FloatArray:
+        """State at the start of an episode whose first row of weather is ``first`` ``(disturbances,)``, before any factors."""
         kind, air_temperature = self.initial.kind, self.initial.air_temperature
         with self._asked_by("initial_state"):
             own = INITIAL_STATES[kind].state if kind in INITIAL_STATES else None
             if own is not None:
-                return _read_only(own(first, air_temperature, self.parameters()))
-            return _read_only(self.model_value.start(kind, first, air_temperature, self.parameters()))
+                return own(first, air_temperature, self.parameters())
+            return self.model_value.start(kind, first, air_temperature, self.parameters())
 
     def capacities(self) -> tuple[Capacity, ...]:
         """What each control of the model delivers at 1, with its unit."""

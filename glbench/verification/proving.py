@@ -93,6 +93,9 @@ def verify(
                 "units",
                 f"The result gives units that are not the task's: {', '.join(f'{n} in {u}, not {units[n]}' for n, u in other.items())}.",
             )
+        ranks = spec.evaluation.metric
+        if ranks not in result.units:
+            refute("metric", f"The result lacks the metric '{ranks}', by which {spec.id} is ranked.")
         whole, complaint = _try_to_read(episodes or episodes_folder(path), log, wanted=episodes is not None)
         profiled = _profile_is_there(path, result, spec)
         with _kernel(result, spec, workers) as kernel:

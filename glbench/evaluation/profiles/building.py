@@ -5,7 +5,9 @@ The course of all runs comes column by column from the evaluation's trace or fro
 
 from __future__ import annotations
 
+import datetime as dt
 import json
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -203,8 +205,15 @@ def _outside_air(task: TaskSpec, seeds: Sequence[int]) -> tuple[dict[str, Floats
     humidity = read_air(temperature.ravel(), co2.ravel(), vapour.ravel())[2].reshape(temperature.shape)
     series = (radiation, temperature, humidity, wind)
     named = {column.name: one.astype(np.float32) for column, one in zip(WEATHER_COLUMNS, series, strict=True)}
-    starts = () if same else tuple(str(time) for time in pool.times[scenes.first].astype("datetime64[D]"))
-    return named, starts
+    return named, () if same else tuple(_first_day(scenarios, row) for row in scenes.first.tolist())
+
+
+def _first_day(scenarios: RunScenarios, row: int) -> str:
+    """The date of the day, by the clock of the place, that begins with a row of the pool."""
+    begins, day = scenarios.pool.seasons, scenarios.pool.day
+    season = bisect_right(begins, row) - 1
+    late = dt.timedelta(days=(row - begins[season]) // day)
+    return (scenarios.scenario.seasons[season].start + late).isoformat()
 
 
 _DAY_DIGITS, _SEASON_DIGITS, _HOUR_DIGITS, _COURSE_DIGITS = 3, 3, 4, 2
