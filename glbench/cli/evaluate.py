@@ -220,27 +220,28 @@ def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = Non
         try:
             result = _run(evaluation, as_json=as_json, viewer=viewer)
         except SavingError as error:
-            _show(error.result, as_json=as_json)
+            _show(error.result, evaluation.task, as_json=as_json)
             raise
     elif not as_json:
         messages().print(f"Already evaluated on {result.created}: this is the stored result (--fresh evaluates again).")
     if evaluation.stored is not None:
         evaluation.complete_episodes(evaluation.stored)
-    _show(result, as_json=as_json)
+    _show(result, evaluation.task, as_json=as_json)
     if evaluation.path is not None and not as_json:
         tell(f"Saved: {_shown(evaluation.path)}")
         tell(f"Reproduce it: glbench verify {_shown(evaluation.path)}")
     return result
 
 
-def _show(result: Result, *, as_json: bool) -> None:
+def _show(result: Result, task: TaskSpec, *, as_json: bool) -> None:
     """What was earned, as a table or as one line of JSON."""
     from glbench.cli.results import print_failures, summary_table
+    from glbench.leaderboard.catalogue import catalogue
 
     if as_json:
         output().out(result.model_dump_json(by_alias=True), highlight=False)
         return
-    output().print(summary_table(result))
+    output().print(summary_table(result, catalogue(task)))
     print_failures(result)
 
 
@@ -376,11 +377,11 @@ def _summary(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> Table:
 
 
 def _cell(outcome: Outcome) -> str:
-    from glbench.leaderboard.catalogue import catalogue
+    from glbench.evaluation.records import RANKING_METRIC
 
     if outcome.result is None:
         return "[red]failed[/red]"
-    mean = outcome.result.summary.mean.get(catalogue().score.name)
+    mean = outcome.result.summary.mean.get(RANKING_METRIC)
     return ("–" if mean is None else f"{mean:,.1f}") + ("*" if outcome.result.failed else "")
 
 
@@ -405,7 +406,7 @@ def _announcement(evaluation: Evaluation) -> str:
 
 def _reward_in_words(result: Result) -> str:
     """``reward 3,751.9 (3,750.9 to 3,752.8)``: mean and 95 % interval."""
-    from glbench.leaderboard.entries import RANKING_METRIC
+    from glbench.evaluation.records import RANKING_METRIC
     from glbench.leaderboard.ranking import estimate
 
     one = estimate(result.values(RANKING_METRIC))

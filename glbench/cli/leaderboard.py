@@ -155,7 +155,7 @@ def _by_names(tables: Sequence[TaskTable], wanted: Sequence[str]) -> list[TaskTa
 
 
 def _print(shown: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members: bool) -> None:
-    from glbench.leaderboard.tables import FOOTNOTES, SCORE_NOTE, kernel_note
+    from glbench.leaderboard.tables import SCORE_NOTE, footnotes, kernel_note
 
     for scores in suites:
         _print_suite(scores)
@@ -175,7 +175,7 @@ def _print(shown: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members:
             _say(kernel_note(table), style="yellow")
         if not members and any(row.is_range for row in table.rows):
             messages().print("Each training by itself: --members", style="dim")
-    for note in FOOTNOTES:
+    for note in footnotes(shown):
         output().print(note, style="dim", markup=False)
 
 
@@ -218,13 +218,14 @@ def _print_task(table: TaskTable, *, members: bool) -> None:
     )
     title = f"{escape(visible(table.title))}\n[dim]{escape(visible(table.task_id))}[/dim]"
     _print_fitted(title, scores, rows, agent, lambda row: row.rank is None or row.training_seed is not None, ranks)
-    used = _resources(t.resources(without_intervals=True), before=0)
+    used = _resources(t.resources(table.words, without_intervals=True), before=0)
     _print_fitted("Harvest, resources, climate", used, rows, t.agent_label, lambda row: row.training_seed is not None)
 
 
 def _print_suite(table: SuiteTable) -> None:
     """Agents over a suite: normalised scores, then what they earned, grew and used."""
     from glbench.leaderboard import tables as t
+    from glbench.leaderboard.catalogue import of_published
 
     def agent(row: SuiteRow) -> str:
         one = row.figures
@@ -253,7 +254,7 @@ def _print_suite(table: SuiteTable) -> None:
     ranks = t.Column("#", lambda row: t.NONE if row.rank is None else str(row.rank))
     _print_fitted(title, scores, table.rows, agent, lambda row: row.rank is None, ranks)
     rows = [row for row in table.rows if row.figures is not None]
-    used = [t.of_figures(one) for one in _resources(t.resources(), before=1)]
+    used = [t.of_figures(one) for one in _resources(t.resources(of_published(table.tasks)), before=1)]
     title = "Money, harvest, resources, climate: means over the tasks with results"
     _print_fitted(title, used, rows, agent, lambda row: bool(row.missing))
 

@@ -15,16 +15,17 @@ from glbench.cli.options import REPORTS, AsJson, Out
 from glbench.errors import ResultError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from glbench.evaluation import Result, RunResult
-    from glbench.leaderboard.catalogue import Metric
+    from glbench.leaderboard import StoredResult
+    from glbench.leaderboard.catalogue import Catalogue, Metric
     from glbench.leaderboard.entries import Entry
     from glbench.leaderboard.pairs import Pair
     from glbench.leaderboard.ranking import Estimate
 
 _BARS = "▁▂▃▄▅▆▇█"
-_BAR_WIDTH = 40
+_BAR_WIDTH, _MONEY_WIDTH = 40, 6
 _SHOWN_FAILURES = 5
 _SECTIONS = {"penalty", "amount", "outside"}
 _SENTENCES = 3
@@ -45,11 +46,11 @@ def show(
     from glbench.tasks import DEFAULT_TASK
 
     found = find_results(result, task or [], out)
-    latest = max(found, key=lambda one: one.created)
-    usual = next((one for one in found if one.task.id == DEFAULT_TASK), latest)
+    latest = max(found, key=lambda one: one.result.created)
+    usual = next((one for one in found if one.result.task.id == DEFAULT_TASK), latest)
     shown = found if task or show_all else [usual]
     for one in shown:
-        _show(one, _where_from(one, out))
+        _show(one, _where_from(one.result, out))
     if len(shown) < len(found):
         words = f"'{result}' has results on {len(found)} tasks: --all, or --task ID, shows the others."
         messages().print(words, style="dim", markup=False)
@@ -57,9 +58,9 @@ def show(
 
 def _where_from(result: Result, out: Path) -> list[str]:
     """Origin of the result, whether it was reproduced, and the trainings that it belongs to."""
+    from glbench.evaluation.records import RANKING_METRIC
     from glbench.leaderboard import rank
     from glbench.leaderboard.collect import own_and_released_results, published_expectations
-    from glbench.leaderboard.entries import RANKING_METRIC
     from glbench.leaderboard.tables import entry_label
 
     stored = [item for item in own_and_released_results(out)[0] if item.result.task.digest == result.task.digest]
@@ -80,14 +81,15 @@ def _where_from(result: Result, out: Path) -> list[str]:
     return []
 
 
-def _show(result: Result, where_from: Sequence[str]) -> None:
+def _show(stored: StoredResult, where_from: Sequence[str]) -> None:
     from glbench.leaderboard.catalogue import catalogue
 
-    output().print(summary_table(result))
+    result, known = stored.result, catalogue(stored.task)
+    output().print(summary_table(result, known))
     output().print(f"\n[bold]Where the money went[/] (mean of {len(result.runs)} runs)")
-    for line in money_lines(result):
+    for line in money_lines(result, known):
         output().print(line)
-    known, metrics = catalogue(), result.runs[0].metrics
+    metrics = result.runs[0].metrics
     if (score := known.score.name) in metrics:
         scores = sorted(result.values(score))
         if scores[0] < scores[-1]:
@@ -117,16 +119,13 @@ def _show(result: Result, where_from: Sequence[str]) -> None:
         say(output(), escape(harmless(line)), style="dim")
 
 
-def shown_metrics(*held: Mapping[str, float], units: Mapping[str, str]) -> list[Metric]:
+def shown_metrics(known: Catalogue, held: Iterable[str], units: Mapping[str, str]) -> list[Metric]:
     """Metrics in the order of the terminal, time outside any limit before that outside each; then those that only the results know."""
-    from glbench.leaderboard.catalogue import catalogue
-
-    known = catalogue()
-    found = [known.metric(name, units) for name in known.known_first(name for metrics in held for name in metrics)]
+    found = [known.metric(name, units) for name in known.known_first(held)]
     return sorted(found, key=lambda metric: (metric.kind == "unknown", metric.kind == "violation"))
 
 
-def summary_table(result: Result) -> Table:
+def summary_table(result: Result, known: Catalogue) -> Table:
     """Mean, interquartile mean and 95 % interval of every metric, with units."""
     from glbench.leaderboard.ranking import estimates_of
 
@@ -139,7 +138,7 @@ def summary_table(result: Result) -> Table:
         caption_justify="left",
     )  # fmt: skip
     estimates, before = estimates_of(result), ""
-    for metric in shown_metrics(result.summary.mean, units=result.units):
+    for metric in shown_metrics(known, result.summary.mean, result.units):
         if metric.kind != before and metric.kind in _SECTIONS:
             view.add_section()
         before = metric.kind
@@ -166,21 +165,19 @@ def _cells(estimate: Estimate | None, metric: Metric, runs: int) -> tuple[str, s
     return metric.text(estimate.mean), metric.text(estimate.iqm), interval
 
 
-def money_lines(result: Result) -> list[str]:
+def money_lines(result: Result, known: Catalogue) -> list[str]:
     """What was earned and paid as bars of one scale, and what is left."""
-    from glbench.leaderboard.catalogue import catalogue
-
-    known, mean = catalogue(), result.summary.mean
+    mean = result.summary.mean
     items = [(item.short, item.sign * mean[item.money]) for item in known.items if item.money in mean]
     scale = max(*(abs(signed) for _, signed in items), 1e-9, 1e-9)
-    profit = known.profit
+    profit, wide = known.profit, max([_MONEY_WIDTH, *(len(words) + 1 for words, _ in items)])
     lines = [
-        f"  {words:<6}{_signed(signed):>9} {unit_of(profit)}  [{'green' if signed >= 0.0 else 'red'}]"
+        f"  {words:<{wide}}{_signed(signed):>9} {unit_of(profit)}  [{'green' if signed >= 0.0 else 'red'}]"
         f"{'█' * round(_BAR_WIDTH * abs(signed) / scale)}[/]"
         for words, signed in items
     ]
     if profit.name in mean:
-        lines.append(f"  [bold]{profit.heading:<6}{_signed(mean[profit.name]):>9} {unit_of(profit)}[/]")
+        lines.append(f"  [bold]{profit.heading:<{wide}}{_signed(mean[profit.name]):>9} {unit_of(profit)}[/]")
     return lines
 
 
@@ -282,7 +279,7 @@ def compare(
 def _entries(wanted: str, tasks: Sequence[str], out: Path) -> dict[str, Entry]:
     """By task what ``wanted`` means: an agent with all its trainings, one training, or a result file."""
     from glbench.cli.stored import check_folder, find_results
-    from glbench.leaderboard.collect import StoredResult, own_and_released_results, published_expectations
+    from glbench.leaderboard.collect import own_and_released_results, published_expectations
     from glbench.leaderboard.entries import entries_by_task, entry_of
 
     check_folder(out)
@@ -296,7 +293,7 @@ def _entries(wanted: str, tasks: Sequence[str], out: Path) -> dict[str, Entry]:
         }
         if found:
             return found
-    return {result.task.id: entry_of(StoredResult(Path(wanted), result)) for result in find_results(wanted, tasks, out)}
+    return {item.result.task.id: entry_of(item) for item in find_results(wanted, tasks, out)}
 
 
 def _digests(entry: Entry) -> list[str]:
@@ -313,9 +310,7 @@ def _metrics_table(pair: Pair) -> Table:
         "Sum over the period", "Unit", "A", "B", "A - B", "95 % interval",
         right=("A", "B", "A - B", "95 % interval"), padding=(0, 1, 0, 0),
     )  # fmt: skip
-    for metric in shown_metrics(
-        dict.fromkeys(pair.metrics, 0.0), units={name: one.unit for name, one in pair.metrics.items()}
-    ):
+    for metric in shown_metrics(pair.words, pair.metrics, {name: one.unit for name, one in pair.metrics.items()}):
         one = pair.metrics[metric.name]
         gap = one.difference
         values = (one.first, one.second, None if gap is None else gap.value)
@@ -326,10 +321,10 @@ def _metrics_table(pair: Pair) -> Table:
 
 
 def _tasks_table(judged: Sequence[tuple[Pair, float]]) -> Table:
-    from glbench.leaderboard.catalogue import catalogue
     from glbench.leaderboard.tables import chance_text
 
-    pair, shown = judged[0][0], catalogue().headlines
+    pair = judged[0][0]
+    shown = pair.words.headlines
     numbers = [*(metric.headed.replace(" [", "\n\\[") for metric in shown), "P(A > B)", "p"]
     title = f"{escape(harmless(pair.first))} (A) minus {escape(harmless(pair.second))} (B), task by task"
     view = table(title, "Task", *numbers, right=numbers, folded=("Task",), collapse_padding=True)
@@ -346,8 +341,6 @@ def _tasks_table(judged: Sequence[tuple[Pair, float]]) -> Table:
 
 def _sentence(pair: Pair, p_value: float, *, named: bool) -> str:
     """Who earns more, and from what."""
-    from glbench.leaderboard.catalogue import catalogue
-
     names = harmless(pair.first), harmless(pair.second)
     verdict = "Their rewards cannot be told apart"
     if pair.told_apart(p_value):
@@ -355,12 +348,12 @@ def _sentence(pair: Pair, p_value: float, *, named: bool) -> str:
     words = _p_words(pair, p_value)
     shown = "nothing is drawn here" if words == _NONE else f"p < {words[1:]}" if words[0] == "<" else f"p = {words}"
     where = f"{escape(pair.task_id.rpartition('/')[2])}: " if named else ""
-    epi = pair.gap(catalogue().profit.name)
+    epi = pair.gap(pair.words.profit.name)
     if epi is None:
         return f"{where}{verdict} ({shown})."
     more, less = names if epi >= 0.0 else names[::-1]
     sign = 1.0 if epi >= 0.0 else -1.0
-    labels = {item.money: item.words for item in catalogue().items}
+    labels = {item.money: item.words for item in pair.words.items}
     items = sorted(pair.money.items(), key=lambda item: -abs(item[1]))
     parts = ", ".join(f"{sign * value:+.3f} {labels[name]}" for name, value in items if abs(value) >= 0.0005)
     gap = f"earns {abs(epi):.3f} EUR/m² more than" if abs(epi) >= 0.0005 else "earns as much as"

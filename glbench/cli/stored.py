@@ -12,11 +12,10 @@ from glbench.errors import ResultError, did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from glbench.evaluation import Result
-    from glbench.leaderboard import TaskTable
+    from glbench.leaderboard import StoredResult, TaskTable
 
 
-def find_results(wanted: str, tasks: Sequence[str], reports: Path) -> list[Result]:
+def find_results(wanted: str, tasks: Sequence[str], reports: Path) -> list[StoredResult]:
     """Results that ``wanted`` means: a result file, or all of an agent's below ``reports`` and of the released ones.
 
     ``tasks`` (ids or their short forms) keeps those of these tasks only.
@@ -27,26 +26,25 @@ def find_results(wanted: str, tasks: Sequence[str], reports: Path) -> list[Resul
         When there is none.
     """
     from glbench.evaluation import load_result
-    from glbench.leaderboard.collect import own_and_released_results
+    from glbench.leaderboard.collect import StoredResult, own_and_released_results
 
     check_folder(reports)
     if wanted.endswith(".json") or Path(wanted).is_file():
-        return [load_result(Path(wanted))]
+        return [StoredResult(Path(wanted), load_result(Path(wanted)))]
     found, problems = own_and_released_results(reports)
     warn_of([problem for problem in problems if wanted in str(problem)])
-    stored = [item.result for item in found]
-    agents = sorted({result.agent.name for result in stored})
+    agents = sorted({item.result.agent.name for item in found})
     if wanted not in agents:
         msg = (
             f"There are no results of an agent '{wanted}'.{did_you_mean(wanted, agents)} Give its name or a result file; "
             "`glbench evaluate` makes one."
         )
         raise ResultError(msg)
-    chosen = [result for result in stored if result.agent.name == wanted]
+    everywhere = chosen = [item for item in found if item.result.agent.name == wanted]
     if tasks:
-        chosen = [one for one in chosen if one.task.id in tasks or one.task.id.rpartition("/")[2] in tasks]
+        chosen = [item for item in chosen if {item.result.task.id, item.result.task.id.rpartition("/")[2]} & {*tasks}]
         if not chosen:
-            known = [result.task.id.rpartition("/")[2] for result in stored if result.agent.name == wanted]
+            known = [item.result.task.id.rpartition("/")[2] for item in everywhere]
             near = did_you_mean(tasks[0].rpartition("/")[2], known)
             msg = f"'{wanted}' has no result on {', '.join(tasks)}.{near} It has: {', '.join(known)}."
             raise ResultError(msg)

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from glbench.agents.baselines import read_baseline
 from glbench.agents.identity import baseline_names, letters_of, without_seed
-from glbench.errors import ResultError
+from glbench.episodes.definition import task_of
+from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import Result, load_result, result_path
+from glbench.evaluation.episodes import recorded_actions
 from glbench.evaluation.preparing import TRIALS
-from glbench.evaluation.records import AgentRecord
-from glbench.leaderboard.catalogue import catalogue
+from glbench.evaluation.profiles import profile_path, read_profile
+from glbench.evaluation.records import RANKING_METRIC, AgentRecord
 from glbench.resources import data_folder, is_released
-from glbench.tasks import list_tasks, read_lock
+from glbench.tasks import get_task, list_tasks, read_lock
 from glbench.verification import SUFFIX, was_reproduced
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
 
 Origin = Literal["released", "own", "trial"]
 """Where a result comes from: it came with glbench, is the user's own, or is the user's own with other seeds than the task's."""
@@ -42,6 +48,21 @@ class StoredResult:
     def origin(self) -> Origin:
         """Released, the user's own, or a trial."""
         return "released" if self.released else "trial" if self.trial else "own"
+
+    @cached_property
+    def task(self) -> TaskSpec | None:
+        """The definition of its task: as published, else as it lies beside the result; ``None`` where neither has it."""
+        locked = read_lock().get(self.result.task.id)
+        if locked is not None and locked.digest == self.result.task.digest:
+            return get_task(self.result.task.id)
+        try:
+            if profile_path(self.path).exists():
+                found = task_of(read_profile(profile_path(self.path)).text_of_task)
+            else:
+                found = recorded_actions(self.result, self.path).task()
+        except GlbenchError:
+            return None
+        return found if found.id == self.result.task.id else None
 
 
 @dataclass(frozen=True)
@@ -288,7 +309,7 @@ def _problem_beside(item: StoredResult, released: StoredResult | None) -> str | 
 
 
 def _reward(result: Result) -> str:
-    score = result.summary.mean.get(catalogue().score.name)
+    score = result.summary.mean.get(RANKING_METRIC)
     return "not stated" if score is None else f"{score:,.1f}"
 
 

@@ -10,17 +10,19 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from glbench.errors import ResultError, did_you_mean
 from glbench.evaluation import Result
-from glbench.leaderboard.catalogue import catalogue
+from glbench.evaluation.records import RANKING_METRIC
+from glbench.leaderboard.catalogue import catalogue, of_published
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult
 from glbench.leaderboard.statistics import Array
 
-RANKING_METRIC = catalogue().score.name
-"""What ranks where no task says otherwise."""
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
 
 _SEEDED = re.compile(r"(.+)[_-]seed([0-9]{1,10})", re.DOTALL)
 
@@ -49,6 +51,11 @@ class Entry:
     def task_id(self) -> str:
         """The task."""
         return self.first.task.id
+
+    @property
+    def task(self) -> TaskSpec | None:
+        """The definition of the task, where one of its results has it."""
+        return next((item.task for item in self.trainings if item.task is not None), None)
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -140,16 +147,18 @@ def expected_seeds(task_id: str, items: Iterable[StoredResult], expected: Mappin
     return max((item.result.evaluation.seeds for item in full or given), key=lambda seeds: (len(seeds), seeds))
 
 
-def metric_of(task_id: str, expected: Mapping[str, Expectation]) -> str:
-    """The metric that ranks on a task.
+def metric_of(task_id: str, expected: Mapping[str, Expectation], task: TaskSpec | None = None) -> str:
+    """The metric that ranks on a task: on a published one as ``expected`` says, else as its definition says where that is known.
 
     Raises
     ------
     ResultError
         When it is one that results do not hold, or of which less is better.
     """
-    metric = expected[task_id].metric if task_id in expected else RANKING_METRIC
-    rankable = [one.name for one in catalogue().metrics.values() if one.better == "high"]
+    own = RANKING_METRIC if task is None else task.evaluation.metric
+    metric = expected[task_id].metric if task_id in expected else own
+    words = of_published([task_id]) if task is None else catalogue(task)
+    rankable = [one.name for one in words.metrics.values() if one.better == "high"]
     if metric not in rankable:
         msg = (
             f"The task {task_id} asks for a ranking by '{metric}'.{did_you_mean(metric, rankable)} "

@@ -9,9 +9,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from glbench.errors import ResultError
-from glbench.leaderboard.catalogue import catalogue
+from glbench.evaluation.records import RANKING_METRIC
+from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.comparisons import holm, paired_test, told_apart
-from glbench.leaderboard.entries import RANKING_METRIC, Entry
+from glbench.leaderboard.entries import Entry
 from glbench.leaderboard.statistics import Array, Interval, bootstrap_interval, probability_of_improvement
 
 
@@ -50,6 +51,8 @@ class Pair:
     """Whom the ranks of the paired test favour: 1 the first, -1 the second, 0 neither."""
     improvement: Interval
     money: Mapping[str, float]
+    words: Catalogue
+    """What the task calls all of it."""
 
     def told_apart(self, corrected: float) -> bool:
         """Whether the rewards differ beyond chance, at the p-value corrected for the number of tasks."""
@@ -95,7 +98,7 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
         if not entry.states(RANKING_METRIC):
             msg = f"'{entry.name}' does not state its {RANKING_METRIC} on {first.task.id}, which is what agents are compared by."
             raise ResultError(msg)
-    words = catalogue()
+    words = catalogue(one.task or other.task)
     places = [[entry.seeds.index(seed) for seed in seeds] for entry in (one, other)]
     units = {**second.units, **first.units}
     metrics = {
@@ -119,6 +122,7 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
         p_value=test.p_value,
         favours=test.favours,
         improvement=probability_of_improvement({"": runs[0].ravel()}, {"": runs[1].ravel()}),
+        words=words,
         money={name: sign * gap.value for name, (gap, sign) in gaps.items() if gap is not None},
     )
 

@@ -11,10 +11,12 @@ import numpy as np
 from pydantic import Field
 
 from glbench.evaluation import Result
+from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard.budget import budget_of
+from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, refuse_mixed_digests
 from glbench.leaderboard.comparisons import RESOLUTION, tiers
-from glbench.leaderboard.entries import RANKING_METRIC, Entry, entries_by_task, expected_seeds, metric_of
+from glbench.leaderboard.entries import Entry, entries_by_task, expected_seeds, metric_of
 from glbench.leaderboard.statistics import Published, bootstrap_interval, interquartile_mean, mean
 
 Sandbox = Literal["bubblewrap", "unsandboxed", "built-in"]
@@ -103,6 +105,13 @@ class TaskTable(Published):
     digest: str
     metric: str = Field(description="what the rows are ranked by")
     rows: tuple[Row, ...]
+    task: Any = Field(default=None, exclude=True)
+    """The task's definition, where a result has it."""
+
+    @property
+    def words(self) -> Catalogue:
+        """What the task calls its metrics."""
+        return catalogue(self.task)
 
     @property
     def results(self) -> tuple[Row, ...]:
@@ -155,8 +164,8 @@ def rank(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) ->
     stored
         Results.
     expected
-        Digest, seeds and metric of the published tasks by id. A task that is not in it (a user's own) is ranked by the reward, over the
-        largest set of seeds among its results.
+        Digest, seeds and metric of the published tasks by id. A task that is not in it (a user's own) is ranked by the metric that its
+        definition names, by the reward where no result has the definition, over the largest set of seeds among its results.
 
     Raises
     ------
@@ -169,10 +178,12 @@ def rank(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) ->
 
 
 def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expectation]) -> TaskTable:
-    metric = metric_of(task_id, expected)
+    task = next((entry.task for entry in entries if entry.task is not None), None)
+    metric = metric_of(task_id, expected, task)
     seeds = expected_seeds(task_id, [item for entry in entries for item in entry.trainings], expected)
     complete = {entry.name: entry for entry in entries if entry.complete and entry.states(metric)}
-    resolution = RESOLUTION if metric == RANKING_METRIC else 0.0
+    scaled = task is None or "scaled_epi" in task.reward.modules  # the resolution is one of scaled rewards
+    resolution = RESOLUTION if metric == RANKING_METRIC and scaled else 0.0
     rows: list[Row] = []
     for tier in tiers({name: (entry.values(metric),) for name, entry in complete.items()}, (resolution,)):
         shared = len(rows) + 1
@@ -183,7 +194,9 @@ def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expect
         if entry.name not in complete
     ]
     first = entries[0].first.task
-    return TaskTable(task_id=task_id, title=first.title, digest=first.digest, rows=tuple(rows), metric=metric)
+    return TaskTable(
+        task_id=task_id, title=first.title, digest=first.digest, rows=tuple(rows), metric=metric, task=task
+    )
 
 
 def _what_lacks(entry: Entry, metric: str, seeds: tuple[int, ...]) -> str:

@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
-from glbench.leaderboard.catalogue import Metric, catalogue
+from glbench.leaderboard.catalogue import Catalogue, Metric, catalogue, of_published
 from glbench.leaderboard.comparisons import RESOLUTION
 from glbench.leaderboard.ranking import Estimate, Row, TaskTable
 from glbench.leaderboard.statistics import SCORES, Interval, Published
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
 from glbench.resources import write_atomically
+from glbench.tasks import DEFAULT_TASK, get_task
 from glbench.untrusted import visible
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ COVERS = "draws of one season, and one training"
 """What a 95 % interval over runs is about."""
 FOOTNOTES = (
     "Mean over the task's seeded runs, with the 95 % bootstrap interval of the mean; IQM is the mean of the middle half of the runs. "
-    "Reward and penalty have no unit. EPI is revenue minus the costs of heat, electricity and CO2. "
+    "Reward and penalty have no unit. EPI is {profit}. "
     "Failed runs count at the task's stated penalty.",
     f"{RANGE_MARK} is no interval but a range: the lowest and the highest of several trainings with different seeds, around their mean. "
     f"A 95 % interval covers the {COVERS}; another season or another training can lie far outside.",
@@ -47,6 +48,17 @@ FOOTNOTES = (
     "Stated by the file, not checked: decision time (of one decision of one run), training (control steps; 0: not trained, –: not stated), "
     "sandbox.",
 )
+_PROFIT = "the profit: what is earned minus what is paid"
+
+
+def footnotes(tables: Sequence[TaskTable]) -> list[str]:
+    """What the figures of the tables mean."""
+    tasks = [table.task for table in tables] or [None]
+    said = {(task or get_task(DEFAULT_TASK)).ledger.meaning.rpartition(": ")[2] for task in tasks}
+    profit = said.pop() if len(said) == 1 else ""
+    return [FOOTNOTES[0].format(profit=profit or _PROFIT), *FOOTNOTES[1:]]
+
+
 SCORE_STEP = 0.01
 """Narrower intervals of normalised scores are not shown: another season or training can move a score by more."""
 SCORE_NOTE = (
@@ -138,8 +150,7 @@ _CHECKED_IN_WORDS = Column("Reproduced", lambda row: "yes" if row.reproduced els
 
 def ranked_columns(table: TaskTable) -> list[Metric]:
     """The metrics that are columns, that which ranks first."""
-    shown = [metric for metric in catalogue().metrics.values() if metric.column]
-    ranks = catalogue().metrics[table.metric]
+    shown, ranks = table.words.columns, table.words.metrics[table.metric]
     if not ranks.column:
         ranks = replace(ranks, heading=ranks.label, digits=ranks.decimals)
     return [ranks, *(metric for metric in shown if metric.name != table.metric)]
@@ -178,13 +189,13 @@ def _score_columns() -> list[Column]:
     ]
 
 
-def _figure_columns() -> list[Column]:
+def _figure_columns(words: Catalogue) -> list[Column]:
     """What was earned, grown and used over a suite; of the figures of a row."""
 
     def agent(row: SuiteRow) -> str:
         return suite_label(row) + (f" {PRIVILEGED_MARK}" if row.figures and row.figures.privileged else "")
 
-    metrics = [of_metric(metric) for metric in resources()]
+    metrics = [of_metric(metric) for metric in resources(words)]
     return [
         Column("Agent", agent, words=True, free=True),
         *map(of_figures, (*metrics, DECISION, TRAINING, *WORDS, _CHECKED)),
@@ -196,10 +207,11 @@ def of_figures(column: Column) -> Column:
     return replace(column, cell=lambda row: column.cell(row.figures))
 
 
-def resources(*, without_intervals: bool = False) -> list[Metric]:
+def resources(words: Catalogue, *, without_intervals: bool = False) -> list[Metric]:
     """Metrics that are columns besides the score; without those that are shown with intervals, too."""
-    shown = [metric for metric in catalogue().metrics.values() if metric.column]
-    return [metric for metric in shown if not (metric.interval if without_intervals else metric.kind == "score")]
+    return [
+        metric for metric in words.columns if not (metric.interval if without_intervals else metric.kind == "score")
+    ]
 
 
 def markdown(columns: Sequence[Column], rows: Iterable[Any]) -> list[str]:
@@ -246,7 +258,7 @@ def to_markdown(
         parts += [f"## {markdown_text(table.title)}", "", f"`{name}`, digest `{table.digest[:12]}`", ""]
         parts += [*markdown(_task_columns(table), shown_rows(table, members=True)), ""]
         parts += [line for note in [kernel_note(table)] if note for line in (markdown_text(note), "")]
-    parts += [line for note in FOOTNOTES for line in (note, "")]
+    parts += [line for note in footnotes(tables) for line in (note, "")]
     return "\n".join(parts).rstrip() + "\n"
 
 
@@ -256,7 +268,7 @@ def _overview(suite: str, tables: Sequence[TaskTable]) -> list[str]:
         return []
     agents = sorted({row.agent for table in tables for row in table.rows if row.rank is not None})
     lines = [f"## Suite `{suite}` at a glance", ""]
-    for metric in catalogue().headlines:
+    for metric in catalogue(*(table.task for table in tables)).headlines:
 
         def of_task(table: TaskTable, metric: Metric = metric) -> Column:
             means = {row.agent: row.means.get(metric.name) for row in table.rows if row.rank is not None}
@@ -285,7 +297,7 @@ def suite_markdown(table: SuiteTable) -> list[str]:
         "",
         "Means over the tasks:",
         "",
-        *markdown(_figure_columns(), [row for row in table.rows if row.figures is not None]),
+        *markdown(_figure_columns(of_published(table.tasks)), [row for row in table.rows if row.figures is not None]),
         "",
     ]
     agents = [row.agent for row in table.rows if row.rank is not None]
@@ -343,14 +355,15 @@ def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
     Trainings of one entry have the same ``entry``, whose mean over ``trainings`` and range over them stand in ``entry_<metric>_...``.
     """
     rows = [(entry, row) for table in tables for entry in table.rows for row in entry.results]
-    metrics = _metrics([row for _, row in rows])
+    metrics = _metrics(tables)
     return _frame([_record(entry, row, metrics) for entry, row in rows])
 
 
-def _metrics(rows: Sequence[Row]) -> list[Metric]:
-    """Metrics of this version, and what else the rows hold."""
+def _metrics(tables: Sequence[TaskTable]) -> list[Metric]:
+    """Metrics of the tasks, and what else the rows hold."""
+    rows = [row for table in tables for row in table.results]
     units = {name: unit for row in rows for name, unit in row.units.items()}
-    known = catalogue()
+    known = catalogue(*(table.task for table in tables))
     return [known.metric(name, units) for name in known.known_first(name for row in rows for name in row.estimates)]
 
 
@@ -394,7 +407,7 @@ def _record(entry: Row, row: Row, metrics: Sequence[Metric]) -> dict[str, object
 
 def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
     """One row an agent and suite: scores with intervals, and the mean over tasks of every metric with the unit in brackets."""
-    known = catalogue()
+    known = of_published(task for table in tables for task in table.tasks)
     records = []
     for table, row in [(one, row) for one in tables for row in one.rows]:
         figures = row.figures
@@ -444,7 +457,7 @@ class LeaderboardDocument(Published):
 
 def to_json(tables: Sequence[TaskTable], suites: Sequence[SuiteTable] = ()) -> str:
     """The leaderboard as ``LeaderboardDocument``, indented, ending in a newline."""
-    units = {metric.name: metric.unit for metric in _metrics([row for table in tables for row in table.results])}
+    units = {metric.name: metric.unit for metric in _metrics(tables)}
     document = LeaderboardDocument(units=units, tasks=tuple(tables), suites=tuple(suites))
     return document.model_dump_json(by_alias=True, indent=1) + "\n"
 

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from glbench.episodes.definition import task_of
 from glbench.evaluation.files import short_task_id
 from glbench.evaluation.profiles import Profile
 from glbench.leaderboard import Row, StoredResult, TaskTable
-from glbench.leaderboard.catalogue import catalogue, pretty_unit
+from glbench.leaderboard.catalogue import Catalogue, Drawn, pretty_unit
 from glbench.leaderboard.statistics import SCORES, Interval
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
 from glbench.report.task_words import clock_of, definition_in_words, figures
-from glbench.tasks import TaskSpec, list_suites, list_tasks, read_lock
+from glbench.tasks import TaskSpec, list_suites, read_lock
 
 _RUN_DIGITS = 7
 _OF_CARD = ("authors", "description", "link", "algorithm", "training")
@@ -46,39 +46,36 @@ def known_results(
     ]
 
 
-def words(known: Sequence[Known]) -> dict[str, Any]:
-    """What everything is called: metrics with the columns of the leaderboard first, what is sold and bought, controls, and charts."""
-    told = catalogue()
-    units = {name: unit for item in known for name, unit in item.row.units.items()}
-    names = told.known_first(name for item in known for name in item.row.estimates)
-    metrics = sorted((told.metric(name, units) for name in names), key=lambda metric: not metric.column)
-    control = {"unit": "%", "factor": 100, "decimals": 0, "range": [0, 102]}
-    return {
-        "metrics": [asdict(one) | {"unit": pretty_unit(one.unit), "column": one.column} for one in metrics],
-        "items": [asdict(item) for item in told.items],
-        "controls": list(told.controls),
-        "series": {one["name"]: one for one in told.series}
-        | {name: {"name": name, "label": label, **control} for name, label in told.controls.items()},
-        "charts": told.charts,
-        "panels": told.panels,
-    }
+class Vocabularies:
+    """What everything is called, task by task: equal vocabularies once, and tasks and suites go by their numbers."""
+
+    def __init__(self, known: Sequence[Known]) -> None:
+        self._rows = [item.row for item in known]
+        self._numbers: dict[str, int] = {}
+        self.all: list[dict[str, Any]] = []
+
+    def of(self, told: Catalogue, task_ids: Sequence[str], shown: Drawn | None = None) -> int:
+        """The number of the words of some tasks; ``shown`` is what is drawn of a task."""
+        rows = [row for row in self._rows if row.task_id in task_ids]
+        units = {name: unit for row in rows for name, unit in row.units.items()}
+        names = told.known_first(name for row in rows for name in row.estimates)
+        metrics = sorted((told.metric(name, units) for name in names), key=lambda metric: not metric.column)
+        words = {
+            "metrics": [asdict(one) | {"unit": pretty_unit(one.unit), "column": one.column} for one in metrics],
+            "items": [asdict(item) for item in told.items],
+            "lead": told.lead,
+            "caution": told.caution,
+            **({} if shown is None else asdict(shown)),
+        }
+        number = self._numbers.setdefault(json.dumps(words, sort_keys=True), len(self.all))
+        if number == len(self.all):
+            self.all.append(words)
+        return number
 
 
-def task_specs(known: Sequence[Known]) -> dict[str, TaskSpec]:
-    """Definitions by task id: the published ones, else as a profile holds them."""
-    published = {task.id: task for task in list_tasks()}
-    specs = {}
-    for item in known:
-        task_id = item.row.task_id
-        if task_id in published:
-            specs[task_id] = published[task_id]
-        elif item.profile is not None and task_id not in specs:
-            specs[task_id] = task_of(item.profile.text_of_task)
-    return specs
-
-
-def task_facts(table: TaskTable, steps: int, step_seconds: float, spec: TaskSpec | None) -> dict[str, Any]:
+def task_facts(table: TaskTable, steps: int, step_seconds: float) -> dict[str, Any]:
     """A task as the page shows it; without its definition only what results say of it."""
+    spec: TaskSpec | None = table.task
     lock, short = read_lock(), short_task_id(table.task_id)
     facts: dict[str, Any] = {
         "id": table.task_id,
@@ -116,12 +113,12 @@ def _versions(task_id: str) -> list[dict[str, str]]:
     ]
 
 
-def families(tables: Sequence[TaskTable], specs: Mapping[str, TaskSpec]) -> list[dict[str, Any]]:
+def families(tables: Sequence[TaskTable]) -> list[dict[str, Any]]:
     """Suites of which several tasks have results and differ in delta: what the figure over delta is drawn of."""
-    shown = [table.task_id for table in tables]
+    specs = {table.task_id: table.task for table in tables if table.task is not None}
     found = []
     for name, members in list_suites().items():
-        tasks = sorted((m for m in members if m in shown and m in specs), key=lambda m: specs[m].uncertainty.delta)
+        tasks = sorted((m for m in members if m in specs), key=lambda m: specs[m].uncertainty.delta)
         if len({specs[m].uncertainty.delta for m in tasks}) > 1:
             found.append({"name": name, "tasks": tasks})
     return found

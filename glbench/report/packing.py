@@ -12,26 +12,29 @@ import gzip
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 from glbench.evaluation.profiles import Profile
-from glbench.leaderboard.catalogue import catalogue
+from glbench.leaderboard.catalogue import catalogue, drawn
 from glbench.report.collecting import Known
+from glbench.tasks import TaskSpec
 
 LEVELS: Mapping[str, int] = {"day": 400, "season": 1000, "worst": 160, "hours": 3000, "calendar": 120, "weather": 400}
 """Steps between 0 and the largest value of a column: charts of a day are 140 pixels high, sums by hour of the day are money."""
 
 
-def drawn_columns() -> Mapping[str, frozenset[str]]:
-    """Columns of each part of a profile that the page draws; of the calendar all."""
-    known = catalogue()
-    charts = known.charts
+@cache
+def drawn_columns(task: TaskSpec | None) -> Mapping[str, frozenset[str]]:
+    """Columns of each part of a profile that the page draws of a task; of the calendar all."""
+    known, shown = catalogue(task), drawn(task)
+    charts = shown.charts
     penalty = [metric.name for metric in known.of_kind("penalty")]
     return {
-        "day": frozenset((*known.controls, *charts["day"], *charts["more"], *charts["climate"], *charts["compared"])),
+        "day": frozenset((*shown.controls, *charts["day"], *charts["more"], *charts["climate"], *charts["compared"])),
         "season": frozenset(charts["season"]),
         "worst": frozenset(
-            (*penalty, *(line["column"] for panel in known.panels for line in panel["lines"] if "column" in line))
+            (*penalty, *(line["column"] for panel in shown.panels for line in panel["lines"] if "column" in line))
         ),
         "hours": frozenset((*penalty, *(item.column for item in known.items))),
     }
@@ -57,33 +60,37 @@ def squeezed(text: bytes) -> str:
     return base64.b64encode(gzip.compress(text, compresslevel=9, mtime=0)).decode("ascii")
 
 
-def profile_blocks(known: Sequence[Known], blocks: Blocks) -> tuple[dict[tuple[str, str], str], dict[str, str]]:
+def profile_blocks(
+    known: Sequence[Known], tasks: Mapping[str, TaskSpec | None], blocks: Blocks
+) -> tuple[dict[tuple[str, str], str], dict[str, str]]:
     """Names of the profiles by task id and ``results_digest``, and of the weather by task id."""
     profiles: dict[tuple[str, str], str] = {}
     weather: dict[str, str] = {}
     for item in known:
         if item.profile is None:
             continue
-        profiles[item.row.task_id, item.row.results_digest] = blocks.add("profile", embedded_profile(item.profile))
+        profiles[item.row.task_id, item.row.results_digest] = blocks.add(
+            "profile", embedded_profile(item.profile, tasks[item.row.task_id])
+        )
     for item in sorted(known, key=lambda one: not one.stored.released):  # what came with glbench knows the weather best
         if item.profile is not None and item.row.task_id not in weather:
             weather[item.row.task_id] = blocks.add("weather", _weather(item.profile.document))
     return profiles, weather
 
 
-def embedded_profile(profile: Profile) -> dict[str, Any]:
+def embedded_profile(profile: Profile, task: TaskSpec | None) -> dict[str, Any]:
     """What the page holds of a profile."""
-    document = profile.document
+    document, drawn_of = profile.document, drawn_columns(task)
     return {
         "seeds": document["seeds"],
         "day": {
             "slot_seconds": document["day"]["slot_seconds"],
-            "columns": _columns("day", document["day"]["columns"]),
+            "columns": _columns("day", drawn_of, document["day"]["columns"]),
         },
-        "season": {"columns": _columns("season", document["season"]["columns"])},
+        "season": {"columns": _columns("season", drawn_of, document["season"]["columns"])},
         "calendar": {name: _coarse(one, LEVELS["calendar"]) for name, one in document["calendar"].items()},
-        "worst": _columns("worst", document["worst"]),
-        "hours": _columns("hours", document["hours"]),
+        "worst": _columns("worst", drawn_of, document["worst"]),
+        "hours": _columns("hours", drawn_of, document["hours"]),
     }
 
 
@@ -97,8 +104,8 @@ def _weather(document: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _columns(part: str, columns: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: _coarse(one, LEVELS[part]) for name, one in columns.items() if name in drawn_columns()[part]}
+def _columns(part: str, drawn_of: Mapping[str, frozenset[str]], columns: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: _coarse(one, LEVELS[part]) for name, one in columns.items() if name in drawn_of[part]}
 
 
 def _coarse(packed: Mapping[str, Any], levels: int) -> dict[str, Any]:

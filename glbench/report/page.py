@@ -17,6 +17,7 @@ from glbench import __version__
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation.profiles import Profile, load_profile
 from glbench.leaderboard import StoredResult, TaskTable, rank
+from glbench.leaderboard.catalogue import drawn, of_published
 from glbench.leaderboard.collect import own_and_released_results, published_expectations
 from glbench.leaderboard.comparisons import RESOLUTION
 from glbench.leaderboard.suites import SuiteTable, suite_tables
@@ -81,28 +82,33 @@ def page_data(
     known: Sequence[collecting.Known], tables: Sequence[TaskTable], suites: Sequence[SuiteTable], blocks: Blocks
 ) -> dict[str, Any]:
     """Everything that the page's script reads, but the ``blocks``, which it opens when they are needed."""
-    specs = collecting.task_specs(known)
-    profiles, weather = profile_blocks(known, blocks)
+    words = collecting.Vocabularies(known)
+    profiles, weather = profile_blocks(known, {table.task_id: table.task for table in tables}, blocks)
     of_task = {item.row.task_id: item.stored.result.task for item in known}
     tasks = [
         {
-            **collecting.task_facts(table, of_task[table.task_id].steps, of_task[table.task_id].step_seconds, specs.get(table.task_id)),
+            **collecting.task_facts(table, of_task[table.task_id].steps, of_task[table.task_id].step_seconds),
+            "words_of": words.of(table.words, [table.task_id], drawn(table.task)),
             "weather": weather.get(table.task_id),
         }
         for table in tables
     ]  # fmt: skip
     shown = [table.task_id for table in tables]
     by_digest = {(item.row.task_id, item.row.results_digest): item for item in known}
+    of_suites = [
+        {**collecting.suite_facts(table), "words_of": words.of(of_published(table.tasks), table.tasks)}
+        for table in suites
+    ]
     return {
         "version": __version__,
         "start": DEFAULT_TASK if DEFAULT_TASK in shown else shown[0],
-        **collecting.words(known),
+        "words": words.all,
         "other_words": [[one["word"], one["meaning"]] for one in tomllib.loads(_asset("words.toml"))["word"]],
         "tasks": tasks,
-        "families": collecting.families(tables, specs),
+        "families": collecting.families(tables),
         "resolution": RESOLUTION,
         "score_step": SCORE_STEP,
-        "suites": [collecting.suite_facts(table) for table in suites],
+        "suites": of_suites,
         "agents": collecting.agent_facts(tables, known),
         "results": [
             facts

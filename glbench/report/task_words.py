@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 from zoneinfo import ZoneInfo
 
 from glbench.env.accounts import Accounts, make_accounts
 from glbench.errors import GlbenchError
-from glbench.leaderboard.catalogue import catalogue, pretty_unit
+from glbench.leaderboard.catalogue import catalogue, pretty_unit, unit_sold
 from glbench.tasks import (
     ACTUATION_KINDS,
     INITIAL_STATES,
@@ -25,7 +25,6 @@ from glbench.tasks import (
     TaskSpec,
     task_card,
 )
-from glbench.tasks.ledger import LedgerItem
 
 _MOST_ROWS, _FIRST_ROWS = 64, 40
 
@@ -57,25 +56,31 @@ def definition_in_words(task: TaskSpec) -> Iterator[Section]:
         yield _observations(card)
         yield _actions(card)
         if card.constraints:
-            yield _constraints(card)
+            yield _constraints(card, catalogue(task).limits)
     yield _prices(task)
     yield Section("Reward of a step", _reward(task))
     yield Section("Evaluation", _evaluation(task))
 
 
 def figures(task: TaskSpec) -> dict[str, Any]:
-    """What charts need of a task, and what the reward needs to be computed again at other prices."""
-    accounts, labels = make_accounts(task), catalogue().limits
+    """What charts need of a task, and what the reward needs to be computed again at other prices.
+
+    A price that is a table stands as the factor 1 of that table, with its hourly prices where it has them.
+    """
+    accounts, labels = make_accounts(task), catalogue(task).limits
     scale = dict(task.reward.penalty_scale.items())
     return {
         "limits": [
             {
-                "name": name, "label": labels.get(name, name), "unit": pretty_unit(limits.unit),
+                "name": name, "label": labels[name], "unit": pretty_unit(limits.unit),
                 "low": limits.low, "high": limits.high, "scale": scale[name],
             }
             for name, limits in task.constraints.items()
         ],
-        "prices": {item.name: item.price for item in task.ledger.items},
+        "prices": {item.name: 1.0 if isinstance(item.price, str) else item.price for item in task.ledger.items},
+        "hourly_prices": {
+            item.name: list(task.price_tables[item.price].hourly) for item in task.ledger.items if isinstance(item.price, str)
+        },
         "reward_modules": list(task.reward.modules),
         **_scaled(task, accounts),
         "failed_step": task.evaluation.failed_step.model_dump(),
@@ -223,10 +228,9 @@ def _delivers(capacity: Capacity, fraction: float) -> str:
     return f"{capacity.at_one * fraction:g}" + (f" {capacity.unit}" if capacity.unit != "-" else "")
 
 
-def _constraints(card: TaskCard) -> Section:
-    labels = catalogue().limits
+def _constraints(card: TaskCard, labels: Mapping[str, str]) -> Section:
     rows = [
-        (labels.get(one.name, one.name), *(f"{value:g} {one.unit}" for value in (one.low, one.high, one.scale)))
+        (labels[one.name], *(f"{value:g} {one.unit}" for value in (one.low, one.high, one.scale)))
         for one in card.constraints
     ]
     columns = ("Quantity", "Lowest", "Highest", "Violation that costs 1 a step")
@@ -234,13 +238,14 @@ def _constraints(card: TaskCard) -> Section:
 
 
 def _prices(task: TaskSpec) -> Section:
+    labels = {item.money: item.label for item in catalogue(task).items}
     rows = [
         (
-            item.label or item.name,
+            labels[item.name],
             "earned" if item.sign > 0 else "paid",
-            f"price table '{item.price}'"
+            _price_words(task, item.price)
             if isinstance(item.price, str)
-            else f"{item.price:g} EUR per {_unit_sold(item)}",
+            else f"{item.price:g} EUR per {unit_sold(item) or 'piece'}",
             item.amount_meaning or item.label,
         )
         for item in task.ledger.items
@@ -248,9 +253,12 @@ def _prices(task: TaskSpec) -> Section:
     return Section("Prices", (), ("Item", "", "Price", "Amount"), (), rows)
 
 
-def _unit_sold(item: LedgerItem) -> str:
-    """What a price is for: ``kg`` where amounts are in kg m-2."""
-    return item.amount_unit.removesuffix(" m-2").removesuffix("m-2") or "piece"
+def _price_words(task: TaskSpec, name: str) -> str:
+    """A price that changes with the calendar: from where to where, and when."""
+    table = task.price_tables[name]
+    steps = table.hourly or [price for *_, price in table.dated] or [price for _, price in table.series]
+    when = "hour of the day" if table.hourly else "date"
+    return f"'{name}', {min(steps):g} to {max(steps):g} {table.unit} by {when}"
 
 
 def _reward(task: TaskSpec) -> list[str]:

@@ -8,6 +8,7 @@ import pytest
 
 from glbench.cli import console, results
 from glbench.leaderboard import StoredResult, rank
+from glbench.leaderboard.catalogue import catalogue
 from tests.cli.command_line import Command
 from tests.leaderboard.synthetic import make_result, of_another_version
 
@@ -58,5 +59,5 @@ def test_leaderboard(glbench: Command, stored: list[StoredResult]) -> None:
 
 
 def test_money_is_shown_as_far_as_it_is_known() -> None:
-    lines = results.money_lines(OTHER)
+    lines = results.money_lines(OTHER, catalogue())
     assert [line.split()[0] for line in lines] == ["fruit", "lamps", "CO2"]

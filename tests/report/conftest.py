@@ -22,7 +22,7 @@ AGENTS = {
     "doomed": "self.left -= 1; return np.full((self.n, 6), 0.01 if self.left > 0 else np.nan)",
 }
 """The third fails in all runs."""
-OTHER_PRICES = {"fruit": 2.4, "heat": 0.05, "electricity": 0.02, "co2": 0.1}
+OTHER_PRICES = {"revenue": 2.4, "cost_heat": 0.05, "cost_electricity": 0.02, "cost_co2": 0.1}
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,10 @@ def small_task(folder: Path, name: str, prices: dict[str, float] | None = None) 
     }
     if prices is not None:
         replaced |= {
-            "fruit = { value = 1.6": f"fruit = {{ value = {prices['fruit']}",
-            "co2 = { value = 0.3": f"co2 = {{ value = {prices['co2']}",
-            "heat = { value = 0.09": f"heat = {{ value = {prices['heat']}",
-            "electricity = { value = 0.3": f"electricity = {{ value = {prices['electricity']}",
+            "fruit = { value = 1.6": f"fruit = {{ value = {prices['revenue']}",
+            "co2 = { value = 0.3": f"co2 = {{ value = {prices['cost_co2']}",
+            "heat = { value = 0.09": f"heat = {{ value = {prices['cost_heat']}",
+            "electricity = { value = 0.3": f"electricity = {{ value = {prices['cost_electricity']}",
         }
     for old, new in replaced.items():
         assert old in text, old

@@ -228,8 +228,8 @@ def test_a_price_changes_the_order(visit, made):
         mean = items[name].summary.mean
         return 8.0 * mean["yield"] - 0.09 * mean["heat"] - 0.3 * mean["co2"]
 
-    change_price(page, "fruit", 8.0)
-    change_price(page, "electricity", 0.0)
+    change_price(page, "revenue", 8.0)
+    change_price(page, "cost_electricity", 0.0)
     shown = column(page, "Profit (EPI)")
     for name in items:
         assert shown[name] == pytest.approx(profit(name), abs=0.006)
@@ -241,7 +241,7 @@ def test_a_price_changes_the_order(visit, made):
 def test_an_impossible_price_is_refused_and_nothing_changes(visit):
     page = visit("#/Days-v1")
     before = column(page, "Profit (EPI)")
-    change_price(page, "heat", -1)
+    change_price(page, "cost_heat", -1)
     assert column(page, "Profit (EPI)") == before
 
 

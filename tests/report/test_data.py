@@ -98,7 +98,7 @@ def test_the_page_shows_profiles_to_half_a_step_of_what_lies_beside_the_results(
 def test_a_task_is_shown_with_its_limits_and_prices(made):
     tasks = {task["short"]: task for task in embedded(made)["tasks"]}
     cheap = tasks["CheapDays-v1"]
-    assert cheap["prices"] == {"fruit": 2.4, "heat": 0.05, "electricity": 0.02, "co2": 0.1}
+    assert cheap["prices"] == {"revenue": 2.4, "cost_heat": 0.05, "cost_electricity": 0.02, "cost_co2": 0.1}
     assert [(one["low"], one["high"]) for one in cheap["limits"]] == [(15.0, 34.0), (300.0, 1600.0), (50.0, 85.0)]
     assert (cheap["published"], tasks["Schiphol2010-Delta10-v1"]["published"]) == (False, True)
     assert tasks["Schiphol2010-Delta10-v1"]["versions"][0]["digest"] == tasks["Schiphol2010-Delta10-v1"]["digest"]
@@ -213,7 +213,7 @@ def test_text_has_the_contrast_that_wcag_aa_asks_for(theme):
     block = re.findall(r"\{([^{}]*--paper[^{}]*)\}", _asset("style.css"))[theme]
     colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", block))
     for ground in ("paper", "card", "faint"):
-        for ink in ("ink", "soft", "accent", "tomato", "gain", "loss"):
+        for ink in ("ink", "soft", "accent", "warm", "gain", "loss"):
             assert contrast(colours[ink], colours[ground]) >= 4.5, (ink, ground)
 
 

@@ -60,7 +60,7 @@ def test_ranks_at_other_prices_follow_the_tests_of_the_leaderboard(visit, crowd)
     expected = {row.agent: str(row.rank) for row in crowd.table.rows}
     assert len(set(expected.values())) < AGENTS, "some share a rank, or this test shows nothing"
     assert ranks(page) == expected
-    change_price(page, "fruit", 1.6000001)  # so little that only the computation is another
+    change_price(page, "revenue", 1.6000001)  # so little that only the computation is another
     assert page.locator("#prices").evaluate("one => one.classList.contains('changed')")
     assert ranks(page) == expected
 
@@ -134,7 +134,7 @@ def test_rows_say_their_source_and_no_name_is_markup(visit, trained):
 def test_at_other_prices_the_range_is_that_of_the_trainings(visit, trained):
     page = visit(f"#/{TASK}", file=trained.file)
     before = page.locator("table.ranks tbody tr").first.locator("td").nth(1).get_attribute("title")
-    change_price(page, "fruit", 1.6000001)
+    change_price(page, "revenue", 1.6000001)
     after = page.locator("table.ranks tbody tr").first.locator("td").nth(1).get_attribute("title")
     assert before is not None
     assert before.startswith("lowest to highest of 3 trainings")
@@ -202,7 +202,7 @@ def test_a_result_of_another_version_has_its_place(visit, made, tmp_path, view):
     if view == f"#/{TASK}":
         row = page.locator("table.ranks tbody tr").filter(has_text="other")
         assert [row.locator("td").nth(i).inner_text().split("\n")[0] for i in (2, 5)] == ["–", "–"], "profit and heat"
-        change_price(page, "fruit", 2.0)
+        change_price(page, "revenue", 2.0)
         assert page.locator("table.ranks tbody tr").count() == 2
     if "compare" in view:
         assert "gas" in words

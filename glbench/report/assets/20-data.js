@@ -13,18 +13,24 @@ const block = (name) => {
 };
 
 const D = await block("data");
-const METRICS = Object.fromEntries(D.metrics.map((metric) => [metric.name, metric]));
 const TASKS = Object.fromEntries(D.tasks.map((task) => [task.id, task]));
 const BY_SHORT = Object.fromEntries(D.tasks.map((task) => [task.short, task]));
 // Entries stand in tables and figures; trainings of an entry have pages of their own, and its colour.
 const ENTRIES = D.agents.filter((agent) => !agent.training_of);
 const AGENTS = Object.fromEntries(ENTRIES.map((agent, index) => [agent.name, { ...agent, index }]));
 for (const agent of D.agents) if (agent.training_of) AGENTS[agent.name] = { ...agent, index: AGENTS[agent.training_of].index };
-// Names of metrics, of what is sold and bought, and of recorded columns come with the data; the script goes by their kinds.
-const ofKind = (...kinds) => D.metrics.filter((metric) => kinds.includes(metric.kind));
-const [SCORE, PROFIT, PENALTY] = ["score", "profit", "penalty"].map((kind) => ofKind(kind)[0].name);
-const VIOLATIONS = ofKind("violation"), COLUMNS = D.metrics.filter((metric) => metric.column), HEADLINES = COLUMNS.filter((metric) => metric.interval).map((metric) => metric.name);
-const SOLD = D.items.filter((item) => item.sign > 0), BOUGHT = D.items.filter((item) => item.sign < 0);
+// Names of metrics, of what is sold and bought, and of recorded columns come with the data, task by task; the script goes by their kinds.
+const WORDS = D.words.map((words) => {
+  const ofKind = (...kinds) => words.metrics.filter((metric) => kinds.includes(metric.kind)), columns = words.metrics.filter((metric) => metric.column);
+  return {
+    ...words, ofKind, columns, headlines: columns.filter((metric) => metric.interval).map((metric) => metric.name), violations: ofKind("violation"), outside: ofKind("outside")[0]?.name,
+    metric: Object.fromEntries(words.metrics.map((metric) => [metric.name, metric])), money: new Set(ofKind("score", "profit", "earned", "paid").map((metric) => metric.name)),
+    sold: words.items.filter((item) => item.sign > 0), bought: words.items.filter((item) => item.sign < 0),
+  };
+});
+// Of a task or a suite.
+const wordsOf = (one) => WORDS[one.words_of];
+const [SCORE, PROFIT, PENALTY] = ["score", "profit", "penalty"].map((kind) => WORDS[0].ofKind(kind)[0].name);
 
 const resultsOf = (taskId) => D.results.filter((result) => result.task === taskId && !result.member_of);
 // Trainings of an entry in the order of their seeds; of an agent with one result none.
@@ -33,15 +39,15 @@ const labelOf = (result) => (result.trainings ? `${result.agent} (${plural(resul
 const resultOf = (taskId, agent) => D.results.find((result) => result.task === taskId && result.agent === agent);
 const familyOf = (taskId) => D.families.find((family) => family.tasks.includes(taskId));
 
-// Prices that the reader chose; null means those of each task.
-let chosenPrices = null;
-const pricesOf = (task) => (task.prices ? { ...task.prices, ...chosenPrices } : null);
-const pricesDiffer = (task) => Boolean(chosenPrices && task.prices && Object.keys(task.prices).some((name) => pricesOf(task)[name] !== task.prices[name]));
+// Prices that the reader chose, for all tasks with the same words. Where a price changes with the calendar it is the factor 1 of its table.
+const chosenPrices = {};
+const pricesOf = (task) => (task.prices ? { ...task.prices, ...chosenPrices[task.words_of] } : null);
+const pricesDiffer = (task) => Boolean(chosenPrices[task.words_of] && task.prices && Object.keys(task.prices).some((name) => pricesOf(task)[name] !== task.prices[name]));
 
 // The scale of the reward's profit: 0 at full use without growth, 1 at full growth without use.
 const scaleAt = (task, prices) => {
-  const lowest = -sum(BOUGHT.map((item) => task.full_use[item.price] * prices[item.price]));
-  return { lowest, span: task.full_growth * sum(SOLD.map((item) => prices[item.price])) - lowest };
+  const { sold, bought } = wordsOf(task), lowest = -sum(bought.map(({ money }) => task.full_use[money] * prices[money]));
+  return { lowest, span: sum(sold.map(({ money }) => task.full_growth[money] * prices[money])) - lowest };
 };
 
 // Values of one metric in every run, at the prices that hold now. All amounts are linear in them, so nothing is simulated.
@@ -49,31 +55,31 @@ const scaleAt = (task, prices) => {
 const valuesOf = (result, metric) => {
   const task = TASKS[result.task], stored = result.values[metric];
   if (!pricesDiffer(task) || !stored) return stored;
-  const prices = pricesOf(task), run = result.values, failed = task.failed_step[PROFIT], item = D.items.find((one) => one.money === metric);
-  if (item) return run[item.amount]?.map((amount) => amount * prices[item.price]);
+  const prices = pricesOf(task), run = result.values, failed = task.failed_step[PROFIT], { items } = wordsOf(task), item = items.find((one) => one.money === metric);
+  const priced = ({ money, amount, table }) => table ? money : amount; // what the price of an item is multiplied with
+  if (item) return run[priced(item)]?.map((amount) => amount * prices[item.money]);
   if (metric !== PROFIT && metric !== SCORE) return stored;
-  if (!D.items.every((one) => run[one.amount]) || !run[PROFIT]) return undefined;
+  if (!items.every((one) => run[priced(one)]) || !run[PROFIT]) return undefined;
   const steps = (i) => (result.steps ? result.steps[i] : task.steps);
-  const profit = (i) => sum(D.items.map((one) => one.sign * prices[one.price] * run[one.amount][i]));
+  const profit = (i) => sum(items.map((one) => one.sign * prices[one.money] * run[priced(one)][i]));
   if (metric === PROFIT) return stored.map((_, i) => profit(i) + (task.steps - steps(i)) * failed);
-  const before = scaleAt(task, task.prices), now = scaleAt(task, prices);
+  const isScaled = task.reward_modules.includes("scaled_epi"), [before, now] = isScaled ? [scaleAt(task, task.prices), scaleAt(task, prices)] : [];
   return stored.map((reward, i) => {
     const earned = run[PROFIT][i] - (task.steps - steps(i)) * failed;
     let changed = reward;
-    if (task.reward_modules.includes("scaled_epi")) changed += (profit(i) - steps(i) * now.lowest) / now.span - (earned - steps(i) * before.lowest) / before.span;
+    if (isScaled) changed += (profit(i) - steps(i) * now.lowest) / now.span - (earned - steps(i) * before.lowest) / before.span;
     if (task.reward_modules.includes("epi")) changed += profit(i) - earned;
     return changed;
   });
 };
 
-const MONEY = new Set(ofKind("score", "profit", "earned", "paid").map((metric) => metric.name));
 const UNKNOWN = { mean: null, low: null, high: null };
 const remembered = new Map();
 // Mean with the ends of its interval: as on the leaderboard, or computed here where prices were changed.
 const estimate = (result, metric) => {
   if (!result.estimates[metric]) return UNKNOWN;
   const [center, low, high] = result.estimates[metric];
-  if (!MONEY.has(metric) || !pricesDiffer(TASKS[result.task])) return { mean: center, low, high };
+  if (!wordsOf(TASKS[result.task]).money.has(metric) || !pricesDiffer(TASKS[result.task])) return { mean: center, low, high };
   const key = `${result.task} ${result.agent} ${metric} ${JSON.stringify(chosenPrices)}`;
   if (!valuesOf(result, metric)) return UNKNOWN;
   if (!remembered.has(key)) {

@@ -73,7 +73,7 @@ const redrawChart = (element) => { if (element.dataset.drawn) draw(element); };
 
 // Limits as quiet bands outside of which it is too cold, too humid, and so on. They come after the traces.
 const limitShapes = (limit) => (limit ? [limit.low, limit.high].map((value) => ({
-  type: "line", xref: "paper", x0: 0, x1: 1, yref: "y", y0: value, y1: value, line: { color: variable("tomato"), width: 1, dash: "dot" },
+  type: "line", xref: "paper", x0: 0, x1: 1, yref: "y", y0: value, y1: value, line: { color: variable("warm"), width: 1, dash: "dot" },
 })) : []);
 
 // A band between two lines, as one closed trace.

@@ -1,6 +1,6 @@
 // Tables that sort: real buttons in the headings, aria-sort, and a line that explains the column.
 
-const explained = (metric) => [h("b", {}, METRICS[metric]?.label ?? ""), ": ", METRICS[metric]?.explanation ?? ""];
+const explained = (metric) => [h("b", {}, metric.label), ": ", metric.explanation];
 
 // `below` gives rows that stay below theirs however the table is sorted.
 // columns: {key, label, unit, cell(row), value(row) or null, left, first, explain: nodes, start: "descending" | "ascending"}

@@ -27,24 +27,24 @@ const agentField = (label, chosen, change, names, id) => select(label, names.map
 // Prices to try: whatever follows from amounts follows at once.
 const priceField = (task, changed) => {
   if (!task.prices) return null;
-  const prices = pricesOf(task), differ = pricesDiffer(task);
-  const inputs = D.items.map(({ price: name, label, unit, least }) => h("div", { class: "field" },
+  const prices = pricesOf(task), differ = pricesDiffer(task), { items } = wordsOf(task);
+  const inputs = items.map(({ money: name, label, unit, least }) => h("div", { class: "field" },
     h("label", { for: `price-${name}` }, `${label}, ${unit}`),
     h("input", {
       id: `price-${name}`, type: "number", min: least, max: "100", step: least || "0.01", value: prices[name], inputmode: "decimal", required: true,
       onchange: (event) => {
         if (!event.target.checkValidity() && (event.target.validity.rangeUnderflow || event.target.validity.rangeOverflow || event.target.validity.valueMissing || event.target.validity.badInput)) { event.target.reportValidity(); return; }
-        chosenPrices = { ...(chosenPrices ?? {}), [name]: Number(event.target.value) };
+        chosenPrices[task.words_of] = { ...chosenPrices[task.words_of], [name]: Number(event.target.value) };
         changed(`price-${name}`);
       },
     })));
   const words = differ
-    ? D.items.filter(({ price }) => prices[price] !== task.prices[price]).map(({ price, label, unit }) => `${lower(label)} ${prices[price]} instead of ${task.prices[price]} ${unit}`)
+    ? items.filter(({ money }) => prices[money] !== task.prices[money]).map(({ money, label, unit }) => `${lower(label)} ${prices[money]} instead of ${task.prices[money]} ${unit}`)
     : [];
   return h("details", { class: `prices${differ ? " changed" : ""}`, id: "prices", open: pricesOpen, ontoggle: (event) => { pricesOpen = event.target.open; } },
     h("summary", {}, differ ? [h("b", {}, "Other prices: "), sentence(words)] : [h("b", {}, "What if prices were different?"), " Change them, and the ranking follows."]),
     h("form", { onsubmit: (event) => event.preventDefault() }, inputs,
-      h("button", { class: "plain", type: "button", id: "reset-prices", disabled: !differ, onclick: () => { chosenPrices = null; changed("reset-prices"); } }, "Back to the task\u2019s prices")),
+      h("button", { class: "plain", type: "button", id: "reset-prices", disabled: !differ, onclick: () => { delete chosenPrices[task.words_of]; changed("reset-prices"); } }, "Back to the task\u2019s prices")),
     h("p", { class: "soft small" }, "Amounts stay as they were: the agents decided without knowing these prices. Profit and reward are computed again for every run, intervals by a bootstrap of 2,000 samples here in the page. The scale of the reward moves with the prices: compare rewards with each other, not with those before."));
 };
 let pricesOpen = false;

@@ -18,7 +18,7 @@ const rankColumns = (task, rows, refill) => {
     return {
       key: metric.name, label: metric.label, unit: metric.unit || "\u00a0", value: (row) => of(row).mean,
       start: metric.better === "low" ? "ascending" : "descending",
-      explain: [...explained(metric.name), metric.kind === "outside" ? ` The period has ${number(hours, 0)} hours.` : ""],
+      explain: [...explained(metric), metric.kind === "outside" ? ` The period has ${number(hours, 0)} hours.` : ""],
       cell: (row) => {
         const one = of(row);
         const title = spanWords(row.result, one, metric.decimals + 1);
@@ -35,7 +35,7 @@ const rankColumns = (task, rows, refill) => {
         h("a", { href: link("agent", row.result.agent, task.short) }, row.result.member_of ? `seed ${row.result.training_seed}` : breakable(row.result.agent)),
         row.result.members ? [" ", unfold(row.result, refill)] : row.result.trainings ? h("span", { class: "of" }, plural(row.result.trainings, "training")) : null,
         row.result.failed ? h("span", { class: "of loss" }, `${row.result.failed} of ${row.result.runs} runs failed`) : null, row.result.remark ? h("span", { class: "of" }, row.result.remark) : null) },
-    ...COLUMNS.map(metricColumn),
+    ...wordsOf(task).columns.map(metricColumn),
     ...aboutColumns((row) => ({ ...row.result, steps: row.result.training?.steps, hours: trainingWords(row.result.training), name: row.result.agent })),
   ].filter(Boolean);
 };
@@ -70,7 +70,7 @@ const otherWords = (name) => { const [word, meaning] = D.other_words.find(([one]
 
 // The paper's figure: reward, profit and penalty against delta, with 95 % intervals, one line an agent.
 const familyFigure = (family) => {
-  const tasks = family.tasks.map((id) => TASKS[id]);
+  const tasks = family.tasks.map((id) => TASKS[id]), { headlines: HEADLINES, metric: METRICS } = wordsOf(tasks[0]);
   const names = ENTRIES.map((agent) => agent.name).filter((name) => family.tasks.some((id) => resultOf(id, name)?.rank));
   const build = (metric) => () => ({
     traces: names.filter((name) => !hidden.has(name)).map((name) => {
@@ -118,7 +118,7 @@ const leaderboardPage = (short) => {
     title: "Leaderboard",
     content: [
       h("h1", {}, "Who grows the most for the least?"),
-      h("p", { class: "lead" }, "Controllers run the same greenhouse through the same season: they heat, light, ventilate, screen and dose CO\u2082 to grow tomatoes at a profit while the climate stays within limits."),
+      h("p", { class: "lead" }, wordsOf(task).lead),
       h("div", { class: "fields" }, taskField(task.short, (value) => go("", value))),
       priceField(task, (focus) => show(focus)),
       table.element,

@@ -44,12 +44,12 @@ const usedTable = (suite) => {
   const rows = suite.rows.filter((row) => row.figures);
   const metricColumn = (metric) => ({
     key: metric.name, label: metric.label, unit: metric.unit || "\u00a0", value: (row) => row.figures[metric.name], start: metric.better === "low" ? "ascending" : "descending",
-    explain: explained(metric.name), cell: (row) => h("td", {}, number(row.figures[metric.name] ?? null, metric.decimals)),
+    explain: explained(metric), cell: (row) => h("td", {}, number(row.figures[metric.name] ?? null, metric.decimals)),
   });
   return sortable({
     caption: "What they earned, grew and used: means over the tasks with results", rows, state: usedState, className: "ranks", columns: [
       { key: "agent", label: "Agent", value: (row) => row.agent, left: true, start: "ascending", className: "agent", explain: [h("b", {}, "Agent"), ": its name."], cell: suiteAgent },
-      ...COLUMNS.filter((metric) => metric.kind !== "score").map(metricColumn),
+      ...wordsOf(suite).columns.filter((metric) => metric.kind !== "score").map(metricColumn),
       ...aboutColumns((row) => ({ ...row.figures, steps: row.figures.training, name: row.agent })),
     ],
   });
@@ -140,7 +140,7 @@ const suitePage = (name, chosen) => {
       h("p", { class: "lead" }, best.rank === null ? "No agent has results on all tasks of this suite yet."
         : [h("b", {}, best.agent), rest > 0 ? ` and ${plural(rest, "other")} that cannot be told apart from it lead` : " leads", `, with ${number(100 * best.mean[0], 0)} % of the way from doing nothing to the best known result of each task.`]),
       D.suites.length > 1 ? h("div", { class: "fields" }, select("Suite", D.suites.map((one) => ({ value: one.name, text: `${suiteTitle(one.name)} (${plural(one.tasks.length, "task")})` })), suite.name, (value) => go("overall", value), "choose-suite")) : null,
-      chosenPrices ? h("p", { class: "note" }, "These scores are at the tasks\u2019 prices; the other prices hold on the leaderboard of each task.") : null,
+      suite.tasks.some((id) => pricesDiffer(TASKS[id])) ? h("p", { class: "note" }, "These scores are at the tasks\u2019 prices; the other prices hold on the leaderboard of each task.") : null,
       scoreTable(suite).element, usedTable(suite).element, h("p", { class: "small soft" }, STATED), profilePart(suite), improvementPart(suite, chosen),
     ],
   };

@@ -1,20 +1,19 @@
 // What profiles hold, as charts.
 
-const SERIES = D.series;
 const limitOf = (task, name) => task.limits?.find((limit) => limit.name === name);
 const scaled = (rows, factor = 1) => rows.map((row) => row.map((value) => (value === null ? null : value * factor)));
 const HOUR_AXIS = { range: [0, 24], tickvals: [0, 6, 12, 18, 24], ticktext: ["0", "6", "12", "18", "24"], title: { text: "hour of the day", standoff: 4, font: { size: 11 } } };
 const DAY_TITLE = { text: "day", standoff: 4, font: { size: 11 } };
 const captionOf = (label, unit) => [label, unit ? h("span", {}, ` ${unit}`) : null];
 // Prices that were changed do not change what was recorded at the task's prices.
-const atTaskPrices = (task, name) => (SERIES[name].money && pricesDiffer(task) ? " at the task\u2019s prices" : "");
+const atTaskPrices = (task, name) => (wordsOf(task).series[name].money && pricesDiffer(task) ? " at the task\u2019s prices" : "");
 
 // Amounts begin at 0; where nothing was used there is no scale to find.
-const fromZero = (name, values) => (!SERIES[name]?.amount ? {} : values.some((value) => value > 0) ? { rangemode: "tozero" } : { range: [0, 1], tickvals: [0] });
+const fromZero = (series, values) => (!series?.amount ? {} : values.some((value) => value > 0) ? { rangemode: "tozero" } : { range: [0, 1], tickvals: [0] });
 
 // One quantity by time of day: the band of nine in ten, the band of half, and the median; for several agents at once.
 const dayChart = (task, name, courses, slotSeconds) => {
-  const words = SERIES[name], limit = limitOf(task, name);
+  const words = wordsOf(task).series[name], limit = limitOf(task, name);
   const build = () => {
     const traces = [];
     for (const { agent, packed } of courses) {
@@ -28,7 +27,7 @@ const dayChart = (task, name, courses, slotSeconds) => {
         name: agent ? plain(agent) : "median", hovertemplate: `%{y:,.${words.decimals}f}`, line: { dash: courses[0].agent === agent ? "solid" : "dash" },
       }));
     }
-    return { traces, layout: layout({ xaxis: HOUR_AXIS, yaxis: words.range ? { range: words.range, tickvals: [0, 50, 100] } : fromZero(name, courses.flatMap(({ packed }) => unpack(packed)[4])), shapes: limitShapes(limit) }) };
+    return { traces, layout: layout({ xaxis: HOUR_AXIS, yaxis: words.range ? { range: words.range, tickvals: [0, 50, 100] } : fromZero(words, courses.flatMap(({ packed }) => unpack(packed)[4])), shapes: limitShapes(limit) }) };
   };
   const says = courses.map(({ agent, packed }) => {
     const median = scaled(unpack(packed), words.factor)[2].filter((value) => value !== null);
@@ -39,7 +38,7 @@ const dayChart = (task, name, courses, slotSeconds) => {
 
 // One quantity by day of the season: median over the runs, best and worst run; `add` sums up from the start.
 const seasonChart = (task, name, packed, agent, { add = false } = {}) => {
-  const words = SERIES[name], limit = limitOf(task, name);
+  const words = wordsOf(task).series[name], limit = limitOf(task, name);
   const factor = add ? 1 : words.daily_factor ?? words.factor;
   const unit = add ? "EUR/m\u00b2 since the start" : (words.daily ?? `${words.unit}, daily mean`);
   const build = () => {
@@ -50,11 +49,11 @@ const seasonChart = (task, name, packed, agent, { add = false } = {}) => {
     const digits = add ? 2 : words.daily_decimals ?? words.decimals, one = (label, values, more) => line(x, values, more.colour, { name: label, hovertemplate: `%{y:,.${digits}f}`, line: more.line });
     return {
       traces: [
-        ...(differs(worst, median) ? [one("worst run", worst, { colour: variable("tomato"), line: { width: 1.2, dash: "dot" } })] : []),
+        ...(differs(worst, median) ? [one("worst run", worst, { colour: variable("warm"), line: { width: 1.2, dash: "dot" } })] : []),
         ...(differs(best, median) ? [one("best run", best, { colour: variable("soft"), line: { width: 1.2, dash: "dash" } })] : []),
         one("median", median, { colour, line: { width: 2.2 } }),
       ],
-      layout: layout({ xaxis: { title: DAY_TITLE, nticks: 4, tickangle: 0, tickvals: x.filter((_, day) => day % Math.max(1, Math.ceil(days / 4)) === 0) }, yaxis: fromZero(add ? "" : name, [...median, ...best, ...worst]), shapes: limitShapes(limit && limitShown(limit, median) ? limit : null) }),
+      layout: layout({ xaxis: { title: DAY_TITLE, nticks: 4, tickangle: 0, tickvals: x.filter((_, day) => day % Math.max(1, Math.ceil(days / 4)) === 0) }, yaxis: fromZero(add ? null : words, [...median, ...best, ...worst]), shapes: limitShapes(limit && limitShown(limit, median) ? limit : null) }),
     };
   };
   return chart(captionOf(words.label, unit + atTaskPrices(task, name)), build, { height: 180, says: `${words.label} by day of the season, ${unit}: median over the runs, best and worst run.` });

@@ -37,7 +37,7 @@ const agentPage = (name, short) => {
       failures(result),
       priceField(task, (focus) => show(focus)),
       trainingsPart(result, task),
-      earned(result),
+      earned(result, task),
       result.members ? h("p", { class: "note" }, `Days, season, calendar and worst run below are those of the training with the lowest seed, ${first.training_seed}.`) : null,
       first.profile ? profileParts(first, task) : noProfile(first, task),
       provenance(first),
@@ -46,32 +46,34 @@ const agentPage = (name, short) => {
 };
 
 // Each training of an entry, in the order of the seeds.
-const told = [...HEADLINES, ...SOLD.map((item) => item.amount)];
-const trainingsPart = (result, task) => (result.members ? [
-  h("h2", {}, "Its trainings"),
-  h("p", { class: "soft" }, "The same recipe, trained with other seeds. What stands above and in tables is their mean; the range says how much the seed of a training matters, as far as these few can say."),
-  plainTable(`${plural(result.trainings, "training")} of ${result.agent}: mean over the runs, with 95 % intervals over the draws`, ["Training", ...told.map((name) => METRICS[name].label)], trainingsOf(result).map((one) => [
-    h("a", { href: link("agent", one.agent, task.short) }, `seed ${one.training_seed}`),
-    ...told.map((name) => { const value = estimate(one, name), { decimals, unit } = METRICS[name]; return [withUnit(value.mean, decimals, unit), value.high > value.low && METRICS[name].interval ? h("span", { class: "of" }, spanText(one, value, decimals + 1)) : null]; }),
-  ])),
-] : null);
+const trainingsPart = (result, task) => {
+  const { headlines, sold, metric: METRICS } = wordsOf(task), told = [...headlines, ...sold.map((item) => item.amount)];
+  return result.members ? [
+    h("h2", {}, "Its trainings"),
+    h("p", { class: "soft" }, "The same recipe, trained with other seeds. What stands above and in tables is their mean; the range says how much the seed of a training matters, as far as these few can say."),
+    plainTable(`${plural(result.trainings, "training")} of ${result.agent}: mean over the runs, with 95 % intervals over the draws`, ["Training", ...told.map((name) => METRICS[name].label)], trainingsOf(result).map((one) => [
+      h("a", { href: link("agent", one.agent, task.short) }, `seed ${one.training_seed}`),
+      ...told.map((name) => { const value = estimate(one, name), { decimals, unit } = METRICS[name]; return [withUnit(value.mean, decimals, unit), value.high > value.low && METRICS[name].interval ? h("span", { class: "of" }, spanText(one, value, decimals + 1)) : null]; }),
+    ])),
+  ] : null;
+};
 
 // The agent in a few sentences.
 const story = (result, task) => {
-  const of = (metric) => estimate(result, metric).mean, days = (task.steps * task.step_seconds) / 86400;
+  const words = wordsOf(task), of = (metric) => estimate(result, metric).mean, days = (task.steps * task.step_seconds) / 86400;
   const row = ranked(task.id).find((one) => one.result === result) ?? { rank: null }, profit = of(PROFIT);
-  const costs = BOUGHT.map((item) => [lower(item.label), of(item.money)]).sort((a, b) => b[1] - a[1]);
-  const unused = BOUGHT.filter((item) => of(item.amount) !== null && of(item.amount) < 5e-3).map((item) => lower(item.label));
+  const costs = words.bought.map((item) => [lower(item.label), of(item.money)]).sort((a, b) => b[1] - a[1]);
+  const unused = words.bought.filter((item) => of(item.amount) !== null && of(item.amount) < 5e-3).map((item) => lower(item.label));
   const best = ranked(task.id)[0].result, gap = (metric) => estimate(best, metric).mean - of(metric);
-  const outside = of(ofKind("outside")[0].name), hours = (task.steps * task.step_seconds) / 3600;
-  const limits = VIOLATIONS.map((metric) => [lower(metric.label), of(metric.name)]).sort((a, b) => b[1] - a[1]);
+  const outside = words.outside ? of(words.outside) : 0, hours = (task.steps * task.step_seconds) / 3600;
+  const limits = words.violations.map((metric) => [lower(metric.label), of(metric.name)]).sort((a, b) => b[1] - a[1]);
   return [
-    `In ${number(days, 0)} days it grew ${sentence(SOLD.map((item) => `${withUnit(of(item.amount), 1, METRICS[item.amount].unit)} of ${lower(item.label)} worth ${withUnit(of(item.money), 2, "EUR/m\u00b2")}`))} and ${profit >= 0 ? "earned" : "lost"} `,
+    `In ${number(days, 0)} days it ${words.sold.length ? `grew ${sentence(words.sold.map((item) => `${withUnit(of(item.amount), 1, words.metric[item.amount]?.unit)} of ${lower(item.label)} worth ${withUnit(of(item.money), 2, "EUR/m\u00b2")}`))} and ` : ""}${profit >= 0 ? "earned" : "lost"} `,
     h("b", { class: profit >= 0 ? "gain" : "loss" }, withUnit(Math.abs(profit), 2, "EUR/m\u00b2")),
-    costs[0][1] > 0 ? `. Most of the cost was ${costs[0][0]} (${withUnit(costs[0][1], 2, "EUR/m\u00b2")}). ` : ". ",
+    costs[0]?.[1] > 0 ? `. Most of the cost was ${costs[0][0]} (${withUnit(costs[0][1], 2, "EUR/m\u00b2")}). ` : ". ",
     outside > 0 ? `The climate was outside its limits for ${withUnit(outside, 0, "h")}, ${number((100 * outside) / hours, 0)} % of the time, above all ${limits[0][0]} (${withUnit(limits[0][1], 0, "h")}).` : "The climate never left its limits.",
     unused.length ? ` It used no ${sentence(unused).replace(" and ", " and no ")}.` : "",
-    best && best !== result && row.rank ? [" The best here, ", h("a", { href: link("agent", best.agent, task.short) }, best.agent), `, gets ${number(gap(SCORE), 0)} more reward with ${withUnit(Math.abs(gap(PROFIT)), 2, "EUR/m\u00b2")} ${gap(PROFIT) >= 0 ? "more" : "less"} profit and a penalty ${number(Math.abs(gap(PENALTY)), 0)} ${gap(PENALTY) > 0 ? "higher" : "lower"}.`] : "",
+    best && best !== result && row.rank ? [" The best here, ", h("a", { href: link("agent", best.agent, task.short) }, best.agent), `, gets ${number(gap(SCORE), words.metric[SCORE].decimals)} more reward with ${withUnit(Math.abs(gap(PROFIT)), 2, "EUR/m\u00b2")} ${gap(PROFIT) >= 0 ? "more" : "less"} profit and a penalty ${number(Math.abs(gap(PENALTY)), words.metric[PENALTY].decimals)} ${gap(PENALTY) > 0 ? "higher" : "lower"}.`] : "",
     row.rank ? ` Rank ${row.rank} of ${ranked(task.id).filter((one) => one.rank !== null).length} on this task.` : "",
   ];
 };
@@ -86,17 +88,18 @@ const cardPart = ({ card }) => (card ? [
 const failures = (result) => (result.failed ? h("div", { class: "missing" }, h("b", { class: "loss" }, `${result.failed} of ${result.runs} runs failed`), ". They count at the task\u2019s price of a missed step.",
   h("ul", {}, result.reasons.slice(0, 5).map(([seed, status, reason, steps]) => h("li", {}, `Seed ${seed}, ${status.replaceAll("_", " ")} after ${number(steps, 0)} steps: `, h("code", {}, reason))))) : null);
 
-const earned = (result) => {
+const earned = (result, task) => {
+  const { items, columns, violations, sold, metric: METRICS } = wordsOf(task);
   const of = (metric) => estimate(result, metric);
-  const tiles = COLUMNS.map((metric) => {
+  const tiles = columns.map((metric) => {
     const one = of(metric.name);
     return h("div", {}, h("dt", {}, metric.label), h("dd", {}, number(one.mean, metric.decimals), metric.unit ? h("small", {}, ` ${metric.unit}`) : null,
       h("small", { class: "of", title: spanWords(result, one, metric.decimals + 1) }, spanText(result, one, metric.decimals + 1))));
   });
   const build = () => {
-    const values = D.items.map((item) => item.sign * of(item.money).mean);
+    const values = items.map((item) => item.sign * of(item.money).mean);
     const rest = of(PROFIT).mean - sum(values), failed = result.failed && Math.abs(rest) > 5e-3;
-    const labels = [...D.items.map((item) => item.label), ...(failed ? ["Missed steps"] : []), "Profit"];
+    const labels = [...items.map((item) => item.label), ...(failed ? ["Missed steps"] : []), "Profit"];
     return {
       traces: [{
         type: "waterfall", orientation: "v", x: labels, y: [...values, ...(failed ? [rest] : []), of(PROFIT).mean], measure: [...values.map(() => "relative"), ...(failed ? ["relative"] : []), "total"],
@@ -109,8 +112,8 @@ const earned = (result) => {
   };
   const hours = () => ({
     traces: [{
-      type: "bar", orientation: "h", y: VIOLATIONS.map((metric) => metric.label), x: VIOLATIONS.map((metric) => of(metric.name).mean), marker: { color: variable("tomato") },
-      text: VIOLATIONS.map((metric) => ` ${number(of(metric.name).mean, 0)} h`), textposition: "outside", cliponaxis: false, hoverinfo: "skip", textfont: { color: variable("ink") },
+      type: "bar", orientation: "h", y: violations.map((metric) => metric.label), x: violations.map((metric) => of(metric.name).mean), marker: { color: variable("warm") },
+      text: violations.map((metric) => ` ${number(of(metric.name).mean, 0)} h`), textposition: "outside", cliponaxis: false, hoverinfo: "skip", textfont: { color: variable("ink") },
     }],
     layout: layout({ hovermode: false, margin: { l: 8, r: 44, t: 10, b: 8 }, xaxis: { showgrid: false, showticklabels: false, rangemode: "tozero" }, yaxis: { autorange: "reversed", showgrid: false }, bargap: 0.45 }),
   });
@@ -120,8 +123,8 @@ const earned = (result) => {
     h("dl", { class: "tiles" }, tiles),
     h("p", { class: "small soft" }, result.members ? "Below each mean: the lowest and the highest training." : "Below each mean: its 95 % interval over the draws of one season, for this one training. Another season or another training can lie far outside."),
     h("div", { class: "grid two" },
-      chart(captionOf("From fruit to profit", "EUR/m\u00b2, mean over the runs"), build, { height: 260, says: say([...D.items.map((item) => item.money), PROFIT]) }),
-      chart(captionOf("Time outside each limit", "hours, mean over the runs"), hours, { height: 260, says: say(VIOLATIONS.map((metric) => metric.name)) })),
+      chart(captionOf(`From ${sentence(sold.map((item) => lower(item.label))) || "cost"} to profit`, "EUR/m\u00b2, mean over the runs"), build, { height: 260, says: say([...items.map((item) => item.money), PROFIT]) }),
+      violations.length ? chart(captionOf("Time outside each limit", "hours, mean over the runs"), hours, { height: 260, says: say(violations.map((metric) => metric.name)) }) : null),
   ];
 };
 
@@ -144,16 +147,17 @@ const later = (height, make) => {
 
 const profileParts = (result, task) => later(2400, async () => {
   const [profile, weather] = await Promise.all([block(result.profile), block(task.weather)]);
-  const day = (names) => h("div", { class: names.length % 3 ? "grid" : "grid three" }, names.map((name) => dayChart(task, name, [{ agent: result.agent, packed: profile.day.columns[name] }], profile.day.slot_seconds)));
+  const { charts, controls, series } = wordsOf(task), has = (part) => (name) => profile[part].columns[name];
+  const day = (names) => h("div", { class: names.length % 3 ? "grid" : "grid three" }, names.filter(has("day")).map((name) => dayChart(task, name, [{ agent: result.agent, packed: profile.day.columns[name] }], profile.day.slot_seconds)));
   const season = (name, options) => seasonChart(task, name, profile.season.columns[name], result.agent, options);
   return [
     h("h2", {}, "A typical day"),
     h("p", { class: "soft" }, `Median over all days and runs, with 50 % and 90 % bands; dotted lines are limits. Hours are ${task.clock}.`),
-    day(D.charts.day), h("h3", {}, "Controls, share of capacity"), day(D.controls),
-    h("details", { class: "data" }, h("summary", {}, "More of the day: growth, pipes, what was used, penalty"), h("div", {}, day(D.charts.more))),
+    day(charts.day), h("h3", {}, "Controls, share of capacity"), day(controls),
+    h("details", { class: "data" }, h("summary", {}, "More of the day: growth, pipes, what was used, penalty"), h("div", {}, day(charts.more))),
     h("h2", {}, "The season"),
     h("p", { class: "soft" }, "Day by day: the median over the runs; the best run (dashed) and the worst run (dotted) where they can be told apart from it."),
-    h("div", { class: "grid" }, D.charts.season.map((name) => season(name, { add: Boolean(SERIES[name].money) }))),
+    h("div", { class: "grid" }, charts.season.filter(has("season")).map((name) => season(name, { add: Boolean(series[name].money) }))),
     calendarPart(profile, task),
     worstPart(result, task, profile, weather),
   ];

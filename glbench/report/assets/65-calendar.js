@@ -1,7 +1,7 @@
 // When limits were broken, as a calendar of days and hours; and the worst run, hour by hour, with the reasons.
 
 const calendarPart = (profile, task) => {
-  const broken = VIOLATIONS.map(({ name, label }) => ({ label, packed: profile.calendar[name.replace("hours_", "")] })).filter(({ packed }) => packed).map(({ label, packed }) => ({ label, minutes: unpack(packed) }))
+  const broken = wordsOf(task).violations.map(({ name, label }) => ({ label, packed: profile.calendar[name.replace("hours_", "")] })).filter(({ packed }) => packed).map(({ label, packed }) => ({ label, minutes: unpack(packed) }))
     .map((limit) => ({ ...limit, total: sum(limit.minutes.flat().filter((value) => value !== null)) / 60 }));
   const shown = broken.filter((limit) => limit.total >= 0.05), kept = broken.filter((limit) => limit.total < 0.05);
   const figure = ({ label, minutes, total }) => {
@@ -11,7 +11,7 @@ const calendarPart = (profile, task) => {
     return chart(captionOf(label, `${number(total, total < 10 ? 1 : 0)} h in the season, most of it around ${clockHour(dearest)}`), () => ({
       traces: [{
         type: "heatmap", z: byHour, x: labels, y: byHour.map((_, hour) => hour), zmin: 0, zmax: 60, showscale: false, xgap: 1, ygap: 1,
-        colorscale: [[0, variable("faint")], [0.02, faded(variable("tomato"), 0.3)], [1, variable("tomato")]], hovertemplate: "%{x}, %{y}:00: %{z:.0f} min<extra></extra>",
+        colorscale: [[0, variable("faint")], [0.02, faded(variable("warm"), 0.3)], [1, variable("warm")]], hovertemplate: "%{x}, %{y}:00: %{z:.0f} min<extra></extra>",
       }],
       layout: layout({ hovermode: "closest", xaxis: { title: DAY_TITLE, showgrid: false, tickvals: labels.filter((_, day) => day % Math.max(1, Math.ceil(days / 5)) === 0), tickangle: 0 }, yaxis: { showgrid: false, tickvals: [0, 6, 12, 18], ticktext: ["0 h", "6", "12", "18"], autorange: "reversed" } }),
     }), { height: 230, says: `${label}: ${number(total, 1)} hours in the season, most of it around ${clockHour(dearest)}.` });
@@ -38,20 +38,21 @@ const reasons = (result, task, profile) => {
   const gap = (metric) => (of(metric) ? of(metric)[row] - mean(of(metric)) : 0);
   const behind = -gap(SCORE), share = (100 * behind) / Math.abs(mean(of(SCORE)));
   if (!(behind > 1e-6 * Math.abs(mean(of(SCORE))))) return ["All runs are alike: there is no worst one. This is the first."];
-  const [item] = D.items.map((one) => [one, one.sign * gap(one.money)]).sort((a, b) => a[1] - b[1])[0];
-  const worse = VIOLATIONS.map((one) => [one, gap(one.name)]).sort((a, b) => b[1] - a[1])[0];
+  const { items, violations } = wordsOf(task), [item] = items.map((one) => [one, one.sign * gap(one.money)]).sort((a, b) => a[1] - b[1])[0] ?? [];
+  const worse = violations.map((one) => [one, gap(one.name)]).sort((a, b) => b[1] - a[1])[0] ?? [null, 0];
   const why = [];
-  if (gap(PROFIT) < 0) why.push(`it earned ${withUnit(-gap(PROFIT), 3, "EUR/m\u00b2")} less, most of it by ${item.sign > 0 ? `less ${lower(item.label)}` : `a dearer bill for ${lower(item.label)}`}`);
+  if (item && gap(PROFIT) < 0) why.push(`it earned ${withUnit(-gap(PROFIT), 3, "EUR/m\u00b2")} less, most of it by ${item.sign > 0 ? `less ${lower(item.label)}` : `a dearer bill for ${lower(item.label)}`}`);
   if (gap(PENALTY) > 0) why.push(`its penalty was ${number(gap(PENALTY), 1)} higher${worse[1] > 0.05 ? ` (${lower(worse[0].label)} for ${withUnit(worse[1], 1, "h")} longer)` : ""}`);
   const { day, penalty } = hardestDay(profile);
-  return [`Seed ${profile.seeds.worst} got a reward of ${number(of(SCORE)[row], 0)}, ${number(behind, behind < 10 ? 1 : 0)} (${number(share, share < 1 ? 2 : 1)} %) below the mean of all runs`,
+  return [`Seed ${profile.seeds.worst} got a reward of ${number(of(SCORE)[row], wordsOf(task).metric[SCORE].decimals)}, ${number(behind, behind < 10 ? 1 : 0)} (${number(share, share < 1 ? 2 : 1)} %) below the mean of all runs`,
     why.length ? `: ${why.join(", and ")}. ` : ". ", penalty > 0 ? `Its hardest day was ${date(task.start, day)}, with a penalty of ${number(penalty, 1)}.` : "",
     share < 1 ? " The runs hardly differ: this is how every run looks." : ""];
 };
 
 const worstPart = (result, task, profile, weather) => {
-  const course = ({ column, weather: outside }) => (outside ? unpack(weather.hours[outside]) : scaled([unpack(profile.worst[column])], SERIES[column].range ? SERIES[column].factor : 1)[0]);
-  const rows = D.panels.map((panel) => ({ ...panel, lines: panel.lines.map((one) => [one.name, course(one), one.ink, one.decimals ?? 0]) }));
+  const { series, panels } = wordsOf(task), has = ({ column, weather: outside }) => (outside ? weather.hours[outside] : profile.worst[column]);
+  const course = ({ column, weather: outside }) => (outside ? unpack(weather.hours[outside]) : scaled([unpack(profile.worst[column])], series[column].range ? series[column].factor : 1)[0]);
+  const rows = panels.map((panel) => ({ ...panel, lines: panel.lines.filter(has) })).filter((panel) => panel.lines.length).map((panel) => ({ ...panel, lines: panel.lines.map((one) => [one.name, course(one), one.ink, one.decimals ?? 0]) }));
   const hours = rows[0].lines[0][1].map((_, hour) => new Date(Date.parse(`${task.start}T00:00:00Z`) + 3.6e6 * (hour + 0.5)).toISOString().slice(0, 16));
   const colour = (name) => ({ lamp: colourAt(3), vent: colourAt(2), accent: colourOf(result.agent) })[name] ?? variable(name);
   // The week of the hardest day comes first: a whole season at once shows little.

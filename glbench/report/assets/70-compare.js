@@ -12,7 +12,7 @@ const comparePage = (first, second, short) => {
       h("h1", {}, "Where does one earn more?"),
       h("div", { class: "fields" }, agentField("Agent A", a, (value) => go("compare", value, value === b ? a : b, task.short), here, "choose-a"),
         agentField("Agent B", b, (value) => go("compare", value === a ? b : a, value, task.short), here, "choose-b"), taskField(task.short, (value) => go("compare", a, b, value))),
-      h("p", { class: "story" }, verdict(one, two)),
+      h("p", { class: "story" }, verdict(one, two, task)),
       priceField(task, (focus) => show(focus)),
       [one, two].filter((result) => result.members).map((result) => h("p", { class: "note" }, `${result.agent} is the mean of ${plural(result.trainings, "training")}, run by run. By hour of the day and on typical days it is the training with seed ${trainingsOf(result)[0].training_seed}.`)),
       byItem(one, two, task),
@@ -32,18 +32,19 @@ const difference = (one, two, metric) => {
   return { mean: mean(values), low, high, shared: values.length };
 };
 
-const verdict = (one, two) => {
+const verdict = (one, two, task) => {
+  const decimals = (name) => wordsOf(task).metric[name].decimals;
   const profit = difference(one, two, PROFIT), reward = difference(one, two, SCORE), penalty = difference(one, two, PENALTY);
   const clear = profit.low !== null && profit.high > profit.low && profit.low * profit.high > 0;
   const sure = number(profit.low, 2) !== number(profit.high, 2) ? ` (95 % interval over the draws of this season ${number(profit.low, 2, true)} to ${number(profit.high, 2, true)})` : "";
   return [
     h("b", {}, one.agent), ` earns `, h("b", { class: profit.mean >= 0 ? "gain" : "loss" }, withUnit(Math.abs(profit.mean), 2, "EUR/m\u00b2")), ` ${profit.mean >= 0 ? "more" : "less"} than `, h("b", {}, two.agent),
-    `${sure}${clear || !(profit.high > profit.low) ? "" : ", which may be chance"}. Its penalty is ${number(Math.abs(penalty.mean), 0)} ${penalty.mean >= 0 ? "higher" : "lower"}, its reward ${number(Math.abs(reward.mean), 0)} ${reward.mean >= 0 ? "higher" : "lower"}, over ${plural(profit.shared, "shared seed")}.`,
+    `${sure}${clear || !(profit.high > profit.low) ? "" : ", which may be chance"}. Its penalty is ${number(Math.abs(penalty.mean), decimals(PENALTY))} ${penalty.mean >= 0 ? "higher" : "lower"}, its reward ${number(Math.abs(reward.mean), decimals(SCORE))} ${reward.mean >= 0 ? "higher" : "lower"}, over ${plural(profit.shared, "shared seed")}.`,
   ];
 };
 
 const byItem = (one, two, task) => {
-  const items = [...D.items.map((item) => [item.money, item.sign]), [PROFIT, 1]];
+  const words = wordsOf(task), METRICS = words.metric, items = [...words.items.map((item) => [item.money, item.sign]), [PROFIT, 1]];
   const gaps = items.map(([name, sign]) => { const d = difference(one, two, name); return { name, label: name === PROFIT ? "Profit" : METRICS[name].label, value: sign * d.mean, low: sign > 0 ? d.low : -d.high, high: sign > 0 ? d.high : -d.low }; });
   const ends = [Math.min(0, ...gaps.map((gap) => gap.value)), Math.max(0, ...gaps.map((gap) => gap.value))], room = 0.3 * (ends[1] - ends[0] || 1);
   const build = () => ({
@@ -54,7 +55,7 @@ const byItem = (one, two, task) => {
     layout: layout({ hovermode: false, bargap: 0.4, yaxis: { autorange: "reversed", showgrid: false }, xaxis: { range: [ends[0] - room, ends[1] + room], zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
   });
   const average = (result, name) => { const values = valuesOf(result, name); return values ? mean(values) : null; };
-  const rows = [...items.map(([name]) => name), ...COLUMNS.map((metric) => metric.name).filter((name) => name !== PROFIT), ...ofKind("unknown").map((metric) => metric.name)].map((name) => {
+  const rows = [...items.map(([name]) => name), ...words.columns.map((metric) => metric.name).filter((name) => name !== PROFIT), ...words.ofKind("unknown").map((metric) => metric.name)].map((name) => {
     const metric = METRICS[name], d = difference(one, two, name), unit = metric.unit, cost = metric.kind === "paid";
     return [[`${cost ? "Cost of " : ""}${cost ? lower(metric.label) : metric.label}`, unit ? h("span", { class: "soft" }, ` ${unit}`) : null], number(average(one, name), metric.decimals), number(average(two, name), metric.decimals),
       number(d.mean, metric.decimals, true), number(d.low, metric.decimals, true) !== number(d.high, metric.decimals, true) ? `${number(d.low, metric.decimals, true)} to ${number(d.high, metric.decimals, true)}` : "\u2013"];
@@ -72,14 +73,21 @@ const byHour = (one, two, task) => later(1500, async () => {
   const perRun = (profile, name) => unpack(profile.hours[name]);
   const shared = one.seeds.map((seed, i) => [i, two.seeds.indexOf(seed)]).filter(([, j]) => j >= 0);
   const pairs = shared.length ? shared : null;
-  const gap = (name, factor) => {
+  const gap = (name, factorAt) => {
     const [p, q] = [perRun(x, name), perRun(y, name)];
-    return p.map((row, hour) => (pairs ? pairs.map(([i, j]) => factor * (row[i] - q[hour][j])) : [factor * (mean(row) - mean(q[hour]))]));
+    return p.map((row, hour) => (pairs ? pairs.map(([i, j]) => factorAt(hour) * (row[i] - q[hour][j])) : [factorAt(hour) * (mean(row) - mean(q[hour]))]));
   };
-  const parts = D.items.map(({ column, price, label, sign, colour }) => ({ label, runs: gap(column, sign * prices[price]), ink: colour }));
-  const profit = parts[0].runs.map((_, hour) => parts[0].runs[hour].map((_, run) => sum(parts.map((part) => part.runs[hour][run]))));
+  // A price that changes by the hour is that of its hour; one that changes otherwise is what A paid on average.
+  const paid = (one, name) => sum(one.values[name]), priceAt = ({ money, amount, table }) => {
+    if (!table) return () => prices[money];
+    const hourly = task.hourly_prices[money], average = paid(one, money) / (paid(one, amount) || 1);
+    return (hour) => prices[money] * (hourly.length ? hourly[hour] : average);
+  };
+  const { items, charts, controls } = wordsOf(task), shown = items.filter(({ column }) => x.hours[column] && y.hours[column]), atEnd = items.filter((item) => !shown.includes(item)), averaged = shown.filter(({ money, table }) => table && !task.hourly_prices[money].length);
+  const parts = shown.map((item) => ({ label: item.label, runs: gap(item.column, (hour) => item.sign * priceAt(item)(hour)), ink: item.colour }));
+  const penalty = gap(PENALTY, () => -1), profit = penalty.map((row, hour) => row.map((_, run) => sum(parts.map((part) => part.runs[hour][run]))));
   const spread = profit.map((values) => [mean(values), ...(values.length > 1 ? interval(values) : [mean(values), mean(values)])]);
-  const hours = Array.from({ length: 24 }, (_, hour) => hour + 0.5), penalty = gap(PENALTY, -1);
+  const hours = Array.from({ length: 24 }, (_, hour) => hour + 0.5);
   const ranges = sentence(stretches(spread.map(([value]) => value > 0.005 * Math.max(...spread.map(([v]) => Math.abs(v))))));
   const money = () => ({
     traces: [
@@ -94,14 +102,14 @@ const byHour = (one, two, task) => later(1500, async () => {
   });
   return [
     h("h2", {}, "By hour of the day"),
-    h("p", { class: "soft" }, ranges ? `${one.agent} earns more than ${two.agent} ${ranges}` : `${one.agent} earns more than ${two.agent} in no hour of the day`, `. Sums over the whole season, A minus B, mean over the shared seeds; hours are ${task.clock}.`),
+    h("p", { class: "soft" }, ranges ? `${one.agent} earns more than ${two.agent} ${ranges}` : `${one.agent} earns more than ${two.agent} in no hour of the day`, `. Sums over the whole season, A minus B, mean over the shared seeds; hours are ${task.clock}.`, atEnd.length ? ` Not by the hour: ${sentence(atEnd.map((item) => lower(item.label)))}.` : "", averaged.length ? ` Its price changes with the calendar, so at its mean price: ${sentence(averaged.map((item) => lower(item.label)))}.` : ""),
     chart(captionOf("Profit, A minus B", "EUR/m\u00b2; above the line, A is better"), money, { height: 330, says: `Profit by hour of the day, ${one.agent} minus ${two.agent}: ${spread.map(([value], hour) => `${hour} h ${number(value, 2, true)}`).join(", ")}` }),
     h("div", { style: { height: "14px" } }),
     chart(captionOf("Penalty spared, A against B", "above the line, A keeps the limits better"), limits, { height: 200, says: `Penalty spared by hour: ${penalty.map((values, hour) => `${hour} h ${number(mean(values), 1, true)}`).join(", ")}` }),
     h("h2", {}, "Their typical days"),
     h("p", { class: "soft" }, "Median over all days and runs, with 50 % bands; dotted lines are limits."),
     h("ul", { class: "legend", "aria-label": "Colours" }, [one, two].map((result) => h("li", {}, swatch(result.agent), result.agent, "\u2003"))),
-    h("div", { class: "grid" }, [...D.charts.climate, ...D.controls, ...D.charts.compared].map((name) => dayChart(task, name, [[one, x], [two, y]].map(([result, profile]) => ({ agent: result.agent, packed: profile.day.columns[name] })), x.day.slot_seconds))),
+    h("div", { class: "grid" }, [...charts.climate, ...controls, ...charts.compared].filter((name) => x.day.columns[name] && y.day.columns[name]).map((name) => dayChart(task, name, [[one, x], [two, y]].map(([result, profile]) => ({ agent: result.agent, packed: profile.day.columns[name] })), x.day.slot_seconds))),
   ];
 });
 

@@ -7,7 +7,7 @@ const tasksPage = () => ({
     h("p", { class: "lead" }, "A task fixes everything that decides a result: weather, greenhouse, crop, what is uncertain, what an agent sees and does, limits, prices and seeds."),
     taskGroups().map(({ title, members }) => [h("h2", {}, title), plainTable(`${title}: ${plural(members.length, "task")} with results`, ["Task", "Delta", "Results", "Best agent", "Its score"], members.map((task) => {
       const rows = ranked(task.id), best = rows[0];
-      return [h("a", { href: link("task", task.short) }, task.title), task.delta === undefined ? "\u2013" : `${task.delta}\u00a0%`, number(rows.length, 0), best.rank ? labelOf(best.result) : "\u2013", best.rank ? number(estimate(best.result, task.metric).mean, METRICS[task.metric].decimals) : "\u2013"];
+      return [h("a", { href: link("task", task.short) }, task.title), task.delta === undefined ? "\u2013" : `${task.delta}\u00a0%`, number(rows.length, 0), best.rank ? labelOf(best.result) : "\u2013", best.rank ? number(estimate(best.result, task.metric).mean, wordsOf(task).metric[task.metric].decimals) : "\u2013"];
     }))]),
   ],
 });
@@ -38,10 +38,10 @@ const definition = (task) => [
 ];
 
 const weatherPart = (task) => later(700, async () => {
-  const weather = await block(task.weather), ink = () => variable("accent");
+  const weather = await block(task.weather), { series, charts } = wordsOf(task), ink = () => variable("accent");
   const x = Array.from({ length: task.days }, (_, day) => date(task.start, day, { day: "numeric", month: "short" })), ticks = x.filter((_, day) => day % Math.max(1, Math.ceil(task.days / 4)) === 0);
   const season = (name) => {
-    const words = SERIES[name], rows = unpack(weather.season.columns[name]), summed = Boolean(words.daily), factor = words.daily_factor ?? 1, [average, low, high] = scaled(rows, factor);
+    const words = series[name], rows = unpack(weather.season.columns[name]), summed = Boolean(words.daily), factor = words.daily_factor ?? 1, [average, low, high] = scaled(rows, factor);
     const decimals = words.daily_decimals ?? words.decimals;
     return chart(captionOf(words.label, words.daily ?? `${words.unit}, mean and range of the day`), () => ({
       traces: summed
@@ -51,13 +51,13 @@ const weatherPart = (task) => later(700, async () => {
     }), { height: 200, says: `${words.label} by day: ${number(Math.min(...average), decimals)} to ${number(Math.max(...average), decimals)}, mean ${number(mean(average), decimals)}.` });
   };
   const day = (name) => dayChart(task, name, [{ agent: null, packed: weather.day[name] }], weather.slot_seconds);
-  const [warmth, light] = D.charts.weather, temperatures = unpack(weather.season.columns[warmth]), sun = scaled(unpack(weather.season.columns[light]), SERIES[light].daily_factor)[0], frost = temperatures[1].filter((value) => value < 0).length;
+  const [warmth, light] = charts.weather, temperatures = unpack(weather.season.columns[warmth]), sun = scaled(unpack(weather.season.columns[light]), series[light].daily_factor)[0], frost = temperatures[1].filter((value) => value < 0).length;
   return [
     h("h2", {}, "Weather at a glance"),
     h("p", {}, `Mean temperature ${withUnit(mean(temperatures[0]), 1, "\u00b0C")}, between ${withUnit(Math.min(...temperatures[1]), 1, "\u00b0C")} and ${withUnit(Math.max(...temperatures[2]), 1, "\u00b0C")}; frost on ${plural(frost, "day")}; ${number(mean(sun), 1)} MJ/m\u00b2 of sun on the mean day, ${number(Math.min(...sun), 1)} on the darkest and ${number(Math.max(...sun), 1)} on the brightest.`),
-    h("div", { class: "grid" }, D.charts.weather.map(season)),
+    h("div", { class: "grid" }, charts.weather.map(season)),
     h("h3", {}, `By hour of the day (${task.clock}): median, 50 % and 90 % bands over the days`),
-    h("div", { class: "grid" }, D.charts.weather.map(day)),
+    h("div", { class: "grid" }, charts.weather.map(day)),
   ];
 });
 
@@ -67,11 +67,11 @@ const guidePage = () => ({
     h("h1", {}, "How to read this page"),
     h("p", { class: "lead" }, "Every number in a grower\u2019s words. All areas are m\u00b2 of greenhouse floor; sums run over the whole period of a task and are means over its runs."),
     h("h2", {}, "Numbers"),
-    h("dl", { class: "words" }, D.metrics.filter((metric) => !["earned", "paid", "unknown"].includes(metric.kind)).map((metric) => [h("dt", {}, metric.label, metric.unit ? h("span", {}, ` ${metric.unit}`) : null), h("dd", {}, metric.explanation)])),
+    h("dl", { class: "words" }, [...new Map(WORDS.flatMap((words) => words.metrics).map((metric) => [`${metric.label} ${metric.explanation}`, metric])).values()].filter((metric) => !["earned", "paid", "unknown"].includes(metric.kind)).map((metric) => [h("dt", {}, metric.label, metric.unit ? h("span", {}, ` ${metric.unit}`) : null), h("dd", {}, metric.explanation)])),
     h("h2", {}, "Words"),
     h("dl", { class: "words" }, D.other_words.map(([word, meaning]) => [h("dt", {}, word), h("dd", {}, meaning)])),
     h("h2", {}, "What not to read out of it"),
-    h("p", {}, "A model is no greenhouse: it knows no pests, no labour and no broken pump. The period ends while fruit still hangs, and growth counts when it happens. Where nothing is random, all runs are alike and there is no interval; small roundings grow in a closed loop, so differences of a few units of reward mean nothing there."),
+    h("p", {}, `A model is no greenhouse: it knows no pests, no labour and no broken pump. ${[...new Set(WORDS.map((words) => words.caution).filter(Boolean))].map((words) => `${words} `).join("")}Where nothing is random, all runs are alike and there is no interval; small roundings grow in a closed loop, so differences of a few units of reward mean nothing there.`),
     h("p", {}, "An interval covers the draws of one season for one training. How an agent does in another year, or how another training of it would do, it cannot say: where several trainings were made, their range shows how much that matters."),
   ],
 });
