@@ -14,6 +14,7 @@ from glbench.evaluation.preparing import Evaluation
 from glbench.evaluation.saving import Computed
 from glbench.tasks import TaskSpec
 from tests.evaluation.agent_files import AgentWriter
+from tests.support import lettuce_task
 
 SINGLE = """
 def act(self, observation):
@@ -63,6 +64,17 @@ def test_parts_put_together_have_the_bits_of_the_whole(
     joined = put_together(evaluation, computed)  # type: ignore[arg-type]
     assert joined.result.results_digest == whole.result.results_digest
     assert joined.result.runs == whole.result.runs
+    assert joined.log.digest == whole.log.digest
+
+
+def test_parts_of_a_task_with_a_season_for_each_run_have_the_bits_of_the_whole(write_agent: AgentWriter) -> None:
+    agent = write_agent(SINGLE, single=True)
+    evaluation = prepare(lettuce_task(), agent)
+    whole = evaluation.compute()
+    computed = [work(order_of(evaluation, agent, seeds), nothing) for seeds in divided(evaluation.seeds, 2)]
+    assert all(isinstance(part, Computed) for part in computed)
+    joined = put_together(evaluation, computed)  # type: ignore[arg-type]
+    assert joined.result.results_digest == whole.result.results_digest
     assert joined.log.digest == whole.log.digest
 
 
