@@ -1,0 +1,52 @@
+"""Nothing above the model names a state, a control or a parameter of a model, or counts them."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+import glbench
+from glbench.model import registered_models
+
+PACKAGE = Path(glbench.__file__).parent
+# The rule-based controller of the paper reads the true state; its file is covered by the agent's digest and never changes.
+PINNED = {PACKAGE / "agents" / "rule_based.py"}
+ABOVE = [
+    path
+    for path in sorted(PACKAGE.rglob("*.py"))
+    if "model" not in path.relative_to(PACKAGE).parts[:1] and path not in PINNED
+]
+# Names that are words as well.
+WORDS = {"time", "g", "L", "R", "S", "H", "eps", "alpha", "theta", "sigma", "pressure"}
+# Examples in what a message says is allowed.
+EXAMPLES = {"tasks/tables.py": {"uVent", "cFruit"}}
+GLOBALS = re.compile(r"\b(STATE|CONTROL|DISTURBANCE|PARAMETER)_NAMES\b")
+COUNTS = re.compile(r"\(n, (?:28|208)\)|\((?:28|208),\)|\b(?:28 states|208 parameters)\b")
+
+
+def names_of_models() -> set[str]:
+    models = registered_models()
+    vectors = (names for model in models for names in (model.state_names, model.control_names, model.parameter_names))
+    return set().union(*vectors) - WORDS
+
+
+def test_there_is_more_than_one_model_to_look_for() -> None:
+    assert {"tAir", "cFruit", "xN", "uBoil", "sla", "cAlpha"} <= names_of_models()
+    assert len(ABOVE) > 150
+
+
+@pytest.mark.parametrize("path", ABOVE, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_no_file_above_the_model_names_or_counts_its_variables(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    literals = {
+        node.value
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
+
+    assert literals & names_of_models() <= EXAMPLES.get(path.relative_to(PACKAGE).as_posix(), set())
+    assert not GLOBALS.search(text)
+    assert not COUNTS.search(text)
