@@ -404,7 +404,7 @@ class TaskSpec:
 
     @cached_property
     def ledger(self) -> Ledger:
-        """What a control step earns and pays.
+        """What a control step earns and pays; of a task of schema 2 earned items first, each side by name, so that no order of keys in a file changes a sum.
 
         Raises
         ------
@@ -414,7 +414,7 @@ class TaskSpec:
         if isinstance(self.file, TaskFile1):
             return paper_v1(self.file.prices)
         items = []
-        for name, table in self.file.ledger.items():
+        for name, table in sorted(self.file.ledger.items(), key=lambda entry: (entry[1].side, entry[0])):
             with self._asked_by(f"ledger.{name}"):
                 items.append(self._item(name, table))
         ledger = Ledger(tuple(items))

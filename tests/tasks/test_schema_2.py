@@ -148,10 +148,10 @@ def test_a_base_of_schema_1_is_converted(write: Write) -> None:
     task, base = get_task(write(HARVEST)), get_task("Schiphol2010-Delta10-v1")
     assert [item.name for item in task.ledger.items] == [
         "revenue",
-        "cost_heat",
-        "cost_electricity",
-        "cost_co2",
         "standing",
+        "cost_co2",
+        "cost_electricity",
+        "cost_heat",
     ]
     same = get_task(write(HARVEST.split("[model]")[0].replace("Harvest-v1", "Same-v1")))
     assert [(i.name, i.flow, i.amount, i.factor, i.price) for i in same.ledger.items] == [
@@ -327,3 +327,13 @@ def test_a_season_of_another_model_with_prices_over_time(toys: Callable[..., Tas
     assert gained > 0.01
     assert steps["growth"].sum() == pytest.approx(gained * 1.0, rel=1e-9)  # begins and ends at midnight, at 1 EUR kg-1
     assert (steps["reward"] == steps["epi"]).all()
+
+
+def test_the_order_of_keys_in_a_file_changes_no_sum_and_no_digest() -> None:
+    task = get_task("Lettuce-v1")
+    written = task.written()
+    turned = TaskSpec.of_written({**written, "ledger": dict(reversed(list(written["ledger"].items())))})
+
+    assert turned.ledger == task.ledger
+    assert turned.digest == task.digest
+    assert [q.name for q in turned.quantities] == [q.name for q in task.quantities]

@@ -155,5 +155,5 @@ def test_the_lettuce_draft_draws_season_start_and_crop_for_each_run() -> None:
     heads = [column.name for column in simulation.task.observed()].index("head_fresh_mass")
     assert np.ptp(simulation.observe()[:, heads]) > 0.1
     assert [quantity.name for quantity in simulation.task.quantities][:6] == [
-        "reward", "epi", "revenue", "cost_heat", "cost_electricity", "cost_co2",
+        "reward", "epi", "revenue", "cost_co2", "cost_electricity", "cost_heat",
     ]  # fmt: skip
