@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, Generic, TypeVar
 
 from glbench.errors import UnknownNameError, did_you_mean
@@ -43,6 +44,9 @@ class Factories(Generic[Make]):
 
     def __getitem__(self, name: str) -> Make:
         return self._found(name)[0]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._makers)
 
     def _found(self, name: str) -> tuple[Make, Any]:
         try:
