@@ -208,27 +208,15 @@ def check_against_lock(task: TaskSpec, entry: LockEntry) -> None:
     found, locked = task.fingerprint(), entry.fingerprint
     if found.digest == locked.digest:
         return
-    reasons = []
-    if found.model != locked.model:
-        reasons.append(
-            f"the model is another one (version {locked.model_version} {_change(locked.model, found.model)}, "
-            f"here version {found.model_version})"
-        )
-    if found.parameters != locked.parameters:
-        reasons.append(
-            f"the parameter set '{task.model.parameters}' has other values ({_change(locked.parameters, found.parameters)})"
-        )
-    if found.weather != locked.weather:
-        reasons.append(
-            f"the weather '{task.weather.source}' has other values, or is prepared in another way "
-            f"({_change(locked.weather, found.weather)})"
-        )
-    if found.start != locked.start:
-        reasons.append(f"the start '{task.initial.kind}' is another one ({_change(locked.start, found.start)})")
-    if found.observation != locked.observation:
-        reasons.append(
-            f"the observed columns have other names, units or bounds ({_change(locked.observation, found.observation)})"
-        )
+    parts = {
+        "model": f"the model is another one, locked version {locked.model_version}, here version {found.model_version}",
+        "parameters": f"the parameter set '{task.model.parameters}' has other values",
+        "weather": f"the weather '{task.weather.source}' has other values, or is prepared in another way",
+        "start": f"the start '{task.initial.kind}' is another one",
+        "observation": "the observed columns have other names, units or bounds",
+    }
+    digests = {part: (getattr(locked, part), getattr(found, part)) for part in parts}
+    reasons = [f"{parts[part]} ({_change(*pair)})" for part, pair in digests.items() if pair[0] != pair[1]]
     if not reasons:
         msg = (
             f"{LOCK_WORDS} contradicts itself about {task.id}: its parts are as locked, the digest over them is not "
