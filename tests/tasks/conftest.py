@@ -77,7 +77,7 @@ def forget() -> Iterator[Callable[[], None]]:
         spec._disturbances.cache_clear()
         for remembered in (program._shipped, scenario._pool, scenario._tables):
             remembered.cache_clear()
-        library._load_state.cache_clear()
+        library._checked.cache_clear()
 
     yield forget_all
     forget_all()
