@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 Actuation = Callable[[Floats, Floats], Floats]
-"""New controls ``(n, 6)`` from the controls in force ``(n, 6)`` and the actions ``(n, m)``; changes neither of them."""
+"""New controls from those in force, both ``(n, m)``, and the actions ``(n, m)``; changes neither of them."""
 
 MakeActuation = Callable[["TaskSpec"], Actuation]
 
@@ -48,7 +48,7 @@ def register_actuation(name: str, meaning: str, make: MakeActuation, *, low: flo
         msg = f"Actions of '{name}' cannot lie between {low:g} and {high:g}. Give finite bounds, the lower one first."
         raise TaskError(msg)
     ACTUATION_KINDS.add(ActuationKind(name, meaning, low, high))
-    ACTUATIONS.provide(name, meaning, make)
+    ACTUATIONS.provide(name, make)
 
 
 def make_actuation(task: TaskSpec) -> Actuation:
@@ -92,7 +92,7 @@ def _approached(task: TaskSpec, control: Any, action: Any, column: int) -> Any:
     return np.minimum(np.maximum(wanted, control - max_change), control + max_change)
 
 
-def _provide(name: str, meaning: str, move: RecordedActuation) -> None:
+def _provide(name: str, move: RecordedActuation) -> None:
     """A kind of actuation that moves each control by itself, and can be recorded."""
 
     def make(task: TaskSpec) -> Actuation:
@@ -100,12 +100,11 @@ def _provide(name: str, meaning: str, move: RecordedActuation) -> None:
             [move(task, controls[:, column], actions[:, column], column) for column in range(actions.shape[1])], axis=1
         )
 
-    ACTUATIONS.provide(name, meaning, make)
-    ACTUATIONS.record(name, move)
+    ACTUATIONS.provide(name, make, recorded=move)
 
 
-_provide("rate", "an action from -1 to 1 moves its control by up to max_change a step", _moved)
-_provide("set_point", "an action from 0 to 1 asks for a control, reached by at most max_change a step", _approached)
+_provide("rate", _moved)
+_provide("set_point", _approached)
 
 
 def recorded_actuation(task: TaskSpec) -> RecordedActuation | None:

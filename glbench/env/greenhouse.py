@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.info import FAILURE, STEP_REWARD, InfoWriter
-from glbench.env.options import STATE, check_names, state_option
 from glbench.env.panel import panel
 from glbench.env.rendering import FRAMES_PER_SECOND, PICTURES, RENDER_MODES, Camera, checked_render_mode
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
 from glbench.env.simulation import Simulation
-from glbench.env.spaces import action_space, observation_space, the_task
+from glbench.env.spaces import STATE, action_space, check_names, observation_space, state_option, the_task
 from glbench.errors import ActionError
 
 if TYPE_CHECKING:
@@ -25,15 +24,16 @@ if TYPE_CHECKING:
 
 
 class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """A tomato greenhouse under control, as a task defines it.
+    """A greenhouse under control, as a task defines it.
 
     ``gymnasium.make("glbench:glbench/Schiphol2010-Delta10-v1")`` makes one.
 
     ## Description
 
     The GreenLight model simulates climate and crop of a Dutch greenhouse. In each step (15 minutes in the shipped tasks)
-    the agent moves boiler, CO2 supply, screens, vents and lamps. It earns the value of the fruit grown and pays for heat,
-    electricity and CO2, and for every limit of the climate that was broken. All numbers are per m2 of floor.
+    the agent moves boiler, CO2 supply, screens, vents and lamps, or those of them that the task grants. It earns and pays what the
+    task's ledger says, such as fruit grown, heat, electricity and CO2, and loses reward for every limit of the climate that was broken.
+    All numbers are per m2 of floor.
 
     ## Action space
 

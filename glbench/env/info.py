@@ -55,6 +55,20 @@ def _signed(seeds: NDArray[np.uint64]) -> NDArray[Any]:
     return seeds.astype(np.int64) if int(seeds.max()) < 2**63 else seeds
 
 
+def add_objects(info: dict[str, Any], name: str, objects: dict[int, Any], n: int) -> None:
+    """Add what only some rows have, by row, in Gymnasium's form: an array of objects and its mask."""
+    array, mask = np.full(n, None, dtype=object), np.zeros(n, dtype=np.bool_)
+    for row, value in objects.items():
+        array[row], mask[row] = value, True
+    info[name], info[f"_{name}"] = array, mask
+
+
+def add_failures(info: dict[str, Any], result: StepResult) -> None:
+    """Add the reasons of the rows that could not be integrated, if any."""
+    if result.failed:
+        add_objects(info, FAILURE, {failure.row: failure.reason for failure in result.failed}, len(result.rewards))
+
+
 class InfoWriter:
     """Makes ``info`` from a simulation and what its last step gave."""
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from glbench.env.climate import AIR
 from glbench.env.reference import ObservationInputs
-from glbench.env.weather_tables import WeatherTables
+from glbench.env.scenario import WeatherTables
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
 

@@ -19,9 +19,8 @@ from glbench.env.observations import Formula, Numbers, TableRows, python_part, s
 from glbench.env.quantities import REWARD
 from glbench.env.reference import NO_PARTS, PythonParts
 from glbench.env.rewards import REWARDS, StepOutcome, make_reward
-from glbench.env.scenario import CLOCK, RunScenarios, WeatherPool
+from glbench.env.scenario import CLOCK, RunScenarios, WeatherPool, WeatherTables
 from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters
-from glbench.env.weather_tables import WeatherTables
 from glbench.errors import TaskError
 from glbench.kernel.environment import Lookup, ParameterNoise, Program
 from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, Value

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from glbench.env.philox import uniforms
 from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters, Deviation
-from glbench.kernel.environment import ActionBounds, ParameterNoise, Program
+from glbench.kernel.environment import ActionBounds, Environments, ParameterNoise, Program
 from glbench.kernel.tape import Source, Tape
 
 if TYPE_CHECKING:
@@ -90,23 +90,12 @@ class PythonParts:
 NO_PARTS = PythonParts(slice(0, 0))
 
 
-class PlainEnvironments:
-    """``n`` environments of ``program`` around ``kernel``, of a model with ``states``; see ``glbench.kernel.environment.Environments``."""
+class PlainEnvironments(Environments):
+    """``n`` environments of ``program`` around ``kernel``, of a model with ``states``."""
 
     def __init__(self, program: Program, n: int, kernel: Stepper, states: int, parts: PythonParts = NO_PARTS) -> None:
+        super().__init__(program, n, states)
         self._program, self._kernel, self._parts, self._n = program, kernel, parts, n
-        self.x = np.zeros((n, states))
-        self.u = np.zeros((n, len(program.controls.low)))
-        self.k = np.zeros(n, np.int64)
-        self.ended = np.zeros(n, np.bool_)
-        self.keys = np.zeros((n, program.keys, 2), np.uint64)
-        self.days, self.first = np.zeros((n, program.days), np.int64), np.zeros(n, np.int64)
-        self.parameters = np.tile(program.nominal, (n if program.own_parameters else 1, 1))
-        self.traits, self.memory = np.zeros((n, program.traits)), np.zeros((n, program.memory))
-        self.given = np.zeros((n, len(program.actions.low)))
-        self.given_controls = np.zeros((n, len(program.controls.low)))
-        self.table = np.zeros((n, program.width))
-        self.observations = np.zeros((n, program.columns), np.float32)
         self._rows = np.arange(n)
         deviations = parts.deviations or (DISTRIBUTIONS[UNIFORM],) * len(program.drawn)
         self._groups = [_Group(noise, deviation, n) for noise, deviation in zip(program.drawn, deviations, strict=True)]
@@ -116,11 +105,9 @@ class PlainEnvironments:
 
     @property
     def over(self) -> int:
-        """How many environments have ended."""
         return int(np.count_nonzero(self.ended))
 
     def step(self) -> int:
-        """Take a step with the actions ``given``; see ``Environments``."""
         actions = self._accepted(self._program.actions, self.given)
         if actions is None:
             return -1
@@ -137,17 +124,14 @@ class PlainEnvironments:
         return self._advance(controls)
 
     def step_controls(self) -> int:
-        """Take a step with ``given_controls``, as they are."""
         controls = self._accepted(self._program.controls, self.given_controls)
         return -1 if controls is None else self._advance(controls)
 
     def observe(self) -> None:
-        """Fill ``table`` and ``observations`` from where the environments stand."""
         self._forget()
         self._look(self.x, self.x, self.k, standing=True)
 
     def failures(self) -> list[StepFailure]:
-        """Environments that failed in the last step, in words."""
         return self._failed
 
     def _forget(self) -> None:

@@ -125,12 +125,10 @@ def _scaled_penalty(task: TaskSpec, accounts: Accounts) -> RewardPart:
     return lambda outcome: -outcome["penalty"]
 
 
-REWARDS.provide("epi", "economic performance of the step [EUR m-2]", _epi)
-REWARDS.provide(
-    "scaled_epi", "economic performance, 0 at full use without growth and 1 at full growth without use", _scaled_epi
-)
-REWARDS.provide("penalties", "minus the sum of the violations, each in its own unit (degC, ppm, %)", _penalties)
-REWARDS.provide("scaled_penalty", "minus the sum of the violations, each divided by its penalty scale", _scaled_penalty)
-
-for _name in tuple(REWARDS):
-    REWARDS.record(_name, True)  # arithmetic on the step's quantities, and nothing else
+for _name, _make in (
+    ("epi", _epi),
+    ("scaled_epi", _scaled_epi),
+    ("penalties", _penalties),
+    ("scaled_penalty", _scaled_penalty),
+):
+    REWARDS.provide(_name, _make, recorded=True)  # arithmetic on the step's quantities, and nothing else

@@ -1,18 +1,26 @@
-"""Gymnasium's view of a task: its spaces, and what else both kinds of environment check alike."""
+"""What both kinds of environment have from Gymnasium: the spaces of a task, and the options of ``reset``."""
 
 from __future__ import annotations
 
-from typing import TypeAlias, cast
+from collections.abc import Mapping
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
 from glbench.env.actuation import action_bounds
+from glbench.env.snapshot import Snapshot
+from glbench.errors import GlbenchError, ShapeError, did_you_mean
 from glbench.tasks import TaskSpec, get_task
 
 Vectors: TypeAlias = "spaces.Space[NDArray[np.float32]]"
 """A ``Box`` of float32 (Gymnasium's annotations do not say which numbers a box holds)."""
+
+STATE = "state"
+"""Option of ``reset``: a snapshot to continue from."""
+RESET_MASK = "reset_mask"
+"""Option of a vector environment's ``reset``: the rows to reset."""
 
 
 def the_task(task: TaskSpec | str) -> TaskSpec:
@@ -32,3 +40,58 @@ def action_space(task: TaskSpec) -> Vectors:
     """Actions of a task with the bounds of its card, float32."""
     low, high = action_bounds(task)
     return cast("Vectors", spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32))
+
+
+def check_names(options: Mapping[str, Any] | None, known: tuple[str, ...]) -> Mapping[str, Any]:
+    """``options``, none as an empty mapping.
+
+    Raises
+    ------
+    GlbenchError
+        For an option that is not ``known``.
+    """
+    given = options or {}
+    for name in given:
+        if name not in known:
+            msg = f"reset has no option called '{name}'.{did_you_mean(name, known)}"
+            raise GlbenchError(msg)
+    return given
+
+
+def state_option(options: Mapping[str, Any], seed: object) -> Snapshot | None:
+    """The snapshot to continue from, if there is one.
+
+    Raises
+    ------
+    GlbenchError
+        When it is no snapshot, or a seed or another option comes with it: the snapshot has its own.
+    """
+    snapshot = options.get(STATE)
+    if snapshot is None:
+        return None
+    if not isinstance(snapshot, Snapshot):
+        msg = (
+            f"The option 'state' is a {type(snapshot).__name__}; expected what snapshot() or Snapshot.from_bytes gave."
+        )
+        raise GlbenchError(msg)
+    if seed is not None or options.get(RESET_MASK) is not None:
+        msg = "A snapshot brings its own seeds and rows: call reset with the option 'state' and nothing else."
+        raise GlbenchError(msg)
+    return snapshot
+
+
+def mask_option(options: Mapping[str, Any], n: int) -> NDArray[np.bool_]:
+    """The rows to reset, ``(n,)``; all of them without the option.
+
+    Raises
+    ------
+    ShapeError
+        When the mask has another shape or type, or chooses no row.
+    """
+    mask = options.get(RESET_MASK)
+    if mask is None:
+        return np.ones(n, dtype=np.bool_)
+    if not isinstance(mask, np.ndarray) or mask.shape != (n,) or mask.dtype != np.bool_ or not mask.any():
+        msg = f"The option 'reset_mask' must be an array of {n} booleans, at least one of them true; it is {mask!r}."
+        raise ShapeError(msg)
+    return mask

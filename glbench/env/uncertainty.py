@@ -49,7 +49,7 @@ def _uniform(numbers: Floats, half_width: float) -> Floats:
     return (2.0 * numbers - 1.0) * half_width
 
 
-DISTRIBUTIONS.provide(UNIFORM, "parameters times 1 + e, e uniform between minus and plus the half width", _uniform)
+DISTRIBUTIONS.provide(UNIFORM, _uniform)
 
 
 def draw_key(task_id: str, seed: int) -> tuple[int, int]:

@@ -13,17 +13,24 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from glbench.env.greenhouse import GreenhouseEnv
-from glbench.env.info import InfoWriter
+from glbench.env.info import InfoWriter, add_failures, add_objects
 from glbench.env.kernels import SCORING_PRESET, check_kernel
-from glbench.env.options import RESET_MASK, STATE, check_names, mask_option, state_option
 from glbench.env.panel import panel
 from glbench.env.rendering import PICTURES, Camera, checked_render_mode
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
 from glbench.env.simulation import Simulation, check_runs
-from glbench.env.spaces import action_space, observation_space, the_task
-from glbench.env.vector_info import add_failures, add_objects
+from glbench.env.spaces import (
+    RESET_MASK,
+    STATE,
+    action_space,
+    check_names,
+    mask_option,
+    observation_space,
+    state_option,
+    the_task,
+)
 from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean, whole_number
-from glbench.kernel import Kernel, make_kernel
+from glbench.kernel import make_kernel
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
@@ -68,8 +75,6 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         As for ``GreenhouseEnv``; ``render`` returns one text or picture for each row.
     """
 
-    _own_kernel: Kernel | None = None
-
     def __init__(
         self,
         task: TaskSpec | str,
@@ -96,8 +101,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         if workers != 1:
             preset = str(kernel or SCORING_PRESET)
-            made = make_kernel(self.task.model_value, self.task.step_seconds, workers=workers, preset=preset)
-            kernel = self._own_kernel = made
+            kernel = make_kernel(self.task.model_value, self.task.step_seconds, workers=workers, preset=preset)
         self.simulation = Simulation(self.task, num_envs, kernel)
         self._info = InfoWriter(self.task)
         self._camera = Camera(self.simulation) if render_mode == PICTURES else None
@@ -208,11 +212,6 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
             self._camera.begin()
         everywhere = np.ones(self.num_envs, dtype=np.bool_)
         return observations, self._info.masked(self._info.columns(self.simulation, None), everywhere, everywhere)
-
-    def close_extras(self, **kwargs: Any) -> None:
-        """Release the kernel that this environment made."""
-        if self._own_kernel is not None:
-            self._own_kernel.close()
 
     def _row_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None:

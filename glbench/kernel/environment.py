@@ -10,8 +10,8 @@ arrays. What is drawn once an episode is written there at the start; what is dra
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -150,7 +150,7 @@ class Program:
         return len(self.drawn) + len(self.streams)
 
 
-class Environments(Protocol):
+class Environments(ABC):
     """``n`` environments that run a program. Not thread-safe.
 
     A row gives the same bits alone, in any batch and with any number of threads. ``x`` and ``u`` are other arrays after a step;
@@ -175,25 +175,29 @@ class Environments(Protocol):
         What the program makes of the last step, ``(n, width)`` float64 and ``(n, columns)`` float32.
     """
 
-    x: FloatArray
-    u: FloatArray
-    k: npt.NDArray[np.int64]
-    ended: npt.NDArray[np.bool_]
-    keys: npt.NDArray[np.uint64]
-    days: npt.NDArray[np.int64]
-    first: npt.NDArray[np.int64]
-    parameters: FloatArray
-    traits: FloatArray
-    memory: FloatArray
-    given: FloatArray
-    given_controls: FloatArray
-    table: FloatArray
-    observations: npt.NDArray[np.float32]
+    def __init__(self, program: Program, n: int, states: int) -> None:
+        controls = len(program.controls.low)
+        self.x: FloatArray = np.zeros((n, states))
+        self.u: FloatArray = np.zeros((n, controls))
+        self.k: npt.NDArray[np.int64] = np.zeros(n, np.int64)
+        self.ended: npt.NDArray[np.bool_] = np.zeros(n, np.bool_)
+        self.keys: npt.NDArray[np.uint64] = np.zeros((n, program.keys, 2), np.uint64)
+        self.days: npt.NDArray[np.int64] = np.zeros((n, program.days), np.int64)
+        self.first: npt.NDArray[np.int64] = np.zeros(n, np.int64)
+        self.parameters: FloatArray = np.tile(program.nominal, (n if program.own_parameters else 1, 1))
+        self.traits: FloatArray = np.zeros((n, program.traits))
+        self.memory: FloatArray = np.zeros((n, program.memory))
+        self.given: FloatArray = np.zeros((n, len(program.actions.low)))
+        self.given_controls: FloatArray = np.zeros((n, controls))
+        self.table: FloatArray = np.zeros((n, program.width))
+        self.observations: npt.NDArray[np.float32] = np.zeros((n, program.columns), np.float32)
 
     @property
+    @abstractmethod
     def over(self) -> int:
         """How many environments have ended, by the last call."""
 
+    @abstractmethod
     def step(self) -> int:
         """Take a step with the actions ``given``.
 
@@ -203,11 +207,14 @@ class Environments(Protocol):
             How many environments failed in it; -1 when a value given is out of bounds or no number, and nothing was done.
         """
 
+    @abstractmethod
     def step_controls(self) -> int:
         """Take a step with ``given_controls``, as they are. Returns what ``step`` does."""
 
+    @abstractmethod
     def observe(self) -> None:
         """Fill ``table`` and ``observations`` from where the environments stand."""
 
+    @abstractmethod
     def failures(self) -> list[StepFailure]:
         """Environments that failed in the last step, in words."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 from glbench.model.expressions import Expr
-from glbench.model.quantities import Quantity, table_of
+from glbench.model.quantities import Quantity
 
 
 class Controls(NamedTuple):
@@ -17,9 +17,3 @@ class Controls(NamedTuple):
     u_vent: Annotated[Expr, Quantity("-", "roof vents, 0 = closed, 1 = open")]
     u_lamp: Annotated[Expr, Quantity("-", "top lamps, 1 = thetaLampMax")]
     u_bl_scr: Annotated[Expr, Quantity("-", "blackout screen, 0 = open, 1 = closed")]
-
-
-CONTROLS = table_of(Controls)
-"""Name, unit and meaning of every control, in the order of the vector."""
-
-CONTROL_NAMES: tuple[str, ...] = tuple(entry.name for entry in CONTROLS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 from glbench.model.expressions import Expr
-from glbench.model.quantities import Quantity, table_of
+from glbench.model.quantities import Quantity
 
 
 class Disturbances(NamedTuple):
@@ -21,9 +21,3 @@ class Disturbances(NamedTuple):
     day_rad_sum: Annotated[Expr, Quantity("MJ m-2 day-1", "radiation sum of the whole calendar day")]
     is_day: Annotated[Expr, Quantity("-", "1 by day, 0 by night, linear in between")]
     is_day_smooth: Annotated[Expr, Quantity("-", "1 by day, 0 by night, sigmoid in between")]
-
-
-DISTURBANCES = table_of(Disturbances)
-"""Name, unit and meaning of every disturbance, in the order of the vector."""
-
-DISTURBANCE_NAMES: tuple[str, ...] = tuple(entry.name for entry in DISTURBANCES)

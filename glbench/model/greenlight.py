@@ -24,7 +24,6 @@ from glbench.model.bounds import (
 )
 from glbench.model.capacities import capacities
 from glbench.model.co2 import co2_transport
-from glbench.model.controls import CONTROLS
 from glbench.model.controls import Controls as ClimateControls
 from glbench.model.convection import convection
 from glbench.model.derived import derived_climate
@@ -36,7 +35,7 @@ from glbench.model.optics import cover_optics
 from glbench.model.parameter_checks import Order, Shares
 from glbench.model.parameter_table import read_table
 from glbench.model.parameters import ClimateParameters
-from glbench.model.quantities import states_of
+from glbench.model.quantities import states_of, table_of
 from glbench.model.shortwave import short_wave
 from glbench.model.states import ClimateState
 from glbench.model.submodels import Climate
@@ -174,7 +173,7 @@ class GreenLightClimate(Climate):
         )
 
     def capacities(self, p: Mapping[str, float]) -> tuple[Capacity, ...]:
-        """Installed capacities: the six controls in their order, and what each delivers at 1."""
+        """Installed capacities: the controls in their order, and what each delivers at 1."""
         floor = p["aFlr"]
         installed = (
             ("boiler", "W m-2", p["pBoil"] / floor, "heat to the rail pipes", "Heating"),
@@ -184,7 +183,9 @@ class GreenLightClimate(Climate):
             ("lamps", "W m-2", p["thetaLampMax"], "electric power of the lamps", "Lamps"),
             ("blackout_screen", "-", 1.0, "closure of the blackout screen", "Blackout screen"),
         )
-        return tuple(Capacity(control.name, *entry) for control, entry in zip(CONTROLS, installed, strict=True))
+        return tuple(
+            Capacity(control.name, *entry) for control, entry in zip(table_of(self.Controls), installed, strict=True)
+        )
 
     def flows(self) -> tuple[Flow, ...]:
         return (

@@ -362,15 +362,11 @@ class Model(ABC):
         UnknownNameError
             When there is none of that name; the message names the nearest.
         """
-        return self._index("state", name, self.state_names)
-
-    def control_index(self, name: str) -> int:
-        """Place of a control in the vector. Errors as for ``state_index``."""
-        return self._index("control", name, self.control_names)
-
-    def disturbance_index(self, name: str) -> int:
-        """Place of a disturbance in the vector. Errors as for ``state_index``."""
-        return self._index("disturbance", name, self.disturbance_names)
+        try:
+            return self.state_names.index(name)
+        except ValueError:
+            msg = f"{self.id} has no state '{name}'.{did_you_mean(name, self.state_names)}"
+            raise UnknownNameError(msg) from None
 
     def start(self, kind: str, first: ArrayLike, air_temperature: float, p: ArrayLike) -> Array:
         """State at the start of an episode.
@@ -489,13 +485,6 @@ class Model(ABC):
             Shape ``(states, m)`` or ``(n, states, m)``, with m the length of that input.
         """
         return _evaluate(self.names, self.jacobian_function(wrt), x, u, d, p)
-
-    def _index(self, kind: str, name: str, names: tuple[str, ...]) -> int:
-        try:
-            return names.index(name)
-        except ValueError:
-            msg = f"{self.id} has no {kind} '{name}'.{did_you_mean(name, names)}"
-            raise UnknownNameError(msg) from None
 
     def _symbolic(self, symbolic: str) -> tuple[dict[str, Any], Evaluation]:
         """Symbols of the inputs, and the model evaluated with them."""

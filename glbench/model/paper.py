@@ -22,7 +22,7 @@ from glbench.model.greenlight import GreenLightClimate
 from glbench.model.model import Evaluation, Model, Symbolic
 from glbench.model.parameter_sets import Given
 from glbench.model.parameter_table import BENCHMARK
-from glbench.model.variants import AUTHOR, Variant, get_variant
+from glbench.model.variants import AUTHOR, VARIANTS, Variant, get_variant
 
 Array = NDArray[np.float64]
 
@@ -89,16 +89,6 @@ def greenlight(x: State, u: Controls, d: Disturbances, p: Parameters, variant: V
 def build_rhs(variant: str = "author", symbolic: Symbolic = "SX") -> casadi.Function:
     """See :meth:`Model.rhs_function`."""
     return tomato(variant).rhs_function(symbolic)
-
-
-def build_auxiliaries(variant: str = "author") -> casadi.Function:
-    """See :meth:`Model.auxiliaries_function`."""
-    return tomato(variant).auxiliaries_function()
-
-
-def build_jacobian(wrt: str = "x", variant: str = "author") -> casadi.Function:
-    """See :meth:`Model.jacobian_function`."""
-    return tomato(variant).jacobian_function(wrt)
 
 
 def rhs(x: ArrayLike, u: ArrayLike, d: ArrayLike, p: ArrayLike, variant: str = "author") -> Array:
@@ -183,17 +173,12 @@ def _load_plugins() -> None:
         entry.load()()
 
 
-def model_ids() -> tuple[str, ...]:
-    """Ids of the models that task files can name."""
-    return tuple(_MODELS)
-
-
 def registered_models() -> tuple[Model, ...]:
     """Every model that task files can name, in each of its variants."""
     return tuple(model for variants in _MODELS.values() for model in variants.values())
 
 
-for _variant in ("author", "gl_gym2"):
+for _variant in VARIANTS:
     register_model(tomato(_variant))
     register_model(tomato_harvest(_variant))
 register_model(LETTUCE)

@@ -55,11 +55,17 @@ class Written:
         The base as the file names it; ``None`` without one.
     changes
         What differs from the base.
+    files
+        The file of the base, of the base's base and so on.
     """
 
     content: Mapping[str, Any]
-    base: str | None
-    changes: tuple[Change, ...]
+    base: str | None = None
+    changes: tuple[Change, ...] = ()
+    files: tuple[Path, ...] = ()
+
+    def __hash__(self) -> int:
+        return hash(repr(self.content))
 
 
 def read_written(path: Path, above: tuple[Path, ...] = ()) -> Written:
@@ -87,8 +93,9 @@ def read_written(path: Path, above: tuple[Path, ...] = ()) -> Written:
     _take_over_prices(content, path, shown)
     under = _file_of(content.get(BASE), path, shown)
     if under is None:
-        return Written(content, None, ())
-    below, base = read_written(under, files).content, content.pop(BASE)
+        return Written(content)
+    found = read_written(under, files)
+    below, base = found.content, content.pop(BASE)
     schemas = below.get("schema"), content.get("schema", below.get("schema"))
     if schemas == (2, 1):
         msg = f"{shown}: base = {as_written(base)} has schema 2, which schema 1 cannot say. Write schema = 2, or leave it out."
@@ -97,7 +104,7 @@ def read_written(path: Path, above: tuple[Path, ...] = ()) -> Written:
         below = as_schema_2(below)
     inherited = {key: value for key, value in below.items() if key not in NOT_INHERITED}
     merged = _merged(inherited, content)
-    return Written(merged, base, tuple(_changes(inherited, merged)))
+    return Written(merged, base, tuple(_changes(inherited, merged)), (under.resolve(), *found.files))
 
 
 def as_schema_2(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -143,20 +150,6 @@ def _take_over_prices(content: dict[str, Any], path: Path, shown: str) -> None:
         except (ValueError, IndexError, csv.Error) as error:
             msg = f"{where}: it must be a CSV file with the header time,price and lines such as 2010-03-01T00:00,0.09."
             raise TaskError(msg) from error
-
-
-def base_of(path: Path) -> Path | None:
-    """The file that the task file ``path`` is based on, if it is.
-
-    Raises
-    ------
-    TaskError
-        When the file cannot be read, or its base is no text.
-    UnknownNameError
-        When there is no task of the base's id.
-    """
-    shown = shown_path(path)
-    return _file_of(_read_toml(path, shown).get(BASE), path, shown)
 
 
 def shipped_file(wanted: str) -> Path:

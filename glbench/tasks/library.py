@@ -5,11 +5,11 @@ from __future__ import annotations
 from functools import lru_cache
 from pathlib import Path
 
-from glbench.errors import GlbenchError, TaskError, UnknownNameError, did_you_mean
+from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.registration import draft_files, task_files
-from glbench.tasks.bases import base_of, shipped_file
+from glbench.tasks.bases import Written, read_written, shipped_file, shown_path
 from glbench.tasks.lock import LOCK_WORDS, LockEntry, canonical_sha256, lock_path, read_lock, write_lock
-from glbench.tasks.reading import read_task
+from glbench.tasks.reading import read_task, task_of
 from glbench.tasks.spec import TaskSpec
 
 _State = tuple[int, int]
@@ -131,40 +131,21 @@ def check_file_name(task: TaskSpec, path: Path) -> None:
 
 def _load(path: Path) -> TaskSpec:
     """The task of a file, compared with the lock if its id is published."""
-    lock = lock_path()
-    files = _files(path.resolve())
-    return _load_state(files, tuple(_state(file) for file in files), lock, _state(lock))
-
-
-def _files(path: Path) -> tuple[Path, ...]:
-    """The file and its bases."""
-    files = [path]
-    while (base := _base_of(files[-1], _state(files[-1]))) is not None and base not in files:
-        files.append(base)
-    return tuple(files)
+    file, lock = path.resolve(), lock_path()
+    return _checked(file, read_written(file), lock, _state(lock))
 
 
 @lru_cache(maxsize=256)
-def _base_of(path: Path, _file: _State) -> Path | None:
-    try:
-        base = base_of(path)
-    except GlbenchError:  # told when the task is read
-        return None
-    return None if base is None else base.resolve()
-
-
-@lru_cache(maxsize=256)
-def _load_state(files: tuple[Path, ...], _files: tuple[_State, ...], _lock: Path, _lock_state: _State) -> TaskSpec:
-    """``_load`` for one state of files and lock, so that a task is checked once a process and again when a file changes."""
-    path, *bases = files
-    for base in bases:
+def _checked(file: Path, written: Written, _lock: Path, _lock_state: _State) -> TaskSpec:
+    """``_load`` for one content of file, bases and prices and state of the lock: a task is checked once, and again when it changes."""
+    for base in written.files:
         if _is_shipped(base):
             _read_listed(base)  # a published base that was edited is refused
-    task = read_task(path)
+    task = task_of(written, shown_path(file))
     entry = read_lock().get(task.id)
     if entry is None:
         task.fingerprint()  # whatever cannot be resolved is told now and not in the middle of a run
-    elif _is_shipped(path):
+    elif _is_shipped(file):
         check_against_lock(task, entry)
     elif task.digest != entry.digest:
         msg = (
@@ -208,27 +189,15 @@ def check_against_lock(task: TaskSpec, entry: LockEntry) -> None:
     found, locked = task.fingerprint(), entry.fingerprint
     if found.digest == locked.digest:
         return
-    reasons = []
-    if found.model != locked.model:
-        reasons.append(
-            f"the model is another one (version {locked.model_version} {_change(locked.model, found.model)}, "
-            f"here version {found.model_version})"
-        )
-    if found.parameters != locked.parameters:
-        reasons.append(
-            f"the parameter set '{task.model.parameters}' has other values ({_change(locked.parameters, found.parameters)})"
-        )
-    if found.weather != locked.weather:
-        reasons.append(
-            f"the weather '{task.weather.source}' has other values, or is prepared in another way "
-            f"({_change(locked.weather, found.weather)})"
-        )
-    if found.start != locked.start:
-        reasons.append(f"the start '{task.initial.kind}' is another one ({_change(locked.start, found.start)})")
-    if found.observation != locked.observation:
-        reasons.append(
-            f"the observed columns have other names, units or bounds ({_change(locked.observation, found.observation)})"
-        )
+    parts = {
+        "model": f"the model is another one, locked version {locked.model_version}, here version {found.model_version}",
+        "parameters": f"the parameter set '{task.model.parameters}' has other values",
+        "weather": f"the weather '{task.weather.source}' has other values, or is prepared in another way",
+        "start": f"the start '{task.initial.kind}' is another one",
+        "observation": "the observed columns have other names, units or bounds",
+    }
+    digests = {part: (getattr(locked, part), getattr(found, part)) for part in parts}
+    reasons = [f"{parts[part]} ({_change(*pair)})" for part, pair in digests.items() if pair[0] != pair[1]]
     if not reasons:
         msg = (
             f"{LOCK_WORDS} contradicts itself about {task.id}: its parts are as locked, the digest over them is not "

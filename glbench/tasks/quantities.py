@@ -7,7 +7,7 @@ outdoors are a little beyond what was ever measured on earth (-89 and 57 degC; 1
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from glbench.errors import UnknownNameError, did_you_mean
@@ -51,12 +51,6 @@ def capacities(model: Model, parameters: Mapping[str, float]) -> tuple[Capacity,
     return tuple(Capacity(c.name, c.quantity, c.unit, c.capacity, c.meaning) for c in model.capacities(parameters))
 
 
-def _paper_model() -> Model:
-    from glbench.model import get_model  # not at the top: task files are read without the model
-
-    return get_model(PAPER_MODEL)
-
-
 @dataclass(frozen=True)
 class ObservationContext:
     """What the bounds of an observed quantity may depend on."""
@@ -69,7 +63,7 @@ class ObservationContext:
     """Rows of coming weather that the task grants."""
     parameters: Mapping[str, float]
     """All model parameters by name, nominal values."""
-    model: Model = field(default_factory=_paper_model)
+    model: Model
     """The model whose quantities are shown."""
 
     @property

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from glbench.errors import TaskError, did_you_mean
-from glbench.tasks.bases import as_written, read_written, shown_path
+from glbench.tasks.bases import Written, as_written, read_written, shown_path
 from glbench.tasks.spec import TaskSpec, file_of, schema_of
 from glbench.tasks.tables import Table
 
@@ -25,8 +25,11 @@ def read_task(path: Path) -> TaskSpec:
     TaskError
         When the file or its base cannot be read, is no TOML, or they do not define a task.
     """
-    written = read_written(path)
-    shown = shown_path(path)
+    return task_of(read_written(path), shown_path(path))
+
+
+def task_of(written: Written, shown: str) -> TaskSpec:
+    """Task of the tables of a file that messages call ``shown``. Errors as for ``read_task``."""
     try:
         file = file_of(written.content)
     except ValidationError as error:

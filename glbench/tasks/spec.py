@@ -116,10 +116,7 @@ class TaskSpec:
     changes: tuple[Change, ...]
     """What its file changes in the base."""
 
-    _FORWARDED: ClassVar[tuple[str, ...]] = (
-        "schema_version", "id", "title", "description", "suites", "weather", "model", "initial", "observation", "actuation", "constraints",
-        "reward", "evaluation",
-    )  # fmt: skip
+    _FORWARDED: ClassVar = frozenset(TaskFile1.model_fields) & frozenset(TaskFile2.model_fields)
 
     def __init__(
         self,

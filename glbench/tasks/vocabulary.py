@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.tasks import quantities as tables
-from glbench.tasks.quantities import Quantity, QuantityTable
+from glbench.tasks.quantities import QuantityTable
 
 if TYPE_CHECKING:
     import numpy as np
@@ -205,23 +205,3 @@ for _words, _entries in (
 ):
     for _name, _meaning in _entries.items():
         _words.add(Word(_name, _meaning))
-
-__all__ = [
-    "ACTUATION_KINDS",
-    "DISTRIBUTIONS",
-    "INITIAL_STATES",
-    "METRICS",
-    "MODEL_VARIANTS",
-    "OBSERVATION_MODULES",
-    "PREPROCESSINGS",
-    "REWARD_MODULES",
-    "ActuationKind",
-    "Entry",
-    "InitialState",
-    "Named",
-    "ObservationModule",
-    "Quantity",
-    "QuantityTable",
-    "Registry",
-    "Word",
-]

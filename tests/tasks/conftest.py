@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from glbench import registration
-from glbench.env import program, scenario, weather_tables
+from glbench.env import program, scenario
 from glbench.env.behaviour import lock_behaviour
 from glbench.registration import task_files
 from glbench.tasks import bases, library, list_tasks, lock, lock_new_tasks, spec
@@ -75,9 +75,9 @@ def forget() -> Iterator[Callable[[], None]]:
 
     def forget_all() -> None:
         spec._disturbances.cache_clear()
-        for remembered in (program._shipped, scenario._pool, weather_tables._tables):
+        for remembered in (program._shipped, scenario._pool, scenario._tables):
             remembered.cache_clear()
-        library._load_state.cache_clear()
+        library._checked.cache_clear()
 
     yield forget_all
     forget_all()

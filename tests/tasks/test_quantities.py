@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from glbench.errors import TaskError, UnknownNameError
-from glbench.model import CONTROL_NAMES, STATE_NAMES, VARIANTS, bounds
+from glbench.model import CONTROL_NAMES, STATE_NAMES, TOMATO, VARIANTS, bounds
 from glbench.tasks import (
     DEFAULT_TASK,
     MODEL_VARIANTS,
@@ -40,7 +40,7 @@ PAPER_COLUMNS = [
 
 def context(days: int = 60, forecast_steps: int = 0) -> q.ObservationContext:
     parameters = get_task(DEFAULT_TASK).parameters_by_name()
-    return q.ObservationContext(days * 96, 900.0, forecast_steps, parameters)
+    return q.ObservationContext(days * 96, 900.0, forecast_steps, parameters, TOMATO)
 
 
 def test_the_papers_22_values_come_in_its_order_and_units() -> None:

@@ -51,149 +51,69 @@ def settings_type(states: int) -> type[Settings]:
     return type(f"Settings{states}", (Settings,), members)
 
 
+def members(text: str) -> tuple[tuple[str, type[ctypes.c_int64 | ctypes.c_void_p]], ...]:
+    """Members of a C structure in their order: ``name`` is an ``int64_t``, ``name*`` an address."""
+    return tuple((name.rstrip("*"), ctypes.c_void_p if name.endswith("*") else ctypes.c_int64) for name in text.split())
+
+
 class RowPointers(ctypes.Structure):
     """``glb::Rows`` of native/rows.hpp."""
 
-    _fields_ = (
-        ("n", ctypes.c_int64),
-        ("x", ctypes.c_void_p),
-        ("u", ctypes.c_void_p),
-        ("d", ctypes.c_void_p),
-        ("p", ctypes.c_void_p),
-        ("p_stride", ctypes.c_int64),
-        ("out", ctypes.c_void_p),
-        ("status", ctypes.c_void_p),
-        ("substeps", ctypes.c_void_p),
-        ("reached", ctypes.c_void_p),
-        ("failed", ctypes.c_int64),
-    )
+    _fields_ = members("n x* u* d* p* p_stride out* status* substeps* reached* failed")
 
 
 class TapePointers(ctypes.Structure):
     """``glb::Tape`` of native/tape.hpp."""
 
-    _fields_ = (
-        ("constants", ctypes.c_int64),
-        ("inputs", ctypes.c_int64),
-        ("operations", ctypes.c_int64),
-        ("outputs", ctypes.c_int64),
-        ("constant", ctypes.c_void_p),
-        ("input", ctypes.c_void_p),
-        ("operation", ctypes.c_void_p),
-        ("output", ctypes.c_void_p),
-    )
+    _fields_ = members("constants inputs operations outputs constant* input* operation* output*")
 
 
 class ActionBoundsPointers(ctypes.Structure):
     """``glb::ActionBounds`` of native/environment.hpp."""
 
-    _fields_ = (
-        ("count", ctypes.c_int64),
-        ("lowest", ctypes.c_void_p),
-        ("highest", ctypes.c_void_p),
-        ("low", ctypes.c_void_p),
-        ("high", ctypes.c_void_p),
-    )
+    _fields_ = members("count lowest* highest* low* high*")
 
 
 class LookupPointers(ctypes.Structure):
     """``glb::Lookup`` of native/environment.hpp."""
 
-    _fields_ = (
-        ("table", ctypes.c_void_p),
-        ("width", ctypes.c_int64),
-        ("count", ctypes.c_int64),
-        ("at", ctypes.c_int64),
-        ("clocked", ctypes.c_int64),
-        ("ahead", ctypes.c_int64),
-    )
+    _fields_ = members("table* width count at clocked ahead")
 
 
 class ParameterNoisePointers(ctypes.Structure):
     """``glb::ParameterNoise`` of native/environment.hpp."""
 
-    _fields_ = (
-        ("count", ctypes.c_int64),
-        ("place", ctypes.c_void_p),
-        ("half_width", ctypes.c_double),
-        ("every", ctypes.c_int64),
-    )
+    _fields_ = (*members("count place*"), ("half_width", ctypes.c_double), *members("every"))
 
 
 class ProgramPointers(ctypes.Structure):
     """``glb::Program`` of native/environment.hpp."""
 
     _fields_ = (
-        ("actuation", TapePointers),
-        ("followers", TapePointers),
-        ("update", TapePointers),
-        ("outcome", TapePointers),
+        *((name, TapePointers) for name in ("actuation", "followers", "update", "outcome")),
         ("actions", ActionBoundsPointers),
         ("controls", ActionBoundsPointers),
-        ("steps", ctypes.c_int64),
-        ("weather", ctypes.c_void_p),
-        ("day", ctypes.c_int64),
-        ("calendar", ctypes.c_void_p),
-        ("calendar_width", ctypes.c_int64),
-        ("lag", ctypes.c_int64),
-        ("drawn", ctypes.c_int64),
+        *members("steps weather* day calendar* calendar_width lag drawn"),
         ("group", ctypes.POINTER(ParameterNoisePointers)),
-        ("streams", ctypes.c_int64),
-        ("numbers", ctypes.c_void_p),
-        ("traits", ctypes.c_int64),
-        ("memory", ctypes.c_int64),
-        ("lookups", ctypes.c_int64),
+        *members("streams numbers* traits memory lookups"),
         ("lookup", ctypes.POINTER(LookupPointers)),
-        ("columns", ctypes.c_int64),
-        ("width", ctypes.c_int64),
-        ("info_columns", ctypes.c_int64),
-        ("charges", ctypes.c_int64),
-        ("charged", ctypes.c_void_p),
-        ("charge", ctypes.c_void_p),
+        *members("columns width info_columns charges charged* charge*"),
     )
 
 
 class EnvironmentPointers(ctypes.Structure):
     """``glb::Environments`` of native/environment.hpp."""
 
-    _fields_ = (
-        ("n", ctypes.c_int64),
-        ("x", ctypes.c_void_p),
-        ("after", ctypes.c_void_p),
-        ("u", ctypes.c_void_p),
-        ("next", ctypes.c_void_p),
-        ("k", ctypes.c_void_p),
-        ("ended", ctypes.c_void_p),
-        ("key", ctypes.c_void_p),
-        ("days", ctypes.c_void_p),
-        ("days_stride", ctypes.c_int64),
-        ("first", ctypes.c_void_p),
-        ("p", ctypes.c_void_p),
-        ("p_stride", ctypes.c_int64),
-        ("traits", ctypes.c_void_p),
-        ("memory", ctypes.c_void_p),
-        ("given", ctypes.c_void_p),
-        ("given_controls", ctypes.c_void_p),
-        ("table", ctypes.c_void_p),
-        ("observations", ctypes.c_void_p),
-        ("status", ctypes.c_void_p),
-        ("substeps", ctypes.c_void_p),
-        ("reached", ctypes.c_void_p),
-        ("failed", ctypes.c_int64),
-        ("over", ctypes.c_int64),
-        ("refused", ctypes.c_int64),
+    _fields_ = members(
+        "n x* after* u* next* k* ended* key* days* days_stride first* p* p_stride traits* memory* given* given_controls* "
+        "table* observations* status* substeps* reached* failed over refused"
     )
 
 
 class EnvironmentCall(ctypes.Structure):
     """``EnvironmentCall`` of native/environment.hpp."""
 
-    _fields_ = (
-        ("settings", ctypes.c_void_p),
-        ("program", ctypes.c_void_p),
-        ("all", ctypes.c_void_p),
-        ("request", ctypes.c_int64),
-    )
+    _fields_ = members("settings* program* all* request")
 
 
 class Library:

@@ -13,6 +13,7 @@ from glbench.kernel.compiled.binding import (
     RowPointers,
     Settings,
     failed_with,
+    members,
     of_another_version,
     open_library,
     settings_type,
@@ -27,14 +28,7 @@ from glbench.model import Model
 class Request(ctypes.Structure):
     """``glb::Request`` of native/sensitivity_driver.hpp."""
 
-    _fields_ = (
-        ("directions", ctypes.c_int64),
-        ("stride", ctypes.c_int64),
-        *((name, ctypes.c_void_p) for name in ("dx", "du", "dd", "dp")),
-        ("tangents", ctypes.c_void_p),
-        ("cotangents", ctypes.c_void_p),
-        *((name, ctypes.c_void_p) for name in ("xb", "ub", "db", "pb")),
-    )
+    _fields_ = members("directions stride dx* du* dd* dp* tangents* cotangents* xb* ub* db* pb*")
 
 
 class SensitivityLibrary:

@@ -21,32 +21,22 @@ from glbench.kernel.compiled.binding import (
     TapePointers,
     explain,
 )
-from glbench.kernel.environment import ActionBounds, Program
+from glbench.kernel.environment import ActionBounds, Environments, Program
 from glbench.kernel.records import Rows, StepFailure, inputs_in_words
 from glbench.kernel.tape import Tape
 
 _ACTIONS, _CONTROLS, _OBSERVE = range(3)  # ``Request`` of native/environment.hpp
 
 
-class CompiledEnvironments:
-    """``n`` environments of ``program``, see ``glbench.kernel.environment.Environments``."""
+class CompiledEnvironments(Environments):
+    """``n`` environments of ``program``, each step one call of ``library``."""
 
     def __init__(self, library: Library, settings: Settings, program: Program, n: int) -> None:
-        self._program, self._settings, self._model = program, settings, library.model
         sizes = library.model.sizes
+        super().__init__(program, n, sizes["x"])
+        self._program, self._settings, self._model = program, settings, library.model
         self._kept: list[Any] = []  # what the library holds addresses of
-        self.x, self._after = np.zeros((n, sizes["x"])), np.zeros((n, sizes["x"]))
-        self.u, self._next = np.zeros((n, sizes["u"])), np.zeros((n, sizes["u"]))
-        self.k = np.zeros(n, np.int64)
-        self.ended = np.zeros(n, np.bool_)
-        self.keys = np.zeros((n, program.keys, 2), np.uint64)
-        self.days, self.first = np.zeros((n, program.days), np.int64), np.zeros(n, np.int64)
-        self.parameters = np.tile(program.nominal, (n if program.own_parameters else 1, 1))
-        self.traits, self.memory = np.zeros((n, program.traits)), np.zeros((n, program.memory))
-        self.given = np.zeros((n, len(program.actions.low)))
-        self.given_controls = np.zeros((n, sizes["u"]))
-        self.table = np.zeros((n, program.width))
-        self.observations = np.zeros((n, program.columns), np.float32)
+        self._after, self._next = np.zeros_like(self.x), np.zeros_like(self.u)
         self._status, self._substeps, self._reached = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n)
         self._pointers = EnvironmentPointers(
             n=n, days_stride=program.days, p_stride=sizes["p"] if program.own_parameters else 0
@@ -69,30 +59,19 @@ class CompiledEnvironments:
 
     @property
     def over(self) -> int:
-        """How many environments have ended, by the last call."""
         ended: int = self._pointers.over
         return ended
 
     def step(self) -> int:
-        """Take a step with the actions ``given``.
-
-        Returns
-        -------
-        int
-            How many environments failed in it; -1 when a value given is out of bounds or no number, and nothing was done.
-        """
         return self._advance(self._step)
 
     def step_controls(self) -> int:
-        """Take a step with ``given_controls``, as they are. Returns what ``step`` does."""
         return self._advance(self._step_controls)
 
     def observe(self) -> None:
-        """Fill ``table`` and ``observations`` from where the environments stand."""
         self._run(self._observe)
 
     def failures(self) -> list[StepFailure]:
-        """Environments that failed in the last step, in words."""
         rows = np.flatnonzero(self._status)
         if rows.size == 0:
             return []
