@@ -401,7 +401,9 @@ class TaskSpec:
 
     @cached_property
     def ledger(self) -> Ledger:
-        """What a control step earns and pays; of a task of schema 2 earned items first, each side by name, so that no order of keys in a file changes a sum.
+        """What a control step earns and pays.
+
+        Items of a task of schema 2 stand by side and name, so that no order of keys in a file changes a sum.
 
         Raises
         ------
