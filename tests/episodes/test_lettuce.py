@@ -117,7 +117,7 @@ def test_the_viewer_speaks_of_heads_and_not_of_fruit(lettuce: Lettuce) -> None:
     )
     assert "crop/head" in shown.signals.overview[0]
     words = card(shown)
-    assert "heads 0.4 EUR each; heat 0.03 EUR/kWh; electricity 0.04 to 0.08 EUR/kWh" in words
+    assert "heads 0.4 EUR each; CO2 0.08 EUR/kg; electricity 0.04 to 0.08 EUR/kWh; heat 0.03 EUR/kWh" in words
     assert "heads per m²" in words
     assert not [text for text in (words, *headings) if "fruit" in text.lower() or "tomato" in text.lower()]
 
