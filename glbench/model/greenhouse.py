@@ -197,7 +197,7 @@ class Greenhouse(Model):
                     )
                     raise GlbenchError(msg)
                 found[capacity.name] = capacity
-        _once("control that delivers", ((one.name, [one.quantity]) for one in found.values()))
+        _once("capacity", ((one.name, [one.quantity]) for one in found.values()))
         return tuple(found.values())
 
     def flows(self) -> tuple[Flow, ...]:
