@@ -361,8 +361,8 @@ def _homes(names: tuple[str, ...], records: tuple[type[Any], ...], meters: tuple
     for name, record in zip(names, records, strict=True):
         if not hasattr(record, "_fields"):
             msg = (
-                f"The fluxes of a crop are a record of records, and those of an addition one record; '{name}' is a "
-                f"{record.__name__}. Put it into a NamedTuple."
+                f"The fluxes of a crop are a record of records, and those of an addition one record; '{name}' is a bare value. "
+                "Put it into a NamedTuple."
             )
             raise GlbenchError(msg)
     owners = _once("flux", zip(names, (record._fields for record in records), strict=True))

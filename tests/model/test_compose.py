@@ -429,7 +429,7 @@ def test_names_are_given_once(additions: tuple[Addition, ...], meters: tuple[Met
             "part and convection both have a flux called 'h_can_air'",
         ),
         (part("optics"), "Two records of fluxes are called 'optics'"),
-        (part(processes=lambda self, x, around, p: 0.0), "'part' is a float. Put it into a NamedTuple"),
+        (part(processes=lambda self, x, around, p: 0.0), "'part' is a bare value. Put it into a NamedTuple"),
         (part(processes=lambda self, x, around, p: NoUnit(0.0)), "The flux 'mg_dirt' of part has no unit"),
         (part(State=Filter), r"part has states \(qFilter\) and no method `rates`"),
         (
