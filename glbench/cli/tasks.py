@@ -157,7 +157,7 @@ def _check(name: str, *, published: bool = False) -> TaskSpec | str:
             if not task.locked:
                 msg = f"{task.source} is not locked yet. Publish it with `glbench tasks lock`."
                 raise TaskError(msg)
-        task.model_value.check_rates(task.initial_state(), task.disturbances().values[0], task.parameters())
+        task.check_start()
         if task.locked:
             check_behaviour(task)
     except GlbenchError as error:

@@ -178,11 +178,12 @@ def get_model(model_id: str, variant: str = "author") -> Model:
     if model_id not in _MODELS:
         name, _, version = model_id.rpartition("-")
         versions = [known.removeprefix(f"{name}-") for known in _MODELS if known.rpartition("-")[0] == name]
+        own = " The command line finds a model of your own through an entry point of an installed package (docs/extending.md)."
         if versions:
+            own = ""
             said = f"There is no version {version} of the model '{name}'. Known: {', '.join(versions)}."
         else:
             said = f"There is no model '{model_id}'.{did_you_mean(model_id, _MODELS)}"
-        own = " The command line finds a model of your own through an entry point of an installed package (docs/extending.md)."
         raise UnknownNameError(said + "".join(broken or (own,)))
     variants = _MODELS[model_id]
     if variant not in variants:
