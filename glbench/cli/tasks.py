@@ -157,7 +157,7 @@ def _check(name: str, *, published: bool = False) -> TaskSpec | str:
             if not task.locked:
                 msg = f"{task.source} is not locked yet. Publish it with `glbench tasks lock`."
                 raise TaskError(msg)
-        task.initial_state()
+        task.check_start()
         if task.locked:
             check_behaviour(task)
     except GlbenchError as error:

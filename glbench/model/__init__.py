@@ -9,6 +9,7 @@ GreenLight model as a whole.
 
 from __future__ import annotations
 
+from glbench.model.actuators import Actuators
 from glbench.model.air import co2_density, co2_ppm, relative_humidity, saturation_vapour_pressure
 from glbench.model.bounds import Horizon
 from glbench.model.crop.lettuce import VanHentenLettuce
@@ -67,6 +68,7 @@ __all__ = [
     "STATE_NAMES",
     "TOMATO",
     "VARIANTS",
+    "Actuators",
     "Addition",
     "Around",
     "Capacity",

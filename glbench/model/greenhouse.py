@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import namedtuple
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import chain
+from keyword import iskeyword
 from typing import Annotated, Any, get_type_hints
 
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, did_you_mean
 from glbench.model.balances import DAY
 from glbench.model.bounds import Horizon
 from glbench.model.disturbances import Disturbances
@@ -17,9 +18,10 @@ from glbench.model.expressions import Expr
 from glbench.model.model import Capacity, Evaluation, Flow, Model, Record, Seen, Signal, Start, Step, Stock
 from glbench.model.parameter_checks import Order, Shares
 from glbench.model.parameter_table import ParameterInfo
-from glbench.model.quantities import Variable, public_name, states_of
+from glbench.model.quantities import Variable, public_name, states_of, table_of
 from glbench.model.states import Clock
 from glbench.model.submodels import Addition, Around, Climate, Crop, Submodel
+from glbench.model.units import parse_unit
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class Meter:
     flow
         Name of the flow that a ledger can price, such as ``fruit_harvested``.
     unit, meaning, label
-        Of the amount of a step; ``unit`` is that of the flux without ``s-1``.
+        Of the amount of a step; ``unit`` is that of the flux without ``s-1`` (``J m-2`` for ``W m-2``), and no other.
     scale, small
         As for ``Variable``.
     """
@@ -140,19 +142,19 @@ class Greenhouse(Model):
         grown = crop.processes(x_crop, seen, p_crop)
         everything = Around(around, grown, seen, u, d)
         others = [part.processes(own, everything, values) for part, own, values in added]
+        names = (*around._fields, *grown._fields, *(part.name for part in self.additions))
+        records = (*around, *grown, *others)
+        home = _homes(names, tuple(type(record) for record in records), self.meters)
         rates = [
-            *climate.rates(x_climate, around, grown.crop, p_climate),
-            *crop.rates(x_crop, seen, grown, p_crop),
+            *_values(climate, "rates", climate.rates(x_climate, around, grown.crop, p_climate)),
+            *_values(crop, "rates", crop.rates(x_crop, seen, grown, p_crop)),
             *chain.from_iterable(
-                part.rates(own, everything, fluxes, values)
+                _values(part, "rates", part.rates(own, everything, fluxes, values))
                 for (part, own, values), fluxes in zip(added, others, strict=True)
             ),
         ]
-        records = [*around, *grown, *others]
-        metered = [_flux(records, meter.flux) for meter in self.meters]
-        names = [*around._fields, *grown._fields, *(part.name for part in self.additions)]
-        fluxes = namedtuple("Fluxes", names)(*records)
-        return Evaluation(self.State(*rates, *metered, 1 / DAY), fluxes)
+        metered = [getattr(records[home[meter.flux]], meter.flux) for meter in self.meters]
+        return Evaluation(self.State(*rates, *metered, 1 / DAY), namedtuple("Fluxes", names)(*records))
 
     def derived(self, p: Record) -> Record:
         changed: dict[str, Any] = {}
@@ -170,10 +172,13 @@ class Greenhouse(Model):
     def _start(self, word: str) -> Start:
         def start(d: Disturbances, air_temperature: float, p: Record) -> Record:
             p_climate, p_crop, *p_added = self._parameters_of(p)
-            added = (part.start(d, air_temperature, own) for part, own in zip(self.additions, p_added, strict=True))
+            added = (
+                _values(part, "start", part.start(d, air_temperature, own))
+                for part, own in zip(self.additions, p_added, strict=True)
+            )
             return self.State(
-                *self.climate.start(d, air_temperature, p_climate),
-                *self.crop.starts()[word](air_temperature, p_crop),
+                *_values(self.climate, "start", self.climate.start(d, air_temperature, p_climate)),
+                *_values(self.crop, "starts", self.crop.starts()[word](air_temperature, p_crop)),
                 *chain.from_iterable(added),
                 *(0.0 for _ in self.meters),
                 0.0,
@@ -182,7 +187,18 @@ class Greenhouse(Model):
         return start
 
     def capacities(self, p: Mapping[str, float]) -> tuple[Capacity, ...]:
-        return tuple(chain.from_iterable(part.capacities(p) for part in self.parts))
+        found = {capacity.name: capacity for capacity in super().capacities(p)}
+        for part in self.parts:
+            for capacity in part.capacities(p):
+                if capacity.name not in found:
+                    msg = (
+                        f"`capacities` of {part.name} speaks of a control '{capacity.name}', which {self.id} does not have."
+                        f"{did_you_mean(capacity.name, found)}"
+                    )
+                    raise GlbenchError(msg)
+                found[capacity.name] = capacity
+        _once("capacity", ((one.name, [one.quantity]) for one in found.values()))
+        return tuple(found.values())
 
     def flows(self) -> tuple[Flow, ...]:
         metered = (Flow(m.flow, m.unit, m.meaning, m.label, m.amount) for m in self.meters)
@@ -267,7 +283,7 @@ def compose(
     Raises
     ------
     GlbenchError
-        When two submodels have a state, a control or a parameter of the same name.
+        When two submodels are called the same, or have a state, a control, a parameter, a flow or a stock of the same name.
     """
     return _composed(climate, crop, additions, meters, version, name)
 
@@ -277,19 +293,106 @@ def _composed(
     climate: Climate, crop: Crop, additions: tuple[Addition, ...], meters: tuple[Meter, ...], version: str, name: str
 ) -> Greenhouse:
     model = Greenhouse(climate, crop, additions, meters, version, name)
-    parts = (climate, crop, *additions)
+    _check_part_names(model.parts)
+    metered = [(f"the meter of '{meter.flux}'", meter) for meter in meters]
     for kind in ("State", "Controls", "Parameters"):
-        seen: dict[str, str] = {}
-        for part in parts:
-            for attribute in getattr(part, kind)._fields:
-                if attribute in seen:
-                    msg = (
-                        f"{part.name} and {seen[attribute]} both have a {kind.lower().removesuffix('s')} called "
-                        f"'{public_name(attribute)}'. Give one of them another name."
-                    )
-                    raise GlbenchError(msg)
-                seen[attribute] = part.name
+        owned = [(part.name, [public_name(field) for field in getattr(part, kind)._fields]) for part in model.parts]
+        if kind == "State":
+            owned += [(owner, [public_name(meter.attribute)]) for owner, meter in metered]
+            owned.append(("the clock", [public_name(field) for field in Clock._fields]))
+        _once(kind.lower().removesuffix("s"), owned)
+    flows = [(part.name, [flow.name for flow in part.flows()]) for part in model.parts]
+    _once("flow", [*flows, *((owner, [meter.flow]) for owner, meter in metered)])
+    _once("stock", [(part.name, [stock.name for stock in part.stocks()]) for part in model.parts])
     return model
+
+
+def _check_part_names(parts: tuple[Submodel, ...]) -> None:
+    seen: set[str] = set()
+    for part in parts:
+        name = getattr(part, "name", None)
+        if not isinstance(name, str) or not name:
+            msg = f'{type(part).__name__} has no name. Give its class a line such as `name: ClassVar[str] = "water"`.'
+            raise GlbenchError(msg)
+        if isinstance(part, Addition) and (not name.isidentifier() or iskeyword(name) or name.startswith("_")):
+            msg = f"An addition is called '{name}', which cannot be the name of a field. Use letters, digits and underscores."
+            raise GlbenchError(msg)
+        if name in seen:
+            msg = f"Two parts of the model are called '{name}'. Give one of them another name."
+            raise GlbenchError(msg)
+        seen.add(name)
+
+
+def _once(kind: str, owned: Iterable[tuple[str, Iterable[str]]]) -> dict[str, str]:
+    """Who has each name; refuses a name that two have, or one has twice."""
+    found: dict[str, str] = {}
+    for owner, names in owned:
+        for name in names:
+            if name in found:
+                who = f"{owner} has twice" if found[name] == owner else f"{owner} and {found[name]} both have"
+                msg = f"{who} a {kind} called '{name}'. Give one of them another name."
+                raise GlbenchError(msg[:1].upper() + msg[1:] if owner.startswith("the ") else msg)
+            found[name] = owner
+    return found
+
+
+def _values(part: Submodel, method: str, values: Any) -> tuple[Expr, ...]:
+    """What a method returned for the states of a part, in their order."""
+    fields = part.State._fields
+    names = ", ".join(public_name(field) for field in fields)
+    if fields and getattr(type(part), method, None) is getattr(Addition, method, None):
+        msg = f"{part.name} has states ({names}) and no method `{method}`. Write one that returns {part.State.__name__}(...)."
+        raise GlbenchError(msg)
+    if not isinstance(values, tuple) or len(values) != len(fields) or getattr(values, "_fields", fields) != fields:
+        got = f"{type(values).__name__} of {len(values)} values" if isinstance(values, tuple) else repr(values)
+        wanted = f"{part.State.__name__} of {len(fields)}" + (f" ({names})" if fields else "")
+        msg = f"`{method}` of {part.name} returns {got}; expected {wanted}."
+        raise GlbenchError(msg)
+    return values
+
+
+@lru_cache(maxsize=64)
+def _homes(names: tuple[str, ...], records: tuple[type[Any], ...], meters: tuple[Meter, ...]) -> Mapping[str, int]:
+    """Place of the record that has each flux, after a check of names and of the meters' units."""
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        msg = f"Two records of fluxes are called '{twice}'. Give one of the parts, or of the processes, another name."
+        raise GlbenchError(msg)
+    for name, record in zip(names, records, strict=True):
+        if not hasattr(record, "_fields"):
+            msg = (
+                f"The fluxes of a crop are a record of records, and those of an addition one record; '{name}' is a bare value. "
+                "Put it into a NamedTuple."
+            )
+            raise GlbenchError(msg)
+    owners = _once("flux", zip(names, (record._fields for record in records), strict=True))
+    units = {entry.attribute: entry.unit for record in records for entry in table_of(record)}
+    for flux, owner in owners.items():
+        if flux not in units:
+            msg = f"The flux '{flux}' of {owner} has no unit. Annotate it: {flux}: Annotated[Expr, Quantity(unit, meaning)]."
+            raise GlbenchError(msg)
+    for meter in meters:
+        if meter.flux not in owners:
+            msg = f"No process has a flux '{meter.flux}' that a meter could add up.{did_you_mean(meter.flux, owners, list_few=False)}"
+            raise GlbenchError(msg)
+        expected = _in_seconds(f"{units[meter.flux]} s")
+        if _in_seconds(meter.unit) != expected:
+            text = " ".join(symbol if power == 1 else f"{symbol}{power:g}" for symbol, power in expected.items()) or "-"
+            msg = (
+                f"The meter of '{meter.flux}' is in {meter.unit}, but adds up {units[meter.flux]} over seconds: its unit is {text}. "
+                "A ledger line turns it into another with `amount`, `unit` and `factor`."
+            )
+            raise GlbenchError(msg)
+    return {flux: names.index(owner) for flux, owner in owners.items()}
+
+
+def _in_seconds(unit: str) -> dict[str, float]:
+    """Exponents of a unit, with watts as joules per second."""
+    exponents = parse_unit(unit)
+    watts = exponents.pop("W", 0.0)
+    for symbol, power in (("J", watts), ("s", -watts)):
+        exponents[symbol] = exponents.get(symbol, 0.0) + power
+    return {symbol: power for symbol, power in exponents.items() if power}
 
 
 def _record(name: str, records: tuple[type[Any], ...]) -> type[Any]:
@@ -309,11 +412,3 @@ def _typed(name: str, fields: Mapping[str, Any]) -> type[Any]:
     record: type[Any] = make(name, list(fields))
     record.__annotations__ = dict(fields)
     return record
-
-
-def _flux(records: list[Record], name: str) -> Expr:
-    for record in records:
-        if name in record._fields:
-            return getattr(record, name)
-    msg = f"No process has a flux '{name}' that a meter could add up."
-    raise GlbenchError(msg)

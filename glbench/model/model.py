@@ -413,7 +413,31 @@ class Model(ABC):
         state = starts[kind](
             self.Disturbances(*row.tolist()), float(air_temperature), self.Parameters(*values.tolist())
         )
-        return np.array(state, dtype=np.float64)
+        if len(state) != len(self.states):
+            msg = f"The start '{kind}' of {self.id} gives {len(state)} values for {len(self.states)} states."
+            raise ShapeError(msg)
+        start = np.array(state, dtype=np.float64)
+        self._refuse_not_finite(start, f"The start '{kind}' of {self.id} gives")
+        return start
+
+    def check_rates(self, x: ArrayLike, d: ArrayLike, p: ArrayLike) -> None:
+        """See that the equations give finite rates in the state ``x``, with all controls at 0.
+
+        Raises
+        ------
+        ShapeError
+            When a rate is not finite; the message names model, state and value.
+        """
+        rates = self.rhs(x, np.zeros(len(self.controls)), d, p)
+        self._refuse_not_finite(
+            rates, f"At the start, with all controls at 0, the equations of {self.id} give as rate of"
+        )
+
+    def _refuse_not_finite(self, values: Array, opening: str) -> None:
+        for name, value in zip(self.state_names, values.tolist(), strict=True):
+            if not np.isfinite(value):
+                msg = f"{opening} {name} = {value}, which is not a finite number."
+                raise ShapeError(msg)
 
     def rhs_function(self, symbolic: Symbolic = "SX") -> casadi.Function:
         """CasADi function ``rhs`` of x, u, d, p that gives ``dxdt``, the time derivative of the state.

@@ -128,6 +128,7 @@ def initial_state(disturbances: ArrayLike, air_temperature: float = 16.5, parame
 
 
 _MODELS: dict[str, dict[str, Model]] = {}
+_SHIPPED: frozenset[str] = frozenset()
 
 
 def register_model(model: Model) -> Model:
@@ -136,14 +137,32 @@ def register_model(model: Model) -> Model:
     Raises
     ------
     UnknownNameError
-        When another model has that id and variant.
+        When another model has that id and variant; the message says what differs. A model with the same equations and variables
+        takes the place of the one before, as when the cell of a notebook is run again, unless that came with glbench.
     """
-    variants = _MODELS.setdefault(model.id, {})
-    if variants.get(model.variant, model) != model:
-        msg = f"There is another model '{model.id}' ({model.variant}) already. Give yours another name or version."
+    known = _MODELS.get(model.id, {}).get(model.variant, model)
+    if known != model and (model.id in _SHIPPED or _differences(known, model)):
+        differs = "; ".join(_differences(known, model)) or "the names and equations are the same, the classes are not"
+        msg = f"There is another model '{model.id}' ({model.variant}) already: {differs}. Give yours another name or version."
         raise UnknownNameError(msg)
-    variants[model.variant] = model
+    _MODELS.setdefault(model.id, {})[model.variant] = model
     return model
+
+
+def _differences(known: Model, model: Model) -> list[str]:
+    """What tells two models of one id apart, in words; empty for equal equations of equal variables."""
+    found = []
+    tables = {"states": "states", "controls": "controls", "disturbances": "disturbances", "parameters": "table"}
+    for word, attribute in tables.items():
+        before, now = ({entry.name: entry for entry in getattr(one, attribute)} for one in (known, model))
+        only = {"only there": [*before.keys() - now.keys()], "only in yours": [*now.keys() - before.keys()]}
+        only["with another description"] = [name for name in before.keys() & now.keys() if before[name] != now[name]]
+        said = [f"{', '.join(sorted(names)[:5])} {where}" for where, names in only.items() if names]
+        if said or list(before) != list(now):
+            found.append(f"{word}: {', '.join(said) or 'in another order'}")
+    if known.digest != model.digest:
+        found.append(f"equations: digest {known.digest[:8]} there, {model.digest[:8]} in yours")
+    return found
 
 
 def get_model(model_id: str, variant: str = "author") -> Model:
@@ -155,10 +174,17 @@ def get_model(model_id: str, variant: str = "author") -> Model:
         When there is no such model or variant; the message names the nearest.
     """
     if model_id not in _MODELS:
-        _load_plugins()
+        broken = _load_plugins()
     if model_id not in _MODELS:
-        msg = f"There is no model '{model_id}'.{did_you_mean(model_id, _MODELS)}"
-        raise UnknownNameError(msg)
+        name, _, version = model_id.rpartition("-")
+        versions = [known.removeprefix(f"{name}-") for known in _MODELS if known.rpartition("-")[0] == name]
+        own = " The command line finds a model of your own through an entry point of an installed package (docs/extending.md)."
+        if versions:
+            own = ""
+            said = f"There is no version {version} of the model '{name}'. Known: {', '.join(versions)}."
+        else:
+            said = f"There is no model '{model_id}'.{did_you_mean(model_id, _MODELS)}"
+        raise UnknownNameError(said + "".join(broken or (own,)))
     variants = _MODELS[model_id]
     if variant not in variants:
         msg = f"There is no variant '{variant}' of the model '{model_id}'.{did_you_mean(variant, variants)}"
@@ -167,14 +193,30 @@ def get_model(model_id: str, variant: str = "author") -> Model:
 
 
 @cache
-def _load_plugins() -> None:
-    """Call what installed packages name in the entry points ``glbench.models``: functions that register models."""
+def _load_plugins() -> tuple[str, ...]:
+    """Call what installed packages name in the entry points ``glbench.models``: functions that register models.
+
+    Returns
+    -------
+    tuple of str
+        A sentence for each that failed, for whoever misses a model.
+    """
+    failed = []
     for entry in entry_points(group="glbench.models"):
-        entry.load()()
+        try:
+            entry.load()()
+        except Exception as error:  # a broken package is no reason to refuse the models of others
+            package = entry.dist.name if entry.dist else "an unknown package"
+            cause = str(error) or "no message"
+            failed.append(
+                f" The entry point '{entry.name} = {entry.value}' of {package} failed: {type(error).__name__}: {cause}"
+            )
+    return tuple(failed)
 
 
 def registered_models() -> tuple[Model, ...]:
-    """Every model that task files can name, in each of its variants."""
+    """Every model that task files can name, in each of its variants, with those of installed packages."""
+    _load_plugins()
     return tuple(model for variants in _MODELS.values() for model in variants.values())
 
 
@@ -182,3 +224,4 @@ for _variant in VARIANTS:
     register_model(tomato(_variant))
     register_model(tomato_harvest(_variant))
 register_model(LETTUCE)
+_SHIPPED = frozenset(_MODELS)

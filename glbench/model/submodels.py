@@ -54,7 +54,11 @@ class Submodel(ABC):
         """Raise ParameterError for values that contradict each other in another way than ``shares`` and ``orders`` say."""
 
     def capacities(self, p: Mapping[str, float]) -> tuple[Capacity, ...]:
-        """What each of its controls delivers at 1, from the parameters by public name."""
+        """What controls deliver at 1, from the parameters by public name.
+
+        A control without an entry delivers a fraction of 1, named as the control without ``u_``. An entry for a control of an
+        earlier part replaces what that part says of it: an addition that stands behind a control says what it now means.
+        """
         return ()
 
     def flows(self) -> tuple[Flow, ...]:

@@ -301,6 +301,18 @@ class TaskSpec:
     def _initial_state(self) -> FloatArray:
         return _read_only(self.start_state(self.disturbances().values[0]))
 
+    def check_start(self) -> None:
+        """Evaluate the nominal state at the start and the rates there once.
+
+        Raises
+        ------
+        TaskError
+            When one is not finite; it names file, table, state and value.
+        """
+        state = self.initial_state()
+        with self._asked_by("initial_state"):
+            self.model_value.check_rates(state, self.disturbances().values[0], self.parameters())
+
     def start_state(self, first: FloatArray) -> FloatArray:
         """State at the start of an episode whose first row of weather is ``first`` ``(disturbances,)``, before any factors."""
         kind, air_temperature = self.initial.kind, self.initial.air_temperature

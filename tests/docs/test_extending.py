@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from glbench.env import Simulation
+from glbench.model import get_model
 from glbench.tasks import get_task
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
@@ -56,6 +57,36 @@ def test_the_examples_run_and_say_what_the_page_says(
     assert result.quantities["cost_water"] == pytest.approx([0.1 * 1e-3 * 900 * 0.002] * 2)
     assert not watered.fused  # a part in Python
     assert "canopy_above_air" in {column.name for column in task.observed()}
+
+    changes |= {
+        "greenlight-basil-1.0.0": "mylab-buffered-1.0.0",
+        '"uBlScr"]': '"uBlScr", "uPipe"]',
+        '"crop",': '"crop",',
+    }
+    (heat,) = (block for block in blocks("toml") if "heat_into_tank" in block)
+    before, _, after = whole.partition("[ledger.cost_heat]")
+    buffered = f"{before}{after[after.index('[reward]') :]}\n{heat}"
+    for old, new in changes.items():
+        buffered = buffered.replace(old, new)
+    Path("buffered.toml").write_text(buffered, encoding="utf-8")
+    task = get_task("buffered.toml")
+    heated = Simulation(task, 2)
+    heated.reset([1, 2])
+    tank = task.model_value.state_index("eTank")
+    first = heated.x[:, tank].copy()
+    result = heated.step([[1.0] + [0.0] * 6] * 2)
+    gained = heated.x[:, tank] - first
+
+    assert heated.fused
+    assert len(set(first)) == 2
+    assert ((first >= 0.75) & (first <= 2.25)).all()
+    assert (gained > 0).all()  # the valve to the pipes is shut: all that is bought stays in the tank
+    assert result.quantities["heat_bought"] == pytest.approx(gained / 3.6)
+    assert result.quantities["cost_heat"] == pytest.approx(0.05 * gained / 3.6)
+    assert {one.name: one.quantity for one in task.capacities()}["uPipe"] == "pipe_heat"
+
+    names["register"]()  # type: ignore[operator]  # as an entry point, with BASIL registered already
+    assert get_model("greenlight-basil-1.0.0") == names["BASIL"]
 
 
 def test_every_table_of_the_page_can_be_read() -> None:

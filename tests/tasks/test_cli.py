@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from typer.testing import CliRunner, Result
 from glbench.cli.console import messages, output
 from glbench.cli.tasks import app
 from glbench.errors import TaskError, UnknownNameError
+from glbench.model import GreenLightClimate, VanthoorTomato, compose, paper, register_model
 from glbench.tasks import get_task
 from tests.tasks.names import FILE, SHORT_ID
 
@@ -146,3 +148,28 @@ def test_lock_refuses_to_change_an_entry(published: Path) -> None:
     (published / FILE).write_text(text.replace("delta = 0.10", "delta = 0.12"), encoding="utf-8")
     with pytest.raises(TaskError, match="Published tasks never change"):
         CliRunner().invoke(app, ["lock"], catch_exceptions=False)
+
+
+@dataclass(frozen=True)
+class Withered(VanthoorTomato):
+    """A tomato whose fruit changes at no finite rate."""
+
+    def rates(self, x: Any, s: Any, fluxes: Any, p: Any) -> Any:
+        return super().rates(x, s, fluxes, p)._replace(c_fruit=(x.c_fruit - x.c_fruit) / (x.c_fruit * 0.0))
+
+
+def test_check_names_a_rate_that_is_not_finite_at_the_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(paper, "_MODELS", dict(paper._MODELS))
+    register_model(compose(GreenLightClimate(), Withered(), name="withered"))
+    task = tmp_path / "withered.toml"
+    task.write_text(
+        'base = "glbench/Schiphol2010-Delta10-v1"\nschema = 2\nid = "mylab/Withered-v1"\ntitle = "withered"\n'
+        '[model]\nid = "withered-1.0.0"\n',
+        encoding="utf-8",
+    )
+
+    result = run("check", str(task))
+
+    assert result.exit_code == 1
+    assert "[initial_state] At the start" in result.stdout
+    assert "the equations of withered-1.0.0 give as rate of cFruit = " in result.stdout

@@ -244,7 +244,7 @@ start = [{ states = ["cFruit"], half_width = 0.1 }]
         ('side = "paid"\nflow', 'side = "paid"\nflows', "'flows' is not a key of [ledger.cost_water]. Did you mean 'flow'?"),
         ("hourly = [1, 1,", "hourly = [1,", "[price_tables.market] hourly must have 24 prices, one an hour; it has 23."),
         ("hourly = ", 'from_day = { "02-31" = 1.0 }\nhourly = ', "must have exactly one of hourly"),
-        ('id = "toy-1.0.0"', 'id = "toy-1.0.1"', "[model] There is no model 'toy-1.0.1'. Did you mean 'toy-1.0.0'"),
+        ('id = "toy-1.0.0"', 'id = "toy-1.0.1"', "[model] There is no version 1.0.1 of the model 'toy'. Known: 1.0.0."),
         ('"uTap"', '"uTab"', "[actuation] There is no control called 'uTab'. Did you mean 'uTap'?"),
         ('"scales"', '"scale"', "[observation] toy-1.0.0 has no observation module 'scale'. Did you mean 'scales'?"),
         ('"scales"', '"crop"', "toy-1.0.0 has no observation module 'crop'."),
