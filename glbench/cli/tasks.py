@@ -88,11 +88,10 @@ def check_command(
 
     Leaves with 1 if one is wrong.
     """
-    from glbench.registration import draft_files
-    from glbench.resources import data_folder
+    from glbench.registration import DRAFTS, draft_files
     from glbench.tasks import TaskSpec
 
-    drafts = {} if tasks else {f"tasks/{path.relative_to(data_folder('tasks'))}": path for path in draft_files()}
+    drafts = {} if tasks else {f"tasks/{DRAFTS}/{path.name}": path for path in draft_files()}
     found = {name: _check(name) for name in tasks} if tasks else _check_all()
     found |= {name: _check(str(path)) for name, path in drafts.items()}
     wrong = {name: outcome for name, outcome in found.items() if isinstance(outcome, str)}

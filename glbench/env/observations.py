@@ -106,7 +106,10 @@ def checked_part(task: TaskSpec, name: str, part: ObservationPart) -> CheckedObs
         wrong = ~np.isfinite(values) & judged[:, None]
         if wrong.any():
             row, column = (int(place) for place in np.argwhere(wrong)[0])
-            msg = f"The observation module '{name}' of {task.id} returned {values[row, column]} for '{columns[column]}'; it must be a finite number."
+            msg = (
+                f"The observation module '{name}' of {task.id} returned {values[row, column]} for '{columns[column]}'; "
+                "it must be a finite number."
+            )
             raise TaskError(msg)
         return values
 

@@ -117,7 +117,7 @@ class PlainEnvironments(Environments):
         if self._parts.actuation is not None:
             moved = np.array(self._parts.actuation(self.u, actions), dtype=np.float64)
             if not np.isfinite(moved[~self.ended]).all():
-                msg = "The task's kind of actuation, which somebody registered, returned controls that are not finite numbers (NaN or infinite)."
+                msg = "The task's kind of actuation, a registered part, returned controls that are not finite numbers (NaN or infinite)."
                 raise TaskError(msg)
             return self._advance(moved)
         controls = np.zeros_like(self.u)
@@ -284,7 +284,7 @@ class PlainEnvironments(Environments):
             column, reward = parts.reward
             self.table[:, column] = reward(self.table, before, after, self.u)
             if not np.isfinite(self.table[self._judged(), column]).all():
-                msg = "A reward module of the task, which somebody registered, returned a reward that is no finite number (NaN or infinite)."
+                msg = "A reward module of the task, a registered part, returned a reward that is no finite number (NaN or infinite)."
                 raise TaskError(msg)
         if parts.observation:
             air = self.table[:, parts.air].T.copy()

@@ -103,7 +103,10 @@ def _part(task: TaskSpec, name: str, accounts: Accounts) -> RewardPart:
         reward = np.asarray(part(outcome), dtype=np.float64)
         wanted = (outcome.table.shape[1],)
         if reward.shape != wanted:
-            msg = f"The reward module '{name}' of {task.id} returned an array of shape {reward.shape}; it must be {wanted}: a number for every run."
+            msg = (
+                f"The reward module '{name}' of {task.id} returned an array of shape {reward.shape}; it must be {wanted}: "
+                "a number for every run."
+            )
             raise TaskError(msg)
         return reward
 
