@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import tomllib
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 
 import gymnasium
@@ -41,10 +42,17 @@ def task_ids() -> dict[str, Path]:
     ids: dict[str, Path] = {}
     for path in (*task_files(), *draft_files()):
         with suppress(OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
-            task_id = tomllib.loads(path.read_text(encoding="utf-8")).get("id")
+            status = path.stat()
+            task_id = _id_in(path, status.st_mtime_ns, status.st_size)
             if isinstance(task_id, str):
                 ids[task_id] = path
     return ids
+
+
+@lru_cache(maxsize=256)
+def _id_in(path: Path, _changed: int, _size: int) -> object:
+    """What stands as the id in a file that was changed then and has that size: read once."""
+    return tomllib.loads(path.read_text(encoding="utf-8")).get("id")
 
 
 def register_tasks() -> None:

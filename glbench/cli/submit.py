@@ -51,7 +51,7 @@ def check(
     if as_json:
         put_json(_plain(report), indent=None)
     else:
-        _show(report, path)
+        _show(report, path, task)
     raise typer.Exit(0 if report.ok else 1)
 
 
@@ -114,7 +114,7 @@ def _untrained_model(folder: Path) -> tuple[Path, ...]:
     return (folder / "model.zip", folder / "vecnormalize.pkl")
 
 
-def _show(report: Report, path: str) -> None:
+def _show(report: Report, path: str, task: str | None) -> None:
     output().print(_table(report))
     for finding in report.findings:
         style, word = ("bold red", "Problem") if finding.level == "problem" else ("bold yellow", "Note")
@@ -123,7 +123,8 @@ def _show(report: Report, path: str) -> None:
     said = "No problems found." if report.ok else f"{count} problem{'s' if count > 1 else ''} found."
     output().print(f"[bold]{said}[/] Checked in {report.seconds:.1f} s.", soft_wrap=True)
     if report.ok:
-        tell(f"Next: glbench evaluate {harmless(path)} --runs 2, then without --runs.")
+        on = "" if task is None else f" --task {harmless(task)}"
+        tell(f"Next: glbench evaluate {harmless(path)}{on} --runs 2, then without --runs.")
 
 
 def _table(report: Report) -> Table:

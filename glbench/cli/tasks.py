@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
     from glbench.tasks import TaskSpec
 
+_DRAFT = "draft"
+"""What stands for the digest of a shipped task that may still change."""
+
 app = typer.Typer(
     help="List, explain, check and lock the tasks.",
     no_args_is_help=True,
@@ -36,10 +39,10 @@ def list_command(
     suite: Annotated[str | None, typer.Option("--suite", "-s", help="Only the tasks of this suite.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List the tasks that come with glbench: what each is, how long, how uncertain, under which weather."""
-    from glbench.tasks import DEFAULT_TASK, list_tasks, read_lock
+    """List the tasks that come with glbench, drafts last: what each is, how long, how uncertain, under which weather."""
+    from glbench.tasks import DEFAULT_TASK, list_drafts, list_tasks, read_lock
 
-    tasks = list_tasks()
+    tasks, drafts = list_tasks(), list_drafts() if suite is None else []
     if suite is not None:
         suites = dict.fromkeys(name for task in tasks for name in task.suites)
         if suite not in suites:
@@ -49,9 +52,9 @@ def list_command(
     lock = read_lock()
     digests = {task.id: lock[task.id].digest if task.id in lock else None for task in tasks}
     if as_json:
-        put_json([_summary(task, digests[task.id]) for task in tasks])
+        put_json([_summary(task, digests.get(task.id)) for task in (*tasks, *drafts)])
         return
-    for part in _listing(tasks, digests):
+    for part in _listing([*tasks, *drafts], {**digests, **dict.fromkeys((task.id for task in drafts), _DRAFT)}):
         output().print(part)
     messages().print(
         f"Commands without --task take {DEFAULT_TASK}. `glbench tasks show ID` explains a task.", style="dim"
@@ -85,18 +88,23 @@ def check_command(
 
     Leaves with 1 if one is wrong.
     """
+    from glbench.registration import DRAFTS, draft_files
     from glbench.tasks import TaskSpec
 
-    found = _check_all() if not tasks else {name: _check(name) for name in tasks}
+    drafts = {} if tasks else {f"tasks/{DRAFTS}/{path.name}": path for path in draft_files()}
+    found = {name: _check(name) for name in tasks} if tasks else _check_all()
+    found |= {name: _check(str(path)) for name, path in drafts.items()}
     wrong = {name: outcome for name, outcome in found.items() if isinstance(outcome, str)}
     if as_json:
         put_json([_checked(name, outcome) for name, outcome in found.items()])
     else:
         for name, outcome in found.items():
             if isinstance(outcome, TaskSpec):
-                state = "as published" if outcome.locked else "valid, not published"
+                state = (
+                    "as published" if outcome.locked else "draft, valid" if name in drafts else "valid, not published"
+                )
                 output().print(f"[green]ok[/green]     {outcome.id}  {outcome.digest[:8]}  {state}", soft_wrap=True)
-                if name.endswith(".toml") and not outcome.locked:
+                if name.endswith(".toml") and not outcome.locked and name not in drafts:
                     output().print(_first_weather(outcome))
             else:
                 output().print("[red]wrong[/red]  ", end="")
@@ -146,7 +154,9 @@ def _check_all() -> dict[str, TaskSpec | str]:
 
 def _check(name: str, *, published: bool = False) -> TaskSpec | str:
     """The task, or what is wrong with it. ``published``: it also has to be locked and its file called after it."""
+    from glbench.env.accounts import make_accounts
     from glbench.env.behaviour import check_behaviour
+    from glbench.env.rewards import make_reward
     from glbench.tasks import get_task
     from glbench.tasks.library import check_file_name
 
@@ -158,6 +168,7 @@ def _check(name: str, *, published: bool = False) -> TaskSpec | str:
                 msg = f"{task.source} is not locked yet. Publish it with `glbench tasks lock`."
                 raise TaskError(msg)
         task.check_start()
+        make_reward(task, make_accounts(task))
         if task.locked:
             check_behaviour(task)
     except GlbenchError as error:
@@ -229,19 +240,19 @@ def _listing(tasks: Sequence[TaskSpec], digests: Mapping[str, str | None]) -> It
         view = _plain_table(("Task", "What it is", "Delta", "Digest"), ("Delta",))
         for task in group:
             digest = digests[task.id]
-            delta = f"{100 * task.uncertainty.delta:g} %"
+            delta = f"{100 * task.uncertainty.delta:g} %" if task.schema_version == 1 else "–"
             view.add_row(task.short_id, task.title, delta, digest[:8] if digest else "not locked")
         yield Padding(view, (0, 0, 1, 2), expand=False)
 
 
 def _common(task: TaskSpec) -> tuple[str, str]:
     """What the tasks of a group share: the suite, and period, step and weather in words."""
-    from glbench.report.task_words import day, minutes
+    from glbench.report.task_words import minutes, period
 
     weather = task.weather
     suite = f"Suite {', '.join(task.suites)}" if task.suites else "In no suite"
     return suite, (
-        f"{weather.days} days from {day(weather.start)}, step {minutes(task.step_seconds)}, "
+        f"{period(task)}, step {minutes(task.step_seconds)}, "
         f"weather '{weather.source}', prepared '{weather.preprocessing}'"
     )
 

@@ -59,7 +59,7 @@ def make_actuation(task: TaskSpec) -> Actuation:
     UnknownNameError
         For a kind without a part, with the nearest known one.
     """
-    move = ACTUATIONS[task.actuation.kind](task)
+    move = _checked(task, ACTUATIONS[task.actuation.kind](task))
     names = task.model_value.control_names
     granted = [names.index(name) for name in task.actuation.controls]
     if granted == list(range(len(names))):
@@ -71,6 +71,22 @@ def make_actuation(task: TaskSpec) -> Actuation:
         return moved
 
     return move_granted
+
+
+def _checked(task: TaskSpec, move: Actuation) -> Actuation:
+    """``move``, refusing to return what is no control of each run."""
+
+    def checked(controls: Floats, actions: Floats) -> Floats:
+        moved = np.asarray(move(controls, actions), dtype=np.float64)
+        if moved.shape != controls.shape:
+            msg = (
+                f"The actuation '{task.actuation.kind}' of {task.id} returned an array of shape {moved.shape}; it must be "
+                f"{controls.shape}: a row for every run, and a column each for {', '.join(task.actuation.controls)}."
+            )
+            raise TaskError(msg)
+        return moved
+
+    return checked
 
 
 RecordedActuation = Callable[["TaskSpec", Any, Any, int], Any]

@@ -63,7 +63,10 @@ class Formula:
 Shown = Numbers | TableRows | Formula
 
 ObservationPart = Callable[[ObservationInputs], NDArray[np.floating]]
-"""Columns of one module, ``(n, columns)``. Row i may depend on row i of the inputs only."""
+"""Columns of one module, ``(n, columns)``, finite numbers. Row i may depend on row i of the inputs only."""
+
+CheckedObservation = Callable[[ObservationInputs, NDArray[np.bool_]], NDArray[np.floating]]
+"""The same, told besides which rows count: those of runs that go on, ``(n,)``."""
 
 MakeObservation = Callable[["TaskSpec", WeatherTables], ObservationPart]
 
@@ -85,6 +88,32 @@ def register_observation(module: ObservationModule, make: MakeObservation) -> No
 def python_part(name: str) -> MakeObservation | None:
     """What makes the module ``name`` when somebody registered it; ``None`` for one that is data."""
     return _MAKERS.get(name)
+
+
+def checked_part(task: TaskSpec, name: str, part: ObservationPart) -> CheckedObservation:
+    """A registered module's part, which refuses what its columns cannot be."""
+    columns = tuple(column.name for column in task.observed_by(name))
+
+    def look(inputs: ObservationInputs, judged: NDArray[np.bool_]) -> NDArray[np.floating]:
+        values = np.asarray(part(inputs))
+        wanted = (len(inputs.states), len(columns))
+        if values.shape != wanted:
+            msg = (
+                f"The observation module '{name}' of {task.id} returned an array of shape {values.shape}; it must be {wanted}: "
+                f"a row for every run, and a column each for {', '.join(columns)}."
+            )
+            raise TaskError(msg)
+        wrong = ~np.isfinite(values) & judged[:, None]
+        if wrong.any():
+            row, column = (int(place) for place in np.argwhere(wrong)[0])
+            msg = (
+                f"The observation module '{name}' of {task.id} returned {values[row, column]} for '{columns[column]}'; "
+                "it must be a finite number."
+            )
+            raise TaskError(msg)
+        return values
+
+    return look
 
 
 def shown_by(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Shown, ...]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from glbench.env.accounts import ByName, make_accounts
 from glbench.env.actuation import ActionReader, make_actuation, recorded_actuation
 from glbench.env.climate import AIR, record_air
-from glbench.env.observations import Formula, Numbers, TableRows, python_part, shown_by
+from glbench.env.observations import Formula, Numbers, TableRows, checked_part, python_part, shown_by
 from glbench.env.quantities import REWARD
 from glbench.env.reference import NO_PARTS, PythonParts
 from glbench.env.rewards import REWARDS, StepOutcome, make_reward
@@ -197,7 +197,7 @@ def _observation(
         make = python_part(name)
         if make is not None:
             width = len(task.observed_by(name))
-            parts.append((slice(at, at + width), make(task, tables)))
+            parts.append((slice(at, at + width), checked_part(task, name, make(task, tables))))
             at += width
             continue
         for shown in shown_by(name, task, tables):

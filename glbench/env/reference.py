@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from glbench.env.philox import uniforms
 from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters, Deviation
+from glbench.errors import TaskError
 from glbench.kernel.environment import ActionBounds, Environments, ParameterNoise, Program
 from glbench.kernel.tape import Source, Tape
 
@@ -72,7 +73,7 @@ class PythonParts:
     reward
         The column of the table, and what gives it from the table ``(n, width)``, the states before and after, and the controls.
     observation
-        Columns, and what gives them.
+        Columns, and what gives them; it is also told which rows count.
     deviations
         The distribution of each group of the program's parameters.
     followers
@@ -82,7 +83,9 @@ class PythonParts:
     air: slice
     actuation: Callable[[Floats, Floats], Floats] | None = None
     reward: tuple[int, Callable[[Floats, Floats, Floats, Floats], Floats]] | None = None
-    observation: tuple[tuple[slice, Callable[[ObservationInputs], NDArray[np.floating[Any]]]], ...] = ()
+    observation: tuple[
+        tuple[slice, Callable[[ObservationInputs, NDArray[np.bool_]], NDArray[np.floating[Any]]]], ...
+    ] = ()
     deviations: tuple[Deviation, ...] = ()
     followers: DerivedParameters | None = None
 
@@ -112,7 +115,11 @@ class PlainEnvironments(Environments):
         if actions is None:
             return -1
         if self._parts.actuation is not None:
-            return self._advance(np.array(self._parts.actuation(self.u, actions), dtype=np.float64))
+            moved = np.array(self._parts.actuation(self.u, actions), dtype=np.float64)
+            if not np.isfinite(moved[~self.ended]).all():
+                msg = "The task's kind of actuation, a registered part, returned controls that are not finite numbers (NaN or infinite)."
+                raise TaskError(msg)
+            return self._advance(moved)
         controls = np.zeros_like(self.u)
         running = ~self.ended
         read = self._reader(self.x, self.x, self.u, self._program.actuation, self.k, given=actions, acts=self.k)
@@ -255,6 +262,12 @@ class PlainEnvironments(Environments):
 
         return read
 
+    def _judged(self) -> NDArray[np.bool_]:
+        """Rows whose numbers count, while one looks at a step: neither over before nor failed in it."""
+        judged: NDArray[np.bool_] = ~self.ended
+        judged[[failure.row for failure in self._failed]] = False
+        return judged
+
     def _look(self, before: Floats, after: Floats, started: NDArray[np.int64], *, standing: bool) -> None:
         program, parts = self._program, self._parts
         read = self._reader(before, after, self.u, program.outcome, started)
@@ -270,12 +283,15 @@ class PlainEnvironments(Environments):
         if parts.reward is not None and not standing:
             column, reward = parts.reward
             self.table[:, column] = reward(self.table, before, after, self.u)
+            if not np.isfinite(self.table[self._judged(), column]).all():
+                msg = "A reward module of the task, a registered part, returned a reward that is no finite number (NaN or infinite)."
+                raise TaskError(msg)
         if parts.observation:
             air = self.table[:, parts.air].T.copy()
             rows = self._weather_rows(self._shown())
             inputs = ObservationInputs(after, self.u, air, self.k.copy(), rows, self.first + self.k)
             for columns, part in parts.observation:
-                self.observations[:, columns] = part(inputs)
+                self.observations[:, columns] = part(inputs, self._judged())
 
 
 class _Group:

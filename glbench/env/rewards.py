@@ -82,7 +82,7 @@ def make_reward(task: TaskSpec, accounts: Accounts) -> RewardPart:
     UnknownNameError
         For a name without a part, with the nearest known one.
     """
-    first, *others = [REWARDS[name](task, accounts) for name in task.reward.modules]
+    first, *others = [_part(task, name, accounts) for name in task.reward.modules]
 
     def total(outcome: StepOutcome) -> NDArray[np.float64]:
         reward = first(outcome)
@@ -91,6 +91,26 @@ def make_reward(task: TaskSpec, accounts: Accounts) -> RewardPart:
         return reward
 
     return total
+
+
+def _part(task: TaskSpec, name: str, accounts: Accounts) -> RewardPart:
+    """A part of the reward; one that somebody registered refuses to return what is no reward of each run."""
+    part = REWARDS[name](task, accounts)
+    if REWARDS.recorded(name):
+        return part
+
+    def checked(outcome: StepOutcome) -> NDArray[np.float64]:
+        reward = np.asarray(part(outcome), dtype=np.float64)
+        wanted = (outcome.table.shape[1],)
+        if reward.shape != wanted:
+            msg = (
+                f"The reward module '{name}' of {task.id} returned an array of shape {reward.shape}; it must be {wanted}: "
+                "a number for every run."
+            )
+            raise TaskError(msg)
+        return reward
+
+    return checked
 
 
 def _epi(task: TaskSpec, accounts: Accounts) -> RewardPart:

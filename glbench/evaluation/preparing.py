@@ -229,7 +229,7 @@ def _finished(
     Raises
     ------
     ResultError
-        When the result of a task of another namespace stands there.
+        When the result of another task stands there: of another namespace, or of the same id with another definition.
     """
     path = result_path(out, task.id, agent.name)
     if not path.exists():
@@ -241,6 +241,13 @@ def _finished(
         return None
     if stored.task.id != task.id:
         msg = f"{path} holds a result of the task {stored.task.id}, and {task.id} would replace it. Choose another folder with --out."
+        raise ResultError(msg)
+    if stored.task.digest != task.digest:
+        msg = (
+            f"{path} holds a result of another task with the same id {task.id} (digest {stored.task.digest[:8]}, this one has "
+            f"{task.digest[:8]}), and this evaluation would replace it. Give the task an id of its own, choose another folder with "
+            "--out, or replace the result with --fresh."
+        )
         raise ResultError(msg)
     made_by = (stored.task.digest, stored.agent.digest, stored.evaluation.kernel, stored.versions.glbench)
     if made_by != (task.digest, agent.digest, kernel, __version__):

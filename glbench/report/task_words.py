@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import datetime as dt
+from calendar import month_name
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from statistics import fmean
 from typing import Any
 from zoneinfo import ZoneInfo
 
@@ -19,6 +22,7 @@ from glbench.tasks import (
     PREPROCESSINGS,
     REWARD_MODULES,
     Capacity,
+    PriceTable,
     Registry,
     Scenario,
     TaskCard,
@@ -117,6 +121,29 @@ def day(date: dt.date) -> str:
     return f"{date.day} {date:%B %Y}"
 
 
+def period(task: TaskSpec) -> str:
+    """``50 days from 1 March 2010, 2011 or 2012, up to 14 days later``: how long, and every first day that a run may draw."""
+    scenario = task.scenario
+    days = sorted({season.start for season in scenario.seasons})
+    if len({(start.month, start.day) for start in days}) == 1:
+        *others, last = [str(start.year) for start in days]
+        first = f"{day(days[0]).rpartition(' ')[0]} {_or(others, last)}"
+    else:
+        *others, last = [day(start) for start in days]
+        first = _or(others, last)
+    within = scenario.start_within_days
+    later = f", up to {within} day{'s' if within > 1 else ''} later" if within else ""
+    return f"{task.weather.days} days from {first}{later}"
+
+
+def _or(others: Sequence[str], last: str) -> str:
+    return f"{', '.join(others)} or {last}" if others else last
+
+
+def _drawn_period(task: TaskSpec) -> bool:
+    return len(task.scenario.seasons) > 1 or task.scenario.start_within_days > 0
+
+
 def _period(task: TaskSpec, card: TaskCard | None) -> list[str]:
     weather, end = task.weather, task.weather.start + dt.timedelta(days=task.weather.days)
     clock = "" if card is None else f", clock {card.clock}{_local(card, end)}"
@@ -125,9 +152,11 @@ def _period(task: TaskSpec, card: TaskCard | None) -> list[str]:
         at = card.place
         north, east = ("N" if at.latitude >= 0 else "S"), ("E" if at.longitude >= 0 else "W")
         place = f"{at.station}, {abs(at.latitude):g} {north}, {abs(at.longitude):g} {east}, {at.altitude:g} m"
+    when = f"{weather.days} days, from {day(weather.start)} 00:00 to {day(end)} 00:00"
+    if _drawn_period(task):
+        when = f"{period(task)}, drawn evenly for every run"
     return [
-        f"{weather.days} days, from {day(weather.start)} 00:00 to {day(end)} 00:00{clock}; "
-        f"one decision every {minutes(task.step_seconds)}, {task.steps} in all.",
+        f"{when}{clock}; one decision every {minutes(task.step_seconds)}, {task.steps} in all.",
         f"Weather '{weather.source}': {place}; CO2 outside {weather.co2_ppm:g} ppm.",
         f"Prepared {PREPROCESSINGS[weather.preprocessing].meaning}.",
     ]
@@ -174,11 +203,9 @@ def _meaning(words: Registry[Any], name: str) -> str:
 def _scenario(scenario: Scenario) -> list[str]:
     """What a run draws, in words."""
     lines = [f"Random numbers of the family '{scenario.family}'."]
-    if len(scenario.seasons) > 1:
+    if len({season.source for season in scenario.seasons}) > 1:
         days = ", ".join(f"{season.start} ({season.source})" for season in scenario.seasons)
         lines.append(f"A run's season is one of {len(scenario.seasons)}, drawn evenly: {days}.")
-    if scenario.start_within_days:
-        lines.append(f"It starts up to {scenario.start_within_days} days later, drawn evenly.")
     lines += [
         f"Uncertain, drawn anew every {group.redraw} ({group.distribution}, ±{100 * group.half_width:g} %): "
         f"{', '.join(group.parameters)}."
@@ -243,22 +270,48 @@ def _prices(task: TaskSpec) -> Section:
         (
             labels[item.name],
             "earned" if item.sign > 0 else "paid",
-            _price_words(task, item.price)
+            _price_span(task, item.price)
             if isinstance(item.price, str)
             else f"{item.price:g} EUR per {unit_sold(item) or 'piece'}",
             item.amount_meaning or item.label,
         )
         for item in task.ledger.items
     ]
-    return Section("Prices", (), ("Item", "", "Price", "Amount"), (), rows)
+    lines = [f"Price '{name}' [{table.unit}]: {_price_words(table)}." for name, table in task.price_tables.items()]
+    return Section("Prices", lines, ("Item", "", "Price", "Amount"), (), rows)
 
 
-def _price_words(task: TaskSpec, name: str) -> str:
-    """A price that changes with the calendar: from where to where, and when."""
+_MOST_POINTS = 12
+"""Moments of a series that are listed one by one."""
+
+
+def _price_words(table: PriceTable) -> str:
+    """A price that changes with the calendar: hours of equal price as ranges, days, moments; a long series from where to where."""
+    if table.hourly:
+        ranges, hour = [], 0
+        for price, hours in groupby(table.hourly):
+            end = hour + len(list(hours))
+            ranges.append(f"{hour:02d}:00 to {end:02d}:00 {price:g}")
+            hour = end
+        return ", ".join(ranges)
+    if table.dated:
+        return ", ".join(f"from {number} {month_name[month]} {price:g}" for month, number, price in table.dated)
+    series = table.series
+    if len(series) <= _MOST_POINTS:
+        return ", ".join(f"from {moment:%Y-%m-%d %H:%M} UTC {price:g}" for moment, price in series)
+    prices = [price for _, price in series]
+    return (
+        f"{len(series)} prices from {series[0][0]:%Y-%m-%d %H:%M} to {series[-1][0]:%Y-%m-%d %H:%M} UTC, "
+        f"{min(prices):g} to {max(prices):g}, mean {fmean(prices):g}"
+    )
+
+
+def _price_span(task: TaskSpec, name: str) -> str:
+    """From where to where a price of the calendar goes, and by what it changes."""
     table = task.price_tables[name]
-    steps = table.hourly or [price for *_, price in table.dated] or [price for _, price in table.series]
     when = "hour of the day" if table.hourly else "date"
-    return f"'{name}', {min(steps):g} to {max(steps):g} {table.unit} by {when}"
+    low, high = min(table.all_values), max(table.all_values)
+    return f"'{name}', {low:g} to {high:g} {table.unit} by {when}"
 
 
 def _reward(task: TaskSpec) -> list[str]:

@@ -32,6 +32,7 @@ _LARGEST_FILE = MIB
 _DEEPEST = 8
 _LARGEST_INTEGER = 2**63
 _LONGEST_VALUE = 80
+_LONGEST_CHANGE = 2000
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Written:
     changes
         What differs from the base.
     files
-        The file of the base, of the base's base and so on.
+        The file of the base, of the base's base and so on, and files of prices.
     """
 
     content: Mapping[str, Any]
@@ -90,10 +91,10 @@ def read_written(path: Path, above: tuple[Path, ...] = ()) -> Written:
         msg = f"{shown} is the base of a base of a base, {LONGEST_CHAIN} times over. Write one of these tasks out."
         raise TaskError(msg)
     content = _read_toml(path, shown)
-    _take_over_prices(content, path, shown)
+    prices = _take_over_prices(content, path, shown)
     under = _file_of(content.get(BASE), path, shown)
     if under is None:
-        return Written(content)
+        return Written(content, files=prices)
     found = read_written(under, files)
     below, base = found.content, content.pop(BASE)
     schemas = below.get("schema"), content.get("schema", below.get("schema"))
@@ -104,7 +105,7 @@ def read_written(path: Path, above: tuple[Path, ...] = ()) -> Written:
         below = as_schema_2(below)
     inherited = {key: value for key, value in below.items() if key not in NOT_INHERITED}
     merged = _merged(inherited, content)
-    return Written(merged, base, tuple(_changes(inherited, merged)), (under.resolve(), *found.files))
+    return Written(merged, base, tuple(_changes(inherited, merged)), (*prices, under.resolve(), *found.files))
 
 
 def as_schema_2(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -129,13 +130,14 @@ def as_schema_2(content: Mapping[str, Any]) -> dict[str, Any]:
     return {**kept, "schema": 2, "model": pinned, "ledger": ledger, "scenario": scenario}
 
 
-def _take_over_prices(content: dict[str, Any], path: Path, shown: str) -> None:
-    """Replace ``file = "gas.csv"`` of a price table by the series in that file."""
-    tables = content.get("price_tables")
+def _take_over_prices(content: dict[str, Any], path: Path, shown: str) -> tuple[Path, ...]:
+    """Replace ``file = "gas.csv"`` of a price table by the series in that file; the files of prices."""
+    tables, files = content.get("price_tables"), []
     for name, table in tables.items() if isinstance(tables, dict) else ():
         if not isinstance(table, dict) or "file" not in table:
             continue
         file = table.pop("file")
+        files.append((path.parent / str(file)).resolve())
         where = f"{shown}: [price_tables.{name}] file = {as_written(file)}"
         try:
             rows = list(csv.reader(io.StringIO(read_regular(path.parent / str(file), _LARGEST_FILE).decode())))
@@ -150,6 +152,7 @@ def _take_over_prices(content: dict[str, Any], path: Path, shown: str) -> None:
         except (ValueError, IndexError, csv.Error) as error:
             msg = f"{where}: it must be a CSV file with the header time,price and lines such as 2010-03-01T00:00,0.09."
             raise TaskError(msg) from error
+    return tuple(files)
 
 
 def shipped_file(wanted: str) -> Path:
@@ -183,19 +186,19 @@ def shown_path(path: Path) -> str:
     return str(path)
 
 
-def as_written(value: object) -> str:
-    """A value as TOML would write it, shortened, without characters that steer a terminal."""
+def as_written(value: object, longest: int = _LONGEST_VALUE) -> str:
+    """A value as TOML would write it, shortened to ``longest`` characters, without characters that steer a terminal."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
         text = '"' + "".join(letter if letter.isprintable() else f"\\u{ord(letter):04x}" for letter in value) + '"'
     elif isinstance(value, Mapping):
-        text = "{ " + ", ".join(f"{key} = {as_written(inner)}" for key, inner in value.items()) + " }"
+        text = "{ " + ", ".join(f"{key} = {as_written(inner, longest)}" for key, inner in value.items()) + " }"
     elif isinstance(value, list):
-        text = "[" + ", ".join(as_written(inner) for inner in value) + "]"
+        text = "[" + ", ".join(as_written(inner, longest) for inner in value) + "]"
     else:
         text = str(value)
-    return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."
+    return text if len(text) <= longest else text[: longest - 3] + "..."
 
 
 def _file_of(base: object, path: Path, shown: str) -> Path | None:
@@ -262,7 +265,12 @@ def _changes(base: Mapping[str, Any], merged: Mapping[str, Any]) -> Iterator[Cha
     before = dict(_leaves(base))
     for key, value in _leaves(merged):
         if key not in NOT_INHERITED and before.get(key) != value:
-            yield Change(key, as_written(value), as_written(before[key]) if key in before else None)
+            yield Change(key, _whole(value), _whole(before[key]) if key in before else None)
+
+
+def _whole(value: object) -> str:
+    """A value that a task changes: read to the end, for it may be a price of every hour; text that nobody reads so is still cut."""
+    return as_written(value, _LONGEST_CHANGE)
 
 
 def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, object]]:

@@ -129,17 +129,29 @@ def check_file_name(task: TaskSpec, path: Path) -> None:
         raise TaskError(msg)
 
 
+_REMEMBERED: dict[tuple[Path, Path], tuple[TaskSpec, dict[Path, _State]]] = {}
+"""Tasks by file and lock, and the state of every file that each was made of: none of them is read again until one changes."""
+
+
 def _load(path: Path) -> TaskSpec:
     """The task of a file, compared with the lock if its id is published."""
     file, lock = path.resolve(), lock_path()
-    return _checked(file, read_written(file), lock, _state(lock))
+    remembered = _REMEMBERED.get((file, lock))
+    if remembered is not None and all(_state(one) == state for one, state in remembered[1].items()):
+        return remembered[0]
+    states = {one: _state(one) for one in (file, lock)}
+    written = read_written(file)
+    states |= {one: _state(one) for one in written.files}
+    task = _checked(file, written, lock, states[lock])
+    _REMEMBERED[file, lock] = task, states
+    return task
 
 
 @lru_cache(maxsize=256)
 def _checked(file: Path, written: Written, _lock: Path, _lock_state: _State) -> TaskSpec:
     """``_load`` for one content of file, bases and prices and state of the lock: a task is checked once, and again when it changes."""
     for base in written.files:
-        if _is_shipped(base):
+        if _is_shipped(base) and base.suffix == ".toml":
             _read_listed(base)  # a published base that was edited is refused
     task = task_of(written, shown_path(file))
     entry = read_lock().get(task.id)

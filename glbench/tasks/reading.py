@@ -16,6 +16,8 @@ from glbench.tasks.bases import Written, as_written, read_written, shown_path
 from glbench.tasks.spec import TaskSpec, file_of, schema_of
 from glbench.tasks.tables import Table
 
+_NO_NUMBER = ("finite_number", "float_type", "float_parsing")
+
 
 def read_task(path: Path) -> TaskSpec:
     """Task of the file ``path``. Checks everything that can be checked without the model and the weather.
@@ -34,7 +36,7 @@ def task_of(written: Written, shown: str) -> TaskSpec:
         file = file_of(written.content)
     except ValidationError as error:
         root = schema_of(written.content)
-        problems = [_explain(root, detail) for detail in error.errors(include_url=False)]
+        problems = list(dict.fromkeys(_explain(root, detail) for detail in error.errors(include_url=False)))
         raise TaskError(
             _listed(shown if written.base is None else f"{shown} (base {written.base})", problems)
         ) from None
@@ -68,7 +70,28 @@ def _explain(root: type[BaseModel], detail: ErrorDetails) -> str:
         if _is_table(owner, key) or _is_entry(root, tables):
             return f"[{'.'.join([*tables, key])}] {reason}"
         return f"{place}{key} = {as_written(detail['input'])}: {reason}"
+    if not allowed:
+        return _inside(root, [*tables, key], detail)
     return f"{place}{key} = {as_written(detail['input'])} is not allowed. It must be {allowed}."
+
+
+def _inside(root: type[BaseModel], parts: list[str], detail: ErrorDetails) -> str:
+    """A mistake inside the value of a key: which key, where in its list, and what must be there."""
+    described = (
+        (place, allowed)
+        for place in range(len(parts) - 1, -1, -1)
+        if (allowed := _description(_table_at(root, parts[:place]), parts[place]))
+    )
+    place, allowed = next(described, (0, "what the pages about tasks say"))
+    key, inner = parts[place], [one for one in parts[place + 1 :] if one not in ("float", "str")]
+    if inner and key == "hourly":
+        inner[0] = f"hour {inner[0]}"
+    elif inner and inner[0].isdecimal():
+        inner[0] = f"entry {inner[0]}"
+    table = f"[{'.'.join(parts[:place])}] " if place else ""
+    number = " a finite number" if detail["type"] in _NO_NUMBER and inner else ""
+    rule = f"It must be{number}: {key} is {allowed}." if number else f"{key} must be {allowed}."
+    return f"{table}{', '.join([key, *inner])} = {as_written(detail['input'])} is not allowed. {rule}"
 
 
 def _table_at(root: type[BaseModel], tables: list[str]) -> type[BaseModel]:

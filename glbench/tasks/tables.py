@@ -604,8 +604,8 @@ class ScenarioTable(Table):
                 "It has both seasons and years: years are seasons that start on the day of [weather]. Keep one of them."
             )
             raise ValueError(msg)
-        if len(set(self.years)) < len(self.years) or not all(1900 <= year < 2200 for year in self.years):
-            msg = "years must be different years, from 1900 to 2199."
+        if len(set(self.years)) < len(self.years) or not all(1 <= year <= 9999 for year in self.years):
+            msg = "years must be different years, each of which the weather record has."
             raise ValueError(msg)
         for groups in (self.parameters, self.start):
             names = [group.name or str(place) for place, group in enumerate(groups)]

@@ -9,9 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from glbench.env import Simulation
 from glbench.env.actuation import ACTUATIONS, ActionReader, make_actuation, register_actuation
 from glbench.errors import ActionError, TaskError, UnknownNameError
 from glbench.tasks import TaskSpec, get_task, task_card
+from tests.env.stepping import StillKernel
 
 MakeTask = Callable[..., TaskSpec]
 SET_POINT = ('kind = "rate"', 'kind = "set_point"')
@@ -143,6 +145,24 @@ def test_a_kind_of_ones_own_chooses_its_bounds(make_task: MakeTask) -> None:
     assert ActionReader.of_task(task)(np.full((1, 6), 45.0), 1).max() == 45.0
     with pytest.raises(TaskError, match="cannot lie between 1 and 0"):
         register_actuation("test_other", "an angle", lambda task: lambda controls, actions: actions, low=1.0, high=0.0)
+
+
+@pytest.mark.usefixtures("own_words")
+@pytest.mark.parametrize(
+    ("moved", "said"),
+    [
+        (np.zeros((2, 1)), r"'test_own' of .* shape \(2, 1\); it must be \(2, 6\)"),
+        (np.full((2, 6), np.nan), "not finite numbers"),
+    ],
+)
+def test_a_kind_that_returns_no_controls_of_each_run_is_refused(
+    moved: np.ndarray, said: str, make_task: MakeTask, still: StillKernel
+) -> None:
+    register_actuation("test_own", "numbers", lambda task: lambda controls, actions: moved)
+    simulation = Simulation(make_task(('kind = "rate"', 'kind = "test_own"')), 2, still)
+    simulation.reset([1, 2])
+    with pytest.raises(TaskError, match=said):
+        simulation.step(np.zeros((2, 6)))
 
 
 def test_an_unknown_kind_is_refused_with_the_nearest() -> None:

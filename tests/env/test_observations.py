@@ -186,6 +186,29 @@ def test_a_module_of_ones_own_works_from_a_task_file(make_task: MakeTask, still:
 
 
 @pytest.mark.usefixtures("own_words")
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (np.zeros((2, 1)), r"'test_own' of .* shape \(2, 1\); it must be \(2, 2\).*test_a, test_b"),
+        (np.zeros(2), r"shape \(2,\); it must be \(2, 2\)"),
+        (
+            np.array([[0.0, 0.0], [0.0, np.nan]]),
+            "'test_own' of .* returned nan for 'test_b'; it must be a finite number",
+        ),
+    ],
+)
+def test_a_module_that_returns_what_its_columns_cannot_be_is_refused(
+    values: np.ndarray, said: str, make_task: MakeTask, still: StillKernel
+) -> None:
+    columns = tuple(Quantity(name, "-", 0.0, 1.0, "a number") for name in ("test_a", "test_b"))
+    register_observation(
+        ObservationModule("test_own", "numbers", lambda context: columns), lambda task, tables: lambda inputs: values
+    )
+    with pytest.raises(TaskError, match=said):
+        Simulation(make_task(modules("test_own", "time")), 2, still).reset([1, 2])
+
+
+@pytest.mark.usefixtures("own_words")
 def test_columns_without_a_part_are_refused(make_task: MakeTask) -> None:
     OBSERVATION_MODULES.add(ObservationModule("test_wether", "nothing computes it", lambda context: ()))
     with pytest.raises(UnknownNameError, match="Did you mean 'weather'"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -162,6 +163,26 @@ def test_a_part_of_ones_own_works_from_a_task_file(make_task: MakeTask) -> None:
     assert make_reward(task, accounts)(step)[0] == pytest.approx(0.001 - 1 / 15, rel=1e-9)
     with pytest.raises(TaskError, match="test_fresh_fruit"):
         register_reward("test_fresh_fruit", "again", lambda task, accounts: lambda step: step["epi"])
+
+
+@pytest.mark.usefixtures("own_words")
+@pytest.mark.parametrize(
+    ("reward", "said"),
+    [
+        (lambda step: np.zeros((2, 1)), r"'test_own' of .* shape \(2, 1\); it must be \(2,\)"),
+        (lambda step: 0.5, r"'test_own' of .* shape \(\); it must be \(2,\)"),
+        (lambda step: step["epi"] * np.nan, "no finite number"),
+    ],
+)
+def test_a_part_that_returns_no_reward_of_each_run_is_refused(
+    reward: Callable[[StepOutcome], Any], said: str, make_task: MakeTask, still: StillKernel
+) -> None:
+    register_reward("test_own", "numbers", lambda task, accounts: reward)
+    task = make_task(('modules = ["scaled_epi", "scaled_penalty"]', 'modules = ["test_own"]'))
+    simulation = Simulation(task, 2, still)
+    simulation.reset([1, 2])
+    with pytest.raises(TaskError, match=said):
+        simulation.step(np.zeros((2, 6)))
 
 
 def test_a_scaled_epi_needs_prices(make_task: MakeTask) -> None:

@@ -13,7 +13,7 @@ from glbench.env import Simulation
 from glbench.errors import EpisodeError, GlbenchError, ResultError
 from glbench.evaluation import Progress, Result, evaluate, load_result, prepare
 from glbench.evaluation.provenance import usable_cores
-from glbench.tasks import TaskSpec, task_card
+from glbench.tasks import TaskSpec, get_task, task_card
 from tests.evaluation.agent_files import AgentWriter
 
 
@@ -167,6 +167,22 @@ def test_a_task_of_another_namespace_does_not_replace_a_result(
 
     with pytest.raises(ResultError, match=r"holds a result of the task test/Day-v1, and mylab/Day-v1 would replace it"):
         evaluate(other, write_agent(), runs=1, out=tmp_path)
+
+
+def test_a_task_of_the_same_id_and_another_definition_does_not_replace_a_result(
+    day_task: TaskSpec, day_task_file: Path, write_agent: AgentWriter, tmp_path: Path
+) -> None:
+    first = evaluate(day_task, write_agent(), runs=1, out=tmp_path)
+    other = tmp_path / "other.toml"
+    text = day_task_file.read_text(encoding="utf-8")
+    assert "co2_ppm = 400.0" in text
+    other.write_text(text.replace("co2_ppm = 400.0", "co2_ppm = 410.0"), encoding="utf-8")
+
+    with pytest.raises(ResultError, match=r"another task with the same id test/Day-v1 .* with --fresh"):
+        evaluate(other, write_agent(), runs=1, out=tmp_path)
+
+    assert evaluate(day_task, write_agent(), runs=1, out=tmp_path) == first
+    assert evaluate(other, write_agent(), runs=1, out=tmp_path, fresh=True).task.digest == get_task(other).digest
 
 
 def test_a_result_of_another_version_is_made_again(

@@ -78,6 +78,7 @@ def forget() -> Iterator[Callable[[], None]]:
         for remembered in (program._shipped, scenario._pool, scenario._tables):
             remembered.cache_clear()
         library._checked.cache_clear()
+        library._REMEMBERED.clear()
 
     yield forget_all
     forget_all()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,6 +88,54 @@ def test_show_explains_period_limits_prices_and_reward_with_units() -> None:
         assert words in result.stdout
 
 
+def test_show_tells_every_price_and_every_season(vary: Vary, tmp_path: Path) -> None:
+    hours = ", ".join(["0.04"] * 7 + ["0.08"] * 16 + ["0.04"])
+    own = tmp_path / "own.toml"
+    own.write_text(
+        f"""
+        base = "glbench/{SHORT_ID}"
+        schema = 2
+        id = "mylab/Own-v1"
+        title = "Prices of the hour"
+        weather.days = 5
+        scenario.years = [2010, 2011, 2012]
+        scenario.start_within_days = 14
+        ledger.cost_heat.price = "heat"
+        ledger.cost_electricity.price = "power"
+        ledger.cost_co2.price = "co2"
+        price_tables.heat = {{ unit = "EUR kWh-1", hourly = [{hours}] }}
+        price_tables.power = {{ unit = "EUR kWh-1", from_day = {{ "01-15" = 0.2, "10-01" = 0.3 }} }}
+        price_tables.co2 = {{ unit = "EUR kg-1", series = [{{ time = 2010-01-01T00:00:00, price = 0.25 }}] }}
+        reward.modules = ["epi", "scaled_penalty"]
+        """,
+        encoding="utf-8",
+    )
+    shown = " ".join(run("show", str(own)).stdout.split())
+    assert "5 days from 1 March 2010, 2011 or 2012, up to 14 days later, drawn evenly for every run" in shown
+    assert "Price 'heat' [EUR kWh-1]: 00:00 to 07:00 0.04, 07:00 to 23:00 0.08, 23:00 to 24:00 0.04." in shown
+    assert "Price 'power' [EUR kWh-1]: from 15 January 0.2, from 1 October 0.3." in shown
+    assert "Price 'co2' [EUR kg-1]: from 2010-01-01 00:00 UTC 0.25." in shown
+    assert f"hourly = [{hours}]" in shown
+    assert "..." not in shown
+
+
+def test_a_scaled_profit_without_bounds_is_told_by_check(tmp_path: Path) -> None:
+    own = tmp_path / "own.toml"
+    own.write_text(
+        f"""
+        base = "glbench/{SHORT_ID}"
+        schema = 2
+        id = "mylab/Own-v1"
+        title = "Fruit on the plants is sold"
+        ledger.standing = {{ side = "earned", stock = "fruit", price = {{ value = 1e-6, unit = "EUR mg-1" }} }}
+        """,
+        encoding="utf-8",
+    )
+    result = run("check", str(own))
+    assert result.exit_code == 1
+    assert "'scaled_epi' needs a profit that counts as 0" in result.stdout
+
+
 def test_show_for_machines_holds_card_definition_and_digests() -> None:
     shown = machine("show", SHORT_ID)
     task = get_task(SHORT_ID)
@@ -101,6 +150,20 @@ def test_check_accepts_published_tasks(published: Path) -> None:
     assert result.exit_code == 0
     assert result.stdout.count("as published") == 2
     assert [entry["ok"] for entry in machine("check")] == [True, True]
+
+
+def test_drafts_are_listed_and_checked(published: Path) -> None:
+    drafts = published / "drafts"
+    drafts.mkdir()
+    text = (published / FILE).read_text(encoding="utf-8")
+    (drafts / "winter-v1.toml").write_text(text.replace(SHORT_ID, "Winter-v1"), encoding="utf-8")
+    assert re.search(r"Winter-v1 .* draft", run("list").stdout)
+    assert [entry["locked"] for entry in machine("list")] == [True, True, False]
+    assert re.search(r"ok +glbench/Winter-v1  \w{8}  draft, valid", run("check").stdout)
+    (drafts / "winter-v1.toml").write_text(text.replace("days = 60", "days = 0"), encoding="utf-8")
+    result = run("check")
+    assert result.exit_code == 1
+    assert "drafts/winter-v1.toml" in result.stdout
 
 
 def test_check_finds_changed_new_and_lost_tasks_and_leaves_with_1(published: Path) -> None:

@@ -16,7 +16,7 @@ from glbench.env.rewards import make_reward
 from glbench.episodes.definition import definition_json, task_of
 from glbench.errors import TaskError
 from glbench.model import paper
-from glbench.tasks import ParameterGroup, PriceTable, Season, StartGroup, TaskSpec, get_task, task_card
+from glbench.tasks import ParameterGroup, PriceTable, Season, StartGroup, TaskSpec, get_task, library, task_card
 from tests.tasks.toy import TASK, Toy
 
 Write = Callable[[str], Path]
@@ -136,6 +136,18 @@ def test_a_series_of_prices_may_stand_in_a_file(toys: Callable[..., TaskSpec], t
         toys(hourly, 'file = "market.csv"', "Water a toy", "Water it")
 
 
+def test_a_task_is_read_again_only_when_one_of_its_files_changes(write: Write, tmp_path: Path) -> None:
+    base = write('base = "glbench/Schiphol2010-Delta10-v1"\nschema = 2\nid = "mylab/Base-v1"\ntitle = "Base"\n')
+    own = tmp_path / "own.toml"
+    own.write_text(f'base = "{base.name}"\nid = "mylab/Own-v1"\ntitle = "Own"\n', encoding="utf-8")
+    first = get_task(own)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(library, "read_written", None)
+        assert get_task(own) is first
+    base.write_text(base.read_text(encoding="utf-8") + "weather.days = 5\n", encoding="utf-8")
+    assert get_task(own).weather.days == 5
+
+
 def test_a_record_brings_the_task_back(toys: Callable[..., TaskSpec], write: Write) -> None:
     for task in (toys(), get_task(write(HARVEST))):
         again = task_of(definition_json(task))
@@ -243,6 +255,17 @@ start = [{ states = ["cFruit"], half_width = 0.1 }]
         ('side = "paid"', 'side = "bought"', '[ledger.cost_water] side = "bought" is not allowed. It must be "earned" or "paid".'),
         ('side = "paid"\nflow', 'side = "paid"\nflows', "'flows' is not a key of [ledger.cost_water]. Did you mean 'flow'?"),
         ("hourly = [1, 1,", "hourly = [1,", "[price_tables.market] hourly must have 24 prices, one an hour; it has 23."),
+        (
+            "hourly = [1, 1,", "hourly = [1, nan,",
+            "[price_tables.market] hourly, hour 1 = nan is not allowed. It must be a finite number: hourly is 24 numbers, one an hour.",
+        ),
+        ("hourly = [1, 1,", 'hourly = [1, "x",', '[price_tables.market] hourly, hour 1 = "x" is not allowed. It must be a finite number'),
+        ("price = { value = 0.01", "price = { value = nan", "[ledger.cost_water] price = nan is not allowed. price must be { value"),
+        (
+            'family = "toys"', 'family = "toys"\nyears = [2010, "x"]',
+            '[scenario] years, entry 1 = "x" is not allowed. years must be a list of years.',
+        ),
+        ('family = "toys"', 'family = "toys"\nyears = [2010, 1887]', "covers 2008-01-01 00:00 to 2013-01-01 00:00 UTC, but 1887-"),
         ("hourly = ", 'from_day = { "02-31" = 1.0 }\nhourly = ', "must have exactly one of hourly"),
         ('id = "toy-1.0.0"', 'id = "toy-1.0.1"', "[model] There is no version 1.0.1 of the model 'toy'. Known: 1.0.0."),
         ('"uTap"', '"uTab"', "[actuation] There is no control called 'uTab'. Did you mean 'uTap'?"),
