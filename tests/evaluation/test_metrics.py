@@ -34,8 +34,8 @@ def test_tasks_of_schema_1_have_the_metrics_of_released_results_in_their_order()
 
 def test_the_metrics_of_another_task_follow_from_its_ledger_and_limits() -> None:
     assert tuple(units_of(lettuce_task()).items()) == (
-        ("reward", "-"), ("epi", "EUR m-2"), ("revenue", "EUR m-2"), ("cost_heat", "EUR m-2"), ("cost_electricity", "EUR m-2"),
-        ("cost_co2", "EUR m-2"), ("penalty", "-"), ("heat", "kWh m-2"), ("electricity", "kWh m-2"), ("co2_dosed", "kg m-2"),
+        ("reward", "-"), ("epi", "EUR m-2"), ("revenue", "EUR m-2"), ("cost_co2", "EUR m-2"), ("cost_electricity", "EUR m-2"),
+        ("cost_heat", "EUR m-2"), ("penalty", "-"), ("co2_dosed", "kg m-2"), ("electricity", "kWh m-2"), ("heat", "kWh m-2"),
         ("heads_gained", "m-2"), *((name, "h") for name in PAPER[11:]),
     )  # fmt: skip
 

