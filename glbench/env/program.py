@@ -1,7 +1,7 @@
-"""A task as a program: what surrounds the kernel's step, recorded from the formulas of the task's parts.
+"""A task as a program: everything around the kernel's step, recorded as tapes from the formulas of the task's parts.
 
-Every part that glbench ships can be recorded. A part that somebody registered is Python; the program leaves a gap for it, which only
-``glbench.env.reference`` can fill.
+Every part that glbench ships can be recorded. A registered part is Python: the program leaves a gap for it, which only
+``glbench.env.reference`` can fill. The same holds where parameters follow from drawn ones by more than arithmetic.
 """
 
 from __future__ import annotations

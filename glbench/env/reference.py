@@ -1,7 +1,8 @@
-"""A program run with numpy around any kernel: the reference for the compiled environments, and what steps where they cannot.
+"""Environments that execute a program with NumPy around any kernel.
 
-The tapes are those that the compiled kernel runs, so that no formula stands anywhere twice. Parts of a task that somebody
-registered are Python, which no tape can hold; here they are called where the tapes leave a gap.
+They are the reference for the compiled environments and replace them where those cannot run. They execute the same tapes, so
+no formula is written twice. Registered parts of a task are Python, which no tape can hold; they are called here where the tapes
+leave a gap.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What steps the runs of a simulation: environments of the task's program, compiled or with numpy, to the same bits."""
+"""Runs of a task in lockstep, in environments that execute its program: compiled or with NumPy, to the same bits."""
 
 from __future__ import annotations
 

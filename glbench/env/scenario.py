@@ -1,7 +1,8 @@
-"""The scenario of each run: its weather, its start, its parameters, all of them functions of the task and the run's seed.
+"""The scenario of each run: its weather, its start and its parameters, all functions of the task and the run's seed.
 
-A task's weather lies in one pool of rows, and so do calendar and prices. What a run draws once (season, first day, start, parameters of
-the episode) is drawn here with numpy when it starts; what is drawn in the step is a matter of the program (``glbench.env.program``).
+The weather of a task's seasons is one pool of rows, and so are calendar and prices. What a run draws once (season, first day,
+start, parameters of the episode) is drawn here with NumPy when it starts; what is drawn in the step belongs to the program
+(``glbench.env.program``).
 """
 
 from __future__ import annotations

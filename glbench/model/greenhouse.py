@@ -1,4 +1,4 @@
-"""Models of greenhouses, composed of submodels."""
+"""Greenhouse models composed of submodels, and meters that add up fluxes."""
 
 from __future__ import annotations
 

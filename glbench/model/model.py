@@ -1,10 +1,10 @@
-"""A model as a value: what it is made of, by name and unit, and its equations as functions of numbers.
+"""A model as a value: its variables with names and units, and its equations as functions of numbers.
 
-Everything above this room takes a :class:`Model` and asks it: how many states it has and what they are called, what it starts
-from, what flows through it, what there is to observe. A greenhouse is put together of submodels by
-:func:`glbench.model.compose`; anything else with states and rates can be a model as well (docs/extending.md).
+Everything above this room takes a :class:`Model` and asks it for its states and their names, its starts, its flows and stocks,
+and the columns that can be observed. :func:`glbench.model.compose` makes a greenhouse of submodels; anything else with states
+and rates can be a model as well, as a subclass.
 
-Models are equal when their submodels are, can be pickled, and serve as keys.
+Models are frozen dataclasses: equal when their fields are, picklable, and usable as keys.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The greenhouse of the benchmark's paper, and the models that tasks can name.
 
 ``greenlight-tomato-1.0.0`` is the GreenLight greenhouse with its tomato crop: 28 states, 6 controls, 10 disturbances, 208
-parameters. ``greenlight-tomato-harvest-1.0.0`` has a meter on its harvest besides.
-The names and functions below are those of the first; code that serves any model asks the model instead.
+parameters. ``greenlight-tomato-harvest-1.0.0`` also has a meter on the harvest, ``greenlight-lettuce-1.0.0`` lettuce as
+its crop. ``STATES``, ``rhs`` and the other names and functions here are those of the first; code that serves any model asks the model.
 """
 
 from __future__ import annotations

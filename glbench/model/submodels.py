@@ -1,7 +1,7 @@
-"""What a greenhouse is composed of: a climate, a crop in it, and whatever else is added.
+"""The submodels of a greenhouse: a climate, a crop in it, and additions.
 
-A submodel is a frozen dataclass. It declares its states, controls and parameters once, and has its equations as methods over
-records of floats, NumPy arrays or CasADi symbols. Everything but equations has a default that says "none".
+A submodel is a frozen dataclass. It declares its states, controls and parameters once; its equations are methods that take
+records of floats, NumPy arrays or CasADi symbols. Everything else has a default, mostly "none".
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """The ledger of a task: what is earned and paid in a control step, and every quantity of a step that follows from it.
 
-An item prices a flow of the model (heat, fruit harvested), or values a stock (fruit on the plants) at the end of the episode minus at its
-start. Money columns, amounts, profit and the quantities of a step are generated from the items: a new cost is one line.
+An item prices a flow of the model (heat, fruit harvested), or counts the value of a stock (fruit on the plants) at the end of the
+episode minus that at its start. Money columns, amounts, profit and the quantities of a step are generated from the items: a new
+cost is one item.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What a run draws: its season, its start, its parameters. Plain data; ``glbench.env`` draws from it.
+"""What a run draws: its season, its start, its parameters. This is plain data; ``glbench.env`` does the drawing.
 
-All numbers come from counter-based streams (docs/adr/0006): a number is a function of its address and of nothing else. Tasks of one
+All numbers come from counter-based streams (docs/adr/0006, 0014): a number depends on its address alone. Tasks with the same
 ``family`` and ``salt`` share their numbers, so that they can be compared run by run.
 """
 

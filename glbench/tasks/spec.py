@@ -1,8 +1,8 @@
 """A task: what its file says, and what follows from that: model, parameters, weather, start, observed columns, ledger, digest.
 
 What a file says is pure data (``glbench.tasks.tables.TaskFile``), read without the model and the weather. A :class:`TaskSpec` holds
-it, and works out the rest when asked (docs/adr/0015). Errors of the model and the weather name the task's file and the table that asked
-for the impossible.
+it and derives the rest when asked (docs/adr/0015). Errors of the model and the weather name the task's file and the table that
+caused them.
 """
 
 from __future__ import annotations
