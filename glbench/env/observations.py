@@ -5,7 +5,8 @@ here. What glbench ships is data: numbers of the run, or rows of tables. To add 
 that makes it; it is made once for a task and called after every step:
 
     def canopy(task: TaskSpec, tables: WeatherTables) -> ObservationPart:
-        return lambda inputs: inputs.states[:, 4:5]
+        place = task.model_value.state_index("...")
+        return lambda inputs: inputs.states[:, [place]]
 
     register_observation(ObservationModule("canopy", "canopy temperature", columns), canopy)
 """

@@ -82,7 +82,7 @@ SCHEMA_1: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 """The keys that the digest of a task of schema 1 covers, whatever is added later; ``evaluation.time_limits`` where it is given."""
 
-_GRID = 6180.339887498949  # weather rows enter a digest in steps of 1/6180: no round number lies between two of them
+_GRID = 6180.339887498949  # weather rows enter a digest in steps of 1/6180: no round number lies halfway between two of them
 
 
 class TaskSpec:
