@@ -287,12 +287,25 @@ def operations() -> dict[str, int]:
     return generate(build_rhs("author"), Traits(zeros=absent_equipment(TOMATO))).operations
 
 
+def largest_change() -> float:
+    """Largest change of a ratio to CVODES between the two measurements of the open house [%]."""
+    before, after = (
+        {
+            one.name: one.ratio
+            for one in read_record(ROOT / "docs" / "measurements" / f"open-house-{when}.json").measurements
+        }
+        for when in ("before", "after")
+    )
+    return 100.0 * max(abs(after[name] / before[name] - 1.0) for name in before)
+
+
 def speeds(name: str) -> tuple[float, ...]:
     """Microseconds and ratio to CVODES of walking and of jumping controls."""
     return tuple(of(f"{name}/{kind}") for kind in ("walk", "jump") for of in (us, ratio))
 
 
 CLAIMS: dict[str, list[Claim]] = {
+    "docs/speed.md": [("changed by more than {} %", largest_change)],
     "README.md": [
         ("earn {} on the default task", lambda: mean("recording", 10)),
         ("itself earns {}, and PPO {} (mean", lambda: (mean("ppo_tuned", 10), mean_of_trainings("ppo", 10))),
