@@ -15,6 +15,7 @@ import contextlib
 import pickle
 import re
 import time
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any, Final, cast
 
@@ -62,7 +63,7 @@ class Decision:
     seconds: Array
 
 
-class AgentRunner:
+class AgentRunner(ABC):
     """An agent in its harness, for ``n`` runs; ``card`` holds names and bounds of what it decides."""
 
     def __init__(self, card: TaskCard, n: int, limits: TimeLimits) -> None:
@@ -71,15 +72,15 @@ class AgentRunner:
         low, high = card.action_bounds
         self._low, self._high = low - ROUNDING, high + ROUNDING
 
+    @abstractmethod
     def start(self) -> tuple[Failure, ...]:
         """Make the agent ready for the first step."""
-        raise NotImplementedError
 
     def inputs(self, simulation: Simulation, observations: NDArray[np.float32]) -> Inputs:
         """What the agent is shown in this step, one row a run; an array of its own."""
         return observations.copy()
 
-    def ask(self, step: int, inputs: Inputs, alive: Mask) -> None:
+    def ask(self, step: int, inputs: Inputs, alive: Mask) -> None:  # noqa: B027 -- most have nothing to do ahead
         """Put the question of ``decide`` to the agent already, where it thinks elsewhere; the call to ``decide`` follows."""
 
     def decide(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
@@ -95,15 +96,15 @@ class AgentRunner:
         actions[list(problems)] = 0.0
         return replace(decision, actions=actions, failures=(*decision.failures, *_invalid(problems, alive)))
 
+    @abstractmethod
     def _decided(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
         """What the agent says, whatever the values."""
-        raise NotImplementedError
 
     def apply(self, simulation: Simulation, actions: Array) -> StepResult:
         """Take a step with what was decided: with actions, through the actuation."""
         return simulation.step(actions)
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 -- an agent in this process holds nothing outside
         """Let go of whatever the agent holds outside this process."""
 
 

@@ -133,10 +133,10 @@ class Greenhouse(Model):
         (x_climate, x_crop, *x_added), (p_climate, p_crop, *p_added) = self._states_of(x), self._parameters_of(p)
         added = tuple(zip(self.additions, x_added, p_added, strict=True))
         lai = crop.leaf_area_index(x_crop, p_crop)
-        act = climate.actuators(climate.Controls(*u[: len(climate.Controls._fields)]), p_climate)
+        climate_controls = climate.Controls(*u[: len(climate.Controls._fields)])
+        act = climate.actuators(climate_controls, p_climate)
         for part, own, values in added:
             act = part.supply(act, own, u, values)
-        climate_controls = climate.Controls(*u[: len(climate.Controls._fields)])
         around = climate.processes(lai, act, x_climate, climate_controls, d, p_climate)
         seen = climate.surroundings(lai, x_climate, around, p_climate)
         grown = crop.processes(x_crop, seen, p_crop)

@@ -18,7 +18,7 @@ const agentsPage = () => {
 };
 
 const agentPage = (name, short) => {
-  if (!Object.hasOwn(AGENTS, name)) return missingPage(`There is no agent called \u201c${name}\u201d in these results.`);
+  if (!Object.hasOwn(AGENTS, name)) return missingPage(`No agent in these results is named \u201c${name}\u201d.`);
   const results = D.results.filter((result) => result.agent === name);
   const result = results.find((one) => TASKS[one.task].short === short) ?? results.find((one) => one.task === D.start) ?? results[0];
   const task = TASKS[result.task], others = resultsOf(task.id).filter((one) => one.agent !== name && one.agent !== result.member_of);
