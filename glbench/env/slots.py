@@ -1,0 +1,70 @@
+"""What the runs of a task keep from step to step besides states and controls: numbers that its parts ask for by name.
+
+A part says what it needs and with which value a run starts. ``allocate`` gives every number a place in the row of memory of a run
+(``glbench.kernel.environment``), which the part's tapes read and write:
+
+    slots = allocate(actuation={"heating": 0.0}, sensors={"held": 20.0})
+    slots.of("sensors")["held"]  # 1
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.errors import TaskError
+
+
+@dataclass(frozen=True, eq=False)
+class Slots:
+    """Places in a row of memory.
+
+    Attributes
+    ----------
+    parts
+        For each part of the task, the place of every number that it asked for.
+    start
+        Value of every place when a run starts, ``(m,)``, read-only.
+    """
+
+    parts: Mapping[str, Mapping[str, int]]
+    start: NDArray[np.float64]
+
+    @property
+    def width(self) -> int:
+        """How many numbers a run keeps."""
+        return len(self.start)
+
+    def of(self, part: str) -> Mapping[str, int]:
+        """Places by name of what ``part`` asked for; none where it asked for nothing."""
+        return self.parts.get(part, {})
+
+    def rows(self, n: int) -> NDArray[np.float64]:
+        """What ``n`` runs start with, ``(n, m)``."""
+        return np.tile(self.start, (n, 1))
+
+
+def allocate(**asked: Mapping[str, float]) -> Slots:
+    """Give a place to every number that parts ask for: names and start values by part, in the order given.
+
+    Raises
+    ------
+    TaskError
+        When a start value is not a finite number.
+    """
+    parts: dict[str, Mapping[str, int]] = {}
+    start: list[float] = []
+    for part, numbers in asked.items():
+        parts[part] = MappingProxyType({name: len(start) + place for place, name in enumerate(numbers)})
+        for name, value in numbers.items():
+            if not np.isfinite(value):
+                msg = f"'{name}' of the {part} starts at {value!r}. What a run remembers starts at a finite number."
+                raise TaskError(msg)
+            start.append(float(value))
+    array = np.array(start, dtype=np.float64)
+    array.flags.writeable = False
+    return Slots(MappingProxyType(parts), array)
