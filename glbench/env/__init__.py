@@ -14,12 +14,13 @@ from glbench.env.observations import register_observation
 from glbench.env.quantities import QUANTITIES, StepQuantity
 from glbench.env.reference import ObservationInputs
 from glbench.env.rewards import REWARDS, StepOutcome, register_reward
-from glbench.env.scenario import RunWeather, WeatherTables, run_weather
+from glbench.env.scenario import RunWeather, run_weather
 from glbench.env.simulation import Simulation
 from glbench.env.snapshot import Snapshot
 from glbench.env.step_result import StepResult
 from glbench.env.uncertainty import DISTRIBUTIONS, register_distribution
 from glbench.env.vector import GreenhouseVectorEnv
+from glbench.env.weather_pool import WeatherTables
 
 __all__ = [
     "ACTUATIONS",

@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.climate import AIR
+from glbench.env.forecast import HOUR
 from glbench.env.reference import ObservationInputs
-from glbench.env.scenario import WeatherTables
+from glbench.env.weather_pool import WeatherTables
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
 
@@ -45,13 +46,15 @@ class Numbers:
 class TableRows:
     """Columns that are ``rows`` whole rows of a float32 table ``(rows, width)``, side by side.
 
-    The first is ``ahead`` rows after that of the clock (``clocked``) or of the weather shown.
+    The first is ``ahead`` rows after that of the clock (``clocked``) or of the weather shown. A table with one row for ``every`` steps
+    shows the row of the step.
     """
 
     table: NDArray[np.float32]
     rows: int = 1
     clocked: bool = False
     ahead: int = 0
+    every: int = 1
 
 
 @dataclass(frozen=True)
@@ -168,6 +171,9 @@ _SHOWN: dict[str, Callable[[TaskSpec, WeatherTables], tuple[Shown, ...]]] = {
     "controls": _controls,
     "weather": lambda task, tables: (TableRows(tables.measured),),
     "forecast": lambda task, tables: _ahead(task, tables.measured),
+    "weather_forecast": lambda task, tables: (
+        TableRows(tables.forecast, every=max(HOUR // task.weather.step_seconds, 1)),
+    ),
     "full_state": lambda task, tables: _plain("states", len(task.model_value.state_names)),
     # The published code counts the step just taken, hence the step whose weather is shown and not the number of steps.
     "step_counter": lambda task, tables: (Numbers("counter", (1,), (1.0,)),),

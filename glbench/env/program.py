@@ -19,8 +19,9 @@ from glbench.env.observations import Formula, Numbers, TableRows, checked_part, 
 from glbench.env.quantities import REWARD
 from glbench.env.reference import NO_PARTS, PythonParts
 from glbench.env.rewards import REWARDS, StepOutcome, make_reward
-from glbench.env.scenario import CLOCK, RunScenarios, WeatherPool, WeatherTables
+from glbench.env.scenario import RunScenarios
 from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters
+from glbench.env.weather_pool import CLOCK, WeatherPool, WeatherTables
 from glbench.errors import TaskError
 from glbench.kernel.environment import Lookup, ParameterNoise, Program
 from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, Value
@@ -67,7 +68,7 @@ def _program(task: TaskSpec) -> tuple[Program, PythonParts]:
     charge = task.evaluation.failed_step
     charges = {"reward": charge.reward, "epi": charge.epi, "penalty": charge.penalty}
     info, names = info_columns(task), [quantity.name for quantity in task.quantities]
-    outcome, lookups, columns, reward, observation = _outcome(task)
+    outcome, lookups, columns, reward, observation = _outcome(task, scenarios)
     followers, python_followers = _followers(task, scenarios)
     move = recorded_actuation(task)
     distributions = [group.distribution for group in scenarios.in_step]
@@ -93,6 +94,10 @@ def _program(task: TaskSpec) -> tuple[Program, PythonParts]:
             for group in scenarios.in_step
         ),
         followers=followers,
+        update=_update(task, scenarios),
+        streams=(scenarios.sensors.numbers,) if scenarios.sensors.numbers else (),
+        traits=2 * len(scenarios.sensors.sensors),
+        memory=scenarios.slots.width,
         lookups=lookups,
         columns=columns,
         width=info + len(names),
@@ -135,13 +140,26 @@ def _followers(task: TaskSpec, scenarios: RunScenarios) -> tuple[Tape, DerivedPa
         return EMPTY, derived
 
 
-def _outcome(task: TaskSpec) -> tuple[Tape, tuple[Lookup, ...], int, Any, Any]:
+def _true_air(task: TaskSpec, recorder: Recorder) -> list[Value]:
+    """Air temperature [degC], CO2 [ppm] and relative humidity [%] after the step; nothing of a model without an air."""
+    model = task.model_value
+    if not model.air:
+        return []
+    temperature, density, pressure = (recorder.input("after", model.state_index(name)) for name in model.air)
+    return [temperature, *record_air(temperature, density, pressure, recorder)]
+
+
+def _update(task: TaskSpec, scenarios: RunScenarios) -> Tape:
+    """What the runs keep after a step."""
+    recorder = Recorder()
+    scenarios.sensors.update(recorder, _true_air(task, recorder), scenarios.slots)
+    return recorder.tape()
+
+
+def _outcome(task: TaskSpec, scenarios: RunScenarios) -> tuple[Tape, tuple[Lookup, ...], int, Any, Any]:
     """The tape after the step, what is looked up besides, how many columns are observed; reward and observations that are Python."""
     recorder, model = Recorder(), task.model_value
-    air: list[Value] = []
-    if model.air:
-        temperature, density, pressure = (recorder.input("after", model.state_index(name)) for name in model.air)
-        air = [temperature, *record_air(temperature, density, pressure, recorder)]
+    air = _true_air(task, recorder)
     controls = [recorder.input("controls", index) for index in range(len(model.control_names))]
     delivered = [control * capacity.at_one for control, capacity in zip(controls, task.capacities(), strict=True)]
     quantities, reward = _quantities(task, recorder, controls, air)
@@ -153,7 +171,8 @@ def _outcome(task: TaskSpec) -> tuple[Tape, tuple[Lookup, ...], int, Any, Any]:
     ]
     for column, value in enumerate([*rows, *quantities]):
         recorder.output("table", column, value)
-    lookups, parts, columns = _observation(task, recorder, controls, air)
+    measured = scenarios.sensors.readings(recorder, air, scenarios.slots)
+    lookups, parts, columns = _observation(task, recorder, controls, measured)
     return recorder.tape(), lookups, columns, reward, parts
 
 
@@ -202,7 +221,7 @@ def _observation(
             continue
         for shown in shown_by(name, task, tables):
             if isinstance(shown, TableRows):
-                lookups.append(Lookup(shown.table, at, shown.rows, shown.clocked, shown.ahead))
+                lookups.append(Lookup(shown.table, at, shown.rows, shown.clocked, shown.ahead, shown.every))
                 at += shown.rows * shown.table.shape[1]
             elif isinstance(shown, Formula):
                 recorder.output("observation", at, shown.of(_recorded_states(task, recorder), nominal))

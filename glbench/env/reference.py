@@ -280,7 +280,9 @@ class PlainEnvironments(Environments):
             clock, weather = (self.first + self.k)[:, None] + ahead, self._shown()[:, None] + ahead
             rows = clock if lookup.clocked else self._weather_rows(weather)
             width = lookup.rows * lookup.table.shape[1]
-            self.observations[:, lookup.at : lookup.at + width] = lookup.table[rows].reshape(self._n, width)
+            self.observations[:, lookup.at : lookup.at + width] = lookup.table[rows // lookup.every].reshape(
+                self._n, width
+            )
         if parts.reward is not None and not standing:
             column, reward = parts.reward
             self.table[:, column] = reward(self.table, before, after, self.u)

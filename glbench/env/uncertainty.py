@@ -64,6 +64,11 @@ def stream_key(scenario: Scenario, seed: int, stream: str) -> tuple[int, int]:
     return key_of(f"glbench\n{scenario.family}\n{scenario.salt}\n{seed}\n{stream}")
 
 
+def season_key(scenario: Scenario, stream: str, season: str) -> NDArray[np.uint64]:
+    """Key of a stream of random numbers of a generated season ``(1, 2)``: all runs in it share it."""
+    return np.array([key_of(f"glbench\n{scenario.family}\n{scenario.salt}\n{season}\n{stream}")], np.uint64)
+
+
 class DerivedParameters:
     """Carries draws of uncertain parameters through to the derived ones, by the model's own formulas.
 

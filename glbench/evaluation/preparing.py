@@ -84,7 +84,7 @@ def prepare(
 
     Arguments as for ``evaluate``; without a number of ``workers``, every usable core is one.
     """
-    task = task if isinstance(task, TaskSpec) else get_task(task)
+    task = (task if isinstance(task, TaskSpec) else get_task(task)).scored
     protected = agent if isinstance(agent, Protected) else protect(agent, sandbox)
     agent = protected.agent
     seeds = _seeds(task, runs, first_seed)

@@ -36,6 +36,8 @@ class Lookup:
         Whether the row is that of the calendar; otherwise that of the weather shown.
     ahead
         How many rows after it the first one is.
+    every
+        How many rows of the pool share a row of the table.
     """
 
     table: npt.NDArray[np.float32]
@@ -43,6 +45,7 @@ class Lookup:
     rows: int = 1
     clocked: bool = False
     ahead: int = 0
+    every: int = 1
 
 
 @dataclass(frozen=True, eq=False)

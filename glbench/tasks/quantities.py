@@ -65,6 +65,8 @@ class ObservationContext:
     """All model parameters by name, nominal values."""
     model: Model
     """The model whose quantities are shown."""
+    forecast_hours: tuple[int, ...] = ()
+    """Hours ahead of the forecast by the hour."""
 
     @property
     def days(self) -> float:
@@ -163,6 +165,22 @@ def forecast(context: ObservationContext) -> tuple[Quantity, ...]:
     return _ahead(context.forecast_steps, _WEATHER)
 
 
+FORECAST = (_GLOBAL_RADIATION, _OUTDOOR_TEMPERATURE, _OUTDOOR_HUMIDITY, _WIND)
+"""What is forecast by the hour."""
+
+
+def weather_forecast(context: ObservationContext) -> tuple[Quantity, ...]:
+    """Forecast by the hour: radiation, temperature, humidity and wind, each for all hours ahead.
+
+    Every column is the mean over the hour that ends so many hours after the last full hour, as it was forecast then.
+    """
+    return tuple(
+        Quantity(f"{q.name}_in_{hour}h", q.unit, q.low, q.high, f"{q.meaning}, forecast {hour} h ahead")
+        for q in FORECAST
+        for hour in context.forecast_hours
+    )
+
+
 def published_forecast(context: ObservationContext) -> tuple[Quantity, ...]:
     """As ``forecast``, with vapour pressure [Pa] and CO2 density [mg m-3] in the places of humidity and CO2."""
     return _ahead(context.forecast_steps, _PUBLISHED_FORECAST)
@@ -187,4 +205,4 @@ def full_state(context: ObservationContext) -> tuple[Quantity, ...]:
     )
 
 
-__all__ = ["LIMITED", "Capacity", "ObservationContext", "Quantity", "QuantityTable", "capacities"]
+__all__ = ["FORECAST", "LIMITED", "Capacity", "ObservationContext", "Quantity", "QuantityTable", "capacities"]

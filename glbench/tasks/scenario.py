@@ -55,6 +55,28 @@ class Season:
 
 
 @dataclass(frozen=True)
+class Generated:
+    """Seasons from the weather generator.
+
+    Attributes
+    ----------
+    years
+        Years of the record that they are made of.
+    seasons
+        How many there are. The run with a seed is in season (seed - first_seed) modulo this number.
+    first_seed
+        Seed of the run in season 0.
+    co2_range
+        Lowest and highest CO2 outside [ppm], between which it wanders; ``None`` where it stays.
+    """
+
+    years: tuple[int, ...]
+    seasons: int
+    first_seed: int
+    co2_range: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
 class Scenario:
     """What a run draws.
 
@@ -65,9 +87,12 @@ class Scenario:
     groups, start_groups
         Parameters, and states at the start, that are drawn.
     seasons
-        A run draws one of these evenly.
+        A run draws one of these evenly. Of generated seasons, the calendar.
     start_within_days
-        A run's first day is drawn evenly from the season's first day to this many days later.
+        A run's first day is drawn evenly from the season's first day to this many days later. The first days of generated seasons are
+        spread evenly over these days.
+    generated
+        Where seasons are generated: of what. Their weather and first days belong to the season's number, not to the seed.
     legacy
         Schema 1: streams are keyed by task id and seed, as they always were.
     """
@@ -78,4 +103,5 @@ class Scenario:
     start_groups: tuple[StartGroup, ...]
     seasons: tuple[Season, ...]
     start_within_days: int = 0
+    generated: Generated | None = None
     legacy: bool = False

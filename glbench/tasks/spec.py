@@ -34,7 +34,7 @@ from glbench.tasks.ledger import (
 )
 from glbench.tasks.lock import Fingerprint, canonical_sha256, read_lock
 from glbench.tasks.quantities import PAPER_MODEL, Capacity, ObservationContext, Quantity, capacities, of_model
-from glbench.tasks.scenario import ParameterGroup, Scenario, Season, StartGroup
+from glbench.tasks.scenario import Generated, ParameterGroup, Scenario, Season, StartGroup
 from glbench.tasks.tables import (
     ActuationTable,
     EvaluationTable,
@@ -45,6 +45,9 @@ from glbench.tasks.tables import (
     OfTheAir,
     PricesTable,
     RewardTable,
+    SensorsTable,
+    SplitsTable,
+    SplitTable,
     TaskFile1,
     TaskFile2,
     UncertaintyTable,
@@ -61,6 +64,8 @@ FloatArray = npt.NDArray[np.float64]
 
 PROSE = frozenset({"title", "description", "suites"})
 """Fields that explain or file a task and do not change it: they stay out of its digest."""
+GENERATOR_VERSION = 1
+"""Of the weather generator: it changes when a generated season may change."""
 DIGITS = 9
 """Significant digits, in a digest, of numbers that are computed rather than read."""
 
@@ -82,6 +87,9 @@ SCHEMA_1: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 """The keys that the digest of a task of schema 1 covers, whatever is added later; ``evaluation.time_limits`` where it is given."""
 
+_OF_ALL_SPLITS = frozenset(
+    {"model_value", "_parameters", "_initial_state", "price_tables", "ledger", "quantities", "_fingerprint", "_hash"}
+)
 _GRID = 6180.339887498949  # weather rows enter a digest in steps of 1/6180: no round number lies halfway between two of them
 
 
@@ -115,6 +123,10 @@ class TaskSpec:
     """The task that its file names as its base: an id or a file; ``None`` where the file is written out."""
     changes: tuple[Change, ...]
     """What its file changes in the base."""
+    split: str | None
+    """Which scenarios its runs are drawn from: "training" at first, "validation" or "test"; ``None`` for a task without splits."""
+    sealed: str
+    """The secret part of the salt, of which a host of a round publishes the digest first; "" in the public test."""
 
     _FORWARDED: ClassVar = frozenset(TaskFile1.model_fields) & frozenset(TaskFile2.model_fields)
 
@@ -124,9 +136,14 @@ class TaskSpec:
         source: str = "the task",
         base: str | None = None,
         changes: tuple[Change, ...] = (),
+        split: str | None = None,
+        sealed: str = "",
     ) -> None:
         vars(self).update({name: getattr(file, name) for name in self._FORWARDED})
-        vars(self).update(file=file, source=source, base=base, changes=changes)
+        splits = file.splits if isinstance(file, TaskFile2) else None
+        if split is None and splits is not None:
+            split = splits.names[0]
+        vars(self).update(file=file, source=source, base=base, changes=changes, split=split, sealed=sealed)
 
     @classmethod
     def model_validate(cls, content: Mapping[str, Any]) -> Self:
@@ -144,7 +161,52 @@ class TaskSpec:
         file = self.file.model_copy(update=dict(update))
         if isinstance(file, TaskFile2):
             file._written = None
-        return TaskSpec(file, self.source, self.base, self.changes)
+        return TaskSpec(file, self.source, self.base, self.changes, self.split, self.sealed)
+
+    @property
+    def splits(self) -> SplitsTable | None:
+        """The years of training, validation and test; ``None`` where all runs share their seasons."""
+        return self.file.splits if isinstance(self.file, TaskFile2) else None
+
+    @property
+    def sensors(self) -> SensorsTable | None:
+        """Sensors that err; ``None`` where the air is observed as it is."""
+        return self.file.sensors if isinstance(self.file, TaskFile2) else None
+
+    def in_split(self, split: str, sealed: str = "") -> TaskSpec:
+        """The same task with the scenarios of ``split``: "training", "validation" or "test"; digest and all else stay.
+
+        ``sealed`` is the secret salt of a round, for the test only.
+
+        Raises
+        ------
+        TaskError
+            When the task has no such split, or a secret salt is given for another split than the test.
+        """
+        known = self.splits.names if self.splits is not None else ()
+        if split not in known:
+            has = f"It has {', '.join(known)}." if known else "All its runs share their seasons."
+            msg = f"{self.id} has no split '{split}'.{did_you_mean(split, known)} {has}"
+            raise TaskError(msg)
+        if sealed and split != "test":
+            msg = f"A secret salt belongs to the test; {self.id} was asked for its split '{split}'."
+            raise TaskError(msg)
+        if (split, sealed) == (self.split, self.sealed):
+            return self
+        other = TaskSpec(self.file, self.source, self.base, self.changes, split, sealed)
+        # What was derived already and is the same in every split.
+        vars(other).update({name: value for name, value in vars(self).items() if name in _OF_ALL_SPLITS})
+        return other
+
+    @property
+    def scored(self) -> TaskSpec:
+        """The task with the scenarios that count: those of its test split, or itself where it has no splits."""
+        return self if self.splits is None else self.in_split("test", self.sealed)
+
+    @property
+    def chosen_on(self) -> TaskSpec:
+        """The task with the scenarios that one chooses between agents by: its validation split, or itself where it has none."""
+        return self.in_split("validation") if self.splits is not None and self.splits.validation else self
 
     def written(self) -> dict[str, Any]:
         """The tables of a task of schema 2 as its file writes them, dates as text: what ``of_written`` reads.
@@ -400,6 +462,7 @@ class TaskSpec:
             self.observation.forecast_steps,
             self.parameters_by_name(),
             self.model_value,
+            self.observation.forecast_hours,
         )
 
     # What a step earns and costs.
@@ -505,12 +568,22 @@ class TaskSpec:
             if drawn.count(name) > 1:
                 msg = f"{self.source}: [scenario.parameters] '{name}' is in two groups. Keep it in one."
                 raise TaskError(msg)
+        split: SplitTable | None = getattr(self.splits, self.split) if self.split is not None else None
+        salt, generated = scenario.salt, None
+        if split is not None:
+            salt = "\n".join(filter(None, (scenario.salt, self.split, self.sealed)))
+            if split.seasons is not None:
+                between = scenario.co2_range
+                generated = Generated(
+                    split.years, split.seasons, self.evaluation.first_seed, None if between is None else (between.low, between.high)
+                )  # fmt: skip
+        years = scenario.years if split is None else () if generated is not None else split.years
         with self._asked_by("scenario"):
             seasons = [Season(entry.source or weather.source, entry.start) for entry in scenario.seasons]
-            seasons += [Season(weather.source, _in_year(weather.start, year)) for year in scenario.years]
+            seasons += [Season(weather.source, _in_year(weather.start, year)) for year in years]
         return Scenario(
-            scenario.family, scenario.salt, groups, tuple(starts),
-            tuple(seasons) or (Season(weather.source, weather.start),), scenario.start_within_days,
+            scenario.family, salt, groups, tuple(starts),
+            tuple(seasons) or (Season(weather.source, weather.start),), scenario.start_within_days, generated,
         )  # fmt: skip
 
     # The digest.
@@ -575,7 +648,7 @@ class TaskSpec:
         }
         if self.schema_version > 1:
             parts["start"] = dict(zip(model.state_names, parts["start"], strict=True))
-            parts["weather"] = [self._season_digest(season) for season in scenario.seasons]
+            parts["weather"] = self._weather_digests()
             parts["model"]["id"] = model.id
             parts["ledger"] = [
                 [item.name, item.flow, item.amount, item.amount_unit, item.factor, item.price, item.sign, item.valued]
@@ -584,6 +657,21 @@ class TaskSpec:
             parts["draws"] = [[g.name, list(g.parameters)] for g in scenario.groups]
         named = {name: canonical_sha256(part) for name, part in parts.items() if name in Fingerprint.PARTS}
         return Fingerprint(digest=canonical_sha256(parts), **named, model_version=model.version)
+
+    def _weather_digests(self) -> list[list[str]]:
+        """Digests of the weather of all splits, whichever this is."""
+        splits = self.splits
+        if splits is None:
+            return [self._season_digest(season) for season in self.scenario.seasons]
+        found: list[list[str]] = []
+        for name in splits.names:
+            scenario = self.in_split(name).scenario
+            if scenario.generated is None:
+                found += [[name, *self._season_digest(season)] for season in scenario.seasons]
+            else:
+                years = " ".join(str(year) for year in scenario.generated.years)
+                found.append([name, f"generated {GENERATOR_VERSION}", years, self.record().digest])
+        return found
 
     def _season_digest(self, season: Season) -> list[str]:
         rows = self.season(season, self.observation.forecast_steps)
@@ -621,14 +709,17 @@ class TaskSpec:
         return self._hash
 
     def __eq__(self, other: object) -> bool:
-        return self is other or (isinstance(other, TaskSpec) and self.file == other.file)
+        return self is other or (
+            isinstance(other, TaskSpec)
+            and (self.file, self.split, self.sealed) == (other.file, other.split, other.sealed)
+        )
 
     def __setattr__(self, name: str, value: object) -> None:
         msg = f"A task is frozen: make another one with model_copy(update={{'{name}': ...}})."
         raise FrozenInstanceError(msg)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return TaskSpec, (self.file, self.source, self.base, self.changes)
+        return TaskSpec, (self.file, self.source, self.base, self.changes, self.split, self.sealed)
 
     def __repr__(self) -> str:
         return f"<TaskSpec {self.id}>"

@@ -12,7 +12,7 @@ import unicodedata
 from calendar import monthrange
 from collections.abc import Callable, Mapping
 from itertools import pairwise
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
@@ -22,6 +22,11 @@ from glbench.tasks.bases import as_written
 from glbench.tasks.ledger import LIMITED, PriceTable
 
 SECONDS_A_DAY = 86400
+LONGEST_FORECAST = 72
+"""Hours that a forecast may look ahead."""
+MOST_SEASONS = 10000
+"""Generated seasons that a split may have."""
+PERFECT = "perfect"
 
 
 class Table(BaseModel):
@@ -174,6 +179,10 @@ class UncertaintyTable(Table):
         return self.delta * self.half_width_factor
 
 
+def _listed(given: object) -> object:
+    return tuple(given) if isinstance(given, list) else given
+
+
 class ForecastTable(Table):
     """``[observation.forecast]``: how far ahead the weather is shown."""
 
@@ -182,6 +191,8 @@ class ForecastTable(Table):
 
 class ObservationTable(Table):
     """``[observation]``: what an agent sees, and of which moment."""
+
+    forecast_hours: ClassVar[tuple[int, ...]] = ()
 
     modules: Annotated[
         tuple[str, ...], list_of(words.OBSERVATION_MODULES.kind, "time", lambda: words.OBSERVATION_MODULES.names)
@@ -395,12 +406,67 @@ class AnyInitialStateTable(InitialStateTable):
     kind: str = Field(min_length=1, description="the name of a start in quotes")
 
 
+class AnyForecastTable(Table):
+    """``[observation.forecast]``: coming weather, as the rows that will come or as a forecast that errs."""
+
+    steps: int | None = Field(default=None, ge=1, le=2000, description="a whole number of steps, 1 to 2000")
+    hours: Annotated[tuple[int, ...], BeforeValidator(_listed)] = Field(
+        default=(), description="a list of whole hours ahead, such as [1, 2, 3, 6, 12, 18, 24]"
+    )
+    error: Annotated[str, one_of(words.FORECAST_ERRORS)] = Field(
+        default=PERFECT, description="how much the forecast errs"
+    )
+
+    @model_validator(mode="after")
+    def _hours_rise(self) -> Self:
+        wrong = next((hour for hour in self.hours if not 1 <= hour <= LONGEST_FORECAST), None)
+        if wrong is not None or any(later <= earlier for earlier, later in pairwise(self.hours)):
+            msg = f"hours = {list(self.hours)} must be different whole hours from 1 to {LONGEST_FORECAST}, the nearest first."
+            raise ValueError(msg)
+        if self.error != PERFECT and not self.hours:
+            msg = f'error = "{self.error}" belongs to a forecast by the hour: add hours = [1, 2, 3, 6, 12, 18, 24].'
+            raise ValueError(msg)
+        return self
+
+
 class AnyObservationTable(ObservationTable):
     """``[observation]``: modules that every model has, and the model's own."""
 
     modules: Annotated[tuple[str, ...], list_of(words.OBSERVATION_MODULES.kind, "time")] = Field(
         description="a list of observation modules"
     )
+    forecast: AnyForecastTable | None = None  # type: ignore[assignment]
+
+    @model_validator(mode="after")
+    def _forecast_is_granted_and_shown(self) -> Self:
+        known, forecast = words.OBSERVATION_MODULES, self.forecast
+        by_row = [name for name in self.modules if name in known and known[name].is_forecast]
+        by_hour = [name for name in self.modules if name == words.WEATHER_FORECAST]
+        for key, shown, example, module in (
+            ("steps", by_row, "steps = 48", "forecast"),
+            ("hours", by_hour, "hours = [1, 2, 3, 6, 12, 18, 24]", words.WEATHER_FORECAST),
+        ):
+            given = forecast is not None and bool(getattr(forecast, key))
+            if shown and not given:
+                msg = f"'{shown[0]}' is among the modules, so say how far it looks: add [observation.forecast] with {example}."
+                raise ValueError(msg)
+            if given and not shown:
+                msg = f'[observation.forecast] has {key}, but no such forecast is among the modules: add "{module}" to them.'
+                raise ValueError(msg)
+        if forecast is not None and not by_row and not by_hour:
+            msg = f'There is a table [observation.forecast], but no forecast among the modules: add "{words.WEATHER_FORECAST}" to them.'
+            raise ValueError(msg)
+        return self
+
+    @property
+    def forecast_steps(self) -> int:
+        """Rows of coming weather that are shown as they are; 0 without such a forecast."""
+        return (self.forecast.steps or 0) if self.forecast is not None else 0
+
+    @property
+    def forecast_hours(self) -> tuple[int, ...]:
+        """Hours ahead of a forecast by the hour; none without one."""
+        return self.forecast.hours if self.forecast is not None else ()
 
 
 class SomeConstraintsTable(OfTheAir):
@@ -576,8 +642,86 @@ class StartGroupTable(DrawTable):
     states: Annotated[tuple[str, ...], list_of("state", "cFruit")] = Field(description="a list of states")
 
 
-def _listed(given: object) -> object:
-    return tuple(given) if isinstance(given, list) else given
+class SplitTable(Table):
+    """``[splits.<name>]``: the years from which seasons are drawn, and how many there are."""
+
+    years: Annotated[tuple[int, ...], BeforeValidator(_listed)] = Field(description="a list of years")
+    seasons: int | None = Field(default=None, ge=1, le=MOST_SEASONS, description=f"a whole number, 1 to {MOST_SEASONS}")
+
+    @model_validator(mode="after")
+    def _different_years(self) -> Self:
+        if not self.years or len(set(self.years)) < len(self.years) or not all(1 <= year <= 9999 for year in self.years):
+            msg = "years must be different years, at least one, each of which the weather record has."
+            raise ValueError(msg)
+        return self
+
+
+class SplitsTable(Table):
+    """``[splits]``: what is for training, for choosing between agents, and for the score."""
+
+    training: SplitTable | None = None
+    validation: SplitTable | None = None
+    test: SplitTable
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those that are there: training, validation, test."""
+        return tuple(name for name in ("training", "validation", "test") if getattr(self, name) is not None)
+
+    @model_validator(mode="after")
+    def _test_is_held_out(self) -> Self:
+        for name in self.names[:-1]:
+            shared = sorted(set(getattr(self, name).years) & set(self.test.years))
+            if shared:
+                msg = f"{name} and test share the year {shared[0]}: no season that scores may be seen before."
+                raise ValueError(msg)
+        return self
+
+
+class SensorTable(Table):
+    """``[sensors.<quantity>]``: how far a sensor is off; what is 0 may be left out."""
+
+    noise: float = Field(default=0.0, ge=0.0, description="0 or more")
+    bias: float = Field(default=0.0, ge=0.0, description="0 or more")
+    drift: float = Field(default=0.0, ge=0.0, description="0 or more")
+
+
+def _sensor_in(unit: str) -> BeforeValidator:
+    """Read the numbers of a sensor, each with its unit."""
+
+    def values_of(given: object) -> object:
+        if not isinstance(given, Mapping):
+            return given
+        read = in_unit(unit).func
+        return {
+            key: read(value) if key in SensorTable.model_fields else value  # type: ignore[call-arg, arg-type]
+            for key, value in given.items()
+        }
+
+    return BeforeValidator(values_of)
+
+
+class DropoutsTable(Table):
+    """``[sensors.dropouts]``: how often a sensor hangs at its last value, and for how long; both are means."""
+
+    days_between: float = Field(gt=0.0, le=3660.0, description="a number of days above 0")
+    hours: float = Field(gt=0.0, le=240.0, description="a number of hours above 0, up to 240")
+
+
+class SensorsTable(OfTheAir):
+    """``[sensors]``: sensors of the air inside that err. What is judged is the truth."""
+
+    air_temperature: Annotated[SensorTable | None, _sensor_in(LIMITED["air_temperature"])] = None
+    co2: Annotated[SensorTable | None, _sensor_in(LIMITED["co2"])] = None
+    relative_humidity: Annotated[SensorTable | None, _sensor_in(LIMITED["relative_humidity"])] = None
+    dropouts: DropoutsTable | None = None
+
+    @model_validator(mode="after")
+    def _something_drops_out(self) -> Self:
+        if self.dropouts is not None and not self.items():
+            msg = "There are [sensors.dropouts], but no sensor that could drop out: add [sensors.air_temperature]."
+            raise ValueError(msg)
+        return self
 
 
 class ScenarioTable(Table):
@@ -590,6 +734,8 @@ class ScenarioTable(Table):
     )
     years: Annotated[tuple[int, ...], BeforeValidator(_listed)] = Field(default=(), description="a list of years")
     start_within_days: int = Field(default=0, ge=0, le=366, description="a whole number of days, 0 to 366")
+    generated: bool = Field(default=False, description="true or false")
+    co2_range: Annotated[Limits | None, _limits_in("ppm")] = None
     parameters: Annotated[tuple[ParameterGroupTable, ...], BeforeValidator(_listed)] = Field(
         default=(), description="tables [[scenario.parameters]]"
     )
@@ -626,9 +772,33 @@ class TaskFile2(TaskFile):
     ledger: dict[str, ItemTable] = Field(default={}, description="tables [ledger.<column>]")
     price_tables: dict[str, PriceTableTable] = Field(default={}, description="tables [price_tables.<name>]")
     scenario: ScenarioTable
+    splits: SplitsTable | None = None
+    sensors: SensorsTable | None = None
     reward: AnyRewardTable
 
     _written: Mapping[str, Any] | None = PrivateAttr(default=None)
+
+    @model_validator(mode="after")
+    def _seasons_are_told_once(self) -> Self:
+        scenario, splits = self.scenario, self.splits
+        if splits is not None and (scenario.seasons or scenario.years):
+            msg = "[scenario] has seasons or years, and [splits] has years too. Keep those of [splits]."
+            raise ValueError(msg)
+        if scenario.generated and splits is None:
+            msg = "[scenario] generated = true needs [splits]: which years seasons are made of, for training and for the test."
+            raise ValueError(msg)
+        if scenario.co2_range is not None and not scenario.generated:
+            msg = "[scenario.co2_range] goes with generated seasons: add generated = true, or leave it out."
+            raise ValueError(msg)
+        for name in splits.names if splits is not None else ():
+            if (getattr(splits, name).seasons is None) is scenario.generated:
+                msg = (
+                    f"[splits.{name}] must say how many seasons are generated: seasons = 100."
+                    if scenario.generated
+                    else f"[splits.{name}] has a number of seasons, but they are not generated: add generated = true to [scenario]."
+                )
+                raise ValueError(msg)
+        return self
 
     @model_validator(mode="after")
     def _penalties_have_scales(self) -> Self:

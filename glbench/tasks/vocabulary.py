@@ -123,6 +123,10 @@ INITIAL_STATES: Registry[InitialState] = Registry("initial state")
 METRICS: Registry[Word] = Registry("metric")
 PREPROCESSINGS: Registry[Word] = Registry("preprocessing")
 MODEL_VARIANTS: Registry[Word] = Registry("model variant")
+FORECAST_ERRORS: Registry[Word] = Registry("level of forecast errors")
+
+WEATHER_FORECAST = "weather_forecast"
+"""The observation module that forecasts by the hour, with errors."""
 
 for _module in (
     ObservationModule(
@@ -135,6 +139,9 @@ for _module in (
     ObservationModule("full_state", "all states of the model, in its own units", tables.full_state),
     ObservationModule("step_counter", "number of steps taken", tables.step_counter),
     ObservationModule("forecast", "the weather of the next steps, without error", tables.forecast, is_forecast=True),
+    ObservationModule(
+        WEATHER_FORECAST, "radiation, temperature, humidity and wind of coming hours, with errors", tables.weather_forecast
+    ),
     # The groups and units of the published code, so that a task can show its 263 columns (docs/tasks.md).
     ObservationModule(
         "published_indoor_climate", "as indoor_climate, CO2 first", tables.of_model("published_indoor_climate")
@@ -193,6 +200,16 @@ for _words, _entries in (
         {
             "author": "the equations as the author of GreenLight defines them",
             "gl_gym2": "the equations as the published benchmark code has them",
+        },
+    ),
+    (
+        FORECAST_ERRORS,
+        {
+            "none": "no forecast: the weather of now is shown for every hour ahead",
+            "low": "half the errors of medium",
+            "medium": "errors that grow with the hours ahead: after 24 h 1.9 K, 1.2 m/s, 8 %, and 0.18 of clear-sky radiation",
+            "high": "twice the errors of medium",
+            "perfect": "the weather as it will be",
         },
     ),
     (

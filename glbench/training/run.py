@@ -253,7 +253,7 @@ def train(
                 folder,
                 env,
                 normalization,
-                Probe(task, settings.evaluation, settings.kernel_preset),
+                Probe(task.chosen_on, settings.evaluation, settings.kernel_preset),
                 history,
                 identity=identity,
                 evaluate_every=settings.evaluation.every,

@@ -131,7 +131,7 @@ def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
                 f"The task in the record has {own.steps:,} steps, more than {_MOST_STEPS:,}. Give its file with --task."
             )
             cannot_tell("no_task", reason)
-        task = own or get_task(result.task.id if published or file is None else file)
+        task = (own or get_task(result.task.id if published or file is None else file)).scored
         found = task.fingerprint()
     except EpisodeError as error:
         refute("definition", str(error))

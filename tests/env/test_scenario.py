@@ -25,7 +25,8 @@ from glbench.env import (
     register_observation,
     run_weather,
 )
-from glbench.env.scenario import RunScenarios, WeatherPool
+from glbench.env.scenario import RunScenarios
+from glbench.env.weather_pool import WeatherPool
 from glbench.env.uncertainty import stream_key
 from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.runners import PrivilegedRunner

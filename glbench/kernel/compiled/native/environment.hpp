@@ -16,6 +16,7 @@ struct Lookup {
     int64_t width, count, at;
     int64_t clocked;  // 1: the row is that of the calendar; 0: that of the weather shown
     int64_t ahead;    // rows after it
+    int64_t every;    // rows of the pool that share a row of the table
 };
 
 // Bounds of values from outside, one row an environment.
@@ -313,7 +314,7 @@ template <class V> class EnvironmentWorker final : public RowWork {
 
     void look_up(const Lookup& a, int64_t row, float* to) const {
         const auto copy = [&](int64_t from, int64_t rows) {
-            std::memcpy(to, a.table + from * a.width, static_cast<size_t>(rows * a.width) * sizeof(float));
+            std::memcpy(to, a.table + from / a.every * a.width, static_cast<size_t>(rows * a.width) * sizeof(float));
             to += rows * a.width;
         };
         if (a.clocked) return copy(all_.first[row] + all_.k[row] + a.ahead, a.count);

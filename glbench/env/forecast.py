@@ -1,0 +1,173 @@
+"""Forecasts that err: what is shown of the coming weather, made of the weather that comes and an error that hangs together.
+
+A forecast is issued at every full hour and holds until the next one. Its column for h hours ahead is the mean over the hour that ends h
+hours after the issue, plus the error
+
+    e(i, h) = a(i + h) - phi**h a(i),      a(i) = phi a(i - 1) + s sqrt(1 - phi**2) w(i)
+
+with one path a for each quantity and season. Forecasts of one hour that are issued after each other therefore agree the better the nearer
+that hour is, as those of a weather service do, and the error has the standard deviation s sqrt(1 - phi**(2 h)). Radiation errs in units of
+that under a clear sky, and stays between nothing and a clear sky. Sizes are round numbers of the order that weather services report for
+Western Europe; they define the task and claim no more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.env.climate import read_air
+from glbench.env.uncertainty import season_key
+from glbench.env.wandering import wandering
+from glbench.errors import TaskError
+from glbench.tasks.quantities import FORECAST
+from glbench.weather import COLUMNS
+from glbench.weather.generator import clear_sky
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+    from glbench.weather import Place
+
+Floats = NDArray[np.float64]
+
+HOUR = 3600
+
+LEVELS = {"none": 0.0, "low": 0.5, "medium": 1.0, "high": 2.0, "perfect": 0.0}
+"""Factor on all errors. "none" shows the weather of now instead."""
+
+SPREAD = (0.18, 2.0, 8.5, 1.25)
+"""Standard deviation s at the level medium: radiation [of a clear sky's], temperature [K], relative humidity [%], wind [m s-1]."""
+
+PERSISTENCE = (0.90, 0.955, 0.95, 0.94)
+"""phi from one hour to the next, in the same order."""
+
+_RADIATION, _TEMPERATURE, _HUMIDITY, _WIND = range(4)
+_MEASURED = [0, 1, 2, 4]  # their columns in ``WeatherTables.measured``
+
+
+@dataclass(frozen=True, eq=False)
+class ForecastTable:
+    """What fills the forecast's rows of a task's pool.
+
+    Attributes
+    ----------
+    hours
+        Hours ahead.
+    level
+        One of ``LEVELS``.
+    every
+        Steps an hour.
+    reach
+        Rows after a season that the forecast at its end needs, whole days.
+    columns
+        Of a row of the table.
+    """
+
+    hours: tuple[int, ...]
+    level: str
+    every: int
+    reach: int
+    columns: int
+    task: TaskSpec
+    place: Place
+
+    @staticmethod
+    def of(task: TaskSpec) -> ForecastTable | None:
+        """The forecast of a task; ``None`` where it grants none by the hour.
+
+        Raises
+        ------
+        TaskError
+            When a control step does not divide an hour.
+        """
+        hours = task.observation.forecast_hours
+        if not hours:
+            return None
+        step = task.weather.step_seconds
+        if HOUR % step:
+            msg = f"{task.source}: [observation.forecast] is by the hour, and step_seconds = {step} does not divide one. Use 300, 600 or 900."
+            raise TaskError(msg)
+        reach = -(-hours[-1] // 24) * task.steps_per_day
+        forecast = getattr(task.observation, "forecast", None)
+        level = "perfect" if forecast is None else forecast.error
+        return ForecastTable(hours, level, HOUR // step, reach, len(FORECAST) * len(hours), task, task.record().place)
+
+    def _clear_sky(self, times: NDArray[np.datetime64]) -> Floats:
+        """Global radiation under a clear sky [W m-2] in the hours that ``times`` begin."""
+        days = times.astype("datetime64[D]")
+        of_year = (days - times.astype("datetime64[Y]").astype("datetime64[D]")).astype(np.int64)
+        hours = (times - days).astype("timedelta64[h]").astype(np.int64)
+        return clear_sky(self.place, 0)[np.minimum(of_year, 364), hours]
+
+    def fill(
+        self, table: NDArray[np.float32], first: int, rows: int, values: Floats, times: NDArray[np.datetime64], season: int
+    ) -> None:
+        """Write the forecasts of a season into ``table``.
+
+        Parameters
+        ----------
+        table
+            ``(rows of the pool // every, columns)``.
+        first, rows
+            The season's first row in the pool, and how many it has there; whole hours.
+        values, times
+            Its disturbances ``(rows + reach, d)``, and the start of each of these rows, UTC.
+        season
+            Its number.
+        """
+        issues = rows // self.every
+        hourly = self._hourly(values)
+        clear = self._clear_sky(times[: len(hourly) * self.every : self.every])
+        shown = np.empty((issues, len(FORECAST), len(self.hours)))
+        errors = self._errors(issues, len(hourly), season)
+        now = self._now(values, issues)
+        for column, hour in enumerate(self.hours):
+            if self.level == "none":
+                shown[:, :, column] = now
+                continue
+            ahead = slice(hour - 1, hour - 1 + issues)  # the hour that ends ``hour`` hours after the issue
+            error = errors[:, :, column].copy()
+            error[:, _RADIATION] *= clear[ahead]
+            shown[:, :, column] = hourly[ahead] + error
+            most = np.maximum(clear[ahead], hourly[ahead, _RADIATION])
+            shown[:, _RADIATION, column] = np.clip(shown[:, _RADIATION, column], 0.0, most)
+        shown[:, _HUMIDITY] = np.clip(shown[:, _HUMIDITY], 0.0, 100.0)
+        shown[:, _WIND] = np.maximum(shown[:, _WIND], 0.0)
+        at = first // self.every
+        table[at : at + issues] = shown.reshape(issues, self.columns)
+
+    def _measured(self, values: Floats) -> Floats:
+        """Radiation [W m-2], temperature [degC], relative humidity [%] and wind [m s-1] of rows of weather."""
+        radiation, temperature, pressure, co2, wind = (
+            values[:, COLUMNS.index(name)] for name in ("iGlob", "tOut", "vpOut", "co2Out", "wind")
+        )
+        return np.stack([radiation, temperature, read_air(temperature, co2, pressure)[2], wind], axis=1)
+
+    def _hourly(self, values: Floats) -> Floats:
+        """Means over the hours ``(hours, 4)``."""
+        whole = len(values) // self.every * self.every
+        means: Floats = self._measured(values[:whole]).reshape(-1, self.every, len(FORECAST)).mean(axis=1)
+        return means
+
+    def _now(self, values: Floats, issues: int) -> Floats:
+        return self._measured(values[: issues * self.every : self.every])
+
+    def _errors(self, issues: int, hours: int, season: int) -> Floats:
+        """Errors ``(issues, 4, hours ahead)``; those of radiation in units of that under a clear sky."""
+        factor = LEVELS[self.level]
+        errors = np.zeros((issues, len(FORECAST), len(self.hours)))
+        if factor == 0.0:
+            return errors
+        key = season_key(self.task.scenario, "forecast errors", f"season {season}")
+        path = wandering(key, hours + 1, np.array(PERSISTENCE)) * (np.array(SPREAD) * factor)
+        for quantity, phi in enumerate(PERSISTENCE):
+            a = path[:, quantity]
+            faded, hour = 1.0, 0
+            for column, wanted in enumerate(self.hours):
+                while hour < wanted:
+                    faded, hour = faded * phi, hour + 1
+                errors[:, quantity, column] = a[wanted : wanted + issues] - faded * a[:issues]
+        return errors

@@ -1,0 +1,114 @@
+"""Generated seasons of a task: the weather of each by its number, and the days on which they start.
+
+A season belongs to its number: every run in it has the same weather, the same first day and the same forecasts. It is a function of
+the task's family, split, salt and that number.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.env.forecast import ForecastTable
+from glbench.env.philox import uniforms
+from glbench.env.uncertainty import season_key
+from glbench.env.wandering import wandering
+from glbench.errors import GlbenchError, TaskError
+from glbench.weather import COLUMNS, disturbances
+from glbench.weather.generator import SeasonGenerator
+from glbench.weather.preprocessing import co2_density
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+Floats = NDArray[np.float64]
+
+GOLDEN = 0.6180339887498949
+"""Steps of this size, modulo 1, spread any number of points evenly over an interval."""
+
+CO2_PERSISTENCE = 0.979
+"""Of the CO2 outside from one hour to the next: it forgets within two days."""
+
+_TEMPERATURE, _CO2 = COLUMNS.index("tOut"), COLUMNS.index("co2Out")
+
+
+@dataclass(frozen=True, eq=False)
+class MadeSeason:
+    """Disturbances of a season ``(rows, d)``, and the nominal start of each row [UTC]."""
+
+    values: Floats
+    times: NDArray[np.datetime64]
+
+
+class SeasonMaker:
+    """Makes the generated seasons of ``task`` in its split.
+
+    Raises
+    ------
+    TaskError
+        When the weather record does not have the years of the split.
+    """
+
+    def __init__(self, task: TaskSpec) -> None:
+        generated = task.scenario.generated
+        assert generated is not None
+        self._task, self._generated = task, generated
+        self._forecast = ForecastTable.of(task)
+        self._late = task.scenario.start_within_days
+        try:
+            self._generator = SeasonGenerator(task.record(), generated.years)
+        except GlbenchError as error:
+            msg = f"{task.source}: [splits.{task.split}] {error}"
+            raise TaskError(msg) from error
+
+    def start_days(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Days from the first possible day to the first day of each season: spread evenly, whatever the first seasons are that one takes."""
+        shift = self._uniforms("start days", 1, "all seasons")[0]
+        share = (shift + numbers * GOLDEN) % 1.0
+        late: NDArray[np.int64] = np.floor(share * (self._late + 1)).astype(np.int64)
+        return late
+
+    def season(self, number: int, rows: int) -> MadeSeason:
+        """The season ``number``: ``rows`` rows from its first day on, and those that a forecast reaches after them."""
+        task, weather = self._task, self._task.weather
+        start = weather.start + dt.timedelta(days=int(self.start_days(np.array([number]))[0]))
+        total = rows + (self._forecast.reach if self._forecast is not None else 0)
+        days = -(-total // task.steps_per_day)
+        drawn = self._generator.season(
+            start, days, self._uniforms("weather", self._generator.numbers(days), f"season {number}")
+        )
+        made = disturbances(
+            drawn.record,
+            start=start,
+            steps=total,
+            step_seconds=float(weather.step_seconds),
+            preprocessing=weather.preprocessing,
+            co2_ppm=weather.co2_ppm,
+        )
+        values = np.array(made.values)
+        if self._generated.co2_range is not None:
+            values[:, _CO2] = co2_density(values[:, _TEMPERATURE], self._co2(number, total))  # type: ignore[arg-type]
+        return MadeSeason(values, made.times)
+
+    def _co2(self, number: int, rows: int) -> Floats:
+        """CO2 outside of each row [ppm]: wanders about the middle of its range and never leaves it."""
+        assert self._generated.co2_range is not None
+        low, high = self._generated.co2_range
+        every = max(3600 // self._task.weather.step_seconds, 1)
+        hours = -(-rows // every)
+        key = self._key("CO2 outside", f"season {number}")
+        path = wandering(key, hours, np.array([CO2_PERSISTENCE]))[:, 0]
+        middle, half = (low + high) / 2.0, (high - low) / 2.0
+        by_hour = middle + half * np.clip(path / 2.0, -1.0, 1.0)
+        return np.repeat(by_hour, every)[:rows]
+
+    def _uniforms(self, stream: str, count: int, which: str) -> Floats:
+        found: Floats = uniforms(self._key(stream, which), np.zeros((1, 1), np.int64), count)[0, 0]
+        return found
+
+    def _key(self, stream: str, which: str) -> NDArray[np.uint64]:
+        return season_key(self._task.scenario, stream, which)

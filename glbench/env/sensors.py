@@ -1,0 +1,172 @@
+"""Sensors of the air inside that err: what is observed, while the truth is judged.
+
+The reading of a quantity q in step k of a run of N steps is
+
+    r(k) = q(k) + s w(k) + b + d k / N
+
+with noise s w(k), w bell-shaped and new in every step; a bias b of the run, bell-shaped with the standard deviation stated; and a drift
+that reaches d at the end, drawn evenly between minus and plus the value stated. The reading stays within the bounds of its column.
+
+A sensor that drops out shows its last reading until it is back. It does so with the chance 1 / (mean steps between) in each step, and comes
+back with the chance 1 / (mean steps of a drop-out).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.env.climate import AIR
+from glbench.env.slots import Slots
+from glbench.env.wandering import BELL_NUMBERS, BELL_REACH, bell
+from glbench.errors import TaskError
+from glbench.kernel.tape import Recorder
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+Floats = NDArray[np.float64]
+
+STREAM = "sensors"
+"""Name of the stream of their noise."""
+
+PART = "sensors"
+"""Under which they ask for memory."""
+
+_LOWEST = {"air_temperature": -90.0, "co2": 0.0, "relative_humidity": 0.0}
+_HIGHEST = {"air_temperature": 150.0, "co2": None, "relative_humidity": 100.0}
+"""Within what a sensor can show. CO2 has no upper end but that of its column."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """One of the air's quantities: its place in ``AIR``, and how far its sensor is off, in its unit."""
+
+    name: str
+    place: int
+    noise: float
+    bias: float
+    drift: float
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """The sensors of a task.
+
+    Attributes
+    ----------
+    sensors
+        Those that err.
+    out, stays_out
+        Chance in a step to drop out, and to stay out; 0 where none does.
+    steps
+        Of an episode.
+    """
+
+    sensors: tuple[Sensor, ...]
+    out: float
+    stays_out: float
+    steps: int
+
+    @staticmethod
+    def of(task: TaskSpec) -> Sensors:
+        """The sensors of a task; of a task without any, nothing.
+
+        Raises
+        ------
+        TaskError
+            When the model has no air that could be measured.
+        """
+        table = task.sensors
+        if table is None:
+            return Sensors((), 0.0, 0.0, task.steps)
+        if not task.model_value.air:
+            msg = f"{task.source}: [sensors] {task.model_id} has no air that a sensor could measure. Leave the table out."
+            raise TaskError(msg)
+        places = {name: place for place, name in enumerate(AIR)}
+        sensors = tuple(
+            Sensor(name, places[name], entry.noise, entry.bias, entry.drift) for name, entry in table.items()
+        )
+        out = stays = 0.0
+        if table.dropouts is not None:
+            hours = task.step_seconds / 3600.0
+            out = min(hours / (24.0 * table.dropouts.days_between), 1.0)
+            stays = max(1.0 - hours / table.dropouts.hours, 0.0)
+        return Sensors(sensors, out, stays, task.steps)
+
+    @property
+    def _each(self) -> int:
+        return BELL_NUMBERS + (self.out > 0.0)
+
+    @property
+    def numbers(self) -> int:
+        """Random numbers that they need in a step."""
+        return self._each * len(self.sensors)
+
+    @property
+    def trait_numbers(self) -> int:
+        """Random numbers that they need once a run."""
+        return (BELL_NUMBERS + 1) * len(self.sensors)
+
+    def traits(self, numbers: Floats) -> Floats:
+        """Bias and drift of each sensor, ``(n, 2 sensors)``, from ``trait_numbers`` uniform numbers a run."""
+        columns = numbers.reshape(len(numbers), len(self.sensors), BELL_NUMBERS + 1)
+        found = [
+            column
+            for place, sensor in enumerate(self.sensors)
+            for column in (
+                bell(*columns[:, place, :BELL_NUMBERS].T) * sensor.bias,
+                (2.0 * columns[:, place, BELL_NUMBERS] - 1.0) * sensor.drift,
+            )
+        ]
+        return np.stack(found, axis=1) if found else np.zeros((len(numbers), 0))
+
+    def asks(self) -> dict[str, float]:
+        """Numbers that they keep from step to step: whether each hangs, and its last reading."""
+        if self.out == 0.0:
+            return {}
+        return {f"{what} {sensor.name}": 0.0 for sensor in self.sensors for what in ("out", "held")}
+
+    def readings(self, recorder: Recorder, air: Sequence[Any], slots: Slots) -> list[Any]:
+        """What the sensors show of ``air`` (its quantities in order, true): recorded values, those without a sensor as they are."""
+        shown = list(air)
+        kept = slots.of(PART)
+        for place, sensor in enumerate(self.sensors):
+            fresh = self._fresh(recorder, sensor, place, air[sensor.place])
+            if kept:
+                out, held = (recorder.input("memory", kept[f"{what} {sensor.name}"]) for what in ("out", "held"))
+                fresh = out * held + (1.0 - out) * fresh
+            shown[sensor.place] = fresh
+        return shown
+
+    def update(self, recorder: Recorder, air: Sequence[Any], slots: Slots) -> None:
+        """Record which sensors hang after a step, and at which reading."""
+        kept = slots.of(PART)
+        for place, sensor in enumerate(self.sensors if kept else ()):
+            now_out, now_held = (kept[f"{what} {sensor.name}"] for what in ("out", "held"))
+            was_out, held = recorder.input("memory", now_out), recorder.input("memory", now_held)
+            number = recorder.input("noise", place * self._each + BELL_NUMBERS)
+            chance = was_out * (self.stays_out - self.out) + self.out
+            out = np.maximum(np.sign(chance - number), 0.0)
+            fresh = self._fresh(recorder, sensor, place, air[sensor.place])
+            recorder.output("memory", now_out, out)
+            # A sensor that hangs keeps what it last showed, which is also what it showed in the step before it hung.
+            recorder.output("memory", now_held, out * held + (1.0 - out) * fresh)
+
+    def _fresh(self, recorder: Recorder, sensor: Sensor, place: int, true: Any) -> Any:
+        first = place * self._each
+        noise = bell(*(recorder.input("noise", first + number) for number in range(BELL_NUMBERS)))
+        bias, drift = (recorder.input("trait", 2 * place + which) for which in range(2))
+        reading = true + noise * sensor.noise + bias + drift * (recorder.input("counter", 0) * (1.0 / self.steps))
+        low, high = _LOWEST[sensor.name], _HIGHEST[sensor.name]
+        reading = np.maximum(reading, low)
+        return reading if high is None else np.minimum(reading, high)
+
+    def reach(self, name: str) -> float:
+        """How far a reading of ``name`` can be from the truth, in its unit."""
+        sensor = next((sensor for sensor in self.sensors if sensor.name == name), None)
+        return 0.0 if sensor is None else BELL_REACH * (sensor.noise + sensor.bias) + sensor.drift

@@ -1,0 +1,184 @@
+"""The weather of a task's runs: one pool of rows that all its environments in a process share.
+
+The seasons of a record are in the pool from the start. Generated seasons have their place in it, a slot each, which is filled when a run
+first asks for that season: thousands of environments cost no more memory than the seasons that a split has.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.env.climate import read_air
+from glbench.env.forecast import ForecastTable
+from glbench.env.generated import SeasonMaker
+from glbench.weather import COLUMNS
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+Floats = NDArray[np.float64]
+
+CLOCK = ("hour_of_day", "day_of_year")
+"""Columns of a calendar before those of its price tables."""
+
+HOURS_A_DAY = 24.0
+DAYS_A_YEAR = 365.0
+
+_RADIATION, _TEMPERATURE, _PRESSURE, _CO2, _WIND = (
+    COLUMNS.index(name) for name in ("iGlob", "tOut", "vpOut", "co2Out", "wind")
+)
+
+
+@dataclass(frozen=True, eq=False)
+class WeatherTables:
+    """Weather and clock by row of the pool, float32 as observed.
+
+    ``measured``: global radiation [W m-2], temperature [degC], relative humidity [%], CO2 [ppm], wind [m s-1].
+    ``published``: the same with vapour pressure [Pa] and CO2 density [mg m-3].
+    ``clock``: sine and cosine of the hour of day, then of the day of year, by row of the calendar.
+    ``forecast``: the forecast by the hour, a row for each hour of the pool; without columns where a task has none.
+    """
+
+    measured: NDArray[np.float32]
+    published: NDArray[np.float32]
+    clock: NDArray[np.float32]
+    forecast: NDArray[np.float32]
+
+    @staticmethod
+    def of(task: TaskSpec) -> WeatherTables:
+        """Tables of a task, shared by all its environments in this process."""
+        return WeatherPool.of(task).tables
+
+
+@dataclass(frozen=True, eq=False)
+class WeatherPool:
+    """All rows of weather and calendar that runs of a task can have, season after season.
+
+    Attributes
+    ----------
+    values
+        Disturbances ``(rows, d)``.
+    times
+        Start of every row of the calendar, UTC.
+    calendar
+        Hour of day, day of year, then the prices of ``prices``. Its rows are those of ``values``, but for generated seasons, which
+        share one calendar.
+    prices
+        Names of the price tables, in the order of their columns.
+    seasons
+        Row at which each season begins.
+    day
+        Rows a day.
+    days
+        Days of a run's sequence: those of the episode, and those that the observation at its end and a forecast reach.
+    tables
+        What is observed of the weather.
+    """
+
+    values: Floats
+    times: NDArray[np.datetime64]
+    calendar: Floats
+    prices: tuple[str, ...]
+    seasons: tuple[int, ...]
+    day: int
+    days: int
+    tables: WeatherTables
+    _maker: SeasonMaker | None = None
+    _forecast: ForecastTable | None = None
+    _made: set[int] = field(default_factory=set)
+
+    def price_column(self, name: str) -> int:
+        """Column of the calendar that holds a price table."""
+        return len(CLOCK) + self.prices.index(name)
+
+    @staticmethod
+    def of(task: TaskSpec) -> WeatherPool:
+        """The pool of a task, shared by all its runs in this process."""
+        return _pool(task)
+
+    def starts(self, numbers: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Rows of the calendar and of the weather at which generated seasons start ``(n,)``; makes those that are missing."""
+        maker = self._maker
+        assert maker is not None
+        rows = self.day * self.days
+        for number in sorted(set(numbers) - self._made):
+            made, ahead = maker.season(number, rows), slice(number * rows, (number + 1) * rows)
+            self.values[ahead] = made.values[:rows]
+            _observe(self.values[ahead], self.tables.measured[ahead], self.tables.published[ahead])
+            if self._forecast is not None:
+                self._forecast.fill(self.tables.forecast, number * rows, rows, made.values, made.times, number)
+            self._made.add(number)
+        late = maker.start_days(np.array(numbers, np.int64))
+        return late * self.day, np.array(numbers, np.int64) * rows
+
+
+@lru_cache(maxsize=16)
+def _pool(task: TaskSpec) -> WeatherPool:
+    day, scenario = task.steps_per_day, task.scenario
+    forecast = ForecastTable.of(task)
+    length = task.steps + 1 + task.observation.forecast_steps
+    days = -(-length // day)
+    extra = task.observation.forecast_steps
+    if forecast is not None:  # whole days, so that every season begins with a full hour
+        extra = days * day - task.steps - 1 + forecast.reach
+    seasons = [task.season(season, extra) for season in scenario.seasons]
+    tables = task.price_tables
+    prices = [
+        np.concatenate([table.values(season.times, season.hour_of_day) for season in seasons])
+        for table in tables.values()
+    ]
+    clock = [np.concatenate([getattr(season, name) for season in seasons]) for name in CLOCK]
+    calendar, times = np.stack([*clock, *prices], axis=1), np.concatenate([season.times for season in seasons])
+    for array in (calendar, times):
+        array.flags.writeable = False
+    turns = _frozen(np.array([(*_turn(h / HOURS_A_DAY), *_turn(d / DAYS_A_YEAR)) for h, d in zip(*clock, strict=True)]))
+    generated = scenario.generated
+    if generated is not None:
+        rows = generated.seasons * days * day
+        values = np.zeros((rows, len(COLUMNS)))  # the operating system gives memory to what is written
+        measured, published = (np.zeros((rows, 5), np.float32) for _ in range(2))
+        maker = SeasonMaker(task)
+        shown = WeatherTables(measured, published, turns, _room(forecast, rows))
+        return WeatherPool(values, times, calendar, tuple(tables), (0,), day, days, shown, maker, forecast)
+    values = seasons[0].values if len(seasons) == 1 else np.concatenate([season.values for season in seasons])
+    firsts = tuple(int(row) for row in np.cumsum([0, *(len(season.values) for season in seasons[:-1])]))
+    measured, published = (np.zeros((len(values), 5), np.float32) for _ in range(2))
+    _observe(values, measured, published)
+    shown = WeatherTables(measured, published, turns, _room(forecast, len(values)))
+    if forecast is not None:
+        for number, (first, season) in enumerate(zip(firsts, seasons, strict=True)):
+            rows = len(season.values) - forecast.reach
+            forecast.fill(shown.forecast, first, rows, season.values, season.times, number)
+    for array in (values, measured, published, shown.forecast):
+        array.flags.writeable = False
+    return WeatherPool(values, times, calendar, tuple(tables), firsts, day, days, shown)
+
+
+def _room(forecast: ForecastTable | None, rows: int) -> NDArray[np.float32]:
+    return np.zeros((0, 0), np.float32) if forecast is None else np.zeros((rows // forecast.every, forecast.columns), np.float32)
+
+
+def _observe(values: Floats, measured: NDArray[np.float32], published: NDArray[np.float32]) -> None:
+    """Write what is observed of some rows of weather."""
+    air = read_air(values[:, _TEMPERATURE], values[:, _CO2], values[:, _PRESSURE])
+    measured[:] = np.stack([values[:, _RADIATION], air[0], air[2], air[1], values[:, _WIND]], axis=1)
+    published[:] = values[:, [_RADIATION, _TEMPERATURE, _PRESSURE, _CO2, _WIND]]
+
+
+def _turn(share: float) -> tuple[float, float]:
+    """Sine and cosine of a share of a full turn, by the C library like everything else that is observed."""
+    angle = 2.0 * math.pi * share
+    return math.sin(angle), math.cos(angle)
+
+
+def _frozen(values: Floats) -> NDArray[np.float32]:
+    table = np.ascontiguousarray(values, dtype=np.float32)
+    table.flags.writeable = False
+    return table
