@@ -17,7 +17,7 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -200,9 +200,7 @@ class _Slots:
     @cached_property
     def sine(self) -> FloatArray:
         """Sine of the solar elevation in the middle of every 5 minutes, (slots + 2, 12): one slot more on either side."""
-        parts = (self.last - self.first + 2) * PARTS
-        middles = np.asarray(self.begin - SLOT_SECONDS + RAW_SECONDS * (np.arange(parts) + 0.5), dtype=np.float64)
-        return sine_of_elevation(middles, self.record.place).reshape(-1, PARTS)
+        return _sine_over(self.record.place, self.begin - SLOT_SECONDS, self.last - self.first + 2)
 
     @property
     def energy(self) -> IntArray:
@@ -269,6 +267,19 @@ class _Slots:
         values = self.record.values(name, first, self.last)
         # KNMI's 9 means that the sky cannot be seen: as good as overcast.
         return np.minimum(values, 8.0) if name == "cloud_cover" else values
+
+
+@lru_cache(maxsize=48)
+def _sine_over(place: Place, begin: int, slots: int) -> FloatArray:
+    """Sine of the solar elevation in the middle of every 5 minutes of ``slots`` hours from ``begin``, (slots, 12).
+
+    Remembered, because it costs far more than all the rest, and seasons that begin on the same day share it. Whole windows, so that a
+    window's bits never depend on what was asked for before.
+    """
+    middles = np.asarray(begin + RAW_SECONDS * (np.arange(slots * PARTS) + 0.5), dtype=np.float64)
+    sine = sine_of_elevation(middles, place).reshape(-1, PARTS)
+    sine.setflags(write=False)
+    return sine
 
 
 def _normalised(weights: FloatArray) -> FloatArray:

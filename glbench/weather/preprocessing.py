@@ -8,6 +8,7 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
@@ -34,6 +35,7 @@ SLOPE = 10.0
 EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
 OFFSET_SECONDS = 900
 """Clocks change at whole quarters of an hour (UTC), so the offset needs to be looked up once a quarter."""
+QUARTERS_OF_A_DAY = 86400 // OFFSET_SECONDS
 KELVIN = 273.15
 STEFAN_BOLTZMANN = 5.67e-8  # W m-2 K-4, as the cloud correlation was published
 STEFAN_BOLTZMANN_ENERGYPLUS = 5.6697e-8  # W m-2 K-4, as EnergyPlus turns sky infrared into a temperature
@@ -120,10 +122,22 @@ def to_utc_seconds(start: dt.datetime | dt.date, clock: str) -> int:
 
 def utc_offsets(times: IntArray, clock: str) -> IntArray:
     """Seconds by which ``clock`` is ahead of UTC at each of ``times`` (seconds since 1970), the same shape."""
+    quarters = times // OFFSET_SECONDS
+    days, which = np.unique(quarters // QUARTERS_OF_A_DAY, return_inverse=True)
+    if not days.size:
+        return np.empty(np.shape(times), dtype=np.int64)
+    offsets = np.stack([_offsets_of_day(int(day), clock) for day in days])
+    return np.asarray(offsets[which.reshape(np.shape(times)), quarters % QUARTERS_OF_A_DAY])
+
+
+@lru_cache(maxsize=4096)
+def _offsets_of_day(day: int, clock: str) -> IntArray:
+    """Seconds by which ``clock`` is ahead of UTC at each quarter of an hour of the day (UTC) ``day`` days after 1970-01-01, (96,)."""
     zone = time_zone(clock)
-    quarters, which = np.unique(times // OFFSET_SECONDS, return_inverse=True)
-    offsets = [_offset(int(q) * OFFSET_SECONDS, zone) for q in quarters]
-    return np.asarray(offsets, dtype=np.int64)[which]
+    quarters = range(day * QUARTERS_OF_A_DAY, (day + 1) * QUARTERS_OF_A_DAY)
+    offsets = np.array([_offset(quarter * OFFSET_SECONDS, zone) for quarter in quarters], dtype=np.int64)
+    offsets.setflags(write=False)
+    return offsets
 
 
 def _offset(seconds: int, zone: ZoneInfo) -> int:
