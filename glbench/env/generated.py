@@ -18,8 +18,7 @@ from glbench.env.philox import uniforms
 from glbench.env.uncertainty import season_key
 from glbench.env.wandering import wandering
 from glbench.errors import GlbenchError, TaskError
-from glbench.weather import COLUMNS, disturbances
-from glbench.weather.generator import SeasonGenerator
+from glbench.weather import COLUMNS, SeasonGenerator, disturbances
 from glbench.weather.preprocessing import co2_density
 
 if TYPE_CHECKING:

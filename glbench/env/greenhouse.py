@@ -73,6 +73,9 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     render_mode
         ``"ansi"``: ``render`` returns a few lines of text. ``"rgb_array"``: a picture of the last two days, ``(480, 640, 3)`` uint8,
         which needs the extra ``video``. ``None``: nothing.
+    split
+        Of a task with splits, which scenarios episodes are drawn from: "training", which is meant when none is named, "validation" or
+        "test".
 
     ## Version History
 
@@ -82,9 +85,13 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": FRAMES_PER_SECOND}  # noqa: RUF012  # as Gymnasium declares it
 
     def __init__(
-        self, task: TaskSpec | str, kernel: Stepper | str | None = None, render_mode: str | None = None
+        self,
+        task: TaskSpec | str,
+        kernel: Stepper | str | None = None,
+        render_mode: str | None = None,
+        split: str | None = None,
     ) -> None:
-        self.task = the_task(task)
+        self.task = the_task(task, split)
         self.render_mode = checked_render_mode(render_mode)
         self.observation_space = observation_space(self.task)
         self.action_space = action_space(self.task)

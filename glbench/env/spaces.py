@@ -23,9 +23,16 @@ RESET_MASK = "reset_mask"
 """Option of a vector environment's ``reset``: the rows to reset."""
 
 
-def the_task(task: TaskSpec | str) -> TaskSpec:
-    """A task from itself, its id, or the path of its file."""
-    return task if isinstance(task, TaskSpec) else get_task(task)
+def the_task(task: TaskSpec | str, split: str | None = None) -> TaskSpec:
+    """A task from itself, its id, or the path of its file; in ``split``, if one is named.
+
+    Raises
+    ------
+    TaskError
+        When the task has no such split.
+    """
+    found = task if isinstance(task, TaskSpec) else get_task(task)
+    return found if split is None else found.in_split(split)
 
 
 def observation_space(task: TaskSpec) -> Vectors:

@@ -73,6 +73,8 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         ``DISABLED``: the row must be reset with the option ``reset_mask`` before the next step.
     render_mode
         As for ``GreenhouseEnv``; ``render`` returns one text or picture for each row.
+    split
+        As for ``GreenhouseEnv``.
     """
 
     def __init__(
@@ -84,9 +86,10 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         workers: int = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
+        split: str | None = None,
     ) -> None:
         check_runs(num_envs)
-        self.task = the_task(task)
+        self.task = the_task(task, split)
         check_kernel(kernel, self.task)
         if whole_number(workers, "The number of workers") != 1 and not isinstance(kernel, str | None):
             msg = "Give the vector environment a Kernel or a number of workers, not both; a preset's name goes with workers."
