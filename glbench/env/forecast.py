@@ -19,12 +19,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.climate import read_air
 from glbench.env.uncertainty import season_key
 from glbench.env.wandering import wandering
 from glbench.errors import TaskError
 from glbench.tasks.quantities import FORECAST
-from glbench.weather import COLUMNS
 from glbench.weather.generator import clear_sky
 
 if TYPE_CHECKING:
@@ -88,7 +86,7 @@ class ForecastTable:
             return None
         step = task.weather.step_seconds
         if HOUR % step:
-            msg = f"{task.source}: [observation.forecast] is by the hour, and step_seconds = {step} does not divide one. Use 300, 600 or 900."
+            msg = f"{task.source}: [observation.forecast] goes by the hour, which step_seconds = {step} does not divide. Use 300, 600 or 900."
             raise TaskError(msg)
         reach = -(-hours[-1] // 24) * task.steps_per_day
         forecast = getattr(task.observation, "forecast", None)
@@ -103,7 +101,13 @@ class ForecastTable:
         return clear_sky(self.place, 0)[np.minimum(of_year, 364), hours]
 
     def fill(
-        self, table: NDArray[np.float32], first: int, rows: int, values: Floats, times: NDArray[np.datetime64], season: int
+        self,
+        table: NDArray[np.float32],
+        first: int,
+        rows: int,
+        measured: Floats,
+        times: NDArray[np.datetime64],
+        season: int,
     ) -> None:
         """Write the forecasts of a season into ``table``.
 
@@ -113,17 +117,18 @@ class ForecastTable:
             ``(rows of the pool // every, columns)``.
         first, rows
             The season's first row in the pool, and how many it has there; whole hours.
-        values, times
-            Its disturbances ``(rows + reach, d)``, and the start of each of these rows, UTC.
+        measured, times
+            Its weather as measured (``WeatherTables.measured``) ``(rows + reach, 5)``, and the start of each of these rows, UTC.
         season
             Its number.
         """
         issues = rows // self.every
-        hourly = self._hourly(values)
+        weather = measured[: len(measured) // self.every * self.every, _MEASURED]
+        hourly = weather.reshape(-1, self.every, len(FORECAST)).mean(axis=1)
         clear = self._clear_sky(times[: len(hourly) * self.every : self.every])
         shown = np.empty((issues, len(FORECAST), len(self.hours)))
         errors = self._errors(issues, len(hourly), season)
-        now = self._now(values, issues)
+        now = weather[: issues * self.every : self.every]
         for column, hour in enumerate(self.hours):
             if self.level == "none":
                 shown[:, :, column] = now
@@ -138,22 +143,6 @@ class ForecastTable:
         shown[:, _WIND] = np.maximum(shown[:, _WIND], 0.0)
         at = first // self.every
         table[at : at + issues] = shown.reshape(issues, self.columns)
-
-    def _measured(self, values: Floats) -> Floats:
-        """Radiation [W m-2], temperature [degC], relative humidity [%] and wind [m s-1] of rows of weather."""
-        radiation, temperature, pressure, co2, wind = (
-            values[:, COLUMNS.index(name)] for name in ("iGlob", "tOut", "vpOut", "co2Out", "wind")
-        )
-        return np.stack([radiation, temperature, read_air(temperature, co2, pressure)[2], wind], axis=1)
-
-    def _hourly(self, values: Floats) -> Floats:
-        """Means over the hours ``(hours, 4)``."""
-        whole = len(values) // self.every * self.every
-        means: Floats = self._measured(values[:whole]).reshape(-1, self.every, len(FORECAST)).mean(axis=1)
-        return means
-
-    def _now(self, values: Floats, issues: int) -> Floats:
-        return self._measured(values[: issues * self.every : self.every])
 
     def _errors(self, issues: int, hours: int, season: int) -> Floats:
         """Errors ``(issues, 4, hours ahead)``; those of radiation in units of that under a clear sky."""

@@ -65,7 +65,7 @@ class SeasonMaker:
             raise TaskError(msg) from error
 
     def start_days(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Days from the first possible day to the first day of each season: spread evenly, whatever the first seasons are that one takes."""
+        """Days from the first possible day to the first day of each season; the first m of them are spread evenly, for every m."""
         shift = self._uniforms("start days", 1, "all seasons")[0]
         share = (shift + numbers * GOLDEN) % 1.0
         late: NDArray[np.int64] = np.floor(share * (self._late + 1)).astype(np.int64)

@@ -85,7 +85,9 @@ class Sensors:
         if table is None:
             return Sensors((), 0.0, 0.0, task.steps)
         if not task.model_value.air:
-            msg = f"{task.source}: [sensors] {task.model_id} has no air that a sensor could measure. Leave the table out."
+            msg = (
+                f"{task.source}: [sensors] {task.model_id} has no air that a sensor could measure. Leave the table out."
+            )
             raise TaskError(msg)
         places = {name: place for place, name in enumerate(AIR)}
         sensors = tuple(

@@ -34,6 +34,7 @@ DAYS_A_YEAR = 365.0
 _RADIATION, _TEMPERATURE, _PRESSURE, _CO2, _WIND = (
     COLUMNS.index(name) for name in ("iGlob", "tOut", "vpOut", "co2Out", "wind")
 )
+_PUBLISHED = [_RADIATION, _TEMPERATURE, _PRESSURE, _CO2, _WIND]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,10 +111,11 @@ class WeatherPool:
         rows = self.day * self.days
         for number in sorted(set(numbers) - self._made):
             made, ahead = maker.season(number, rows), slice(number * rows, (number + 1) * rows)
-            self.values[ahead] = made.values[:rows]
-            _observe(self.values[ahead], self.tables.measured[ahead], self.tables.published[ahead])
+            measured = _measured(made.values)
+            self.values[ahead], self.tables.measured[ahead] = made.values[:rows], measured[:rows]
+            self.tables.published[ahead] = made.values[:rows, _PUBLISHED]
             if self._forecast is not None:
-                self._forecast.fill(self.tables.forecast, number * rows, rows, made.values, made.times, number)
+                self._forecast.fill(self.tables.forecast, number * rows, rows, measured, made.times, number)
             self._made.add(number)
         late = maker.start_days(np.array(numbers, np.int64))
         return late * self.day, np.array(numbers, np.int64) * rows
@@ -149,27 +151,30 @@ def _pool(task: TaskSpec) -> WeatherPool:
         return WeatherPool(values, times, calendar, tuple(tables), (0,), day, days, shown, maker, forecast)
     values = seasons[0].values if len(seasons) == 1 else np.concatenate([season.values for season in seasons])
     firsts = tuple(int(row) for row in np.cumsum([0, *(len(season.values) for season in seasons[:-1])]))
-    measured, published = (np.zeros((len(values), 5), np.float32) for _ in range(2))
-    _observe(values, measured, published)
-    shown = WeatherTables(measured, published, turns, _room(forecast, len(values)))
+    measured = _measured(values)
+    shown = WeatherTables(_frozen(measured), _frozen(values[:, _PUBLISHED]), turns, _room(forecast, len(values)))
     if forecast is not None:
         for number, (first, season) in enumerate(zip(firsts, seasons, strict=True)):
             rows = len(season.values) - forecast.reach
-            forecast.fill(shown.forecast, first, rows, season.values, season.times, number)
-    for array in (values, measured, published, shown.forecast):
+            own = measured[first : first + len(season.values)]
+            forecast.fill(shown.forecast, first, rows, own, season.times, number)
+    for array in (values, shown.forecast):
         array.flags.writeable = False
     return WeatherPool(values, times, calendar, tuple(tables), firsts, day, days, shown)
 
 
 def _room(forecast: ForecastTable | None, rows: int) -> NDArray[np.float32]:
-    return np.zeros((0, 0), np.float32) if forecast is None else np.zeros((rows // forecast.every, forecast.columns), np.float32)
+    return (
+        np.zeros((0, 0), np.float32)
+        if forecast is None
+        else np.zeros((rows // forecast.every, forecast.columns), np.float32)
+    )
 
 
-def _observe(values: Floats, measured: NDArray[np.float32], published: NDArray[np.float32]) -> None:
-    """Write what is observed of some rows of weather."""
+def _measured(values: Floats) -> Floats:
+    """What is measured of some rows of weather ``(rows, 5)``."""
     air = read_air(values[:, _TEMPERATURE], values[:, _CO2], values[:, _PRESSURE])
-    measured[:] = np.stack([values[:, _RADIATION], air[0], air[2], air[1], values[:, _WIND]], axis=1)
-    published[:] = values[:, [_RADIATION, _TEMPERATURE, _PRESSURE, _CO2, _WIND]]
+    return np.stack([values[:, _RADIATION], air[0], air[2], air[1], values[:, _WIND]], axis=1)
 
 
 def _turn(share: float) -> tuple[float, float]:

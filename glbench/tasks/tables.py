@@ -650,7 +650,11 @@ class SplitTable(Table):
 
     @model_validator(mode="after")
     def _different_years(self) -> Self:
-        if not self.years or len(set(self.years)) < len(self.years) or not all(1 <= year <= 9999 for year in self.years):
+        if (
+            not self.years
+            or len(set(self.years)) < len(self.years)
+            or not all(1 <= year <= 9999 for year in self.years)
+        ):
             msg = "years must be different years, at least one, each of which the weather record has."
             raise ValueError(msg)
         return self

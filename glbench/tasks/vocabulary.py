@@ -140,7 +140,9 @@ for _module in (
     ObservationModule("step_counter", "number of steps taken", tables.step_counter),
     ObservationModule("forecast", "the weather of the next steps, without error", tables.forecast, is_forecast=True),
     ObservationModule(
-        WEATHER_FORECAST, "radiation, temperature, humidity and wind of coming hours, with errors", tables.weather_forecast
+        WEATHER_FORECAST,
+        "radiation, temperature, humidity and wind of coming hours, with errors",
+        tables.weather_forecast,
     ),
     # The groups and units of the published code, so that a task can show its 263 columns (docs/tasks.md).
     ObservationModule(
