@@ -86,7 +86,7 @@ class ForecastTable:
             return None
         step = task.weather.step_seconds
         if HOUR % step:
-            msg = f"{task.source}: [observation.forecast] goes by the hour, which step_seconds = {step} does not divide. Use 300, 600 or 900."
+            msg = f"{task.source}: [observation.forecast] goes by the hour; step_seconds = {step} does not divide it. Use 900."
             raise TaskError(msg)
         reach = -(-hours[-1] // 24) * task.steps_per_day
         forecast = getattr(task.observation, "forecast", None)
