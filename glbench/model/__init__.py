@@ -17,7 +17,7 @@ from glbench.model.crop.tomato import VanthoorTomato
 from glbench.model.expressions import Expr
 from glbench.model.greenhouse import Meter, compose
 from glbench.model.greenlight import GreenLightClimate
-from glbench.model.judging import NO_LIMIT, judged, limit_parameter, violation_meter
+from glbench.model.judging import NO_LIMIT, SIDES, Side, judged, limit_parameter, violation_meter
 from glbench.model.model import Capacity, Evaluation, Flow, Model, Seen, Signal, Step, Stock
 from glbench.model.paper import (
     AUXILIARIES,
@@ -66,6 +66,7 @@ __all__ = [
     "PARAMETERS",
     "PARAMETER_NAMES",
     "PARAMETER_SETS",
+    "SIDES",
     "STATES",
     "STATE_NAMES",
     "TOMATO",
@@ -88,6 +89,7 @@ __all__ = [
     "Parameter",
     "Quantity",
     "Seen",
+    "Side",
     "Signal",
     "Step",
     "Stock",

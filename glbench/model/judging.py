@@ -1,8 +1,8 @@
 """A model with meters on its climate: how far the air was outside limits, added up over time.
 
-The end of a control step says little of the step: air can leave its limits and come back within it. The meters are states whose rates are the
-distances below and above the limits, so that the difference of a meter over a step, divided by the step's length, is the time mean of the
-distance. The limits are parameters, so that one compiled kernel serves the limits of every task.
+The end of a control step says little of the step: air can leave its limits and come back within it. The meters are states
+whose rates are the distances below and above the limits, so that the difference of a meter over a step, divided by the step's
+length, is the time mean of the distance. The limits are parameters, so that one compiled kernel serves the limits of every task.
 """
 
 from __future__ import annotations
