@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import TaskError
-from glbench.model import Flow, Model, Step, Stock
-from glbench.tasks.ledger import LIMITED, STOCK, Ledger, LedgerItem, price_rows
+from glbench.model import SIDES, Flow, Model, Side, Step, Stock, violation_meter
+from glbench.tasks.ledger import LIMITED, STOCK, TRAVEL, Ledger, LedgerItem, price_rows
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -61,6 +61,8 @@ class Accounts:
         Names of all quantities of a step, in order.
     limits
         Name, low, high and penalty scale of each constrained quantity of the air.
+    means
+        Whether a violation is the mean over the step, by the meters of the model; else that at the end of the step.
     stated_bounds
         Profit of a step that counts as 0 and as 1, where the task states them [EUR m-2].
     """
@@ -72,6 +74,7 @@ class Accounts:
     step_seconds: float
     names: tuple[str, ...]
     limits: tuple[tuple[str, float, float, float], ...]
+    means: bool = False
     stated_bounds: tuple[float, float] | None = None
 
     @cached_property
@@ -154,6 +157,7 @@ class Accounts:
         air: NDArray[np.float64],
         prices: NDArray[np.float64] | None = None,
         later: NDArray[np.float64] | None = None,
+        controls_before: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
         """All quantities of a step but the reward, which stays 0; rows as ``names``, shape ``(quantities, n)``.
 
@@ -167,9 +171,12 @@ class Accounts:
             Air temperature, CO2 and relative humidity at the end of the step, ``(3, n)``.
         prices, later
             Prices of the step and of the next one, ``(n, price_tables)``.
+        controls_before
+            Controls before the step, ``(n, controls)``; those during it if none are given.
         """
         now = () if prices is None else prices.T
-        rows = self.of_step(before.T, after.T, controls.T, air, now, now if later is None else later.T)
+        held = controls if controls_before is None else controls_before
+        rows = self.of_step(before.T, after.T, controls.T, air, now, now if later is None else later.T, held.T)
         table = np.zeros((len(self.names), len(after)))
         for row, name in enumerate(self.names):
             if name in rows:
@@ -177,7 +184,14 @@ class Accounts:
         return table
 
     def of_step(
-        self, before: Values, after: Values, controls: Values, air: Values, prices: Values = (), later: Values = ()
+        self,
+        before: Values,
+        after: Values,
+        controls: Values,
+        air: Values,
+        prices: Values = (),
+        later: Values = (),
+        controls_before: Values | None = None,
     ) -> dict[str, Any]:
         """The same by name, from and as arrays ``(n,)`` or values recorded for the compiled kernel.
 
@@ -203,14 +217,26 @@ class Accounts:
                 profit = profit + worth
             else:
                 profit = profit - worth
-        return {"epi": 0.0 if profit is None else profit, **money, **amounts, **self._judged(air)}
+        travel = (
+            {} if controls_before is None or TRAVEL not in self.names else {TRAVEL: _travel(controls_before, controls)}
+        )
+        judged = self._judged(before, after, air)
+        return {"epi": 0.0 if profit is None else profit, **money, **amounts, **judged, **travel}
 
     def ledger_states(self) -> tuple[int, ...]:
-        """Places of the states that the ledger depends on."""
+        """Places of the states that the ledger depends on, and of the meters of violations."""
         step = self._step(1.0, 1.0)
         for item in self.ledger.items:
             self._amount(item, step)
-        return tuple(sorted(step.before.asked | step.after.asked))
+        return tuple(sorted(step.before.asked | step.after.asked | {*self._meters.values()}))
+
+    @cached_property
+    def _meters(self) -> Mapping[tuple[str, Side], int]:
+        """Places of the meters of violations, by quantity and side."""
+        if not self.means:
+            return {}
+        limited = [(name, side) for name, *_ in self.limits for side in SIDES]
+        return {(name, side): self.model.state_index(violation_meter(name, side)) for name, side in limited}
 
     def _made(self, before: Values, after: Values, controls: Values) -> Step:
         states = self.model.states
@@ -248,15 +274,18 @@ class Accounts:
         )
         return TaskError(msg)
 
-    def _judged(self, air: Values) -> dict[str, Any]:
+    def _judged(self, before: Values, after: Values, air: Values) -> dict[str, Any]:
         """Penalty, violations, and the hours they lasted."""
         places = {name: place for place, name in enumerate(LIMITED)}
         hours = self.step_seconds / 3600.0
         judged: dict[str, Any] = {}
         penalty: Any = None
         for name, low, high, scale in self.limits:
-            value = air[places[name]]
-            below, above = np.maximum(low - value, 0.0), np.maximum(value - high, 0.0)
+            if self.means:
+                below, above = (self._mean(self._meters[name, side], before, after) for side in SIDES)
+            else:
+                value = air[places[name]]
+                below, above = np.maximum(low - value, 0.0), np.maximum(value - high, 0.0)
             for side, violation in (("low", below), ("high", above)):
                 judged[f"violation_{name}_{side}"] = violation
                 judged[f"hours_outside_{name}_{side}"] = np.sign(violation) * hours
@@ -264,10 +293,14 @@ class Accounts:
             penalty = share if penalty is None else penalty + share
         return {"penalty": 0.0 if penalty is None else penalty, **judged}
 
+    def _mean(self, meter: int, before: Values, after: Values) -> Any:
+        """What a meter says of the step, as a mean; an integrator may leave it below 0 by its error."""
+        return np.maximum(after[meter] - before[meter], 0.0) / self.step_seconds
+
 
 def make_accounts(task: TaskSpec) -> Accounts:
     """Accounts of a task, from its model, nominal parameters, ledger and constraints."""
-    model, scale = task.model_value, dict(task.reward.penalty_scale.items())
+    model, scale = task.model_value, task.penalty_scales
     stated = getattr(task.reward, "epi_scale", None)
     return Accounts(
         source=task.source,
@@ -277,8 +310,17 @@ def make_accounts(task: TaskSpec) -> Accounts:
         step_seconds=task.step_seconds,
         names=tuple(quantity.name for quantity in task.quantities),
         limits=tuple((name, limits.low, limits.high, scale[name]) for name, limits in task.constraints.items()),
+        means=task.judges_means,
         stated_bounds=None if stated is None else (stated.low, stated.high),
     )
+
+
+def _travel(before: Values, controls: Values) -> Any:
+    """How far all controls moved; in pairs of a larger and a smaller value, because a tape knows no absolute value."""
+    travel: Any = 0.0
+    for held, now in zip(before, controls, strict=True):
+        travel = travel + (np.maximum(held, now) - np.minimum(held, now))
+    return travel
 
 
 def _times(value: Any, factor: float) -> Any:

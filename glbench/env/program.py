@@ -25,6 +25,7 @@ from glbench.env.weather_pool import CLOCK, WeatherPool, WeatherTables
 from glbench.errors import TaskError
 from glbench.kernel.environment import Lookup, ParameterNoise, Program
 from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, Value
+from glbench.tasks.ledger import TRAVEL
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -187,7 +188,12 @@ def _quantities(
     prices, later = (
         [recorder.input(source, column) for column in columns] for source in ("calendar_before", "calendar")
     )
-    rows = accounts.of_step(before, after, controls, air, prices, later)
+    held = (
+        [recorder.input("controls_before", index) for index in range(len(controls))]
+        if TRAVEL in accounts.names
+        else None
+    )
+    rows = accounts.of_step(before, after, controls, air, prices, later, held)
     reward = make_reward(task, accounts)
     if all(REWARDS.recorded(name) for name in task.reward.modules):
         table = [rows.get(name) for name in accounts.names]

@@ -137,7 +137,7 @@ class PlainEnvironments(Environments):
 
     def observe(self) -> None:
         self._forget()
-        self._look(self.x, self.x, self.k, standing=True)
+        self._look(self.x, self.x, self.k, held=None)
 
     def failures(self) -> list[StepFailure]:
         return self._failed
@@ -160,7 +160,7 @@ class PlainEnvironments(Environments):
 
     def _advance(self, controls: Floats) -> int:
         """One step of all environments that run under ``controls``, which are this method's to keep."""
-        program, before, had_ended = self._program, self.x, self.ended.copy()
+        program, before, held, had_ended = self._program, self.x, self.u, self.ended.copy()
         controls[had_ended] = self.u[had_ended]
         after, self._failed = self._flow(controls)
         taken = ~had_ended
@@ -169,10 +169,10 @@ class PlainEnvironments(Environments):
         self.k[taken] += 1
         self.x, self.u = after, controls
         if len(program.update.outputs) and taken.any():
-            read = self._reader(before, after, controls, program.update, started)
+            read = self._reader(before, after, controls, program.update, started, held=held)
             for _, index, values in program.update.play(read):
                 self.memory[taken, index] = np.broadcast_to(values, self._n)[taken]
-        self._look(before, after, started, standing=False)
+        self._look(before, after, started, held=held)
         self.table[had_ended, program.info_columns :] = 0.0
         for failure in self._failed:
             self.ended[failure.row] = True
@@ -234,16 +234,21 @@ class PlainEnvironments(Environments):
         tape: Tape,
         started: NDArray[np.int64],
         *,
+        held: Floats | None = None,
         given: Floats | None = None,
         acts: NDArray[np.int64] | None = None,
     ) -> Callable[[Source, int], Any]:
-        """What a tape reads; ``acts`` are the steps whose weather it sees, those shown by default."""
+        """What a tape reads.
+
+        ``acts`` are the steps whose weather it sees, those shown by default; ``held`` the controls before the step, those now by default.
+        """
         program = self._program
         calendar = {"calendar": self.first + self.k, "calendar_before": self.first + started}
         arrays = {
             "before": before,
             "after": after,
             "controls": controls,
+            "controls_before": controls if held is None else held,
             "given": given,
             "trait": self.traits,
             "memory": self.memory.copy(),
@@ -269,9 +274,10 @@ class PlainEnvironments(Environments):
         judged[[failure.row for failure in self._failed]] = False
         return judged
 
-    def _look(self, before: Floats, after: Floats, started: NDArray[np.int64], *, standing: bool) -> None:
+    def _look(self, before: Floats, after: Floats, started: NDArray[np.int64], *, held: Floats | None) -> None:
+        """Look at a step, or at what is there now: then there are no controls that were ``held`` before it."""
         program, parts = self._program, self._parts
-        read = self._reader(before, after, self.u, program.outcome, started)
+        read = self._reader(before, after, self.u, program.outcome, started, held=held)
         with np.errstate(over="ignore"):
             for target, index, values in program.outcome.play(read):
                 (self.table if target == "table" else self.observations)[:, index] = values
@@ -283,7 +289,7 @@ class PlainEnvironments(Environments):
             self.observations[:, lookup.at : lookup.at + width] = lookup.table[rows // lookup.every].reshape(
                 self._n, width
             )
-        if parts.reward is not None and not standing:
+        if parts.reward is not None and held is not None:
             column, reward = parts.reward
             self.table[:, column] = reward(self.table, before, after, self.u)
             if not np.isfinite(self.table[self._judged(), column]).all():

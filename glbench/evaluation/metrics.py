@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.quantities import QUANTITIES
+from glbench.tasks.ledger import MONEY
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -55,10 +56,12 @@ def _metrics(quantities: Iterable[StepQuantity], *, paper: bool) -> tuple[Metric
     for q in quantities:
         if q.name.startswith(_OUTSIDE):
             meaning = q.meaning.replace("length of the step if", "time at which").replace(" at its end", "")
+            meaning = meaning.replace(" at some time of it", ", in whole steps")
             hours.append(Metric(f"hours_{q.name.removeprefix(_OUTSIDE)}", q.unit, meaning, q.name))
         elif not q.name.startswith(_VIOLATION):
             name = _PAPER_NAMES.get(q.name, q.name) if paper else q.name
-            sums.append(Metric(name, q.unit, _SUMS.get(q.name, q.meaning), q.name))
+            meaning = q.meaning if q.unit == MONEY and q.name == "penalty" else _SUMS.get(q.name, q.meaning)
+            sums.append(Metric(name, q.unit, meaning, q.name))
     if paper:
         sums.sort(key=lambda metric: _PAPER_ORDER.index(metric.name))
     # The quantities have the lower sides of all limits first.

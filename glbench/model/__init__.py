@@ -17,6 +17,7 @@ from glbench.model.crop.tomato import VanthoorTomato
 from glbench.model.expressions import Expr
 from glbench.model.greenhouse import Meter, compose
 from glbench.model.greenlight import GreenLightClimate
+from glbench.model.judging import NO_LIMIT, SIDES, Side, judged, limit_parameter, violation_meter
 from glbench.model.model import Capacity, Evaluation, Flow, Model, Seen, Signal, Step, Stock
 from glbench.model.paper import (
     AUXILIARIES,
@@ -61,9 +62,11 @@ __all__ = [
     "DISTURBANCE_NAMES",
     "LETTUCE",
     "MODEL_VERSION",
+    "NO_LIMIT",
     "PARAMETERS",
     "PARAMETER_NAMES",
     "PARAMETER_SETS",
+    "SIDES",
     "STATES",
     "STATE_NAMES",
     "TOMATO",
@@ -86,6 +89,7 @@ __all__ = [
     "Parameter",
     "Quantity",
     "Seen",
+    "Side",
     "Signal",
     "Step",
     "Stock",
@@ -103,6 +107,8 @@ __all__ = [
     "get_model",
     "initial_state",
     "jacobian",
+    "judged",
+    "limit_parameter",
     "model_digest",
     "parameter_group",
     "recompute_derived",
@@ -112,4 +118,5 @@ __all__ = [
     "rhs",
     "saturation_vapour_pressure",
     "tomato",
+    "violation_meter",
 ]

@@ -88,11 +88,11 @@ class Greenhouse(Model):
 
     @cached_property
     def State(self) -> type[Any]:  # type: ignore[override]  # noqa: N802 -- a class
-        return _record("State", (*(part.State for part in self.parts), self._metered, Clock))
+        return record_of("State", (*(part.State for part in self.parts), self._metered, Clock))
 
     @cached_property
     def Controls(self) -> type[Any]:  # type: ignore[override]  # noqa: N802 -- a class
-        return _record("Controls", tuple(part.Controls for part in self.parts))
+        return record_of("Controls", tuple(part.Controls for part in self.parts))
 
     @cached_property
     def Parameters(self) -> type[Any]:  # type: ignore[override]  # noqa: N802 -- a class
@@ -395,19 +395,20 @@ def _in_seconds(unit: str) -> dict[str, float]:
     return {symbol: power for symbol, power in exponents.items() if power}
 
 
-def _record(name: str, records: tuple[type[Any], ...]) -> type[Any]:
+def record_of(name: str, records: tuple[type[Any], ...]) -> type[Any]:
     """A record with the annotated fields of several, in their order."""
     fields: dict[str, Any] = {}
     for record in records:
         fields |= get_type_hints(record, include_extras=True)
-    return _typed(name, fields)
+    return typed_record(name, fields)
 
 
 def _annotated(name: str, notes: Mapping[str, Any]) -> type[Any]:
-    return _typed(name, {attribute: Annotated[Any, note] for attribute, note in notes.items()})
+    return typed_record(name, {attribute: Annotated[Any, note] for attribute, note in notes.items()})
 
 
-def _typed(name: str, fields: Mapping[str, Any]) -> type[Any]:
+def typed_record(name: str, fields: Mapping[str, Any]) -> type[Any]:
+    """A record of these annotated fields."""
     make: Any = namedtuple  # the fields are known at run time only
     record: type[Any] = make(name, list(fields))
     record.__annotations__ = dict(fields)

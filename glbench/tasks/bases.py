@@ -105,6 +105,7 @@ def read_written(path: Path, above: tuple[Path, ...] = ()) -> Written:
         below = as_schema_2(below)
     inherited = {key: value for key, value in below.items() if key not in NOT_INHERITED}
     merged = _merged(inherited, content)
+    _take_one_cost_of_violations(merged, content)
     return Written(merged, base, tuple(_changes(inherited, merged)), (*prices, under.resolve(), *found.files))
 
 
@@ -259,6 +260,14 @@ def _merged(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
         below = merged.get(key)
         merged[key] = _merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
     return merged
+
+
+def _take_one_cost_of_violations(merged: dict[str, Any], own: Mapping[str, Any]) -> None:
+    """Violations cost points or money: the table that a file has takes the place of the other one of its base."""
+    reward = own.get("reward")
+    for one, other in (("penalty_scale", "violation_price"), ("violation_price", "penalty_scale")):
+        if isinstance(reward, dict) and one in reward and other not in reward:
+            merged["reward"].pop(other, None)
 
 
 def _changes(base: Mapping[str, Any], merged: Mapping[str, Any]) -> Iterator[Change]:

@@ -24,6 +24,10 @@ MONEY = "EUR m-2"
 LIMITED = {"air_temperature": "degC", "co2": "ppm", "relative_humidity": "%"}
 """Quantities of the main air that a task can constrain, with the unit their limits are written in."""
 
+VIOLATION_PRICES = {name: f"{MONEY} {unit}-1 h-1" for name, unit in LIMITED.items()}
+"""Units of the prices of violations."""
+TRAVEL = "actuator_travel"
+
 _LIMITED_WORDS = {
     "air_temperature": "air temperature",
     "co2": "CO2 of the indoor air",
@@ -150,10 +154,19 @@ def paper_v1(prices: PricesTable) -> Ledger:
     )  # fmt: skip
 
 
-def step_quantities(ledger: Ledger, limited: Iterable[str]) -> tuple[StepQuantity, ...]:
+def step_quantities(
+    ledger: Ledger,
+    limited: Iterable[str],
+    *,
+    means: bool = False,
+    priced: bool = False,
+    reward_unit: str = "-",
+    travel: bool = False,
+) -> tuple[StepQuantity, ...]:
     """Every quantity of a step: reward, profit, money, penalty, amounts, violations of the limits and the hours they last.
 
-    ``limited`` are the names of the constrained quantities.
+    ``limited`` are the names of the constrained quantities. ``means``: their violations are means over the step, not what they are at
+    its end; ``priced``: they cost money; ``travel``: how far the controls moved is counted.
     """
     earned, paid, limited = ledger.earned, ledger.paid, tuple(limited)
     amounts = {item.amount: item for item in (*paid, *earned)}
@@ -161,17 +174,26 @@ def step_quantities(ledger: Ledger, limited: Iterable[str]) -> tuple[StepQuantit
         ", ".join(item.label.lower() or item.name for item in side) for side in (earned, paid) if side
     )
     sides = (("low", "below"), ("high", "above"))
+    penalty = (
+        StepQuantity("penalty", MONEY, "what the violations cost, each at its price")
+        if priced
+        else StepQuantity("penalty", "-", "sum of the violations, each divided by its penalty scale")
+    )
+    moved = StepQuantity(TRAVEL, "-", "change of every control in the step, added up; 1 is a control from 0 to 1")
     return (
-        StepQuantity("reward", "-", "reward of the step"),
+        StepQuantity("reward", reward_unit, "reward of the step"),
         StepQuantity("epi", MONEY, profit),
         *(StepQuantity(item.name, item.unit, _money_words(item)) for item in (*earned, *paid)),
-        StepQuantity("penalty", "-", "sum of the violations, each divided by its penalty scale"),
+        penalty,
         *(StepQuantity(name, item.amount_unit, item.amount_meaning or item.label) for name, item in amounts.items()),
+        *([moved] if travel else []),
         *(
             StepQuantity(
                 f"violation_{name}_{side}",
                 LIMITED[name],
-                f"distance of the {_LIMITED_WORDS[name]} {word} its limit at the end of the step",
+                f"mean distance of the {_LIMITED_WORDS[name]} {word} its limit in the step"
+                if means
+                else f"distance of the {_LIMITED_WORDS[name]} {word} its limit at the end of the step",
             )
             for side, word in sides
             for name in limited
@@ -180,7 +202,7 @@ def step_quantities(ledger: Ledger, limited: Iterable[str]) -> tuple[StepQuantit
             StepQuantity(
                 f"hours_outside_{name}_{side}",
                 "h",
-                f"length of the step if the {_LIMITED_WORDS[name]} is {word} its limit at its end",
+                f"length of the step if the {_LIMITED_WORDS[name]} is {word} its limit {'at some time of it' if means else 'at its end'}",
             )
             for side, word in sides
             for name in limited

@@ -314,10 +314,36 @@ class TaskSpec:
         from glbench.model import get_model  # not at the top: task files are read without the model
 
         with self._asked_by("model"):
-            return get_model(self.model_id, self.model.variant)
+            model = get_model(self.model_id, self.model.variant)
+        if not self.judges_means:
+            return model
+        from glbench.model import judged
+
+        with self._asked_by("constraints"):
+            return judged(model)
+
+    @property
+    def judges_means(self) -> bool:
+        """Whether violations are means over the step; else what they are at its end."""
+        return getattr(self.constraints, "judged", "end") == "mean" and bool(self.constraints.items())
+
+    @cached_property
+    def violation_prices(self) -> Mapping[str, float]:
+        """What violations cost, by constraint, in ``VIOLATION_PRICES``; empty where the task has penalty scales."""
+        table = getattr(self.reward, "violation_price", None)
+        return MappingProxyType({} if table is None else dict(table.items()))
+
+    @cached_property
+    def penalty_scales(self) -> Mapping[str, float]:
+        """Violation that adds 1 to the penalty of a step, by constraint: 1 EUR m-2 where violations have prices."""
+        hours = self.step_seconds / 3600.0
+        prices = {name: 1.0 / (price * hours) for name, price in self.violation_prices.items()}
+        return MappingProxyType({**dict(self.reward.penalty_scale.items()), **prices})
 
     def parameters(self) -> FloatArray:
         """Nominal parameters, read-only, in the model's order and units, overrides applied and derived ones recomputed.
+
+        Where violations are means over the step, the limits are among them.
 
         Raises
         ------
@@ -329,8 +355,24 @@ class TaskSpec:
     @cached_property
     def _parameters(self) -> FloatArray:
         with self._asked_by("model"):
-            overrides = {name: (value, unit) for name, value, unit in self.model.overrides}
-            return _read_only(self.model_value.parameters.default(self.model.parameters, overrides))
+            overrides: dict[str, Any] = {name: (value, unit) for name, value, unit in self.model.overrides}
+            limits = self._limits()
+            for name in limits.keys() & overrides.keys():
+                msg = f"'{name}' is a limit of the task: state it in [constraints]."
+                raise ParameterError(msg)
+            return _read_only(self.model_value.parameters.default(self.model.parameters, overrides | limits))
+
+    def _limits(self) -> dict[str, float]:
+        """The limits as parameters of a model that judges by them."""
+        if not self.judges_means:
+            return {}
+        from glbench.model import SIDES, limit_parameter
+
+        return {
+            limit_parameter(name, side): getattr(limits, side)
+            for name, limits in self.constraints.items()
+            for side in SIDES
+        }
 
     def parameters_by_name(self) -> dict[str, float]:
         """``parameters()`` as a dictionary."""
@@ -528,7 +570,15 @@ class TaskSpec:
     @cached_property
     def quantities(self) -> tuple[StepQuantity, ...]:
         """Every quantity of a control step: reward, profit, money, penalty, amounts, violations, hours outside the limits."""
-        return step_quantities(self.ledger, (name for name, _ in self.constraints.items()))
+        priced = bool(self.violation_prices)
+        return step_quantities(
+            self.ledger,
+            (name for name, _ in self.constraints.items()),
+            means=self.judges_means,
+            priced=priced,
+            reward_unit=MONEY if priced and {*self.reward.modules} == {"epi", "scaled_penalty"} else "-",
+            travel=self.schema_version > 1,
+        )
 
     # What a run draws.
 
@@ -773,7 +823,8 @@ def _check_columns(ledger: Ledger, constraints: OfTheAir) -> None:
         if by_amount.setdefault(item.amount, source) != source:
             msg = f"The amount '{item.amount}' is two things. Give one of them another name: amount = ..."
             raise UnknownNameError(msg)
-    names = [quantity.name for quantity in step_quantities(ledger, (name for name, _ in constraints.items()))]
+    limited = (name for name, _ in constraints.items())
+    names = [quantity.name for quantity in step_quantities(ledger, limited, travel=True)]
     for name in names:
         if names.count(name) > 1:
             msg = f"'{name}' is the name of two columns. Give one of them another name."

@@ -19,7 +19,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr,
 from glbench.errors import did_you_mean
 from glbench.tasks import vocabulary as words
 from glbench.tasks.bases import as_written
-from glbench.tasks.ledger import LIMITED, PriceTable
+from glbench.tasks.ledger import LIMITED, VIOLATION_PRICES, PriceTable
 
 SECONDS_A_DAY = 86400
 LONGEST_FORECAST = 72
@@ -472,6 +472,7 @@ class AnyObservationTable(ObservationTable):
 class SomeConstraintsTable(OfTheAir):
     """``[constraints]``: some limits of the air, or none."""
 
+    judged: Literal["end", "mean"] = Field(default="end", description='"end" or "mean"')
     air_temperature: Annotated[Limits | None, _limits_in(LIMITED["air_temperature"])] = None
     co2: Annotated[Limits | None, _limits_in(LIMITED["co2"])] = None
     relative_humidity: Annotated[Limits | None, _limits_in(LIMITED["relative_humidity"])] = None
@@ -489,6 +490,20 @@ class SomePenaltyScales(OfTheAir):
     )
 
 
+class ViolationPrices(OfTheAir):
+    """What a violation costs for every unit beyond the limit and every hour."""
+
+    air_temperature: Annotated[float | None, in_unit(VIOLATION_PRICES["air_temperature"])] = Field(
+        default=None, gt=0.0, description="a price above 0"
+    )
+    co2: Annotated[float | None, in_unit(VIOLATION_PRICES["co2"])] = Field(
+        default=None, gt=0.0, description="a price above 0"
+    )
+    relative_humidity: Annotated[float | None, in_unit(VIOLATION_PRICES["relative_humidity"])] = Field(
+        default=None, gt=0.0, description="a price above 0"
+    )
+
+
 class ProfitScale(Limits):
     """The profit of a step that counts as 0 and that which counts as 1 in ``scaled_epi``."""
 
@@ -500,6 +515,7 @@ class AnyRewardTable(Table):
         tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", lambda: words.REWARD_MODULES.names)
     ] = Field(description="a list of reward modules")
     penalty_scale: SomePenaltyScales = SomePenaltyScales()
+    violation_price: ViolationPrices = ViolationPrices()
     epi_scale: Annotated[ProfitScale | None, _limits_in("EUR m-2")] = None
 
 
@@ -805,11 +821,32 @@ class TaskFile2(TaskFile):
         return self
 
     @model_validator(mode="after")
-    def _penalties_have_scales(self) -> Self:
-        scales = dict(self.reward.penalty_scale.items())
+    def _violations_cost_something(self) -> Self:
+        scales, prices = (dict(table.items()) for table in (self.reward.penalty_scale, self.reward.violation_price))
+        if scales and prices:
+            msg = (
+                f"[reward.penalty_scale] has {_first(scales)} and [reward.violation_price] has {_first(prices)}: violations cost "
+                "points or money, not both. Keep one of the tables."
+            )
+            raise ValueError(msg)
+        if self.constraints.judged == "mean" and not self.constraints.items():
+            msg = '[constraints] has judged = "mean" and no limit to judge by. Add one, or leave judged out.'
+            raise ValueError(msg)
         for name, limits in self.constraints.items():
-            if name not in scales:
-                line = f'{name} = {{ value = ..., unit = "{limits.unit}" }}'
-                msg = f"[constraints.{name}] needs the violation that costs 1 a step: add {line} to [reward.penalty_scale]."
-                raise ValueError(msg)
+            if name in scales or name in prices:
+                continue
+            scale = f'{name} = {{ value = ..., unit = "{limits.unit}" }}'
+            price = f'{name} = {{ value = ..., unit = "{VIOLATION_PRICES[name]}" }}'
+            msg = f"[constraints.{name}] needs what a violation costs: add {price} to [reward.violation_price]"
+            if not prices:
+                msg = (
+                    f"[constraints.{name}] needs the violation that costs 1 a step: add {scale} to [reward.penalty_scale]; "
+                    f"or what it costs in money: {price} in [reward.violation_price]"
+                )
+            msg += "."
+            raise ValueError(msg)
         return self
+
+
+def _first(entries: Mapping[str, object]) -> str:
+    return next(iter(entries))

@@ -75,7 +75,7 @@ def test_a_task_of_another_model_is_resolved(toys: Callable[..., TaskSpec]) -> N
     assert task.initial_state().tolist() == [0.1, 5.0]
     assert [column.name for column in task.observed()][:2] == ["mass", "tap"]
     assert [q.name for q in task.quantities] == [
-        "reward", "epi", "growth", "cost_water", "penalty", "water", "mass_gained",
+        "reward", "epi", "growth", "cost_water", "penalty", "water", "mass_gained", "actuator_travel",
     ]  # fmt: skip
     assert task.evaluation.metric == "epi"
     card = task_card(task)

@@ -101,7 +101,9 @@ class CompiledEnvironments(Environments):
     def _program_pointers(self, program: Program) -> ProgramPointers:
         lookups = (LookupPointers * len(program.lookups))(
             *(
-                LookupPointers(self._address(a.table, np.float32), a.table.shape[1], a.rows, a.at, a.clocked, a.ahead, a.every)
+                LookupPointers(
+                    self._address(a.table, np.float32), a.table.shape[1], a.rows, a.at, a.clocked, a.ahead, a.every
+                )
                 for a in program.lookups
             )
         )

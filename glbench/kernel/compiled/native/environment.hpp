@@ -85,7 +85,8 @@ struct Environments {
 };
 
 enum Source : int32_t {
-    OF_GIVEN, OF_CONTROLS, OF_DRAWN, OF_BEFORE, OF_AFTER, OF_CALENDAR, OF_COUNTER, OF_CALENDAR_BEFORE, OF_WEATHER, OF_NOISE, OF_TRAIT, OF_MEMORY
+    OF_GIVEN, OF_CONTROLS, OF_DRAWN, OF_BEFORE, OF_AFTER, OF_CALENDAR, OF_COUNTER, OF_CALENDAR_BEFORE, OF_WEATHER, OF_NOISE, OF_TRAIT, OF_MEMORY,
+    OF_CONTROLS_BEFORE
 };
 enum Target : int32_t { TO_CONTROLS, TO_PARAMETERS, TO_TABLE, TO_OBSERVATION, TO_MEMORY };
 
@@ -275,6 +276,7 @@ template <class V> class EnvironmentWorker final : public RowWork {
             case OF_COUNTER: return static_cast<double>(slot.index == 0 ? all_.k[row] : shown(row));
             case OF_WEATHER: return program_.weather[weather_row(row, shown(row)) * model::DISTURBANCES + slot.index];
             case OF_NOISE: return noise_[lane][slot.index];
+            case OF_CONTROLS_BEFORE: return all_.u[row * model::CONTROLS + slot.index];
             case OF_TRAIT: return all_.traits[row * program_.traits + slot.index];
             default: return all_.memory[row * program_.memory + slot.index];
         }

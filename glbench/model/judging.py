@@ -1,0 +1,235 @@
+"""A model with meters on its climate: how far the air was outside limits, added up over time.
+
+The end of a control step says little of the step: air can leave its limits and come back within it. The meters are states
+whose rates are the distances below and above the limits, so that the difference of a meter over a step, divided by the step's
+length, is the time mean of the distance. The limits are parameters, so that one compiled kernel serves the limits of every task.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
+
+from glbench.errors import GlbenchError
+from glbench.model.air import co2_ppm, relative_humidity
+from glbench.model.bounds import Horizon
+from glbench.model.disturbances import Disturbances
+from glbench.model.expressions import Expr, fmax
+from glbench.model.greenhouse import record_of, typed_record
+from glbench.model.model import Capacity, Evaluation, Flow, Model, Record, Seen, Signal, Start, Stock
+from glbench.model.parameter_checks import Order, Shares
+from glbench.model.parameter_table import BENCHMARK, ParameterInfo
+from glbench.model.quantities import Variable, public_name
+
+Side = Literal["low", "high"]
+SIDES: tuple[Side, ...] = ("low", "high")
+
+NO_LIMIT = 1e9
+"""Limit that is never reached: minus this for a low one, this for a high one, in the unit of the quantity."""
+
+_WEIGHTLESS = 2.0**100
+"""Size of the meters as the integrators take it: so large that no error of theirs shortens a substep."""
+
+_UNITS = {"air_temperature": "°C", "co2": "ppm", "relative_humidity": "%"}
+_WORDS = {"air_temperature": "temperature", "co2": "CO2", "relative_humidity": "relative humidity"}
+_SIDES: Mapping[Side, tuple[str, str]] = {"low": ("lowest", "below"), "high": ("highest", "above")}
+_PLACES: tuple[tuple[str, Side], ...] = tuple((name, side) for name in _UNITS for side in SIDES)
+
+
+def limit_parameter(name: str, side: Side) -> str:
+    """Public name of the parameter that holds a limit: ``lowestAirTemperature`` for ``air_temperature`` and ``low``."""
+    return public_name(f"{_SIDES[side][0]}_{name}")
+
+
+def violation_meter(name: str, side: Side) -> str:
+    """Public name of the state that adds up the violations of that limit: ``belowAirTemperature`` [°C s]."""
+    return public_name(f"{_SIDES[side][1]}_{name}")
+
+
+def _limit(name: str, side: Side) -> ParameterInfo:
+    attribute = f"{_SIDES[side][0]}_{name}"
+    return ParameterInfo(
+        name=public_name(attribute),
+        attribute=attribute,
+        unit=_UNITS[name],
+        meaning=f"{_SIDES[side][0]} {_WORDS[name]} of the main air that is no violation",
+        source="[constraints] of the task",
+        group="limits",
+        check="any",
+        formula="",
+        used="yes",
+        drawn_in=frozenset(),
+        values=MappingProxyType({BENCHMARK: -NO_LIMIT if side == "low" else NO_LIMIT}),
+    )
+
+
+_LIMITS = tuple(_limit(name, side) for name, side in _PLACES)
+_METERS = typed_record(
+    "Violations",
+    {
+        f"{_SIDES[side][1]}_{name}": Annotated[
+            Any,
+            Variable(
+                f"{_UNITS[name]} s",
+                f"{_WORDS[name]} of the main air {_SIDES[side][1]} its limit, added up over time",
+                scale=_WEIGHTLESS,
+                small=_WEIGHTLESS,
+            ),
+        ]
+        for name, side in _PLACES
+    },
+)
+
+
+@dataclass(frozen=True)
+class Judged(Model):
+    """The model ``plain`` with six more states and six more parameters, after its own; made by :func:`judged`.
+
+    Nothing depends on the meters and no error of theirs counts, so the other states take the course that they take without them.
+    """
+
+    plain: Model
+
+    @property
+    def name(self) -> str:
+        return f"{self.plain.name}-judged"
+
+    @property
+    def version(self) -> str:
+        return self.plain.version
+
+    @property
+    def variant(self) -> str:
+        return self.plain.variant
+
+    @cached_property
+    def State(self) -> type[Any]:  # type: ignore[override]  # noqa: N802 -- a class
+        return record_of("State", (self.plain.State, _METERS))
+
+    @property
+    def Controls(self) -> type[Any]:  # type: ignore[override]  # noqa: N802 -- a class
+        return self.plain.Controls
+
+    @property
+    def Disturbances(self) -> type[Any]:  # type: ignore[override]  # noqa: N802 -- a class
+        return self.plain.Disturbances
+
+    @cached_property
+    def Parameters(self) -> type[Any]:  # type: ignore[override]  # noqa: N802 -- a class
+        return namedtuple("Parameters", [info.attribute for info in self.table])
+
+    @property
+    def table(self) -> tuple[ParameterInfo, ...]:
+        return (*self.plain.table, *_LIMITS)
+
+    @property
+    def air(self) -> tuple[str, str, str] | None:
+        return self.plain.air
+
+    @property
+    def singular(self) -> tuple[str, str] | None:
+        return self.plain.singular
+
+    @property
+    def crop_states(self) -> tuple[str, ...]:
+        return self.plain.crop_states
+
+    @property
+    def shares(self) -> tuple[Shares, ...]:
+        return self.plain.shares
+
+    @property
+    def orders(self) -> tuple[Order, ...]:
+        return self.plain.orders
+
+    def equations(self, x: Record, u: Record, d: Record, p: Record) -> Evaluation:
+        """Evaluate the plain model, and the distances of its main air from the limits; relative humidity is not cut off at 100 %."""
+        evaluation = self.plain.equations(self.plain.State(*x[: len(self.plain.states)]), u, d, self._own(p))
+        temperature, density, pressure = (x[self.plain.state_index(name)] for name in self.plain.air or ())
+        air = {
+            "air_temperature": temperature,
+            "co2": co2_ppm(temperature, density),
+            "relative_humidity": relative_humidity(temperature, pressure),
+        }
+        limits = dict(zip(_PLACES, p[len(self.plain.table) :], strict=True))
+        outside = (_distance(air[name], limits[name, side], side) for name, side in _PLACES)
+        return Evaluation(self.State(*evaluation.derivative, *outside), evaluation.fluxes)
+
+    def derived(self, p: Record) -> Record:
+        return self.Parameters(*self.plain.derived(self._own(p)), *p[len(self.plain.table) :])
+
+    def refuse(self, values: Mapping[str, float]) -> None:
+        self.plain.refuse(values)
+
+    def starts(self) -> Mapping[str, Start]:
+        return {word: self._start(start) for word, start in self.plain.starts().items()}
+
+    def _start(self, start: Start) -> Start:
+        def with_meters(d: Disturbances, air_temperature: float, p: Record) -> Record:
+            return self.State(*start(d, air_temperature, self._own(p)), *(0.0 for _ in _PLACES))
+
+        return with_meters
+
+    def capacities(self, p: Mapping[str, float]) -> tuple[Capacity, ...]:
+        return self.plain.capacities(p)
+
+    def flows(self) -> tuple[Flow, ...]:
+        return self.plain.flows()
+
+    def stocks(self) -> tuple[Stock, ...]:
+        return self.plain.stocks()
+
+    def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
+        return self.plain.bounds(horizon)
+
+    def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
+        return self.plain.observed(module, horizon)
+
+    @property
+    def observation_modules(self) -> Mapping[str, str]:
+        return self.plain.observation_modules
+
+    def signals(self) -> tuple[Signal, ...]:
+        return self.plain.signals()
+
+    def _own(self, p: Record) -> Record:
+        """The parameters of the plain model."""
+        return self.plain.Parameters(*p[: len(self.plain.table)])
+
+
+def _distance(value: Expr, limit: Expr, side: Side) -> Expr:
+    return fmax(0.0, limit - value if side == "low" else value - limit)
+
+
+def judged(model: Model) -> Judged:
+    """The same model with meters on how far air temperature [°C s], CO2 [ppm s] and relative humidity [% s] are outside limits.
+
+    The limits are parameters (``limit_parameter``) with values that are never reached, the meters states (``violation_meter``), both after
+    those of ``model``.
+
+    Raises
+    ------
+    GlbenchError
+        When the model has no air, or a state or parameter that is called like a meter or a limit.
+    """
+    return model if isinstance(model, Judged) else _judged(model)
+
+
+@lru_cache(maxsize=64)
+def _judged(model: Model) -> Judged:
+    if model.air is None:
+        msg = f"{model.id} has no air whose climate could be judged: its `air` is None. Name its states there."
+        raise GlbenchError(msg)
+    made = Judged(model)
+    states = (model.state_names, [violation_meter(*place) for place in _PLACES])
+    parameters = (model.parameter_names, [info.name for info in _LIMITS])
+    for kind, (own, added) in {"state": states, "parameter": parameters}.items():
+        for name in added:
+            if name in own:
+                msg = f"{model.id} has a {kind} called '{name}', as the meters of its violations have. Give it another name."
+                raise GlbenchError(msg)
+    return made
