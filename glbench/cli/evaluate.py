@@ -359,6 +359,8 @@ def _runs(result: Result) -> str:
 
 def _summary(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> Table:
     """Mean reward of every agent on every task; a few agents side by side, many below each other."""
+    from glbench.leaderboard.catalogue import catalogue, pretty_unit
+
     cells = {(outcome.job.agent_name, outcome.job.task.short_id): _cell(outcome) for outcome in outcomes}
     agents = list(dict.fromkeys(job.agent_name for job in jobs))
     tasks = list(dict.fromkeys(job.task.short_id for job in jobs))
@@ -369,7 +371,10 @@ def _summary(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> Table:
     else:
         rows, columns, heads = agents, tasks, [escape(task.replace("-", "\n")) for task in tasks]
     first = "Task" if rows is tasks else "Agent"
-    view = table("Reward [-], mean over the runs", first, *heads, right=heads, folded=[first, *heads], **look)
+    scores = {f"{one.heading} [{pretty_unit(one.unit) or '-'}]" for one in (catalogue(job.task).score for job in jobs)}
+    view = table(
+        f"{' or '.join(sorted(scores))}, mean over the runs", first, *heads, right=heads, folded=[first, *heads], **look
+    )
     for row in rows:
         pairs = [(column, row) if rows is tasks else (row, column) for column in columns]
         view.add_row(row if rows is tasks else escape(row), *(cells.get(pair, "") for pair in pairs))
@@ -378,11 +383,13 @@ def _summary(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> Table:
 
 def _cell(outcome: Outcome) -> str:
     from glbench.evaluation.records import RANKING_METRIC
+    from glbench.leaderboard.catalogue import catalogue
 
     if outcome.result is None:
         return "[red]failed[/red]"
     mean = outcome.result.summary.mean.get(RANKING_METRIC)
-    return ("–" if mean is None else f"{mean:,.1f}") + ("*" if outcome.result.failed else "")
+    digits = catalogue(outcome.job.task).score.digits
+    return ("–" if mean is None else f"{mean:,.{digits}f}") + ("*" if outcome.result.failed else "")
 
 
 def _short(reason: str) -> str:

@@ -456,18 +456,24 @@ def _money(task: TaskSpec) -> tuple[Curve, ...]:
     def summed(name: str, title: str, unit: str) -> Curve:
         return Curve(f"money/{name}", f"{title}, summed", unit, (name,), "sum")
 
-    ledger = task.ledger
+    ledger, units = task.ledger, {quantity.name: quantity.unit for quantity in task.quantities}
     profit = "Economic performance" if ledger.meaning.startswith("economic performance") else "Profit"
     return (
         summed("epi", f"{profit} (EPI)", "EUR m⁻²"),
         *(summed(i.name, f"Revenue of the {_within(i.label or i.name)}", _raised(i.unit)) for i in ledger.earned),
         *(summed(i.name, f"Cost of {_within(i.label or i.name)}", _raised(i.unit)) for i in ledger.paid),
-        summed("reward", "Reward", _ONE),
+        summed("reward", "Reward" if units["reward"] == "-" else "Score", _unit_of(units["reward"])),
     )
+
+
+def _unit_of(unit: str) -> str:
+    return _ONE if unit == "-" else _raised(unit)
 
 
 def _violations(task: TaskSpec, limited: list[str]) -> tuple[Curve, ...]:
     hours = tuple(q.name for q in task.quantities if q.name.startswith("hours_outside_"))
+    priced = bool(task.violation_prices)
+    penalty = next(_unit_of(quantity.unit) for quantity in task.quantities if quantity.name == "penalty")
     return (
         *(
             Curve(
@@ -481,7 +487,7 @@ def _violations(task: TaskSpec, limited: list[str]) -> tuple[Curve, ...]:
             if name in limited
         ),
         *([Curve("violations/hours", "Time outside the limits, summed", "h", hours, "any")] if hours else []),
-        Curve("violations/penalty", "Penalty, summed", _ONE, ("penalty",), "sum"),
+        Curve("violations/penalty", f"{'Violations' if priced else 'Penalty'}, summed", penalty, ("penalty",), "sum"),
     )
 
 

@@ -80,6 +80,9 @@ PAPER_ONLY = frozenset(_PAPER_NAMES.values())
 COMMON_UNITS = {name: unit for name, unit in UNITS.items() if name in ("reward", "epi", "penalty") or unit == HOURS}
 """Units of the metrics that mean the same in every task."""
 
+MONEY_TOO = {"reward": MONEY, "penalty": MONEY}
+"""Units of those that are in money where violations have prices."""
+
 
 def metrics_of(task: TaskSpec) -> tuple[Metric, ...]:
     """The metrics of a run of ``task``, in the order of its results."""

@@ -16,7 +16,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, mod
 
 from glbench.agents.card import SubmissionCard
 from glbench.errors import ResultError
-from glbench.evaluation.metrics import COMMON_UNITS, PAPER_ONLY, UNITS
+from glbench.evaluation.metrics import COMMON_UNITS, MONEY_TOO, PAPER_ONLY, UNITS
 from glbench.fields import MOST_ENTRIES, Count, Text, Word
 from glbench.untrusted import AGENT_NAME_RULE, is_agent_name
 
@@ -210,7 +210,8 @@ class Result(Record):
                 raise ValueError(msg)
         # Other tasks may measure their heat in MJ; what every task has is in one unit, and so is all that the paper's tasks have.
         fixed = UNITS if set(self.units) >= PAPER_ONLY else COMMON_UNITS
-        if any(fixed.get(name, unit) != unit for name, unit in self.units.items()):
+        priced = MONEY_TOO if fixed is COMMON_UNITS else {}
+        if any(unit not in (fixed.get(name, unit), priced.get(name)) for name, unit in self.units.items()):
             msg = "the units are not those of this schema version"
             raise ValueError(msg)
         if self.summary != summarise(self.runs):

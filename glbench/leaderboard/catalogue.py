@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from glbench.evaluation.metrics import metrics_of
 from glbench.registration import task_ids
 from glbench.tasks import DEFAULT_TASK, get_task
-from glbench.tasks.ledger import FLOW
+from glbench.tasks.ledger import FLOW, MONEY
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -185,10 +185,16 @@ def _of_task(task: TaskSpec) -> Catalogue:
             words = _amount_words(item, labels[item.name]) | known[item.name].get("amount", {})
             metric, amounts[item.amount] = Metric(one.name, one.unit, **words), one.name
         elif one.name in told["metric"]:
-            words = {key: value for key, value in told["metric"][one.name].items() if key not in ("name", "elsewhere")}
+            words = {
+                key: value
+                for key, value in told["metric"][one.name].items()
+                if key not in ("name", "elsewhere", "money")
+            }
             if not usual:
                 words |= told["metric"][one.name].get("elsewhere", {})
                 words["explanation"] = words["explanation"].format(profit=profit)
+            if one.unit == MONEY:
+                words |= told["metric"][one.name].get("money", {})
             metric = Metric(one.name, one.unit, **words)
         else:
             metric = unknown_metric(one.name, one.unit)
@@ -291,7 +297,7 @@ def drawn(task: TaskSpec | None) -> Drawn:
     controls = [*(name for name in told["order"]["controls"] if name in labels), *labels]
     names = tuple(dict.fromkeys(controls))
     share = {"unit": "%", "factor": 100, "decimals": 0, "range": [0, 102]}
-    series = {one["name"]: one for one in told["series"]}
+    series = {one["name"]: _in_words(one, task) for one in told["series"]}
     series |= {item.amount: _series(item, task) for item in ledger.items if item.amount not in series}
     series |= {name: {"name": name, "label": labels[name], **share} for name in names}
     sides = {"earned": _columns(ledger.earned), "paid": _columns(ledger.paid)}
@@ -299,8 +305,12 @@ def drawn(task: TaskSpec | None) -> Drawn:
         chart: tuple(dict.fromkeys(name for column in columns for name in sides.get(column, (column,))))
         for chart, columns in told["charts"].items()
     }
+    if task.violation_prices:
+        told = told | {"panel": [panel | panel.get("priced", {}) for panel in told["panel"]]}
+    missing = _missing(told, names)
     lined = [
-        panel | {"lines": [line for line in panel["lines"] if line.get("column") not in _missing(told, names)]}
+        {key: value for key, value in panel.items() if key != "priced"}
+        | {"lines": [line for line in panel["lines"] if line.get("column") not in missing]}
         for panel in told["panel"]
     ]
     shown = {line.get("column") for panel in lined for line in panel["lines"]}
@@ -311,6 +321,12 @@ def drawn(task: TaskSpec | None) -> Drawn:
         for place, name in enumerate(others)
     ]  # fmt: skip
     return Drawn(names, series, charts, tuple(panel for panel in lined if panel["lines"]))
+
+
+def _in_words(series: Mapping[str, Any], task: TaskSpec) -> dict[str, Any]:
+    """A series in the words for tasks in which violations have prices, or in those for others."""
+    words = {key: value for key, value in series.items() if key != "priced"}
+    return words | (series.get("priced", {}) if task.violation_prices else {})
 
 
 def _columns(items: Iterable[LedgerItem]) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ COVERS = "draws of one season, and one training"
 """What a 95 % interval over runs is about."""
 FOOTNOTES = (
     "Mean over the task's seeded runs, with the 95 % bootstrap interval of the mean; IQM is the mean of the middle half of the runs. "
-    "Reward and penalty have no unit. EPI is {profit}. "
+    "{units} EPI is {profit}. "
     "Failed runs count at the task's stated penalty.",
     f"{RANGE_MARK} is no interval but a range: the lowest and the highest of several trainings with different seeds, around their mean. "
     f"A 95 % interval covers the {COVERS}; another season or another training can lie far outside.",
@@ -48,6 +48,10 @@ FOOTNOTES = (
     "Stated by the file, not checked: decision time (of one decision of one run), training (control steps; 0: not trained, –: not stated), "
     "sandbox.",
 )
+_UNITS = (
+    ("Reward and penalty have no unit.", False),
+    ("A score in EUR/m² is the EPI minus what violations of the limits cost.", True),
+)
 _PROFIT = "the profit: what is earned minus what is paid"
 
 
@@ -56,7 +60,9 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     tasks = [table.task for table in tables] or [None]
     said = {(task or get_task(DEFAULT_TASK)).ledger.meaning.rpartition(": ")[2] for task in tasks}
     profit = said.pop() if len(said) == 1 else ""
-    return [FOOTNOTES[0].format(profit=profit or _PROFIT), *FOOTNOTES[1:]]
+    priced = {bool(task is not None and task.violation_prices) for task in tasks}
+    units = " ".join(words for words, is_priced in _UNITS if is_priced in priced)
+    return [FOOTNOTES[0].format(profit=profit or _PROFIT, units=units), *FOOTNOTES[1:]]
 
 
 SCORE_STEP = 0.01

@@ -29,6 +29,7 @@ from glbench.tasks import (
     TaskSpec,
     task_card,
 )
+from glbench.tasks.ledger import VIOLATION_PRICES
 
 _MOST_ROWS, _FIRST_ROWS = 64, 40
 
@@ -60,7 +61,7 @@ def definition_in_words(task: TaskSpec) -> Iterator[Section]:
         yield _observations(card)
         yield _actions(card)
         if card.constraints:
-            yield _constraints(card, catalogue(task).limits)
+            yield _constraints(task, card, catalogue(task).limits)
     yield _prices(task)
     yield Section("Reward of a step", _reward(task))
     yield Section("Evaluation", _evaluation(task))
@@ -72,7 +73,7 @@ def figures(task: TaskSpec) -> dict[str, Any]:
     A price that is a table stands as the factor 1 of that table, with its hourly prices where it has them.
     """
     accounts, labels = make_accounts(task), catalogue(task).limits
-    scale = dict(task.reward.penalty_scale.items())
+    scale = task.penalty_scales
     return {
         "limits": [
             {
@@ -255,13 +256,20 @@ def _delivers(capacity: Capacity, fraction: float) -> str:
     return f"{capacity.at_one * fraction:g}" + (f" {capacity.unit}" if capacity.unit != "-" else "")
 
 
-def _constraints(card: TaskCard, labels: Mapping[str, str]) -> Section:
+def _constraints(task: TaskSpec, card: TaskCard, labels: Mapping[str, str]) -> Section:
     rows = [
-        (labels[one.name], *(f"{value:g} {one.unit}" for value in (one.low, one.high, one.scale)))
+        (
+            labels[one.name],
+            *(f"{value:g} {one.unit}" for value in (one.low, one.high)),
+            f"{one.scale:g} {one.unit}" if one.price is None else f"{one.price:g} {VIOLATION_PRICES[one.name]}",
+        )
         for one in card.constraints
     ]
-    columns = ("Quantity", "Lowest", "Highest", "Violation that costs 1 a step")
-    return Section("Limits of the climate, checked after every step", (), columns, ("Lowest", "Highest"), rows)
+    cost = "Price of a violation" if task.violation_prices else "Violation that costs 1 a step"
+    judged = "judged by the mean distance in every step" if task.judges_means else "checked after every step"
+    return Section(
+        f"Limits of the climate, {judged}", (), ("Quantity", "Lowest", "Highest", cost), ("Lowest", "Highest"), rows
+    )
 
 
 def _prices(task: TaskSpec) -> Section:
@@ -340,5 +348,5 @@ def _evaluation(task: TaskSpec) -> list[str]:
         f"{evaluation.runs} runs with the seeds {evaluation.seeds[0]} to {evaluation.seeds[-1]}. "
         f"Ranked by {evaluation.metric}: {METRICS[evaluation.metric].meaning}.",
         f"Each missing step of a run that fails counts as reward {failed.reward:g}, EPI {failed.epi:g} EUR m-2, "
-        f"penalty {failed.penalty:g}.",
+        f"penalty {failed.penalty:g}{' EUR m-2' if task.violation_prices else ''}.",
     ]

@@ -42,13 +42,17 @@ class Action:
 
 @dataclass(frozen=True)
 class Constraint:
-    """A quantity that should stay between ``low`` and ``high``; ``scale`` is the violation that costs 1 a step."""
+    """A quantity that should stay between ``low`` and ``high``.
+
+    ``scale`` is the violation that costs 1 a step; where violations have prices, 1 EUR m-2, and ``price`` is that of a unit and hour.
+    """
 
     name: str
     unit: str
     low: float
     high: float
     scale: float
+    price: float | None = None
 
 
 @dataclass(frozen=True)
@@ -145,5 +149,5 @@ def task_card(task: TaskSpec) -> TaskCard:
 
 
 def _constraint(task: TaskSpec, name: str, limits: Limits) -> Constraint:
-    scale = dict(task.reward.penalty_scale.items())[name]
-    return Constraint(name, LIMITED[name], limits.low, limits.high, scale)
+    price = task.violation_prices.get(name)
+    return Constraint(name, LIMITED[name], limits.low, limits.high, task.penalty_scales[name], price)
