@@ -22,6 +22,7 @@ from glbench.agents.card import read_toml
 from glbench.agents.identity import baseline_names, check_file, check_sizes, files_of_folder
 from glbench.agents.protocol import Agent, PrivilegedController
 from glbench.errors import GlbenchError, SubmissionError, did_you_mean
+from glbench.model import get_model
 from glbench.resources import data_folder, sha256_of_files
 from glbench.tasks.quantities import PAPER_MODEL
 from glbench.untrusted import MIB, quoted
@@ -172,9 +173,9 @@ class Baseline:
         SubmissionError
             When it reads the state of another model, or cannot be made with its settings.
         """
-        if self.privileged and task.model != PAPER_MODEL:
+        if self.privileged and not set(get_model(PAPER_MODEL).state_names) <= set(get_model(task.model).state_names):
             msg = (
-                f"'{self.card.controller}' reads the state of {PAPER_MODEL}, and {task.id} has {task.model}. "
+                f"'{self.card.controller}' reads the state of {PAPER_MODEL}, and {task.id} has {task.model}, which lacks some of it. "
                 "Evaluate an agent that works with observations, such as rule_based_fair."
             )
             raise SubmissionError(msg)

@@ -38,7 +38,9 @@ from glbench.evaluation.sandbox.frames import (
     unpacked_problems,
 )
 from glbench.evaluation.sandbox.process import AgentProcess, LostError, Prints, plain
+from glbench.model import get_model
 from glbench.tasks import Action, TaskCard, TaskSpec
+from glbench.tasks.quantities import PAPER_MODEL
 
 Inputs = NDArray[np.float32] | NDArray[np.float64]
 Array = NDArray[np.float64]
@@ -180,18 +182,21 @@ class PrivilegedRunner(BatchRunner):
         controls = tuple(Action(name, 0.0, 1.0) for name in task.model_value.control_names)
         super().__init__(cast(Agent, controller), replace(card, actions=controls), n, limits)
         self._task = card
-        self._states = len(task.model_value.states)
+        # A model that has more than the paper's, such as meters, is seen as the paper's.
+        self._places = [task.model_value.state_index(name) for name in get_model(PAPER_MODEL).state_names]
+        self._states = len(self._places)
         scenario = task.scenario
-        one_season = len(scenario.seasons) == 1 and not scenario.start_within_days
+        one_season = len(scenario.seasons) == 1 and not scenario.start_within_days and scenario.generated is None
         # One row of weather for all runs where they share it: controllers compute what follows from it once.
         self._weather = task.disturbances(extra_rows=task.observation.forecast_steps) if one_season else None
 
     def inputs(self, simulation: Simulation, observations: NDArray[np.float32]) -> Inputs:
         """Show the states, and behind them weather and clock where each run has its own."""
+        states = np.array(simulation.x[:, self._places], dtype=np.float64)
         if self._weather is not None:
-            return np.array(simulation.x, dtype=np.float64)
+            return states
         clock = simulation.hour_of_day[:, None], simulation.day_of_year[:, None]
-        return np.concatenate([simulation.x, simulation.d, *clock], axis=1)
+        return np.concatenate([states, simulation.d, *clock], axis=1)
 
     def apply(self, simulation: Simulation, actions: Array) -> StepResult:
         """Take a step with controls, past the actuation."""
