@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from glbench.evaluation.metrics import metrics_of
 from glbench.registration import task_ids
-from glbench.tasks import DEFAULT_TASK, get_task
+from glbench.tasks import PAPER_TASK, get_task
 from glbench.tasks.ledger import FLOW, MONEY
 
 if TYPE_CHECKING:
@@ -136,7 +136,7 @@ class Drawn:
 
 def catalogue(*tasks: TaskSpec | None) -> Catalogue:
     """The catalogue of some tasks together; ``None``, or none at all, means a task that is not known: it is taken for the default one."""
-    found = [_of_task(task or get_task(DEFAULT_TASK)) for task in dict.fromkeys(tasks or (None,))]
+    found = [_of_task(task or get_task(PAPER_TASK)) for task in dict.fromkeys(tasks or (None,))]
     return found[0] if len(found) == 1 else _together(found)
 
 
@@ -291,7 +291,7 @@ def _together(found: Sequence[Catalogue]) -> Catalogue:
 @cache
 def drawn(task: TaskSpec | None) -> Drawn:
     """What the report draws of a task, or of one that is not known."""
-    task = task or get_task(DEFAULT_TASK)
+    task = task or get_task(PAPER_TASK)
     told, ledger = _words(), task.ledger
     labels = {one.name: one.label or one.name for one in task.model_value.capacities(task.parameters_by_name())}
     controls = [*(name for name in told["order"]["controls"] if name in labels), *labels]

@@ -21,7 +21,7 @@ from glbench.leaderboard.ranking import Estimate, Row, TaskTable
 from glbench.leaderboard.statistics import SCORES, Interval, Published
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
 from glbench.resources import write_atomically
-from glbench.tasks import DEFAULT_TASK, get_task
+from glbench.tasks import PAPER_TASK, get_task
 from glbench.untrusted import visible
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ _PROFIT = "the profit: what is earned minus what is paid"
 def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     """What the figures of the tables mean."""
     tasks = [table.task for table in tables] or [None]
-    said = {(task or get_task(DEFAULT_TASK)).ledger.meaning.rpartition(": ")[2] for task in tasks}
+    said = {(task or get_task(PAPER_TASK)).ledger.meaning.rpartition(": ")[2] for task in tasks}
     profit = said.pop() if len(said) == 1 else ""
     priced = {bool(task is not None and task.violation_prices) for task in tasks}
     units = " ".join(words for words, is_priced in _UNITS if is_priced in priced)

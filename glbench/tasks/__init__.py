@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from glbench.tasks.ledger import PriceTable as PriceTable
     from glbench.tasks.ledger import StepQuantity as StepQuantity
     from glbench.tasks.library import DEFAULT_TASK as DEFAULT_TASK
+    from glbench.tasks.library import PAPER_TASK as PAPER_TASK
     from glbench.tasks.library import get_suite as get_suite
     from glbench.tasks.library import get_task as get_task
     from glbench.tasks.library import list_drafts as list_drafts
@@ -66,6 +67,7 @@ else:
             "tables": ("TaskFile1", "TaskFile2"),
             "library": (
                 "DEFAULT_TASK",
+                "PAPER_TASK",
                 "get_suite",
                 "get_task",
                 "list_drafts",

@@ -15,8 +15,11 @@ from glbench.tasks.spec import TaskSpec
 _State = tuple[int, int]
 """When a file was changed, and its size."""
 
-DEFAULT_TASK = "glbench/Schiphol2010-Delta10-v1"
+DEFAULT_TASK = "glbench/Spring-v1"
 """The task that is meant when none is named."""
+
+PAPER_TASK = "glbench/Schiphol2010-Delta10-v1"
+"""The benchmark of the GreenLight-Gym paper."""
 
 
 def get_task(id_or_path: str | Path) -> TaskSpec:

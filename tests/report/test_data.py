@@ -21,7 +21,7 @@ from glbench.report import build_report, complete_profiles, page
 from glbench.report.collecting import optional_facts
 from glbench.report.packing import LEVELS
 from glbench.report.page import _asset, _scripts
-from glbench.tasks import DEFAULT_TASK
+from glbench.tasks import PAPER_TASK
 
 
 def blocks_of(html: str) -> dict:
@@ -239,7 +239,7 @@ def test_a_profile_that_cannot_be_used_leaves_the_other_results_on_the_page(made
 
 
 def test_a_result_that_shares_its_digest_under_another_task_does_not_speak_for_the_released_one(made):
-    original = next(item for item in made.stored if item.result.task.id == DEFAULT_TASK)
+    original = next(item for item in made.stored if item.result.task.id == PAPER_TASK)
     task = original.result.task.model_copy(update={"id": "zzz/Schiphol2010-Delta10-v1"})
     agent = original.result.agent.model_copy(update={"information": "something else"})
     foreign = replace(original, result=original.result.model_copy(update={"task": task, "agent": agent}))

@@ -17,7 +17,7 @@ from glbench.leaderboard.pairs import compare_entries
 from glbench.leaderboard.tables import to_json
 from glbench.report import build_report
 from glbench.report.task_words import definition_in_words
-from glbench.tasks import DEFAULT_TASK, get_task
+from glbench.tasks import PAPER_TASK, get_task
 from tests.report.conftest import Made, small_task, write_agent
 from tests.report.test_browser import CHROMIUM, browser, change_price, column, draw_everything, visit
 from tests.report.test_data import embedded
@@ -59,7 +59,7 @@ def test_the_words_of_lettuce_come_from_its_ledger_and_its_model():
 
 
 def test_the_paper_s_tasks_keep_their_words():
-    told = catalogue(get_task(DEFAULT_TASK))
+    told = catalogue(get_task(PAPER_TASK))
     assert told == catalogue()
     assert [metric.label for metric in told.columns][:4] == ["Reward", "Profit (EPI)", "Penalty", "Yield"]
     assert "to grow tomatoes at a profit" in told.lead
@@ -67,7 +67,7 @@ def test_the_paper_s_tasks_keep_their_words():
 
 
 def test_both_together_have_the_columns_of_both():
-    told = catalogue(get_task(DEFAULT_TASK), lettuce_task())
+    told = catalogue(get_task(PAPER_TASK), lettuce_task())
     assert {"yield", "heads_gained", "co2", "co2_dosed"} <= set(told.metrics)
     assert [metric.kind for metric in told.metrics.values()][:3] == ["score", "profit", "earned"]
 

@@ -15,7 +15,7 @@ import pytest
 import rfc8785
 
 import glbench.model
-from glbench.tasks import DEFAULT_TASK, get_task
+from glbench.tasks import PAPER_TASK, get_task
 
 Vary = Callable[..., Path]
 
@@ -26,7 +26,7 @@ def nine(value: float) -> float:
 
 
 def test_the_digest_is_the_sha256_of_canonical_json() -> None:
-    task = get_task(DEFAULT_TASK)
+    task = get_task(PAPER_TASK)
     parts: dict[str, Any] = {
         "definition": task.definition(),
         "parameters": {name: nine(value) for name, value in task.parameters_by_name().items()},
@@ -93,22 +93,22 @@ def test_the_rows_of_a_forecast_belong_to_the_digest(vary: Vary) -> None:
 
 
 def test_a_fresh_process_finds_the_same_digest() -> None:
-    program = f"from glbench.tasks import get_task; print(get_task({DEFAULT_TASK!r}).digest)"
+    program = f"from glbench.tasks import get_task; print(get_task({PAPER_TASK!r}).digest)"
     printed = subprocess.run(
         [sys.executable, "-c", program], check=True, capture_output=True, text=True, env={"PYTHONHASHSEED": "12345"}
     )
-    assert printed.stdout.strip() == get_task(DEFAULT_TASK).digest
+    assert printed.stdout.strip() == get_task(PAPER_TASK).digest
 
 
 def test_a_task_survives_pickling_with_its_digest() -> None:
-    task = get_task(DEFAULT_TASK)
+    task = get_task(PAPER_TASK)
     copy = pickle.loads(pickle.dumps(task))
     assert copy == task
     assert copy.digest == task.digest
 
 
 def test_a_changed_copy_does_not_keep_the_digest_of_the_original() -> None:
-    task = get_task(DEFAULT_TASK)
+    task = get_task(PAPER_TASK)
     copy = task.model_copy(update={"uncertainty": task.uncertainty.model_copy(update={"delta": 0.5})})
     assert copy.digest != task.digest
     assert not copy.locked

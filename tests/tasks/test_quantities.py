@@ -13,7 +13,7 @@ import pytest
 from glbench.errors import TaskError, UnknownNameError
 from glbench.model import CONTROL_NAMES, STATE_NAMES, TOMATO, VARIANTS, bounds
 from glbench.tasks import (
-    DEFAULT_TASK,
+    PAPER_TASK,
     MODEL_VARIANTS,
     OBSERVATION_MODULES,
     PREPROCESSINGS,
@@ -39,16 +39,16 @@ PAPER_COLUMNS = [
 
 
 def context(days: int = 60, forecast_steps: int = 0) -> q.ObservationContext:
-    parameters = get_task(DEFAULT_TASK).parameters_by_name()
+    parameters = get_task(PAPER_TASK).parameters_by_name()
     return q.ObservationContext(days * 96, 900.0, forecast_steps, parameters, TOMATO)
 
 
 def test_the_papers_22_values_come_in_its_order_and_units() -> None:
-    assert [(column.name, column.unit) for column in get_task(DEFAULT_TASK).observed()] == PAPER_COLUMNS
+    assert [(column.name, column.unit) for column in get_task(PAPER_TASK).observed()] == PAPER_COLUMNS
 
 
 def test_the_controls_reach_the_papers_capacities() -> None:
-    at_one = {c.name: (c.at_one, c.unit) for c in task_card(get_task(DEFAULT_TASK)).controls}
+    at_one = {c.name: (c.at_one, c.unit) for c in task_card(get_task(PAPER_TASK)).controls}
     assert at_one == {
         "uBoil": (130.0, "W m-2"), "uCo2": (5.0, "mg m-2 s-1"), "uThScr": (1.0, "-"),
         "uVent": (1.0, "-"), "uLamp": (116.0, "W m-2"), "uBlScr": (1.0, "-"),
@@ -94,7 +94,7 @@ def test_the_full_state_has_the_names_of_the_model_in_its_order() -> None:
 
 def test_at_the_hottest_bound_the_cover_gives_off_more_than_anything_can_supply() -> None:
     """1500 W m-2 of sun at 60 degC, all of it absorbed, with boiler and lamps; no wind, sky as warm as the air."""
-    p = get_task(DEFAULT_TASK).parameters_by_name()
+    p = get_task(PAPER_TASK).parameters_by_name()
     supplied = 1500.0 + p["pBoil"] / p["aFlr"] + p["thetaLampMax"]
     emissivity = 1.0 - p["tauRfFir"] - p["rhoRfFir"]
     radiated = emissivity * 5.67e-8 * ((bounds.HOTTEST + 273.15) ** 4 - (60.0 + 273.15) ** 4)
@@ -110,7 +110,7 @@ def test_the_highest_co2_is_a_dose_that_never_stops_in_a_house_that_hardly_leaks
 
 
 def test_the_card_tells_what_an_agent_may_know_and_neither_weather_nor_seeds() -> None:
-    card = task_card(get_task(DEFAULT_TASK))
+    card = task_card(get_task(PAPER_TASK))
     assert (card.steps, card.step_seconds, card.clock, card.place.timezone) == (5760, 900.0, "UTC", "Europe/Amsterdam")
     assert card.action_names == CONTROL_NAMES
     assert {(action.low, action.high) for action in card.actions} == {(-1.0, 1.0)}

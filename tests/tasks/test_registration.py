@@ -10,7 +10,7 @@ import gymnasium
 import pytest
 
 from glbench import registration
-from glbench.tasks import DEFAULT_TASK, list_drafts, list_tasks, register_tasks
+from glbench.tasks import PAPER_TASK, list_drafts, list_tasks, register_tasks
 
 HEAVY = ("casadi", "pandas", "pydantic", "pvlib", "pyarrow", "scipy", "torch", "rich", "typer")
 
@@ -39,10 +39,10 @@ def test_both_orders_of_import_register_every_task_without_the_model(imports: st
 
 
 def test_a_spec_leads_to_the_environments_and_leaves_the_horizon_to_them() -> None:
-    spec = gymnasium.spec(DEFAULT_TASK)
+    spec = gymnasium.spec(PAPER_TASK)
     assert spec.entry_point == "glbench.env:GreenhouseEnv"
     assert spec.vector_entry_point == "glbench.env:GreenhouseVectorEnv"
-    assert spec.kwargs == {"task": DEFAULT_TASK}
+    assert spec.kwargs == {"task": PAPER_TASK}
     assert spec.max_episode_steps is None
     assert (spec.order_enforce, spec.disable_env_checker) == (True, False)
 

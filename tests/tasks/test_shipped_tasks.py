@@ -9,7 +9,7 @@ import pytest
 
 from glbench.env import Simulation
 from glbench.registration import draft_files, task_files
-from glbench.tasks import DEFAULT_TASK, TaskSpec, get_suite, get_task, list_drafts, list_suites, list_tasks, read_lock
+from glbench.tasks import PAPER_TASK, TaskSpec, get_suite, get_task, list_drafts, list_suites, list_tasks, read_lock
 from glbench.tasks.library import check_file_name
 
 DELTAS = (0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30)
@@ -38,12 +38,12 @@ def test_the_suites_are_the_two_families_in_order_of_their_uncertainty() -> None
 
 
 def test_the_default_task_has_ten_percent() -> None:
-    task = get_task(DEFAULT_TASK)
+    task = get_task(PAPER_TASK)
     assert (task.id, task.uncertainty.delta, task.suites) == ("glbench/Schiphol2010-Delta10-v1", 0.10, ("paper",))
 
 
 def test_the_short_form_of_an_id_is_enough() -> None:
-    assert get_task("Schiphol2010-Delta10-v1") == get_task(DEFAULT_TASK)
+    assert get_task("Schiphol2010-Delta10-v1") == get_task(PAPER_TASK)
 
 
 @pytest.mark.parametrize("suite", ["paper", "paper-code"])
@@ -72,7 +72,7 @@ def test_the_paper_fixes_horizon_weather_limits_prices_and_evaluation(suite: str
 
 
 def test_the_first_row_is_the_first_of_march_and_one_row_follows_the_last_step() -> None:
-    weather = get_task(DEFAULT_TASK).disturbances()
+    weather = get_task(PAPER_TASK).disturbances()
     assert weather.values.shape == (5761, 10)
     assert (weather.hour_of_day[0], weather.day_of_year[0]) == (0.0, 59.0)
     assert str(weather.times[0]) == "2010-03-01T00:00:00"
@@ -80,7 +80,7 @@ def test_the_first_row_is_the_first_of_march_and_one_row_follows_the_last_step()
 
 
 def test_a_forecast_adds_rows_and_changes_none() -> None:
-    task = get_task(DEFAULT_TASK)
+    task = get_task(PAPER_TASK)
     longer = task.disturbances(extra_rows=48)
     assert len(longer.values) == 5761 + 48
     np.testing.assert_array_equal(longer.values[:5761], task.disturbances().values)
@@ -116,7 +116,7 @@ def test_a_failed_step_costs_the_lowest_epi_and_a_penalty_of_three() -> None:
 
 
 def test_what_a_task_hands_out_cannot_be_changed() -> None:
-    task = get_task(DEFAULT_TASK)
+    task = get_task(PAPER_TASK)
     for array in (task.parameters(), task.initial_state(), task.disturbances().values):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
