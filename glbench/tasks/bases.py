@@ -3,7 +3,11 @@
 ``base = "glbench/Schiphol2010-Delta10-v1"`` (a shipped task) or ``base = "winter.toml"`` (a file beside it) at the top of a task file
 takes over all of that task but id, title, description and suites. What the file itself says replaces the base's, key by key. What
 comes out is checked, digested and recorded like a file that is written out: nobody needs the base to check a result. A base of
-schema 1 under a file of schema 2 is converted first. Prices in a file beside the task (``file = "gas.csv"``) are taken over as a series.
+schema 1 under a file of schema 2 is converted first. ``without = ["sensors", "splits.training"]`` leaves tables and keys of the base
+out. ``[splits]`` takes the place of the base's as a whole: years that are stated are all the years there are. Prices in a file beside
+the task (``file = "gas.csv"``) are taken over as a series.
+
+``TaskSpec.replace`` puts tasks together in the same way (``combined``), in Python.
 """
 
 from __future__ import annotations
@@ -12,7 +16,7 @@ import csv
 import datetime as dt
 import io
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,9 +26,11 @@ from glbench.registration import task_files, task_ids
 from glbench.resources import data_folder
 from glbench.untrusted import MIB, read_regular
 
-BASE = "base"
+BASE, WITHOUT = "base", "without"
 NOT_INHERITED = ("id", "title", "description", "suites")
 """Keys that every task says for itself."""
+AS_A_WHOLE = ("splits",)
+"""Tables that take the place of the base's; all others are put together key by key."""
 LONGEST_CHAIN = 8
 """Files that a task may be made of."""
 
@@ -37,10 +43,13 @@ _LONGEST_CHANGE = 2000
 
 @dataclass(frozen=True)
 class Change:
-    """A key that differs from the base: its full name, and both values as a file writes them; ``before`` is ``None`` for a new key."""
+    """A key that differs from the base: its full name, and both values as a file writes them.
+
+    ``value`` is ``None`` for what is left out, ``before`` for what is new.
+    """
 
     key: str
-    value: str
+    value: str | None
     before: str | None
 
 
@@ -91,22 +100,61 @@ def read_written(path: Path, above: tuple[Path, ...] = ()) -> Written:
         msg = f"{shown} is the base of a base of a base, {LONGEST_CHAIN} times over. Write one of these tasks out."
         raise TaskError(msg)
     content = _read_toml(path, shown)
-    prices = _take_over_prices(content, path, shown)
+    prices = take_over_prices(content, path.parent, shown)
     under = _file_of(content.get(BASE), path, shown)
     if under is None:
+        if WITHOUT in content:
+            msg = f"{shown}: without = {as_written(content[WITHOUT])} says what of a base is left out, and there is no base. Add one."
+            raise TaskError(msg)
         return Written(content, files=prices)
     found = read_written(under, files)
-    below, base = found.content, content.pop(BASE)
-    schemas = below.get("schema"), content.get("schema", below.get("schema"))
+    base = content.pop(BASE)
+    return combined(found.content, content, base, shown, (*prices, under.resolve(), *found.files))
+
+
+def combined(
+    below: Mapping[str, Any], content: Mapping[str, Any], base: str, shown: str, files: tuple[Path, ...] = ()
+) -> Written:
+    """The tables ``content`` over ``below``, those of the task ``base``; ``shown`` is what messages call the result.
+
+    Raises
+    ------
+    TaskError
+        When ``content`` has an older schema than its base, or leaves out what its base does not have.
+    """
+    own = dict(content)
+    schemas = below.get("schema"), own.get("schema", below.get("schema"))
     if schemas == (2, 1):
         msg = f"{shown}: base = {as_written(base)} has schema 2, which schema 1 cannot say. Write schema = 2, or leave it out."
         raise TaskError(msg)
     if schemas == (1, 2):
         below = as_schema_2(below)
     inherited = {key: value for key, value in below.items() if key not in NOT_INHERITED}
-    merged = _merged(inherited, content)
-    _take_one_cost_of_violations(merged, content)
-    return Written(merged, base, tuple(_changes(inherited, merged)), (*prices, under.resolve(), *found.files))
+    kept = _left_out(inherited, own.pop(WITHOUT, []), base, shown)
+    merged = merged_tables({key: value for key, value in kept.items() if key not in AS_A_WHOLE or key not in own}, own)
+    _take_one_cost_of_violations(merged, own)
+    return Written(merged, base, tuple(_changes(inherited, merged)), files)
+
+
+def _left_out(inherited: Mapping[str, Any], names: object, base: str, shown: str) -> Mapping[str, Any]:
+    """``inherited`` without the tables and keys ``names``."""
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        msg = f'{shown}: without = {as_written(names)} must be a list of tables and keys of the base, such as ["sensors", "splits.training"].'
+        raise TaskError(msg)
+    kept = inherited
+    for name in names:
+        kept = _without(kept, name.split("."), f'{shown}: {as_written(base)} has no "{name}" to leave out.')
+    return kept
+
+
+def _without(table: Mapping[str, Any], path: Sequence[str], refusal: str) -> dict[str, Any]:
+    """``table`` without the key at ``path``."""
+    key, *rest = path
+    if key not in table or (rest and not isinstance(table[key], Mapping)):
+        msg = f"{refusal}{did_you_mean(key, table)}"
+        raise TaskError(msg)
+    others = {name: value for name, value in table.items() if name != key}
+    return {**others, key: _without(table[key], rest, refusal)} if rest else others
 
 
 def as_schema_2(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -131,17 +179,23 @@ def as_schema_2(content: Mapping[str, Any]) -> dict[str, Any]:
     return {**kept, "schema": 2, "model": pinned, "ledger": ledger, "scenario": scenario}
 
 
-def _take_over_prices(content: dict[str, Any], path: Path, shown: str) -> tuple[Path, ...]:
-    """Replace ``file = "gas.csv"`` of a price table by the series in that file; the files of prices."""
+def take_over_prices(content: Mapping[str, Any], folder: Path, shown: str) -> tuple[Path, ...]:
+    """Replace ``file = "gas.csv"`` of a price table by the series in that file of ``folder``; the files of prices.
+
+    Raises
+    ------
+    TaskError
+        When a file cannot be read, or is no CSV file of prices.
+    """
     tables, files = content.get("price_tables"), []
     for name, table in tables.items() if isinstance(tables, dict) else ():
         if not isinstance(table, dict) or "file" not in table:
             continue
         file = table.pop("file")
-        files.append((path.parent / str(file)).resolve())
+        files.append((folder / str(file)).resolve())
         where = f"{shown}: [price_tables.{name}] file = {as_written(file)}"
         try:
-            rows = list(csv.reader(io.StringIO(read_regular(path.parent / str(file), _LARGEST_FILE).decode())))
+            rows = list(csv.reader(io.StringIO(read_regular(folder / str(file), _LARGEST_FILE).decode())))
             header, points = rows[0], [row for row in rows[1:] if row]
             time, price = (["time", "price"].index(title.strip()) for title in header)
             table["series"] = [
@@ -232,12 +286,18 @@ def _read_toml(path: Path, shown: str) -> dict[str, Any]:
     except (RecursionError, ValueError) as error:  # nested without end; a number of thousands of digits
         msg = f"{shown} is no task file: it holds a number or a nesting that no task has. Is it the right file?"
         raise TaskError(msg) from error
-    _check_plain(content, shown)
+    check_plain(content, shown)
     return content
 
 
-def _check_plain(content: dict[str, Any], shown: str) -> None:
-    """Refuse numbers and nestings that what reads the task later would stumble over."""
+def check_plain(content: Mapping[str, Any], shown: str) -> None:
+    """Refuse numbers and nestings that what reads the task later would stumble over.
+
+    Raises
+    ------
+    TaskError
+        That names the key.
+    """
     inside: list[tuple[str, object, int]] = [("the file", content, 0)]
     while inside:
         key, value, depth = inside.pop()
@@ -253,12 +313,12 @@ def _check_plain(content: dict[str, Any], shown: str) -> None:
             inside += [(key, inner, depth + 1) for inner in value]
 
 
-def _merged(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+def merged_tables(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
     """``own`` over ``base``, table by table."""
     merged = dict(base)
     for key, value in own.items():
         below = merged.get(key)
-        merged[key] = _merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+        merged[key] = merged_tables(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
     return merged
 
 
@@ -275,6 +335,17 @@ def _changes(base: Mapping[str, Any], merged: Mapping[str, Any]) -> Iterator[Cha
     for key, value in _leaves(merged):
         if key not in NOT_INHERITED and before.get(key) != value:
             yield Change(key, _whole(value), _whole(before[key]) if key in before else None)
+    for key, value in _gone(base, merged):
+        yield Change(key, None, _whole(value))
+
+
+def _gone(base: Mapping[str, Any], merged: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, object]]:
+    """Tables and keys of ``base`` that are not in ``merged``; of a table that is gone as a whole, the table alone."""
+    for key, value in base.items():
+        if key not in merged:
+            yield f"{prefix}{key}", value
+        elif isinstance(value, dict) and isinstance(merged[key], dict) and "unit" not in value:
+            yield from _gone(value, merged[key], f"{prefix}{key}.")
 
 
 def _whole(value: object) -> str:
