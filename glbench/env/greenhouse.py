@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ from glbench.env.panel import panel
 from glbench.env.rendering import FRAMES_PER_SECOND, PICTURES, RENDER_MODES, Camera, checked_render_mode
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
 from glbench.env.simulation import Simulation
-from glbench.env.spaces import STATE, action_space, check_names, observation_space, state_option, the_task
+from glbench.env.spaces import STATE, action_space, check_names, observation_space, state_option, task_of_environment
 from glbench.errors import ActionError
 
 if TYPE_CHECKING:
@@ -75,7 +76,9 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         which needs the extra ``video``. ``None``: nothing.
     split
         Of a task with splits, which scenarios episodes are drawn from: "training", which is meant when none is named, "validation" or
-        "test".
+        "test". A task that has a test alone wants it named.
+    overrides
+        What differs from the task, such as ``{"weather.days": 30, "sensors": None}``, as for ``TaskSpec.replace``.
 
     ## Version History
 
@@ -90,8 +93,9 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         kernel: Stepper | str | None = None,
         render_mode: str | None = None,
         split: str | None = None,
+        overrides: Mapping[str, Any] | None = None,
     ) -> None:
-        self.task = the_task(task, split)
+        self.task = task_of_environment(task, split, overrides)
         self.render_mode = checked_render_mode(render_mode)
         self.observation_space = observation_space(self.task)
         self.action_space = action_space(self.task)

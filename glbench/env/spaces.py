@@ -23,16 +23,28 @@ RESET_MASK = "reset_mask"
 """Option of a vector environment's ``reset``: the rows to reset."""
 
 
-def the_task(task: TaskSpec | str, split: str | None = None) -> TaskSpec:
-    """A task from itself, its id, or the path of its file; in ``split``, if one is named.
+def the_task(task: TaskSpec | str) -> TaskSpec:
+    """A task from itself, its id, or the path of its file."""
+    return task if isinstance(task, TaskSpec) else get_task(task)
+
+
+def task_of_environment(
+    task: TaskSpec | str, split: str | None = None, overrides: Mapping[str, Any] | None = None
+) -> TaskSpec:
+    """The task with what ``overrides`` changes, in ``split``; where none is named, for training.
 
     Raises
     ------
     TaskError
-        When the task has no such split.
+        When the task has no such split, when none is named and there is a test alone, or when the overrides make no task.
     """
-    found = task if isinstance(task, TaskSpec) else get_task(task)
-    return found if split is None else found.in_split(split)
+    found = the_task(task)
+    if overrides is not None:
+        found = found.replace(overrides)
+    if split is not None:
+        return found.in_split(split)
+    found.check_training()
+    return found
 
 
 def observation_space(task: TaskSpec) -> Vectors:

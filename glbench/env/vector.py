@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +27,7 @@ from glbench.env.spaces import (
     mask_option,
     observation_space,
     state_option,
-    the_task,
+    task_of_environment,
 )
 from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean, whole_number
 from glbench.kernel import make_kernel
@@ -73,7 +73,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         ``DISABLED``: the row must be reset with the option ``reset_mask`` before the next step.
     render_mode
         As for ``GreenhouseEnv``; ``render`` returns one text or picture for each row.
-    split
+    split, overrides
         As for ``GreenhouseEnv``.
     """
 
@@ -87,9 +87,10 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
         split: str | None = None,
+        overrides: Mapping[str, Any] | None = None,
     ) -> None:
         check_runs(num_envs)
-        self.task = the_task(task, split)
+        self.task = task_of_environment(task, split, overrides)
         check_kernel(kernel, self.task)
         if whole_number(workers, "The number of workers") != 1 and not isinstance(kernel, str | None):
             msg = "Give the vector environment a Kernel or a number of workers, not both; a preset's name goes with workers."

@@ -4,8 +4,8 @@
 takes over all of that task but id, title, description and suites. What the file itself says replaces the base's, key by key. What
 comes out is checked, digested and recorded like a file that is written out: nobody needs the base to check a result. A base of
 schema 1 under a file of schema 2 is converted first. ``without = ["sensors", "splits.training"]`` leaves tables and keys of the base
-out. ``[splits]`` takes the place of the base's as a whole: years that are stated are all the years there are. Prices in a file beside
-the task (``file = "gas.csv"``) are taken over as a series.
+out. ``[splits]`` with years takes the place of the base's as a whole: the years that are stated are all there are. Prices in a file
+beside the task (``file = "gas.csv"``) are taken over as a series.
 
 ``TaskSpec.replace`` puts tasks together in the same way (``combined``), in Python.
 """
@@ -29,8 +29,8 @@ from glbench.untrusted import MIB, read_regular
 BASE, WITHOUT = "base", "without"
 NOT_INHERITED = ("id", "title", "description", "suites")
 """Keys that every task says for itself."""
-AS_A_WHOLE = ("splits",)
-"""Tables that take the place of the base's; all others are put together key by key."""
+SPLITS = "splits"
+"""The table that takes the place of the base's as soon as it states years; all others are put together key by key."""
 LONGEST_CHAIN = 8
 """Files that a task may be made of."""
 
@@ -131,15 +131,21 @@ def combined(
         below = as_schema_2(below)
     inherited = {key: value for key, value in below.items() if key not in NOT_INHERITED}
     kept = _left_out(inherited, own.pop(WITHOUT, []), base, shown)
-    merged = merged_tables({key: value for key, value in kept.items() if key not in AS_A_WHOLE or key not in own}, own)
+    if _states_years(own.get(SPLITS)):
+        kept = {key: value for key, value in kept.items() if key != SPLITS}
+    merged = _merged(kept, own)
     _take_one_cost_of_violations(merged, own)
     return Written(merged, base, tuple(_changes(inherited, merged)), files)
+
+
+def _states_years(splits: object) -> bool:
+    return isinstance(splits, Mapping) and any(isinstance(one, Mapping) and "years" in one for one in splits.values())
 
 
 def _left_out(inherited: Mapping[str, Any], names: object, base: str, shown: str) -> Mapping[str, Any]:
     """``inherited`` without the tables and keys ``names``."""
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        msg = f'{shown}: without = {as_written(names)} must be a list of tables and keys of the base, such as ["sensors", "splits.training"].'
+        msg = f'{shown}: without = {as_written(names)} must be a list of tables or keys of the base: ["sensors", "splits.training"].'
         raise TaskError(msg)
     kept = inherited
     for name in names:
@@ -313,12 +319,12 @@ def check_plain(content: Mapping[str, Any], shown: str) -> None:
             inside += [(key, inner, depth + 1) for inner in value]
 
 
-def merged_tables(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+def _merged(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
     """``own`` over ``base``, table by table."""
     merged = dict(base)
     for key, value in own.items():
         below = merged.get(key)
-        merged[key] = merged_tables(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+        merged[key] = _merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
     return merged
 
 

@@ -69,6 +69,8 @@ def _explain(root: type[BaseModel], detail: ErrorDetails) -> str:
         reason = str(detail["ctx"]["error"])
         if _is_table(owner, key) or _is_entry(root, tables):
             return f"[{'.'.join([*tables, key])}] {reason}"
+        if not detail["loc"]:  # about more than one table: it names them
+            return reason
         return f"{place}{key} = {as_written(detail['input'])}: {reason}"
     if not allowed:
         return _inside(root, [*tables, key], detail)

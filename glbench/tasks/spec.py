@@ -54,6 +54,7 @@ from glbench.tasks.tables import (
     WeatherTable,
 )
 from glbench.tasks.vocabulary import INITIAL_STATES, OBSERVATION_MODULES
+from glbench.tasks.written import tables_of, with_dates
 
 if TYPE_CHECKING:
     from glbench.model import Model
@@ -156,8 +157,28 @@ class TaskSpec:
         """
         return cls(file_of(content))
 
+    def replace(self, changes: Mapping[str, Any] | None = None, /, **tables: Any) -> TaskSpec:
+        """The task with ``changes``: what a task file means that names this task as its base and says what differs.
+
+        ``task.replace({"weather.days": 30, "prices.heat.value": 0.12})`` and ``task.replace(weather={"days": 30})`` name keys as a file
+        does, with dots or table in table, and both may be given. What is given replaces what the task says, key by key; ``None`` leaves
+        a table or a key out. Quantities are written as in a file: ``{"value": 0.12, "unit": "EUR kWh-1"}``. Days and moments may be
+        text (``"2011-03-01"``).
+
+        ``id`` and ``title`` are keys like others. Without an id the task is called ``my/`` and its short id. The split stays, if the
+        new task has it.
+
+        Raises
+        ------
+        TaskError
+            When what comes out is no task; it names table, key and value. When the id is that of a shipped task.
+        """
+        from glbench.tasks.replacing import replaced
+
+        return replaced(self, {} if changes is None else changes, tables)
+
     def model_copy(self, update: Mapping[str, Any]) -> TaskSpec:
-        """A copy with other tables. They are not checked."""
+        """A copy with other tables, which are not checked; it can be run, but not recorded. ``replace`` checks."""
         file = self.file.model_copy(update=dict(update))
         if isinstance(file, TaskFile2):
             file._written = None
@@ -203,23 +224,36 @@ class TaskSpec:
         """The task with the scenarios that count: those of its test split, or itself where it has no splits."""
         return self if self.splits is None else self.in_split("test", self.sealed)
 
+    def check_training(self) -> None:
+        """Refuse a task that has a test alone: nothing can be learned in it.
+
+        Raises
+        ------
+        TaskError
+            That names the task to train on.
+        """
+        if self.splits is not None and self.splits.training is None:
+            instead = f"on {self.base}, its base," if self.base is not None else "on another task"
+            msg = (
+                f"{self.id} has no training split: it scores agents that were trained elsewhere. Train {instead} or name the "
+                'split that there is: split="test".'
+            )
+            raise TaskError(msg)
+
     @property
     def chosen_on(self) -> TaskSpec:
         """The task with the scenarios that one chooses between agents by: its validation split, or itself where it has none."""
         return self.in_split("validation") if self.splits is not None and self.splits.validation else self
 
     def written(self) -> dict[str, Any]:
-        """The tables of a task of schema 2 as its file writes them, dates as text: what ``of_written`` reads.
+        """The tables of the task as its file writes them, dates as text: what ``of_written`` reads.
 
         Raises
         ------
         TaskError
-            When there is no such file: schema 1, or a copy that was changed.
+            When there is no such file: a copy of schema 2 that was changed without a check.
         """
-        content = self.file._written if isinstance(self.file, TaskFile2) else None
-        if content is None:
-            msg = f"{self.source} is a changed copy of a task. Write it as a file to record it."
-            raise TaskError(msg)
+        content = tables_of(self)
         plain: dict[str, Any] = json.loads(json.dumps(content, default=lambda moment: moment.isoformat()))
         return plain
 
@@ -232,14 +266,7 @@ class TaskSpec:
         pydantic.ValidationError, ValueError, KeyError, TypeError
             When it defines none.
         """
-        content = json.loads(json.dumps(plain))
-        content["weather"]["start"] = dt.date.fromisoformat(content["weather"]["start"])
-        for season in content["scenario"].get("seasons", ()):
-            season["start"] = dt.date.fromisoformat(season["start"])
-        for table in content.get("price_tables", {}).values():
-            for point in table.get("series", ()):
-                point["time"] = dt.datetime.fromisoformat(point["time"])
-        return cls.model_validate(content)
+        return cls.model_validate(with_dates(plain))
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
         """What the file says as plain values, as ``pydantic.BaseModel.model_dump`` gives them."""

@@ -708,15 +708,17 @@ class SensorTable(Table):
 
 def _sensor_in(unit: str) -> BeforeValidator:
     """Read the numbers of a sensor, each with its unit."""
+    read = in_unit(unit).func
+
+    def value_of(key: str, given: object) -> object:
+        try:
+            return read(given) if key in SensorTable.model_fields else given  # type: ignore[call-arg, arg-type]
+        except ValueError as error:
+            msg = f"{key} = {as_written(given)}: {error}"
+            raise ValueError(msg) from None
 
     def values_of(given: object) -> object:
-        if not isinstance(given, Mapping):
-            return given
-        read = in_unit(unit).func
-        return {
-            key: read(value) if key in SensorTable.model_fields else value  # type: ignore[call-arg, arg-type]
-            for key, value in given.items()
-        }
+        return {key: value_of(key, value) for key, value in given.items()} if isinstance(given, Mapping) else given
 
     return BeforeValidator(values_of)
 

@@ -319,7 +319,10 @@ def search(
         When ``folder`` holds another search, or one that was begun and is not to be resumed; when the policy does not fit the task.
     SubmissionError
         When there is no policy to start from.
+    TaskError
+        When the task has a test alone.
     """
+    task.check_training()
     with folder_lock(folder):
         identity = {"task_digest": task.digest, "settings_digest": settings.digest, "seed": seed}
         state = folder / SEARCH if (folder / SEARCH).is_file() else None

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from glbench import registration
-from glbench.env import program, scenario
+from glbench.env import program, weather_pool
 from glbench.env.behaviour import lock_behaviour
 from glbench.registration import task_files
-from glbench.tasks import bases, library, list_tasks, lock, lock_new_tasks, spec
+from glbench.tasks import bases, library, list_tasks, lock, lock_new_tasks, replacing, spec
 from tests.tasks.names import FILE
 
 
@@ -75,7 +75,7 @@ def forget() -> Iterator[Callable[[], None]]:
 
     def forget_all() -> None:
         spec._disturbances.cache_clear()
-        for remembered in (program._shipped, scenario._pool, scenario._tables):
+        for remembered in (program._shipped, weather_pool._pool, replacing._made):
             remembered.cache_clear()
         library._checked.cache_clear()
         library._REMEMBERED.clear()
