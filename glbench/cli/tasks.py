@@ -39,10 +39,11 @@ def list_command(
     suite: Annotated[str | None, typer.Option("--suite", "-s", help="Only the tasks of this suite.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List the tasks that come with glbench, drafts last: what each is, how long, how uncertain, under which weather."""
+    """List the tasks that come with glbench, suite by suite, the default task first: what each is, how long, under which weather."""
     from glbench.tasks import DEFAULT_TASK, list_drafts, list_tasks, read_lock
 
-    tasks, drafts = list_tasks(), list_drafts() if suite is None else []
+    published, drafts = list_tasks(), list_drafts()
+    tasks = _by_suite([*published, *drafts], DEFAULT_TASK)
     if suite is not None:
         suites = dict.fromkeys(name for task in tasks for name in task.suites)
         if suite not in suites:
@@ -50,11 +51,11 @@ def list_command(
             raise UnknownNameError(msg)
         tasks = [task for task in tasks if suite in task.suites]
     lock = read_lock()
-    digests = {task.id: lock[task.id].digest if task.id in lock else None for task in tasks}
+    digests = {task.id: lock[task.id].digest if task.id in lock else None for task in published}
     if as_json:
-        put_json([_summary(task, digests.get(task.id)) for task in (*tasks, *drafts)])
+        put_json([_summary(task, digests.get(task.id)) for task in tasks])
         return
-    for part in _listing([*tasks, *drafts], {**digests, **dict.fromkeys((task.id for task in drafts), _DRAFT)}):
+    for part in _listing(tasks, {**digests, **dict.fromkeys((task.id for task in drafts), _DRAFT)}):
         output().print(part)
     messages().print(
         f"Commands without --task take {DEFAULT_TASK}. `glbench tasks show ID` explains a task.", style="dim"
@@ -192,6 +193,7 @@ def _summary(task: TaskSpec, digest: str | None) -> dict[str, Any]:
         "steps": task.steps,
         "delta": task.uncertainty.delta,
         "half_width": task.uncertainty.half_width,
+        "splits": None if task.splits is None else task.splits.model_dump(mode="json", exclude_none=True),
         "weather": task.weather.source,
         "preprocessing": task.weather.preprocessing,
         "model_variant": task.model.variant,
@@ -233,25 +235,40 @@ def references_command(
     output().print(view)
 
 
+def _by_suite(tasks: Sequence[TaskSpec], default: str) -> list[TaskSpec]:
+    """Tasks of a suite together; its suite and the default task itself come first, tasks in no suite last."""
+    suites = list(dict.fromkeys(task.suites for task in tasks))
+    first = next((task.suites for task in tasks if task.id == default), ())
+
+    def place(task: TaskSpec) -> tuple[bool, bool, int, bool]:
+        return not task.suites, task.suites != first, suites.index(task.suites), task.id != default
+
+    return sorted(tasks, key=place)
+
+
 def _listing(tasks: Sequence[TaskSpec], digests: Mapping[str, str | None]) -> Iterator[RenderableType]:
-    """Tasks in groups of the same suite, period and weather, a heading and a table each; ``digests`` are the lock's."""
-    for heading, group in groupby(tasks, key=_common):
-        yield Text.assemble((f"{heading[0]}\n", "bold"), (heading[1], "dim"))
-        view = _plain_table(("Task", "What it is", "Delta", "Digest"), ("Delta",))
-        for task in group:
-            digest = digests[task.id]
-            delta = f"{100 * task.uncertainty.delta:g} %" if task.schema_version == 1 else "–"
-            view.add_row(task.short_id, task.title, delta, digest[:8] if digest else "not locked")
-        yield Padding(view, (0, 0, 1, 2), expand=False)
+    """Tasks suite by suite, under their period and weather, a table for each; ``digests`` are the lock's."""
+    for suites, of_suite in groupby(tasks, key=lambda task: task.suites):
+        yield Text(f"Suite {', '.join(suites)}" if suites else "In no suite", style="bold")
+        for common, group in groupby(of_suite, key=_common):
+            yield Text(common, style="dim")
+            rows = list(group)
+            noisy = any(task.schema_version == 1 for task in rows)
+            columns = ("Task", "What it is", *(("Delta",) if noisy else ()), "Digest")
+            view = _plain_table(columns, ("Delta",))
+            for task in rows:
+                digest = digests[task.id]
+                delta = (f"{100 * task.uncertainty.delta:g} %",) if noisy else ()
+                view.add_row(task.short_id, task.title, *delta, digest[:8] if digest else "not locked")
+            yield Padding(view, (0, 0, 1, 2), expand=False)
 
 
-def _common(task: TaskSpec) -> tuple[str, str]:
-    """What the tasks of a group share: the suite, and period, step and weather in words."""
+def _common(task: TaskSpec) -> str:
+    """What the tasks of a group share: period, step and weather in words."""
     from glbench.report.task_words import minutes, period
 
     weather = task.weather
-    suite = f"Suite {', '.join(task.suites)}" if task.suites else "In no suite"
-    return suite, (
+    return (
         f"{period(task)}, step {minutes(task.step_seconds)}, "
         f"weather '{weather.source}', prepared '{weather.preprocessing}'"
     )

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from statistics import fmean
+from types import MappingProxyType
 from typing import Any
 from zoneinfo import ZoneInfo
 
@@ -29,7 +30,10 @@ from glbench.tasks import (
     TaskSpec,
     task_card,
 )
-from glbench.tasks.ledger import VIOLATION_PRICES
+from glbench.tasks.bases import Change
+from glbench.tasks.ledger import LIMITED, VIOLATION_PRICES
+from glbench.tasks.tables import AnyForecastTable, SensorsTable, SplitsTable, SplitTable
+from glbench.tasks.vocabulary import FORECAST_ERRORS
 
 _MOST_ROWS, _FIRST_ROWS = 64, 40
 
@@ -52,19 +56,27 @@ def definition_in_words(task: TaskSpec) -> Iterator[Section]:
     except GlbenchError:
         card = None
     if task.base is not None:
-        there = [f"there {change.before}" if change.before else "not there" for change in task.changes]
-        lines = [f"{one.key} = {one.value} ({before})" for one, before in zip(task.changes, there, strict=True)]
-        yield Section(f"Based on {task.base}, changed:", lines)
+        yield Section(f"Based on {task.base}, changed:", [_change(one) for one in task.changes])
     yield Section("Period and place", _period(task, card))
+    if task.splits is not None:
+        yield Section("Seasons", _splits(task, task.splits))
     yield Section("Greenhouse and crop", _greenhouse(task))
+    if task.sensors is not None:
+        yield Section("Sensors inside; what is judged is the truth", _sensors(task.sensors))
     if card is not None:
-        yield _observations(card)
+        yield _observations(card, _forecast(task))
         yield _actions(card)
         if card.constraints:
             yield _constraints(task, card, catalogue(task).limits)
     yield _prices(task)
     yield Section("Reward of a step", _reward(task))
     yield Section("Evaluation", _evaluation(task))
+
+
+def _change(change: Change) -> str:
+    if change.value is None:
+        return f"{change.key} is left out (there {change.before})"
+    return f"{change.key} = {change.value} ({f'there {change.before}' if change.before else 'not there'})"
 
 
 def figures(task: TaskSpec) -> dict[str, Any]:
@@ -123,12 +135,17 @@ def day(date: dt.date) -> str:
 
 
 def period(task: TaskSpec) -> str:
-    """``50 days from 1 March 2010, 2011 or 2012, up to 14 days later``: how long, and every first day that a run may draw."""
+    """``50 days from 1 March 2010, 2011 or 2012, up to 14 days later``: how long, and every first day that a run may draw.
+
+    Without years where those are told with the splits.
+    """
     scenario = task.scenario
     days = sorted({season.start for season in scenario.seasons})
-    if len({(start.month, start.day) for start in days}) == 1:
+    if task.splits is not None:
+        first = _without_year(task.weather.start)
+    elif len({(start.month, start.day) for start in days}) == 1:
         *others, last = [str(start.year) for start in days]
-        first = f"{day(days[0]).rpartition(' ')[0]} {_or(others, last)}"
+        first = f"{_without_year(days[0])} {_or(others, last)}"
     else:
         *others, last = [day(start) for start in days]
         first = _or(others, last)
@@ -137,12 +154,17 @@ def period(task: TaskSpec) -> str:
     return f"{task.weather.days} days from {first}{later}"
 
 
+def _without_year(date: dt.date) -> str:
+    """``1 March``."""
+    return f"{date.day} {date:%B}"
+
+
 def _or(others: Sequence[str], last: str) -> str:
     return f"{', '.join(others)} or {last}" if others else last
 
 
 def _drawn_period(task: TaskSpec) -> bool:
-    return len(task.scenario.seasons) > 1 or task.scenario.start_within_days > 0
+    return task.splits is not None or len(task.scenario.seasons) > 1 or task.scenario.start_within_days > 0
 
 
 def _period(task: TaskSpec, card: TaskCard | None) -> list[str]:
@@ -155,11 +177,76 @@ def _period(task: TaskSpec, card: TaskCard | None) -> list[str]:
         place = f"{at.station}, {abs(at.latitude):g} {north}, {abs(at.longitude):g} {east}, {at.altitude:g} m"
     when = f"{weather.days} days, from {day(weather.start)} 00:00 to {day(end)} 00:00"
     if _drawn_period(task):
-        when = f"{period(task)}, drawn evenly for every run"
+        when = (
+            f"{period(task)}, {'another for every season' if task.scenario.generated else 'drawn evenly for every run'}"
+        )
+    between = task.scenario.generated.co2_range if task.scenario.generated is not None else None
+    co2 = f"{weather.co2_ppm:g} ppm" if between is None else f"wanders between {between[0]:g} and {between[1]:g} ppm"
     return [
         f"{when}{clock}; one decision every {minutes(task.step_seconds)}, {task.steps} in all.",
-        f"Weather '{weather.source}': {place}; CO2 outside {weather.co2_ppm:g} ppm.",
+        f"Weather '{weather.source}': {place}; CO2 outside {co2}.",
         f"Prepared {PREPROCESSINGS[weather.preprocessing].meaning}.",
+    ]
+
+
+_FOR: Mapping[str, str] = MappingProxyType(
+    {"training": "Training", "validation": "Validation, to choose between agents", "test": "Test, which scores"}
+)
+
+
+def _splits(task: TaskSpec, splits: SplitsTable) -> Iterator[str]:
+    """What each split is for, of which years it is made, and how many seasons it has."""
+    seen: set[tuple[int, ...]] = set()
+    for name in splits.names:
+        split: SplitTable = getattr(splits, name)
+        *others, last = [str(year) for year in split.years]
+        years = f"{', '.join(others)} and {last}" if others else last
+        if task.scenario.generated is None:
+            made = f"the seasons of {years}"
+        else:
+            other = "other " if split.years in seen else ""
+            made = (
+                f"{split.seasons} {other}season{'s' if split.seasons != 1 else ''}, put together from days of {years}"
+            )
+        seen.add(split.years)
+        yield f"{_FOR[name]}: {made}."
+    if task.scenario.generated is not None:
+        yield "Weather, first day, CO2 outside and forecast errors belong to the season; all else that is drawn belongs to the run."
+    if splits.training is None:
+        yield f"Nothing can be learned here: agents come from {task.base or 'another task'}."
+
+
+def _sensors(sensors: SensorsTable) -> Iterator[str]:
+    """What each sensor is off by."""
+    for name, sensor in sensors.items():
+        unit, label = LIMITED[name], f"{name.replace('_', ' ')}:".capitalize().replace("Co2", "CO2")
+        errors = [
+            f"{word} {value:g} {unit}{more}"
+            for word, value, more in (
+                ("noise", sensor.noise, " at every step"),
+                (
+                    "bias",
+                    sensor.bias,
+                    " for a run (both standard deviations)" if sensor.noise else " for a run (standard deviation)",
+                ),
+                ("drift of up to", sensor.drift, " by the end"),
+            )
+            if value
+        ]
+        yield f"{label} {', '.join(errors) or 'no error'}."
+    if sensors.dropouts is not None:
+        out = sensors.dropouts
+        yield f"Each hangs at its last value every {out.days_between:g} days for {out.hours:g} h, both on average."
+
+
+def _forecast(task: TaskSpec) -> list[str]:
+    """The forecast that is shown."""
+    hours, table = task.observation.forecast_hours, task.observation.forecast
+    if not hours or not isinstance(table, AnyForecastTable):
+        return []
+    error = table.error
+    return [
+        f"Forecast by the hour, {', '.join(map(str, hours))} h ahead; errors '{error}': {FORECAST_ERRORS[error].meaning}."
     ]
 
 
@@ -201,6 +288,9 @@ def _meaning(words: Registry[Any], name: str) -> str:
     return words[name].meaning if name in words else f"'{name}'"
 
 
+_WHEN: Mapping[str, str] = MappingProxyType({"step": "at every step", "day": "every day", "episode": "once a run"})
+
+
 def _scenario(scenario: Scenario) -> list[str]:
     """What a run draws, in words."""
     lines = [f"Random numbers of the family '{scenario.family}'."]
@@ -208,17 +298,17 @@ def _scenario(scenario: Scenario) -> list[str]:
         days = ", ".join(f"{season.start} ({season.source})" for season in scenario.seasons)
         lines.append(f"A run's season is one of {len(scenario.seasons)}, drawn evenly: {days}.")
     lines += [
-        f"Uncertain, drawn anew every {group.redraw} ({group.distribution}, ±{100 * group.half_width:g} %): "
+        f"Uncertain, drawn {_WHEN[group.redraw]}, '{group.name}' ({group.distribution}, ±{100 * group.half_width:g} %): "
         f"{', '.join(group.parameters)}."
         for group in scenario.groups
     ]
     return lines + [
-        f"At the start ({start.distribution}, ±{100 * start.half_width:g} %): {', '.join(start.states)}."
+        f"Drawn at the start, '{start.name}' ({start.distribution}, ±{100 * start.half_width:g} %): {', '.join(start.states)}."
         for start in scenario.start_groups
     ]
 
 
-def _observations(card: TaskCard) -> Section:
+def _observations(card: TaskCard, lines: Sequence[str]) -> Section:
     count = len(card.observations)
     shown = card.observations if count <= _MOST_ROWS else card.observations[:_FIRST_ROWS]
     rows = [
@@ -235,7 +325,9 @@ def _observations(card: TaskCard) -> Section:
     if len(shown) < count:
         rows.append(("...", f"and {count - len(shown)} more; --json lists all", "", "", "", ""))
     heading = f"What the agent sees: {count} values after every step, float32, in this order"
-    return Section(heading, (), ("", "Name", "Unit", "Lowest", "Highest", "Meaning"), ("", "Lowest", "Highest"), rows)
+    return Section(
+        heading, lines, ("", "Name", "Unit", "Lowest", "Highest", "Meaning"), ("", "Lowest", "Highest"), rows
+    )
 
 
 def _actions(card: TaskCard) -> Section:
