@@ -56,12 +56,12 @@ class Blocks:
 
     shortest: int = 4
     longest: int = 10
-    window: int = 15
+    window: int = 12
     nearest: int = 5
     rest: int = 10
-    midnight: tuple[float, ...] = (1.0, 1.0, 1.0, 0.5)
-    day: tuple[float, ...] = (0.5, 0.5, 0.5, 0.7, 0.3)
-    days: tuple[float, ...] = (1.5, 0.5, 0.3, 0.5, 0.0)
+    midnight: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
+    day: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 0.5)
+    days: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,9 @@ class SeasonGenerator:
 
     def __init__(self, record: WeatherRecord, years: Sequence[int], blocks: Blocks = Blocks()) -> None:  # noqa: B008
         if not years:
-            msg = f"A season of weather '{record.name}' was asked for without years to draw from. Name at least one year."
+            msg = (
+                f"A season of weather '{record.name}' was asked for without years to draw from. Name at least one year."
+            )
             raise WeatherError(msg)
         self.record = record
         self.years = tuple(sorted({int(year) for year in years}))
@@ -114,6 +116,10 @@ class SeasonGenerator:
     def numbers(self, days: int) -> int:
         """How many random numbers a season of ``days`` days is made of."""
         return 2 * (1 + -(-(_length(days) - 1) // self.blocks.shortest))
+
+    def real_days(self) -> tuple[IntArray, Mapping[str, FloatArray]]:
+        """The days to draw from: days since 1970-01-01 (n,), and their hours (n, 24) by quantity in its unit."""
+        return self._days.numbers, {name: self._days.values(name) for name in self._days.names}
 
     def season(self, start: dt.date, days: int, numbers: npt.NDArray[np.float64]) -> GeneratedSeason:
         """The season that ``numbers`` stand for; the same arguments give the same season, to the last bit.
@@ -158,7 +164,11 @@ class SeasonGenerator:
         shortest, longest = self.blocks.shortest, self.blocks.longest
         at = 0
         for i in range(0, len(numbers), 2):
-            length = _rest_of_block(shortest, longest, numbers[i]) if at == 0 else shortest + int(numbers[i] * (longest - shortest + 1))
+            length = (
+                _rest_of_block(shortest, longest, numbers[i])
+                if at == 0
+                else shortest + int(numbers[i] * (longest - shortest + 1))
+            )
             choice = self._choices(chain[max(at - self.blocks.rest, 0) : at], int(calendar[at]), length)
             begin = choice[int(numbers[i + 1] * choice.size)]
             end = min(at + length, calendar.size)
@@ -252,7 +262,9 @@ class _Days:
         self.calendar = calendar_days(self.numbers)
         self.follows = np.diff(self.numbers, prepend=self.numbers[0]) == 1
         ends = np.append(np.flatnonzero(~self.follows)[1:], self.numbers.size)
-        self.runs = ends[np.searchsorted(ends, np.arange(self.numbers.size), side="right")] - np.arange(self.numbers.size)
+        self.runs = ends[np.searchsorted(ends, np.arange(self.numbers.size), side="right")] - np.arange(
+            self.numbers.size
+        )
         # A typical year is a circle: hours that its days lack at the end are those at its beginning.
         slots = (first_slots[:, None] + np.arange(DAY_HOURS)) % record.hours
         counts = np.stack([record.counts[name][slots] for name in self.names], axis=-1)
@@ -261,7 +273,9 @@ class _Days:
             np.minimum(sky, int(OVERCAST) * QUANTITIES["cloud_cover"].counts_per_unit, out=sky)
         self.grid = np.maximum(np.gcd.reduce(counts.reshape(-1, len(self.names)), axis=0), 1)
         self.counts = counts.astype(np.float64)  # (n, 24, columns); whole numbers
-        limits = [(QUANTITIES[name].low, OVERCAST if name == "cloud_cover" else QUANTITIES[name].high) for name in self.names]
+        limits = [
+            (QUANTITIES[name].low, OVERCAST if name == "cloud_cover" else QUANTITIES[name].high) for name in self.names
+        ]
         per_unit = np.array([QUANTITIES[name].counts_per_unit for name in self.names], dtype=np.float64)
         self.low, self.high = np.array(limits).T * per_unit
 
@@ -284,7 +298,9 @@ class _Days:
 
     def features(self, blocks: Blocks) -> FloatArray:
         """What two days are compared by (n, 14): squared differences of the rows add up to the distance."""
-        anomaly = self.values("air_temperature") - self.warmth[self.calendar] / QUANTITIES["air_temperature"].counts_per_unit
+        anomaly = (
+            self.values("air_temperature") - self.warmth[self.calendar] / QUANTITIES["air_temperature"].counts_per_unit
+        )
         sky = next(name for name in SKY if name in self.names)
         hourly = np.stack([anomaly, *(self.values(name) for name in (*MATCHED[1:], sky))], axis=-1)
         clear = np.maximum(self.clear_sky.mean(axis=1)[self.calendar], 1.0)
@@ -297,7 +313,9 @@ class _Days:
 
     def _five_days(self, day: FloatArray) -> FloatArray:
         """Means over each day and the (up to four) days before it."""
-        since = np.arange(self.numbers.size) - np.maximum.accumulate(np.where(self.follows, 0, np.arange(self.numbers.size)))
+        since = np.arange(self.numbers.size) - np.maximum.accumulate(
+            np.where(self.follows, 0, np.arange(self.numbers.size))
+        )
         before = np.minimum(since, 4)
         running = np.concatenate((np.zeros((1, day.shape[1])), np.cumsum(day, axis=0)))
         last = np.arange(self.numbers.size)
@@ -314,7 +332,10 @@ class _Days:
         made[..., radiation] = self._under_the_sun_of(calendar, chain)
         begins = np.flatnonzero(joints)
         if begins.size:
-            before, own = chain[begins - 1], chain[begins] - 1  # the day before the joint, and the day that truly came before the block
+            before, own = (
+                chain[begins - 1],
+                chain[begins] - 1,
+            )  # the day before the joint, and the day that truly came before the block
             gap = self.counts[before, -1] - self.counts[own, -1]
             warmth = self.warmth[:, -1]
             gap[:, warm] += (warmth[self.calendar[own]] - warmth[self.calendar[before]])[:, None]
