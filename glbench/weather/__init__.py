@@ -11,6 +11,7 @@ Example
 
 from __future__ import annotations
 
+from glbench.weather.generator import Blocks, GeneratedSeason, SeasonGenerator
 from glbench.weather.knmi import fetch_knmi, read_knmi
 from glbench.weather.preprocessing import COLUMNS
 from glbench.weather.readers import FORMATS, read_csv, read_epw, read_tmy, read_weather
@@ -23,8 +24,11 @@ __all__ = [
     "FORMATS",
     "PREPROCESSINGS",
     "QUANTITIES",
+    "Blocks",
     "Disturbances",
+    "GeneratedSeason",
     "Place",
+    "SeasonGenerator",
     "WeatherInfo",
     "WeatherRecord",
     "disturbances",

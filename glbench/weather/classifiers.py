@@ -1,7 +1,7 @@
 """Two small classifiers that try to tell joined nights from others: logistic regression and boosted trees.
 
-Written out, because a page of statistics is no reason to depend on a library of machine learning. Labels are 0 and 1; both return scores, the
-higher the more like 1.
+Written out, because a page of statistics is no reason to depend on a library of machine learning. Labels are 0 and 1; both
+return scores, the higher the more like 1.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def area_under_curve(scores: FloatArray, labels: Labels) -> float:
 
 
 def logistic(rows: FloatArray, labels: Labels, others: FloatArray) -> FloatArray:
-    """Scores (m,) of ``others`` (m, features) by a logistic regression with a ridge, fitted to ``rows`` (n, features) with ``labels`` (n,)."""
+    """Scores (m,) of ``others`` (m, features) by logistic regression with a ridge on ``rows`` (n, features), ``labels`` (n,)."""
     mean, scale = rows.mean(axis=0), np.maximum(rows.std(axis=0), 1e-9)
     x = np.column_stack([np.ones(len(rows)), (rows - mean) / scale])
     ridge = RIDGE * np.eye(x.shape[1])
@@ -45,7 +45,7 @@ def logistic(rows: FloatArray, labels: Labels, others: FloatArray) -> FloatArray
 
 
 def boosted(rows: FloatArray, labels: Labels, others: FloatArray) -> FloatArray:
-    """Scores (m,) of ``others`` (m, features) by gradient-boosted trees on quantile bins, grown on ``rows`` (n, features) with ``labels`` (n,)."""
+    """Scores (m,) of ``others`` (m, features) by gradient-boosted trees grown on ``rows`` (n, features), ``labels`` (n,)."""
     edges = [np.unique(np.quantile(column, np.linspace(0.0, 1.0, BINS + 1)[1:-1])) for column in rows.T]
     train, test = (_bins(x, edges) for x in (rows, others))
     fitted, scores = np.zeros(len(rows)), np.zeros(len(others))

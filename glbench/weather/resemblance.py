@@ -39,6 +39,18 @@ class Figure:
     worst: str = ""
 
     @property
+    def shown(self) -> str:
+        """The value in words."""
+        return f"{self.value:.1f}" if self.name.endswith(("[%]", "[d]", "mean]")) else f"{self.value:.3f}"
+
+    @property
+    def limits(self) -> str:
+        """The limits in words; empty where there are none."""
+        if self.low is None:
+            return "" if self.high is None else f"at most {self.high:g}"
+        return f"{self.low:g} to {self.high:g}"
+
+    @property
     def kept(self) -> bool:
         """Whether the value lies within its limits."""
         return (self.low is None or self.value >= self.low) and (self.high is None or self.value <= self.high)
@@ -207,7 +219,7 @@ def _daily(made: _Seasons, real: _Seasons) -> list[Figure]:
             lagged[f"{name}, lag {lag}"] = both[0] - both[1]
         for rows, one in zip(anomalies, centred, strict=True):
             rows.append(one.ravel())
-    tables = [np.corrcoef(np.stack(rows)) for rows in anomalies]
+    tables: list[FloatArray] = [np.asarray(np.corrcoef(np.stack(rows))) for rows in anomalies]
     names = list(theirs)
     crossed = {
         f"{names[i]} and {names[j]}": float(tables[0][i, j] - tables[1][i, j])
@@ -247,14 +259,11 @@ def _sums(made: _Seasons, real: _Seasons) -> list[Figure]:
     """Sums of a season: radiation [MJ m-2] and degree-hours [K h] below 18 degC; their mean over the real one, and their spread."""
     figures = []
     days = made.calendar.shape[1]
-    for name, of in (
-        (f"radiation sum of {days} days", lambda s: s.hours["global_radiation"].sum(axis=(1, 2)) * 3600e-6),
-        (
-            f"degree-hours of {days} days",
-            lambda s: np.maximum(BASE_TEMPERATURE - s.hours["air_temperature"], 0.0).sum(axis=(1, 2)),
-        ),
-    ):
-        ours, theirs = of(made), of(real)
+    radiation, below = (
+        [one.hours["global_radiation"].sum(axis=(1, 2)) * 3600e-6 for one in (made, real)],
+        [np.maximum(BASE_TEMPERATURE - one.hours["air_temperature"], 0.0).sum(axis=(1, 2)) for one in (made, real)],
+    )
+    for name, (ours, theirs) in ((f"radiation sum of {days} days", radiation), (f"degree-hours of {days} days", below)):
         limits = (0.98, 1.02) if name.startswith("radiation") else (None, None)
         figures.append(Figure(f"{name}, generated over real [-]", float(ours.mean() / theirs.mean()), *limits))
         figures.append(Figure(f"{name}, sd generated [% of mean]", 100.0 * float(ours.std() / ours.mean())))
@@ -286,20 +295,29 @@ def _nights(made: _Seasons, seed: int) -> list[Figure]:
     """
     rows, joined, side = _night_rows(made)
     rng = np.random.default_rng((seed, SPLIT_KEY, 2))
-    plain = [rng.permutation(np.flatnonzero(~joined & (side == one))) for one in (1, 0)]
-    joints = [np.flatnonzero(joined & (side == one)) for one in (1, 0)]
+    joints, others, more = _sampled(joined, side, rng)
     figures = []
     for name, classify, most in (("logistic", logistic, 0.65), ("boosted", boosted, 0.75)):
-        found = [
-            _found(classify, rows, [one[: n.size] for one, n in zip(ones, joints, strict=True)], zeros)
-            for ones, zeros in (
-                (joints, [one[: n.size] for one, n in zip(plain, joints, strict=True)]),
-                (plain, [one[n.size : 2 * n.size] for one, n in zip(plain, joints, strict=True)]),
-            )
-        ]
-        figures.append(Figure(f"joined nights found, {name}, AUC [-]", found[0], None, most))
-        figures.append(Figure(f"control, {name}, AUC [-]", found[1], 0.45, 0.55))
+        figures.append(
+            Figure(f"joined nights found, {name}, AUC [-]", _found(classify, rows, joints, others), None, most)
+        )
+        figures.append(Figure(f"control, {name}, AUC [-]", _found(classify, rows, others, more), 0.45, 0.55))
+    halves = np.repeat(np.arange(len(made.joints)) % 2, made.joints.shape[1] - 1)
+    joints, others, _ = _sampled(joined, halves, rng)
+    figures.append(
+        Figure("the same, having seen the same nights, boosted, AUC [-]", _found(boosted, rows, joints, others))
+    )
     return figures
+
+
+def _sampled(
+    joined: npt.NDArray[np.bool_], side: IntArray, rng: np.random.Generator
+) -> tuple[list[IntArray], list[IntArray], list[IntArray]]:
+    """On side 1 and side 0: the joined nights, as many others, and as many others again."""
+    joints = [np.flatnonzero(joined & (side == one)) for one in (1, 0)]
+    plain = [rng.permutation(np.flatnonzero(~joined & (side == one))) for one in (1, 0)]
+    both = list(zip(plain, joints, strict=True))
+    return joints, [one[: n.size] for one, n in both], [one[n.size : 2 * n.size] for one, n in both]
 
 
 def _found(
@@ -311,7 +329,8 @@ def _found(
     """Area under the curve on the second of both, after training on the first."""
     which = [np.concatenate(both) for both in zip(ones, zeros, strict=True)]
     labels: list[Labels] = [np.arange(both.size) < one.size for both, one in zip(which, ones, strict=True)]
-    return area_under_curve(classify(rows[which[0]], labels[0], rows[which[1]]), labels[1])
+    scores = classify(rows[which[0]], labels[0], rows[which[1]])
+    return area_under_curve(scores, labels[1])
 
 
 def _night_rows(made: _Seasons) -> tuple[FloatArray, npt.NDArray[np.bool_], IntArray]:
