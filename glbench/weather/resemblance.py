@@ -25,6 +25,7 @@ AROUND = 12
 FOLLOWED = ("air_temperature", "relative_humidity", "wind_speed")
 SIDE_DAYS = 14
 """Days in a row of the record on which a classifier is trained, before as many on which it is tried."""
+FEWEST_NIGHTS = 20
 SPLIT_KEY = 0x6A6F696E
 
 
@@ -292,10 +293,13 @@ def _nights(made: _Seasons, seed: int) -> list[Figure]:
     """Can a classifier tell joined nights from others? Trained on the nights of some weeks of the record, tried on those of the rest.
 
     The same days come again in other seasons: split by season, it would only learn the record's own nights by heart.
+    No figures where there are too few nights of either kind.
     """
     rows, joined, side = _night_rows(made)
     rng = np.random.default_rng((seed, SPLIT_KEY, 2))
     joints, others, more = _sampled(joined, side, rng)
+    if min(one.size for one in joints) < FEWEST_NIGHTS:
+        return []
     figures = []
     for name, classify, most in (("logistic", logistic, 0.65), ("boosted", boosted, 0.75)):
         figures.append(
@@ -314,10 +318,10 @@ def _sampled(
     joined: npt.NDArray[np.bool_], side: IntArray, rng: np.random.Generator
 ) -> tuple[list[IntArray], list[IntArray], list[IntArray]]:
     """On side 1 and side 0: the joined nights, as many others, and as many others again."""
-    joints = [np.flatnonzero(joined & (side == one)) for one in (1, 0)]
+    joints = [rng.permutation(np.flatnonzero(joined & (side == one))) for one in (1, 0)]
     plain = [rng.permutation(np.flatnonzero(~joined & (side == one))) for one in (1, 0)]
-    both = list(zip(plain, joints, strict=True))
-    return joints, [one[: n.size] for one, n in both], [one[n.size : 2 * n.size] for one, n in both]
+    both = [(one, other, min(one.size, other.size // 2)) for one, other in zip(joints, plain, strict=True)]
+    return [one[:n] for one, _, n in both], [two[:n] for _, two, n in both], [two[n : 2 * n] for _, two, n in both]
 
 
 def _found(

@@ -242,12 +242,12 @@ def _canonical(path: Path, name: str) -> WeatherRecord:
     table = _parquet_table(path)
     described = _metadata(table.schema, path)
     counts: dict[str, IntArray] = {}
-    for name in described["timing"]:
-        if name not in QUANTITIES or name not in table.column_names:
-            raise _damaged(path, f"column {name} is missing or unknown")
-        column = _integers(table, name)
+    for quantity in described["timing"]:
+        if quantity not in QUANTITIES or quantity not in table.column_names:
+            raise _damaged(path, f"column {quantity} is missing or unknown")
+        column = _integers(table, quantity)
         column.setflags(write=False)
-        counts[name] = column
+        counts[quantity] = column
     return WeatherRecord(
         name=name,
         place=Place(**described["place"]),
