@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime as dt
+import json
+import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -33,11 +36,14 @@ _OF_INFO = ("hours", "source", "licence", "digest", "origin", "typical_year")
 _OF_RECORD = ("source", "licence", "digest", "typical_year")
 
 app = typer.Typer(
-    help="List, show, import and fetch weather records.",
+    help="List, show, import, fetch and generate weather records.",
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+Source = Annotated[str, typer.Option("--source", help="Name of a record, as in `glbench weather list`.")]
+Years = Annotated[str, typer.Option("--years", help="Years to draw from: 2008-2010, or 2008,2010.")]
+Days = Annotated[int, typer.Option("--days", min=1, help="Length of a season [d].")]
 Replace = Annotated[bool, typer.Option("--replace", help="Replace your own record of that name.")]
 FillGaps = Annotated[
     int, typer.Option("--fill-gaps", min=0, max=48, help="Fill up to so many missing hours in a row linearly; noted.")
@@ -100,10 +106,12 @@ def show(
 
 @app.command("import")
 def import_file(
-    file: Annotated[Path, typer.Argument(help="KNMI text or zip, EnergyPlus EPW, NREL TMY2/TMY3, or CSV.")],
+    file: Annotated[
+        Path, typer.Argument(help="KNMI text or zip, EnergyPlus EPW, NREL TMY2/TMY3, CSV, or Parquet of glbench.")
+    ],
     name: Annotated[str, typer.Option("--name", help="Name of the new record: lower-case letters, digits, . _ -")],
     file_format: Annotated[
-        str, typer.Option("--format", help="auto, knmi, epw, tmy or csv; auto looks at the content.")
+        str, typer.Option("--format", help="auto, knmi, epw, tmy, csv or parquet; auto looks at the content.")
     ] = "auto",
     timezone: Annotated[
         str | None, typer.Option(help="EPW, TMY: IANA zone of the local clock, such as Europe/Amsterdam.")
@@ -165,6 +173,129 @@ def fetch(
             progress=lambda received, total: bar.update(task, completed=received, total=total),
         )
     _report_saved(record, save_weather(record, chosen, overwrite=replace))
+
+
+@app.command("generate")
+def generate(
+    out: Annotated[Path, typer.Option("--out", "-o", help="The season's file (.parquet); `import` reads it again.")],
+    source: Source = "schiphol",
+    years: Years = "2008-2010",
+    start: Annotated[str, typer.Option("--start", help="First day, such as 2010-03-01.")] = "2010-03-01",
+    days: Days = 60,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Another seed, another season.")] = 1,
+    picture: Annotated[
+        Path | None, typer.Option("--picture", help="Also a picture (.png): the season beside the real years.")
+    ] = None,
+    replace: Annotated[bool, typer.Option("--replace", help="Replace files that are there.")] = False,
+) -> None:
+    """Make a season that never was, from blocks of days of real years."""
+    import numpy as np
+
+    from glbench.errors import WeatherError
+    from glbench.weather import SeasonGenerator, load_weather
+    from glbench.weather.picture import write_picture
+    from glbench.weather.store import write_record
+
+    for path, suffix in ((out, ".parquet"), (picture, ".png")):
+        if path is not None and path.suffix != suffix:
+            msg = f"{path} should end with {suffix}."
+            raise WeatherError(msg)
+        if path is not None and path.exists() and not replace:
+            msg = f"{path} exists already. Choose another name, or replace it with --replace."
+            raise WeatherError(msg)
+    generator = SeasonGenerator(load_weather(source), _years(years))
+    season = generator.season(_date(start), days, np.random.default_rng(seed).random(generator.numbers(days)))
+    record = dataclasses.replace(season.record, notes=(*season.record.notes, f"seed {seed}, {days} days from {start}"))
+    write_record(record, out)
+    put(f"Season of {days} days from {start}, seed {seed}: {record.period}, SHA-256 {record.digest[:12]}, in {out}")
+    put(f"Its source: {record.source}")
+    put(f"Keep it under a name: glbench weather import {out} --name NAME")
+    if picture is not None:
+        write_picture(generator, season, picture)
+        put(f"Picture in {picture}")
+
+
+@app.command("statistics")
+def statistics(
+    source: Source = "schiphol",
+    years: Years = "2008-2010",
+    start: Annotated[
+        str, typer.Option("--start", help="First possible first day; its year does not matter.")
+    ] = "2010-02-15",
+    within_days: Annotated[
+        int, typer.Option("--within-days", min=0, help="How many later first days are possible.")
+    ] = 28,
+    days: Days = 60,
+    seasons: Annotated[int, typer.Option("--seasons", min=20, help="Number of generated seasons.")] = 1000,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of their random numbers.")] = 1,
+    shortest: Annotated[
+        int | None, typer.Option("--shortest", min=1, help="Shortest block [d], to try another generator.")
+    ] = None,
+    longest: Annotated[int | None, typer.Option("--longest", min=1, help="Longest block [d].")] = None,
+    window: Annotated[
+        int | None, typer.Option("--window", min=1, help="Days of the year around a block's place.")
+    ] = None,
+    nearest: Annotated[
+        int | None, typer.Option("--nearest", min=1, help="Number of best matches to draw from.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Also write the figures to this file (JSON).")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """How well generated seasons resemble the real years, beside the limits that a generator must keep."""
+    from glbench.resources import write_atomically
+    from glbench.weather import SeasonGenerator, load_weather
+    from glbench.weather.generator import Blocks
+    from glbench.weather.resemblance import resemblance
+
+    given: dict[str, Any] = {"shortest": shortest, "longest": longest, "window": window, "nearest": nearest}
+    blocks = dataclasses.replace(Blocks(), **{key: value for key, value in given.items() if value is not None})
+    generator = SeasonGenerator(load_weather(source), _years(years), blocks)
+    found = resemblance(generator, start=_date(start), within_days=within_days, days=days, seasons=seasons, seed=seed)
+    described = {**asdict(found), "accepted": found.accepted}
+    if out is not None:
+        write_atomically(out, json.dumps(described, indent=2, allow_nan=False) + "\n")
+    if as_json:
+        put_json(described)
+        return
+    title = f"{seasons} seasons of {days} days generated from {', '.join(map(str, found.years))} of {source}"
+    view = table(title, "figure", "value", "limits", "", "the worst", right=("value",), folded=("figure", "the worst"))
+    for figure in found.figures:
+        limited = figure.limits != ""
+        verdict = ("kept" if figure.kept else "missed") if limited else ""
+        view.add_row(
+            Text(figure.name),
+            figure.shown,
+            figure.limits,
+            Text(verdict, "green" if figure.kept else "bold red"),
+            figure.worst,
+        )
+    output().print(view)
+    put("Every limit is kept." if found.accepted else "A limit is missed.")
+
+
+def _years(text: str) -> list[int]:
+    """Years of a list such as ``2008-2010`` or ``2008,2010``."""
+    from glbench.errors import WeatherError
+
+    years: list[int] = []
+    for part in text.replace(",", " ").split():
+        matched = re.fullmatch(r"(\d{1,4})(?:-(\d{1,4}))?", part)
+        first, last = (int(matched[1]), int(matched[2] or matched[1])) if matched else (1, 0)
+        if last < first or last - first > 1000:
+            msg = f"'{part}' names no years. Write a range such as 2008-2010, or a list such as 2008,2010."
+            raise WeatherError(msg)
+        years.extend(range(first, last + 1))
+    return years
+
+
+def _date(text: str) -> dt.date:
+    from glbench.errors import WeatherError
+
+    try:
+        return dt.date.fromisoformat(text)
+    except ValueError as error:
+        msg = f"'{text}' is no date such as 2010-03-01."
+        raise WeatherError(msg) from error
 
 
 def _table(title: str, columns: list[str], padding: int = 1) -> Table:

@@ -11,7 +11,7 @@ Example
 
 from __future__ import annotations
 
-from glbench.weather.generator import GeneratedSeason, SeasonGenerator
+from glbench.weather.generator import Blocks, GeneratedSeason, SeasonGenerator
 from glbench.weather.knmi import fetch_knmi, read_knmi
 from glbench.weather.preprocessing import COLUMNS
 from glbench.weather.readers import FORMATS, read_csv, read_epw, read_tmy, read_weather
@@ -22,10 +22,11 @@ from glbench.weather.store import list_weather, load_weather, save_weather
 __all__ = [
     "COLUMNS",
     "FORMATS",
-    "GeneratedSeason",
     "PREPROCESSINGS",
     "QUANTITIES",
+    "Blocks",
     "Disturbances",
+    "GeneratedSeason",
     "Place",
     "SeasonGenerator",
     "WeatherInfo",

@@ -1,11 +1,11 @@
 """Seasons without number from some years of a record: a matched-block bootstrap.
 
-A season is a chain of blocks of whole days. Each block is taken from the same time of the year, from a day before which the weather was like
-the weather at the end of the chain. Hours of a block keep their joint course; docs/weather.md has the formulae and the figures that show how
-well the seasons resemble the years they are made of.
+A season is a chain of blocks of whole days. Each block is taken from the same time of the year, from a day before which the
+weather was like the weather at the end of the chain. Hours of a block keep their joint course; docs/weather.md has the formulae
+and the figures that show how well the seasons resemble the years they are made of.
 
-A day begins at midnight of mean solar time, rounded to a slot of the record, so that blocks are joined at night everywhere. Years are those of
-these days. A year's day of the calendar runs from 0 to 364; 29 February counts as 28 February.
+A day begins at midnight of mean solar time, rounded to a slot of the record, so that blocks are joined at night everywhere. Years
+are those of these days. A year's day of the calendar runs from 0 to 364; 29 February counts as 28 February.
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ class Blocks:
 
     shortest: int = 4
     longest: int = 10
-    window: int = 15
+    window: int = 12
     nearest: int = 5
     rest: int = 10
-    midnight: tuple[float, ...] = (1.0, 1.0, 1.0, 0.5)
-    day: tuple[float, ...] = (0.5, 0.5, 0.5, 0.7, 0.3)
-    days: tuple[float, ...] = (1.5, 0.5, 0.3, 0.5, 0.0)
+    midnight: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
+    day: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 0.5)
+    days: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +70,8 @@ class GeneratedSeason:
 
     Attributes
     ----------
+    start : datetime.date
+        First day of the season; the record begins ``MARGIN_DAYS`` earlier.
     record : WeatherRecord
         Hourly weather from two days before the first day to two days after the last; its dates are nominal.
     sources : ndarray (days + 4,) of int64
@@ -78,6 +80,7 @@ class GeneratedSeason:
         Whether a block begins with this day; false for the first.
     """
 
+    start: dt.date
     record: WeatherRecord
     sources: IntArray
     joints: npt.NDArray[np.bool_]
@@ -101,7 +104,7 @@ class SeasonGenerator:
         When there are no years, or one of them is not wholly in the record; names it.
     """
 
-    def __init__(self, record: WeatherRecord, years: Sequence[int], blocks: Blocks = Blocks()) -> None:  # noqa: B008
+    def __init__(self, record: WeatherRecord, years: Sequence[int], blocks: Blocks = Blocks()) -> None:
         if not years:
             msg = (
                 f"A season of weather '{record.name}' was asked for without years to draw from. Name at least one year."
@@ -116,6 +119,10 @@ class SeasonGenerator:
     def numbers(self, days: int) -> int:
         """How many random numbers a season of ``days`` days is made of."""
         return 2 * (1 + -(-(_length(days) - 1) // self.blocks.shortest))
+
+    def real_days(self) -> tuple[IntArray, Mapping[str, FloatArray]]:
+        """The days to draw from: days since 1970-01-01 (n,), and their hours (n, 24) by quantity in its unit."""
+        return self._days.numbers, {name: self._days.values(name) for name in self._days.names}
 
     def season(self, start: dt.date, days: int, numbers: npt.NDArray[np.float64]) -> GeneratedSeason:
         """The season that ``numbers`` stand for; the same arguments give the same season, to the last bit.
@@ -151,7 +158,8 @@ class SeasonGenerator:
         sources = self._days.numbers[chain]
         for array in (sources, joints):
             array.setflags(write=False)
-        return GeneratedSeason(self._record(first, self._days.joined(chain, joints, calendar)), sources, joints)
+        record = self._record(first, self._days.joined(chain, joints, calendar))
+        return GeneratedSeason(start, record, sources, joints)
 
     def _chain(self, calendar: IntArray, numbers: list[float]) -> tuple[IntArray, npt.NDArray[np.bool_]]:
         """For each day of the season, the day of the years that it is taken from, and whether a block begins with it."""
@@ -288,9 +296,10 @@ class _Days:
     def warmth(self) -> FloatArray:
         """Mean course of the temperature through the year (365, 24) [counts]: two waves through the daily means."""
         mean = self.counts[..., self.names.index("air_temperature")].mean(axis=1)
-        waves, *_ = np.linalg.lstsq(_waves(self.calendar + 0.5), mean, rcond=None)
-        hours = np.arange(YEAR_DAYS)[:, None] + (np.arange(DAY_HOURS) + 1.0) / DAY_HOURS
-        return np.asarray((_waves(hours.ravel()) @ waves).reshape(YEAR_DAYS, DAY_HOURS))
+        through = _waves(self.calendar.astype(np.float64) + 0.5)
+        waves = np.linalg.solve(through.T @ through, through.T @ mean)
+        hours = np.arange(1.0, YEAR_DAYS * DAY_HOURS + 1.0) / DAY_HOURS
+        return np.asarray((_waves(hours) @ waves).reshape(YEAR_DAYS, DAY_HOURS))
 
     def features(self, blocks: Blocks) -> FloatArray:
         """What two days are compared by (n, 14): squared differences of the rows add up to the distance."""
@@ -365,7 +374,7 @@ class _Days:
         ratio = self.counts[..., self.names.index("global_radiation")] / np.where(high, sun, 1.0)
         apart = np.abs(np.arange(DAY_HOURS)[:, None] - np.arange(DAY_HOURS))
         nearest = np.where(high[:, None, :], apart, DAY_HOURS).argmin(axis=-1)
-        return np.where(high.any(axis=1)[:, None], np.take_along_axis(ratio, nearest, axis=1), 0.0)
+        return np.where(high.any(axis=1, keepdims=True), np.take_along_axis(ratio, nearest, axis=1), 0.0)
 
 
 @lru_cache(maxsize=16)
@@ -383,10 +392,12 @@ def clear_sky(place: Place, ahead: int) -> FloatArray:
     from pvlib.solarposition import declination_spencer71, equation_of_time_spencer71
 
     days = np.arange(1, YEAR_DAYS + 1)
-    declination = np.asarray(declination_spencer71(days))[:, None]
+    declination = np.asarray(declination_spencer71(days), dtype=np.float64)[:, None]
     parts = SLOT_SECONDS // RAW_SECONDS
     clock = (np.arange(DAY_HOURS * parts) + 0.5) / parts - ahead / SLOT_SECONDS  # UTC [h]
-    solar = clock + place.longitude / 15.0 + np.asarray(equation_of_time_spencer71(days))[:, None] / 60.0
+    solar = (
+        clock + place.longitude / 15.0 + np.asarray(equation_of_time_spencer71(days), dtype=np.float64)[:, None] / 60.0
+    )
     latitude, hour_angle = np.radians(place.latitude), np.radians(15.0 * (solar - 12.0))
     sine = np.sin(latitude) * np.sin(declination) + np.cos(latitude) * np.cos(declination) * np.cos(hour_angle)
     radiation = np.where(sine > 0.0, 1098.0 * sine * np.exp(-0.057 / np.maximum(sine, 1e-3)), 0.0)

@@ -1,5 +1,7 @@
 """Readers of weather files: the format told from the content, the documented CSV, and EnergyPlus EPW and NREL TMY read with pvlib.
 
+**Parquet**: glbench's own canonical table with its description, as ``glbench weather generate`` and ``save_weather`` write it.
+
 **CSV**: a unit in every column's title, and the place in comment lines (docs/weather.md).
 
 **EPW and TMY** stamp local standard time. Radiation is the sum over the hour before the stamp; temperature, humidity, wind and cloud are
@@ -30,6 +32,7 @@ from glbench.weather.assemble import USUAL_TIMING, Origin, Rows, assemble, check
 from glbench.weather.knmi import read_knmi
 from glbench.weather.preprocessing import KELVIN
 from glbench.weather.record import QUANTITIES, SLOT_SECONDS, FloatArray, IntArray, Place, Timing, WeatherRecord
+from glbench.weather.store import read_stored
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -106,7 +109,7 @@ TMY2_COLUMNS: _Sources = {
     "global_radiation": ("GHI", 1.0, (9999,)),
     "cloud_cover": ("TotCld", OCTANTS_PER_TENTH, (99,)),
 }
-Format = Literal["knmi", "epw", "tmy", "csv"]
+Format = Literal["knmi", "epw", "tmy", "csv", "parquet"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 _HEAD_BYTES = 65536
 
@@ -518,6 +521,8 @@ def read_weather(
         return read_knmi(path, name=name, station=station, fill_gaps=fill_gaps)
     if chosen == "csv":
         return read_csv(path, name=name, fill_gaps=fill_gaps)
+    if chosen == "parquet":
+        return read_stored(path, name)
     read = read_epw if chosen == "epw" else read_tmy
     return read(path, name=name, timezone=timezone, year=year, fill_gaps=fill_gaps)
 
@@ -539,6 +544,8 @@ def detect_format(path: Path) -> Format:
     text = head.decode("latin-1")
     if path.suffix.lower() in (".tm2", ".tmy2"):
         return "tmy"
+    if head.startswith(b"PAR1"):
+        return "parquet"
     if head.startswith(b"PK") or re.search(r"STN\s*,\s*YYYYMMDD\s*,\s*HH?\s*,", text):
         return "knmi"
     if text.startswith("LOCATION,"):

@@ -1,7 +1,8 @@
 """Weather records by name: those shipped with the package, and those in the user's own data folder.
 
-Shipped records are Parquet tables in their source's own whole numbers; ``weather/manifest.toml`` says where they come from and
-locks the SHA-256 of their canonical values. A user's record is one Parquet file that carries its own description and digest.
+Shipped records are Parquet tables, KNMI's in its own whole numbers, the others in canonical ones; ``weather/manifest.toml`` says where they
+come from and locks the SHA-256 of their canonical values. A user's record is one canonical Parquet file, which carries its own description
+and digest.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ NAME = re.compile(r"[a-z0-9][a-z0-9_.-]{0,63}")
 
 
 def load_weather(name: str) -> WeatherRecord:
-    """Weather record ``name``: ``"schiphol"`` (shipped), or one imported or fetched by the user.
+    """Weather record ``name``: a shipped one, such as ``"schiphol"``, or one imported or fetched by the user.
 
     Raises
     ------
@@ -64,7 +65,7 @@ def load_weather(name: str) -> WeatherRecord:
         return _load_shipped(name, data_folder("weather"))
     path = user_folder() / f"{name}.parquet"
     if NAME.fullmatch(name) and path.is_file():
-        return _read_stored(path)
+        return read_stored(path)
     near = did_you_mean(name, [*shipped, *_user_names()])
     msg = (
         f"There is no weather record '{name}'.{near} Add one with `glbench weather import` or `glbench weather fetch`."
@@ -99,8 +100,13 @@ def save_weather(record: WeatherRecord, name: str, *, overwrite: bool = False) -
         When the name is not usable, is a shipped record's, or is taken and ``overwrite`` is false.
     """
     path = check_new_name(name, overwrite=overwrite)
-    write_atomically(path, _parquet_bytes(replace(record, name=name)))
+    write_record(replace(record, name=name), path)
     return path
+
+
+def write_record(record: WeatherRecord, path: Path) -> None:
+    """Write ``record`` as a canonical Parquet file with its description, whole or not at all; ``read_weather`` reads it again."""
+    write_atomically(path, _parquet_bytes(record))
 
 
 def check_new_name(name: str, *, overwrite: bool = False) -> Path:
@@ -171,16 +177,20 @@ def _load_shipped(name: str, folder: Path) -> WeatherRecord:
     entry = _manifest(folder)[name]
     path = folder / entry["file"]
     try:
-        table = _parquet_table(path)
-        columns = {field: _integers(table, field) for field in table.column_names}
+        record = _canonical(path, name) if entry["format"] == "canonical" else _knmi(path, name, entry)
     except (ValueError, TypeError, NotImplementedError, WeatherError) as error:
         raise _changed(path, folder, f"unreadable: {error.__cause__ or error}") from error
-    place = Place(entry["station"], entry["latitude"], entry["longitude"], entry["altitude"], entry["timezone"])
-    origin = Origin(name, place, entry["source"], entry["licence"])
-    record = assemble(native_rows(str(path), columns), origin)
     if record.digest != entry["digest"]:
         raise _changed(path, folder, f"locked {entry['digest'][:12]}..., found {record.digest[:12]}...")
     return record
+
+
+def _knmi(path: Path, name: str, entry: Mapping[str, Any]) -> WeatherRecord:
+    """Record of a Parquet file in KNMI's own whole numbers."""
+    table = _parquet_table(path)
+    columns = {field: _integers(table, field) for field in table.column_names}
+    place = Place(entry["station"], entry["latitude"], entry["longitude"], entry["altitude"], entry["timezone"])
+    return assemble(native_rows(str(path), columns), Origin(name, place, entry["source"], entry["licence"]))
 
 
 def _integers(table: Any, name: str) -> IntArray:
@@ -213,18 +223,33 @@ def _parquet_bytes(record: WeatherRecord) -> bytes:
     return sink.getvalue()
 
 
-def _read_stored(path: Path) -> WeatherRecord:
+def read_stored(path: Path, name: str | None = None) -> WeatherRecord:
+    """Record of a canonical Parquet file, as ``save_weather`` and ``write_record`` write it; named after the file by default.
+
+    Raises
+    ------
+    WeatherError
+        When the file is damaged, or its values are not those that its description locks.
+    """
+    record = _canonical(path, name or path.stem)
+    described = _metadata(_parquet_schema(path), path)
+    if record.digest != described["digest"]:
+        raise _damaged(path, f"its digest should be {described['digest'][:12]}..., found {record.digest[:12]}...")
+    return record
+
+
+def _canonical(path: Path, name: str) -> WeatherRecord:
     table = _parquet_table(path)
     described = _metadata(table.schema, path)
     counts: dict[str, IntArray] = {}
-    for name in described["timing"]:
-        if name not in QUANTITIES or name not in table.column_names:
-            raise _damaged(path, f"column {name} is missing or unknown")
-        column = _integers(table, name)
+    for quantity in described["timing"]:
+        if quantity not in QUANTITIES or quantity not in table.column_names:
+            raise _damaged(path, f"column {quantity} is missing or unknown")
+        column = _integers(table, quantity)
         column.setflags(write=False)
-        counts[name] = column
-    record = WeatherRecord(
-        name=path.stem,
+        counts[quantity] = column
+    return WeatherRecord(
+        name=name,
         place=Place(**described["place"]),
         begin=described["begin"],
         counts=MappingProxyType(counts),
@@ -234,9 +259,6 @@ def _read_stored(path: Path) -> WeatherRecord:
         typical_year=described["typical_year"],
         notes=tuple(described["notes"]),
     )
-    if record.digest != described["digest"]:
-        raise _damaged(path, f"its digest should be {described['digest'][:12]}..., found {record.digest[:12]}...")
-    return record
 
 
 def _metadata(schema: pa.Schema, path: Path) -> dict[str, Any]:
@@ -273,5 +295,5 @@ def _parquet_table(path: Path) -> pa.Table:
 
 
 def _damaged(path: Path, evidence: str) -> WeatherError:
-    msg = f"{path} is not a usable weather record: {evidence}. Delete it and import or fetch it again."
+    msg = f"{path} is not a usable weather record: {evidence}. Delete it and make, import or fetch it again."
     return WeatherError(msg)

@@ -9,6 +9,9 @@ from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
@@ -16,7 +19,7 @@ from glbench.cli.console import messages, output
 from glbench.cli.weather import app
 from glbench.errors import GlbenchError, UnknownNameError, WeatherError
 from glbench.model import PARAMETER_NAMES, default_parameters
-from glbench.weather import load_weather
+from glbench.weather import SeasonGenerator, load_weather, read_weather
 from glbench.weather.assemble import LONGEST_FILL
 from glbench.weather.summary import PHOTONS_PER_JOULE, monthly
 from tests.weather.files import csv_rows, csv_text, knmi_days, knmi_line, knmi_text, write_epw
@@ -66,8 +69,10 @@ def test_list_shows_the_shipped_record_with_its_period() -> None:
 
 
 def test_list_as_json_is_whole() -> None:
-    (record,) = json.loads(run("list", "--json"))["records"]
-    assert record["name"] == "schiphol"
+    records = json.loads(run("list", "--json"))["records"]
+    assert [one["name"] for one in records] == ["greensboro", "miami", "sand_point", "schiphol"]
+    assert [one["typical_year"] for one in records] == [True, True, True, False]
+    record = records[-1]
     assert record["digest"] == load_weather("schiphol").digest
     assert (record["latitude_deg"], record["longitude_deg"], record["altitude_m"]) == (52.318, 4.79, -3.3)
     assert (record["first"], record["last"], record["hours"]) == (
@@ -224,7 +229,7 @@ def test_a_year_is_fetched_and_listed(service: str) -> None:
     assert "Weather 'knmi-240-2013': 2013-01-01 00:00 to 2014-01-01 00:00 UTC, 8,760 h" in shown
     assert load_weather("knmi-240-2013").hours == 8760
     names = [record["name"] for record in json.loads(run("list", "--json"))["records"]]
-    assert names == ["schiphol", "knmi-240-2013"]
+    assert names[-2:] == ["schiphol", "knmi-240-2013"]
 
 
 def test_the_service_can_be_named_in_the_environment(service: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -264,3 +269,75 @@ def test_a_gap_too_long_to_fill_is_not_advised_to_be_filled(tmp_path: Path) -> N
 
 def test_the_command_takes_what_the_library_fills() -> None:
     assert f"<={LONGEST_FILL}" in " ".join(run("import", "--help").split())
+
+
+SEASON = ("--years", "2008-2010", "--start", "2010-03-01", "--days", "20")
+
+
+def test_a_generated_season_is_written_and_can_be_imported(tmp_path: Path) -> None:
+    out, picture = tmp_path / "season.parquet", tmp_path / "season.png"
+    shown = run("generate", *SEASON, "--seed", 3, "--out", out, "--picture", picture)
+    assert "Season of 20 days from 2010-03-01, seed 3: 2010-02-27 00:00 to 2010-03-23 00:00 UTC" in shown
+    assert "years 2008, 2009, 2010 of weather 'schiphol'" in shown
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    run("import", out, "--name", "season-3")
+    record = load_weather("season-3")
+    generator = SeasonGenerator(load_weather("schiphol"), (2008, 2009, 2010))
+    numbers = np.random.default_rng(3).random(generator.numbers(20))
+    assert record.digest == generator.season(dt.date(2010, 3, 1), 20, numbers).record.digest
+    assert "generated from the years 2008, 2009, 2010 of weather 'schiphol'" in record.source
+    assert any("seed 3, 20 days from 2010-03-01" in note for note in record.notes)
+    assert "acknowledged" in record.licence
+
+
+def test_a_seed_names_a_season(tmp_path: Path) -> None:
+    files = [tmp_path / f"{name}.parquet" for name in ("one", "same", "other")]
+    for file, seed in zip(files, (1, 1, 2), strict=True):
+        run("generate", *SEASON, "--seed", seed, "--out", file)
+    digests = [read_weather(file).digest for file in files]
+    assert digests[0] == digests[1] != digests[2]
+
+
+def test_a_file_is_not_replaced_unasked_and_nothing_is_written_on_a_mistake(tmp_path: Path) -> None:
+    out = tmp_path / "season.parquet"
+    assert "The year 2007 is not wholly in" in refused("generate", "--years", "2007", "--out", out)
+    assert "'2010-2008' names no years" in refused("generate", "--years", "2010-2008", "--out", out)
+    assert "'March' is no date" in refused("generate", "--start", "March", "--out", out)
+    assert "should end with .png" in refused("generate", "--out", out, "--picture", tmp_path / "season.jpg")
+    assert "no weather record 'shiphol'" in refused("generate", "--source", "shiphol", "--out", out)
+    assert not list(tmp_path.glob("season.*"))
+    run("generate", *SEASON, "--out", out)
+    before = out.read_bytes()
+    assert "exists already" in refused("generate", *SEASON, "--seed", 2, "--out", out)
+    assert out.read_bytes() == before
+    run("generate", *SEASON, "--seed", 2, "--out", out, "--replace")
+    assert out.read_bytes() != before
+
+
+def test_a_damaged_season_is_not_imported(tmp_path: Path) -> None:
+    out = tmp_path / "season.parquet"
+    run("generate", *SEASON, "--out", out)
+    table = pq.ParquetFile(out).read()
+    wind = pa.array(np.zeros(table.num_rows, dtype=np.int64))
+    pq.write_table(table.set_column(table.column_names.index("wind_speed"), "wind_speed", wind), out)
+    assert "its digest should be" in refused("import", out, "--name", "changed")
+    assert "takes no --station" in refused("import", out, "--name", "changed", "--station", 240)
+
+
+def test_statistics_are_shown_with_their_limits_and_written(tmp_path: Path) -> None:
+    out = tmp_path / "figures.json"
+    arguments = ("--years", "2008,2010", "--seasons", 24, "--within-days", 5, "--days", 30)
+    shown = run("statistics", *arguments, "--out", out)
+    for words in (
+        "24 seasons of 30 days generated from 2008, 2010 of schiphol",
+        "at most 0.1",
+        "0.93 to 1.07",
+        "Kolmogorov",
+    ):
+        assert words in shown
+    written = json.loads(out.read_text())
+    assert written["years"] == [2008, 2010]
+    assert written == json.loads(run("statistics", *arguments, "--json"))
+    assert written["accepted"] == ("Every limit is kept." in shown)
+    other = json.loads(run("statistics", *arguments, "--shortest", 2, "--longest", 3, "--json"))
+    assert other["figures"] != written["figures"]

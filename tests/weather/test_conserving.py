@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import datetime as dt
 from dataclasses import replace
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
 
 from glbench.errors import WeatherError
-from glbench.weather import Disturbances, Place, WeatherRecord, disturbances, load_weather
+from glbench.weather import Disturbances, Place, WeatherRecord, conserving, disturbances, load_weather, preprocessing
 from glbench.weather.conserving import sine_of_elevation
 from glbench.weather.record import Timing
 
@@ -257,3 +258,38 @@ def test_sun_stands_where_the_almanac_says() -> None:
     golden = Place("Golden", 39.742476, -105.1786, 1830.14, "America/Denver")
     elevation = np.degrees(np.arcsin(sine_of_elevation(np.array([moment]), golden)))[0]
     assert elevation == pytest.approx(39.872046, abs=1e-5)
+
+
+def test_what_is_remembered_of_sun_and_clock_changes_no_bit(schiphol: WeatherRecord) -> None:
+    for start, steps in (
+        (dt.date(2010, 3, 20), 96 * 12),
+        (dt.date(2011, 10, 25), 96 * 9),
+        (dt.date(2010, 3, 21), 96 * 12),
+    ):
+        conserving._sine_over.cache_clear()
+        preprocessing._offsets_of_day.cache_clear()
+        fresh = disturbances(schiphol, start=start, steps=steps, preprocessing="conserving")
+        again = disturbances(schiphol, start=start, steps=steps, preprocessing="conserving")
+        for name in ("values", "hour_of_day", "day_of_year"):
+            np.testing.assert_array_equal(getattr(fresh, name), getattr(again, name))
+    begin = int(YEAR_BEGIN.timestamp())
+    sine = conserving._sine_over(schiphol.place, begin, 30)
+    middles = begin + 300 * (np.arange(30 * 12) + 0.5)
+    np.testing.assert_array_equal(sine.ravel(), sine_of_elevation(middles, schiphol.place))
+    assert not sine.flags.writeable
+
+
+@pytest.mark.parametrize(
+    "clock", ["Europe/Amsterdam", "America/Anchorage", "Australia/Lord_Howe", "Asia/Kolkata", "UTC"]
+)
+def test_the_clock_is_looked_up_at_every_quarter(clock: str) -> None:
+    rng = np.random.default_rng(1)
+    changes = [
+        int(dt.datetime(2010, month, day, tzinfo=dt.UTC).timestamp())
+        for month, day in ((3, 28), (10, 31), (4, 3), (11, 7))
+    ]
+    times = np.concatenate([change + rng.integers(-90_000, 90_000, 200) for change in changes])
+    zone = ZoneInfo(clock)
+    expected = [dt.datetime.fromtimestamp(int(t), tz=zone).utcoffset() for t in times]
+    made = preprocessing.utc_offsets(times, clock)
+    assert made.tolist() == [int((offset or dt.timedelta()).total_seconds()) for offset in expected]

@@ -157,7 +157,7 @@ def test_a_saved_record_comes_back_with_every_value_and_its_digest(schiphol: Wea
 def test_list_shows_shipped_and_own_records(schiphol: WeatherRecord) -> None:
     save_weather(schiphol, "mine")
     infos = {info.name: info for info in list_weather()}
-    assert set(infos) == {"schiphol", "mine"}
+    assert set(infos) == {"greensboro", "miami", "sand_point", "schiphol", "mine"}
     assert (infos["schiphol"].origin, infos["mine"].origin) == ("shipped", "yours")
     assert infos["mine"].digest == infos["schiphol"].digest == SCHIPHOL_DIGEST
     assert (infos["mine"].first, infos["mine"].last) == (schiphol.first, schiphol.last)

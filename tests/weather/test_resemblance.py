@@ -1,0 +1,123 @@
+"""The page of statistics: it accepts the generator, refuses worse ones, and its classifiers find what there is to find."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from glbench.errors import WeatherError
+from glbench.weather import Blocks, SeasonGenerator, WeatherRecord, load_weather
+from glbench.weather.classifiers import area_under_curve, boosted, logistic
+from glbench.weather.resemblance import Figure, Resemblance, resemblance
+
+TRAINING, TEST = (2008, 2009, 2010), (2011, 2012)
+
+
+@pytest.fixture(scope="module")
+def schiphol() -> WeatherRecord:
+    return load_weather("schiphol")
+
+
+def missed(found: Resemblance) -> list[str]:
+    return [
+        f"{figure.name}: {figure.value:.3f} ({figure.limits}) {figure.worst}"
+        for figure in found.figures
+        if not figure.kept
+    ]
+
+
+def value(found: Resemblance, words: str) -> float:
+    (figure,) = (figure for figure in found.figures if figure.name.startswith(words))
+    return figure.value
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("years", [TRAINING, TEST])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_generated_seasons_resemble_the_years_they_are_made_of(
+    schiphol: WeatherRecord, years: tuple[int, ...], seed: int
+) -> None:
+    found = resemblance(SeasonGenerator(schiphol, years), seasons=400, seed=seed)
+    assert not missed(found)
+    assert found.accepted
+
+
+def test_a_few_seasons_resemble_the_training_years(schiphol: WeatherRecord) -> None:
+    found = resemblance(SeasonGenerator(schiphol, TRAINING), seasons=116)
+    assert value(found, "bias") < 0.1
+    assert value(found, "smallest ratio") > 0.93
+    assert value(found, "largest ratio") < 1.07
+    assert value(found, "autocorrelation") < 0.15
+    assert value(found, "changes at joints") < 0.10
+    assert value(found, "radiation sum of 60 days, generated") == pytest.approx(1.0, abs=0.03)
+    assert 15.0 < value(found, "days that two seasons share") < 40.0
+    assert value(found, "the same at the same place") < 3.0
+
+
+def test_days_in_random_order_are_refused(schiphol: WeatherRecord) -> None:
+    shuffled = Blocks(shortest=1, longest=1, nearest=60, rest=1, midnight=(0.0,) * 4, day=(0.0,) * 5, days=(0.0,) * 5)
+    found = resemblance(SeasonGenerator(schiphol, TRAINING, shuffled), seasons=58)
+    assert not found.accepted
+    assert value(found, "autocorrelation") > 0.25  # and 0.15 is the limit
+
+
+def test_the_figures_belong_to_their_arguments(schiphol: WeatherRecord) -> None:
+    generator = SeasonGenerator(schiphol, TRAINING)
+    arguments = {"start": dt.date(2010, 10, 1), "within_days": 3, "days": 30, "seasons": 40}
+    one = resemblance(generator, **arguments, seed=5)  # type: ignore[arg-type]
+    assert one == resemblance(generator, **arguments, seed=5)  # type: ignore[arg-type]
+    assert one.figures != resemblance(generator, **arguments, seed=6).figures  # type: ignore[arg-type]
+    assert (one.start, one.days, one.years, one.digest) == ("10-01", 30, TRAINING, schiphol.digest)
+    # Degree-hours of a month of autumn, by the record itself: the ratio is to the real ones.
+    assert value(one, "degree-hours of 30 days, generated over real") == pytest.approx(1.0, abs=0.1)
+
+
+def test_what_cannot_be_compared_is_refused(schiphol: WeatherRecord) -> None:
+    generator = SeasonGenerator(schiphol, (2009,))
+    with pytest.raises(WeatherError, match="at least 20 seasons"):
+        resemblance(generator, seasons=19)
+    with pytest.raises(WeatherError, match="None of the years 2009 holds 60 days in a row from 15 December"):
+        resemblance(generator, start=dt.date(2010, 12, 15), within_days=0, seasons=20)
+
+
+def test_a_figure_knows_its_limits() -> None:
+    assert Figure("a", 0.1, None, 0.1).kept
+    assert not Figure("a", 0.11, None, 0.1).kept
+    assert not Figure("a", 0.9, 0.93, 1.07).kept
+    assert Figure("a", 99.0).kept
+    assert [Figure("a", 1.0, *limits).limits for limits in ((None, 0.1), (0.93, 1.07), (None, None))] == [
+        "at most 0.1",
+        "0.93 to 1.07",
+        "",
+    ]
+
+
+def _signal(kind: str, rows: int = 1200) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    rng = np.random.default_rng(8)
+    x = rng.normal(size=(rows, 6))
+    strength = {"line": x[:, 0] + x[:, 1], "product": 4.0 * np.sign(x[:, 0]) * np.sign(x[:, 1]), "none": 0.0 * x[:, 0]}[
+        kind
+    ]
+    return x, rng.random(rows) < 1.0 / (1.0 + np.exp(-1.5 * strength))
+
+
+def test_the_classifiers_find_what_they_can_and_nothing_where_nothing_is() -> None:
+    for kind, by_line, by_trees in (
+        ("line", (0.85, 0.95), (0.8, 0.95)),
+        ("product", (0.4, 0.6), (0.9, 1.0)),
+        ("none", (0.44, 0.56), (0.44, 0.56)),
+    ):
+        x, labels = _signal(kind)
+        for classify, (low, high) in ((logistic, by_line), (boosted, by_trees)):
+            found = area_under_curve(classify(x[:600], labels[:600], x[600:]), labels[600:])
+            assert low < found < high, (kind, classify.__name__, found)
+
+
+def test_the_area_under_the_curve_counts_ties_half() -> None:
+    labels = np.array([True, True, False, False])
+    assert area_under_curve(np.array([3.0, 4.0, 1.0, 2.0]), labels) == 1.0
+    assert area_under_curve(np.array([1.0, 1.0, 1.0, 1.0]), labels) == 0.5
+    assert area_under_curve(np.array([1.0, 3.0, 1.0, 2.0]), labels) == 0.625
