@@ -23,7 +23,7 @@ from glbench.env.uncertainty import season_key
 from glbench.env.wandering import wandering
 from glbench.errors import TaskError
 from glbench.tasks.quantities import FORECAST
-from glbench.weather.generator import clear_sky
+from glbench.weather.generator import calendar_days, clear_sky
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -96,9 +96,8 @@ class ForecastTable:
     def _clear_sky(self, times: NDArray[np.datetime64]) -> Floats:
         """Global radiation under a clear sky [W m-2] in the hours that ``times`` begin."""
         days = times.astype("datetime64[D]")
-        of_year = (days - times.astype("datetime64[Y]").astype("datetime64[D]")).astype(np.int64)
         hours = (times - days).astype("timedelta64[h]").astype(np.int64)
-        return clear_sky(self.place, 0)[np.minimum(of_year, 364), hours]
+        return clear_sky(self.place, 0)[calendar_days(days.astype(np.int64)), hours]
 
     def fill(
         self,

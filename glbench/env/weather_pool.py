@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +103,7 @@ class WeatherPool:
     @staticmethod
     def of(task: TaskSpec) -> WeatherPool:
         """The pool of a task, shared by all its runs in this process."""
-        return _pool(task)
+        return _recent(task)
 
     def starts(self, numbers: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Rows of the calendar and of the weather at which generated seasons start ``(n,)``; makes those that are missing."""
@@ -121,7 +122,18 @@ class WeatherPool:
         return late * self.day, np.array(numbers, np.int64) * rows
 
 
-@lru_cache(maxsize=16)
+_ALIVE: WeakValueDictionary[TaskSpec, WeatherPool] = WeakValueDictionary()
+"""Every pool that somebody holds: a season that is made must be seen by all programs and runs of the task."""
+
+
+@lru_cache(maxsize=8)
+def _recent(task: TaskSpec) -> WeatherPool:
+    pool = _ALIVE.get(task)
+    if pool is None:
+        pool = _ALIVE[task] = _pool(task)
+    return pool
+
+
 def _pool(task: TaskSpec) -> WeatherPool:
     day, scenario = task.steps_per_day, task.scenario
     forecast = ForecastTable.of(task)
