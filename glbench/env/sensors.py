@@ -151,7 +151,8 @@ class Sensors:
     def update(self, recorder: Recorder, air: Sequence[Any], slots: Slots) -> None:
         """Record which sensors hang after a step, and at which reading."""
         kept = slots.of(PART)
-        not_first = np.minimum(recorder.input("counter", 0) - 1.0, 1.0) if kept else None
+        steps: Any = recorder.input("counter", 0) if kept else 0.0
+        not_first = np.minimum(steps - 1.0, 1.0)
         for place, sensor in enumerate(self.sensors if kept else ()):
             now_out, now_held = (kept[f"{what} {sensor.name}"] for what in ("out", "held"))
             was_out, held = recorder.input("memory", now_out), recorder.input("memory", now_held)

@@ -158,17 +158,17 @@ def _pool(task: TaskSpec) -> WeatherPool:
         rows = generated.seasons * days * day
         values = np.zeros((rows, len(COLUMNS)))  # the operating system gives memory to what is written
         measured, published = (np.zeros((rows, 5), np.float32) for _ in range(2))
-        maker = SeasonMaker(task)
+        maker = SeasonMaker(task, times[0])
         shown = WeatherTables(measured, published, turns, _room(forecast, rows))
         return WeatherPool(values, times, calendar, tuple(tables), (0,), day, days, shown, maker, forecast)
     values = seasons[0].values if len(seasons) == 1 else np.concatenate([season.values for season in seasons])
     firsts = tuple(int(row) for row in np.cumsum([0, *(len(season.values) for season in seasons[:-1])]))
-    measured = _measured(values)
-    shown = WeatherTables(_frozen(measured), _frozen(values[:, _PUBLISHED]), turns, _room(forecast, len(values)))
+    seen = _measured(values)
+    shown = WeatherTables(_frozen(seen), _frozen(values[:, _PUBLISHED]), turns, _room(forecast, len(values)))
     if forecast is not None:
         for number, (first, season) in enumerate(zip(firsts, seasons, strict=True)):
             rows = len(season.values) - forecast.reach
-            own = measured[first : first + len(season.values)]
+            own = seen[first : first + len(season.values)]
             forecast.fill(shown.forecast, first, rows, own, season.times, number)
     for array in (values, shown.forecast):
         array.flags.writeable = False
