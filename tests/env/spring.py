@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from glbench.env.weather_pool import WeatherPool
 from glbench.tasks import TaskSpec, get_task
 
 SENSORS = """
@@ -81,3 +82,15 @@ def spring_file(
 def spring(path: Path, **changes: object) -> TaskSpec:
     """The same, read."""
     return get_task(str(spring_file(path, **changes)))  # type: ignore[arg-type]
+
+
+def everything(task: TaskSpec, number: int) -> bytes:
+    """What belongs to a season: rows of weather, of its tables and of its forecast, and the first day."""
+    pool = WeatherPool.of(task)
+    first, row = (int(found[0]) for found in pool.starts([number]))
+    rows = slice(row, row + pool.day * pool.days)
+    tables = pool.tables
+    every = len(pool.values) // max(len(tables.forecast), 1) if tables.forecast.size else 1
+    parts = [pool.values[rows], tables.measured[rows], tables.published[rows]]
+    parts += [tables.forecast[rows.start // every : rows.stop // every]] if tables.forecast.size else []
+    return b"".join([str(first).encode(), *(part.tobytes() for part in parts)])
