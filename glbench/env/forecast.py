@@ -23,7 +23,7 @@ from glbench.env.uncertainty import season_key
 from glbench.env.wandering import wandering
 from glbench.errors import TaskError
 from glbench.tasks.quantities import FORECAST
-from glbench.weather.generator import clear_sky
+from glbench.weather.generator import calendar_days, clear_sky
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -89,16 +89,17 @@ class ForecastTable:
             msg = f"{task.source}: [observation.forecast] goes by the hour; step_seconds = {step} does not divide it. Use 900."
             raise TaskError(msg)
         reach = -(-hours[-1] // 24) * task.steps_per_day
-        forecast = getattr(task.observation, "forecast", None)
-        level = "perfect" if forecast is None else forecast.error
+        level = task.observation.forecast.error  # type: ignore[union-attr]  # tasks with hours have the table
         return ForecastTable(hours, level, HOUR // step, reach, len(FORECAST) * len(hours), task, task.record().place)
 
     def _clear_sky(self, times: NDArray[np.datetime64]) -> Floats:
-        """Global radiation under a clear sky [W m-2] in the hours that ``times`` begin."""
-        days = times.astype("datetime64[D]")
-        of_year = (days - times.astype("datetime64[Y]").astype("datetime64[D]")).astype(np.int64)
-        hours = (times - days).astype("timedelta64[h]").astype(np.int64)
-        return clear_sky(self.place, 0)[np.minimum(of_year, 364), hours]
+        """Global radiation under a clear sky [W m-2] in the hours that ``times`` begin, which may be half hours of UTC."""
+        past = int((times[0] - times[0].astype("datetime64[h]")).astype("timedelta64[s]").astype(np.int64))
+        clock = times - np.timedelta64(past, "s")
+        days = clock.astype("datetime64[D]")
+        hours = (clock - days).astype("timedelta64[h]").astype(np.int64)
+        clear: Floats = clear_sky(self.place, -past)[calendar_days(days.astype(np.int64)), hours]
+        return clear
 
     def fill(
         self,

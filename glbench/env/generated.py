@@ -46,15 +46,24 @@ class MadeSeason:
 class SeasonMaker:
     """Makes the generated seasons of ``task`` in its split.
 
+    Parameters
+    ----------
+    task
+        The task.
+    begin
+        When the first possible day begins, UTC. Every season begins a whole number of days of 24 hours later: its rows are rows of the
+        task's calendar also where the clock changes on a day in between.
+
     Raises
     ------
     TaskError
         When the weather record does not have the years of the split.
     """
 
-    def __init__(self, task: TaskSpec) -> None:
+    def __init__(self, task: TaskSpec, begin: np.datetime64) -> None:
         generated = task.scenario.generated
         assert generated is not None
+        self._begin = begin.astype("datetime64[s]").astype(dt.datetime).replace(tzinfo=dt.UTC)
         self._task, self._generated = task, generated
         self._forecast = ForecastTable.of(task)
         self._late = task.scenario.start_within_days
@@ -74,15 +83,15 @@ class SeasonMaker:
     def season(self, number: int, rows: int) -> MadeSeason:
         """The season ``number``: ``rows`` rows from its first day on, and those that a forecast reaches after them."""
         task, weather = self._task, self._task.weather
-        start = weather.start + dt.timedelta(days=int(self.start_days(np.array([number]))[0]))
+        late = dt.timedelta(days=int(self.start_days(np.array([number]))[0]))
         total = rows + (self._forecast.reach if self._forecast is not None else 0)
         days = -(-total // task.steps_per_day)
         drawn = self._generator.season(
-            start, days, self._uniforms("weather", self._generator.numbers(days), f"season {number}")
+            weather.start + late, days, self._uniforms("weather", self._generator.numbers(days), f"season {number}")
         )
         made = disturbances(
             drawn.record,
-            start=start,
+            start=self._begin + late,
             steps=total,
             step_seconds=float(weather.step_seconds),
             preprocessing=weather.preprocessing,

@@ -47,7 +47,7 @@ def info_columns(task: TaskSpec) -> int:
 
 def make_program(task: TaskSpec) -> tuple[Program, PythonParts]:
     """The program of a task, and what fills the gaps in it: ``NO_PARTS`` when there are none."""
-    return _shipped(task) if _all_shipped(task) else _program(task)
+    return _shipped(task)[0] if _all_shipped(task) else _program(task, RunScenarios(task))
 
 
 def _all_shipped(task: TaskSpec) -> bool:
@@ -59,13 +59,14 @@ def _all_shipped(task: TaskSpec) -> bool:
     )
 
 
-@lru_cache(maxsize=16)
-def _shipped(task: TaskSpec) -> tuple[Program, PythonParts]:
-    return _program(task)
-
-
-def _program(task: TaskSpec) -> tuple[Program, PythonParts]:
+@lru_cache(maxsize=8)
+def _shipped(task: TaskSpec) -> tuple[tuple[Program, PythonParts], WeatherPool]:
+    """With the pool that the program reads: as long as the program is remembered, nobody makes another one for the task."""
     scenarios = RunScenarios(task)
+    return _program(task, scenarios), scenarios.pool
+
+
+def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonParts]:
     charge = task.evaluation.failed_step
     charges = {"reward": charge.reward, "epi": charge.epi, "penalty": charge.penalty}
     info, names = info_columns(task), [quantity.name for quantity in task.quantities]

@@ -7,8 +7,8 @@ The reading of a quantity q in step k of a run of N steps is
 with noise s w(k), w bell-shaped and new in every step; a bias b of the run, bell-shaped with the standard deviation stated; and a drift
 that reaches d at the end, drawn evenly between minus and plus the value stated. The reading stays within the bounds of its column.
 
-A sensor that drops out shows its last reading until it is back. It does so with the chance 1 / (mean steps between) in each step, and comes
-back with the chance 1 / (mean steps of a drop-out).
+A sensor that drops out shows its last reading until it is back. It does so with the chance 1 / (mean steps between) in each step but the
+first of a run, and comes back with the chance 1 / (mean steps of a drop-out).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from glbench.env.climate import AIR
 from glbench.env.slots import Slots
-from glbench.env.wandering import BELL_NUMBERS, BELL_REACH, bell
+from glbench.env.wandering import BELL_NUMBERS, bell
 from glbench.errors import TaskError
 from glbench.kernel.tape import Recorder
 
@@ -37,20 +37,18 @@ STREAM = "sensors"
 PART = "sensors"
 """Under which they ask for memory."""
 
-_LOWEST = {"air_temperature": -90.0, "co2": 0.0, "relative_humidity": 0.0}
-_HIGHEST = {"air_temperature": 150.0, "co2": None, "relative_humidity": 100.0}
-"""Within what a sensor can show. CO2 has no upper end but that of its column."""
-
 
 @dataclass(frozen=True)
 class Sensor:
-    """One of the air's quantities: its place in ``AIR``, and how far its sensor is off, in its unit."""
+    """One of the air's quantities: its place in ``AIR``, how far its sensor is off, and what it can show, all in its unit."""
 
     name: str
     place: int
     noise: float
     bias: float
     drift: float
+    low: float
+    high: float
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,7 @@ class Sensors:
         Raises
         ------
         TaskError
-            When the model has no air that could be measured.
+            When the model has no air that could be measured, or never shows one of the quantities.
         """
         table = task.sensors
         if table is None:
@@ -89,9 +87,14 @@ class Sensors:
                 f"{task.source}: [sensors] {task.model_id} has no air that a sensor could measure. Leave the table out."
             )
             raise TaskError(msg)
-        places = {name: place for place, name in enumerate(AIR)}
+        bounds = _shown_within(task)
+        for name, _ in table.items():
+            if name not in bounds:
+                msg = f"{task.source}: [sensors.{name}] {task.model_id} never shows '{name}'. Leave the table out."
+                raise TaskError(msg)
         sensors = tuple(
-            Sensor(name, places[name], entry.noise, entry.bias, entry.drift) for name, entry in table.items()
+            Sensor(name, list(AIR).index(name), entry.noise, entry.bias, entry.drift, *bounds[name])
+            for name, entry in table.items()
         )
         out = stays = 0.0
         if table.dropouts is not None:
@@ -148,11 +151,14 @@ class Sensors:
     def update(self, recorder: Recorder, air: Sequence[Any], slots: Slots) -> None:
         """Record which sensors hang after a step, and at which reading."""
         kept = slots.of(PART)
+        steps: Any = recorder.input("counter", 0) if kept else 0.0
+        not_first = np.minimum(steps - 1.0, 1.0)
         for place, sensor in enumerate(self.sensors if kept else ()):
             now_out, now_held = (kept[f"{what} {sensor.name}"] for what in ("out", "held"))
             was_out, held = recorder.input("memory", now_out), recorder.input("memory", now_held)
             number = recorder.input("noise", place * self._each + BELL_NUMBERS)
-            chance = was_out * (self.stays_out - self.out) + self.out
+            # Before the first step nothing was shown that a sensor could hang at.
+            chance = (was_out * (self.stays_out - self.out) + self.out) * not_first
             out = np.maximum(np.sign(chance - number), 0.0)
             fresh = self._fresh(recorder, sensor, place, air[sensor.place])
             recorder.output("memory", now_out, out)
@@ -164,11 +170,15 @@ class Sensors:
         noise = bell(*(recorder.input("noise", first + number) for number in range(BELL_NUMBERS)))
         bias, drift = (recorder.input("trait", 2 * place + which) for which in range(2))
         reading = true + noise * sensor.noise + bias + drift * (recorder.input("counter", 0) * (1.0 / self.steps))
-        low, high = _LOWEST[sensor.name], _HIGHEST[sensor.name]
-        reading = np.maximum(reading, low)
-        return reading if high is None else np.minimum(reading, high)
+        return np.minimum(np.maximum(reading, sensor.low), sensor.high)
 
-    def reach(self, name: str) -> float:
-        """How far a reading of ``name`` can be from the truth, in its unit."""
-        sensor = next((sensor for sensor in self.sensors if sensor.name == name), None)
-        return 0.0 if sensor is None else BELL_REACH * (sensor.noise + sensor.bias) + sensor.drift
+
+def _shown_within(task: TaskSpec) -> dict[str, tuple[float, float]]:
+    """Bounds of the columns in which the model can show each quantity of its air."""
+    model, horizon = task.model_value, task.observation_context().horizon
+    columns = [column for module in model.observation_modules for column in model.observed(module, horizon) or ()]
+    return {
+        column.source: (column.low / column.factor, column.high / column.factor)
+        for column in columns
+        if column.source in AIR
+    }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -259,8 +260,8 @@ class Simulation:
         self._check_begun()
         task = self.task
         return Snapshot(
-            task.id, task.digest, self.x, self.u, self.k, self.seeds, self.ended, no_generators(), self._runs.memory
-        )
+            task.id, task.digest, self.x, self.u, self.k, self.seeds, self.ended, no_generators(), self._runs.memory, _split(task)
+        )  # fmt: skip
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
         """Continue from ``snapshot``; the observations of all rows, ``(n, columns)`` float32.
@@ -268,7 +269,7 @@ class Simulation:
         Raises
         ------
         TaskError
-            When it was taken of another task, or of another version of it.
+            When it was taken of another task, of another version of it, or of another of its splits.
         ShapeError
             When it has another number of rows.
         """
@@ -276,6 +277,12 @@ class Simulation:
             msg = (
                 f"The snapshot belongs to {snapshot.task_id} (digest {snapshot.task_digest[:8]}...), this is {self.task.id} "
                 f"(digest {self.task.digest[:8]}...). Make the simulation of the task that the snapshot was taken of."
+            )
+            raise TaskError(msg)
+        if snapshot.split != _split(self.task):
+            msg = (
+                f"The snapshot is of {self.task.id} in its split {snapshot.split or 'none'}, this is its split {_split(self.task)}: the same "
+                "seeds stand for other scenarios there. Make the simulation with the split that the snapshot was taken of."
             )
             raise TaskError(msg)
         if snapshot.n != self.n:
@@ -307,3 +314,10 @@ class Simulation:
         if self._runs.over == self.n:
             msg = "Every run has ended. Call reset to start new ones."
             raise GlbenchError(msg)
+
+
+def _split(task: TaskSpec) -> str:
+    """What of a task decides, besides its digest and a seed, which scenario a run is in."""
+    if not task.sealed:
+        return task.split or ""
+    return f"{task.split}, secret salt {hashlib.sha256(task.sealed.encode('utf-8')).hexdigest()[:16]}"

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from glbench.errors import ResultError
 
-_FORMAT = 2
-"""Format 1 had no memory."""
+_FORMAT = 3
+_SINCE = {"memory": 2, "split": 3}
+"""The format that brought a field; all others were there from the first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +37,8 @@ class Snapshot:
         ``(0, 6)`` when there are none.
     memory
         What runs keep from step to step besides states and controls, ``(n, m)``: nothing (m = 0) in most tasks.
+    split
+        The split whose scenarios the runs are in, and of a secret salt its digest; "" for a task without splits.
     """
 
     task_id: str
@@ -47,6 +50,7 @@ class Snapshot:
     ended: NDArray[np.bool_]
     generators: NDArray[np.uint64]
     memory: NDArray[np.float64]
+    split: str = ""
 
     @property
     def n(self) -> int:
@@ -85,12 +89,13 @@ class Snapshot:
                 if not 1 <= found <= _FORMAT:
                     msg = f"The snapshot has format {found}; this version of glbench reads formats 1 to {_FORMAT}."
                     raise ResultError(msg)
-                names = [field.name for field in fields(cls) if found > 1 or field.name != "memory"]
+                names = [field.name for field in fields(cls) if found >= _SINCE.get(field.name, 1)]
                 values: dict[str, Any] = {name: file[name] for name in names}
                 values.setdefault("memory", np.zeros((len(values["states"]), 0)))
+                values.setdefault("split", "")
         except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
             msg = f"These {len(data)} bytes are no snapshot, or a damaged one: {error}. Take a new one with snapshot()."
             raise ResultError(msg) from error
-        for name in ("task_id", "task_digest"):
+        for name in ("task_id", "task_digest", "split"):
             values[name] = str(values[name])
         return cls(**values)

@@ -12,9 +12,6 @@ from glbench.env.philox import uniforms
 BELL_NUMBERS = 3
 """Uniform numbers that a bell-shaped number is made of."""
 
-BELL_REACH = 3.0
-"""No bell-shaped number is further from 0 than this."""
-
 
 def bell(a: Any, b: Any, c: Any) -> Any:
     """A number with mean 0 and standard deviation 1 from three uniform ones: nearly normal, and never beyond 3.

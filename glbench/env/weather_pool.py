@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +103,7 @@ class WeatherPool:
     @staticmethod
     def of(task: TaskSpec) -> WeatherPool:
         """The pool of a task, shared by all its runs in this process."""
-        return _pool(task)
+        return _recent(task)
 
     def starts(self, numbers: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Rows of the calendar and of the weather at which generated seasons start ``(n,)``; makes those that are missing."""
@@ -121,7 +122,18 @@ class WeatherPool:
         return late * self.day, np.array(numbers, np.int64) * rows
 
 
-@lru_cache(maxsize=16)
+_ALIVE: WeakValueDictionary[TaskSpec, WeatherPool] = WeakValueDictionary()
+"""Every pool that somebody holds: a season that is made must be seen by all programs and runs of the task."""
+
+
+@lru_cache(maxsize=8)
+def _recent(task: TaskSpec) -> WeatherPool:
+    pool = _ALIVE.get(task)
+    if pool is None:
+        pool = _ALIVE[task] = _pool(task)
+    return pool
+
+
 def _pool(task: TaskSpec) -> WeatherPool:
     day, scenario = task.steps_per_day, task.scenario
     forecast = ForecastTable.of(task)
@@ -146,17 +158,17 @@ def _pool(task: TaskSpec) -> WeatherPool:
         rows = generated.seasons * days * day
         values = np.zeros((rows, len(COLUMNS)))  # the operating system gives memory to what is written
         measured, published = (np.zeros((rows, 5), np.float32) for _ in range(2))
-        maker = SeasonMaker(task)
+        maker = SeasonMaker(task, times[0])
         shown = WeatherTables(measured, published, turns, _room(forecast, rows))
         return WeatherPool(values, times, calendar, tuple(tables), (0,), day, days, shown, maker, forecast)
     values = seasons[0].values if len(seasons) == 1 else np.concatenate([season.values for season in seasons])
     firsts = tuple(int(row) for row in np.cumsum([0, *(len(season.values) for season in seasons[:-1])]))
-    measured = _measured(values)
-    shown = WeatherTables(_frozen(measured), _frozen(values[:, _PUBLISHED]), turns, _room(forecast, len(values)))
+    seen = _measured(values)
+    shown = WeatherTables(_frozen(seen), _frozen(values[:, _PUBLISHED]), turns, _room(forecast, len(values)))
     if forecast is not None:
         for number, (first, season) in enumerate(zip(firsts, seasons, strict=True)):
             rows = len(season.values) - forecast.reach
-            own = measured[first : first + len(season.values)]
+            own = seen[first : first + len(season.values)]
             forecast.fill(shown.forecast, first, rows, own, season.times, number)
     for array in (values, shown.forecast):
         array.flags.writeable = False

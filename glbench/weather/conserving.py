@@ -44,6 +44,8 @@ REFRACTION_AT_SUNRISE = 0.5667  # deg; likewise
 VERSION = 1
 PARTS = SLOT_SECONDS // RAW_SECONDS
 DAY_SECONDS = 86400
+BLOCK_SECONDS = 4 * DAY_SECONDS
+"""Over which positions of the sun are computed at once and remembered."""
 BRIGHTEST_BEAM = 1361.0  # W m-2, solar constant: kappa above it cannot be sunshine on a sun this low
 TWILIGHT_SINE = float(np.sin(np.radians(6.0)))  # civil twilight lasts until the sun is 6 deg below the horizon
 
@@ -269,15 +271,24 @@ class _Slots:
         return np.minimum(values, 8.0) if name == "cloud_cover" else values
 
 
-@lru_cache(maxsize=48)
 def _sine_over(place: Place, begin: int, slots: int) -> FloatArray:
-    """Sine of the solar elevation in the middle of every 5 minutes of ``slots`` hours from ``begin``, (slots, 12).
+    """Sine of the solar elevation in the middle of every 5 minutes of ``slots`` hours from ``begin``, (slots, 12)."""
+    phase = begin % RAW_SECONDS
+    first, last = (moment // BLOCK_SECONDS for moment in (begin - phase, begin - phase + slots * SLOT_SECONDS - 1))
+    sine = np.concatenate([_sine_in_block(place, block, phase) for block in range(first, last + 1)])
+    skipped = (begin - phase - first * BLOCK_SECONDS) // RAW_SECONDS
+    return sine[skipped : skipped + slots * PARTS].reshape(slots, PARTS)
 
-    Remembered, because it costs far more than all the rest, and seasons that begin on the same day share it. Whole windows, so that a
-    window's bits never depend on what was asked for before.
+
+@lru_cache(maxsize=512)
+def _sine_in_block(place: Place, block: int, phase: int) -> FloatArray:
+    """The same of all 5 minutes of a block, the first of which begins ``phase`` seconds after it, (1152,).
+
+    Remembered, because it costs far more than all the rest, and windows overlap. Whole blocks, so that no bit depends on the window.
     """
-    middles = np.asarray(begin + RAW_SECONDS * (np.arange(slots * PARTS) + 0.5), dtype=np.float64)
-    sine = sine_of_elevation(middles, place).reshape(-1, PARTS)
+    parts = np.arange(BLOCK_SECONDS // RAW_SECONDS)
+    middles = np.asarray(block * BLOCK_SECONDS + phase + RAW_SECONDS * (parts + 0.5), dtype=np.float64)
+    sine = sine_of_elevation(middles, place)
     sine.setflags(write=False)
     return sine
 
