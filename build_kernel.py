@@ -49,14 +49,16 @@ class KernelHook(BuildHookInterface[Any]):
         from glbench.kernel.compiled.library import prebuild
         from glbench.kernel.compiled.prebuilt import levels_to_build, write_manifest
         from glbench.kernel.compiled.stepper import absent_equipment, traits_of
-        from glbench.model import registered_models
+        from glbench.model import judged, registered_models
 
         if not levels_to_build():
             return False
+        models = registered_models()
+        with_meters = [judged(model) for model in models if model.air is not None and model.variant == "author"]
         try:
             made = [
                 one
-                for model in registered_models()
+                for model in (*models, *with_meters)
                 for one in prebuild(folder, model, traits_of(model, absent_equipment(model)))
             ]
         except CompiledUnavailable as reason:

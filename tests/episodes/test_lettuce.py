@@ -73,7 +73,8 @@ def test_a_record_has_the_columns_and_units_of_its_own_model(lettuce: Lettuce) -
     assert groups["crop"] == ("tCan", "xN", "xS")
     assert groups["derived"] == ("head", "leaf_area_index")
     assert 2.0 < frame.attrs["start"]["derived"]["head"] < 4.0
-    assert bytes_a_step(lettuce.task) == 8 * (24 + 6 + 3 + len(lettuce.task.quantities))
+    # 24 states of the model, six meters of violations
+    assert bytes_a_step(lettuce.task) == 8 * (30 + 6 + 3 + len(lettuce.task.quantities))
 
 
 def test_what_is_derived_follows_from_the_recorded_states(lettuce: Lettuce) -> None:
@@ -103,10 +104,10 @@ def test_a_record_is_recovered_and_replayed_to_the_bit(lettuce: Lettuce, tmp_pat
     assert 0 < left.steps < whole.steps
     assert read_episode(tmp_path / "left.mcap").states.tobytes() == whole.states[: left.steps + 1].tobytes()
     log = read_log(actions_path(lettuce.result))
-    assert log.final_states.shape == (3, 24)
+    assert log.final_states.shape == (3, 30)
     for file, episode in zip(lettuce.files, replayed_episodes(log.task(), log, range(3)), strict=True):
         assert episode_bytes(episode) == file.read_bytes()
-        assert episode.provenance.versions["model"] == "greenlight-lettuce-1.0.0"
+        assert episode.provenance.versions["model"] == "greenlight-lettuce-judged-1.0.0"
 
 
 def test_the_viewer_speaks_of_heads_and_not_of_fruit(lettuce: Lettuce) -> None:

@@ -36,7 +36,7 @@ def test_the_metrics_of_another_task_follow_from_its_ledger_and_limits() -> None
     assert tuple(units_of(lettuce_task()).items()) == (
         ("reward", "-"), ("epi", "EUR m-2"), ("revenue", "EUR m-2"), ("cost_co2", "EUR m-2"), ("cost_electricity", "EUR m-2"),
         ("cost_heat", "EUR m-2"), ("penalty", "-"), ("co2_dosed", "kg m-2"), ("electricity", "kWh m-2"), ("heat", "kWh m-2"),
-        ("heads_gained", "m-2"), *((name, "h") for name in PAPER[11:]),
+        ("heads_gained", "m-2"), ("actuator_travel", "-"), *((name, "h") for name in PAPER[11:]),
     )  # fmt: skip
 
 
