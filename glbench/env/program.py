@@ -269,11 +269,9 @@ def _sum_of_today(task: TaskSpec, shown: Today, recorder: Recorder, place: int) 
         return shown.rate(model.Controls(*given[: len(controls)]), model.Disturbances(*given[len(controls) :]), nominal)
 
     hour = CLOCK.index("hour_of_day")
-    hours = (recorder.input(source, hour) for source in ("calendar_before", "calendar"))
-    so_far = recorder.input("memory", place)
-    summed: Value = since_midnight(
-        so_far, record_formula(rate, [*controls, *acted], recorder), *hours, task.step_seconds
-    )
+    before, now = recorder.input("calendar_before", hour), recorder.input("calendar", hour)
+    so_far, comes = recorder.input("memory", place), record_formula(rate, [*controls, *acted], recorder)
+    summed: Value = since_midnight(so_far, comes, before, now, task.step_seconds)
     return summed
 
 

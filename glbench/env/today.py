@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -36,12 +37,29 @@ def since_midnight(so_far: Any, rate: Any, hour_before: Any, hour: Any, step_sec
     hour_before, hour
         Hour of day at the start and at the end of the step, 0 to 24.
     step_seconds
-        Length of the step [s].
+        Length of the step [s], at most an hour.
 
     Returns
     -------
-    Numbers, arrays or recorded values, as given. Of a step over midnight only the part after it counts.
+    Number, array or recorded value, as given. Of a step over midnight only the part after it counts.
     """
+    kept, seconds = _of_step(hour_before, hour, step_seconds)
+    return so_far * kept + rate * seconds
+
+
+def sums_since_midnight(
+    rates: NDArray[np.float64], hours: NDArray[np.float64], step_seconds: float
+) -> NDArray[np.float64]:
+    """The same for all steps of a run, to the bit: ``(steps + 1,)`` from rates ``(steps,)`` and hours of day ``(steps + 1,)``."""
+    kept, seconds = _of_step(hours[:-1], hours[1:], step_seconds)
+    sums = [0.0]
+    for share, amount in zip(kept.tolist(), (rates * seconds).tolist(), strict=True):
+        sums.append(sums[-1] * share + amount)
+    return np.array(sums)
+
+
+def _of_step(hour_before: Any, hour: Any, step_seconds: float) -> tuple[Any, Any]:
+    """Whether what there was is kept (1 or 0), and the seconds of the step that count."""
     passed = np.sign(np.maximum(hour_before - hour - HOURS_BACK, 0.0))
     after = np.minimum(hour * SECONDS_AN_HOUR, step_seconds)
-    return so_far * (1.0 - passed) + rate * (step_seconds + passed * (after - step_seconds))
+    return 1.0 - passed, step_seconds + passed * (after - step_seconds)

@@ -71,7 +71,10 @@ def test_a_record_has_the_columns_and_units_of_its_own_model(lettuce: Lettuce) -
     ]  # fmt: skip
     groups = {group.name: group.names for group in lettuce.episodes[0].groups}
     assert groups["crop"] == ("tCan", "xN", "xS")
-    assert groups["derived"] == ("head", "leaf_area_index")
+    assert groups["derived"] == (
+        *("par_today", "radiation_today", "head", "leaf_area_index"),
+        *("vapour_pressure_deficit", "humidity_deficit"),
+    )
     assert 2.0 < frame.attrs["start"]["derived"]["head"] < 4.0
     assert bytes_a_step(lettuce.task) == 8 * (24 + 6 + 3 + len(lettuce.task.quantities))
 
