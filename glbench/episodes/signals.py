@@ -477,7 +477,7 @@ def _curve(model: Model, drawn: Drawn) -> Curve:
     """A series of the model."""
     group, _, name = drawn.path.rpartition("/")
     if drawn.of is not None or drawn.today is not None:
-        return Curve(drawn.path, drawn.label, drawn.unit, (name,), slow=group == "crop")
+        return Curve(drawn.path, drawn.label, drawn.unit, (name,), shared=group == "weather", slow=group == "crop")
     control, weather = drawn.source in model.control_names, drawn.source in model.disturbance_names
     return Curve(
         drawn.path,
