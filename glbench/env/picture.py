@@ -106,10 +106,10 @@ class Picture:
         self._figure = Figure(figsize=(WIDTH / _DPI, HEIGHT / _DPI), dpi=_DPI, facecolor="white")
         self._canvas: Any = FigureCanvasAgg(self._figure)  # matplotlib does not say what its methods take
         self._title, self._place = (
-            self._figure.text(x, 0.982, "", fontsize=9, color=_INK, fontweight=weight, ha=side, va="top", animated=True)
+            self._figure.text(x, 0.988, "", fontsize=9, color=_INK, fontweight=weight, ha=side, va="top", animated=True)
             for x, weight, side in ((0.012, "bold", "left"), (0.988, "normal", "right"))
         )
-        self._told = self._figure.text(0.012, 0.94, "", fontsize=7.5, color=_QUIET, ha="left", va="top", animated=True)
+        self._told = self._figure.text(0.012, 0.952, "", fontsize=7.5, color=_QUIET, ha="left", va="top", animated=True)
         horizon = task.observation_context().horizon
         self._deficits = task.model_value.observed("vapour_deficit", horizon) or ()
         self._light = DayLight(task).columns

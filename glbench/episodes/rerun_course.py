@@ -310,8 +310,8 @@ def _clock_words(shown: Shown) -> str:
     changes = [step for step in range(1, len(ahead)) if ahead[step] != ahead[step - 1]]
     if not any(ahead):
         return ""
-    later = "".join(f", from {_day(first.times[step]):%-d %B} on {ahead[step]:+g} h" for step in changes)
-    return f", the greenhouse's clock is UTC {ahead[0]:+g} h{later}"
+    later = "".join(f", from {_day(first.times[step]):%-d %B} on UTC{ahead[step]:+g} h" for step in changes)
+    return f", the greenhouse's clock is UTC{ahead[0]:+g} h{later}"
 
 
 def _outcome(trajectory: Trajectory, signals: Signals) -> list[str]:
