@@ -122,7 +122,13 @@ def send_limits(stream: rr.RecordingStream, shown: Shown, steps: Sequence[int]) 
     A band is a measurement in its middle whose deviation is half its width; its own line has no width.
     """
     rerun = load_rerun()
-    moments = shown.times[list(steps)]
+    indexes = [
+        rerun.TimeColumn(STEP, sequence=list(steps)),
+        rerun.TimeColumn(TIME, timestamp=shown.times[list(steps)]),
+    ]
+    clock = local(shown.longest, shown.signals.clock)
+    if clock is not None and max(steps) < len(clock):
+        indexes.append(rerun.TimeColumn(LOCAL_TIME, timestamp=clock[list(steps)].astype("datetime64[ns]")))
     for curve in shown.signals.curves:
         if curve.limits is None:
             continue
@@ -130,7 +136,7 @@ def send_limits(stream: rr.RecordingStream, shown: Shown, steps: Sequence[int]) 
         middle, half = (limit.high + limit.low) / 2.0, (limit.high - limit.low) / 2.0
         stream.send_columns(
             _entity(curve, "limits"),
-            indexes=[rerun.TimeColumn(STEP, sequence=list(steps)), rerun.TimeColumn(TIME, timestamp=moments)],
+            indexes=indexes,
             columns=rerun.Measurements.columns(values=[middle] * len(steps), variances=[half**2] * len(steps)),
         )
 
