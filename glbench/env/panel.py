@@ -37,7 +37,6 @@ def panel(simulation: Simulation, row: int, result: StepResult | None) -> str:
     horizon = task.observation_context().horizon
     modules = {module: model.observed(module, horizon) or () for module in model.observation_modules}
     shown = {name: modules.get(name, ()) for name in (_CLIMATE, _CROP)}
-    shown[_CLIMATE] = (*shown[_CLIMATE], *modules.get(_DEFICITS, ()))
     if not any(shown.values()):
         shown["state"] = next(iter(modules.values()), ())
     places = {entry.name: place for place, entry in enumerate(model.disturbances)}
@@ -52,6 +51,7 @@ def panel(simulation: Simulation, row: int, result: StepResult | None) -> str:
     )
     told = {
         "inside": _seen(simulation, row, shown[_CLIMATE]),
+        "": _seen(simulation, row, modules.get(_DEFICITS, ())),
         "outside": weather,
         "controls": controls,
         "crop": _seen(simulation, row, shown[_CROP]),
