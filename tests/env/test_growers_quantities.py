@@ -15,12 +15,13 @@ from glbench.env import GreenhouseEnv, Simulation, program
 from glbench.env.climate import AIR
 from glbench.env.formulas import record_formula
 from glbench.env.observations import AirFormula, shown_by
-from glbench.env.scenario import WeatherTables
 from glbench.env.today import since_midnight, sums_since_midnight
+from glbench.env.weather_pool import WeatherTables
 from glbench.kernel import StepFailure
 from glbench.kernel.tape import Recorder, RecordingError
 from glbench.model import Air, humidity_deficit, vapour_pressure_deficit
 from glbench.model.expressions import cos, exp, fmax
+from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, get_task
 from tests.env.stepping import Floats, StillKernel, walk
 from tests.support import write_lettuce_task
@@ -291,3 +292,32 @@ def test_both_checkers_are_silent(task: TaskSpec) -> None:
     check_env(environment.unwrapped, skip_render_check=True)
     checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="Stable-Baselines3 is not installed")
     checker.check_env(environment.unwrapped, warn=True)
+
+
+def test_deficits_err_with_the_sensors_and_the_light_of_unseen_seasons_is_summed(tmp_path: Path) -> None:
+    text = (data_folder("tasks") / "drafts" / "spring-v1.toml").read_text(encoding="utf-8")
+    for old, new in (
+        ('id = "glbench/Spring-v1"', 'id = "test/Spring-v1"'),
+        ('"weather", ', '"weather", "vapour_deficit", "light_today", '),
+    ):
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    (tmp_path / "spring.toml").write_text(text, encoding="utf-8")
+    task = get_task(str(tmp_path / "spring.toml"))
+    compiled, plain = Simulation(task, 2, "fast"), Simulation(task, 2, "fast", fused=False)
+    assert compiled.fused
+    assert compiled.reset([1, 2]).tobytes() == plain.reset([1, 2]).tobytes()
+    off, radiation = [], 0.0
+    for action in walk(5, 60, 2):
+        acting, hour = float(compiled.d[0, 0]), float(compiled.hour_of_day[0])
+        first = compiled.step(action)
+        assert first.observations.tobytes() == plain.step(action).observations.tobytes()
+        values = seen(compiled)
+        shown = vapour_pressure_deficit(values["air_temperature"], values["relative_humidity"])
+        assert values["vapour_pressure_deficit"] == pytest.approx(shown, rel=1e-5, abs=1e-6)
+        temperature, _, humidity = compiled.air[:, 0].tolist()
+        off.append(abs(values["vapour_pressure_deficit"] - vapour_pressure_deficit(temperature, humidity)))
+        radiation = 0.0 if compiled.hour_of_day[0] < hour else radiation + acting * 900.0 / 1e4
+        assert values["radiation_today"] == pytest.approx(radiation, rel=1e-6, abs=1e-9)
+    assert np.mean(off) > 1e-3
+    assert radiation > 10.0
