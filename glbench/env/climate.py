@@ -9,7 +9,8 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.kernel.tape import Recorder, RecordingError, Tape, Value
+from glbench.env.formulas import record_function
+from glbench.kernel.tape import Recorder, Tape, Value
 from glbench.model import co2_ppm, relative_humidity
 
 AIR = {"air_temperature": "degC", "co2": "ppm", "relative_humidity": "%"}
@@ -35,30 +36,8 @@ def record_air(
     temperature: Value, co2_density: Value, vapour_pressure: Value, recorder: Recorder
 ) -> tuple[Value, Value]:
     """CO2 [ppm] and relative humidity [%] of one parcel, recorded: CasADi's operations in CasADi's order, as everywhere in the model."""
-    function, given = _function(), (temperature, co2_density, vapour_pressure)
-    register: dict[int, Any] = {}
-    results: dict[int, Value] = {}
-    names = {getattr(casadi, f"OP_{name}"): operator for name, operator in _OPERATORS.items()}
-    for k in range(function.n_instructions()):
-        operation, operands = function.instruction_id(k), function.instruction_input(k)
-        to = function.instruction_output(k)
-        if operation == casadi.OP_CONST:
-            register[to[0]] = function.instruction_constant(k)
-        elif operation == casadi.OP_INPUT:
-            register[to[0]] = given[operands[0]]
-        elif operation == casadi.OP_OUTPUT:
-            results[to[0]] = register[operands[0]]
-        elif operation in names:
-            register[to[0]] = recorder.operation(names[operation], *(register[operand] for operand in operands))
-        else:
-            msg = f"The air's formulas use CasADi's operation {operation}, which cannot be recorded."
-            raise RecordingError(msg)
-    return results[0], results[1]
-
-
-_OPERATORS = {
-    "ADD": "add", "SUB": "subtract", "MUL": "multiply", "DIV": "divide", "NEG": "negative", "FMAX": "fmax", "FMIN": "fmin", "EXP": "exp",
-}  # fmt: skip
+    ppm, humidity = record_function(_function(), (temperature, co2_density, vapour_pressure), recorder)
+    return ppm, humidity
 
 
 @lru_cache(maxsize=1)

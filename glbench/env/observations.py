@@ -23,19 +23,22 @@ from numpy.typing import NDArray
 from glbench.env.climate import AIR
 from glbench.env.forecast import HOUR
 from glbench.env.reference import ObservationInputs
-from glbench.env.weather_pool import WeatherTables
+from glbench.env.weather_pool import CLOCK, WeatherTables
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
-Source = Literal["states", "air", "controls", "counter"]
+Source = Literal["states", "air", "controls", "counter", "clock"]
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """Columns that are numbers of the run times factors; "counter" has the steps taken and the step whose weather is shown."""
+    """Columns that are numbers of the run times factors.
+
+    "counter" has the steps taken and the step whose weather is shown, "clock" hour of day and day of year.
+    """
 
     source: Source
     indices: tuple[int, ...]
@@ -64,7 +67,22 @@ class Formula:
     of: Callable[[Any, Any], Any]
 
 
-Shown = Numbers | TableRows | Formula
+@dataclass(frozen=True)
+class AirFormula:
+    """A column that follows from the air as it is observed (``Seen.of_air``): what errs there errs here."""
+
+    of_air: Callable[[Any], Any]
+
+
+@dataclass(frozen=True)
+class Today:
+    """A column that sums up since midnight what comes in a second, from controls, disturbances and parameters (``Seen.today``)."""
+
+    name: str
+    rate: Callable[[Any, Any, Any], Any]
+
+
+Shown = Numbers | TableRows | Formula | AirFormula | Today
 
 ObservationPart = Callable[[ObservationInputs], NDArray[np.floating]]
 """Columns of one module, ``(n, columns)``, finite numbers. Row i may depend on row i of the inputs only."""
@@ -143,6 +161,13 @@ def shown_by(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Shown, .
     for column in seen:
         if column.of is not None:
             shown.append(Formula(column.of))
+        elif column.of_air is not None:
+            if not model.air:
+                msg = f"{model.id} shows '{column.name}' of its air, and has none."
+                raise TaskError(msg)
+            shown.append(AirFormula(column.of_air))
+        elif column.today is not None:
+            shown.append(Today(column.name, column.today))
         elif column.source in air:
             shown.append(Numbers("air", (air.index(column.source),), (column.factor,)))
         elif column.source in model.state_names:
@@ -168,6 +193,7 @@ def _ahead(task: TaskSpec, table: NDArray[np.float32]) -> tuple[Shown, ...]:
 
 _SHOWN: dict[str, Callable[[TaskSpec, WeatherTables], tuple[Shown, ...]]] = {
     "time": lambda task, tables: (TableRows(tables.clock, clocked=True),),
+    "local_time": lambda task, tables: _plain("clock", len(CLOCK)),
     "controls": _controls,
     "weather": lambda task, tables: (TableRows(tables.measured),),
     "forecast": lambda task, tables: _ahead(task, tables.measured),

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from glbench.env.climate import AIR
-from glbench.tasks.ledger import LIMITED
+from glbench.model import Air
+from glbench.tasks.ledger import LIMITED, local_times
 
 if TYPE_CHECKING:
     from glbench.env.simulation import Simulation
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from glbench.tasks.ledger import LedgerItem
     from glbench.tasks.quantities import Capacity
 
-_CLIMATE, _CROP = "indoor_climate", "crop"
+_CLIMATE, _CROP, _DEFICITS = "indoor_climate", "crop", "vapour_deficit"
 """Observation modules whose quantities the panel shows, of models that have them."""
 _OUTSIDE = (("tOut", "air", ".1f"), ("iGlob", "sun", ".0f"), ("wind", "wind", ".1f"))
 _TOO = {
@@ -32,7 +33,7 @@ def panel(simulation: Simulation, row: int, result: StepResult | None) -> str:
     """What a grower would want to know of one run, in a few lines; ``result`` is its last step, if it took one."""
     task = simulation.task
     model = task.model_value
-    time = np.datetime_as_string(simulation.time[row], unit="m").replace("T", " ")
+    time = time_words(simulation.time[row], float(simulation.hour_of_day[row]))
     horizon = task.observation_context().horizon
     modules = {module: model.observed(module, horizon) or () for module in model.observation_modules}
     shown = {name: modules.get(name, ()) for name in (_CLIMATE, _CROP)}
@@ -50,13 +51,14 @@ def panel(simulation: Simulation, row: int, result: StepResult | None) -> str:
     )
     told = {
         "inside": _seen(simulation, row, shown[_CLIMATE]),
+        "": _seen(simulation, row, modules.get(_DEFICITS, ())),
         "outside": weather,
         "controls": controls,
         "crop": _seen(simulation, row, shown[_CROP]),
         "state": _seen(simulation, row, shown.get("state", ())),
         **({} if result is None else _last_step(simulation, result, row)),
     }
-    lines = [f"{task.title}: {time} UTC, step {simulation.k[row]} of {task.steps}"]
+    lines = [f"{task.title}: {time}, step {simulation.k[row]} of {task.steps}"]
     return "\n".join([*lines, *(f"  {name:9} {text}" for name, text in told.items() if text)])
 
 
@@ -71,9 +73,20 @@ def _seen(simulation: Simulation, row: int, columns: Sequence[Seen]) -> str:
     def value(column: Seen) -> float:
         if column.of is not None:
             return float(column.of(model.State(*numbers), model.Parameters(*task.parameters().tolist())))
+        if column.of_air is not None:
+            return float(column.of_air(Air(*simulation.air[:, row].tolist())))
         return float(known[column.source] * column.factor)
 
-    return ", ".join(f"{_words(column.name)} {value(column):.4g} {column.unit}" for column in columns)
+    return ", ".join(
+        f"{_words(column.name)} {value(column):.4g} {column.unit}" for column in columns if column.today is None
+    )
+
+
+def time_words(time: np.datetime64, hour_of_day: float) -> str:
+    """A moment in UTC and, where it shows another time, on the clock of the greenhouse."""
+    local = local_times(np.array([time]), np.array([hour_of_day]))[0]
+    words = np.datetime_as_string(time, unit="m").replace("T", " ")
+    return f"{words} UTC" if local == time else f"{words} UTC, {np.datetime_as_string(local, unit='m')[-5:]} local"
 
 
 def _words(name: str) -> str:

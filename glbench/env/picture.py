@@ -16,7 +16,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from glbench.env.climate import AIR
-from glbench.env.trail import HOURS_SHOWN, MONEY, Trail
+from glbench.env.panel import time_words
+from glbench.env.trail import HOURS_SHOWN, MONEY, DayLight, Trail
+from glbench.model import Air
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +38,14 @@ WIDTH, HEIGHT = 640, 480
 _DPI = 100
 _INK, _QUIET, _EDGE, _BAND = "#1f2933", "#52606d", "#b8c2cc", "#dcefdc"
 _LINE, _BROKEN, _CONTROL, _MONEY = "#14532d", "#d92d20", "#e2a23b", "#1d5fa8"
-_UNITS = {"degC": "°C", "W m-2": "W/m²", "mg m-2 s-1": "mg/m²/s"}
+_UNITS = {
+    "degC": "°C",
+    "W m-2": "W/m²",
+    "mg m-2 s-1": "mg/m²/s",
+    "g m-3": "g/m³",
+    "J cm-2": "J/cm²",
+    "mol m-2": "mol/m²",
+}
 _CLIMATE, _RIGHT = (0.072, 0.385), (0.625, 0.36)
 """Left edge and width of the two columns, shares of the figure."""
 _TOP, _BOTTOM, _GAP = 0.87, 0.075, 0.07
@@ -97,9 +106,13 @@ class Picture:
         self._figure = Figure(figsize=(WIDTH / _DPI, HEIGHT / _DPI), dpi=_DPI, facecolor="white")
         self._canvas: Any = FigureCanvasAgg(self._figure)  # matplotlib does not say what its methods take
         self._title, self._place = (
-            self._figure.text(x, 0.982, "", fontsize=9, color=_INK, fontweight=weight, ha=side, va="top", animated=True)
+            self._figure.text(x, 0.988, "", fontsize=9, color=_INK, fontweight=weight, ha=side, va="top", animated=True)
             for x, weight, side in ((0.012, "bold", "left"), (0.988, "normal", "right"))
         )
+        self._told = self._figure.text(0.012, 0.952, "", fontsize=7.5, color=_QUIET, ha="left", va="top", animated=True)
+        horizon = task.observation_context().horizon
+        self._deficits = task.model_value.observed("vapour_deficit", horizon) or ()
+        self._light = DayLight(task).columns
         self._seed = self._figure.text(  # at the foot: unseeded episodes have seeds of up to 20 digits
             0.988, 0.008, "", fontsize=7, color=_QUIET, ha="right", va="bottom", animated=True
         )
@@ -130,7 +143,8 @@ class Picture:
         points = trail.table()
         hours = np.arange(1 - len(points), 1).astype(np.float64) * (self._task.step_seconds / 3600.0)
         time = simulation.time[row]
-        self._title.set_text(f"{self._task.short_id}   {_words(time)} UTC")
+        self._title.set_text(f"{self._task.short_id}   {time_words(time, float(simulation.hour_of_day[row]))}")
+        self._told.set_text("    ".join(self._values(simulation.air[:, row].tolist(), trail)))
         self._place.set_text(f"step {simulation.k[row]} of {self._task.steps}")
         self._seed.set_text(f"seed {simulation.seeds[row]}")
         changed = [self._show_air(curve, hours, points[:, column]) for column, curve in self._climate.items()]
@@ -145,6 +159,15 @@ class Picture:
         for artist in self._moving:
             self._figure.draw_artist(artist)
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    def _values(self, air: list[float], trail: Trail) -> list[str]:
+        """What growers read besides: deficits of the air, light of the day so far."""
+        found = [(one, one.of_air(Air(*air))) for one in self._deficits if one.of_air is not None]
+        if trail.light is not None:
+            found += [
+                (one, value) for one, value in zip(self._light, trail.light.sums, strict=True) if math.isfinite(value)
+            ]
+        return [f"{_name(one.name)} {_short(float(value))} {_UNITS.get(one.unit, one.unit)}" for one, value in found]
 
     def _axes(self, column: tuple[float, float], bottom: float, height: float, *, labelled: bool) -> Axes:
         """Axes over the hours shown, in a column of the figure."""
@@ -266,12 +289,12 @@ class Picture:
             date.set_visible(hours >= first and hours < -_ROOM_OF_A_DATE * self._window)
 
 
-def _words(time: np.datetime64) -> str:
-    return np.datetime_as_string(time, unit="m").replace("T", " ")
+def _short(value: float) -> str:
+    return f"{value:.{0 if value >= 100.0 else 1 if value >= 10.0 else 2}f}"
 
 
 def _name(name: str) -> str:
-    words = name.replace("_", " ").replace("co2", "CO2")
+    words = name.replace("_", " ").replace("co2", "CO2").replace("par ", "PAR ")
     return words[0].upper() + words[1:]
 
 

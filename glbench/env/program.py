@@ -15,19 +15,24 @@ from numpy.typing import NDArray
 from glbench.env.accounts import ByName, make_accounts
 from glbench.env.actuation import ActionReader, make_actuation, recorded_actuation
 from glbench.env.climate import AIR, record_air
-from glbench.env.observations import Formula, Numbers, TableRows, checked_part, python_part, shown_by
+from glbench.env.formulas import record_formula
+from glbench.env.observations import AirFormula, Formula, Numbers, TableRows, Today, checked_part, python_part, shown_by
 from glbench.env.quantities import REWARD
 from glbench.env.reference import NO_PARTS, PythonParts
 from glbench.env.rewards import REWARDS, StepOutcome, make_reward
 from glbench.env.scenario import RunScenarios
+from glbench.env.today import PART as TODAY
+from glbench.env.today import since_midnight
 from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters
 from glbench.env.weather_pool import CLOCK, WeatherPool, WeatherTables
 from glbench.errors import TaskError
 from glbench.kernel.environment import Lookup, ParameterNoise, Program
 from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, Value
+from glbench.model import Air
 from glbench.tasks.ledger import TRAVEL
 
 if TYPE_CHECKING:
+    from glbench.env.slots import Slots
     from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
@@ -70,7 +75,9 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
     charge = task.evaluation.failed_step
     charges = {"reward": charge.reward, "epi": charge.epi, "penalty": charge.penalty}
     info, names = info_columns(task), [quantity.name for quantity in task.quantities]
-    outcome, lookups, columns, reward, observation = _outcome(task, scenarios)
+    update = Recorder()
+    scenarios.sensors.update(update, _true_air(task, update), scenarios.slots)
+    outcome, lookups, columns, reward, observation = _outcome(task, scenarios, update)
     followers, python_followers = _followers(task, scenarios)
     move = recorded_actuation(task)
     distributions = [group.distribution for group in scenarios.in_step]
@@ -96,7 +103,7 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
             for group in scenarios.in_step
         ),
         followers=followers,
-        update=_update(task, scenarios),
+        update=update.tape(),
         streams=(scenarios.sensors.numbers,) if scenarios.sensors.numbers else (),
         traits=2 * len(scenarios.sensors.sensors),
         memory=scenarios.slots.width,
@@ -151,15 +158,13 @@ def _true_air(task: TaskSpec, recorder: Recorder) -> list[Value]:
     return [temperature, *record_air(temperature, density, pressure, recorder)]
 
 
-def _update(task: TaskSpec, scenarios: RunScenarios) -> Tape:
-    """What the runs keep after a step."""
-    recorder = Recorder()
-    scenarios.sensors.update(recorder, _true_air(task, recorder), scenarios.slots)
-    return recorder.tape()
+def _outcome(
+    task: TaskSpec, scenarios: RunScenarios, update: Recorder
+) -> tuple[Tape, tuple[Lookup, ...], int, Any, Any]:
+    """The tape after the step, what is looked up besides, how many columns are observed; reward and observations that are Python.
 
-
-def _outcome(task: TaskSpec, scenarios: RunScenarios) -> tuple[Tape, tuple[Lookup, ...], int, Any, Any]:
-    """The tape after the step, what is looked up besides, how many columns are observed; reward and observations that are Python."""
+    What the observation keeps for the next step is recorded in ``update``.
+    """
     recorder, model = Recorder(), task.model_value
     air = _true_air(task, recorder)
     controls = [recorder.input("controls", index) for index in range(len(model.control_names))]
@@ -174,7 +179,7 @@ def _outcome(task: TaskSpec, scenarios: RunScenarios) -> tuple[Tape, tuple[Looku
     for column, value in enumerate([*rows, *quantities]):
         recorder.output("table", column, value)
     measured = scenarios.sensors.readings(recorder, air, scenarios.slots)
-    lookups, parts, columns = _observation(task, recorder, controls, measured)
+    lookups, parts, columns = _observation(task, recorder, controls, measured, update, scenarios.slots)
     return recorder.tape(), lookups, columns, reward, parts
 
 
@@ -213,7 +218,7 @@ def _quantities(
 
 
 def _observation(
-    task: TaskSpec, recorder: Recorder, controls: list[Value], air: list[Value]
+    task: TaskSpec, recorder: Recorder, controls: list[Value], air: list[Value], update: Recorder, slots: Slots
 ) -> tuple[tuple[Lookup, ...], tuple[tuple[slice, Any], ...], int]:
     tables, nominal = WeatherTables.of(task), task.model_value.Parameters(*task.parameters().tolist())
     lookups: list[Lookup] = []
@@ -233,12 +238,42 @@ def _observation(
             elif isinstance(shown, Formula):
                 recorder.output("observation", at, shown.of(_recorded_states(task, recorder), nominal))
                 at += 1
+            elif isinstance(shown, AirFormula):
+                recorder.output("observation", at, _of_air(shown, air, recorder))
+                at += 1
+            elif isinstance(shown, Today):
+                place = slots.of(TODAY)[shown.name]
+                update.output("memory", place, _sum_of_today(task, shown, update, place))
+                recorder.output("observation", at, recorder.input("memory", place))
+                at += 1
             else:
                 at = _numbers(shown, at, recorder, controls, air)
     if at != len(task.observed()):
         msg = f"{task.id} announces {len(task.observed())} observed columns, its modules have {at}."
         raise TaskError(msg)
     return tuple(lookups), tuple(parts), at
+
+
+def _of_air(shown: AirFormula, air: list[Value], recorder: Recorder) -> Value:
+    """A column that follows from the air as observed."""
+    return record_formula(lambda *values: shown.of_air(Air(*values)), air, recorder)
+
+
+def _sum_of_today(task: TaskSpec, shown: Today, recorder: Recorder, place: int) -> Value:
+    """What a column sums up since midnight, after the step, from what it had before it."""
+    model = task.model_value
+    nominal = model.Parameters(*task.parameters().tolist())
+    controls = [recorder.input("controls", index) for index in range(len(model.controls))]
+    acted = [recorder.input("weather_before", index) for index in range(len(model.disturbances))]
+
+    def rate(*given: Any) -> Any:
+        return shown.rate(model.Controls(*given[: len(controls)]), model.Disturbances(*given[len(controls) :]), nominal)
+
+    hour = CLOCK.index("hour_of_day")
+    before, now = recorder.input("calendar_before", hour), recorder.input("calendar", hour)
+    so_far, comes = recorder.input("memory", place), record_formula(rate, [*controls, *acted], recorder)
+    summed: Value = since_midnight(so_far, comes, before, now, task.step_seconds)
+    return summed
 
 
 def _recorded_states(task: TaskSpec, recorder: Recorder) -> ByName:
@@ -258,6 +293,8 @@ def _numbers(shown: Numbers, at: int, recorder: Recorder, controls: list[Value],
             value = recorder.input("after", index)
         elif shown.source == "counter":
             value = recorder.input("counter", index)
+        elif shown.source == "clock":
+            value = recorder.input("calendar", index)
         else:
             value = (air if shown.source == "air" else controls)[index]
         recorder.output("observation", at, value if factor == 1.0 else value * factor)

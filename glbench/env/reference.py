@@ -260,6 +260,8 @@ class PlainEnvironments(Environments):
                 return program.calendar[calendar[source], index]
             if source == "weather":
                 return program.weather[self._weather_rows(self._shown() if acts is None else acts), index]
+            if source == "weather_before":
+                return program.weather[self._weather_rows(started), index]
             if source == "counter":
                 return (self.k if index == 0 else self._shown()).astype(np.float64)
             array = arrays[source]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from glbench.env.program import air_columns, info_columns
 from glbench.env.quantities import EPI
-from glbench.env.trail import Trail
+from glbench.env.trail import DayLight, Trail
 from glbench.errors import GlbenchError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -60,6 +60,7 @@ class Camera:
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
         self._shown = slice(air_columns(simulation.task).start, info_columns(simulation.task))  # air and controls
+        self._light = DayLight(simulation.task)
         self._trails: list[Trail] = []
         self._pictures: dict[int, Picture] = {}  # one a row: what a picture keeps suits the next one of the same run
 
@@ -75,16 +76,19 @@ class Camera:
         for row in rows:
             trail = self._trails[row] = Trail(int(simulation.k[row]), simulation.task.step_seconds)
             trail.add(simulation.info_columns[self._shown, row].tolist())
+            trail.light = self._light.begin(simulation, row)
 
     def follow_only(self, numbers: Sequence[float], epi: float) -> None:
         """Note a step of the only run, from the numbers of ``Simulation.step_single``."""
         self._trails[0].add(numbers[self._shown], epi)
+        self._trails[0].light = self._light.add(self._trails[0].light, self._simulation, 0)
 
     def follow(self, result: StepResult, rows: Iterable[int]) -> None:
         """Note the step that ``rows`` have taken."""
         shown, epi = self._simulation.info_columns[self._shown].T.tolist(), result.table[EPI].tolist()
         for row in rows:
             self._trails[row].add(shown[row], epi[row])
+            self._trails[row].light = self._light.add(self._trails[row].light, self._simulation, row)
 
     def picture(self, row: int) -> NDArray[np.uint8]:
         """Picture of a run, ``(480, 640, 3)``.

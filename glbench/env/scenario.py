@@ -18,6 +18,8 @@ from glbench.env.sensors import PART as SENSORS
 from glbench.env.sensors import STREAM as SENSOR_STREAM
 from glbench.env.sensors import Sensors
 from glbench.env.slots import allocate
+from glbench.env.today import PART as TODAY
+from glbench.env.today import asks
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters, stream_key
 from glbench.env.weather_pool import CLOCK, WeatherPool
 
@@ -68,7 +70,7 @@ class RunScenarios:
         self._model = task.model_value
         self._derived = DerivedParameters(self._model, self.nominal, self.places(self.in_episode))
         self.sensors = Sensors.of(task)
-        self.slots = allocate(**{SENSORS: self.sensors.asks()})
+        self.slots = allocate(**{SENSORS: self.sensors.asks(), TODAY: asks(task)})
         self._starts: dict[int, Floats] = {}
 
     def places(self, groups: Sequence[ParameterGroup]) -> tuple[int, ...]:

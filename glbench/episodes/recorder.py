@@ -13,7 +13,7 @@ from glbench.episodes.action_log import ActionLog, exactly
 from glbench.episodes.definition import definition_json
 from glbench.episodes.episode import Episode
 from glbench.episodes.header import Provenance, RunFacts
-from glbench.episodes.signals import ACTION, signals_of
+from glbench.episodes.signals import ACTION, Source, signals_of
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
@@ -64,14 +64,15 @@ class Trace:
         """The episode of the simulation's ``row``, whose raw actions were ``actions`` ``(steps or more, m)``."""
         place, steps = self.rows.index(row), run.steps
         weather = run_weather(task, run.seed)
-        begun = self._signals.tables({"air": self.air[: steps + 1, :, place], "state": self.x[: steps + 1, place]})
-        during = self._signals.tables(
-            {
-                "control": self.u[:steps, place],
-                "disturbance": weather.values[:steps],
-                "quantity": self.quantities[:steps, :, place],
-            }
-        )
+        acting: dict[Source, Floats] = {"control": self.u[:steps, place], "disturbance": weather.values[:steps]}
+        seen: dict[Source, Floats] = {
+            "air": self.air[: steps + 1, :, place],
+            "state": self.x[: steps + 1, place],
+            "clock": weather.hour_of_day[: steps + 1, None],
+        }
+        seen["derived"] = self._signals.derived({**acting, **seen})
+        begun = self._signals.tables(seen)
+        during = self._signals.tables({**acting, "quantity": self.quantities[:steps, :, place]})
         agent = provenance.agent
         return Episode(
             provenance=provenance,

@@ -13,6 +13,7 @@ from glbench.episodes.episode import Episode
 from glbench.episodes.signals import Curve, Floats, Signals, signals_of
 from glbench.errors import GlbenchError
 from glbench.tasks import TaskSpec, task_card
+from glbench.tasks.ledger import local_times
 
 Times = NDArray[np.datetime64]
 HOURS_PER_DAY = 24
@@ -222,7 +223,10 @@ def show_together(task: TaskSpec, trajectories: Sequence[Trajectory]) -> Shown:
         if labels.count(label) > 1:
             msg = f"{label} is there twice. Give each run once, or rename one of the agents."
             raise GlbenchError(msg)
-    return Shown(task, _aligned(trajectories), labels, signals_of(task))
+    signals = signals_of(task)
+    derived = {one.name for one in signals.vector("derived")}  # records of earlier versions have fewer of them
+    missing = {name for trajectory in trajectories for name in derived.difference(trajectory.columns)}
+    return Shown(task, _aligned(trajectories), labels, signals.lacking(missing))
 
 
 def _aligned(trajectories: Sequence[Trajectory]) -> tuple[Trajectory, ...]:
@@ -280,9 +284,34 @@ def card(shown: Shown) -> str:
         "",
         "Green: inside the limits. Slow quantities show the whole episode; the others show a few days, by default those in "
         "which limits were broken most. Ctrl + scroll zooms in and out, and the ? above a plot tells more. All amounts are "
-        "per m² of floor; times are UTC.",
+        f"per m² of floor; times are UTC{_clock_words(shown)}.",
     ]
     return "\n".join(lines)
+
+
+def local(trajectory: Trajectory, clock: str) -> Times | None:
+    """The moments of ``trajectory`` on the greenhouse's clock, whose hours are its column ``clock``; None where the record has none."""
+    hours = trajectory.columns.get(clock)
+    if hours is None or not trajectory.steps or not ((hours >= 0.0) & (hours <= 24.0)).all():
+        return None
+    ends = trajectory.times[1:]
+    ahead = local_times(ends, hours) - ends.astype("datetime64[s]")
+    shown: Times = trajectory.times + np.concatenate([ahead[:1], ahead])
+    return shown
+
+
+def _clock_words(shown: Shown) -> str:
+    """How far the greenhouse's clock is ahead of UTC, where it is."""
+    first = shown.trajectories[0]
+    clock = local(first, shown.signals.clock)
+    if clock is None:
+        return ""
+    ahead = ((clock - first.times) / np.timedelta64(1, "h")).tolist()
+    changes = [step for step in range(1, len(ahead)) if ahead[step] != ahead[step - 1]]
+    if not any(ahead):
+        return ""
+    later = "".join(f", from {_day(first.times[step]):%-d %B} on UTC{ahead[step]:+g} h" for step in changes)
+    return f", the greenhouse's clock is UTC{ahead[0]:+g} h{later}"
 
 
 def _outcome(trajectory: Trajectory, signals: Signals) -> list[str]:

@@ -59,9 +59,13 @@ class LiveView:
             source: np.zeros((task.steps, len(signals.vector(source))))
             for source in ("state", "derived", "control", "air", "quantity")
         }
-        known = {**self._tables, "disturbance": weather.values[: task.steps]}
+        self._weather = weather.values[: task.steps]
+        self._clock = weather.hour_of_day[: task.steps + 1, None]
+        known = {**self._tables, "disturbance": self._weather, "clock": self._clock[1:]}
         self._columns = {
-            one.name: known[one.source][:, one.index] for one in signals.recorded if one.name in signals.needed
+            one.name: known[one.source][:, one.index]
+            for one in signals.recorded
+            if one.name in (*signals.needed, signals.clock)
         }
         self._begun = False
         self._done = self._sent = 0
@@ -83,7 +87,6 @@ class LiveView:
             send_limits(self._stream, self._shown(0), [step])
         row, tables = self._row, self._tables
         tables["state"][step], tables["control"][step] = simulation.x[row], simulation.u[row]
-        tables["derived"][step] = self._signals.derived(simulation.x[row : row + 1])[0]
         tables["air"][step], tables["quantity"][step] = simulation.air[:, row], outcome.table[:, row]
         self._done = step + 1
         if time.monotonic() - self._sent_at >= _SEND_SECONDS or self._done == self._task.steps:
@@ -109,7 +112,11 @@ class LiveView:
         self.close()
 
     def _send(self) -> None:
-        shown = self._shown(self._done)
+        done, tables = self._done, self._tables
+        vectors: dict[Source, Floats] = {source: tables[source][:done] for source in ("state", "air", "control")}
+        vectors |= {"disturbance": self._weather[:done], "clock": self._clock[: done + 1]}
+        tables["derived"][:done] = self._signals.derived(vectors)
+        shown = self._shown(done)
         send_trajectories(self._stream, shown, self._sent)
         # Sent as far as the curves reach, and no further: the viewer follows the latest time that it knows of.
         send_limits(self._stream, shown, [self._done])

@@ -22,6 +22,7 @@ from glbench.episodes.rerun_course import (
     Shown,
     Trajectory,
     card,
+    local,
 )
 from glbench.episodes.rerun_viewer import load_blueprint, load_rerun
 from glbench.episodes.signals import Curve, Page
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 
 APPLICATION = "glbench"
 TIME = "time"
+LOCAL_TIME = "local_time"
+"""The greenhouse's clock, a time line of its own beside UTC."""
 STEP = "step"
 _LINE_WIDTH = 1.6
 _MARGIN = 0.04
@@ -107,10 +110,10 @@ def send_trajectories(stream: rr.RecordingStream, shown: Shown, first: int = 0) 
     """Send the curves of all controllers from step ``first`` on; those that are the same for all once, from the longest trajectory."""
     for curve in shown.signals.curves:
         if shown.is_shared(curve):
-            _send_curve(stream, _entity(curve, None), curve, shown.longest, first)
+            _send_curve(stream, _entity(curve, None), curve, shown.longest, first, shown.signals.clock)
             continue
         for label, trajectory in zip(shown.labels, shown.trajectories, strict=True):
-            _send_curve(stream, _entity(curve, label), curve, trajectory, first)
+            _send_curve(stream, _entity(curve, label), curve, trajectory, first, shown.signals.clock)
 
 
 def send_limits(stream: rr.RecordingStream, shown: Shown, steps: Sequence[int]) -> None:
@@ -119,7 +122,13 @@ def send_limits(stream: rr.RecordingStream, shown: Shown, steps: Sequence[int]) 
     A band is a measurement in its middle whose deviation is half its width; its own line has no width.
     """
     rerun = load_rerun()
-    moments = shown.times[list(steps)]
+    indexes = [
+        rerun.TimeColumn(STEP, sequence=list(steps)),
+        rerun.TimeColumn(TIME, timestamp=shown.times[list(steps)]),
+    ]
+    clock = local(shown.longest, shown.signals.clock)
+    if clock is not None and max(steps) < len(clock):
+        indexes.append(rerun.TimeColumn(LOCAL_TIME, timestamp=clock[list(steps)].astype("datetime64[ns]")))
     for curve in shown.signals.curves:
         if curve.limits is None:
             continue
@@ -127,7 +136,7 @@ def send_limits(stream: rr.RecordingStream, shown: Shown, steps: Sequence[int]) 
         middle, half = (limit.high + limit.low) / 2.0, (limit.high - limit.low) / 2.0
         stream.send_columns(
             _entity(curve, "limits"),
-            indexes=[rerun.TimeColumn(STEP, sequence=list(steps)), rerun.TimeColumn(TIME, timestamp=moments)],
+            indexes=indexes,
             columns=rerun.Measurements.columns(values=[middle] * len(steps), variances=[half**2] * len(steps)),
         )
 
@@ -139,15 +148,21 @@ def _entity(curve: Curve, label: str | None) -> str:
     return path
 
 
-def _send_curve(stream: rr.RecordingStream, path: str, curve: Curve, trajectory: Trajectory, first: int) -> None:
+def _send_curve(
+    stream: rr.RecordingStream, path: str, curve: Curve, trajectory: Trajectory, first: int, hours: str
+) -> None:
     rerun = load_rerun()
-    times = trajectory.times[:-1] if curve.moment == "start" else trajectory.times[1:]
+    moments = slice(first, -1) if curve.moment == "start" else slice(first + 1, None)
+    indexes = [
+        rerun.TimeColumn(STEP, sequence=np.arange(first, trajectory.steps) + 1),
+        rerun.TimeColumn(TIME, timestamp=trajectory.times[moments].astype("datetime64[ns]")),
+    ]
+    clock = local(trajectory, hours)
+    if clock is not None:
+        indexes.append(rerun.TimeColumn(LOCAL_TIME, timestamp=clock[moments].astype("datetime64[ns]")))
     stream.send_columns(
         path,
-        indexes=[
-            rerun.TimeColumn(STEP, sequence=np.arange(first, trajectory.steps) + 1),
-            rerun.TimeColumn(TIME, timestamp=times[first:].astype("datetime64[ns]")),
-        ],
+        indexes=indexes,
         columns=rerun.Scalars.columns(scalars=curve.values(trajectory.columns)[first:]),
     )
 

@@ -9,14 +9,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.scenario import CLOCK
+from glbench.env.today import sums_since_midnight
 from glbench.errors import TaskError
+from glbench.model import humidity_deficit, vapour_pressure_deficit
 from glbench.tasks.ledger import FLOW, LIMITED, LedgerItem
 
 if TYPE_CHECKING:
@@ -28,12 +31,15 @@ Floats = NDArray[np.float64]
 Columns = Mapping[str, Floats]
 """Columns of an episode by name, each ``(steps,)``."""
 Moment = Literal["start", "end"]
-Source = Literal["control", "disturbance", "air", "state", "derived", "quantity"]
-"""Where a simulation has a number: the vectors u, d and x, the climate measured in the air, what the model derives from x, or the
-table of a step's quantities."""
+Source = Literal["control", "disturbance", "air", "state", "clock", "derived", "quantity"]
+"""Where a simulation has a number: the vectors u, d and x, the climate measured in the air, the clock of the greenhouse, what follows from
+all these, or the table of a step's quantities."""
+Vectors = Mapping[Source, Floats]
+"""What a simulation has, by source, ``(rows, entries)`` each."""
+Formula = Callable[[Vectors], Floats]
 _ACTS: frozenset[Source] = frozenset({"control", "disturbance"})
 """Sources of what acts during a step; all others are measured at its end."""
-_BEGUN: frozenset[Source] = frozenset({"air", "state", "derived"})
+_BEGUN: frozenset[Source] = frozenset({"air", "state", "clock", "derived"})
 """Sources that also have values at step 0, before anything was done."""
 
 TOPICS: dict[Moment, str] = {"start": "/inputs", "end": "/outcome"}
@@ -199,7 +205,9 @@ class Signals:
     recorded
         Every column but the agent's actions, in the order of the record.
     formulas
-        What the model derives from its states, in the order of their source: from states ``(steps, states)`` to ``(steps,)``.
+        What is derived, in the order of its source; see ``derived``.
+    clock
+        Column with the hour of day of the greenhouse's clock at the end of each step.
     pages
         The curves, page by page.
     overview
@@ -225,7 +233,8 @@ class Signals:
     costs: tuple[str, ...]
     harvest: tuple[Amount, ...]
     reward: str
-    formulas: tuple[Callable[[Floats], Floats], ...] = ()
+    formulas: tuple[Formula, ...] = ()
+    clock: str = CLOCK[0]
 
     @property
     def curves(self) -> tuple[Curve, ...]:
@@ -243,17 +252,37 @@ class Signals:
         """The signals of a source, in the order of its vector."""
         return tuple(sorted((one for one in self.recorded if one.source == source), key=lambda one: one.index))
 
-    def derived(self, states: Floats) -> Floats:
-        """What the model derives from ``states`` ``(steps, states)``, ``(steps, formulas)``."""
-        values = np.empty((len(states), len(self.formulas)))
+    def derived(self, vectors: Vectors) -> Floats:
+        """What follows from the numbers of a run, ``(rows, formulas)``.
+
+        Parameters
+        ----------
+        vectors
+            ``state`` and ``air`` of ``steps + 1`` moments, the start included, or of the ``steps`` after it: these are the rows. ``clock``
+            of all ``steps + 1`` moments, hours of day. ``control`` and ``disturbance`` of the ``steps``.
+        """
+        rows = len(vectors["state"])
+        values = np.empty((rows, len(self.formulas)))
         for column, formula in enumerate(self.formulas):
-            values[:, column] = formula(states)
+            values[:, column] = formula(vectors)[-rows:]
         return values
+
+    def lacking(self, columns: Iterable[str]) -> Signals:
+        """What can be shown without ``columns``: the curves that need none of them."""
+        gone = set(columns)
+        pages = tuple(
+            Page(page.title, kept)
+            for page in self.pages
+            if (kept := tuple(curve for curve in page.curves if gone.isdisjoint(curve.columns)))
+        )
+        paths = {curve.path for page in pages for curve in page.curves}
+        overview = tuple(tuple(path for path in column if path in paths) for column in self.overview)
+        return replace(self, pages=pages, overview=tuple(column for column in overview if column))
 
     @property
     def width(self) -> int:
         """Numbers to keep of a run in a step: those that do not follow from the others or from its season."""
-        return sum(signal.source not in ("disturbance", "derived") for signal in self.recorded)
+        return sum(signal.source not in ("disturbance", "clock", "derived") for signal in self.recorded)
 
     def groups(self, agent_columns: Iterable[str], *, controls: bool) -> tuple[Group, ...]:
         """All groups, in the order of the record: what acts during a step, then its result.
@@ -280,10 +309,8 @@ class Signals:
             ),
         )
 
-    def tables(self, vectors: Mapping[Source, Floats]) -> dict[str, Floats]:
-        """Values ``(steps, columns)`` by group, of the sources ``(steps, entries)`` that are given, and of what follows from the states."""
-        if "state" in vectors:
-            vectors = {**vectors, "derived": self.derived(vectors["state"])}
+    def tables(self, vectors: Vectors) -> dict[str, Floats]:
+        """Values ``(rows, columns)`` by group, of the sources ``(rows, entries)`` that are given."""
         places: dict[str, tuple[Source, list[int]]] = {}
         for signal in self.recorded:
             if signal.source in vectors:
@@ -324,7 +351,7 @@ def signals_of(task: TaskSpec) -> Signals:
         costs=tuple(item.name for item in ledger.paid),
         harvest=tuple(Amount(item.amount, _harvest(item)) for item in _by_amount(ledger.earned)),
         reward="reward",
-        formulas=tuple(_formula(model, task, drawn) for drawn in model.signals() if drawn.of is not None),
+        formulas=tuple(formula for _, formula in _derived(task)),
     )
 
 
@@ -340,6 +367,12 @@ _MEASURED = {
     "relative_humidity": "relative humidity of the indoor air",
 }
 """The same in the order of the simulation, as a record explains it."""
+_DEFICITS = (
+    ("vapour_pressure_deficit", "Vapour pressure deficit (VPD)", "kPa", vapour_pressure_deficit),
+    ("humidity_deficit", "Humidity deficit", "g m⁻³", humidity_deficit),
+)
+"""What follows from temperature and humidity of the main air: name, title, unit, formula."""
+_HOUR = CLOCK[0]
 _TITLES = {"climate": "Climate", "crop": "Crop and harvest", "controls": "Controls", "weather": "Weather"}
 """Pages that a model's signals may be on, in their order; other groups of signals follow, each with a page."""
 _ONE, _PERCENT = "–", "%"
@@ -350,14 +383,13 @@ _PLAIN, _RAISED = "0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"
 
 
 def _recorded(task: TaskSpec) -> tuple[Signal, ...]:
-    """Controls, weather, climate, crop, other states, what is derived, money and amounts, violations."""
+    """Controls, weather, climate, crop, other states, clock, what is derived, money and amounts, violations."""
     model, quantities = task.model_value, task.quantities
     crop = model.crop_states
     states = [
         Signal(s.name, s.unit, s.meaning, "crop" if s.name in crop else "state", "state", i)
         for i, s in enumerate(model.states)
     ]
-    derived = [drawn for drawn in model.signals() if drawn.of is not None]
     amounts = [
         Signal(q.name, q.unit, q.meaning, "violations" if _judges(q.name) else "economics", "quantity", i)
         for i, q in enumerate(quantities)
@@ -372,9 +404,10 @@ def _recorded(task: TaskSpec) -> tuple[Signal, ...]:
         ),
         *sorted((one for one in states if one.group == "crop"), key=lambda one: crop.index(one.name)),
         *(one for one in states if one.group == "state"),
+        Signal(_HOUR, "h", "clock of the greenhouse", "clock", "clock", 0),
         *(
-            Signal(drawn.path.rpartition("/")[2], _written(drawn.unit), drawn.label, "derived", "derived", i)
-            for i, drawn in enumerate(derived)
+            Signal(column.name, column.unit, column.meaning, "derived", "derived", i)
+            for i, (column, _) in enumerate(_derived(task))
         ),
         *(one for one in amounts if one.group == "economics"),
         *(one for one in amounts if one.group == "violations"),
@@ -385,11 +418,36 @@ def _judges(quantity: str) -> bool:
     return quantity == "penalty" or quantity.startswith(("violation_", "hours_outside_"))
 
 
-def _formula(model: Model, task: TaskSpec, drawn: Drawn) -> Callable[[Floats], Floats]:
+def _derived(task: TaskSpec) -> list[tuple[Column, Formula]]:
+    """What follows from the numbers of a run: of the model, and of its air."""
+    model = task.model_value
     nominal: Any = model.Parameters(*task.parameters().tolist())
-    of = drawn.of
-    assert of is not None
-    return lambda states: np.asarray(of(model.State(*states.T), nominal), dtype=np.float64)
+
+    def of_states(of: Callable[[Any, Any], Any]) -> Formula:
+        return lambda vectors: np.asarray(of(model.State(*vectors["state"].T), nominal), dtype=np.float64)
+
+    def of_air(formula: Callable[[Any, Any], Any]) -> Formula:
+        temperature, humidity = (list(_MEASURED).index(name) for name in ("air_temperature", "relative_humidity"))
+        return lambda vectors: formula(vectors["air"][:, temperature], vectors["air"][:, humidity])
+
+    def of_day(rate: Callable[[Any, Any, Any], Any]) -> Formula:
+        def sums(vectors: Vectors) -> Floats:
+            u, d = model.Controls(*vectors["control"].T), model.Disturbances(*vectors["disturbance"].T)
+            rates = np.broadcast_to(np.asarray(rate(u, d, nominal), dtype=np.float64), len(vectors["control"]))
+            return sums_since_midnight(rates, vectors["clock"][:, 0], task.step_seconds)
+
+        return sums
+
+    found: list[tuple[Column, Formula]] = []
+    for drawn in model.signals():
+        column = Column(drawn.path.rpartition("/")[2], _written(drawn.unit), drawn.label)
+        if drawn.of is not None:
+            found.append((column, of_states(drawn.of)))
+        elif drawn.today is not None:
+            found.append((column, of_day(drawn.today)))
+    if model.air is not None:
+        found += [(Column(name, _written(unit), title), of_air(formula)) for name, title, unit, formula in _DEFICITS]
+    return found
 
 
 def _pages(task: TaskSpec) -> tuple[Page, ...]:
@@ -401,6 +459,7 @@ def _pages(task: TaskSpec) -> tuple[Page, ...]:
             Curve(f"climate/{name}", title, unit, (name,), limits=name if name in limited else None)
             for name, (_, title, unit) in _AIR.items()
         )
+        curves["climate"] += (Curve(f"climate/{name}", title, unit, (name,)) for name, title, unit, _ in _DEFICITS)
     earned = _by_amount(task.ledger.earned)
     curves["crop"] += (
         _summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued == FLOW
@@ -417,8 +476,8 @@ def _pages(task: TaskSpec) -> tuple[Page, ...]:
 def _curve(model: Model, drawn: Drawn) -> Curve:
     """A series of the model."""
     group, _, name = drawn.path.rpartition("/")
-    if drawn.of is not None:
-        return Curve(drawn.path, drawn.label, drawn.unit, (name,), slow=group == "crop")
+    if drawn.of is not None or drawn.today is not None:
+        return Curve(drawn.path, drawn.label, drawn.unit, (name,), shared=group == "weather", slow=group == "crop")
     control, weather = drawn.source in model.control_names, drawn.source in model.disturbance_names
     return Curve(
         drawn.path,

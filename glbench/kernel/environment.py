@@ -79,7 +79,8 @@ class Program:
 
     A tape reads ``before`` (states at the start of the step), ``after`` (at its end), ``controls``, ``calendar`` and
     ``calendar_before`` (the calendar's row now, and at the start of the step), ``weather`` (the row shown; before the step the one that
-    acts), ``counter`` (0: steps taken, 1: step whose weather is shown), ``noise`` (uniform numbers of this step), ``trait`` and ``memory``.
+    acts), ``weather_before`` (after the step, the row that acted in it), ``counter`` (0: steps taken, 1: step whose weather is shown),
+    ``noise`` (uniform numbers of this step), ``trait`` and ``memory``.
 
     Attributes
     ----------

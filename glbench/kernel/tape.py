@@ -26,7 +26,7 @@ from glbench.errors import GlbenchError
 
 Source = Literal[
     "given", "controls", "drawn", "before", "after", "calendar", "counter", "calendar_before", "weather", "noise", "trait", "memory",
-    "controls_before",
+    "controls_before", "weather_before",
 ]  # fmt: skip
 Target = Literal["controls", "parameters", "table", "observation", "memory"]
 

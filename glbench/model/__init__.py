@@ -10,7 +10,15 @@ GreenLight model as a whole.
 from __future__ import annotations
 
 from glbench.model.actuators import Actuators
-from glbench.model.air import co2_density, co2_ppm, relative_humidity, saturation_vapour_pressure
+from glbench.model.air import (
+    Air,
+    co2_density,
+    co2_ppm,
+    humidity_deficit,
+    relative_humidity,
+    saturation_vapour_pressure,
+    vapour_pressure_deficit,
+)
 from glbench.model.bounds import Horizon
 from glbench.model.crop.lettuce import VanHentenLettuce
 from glbench.model.crop.tomato import VanthoorTomato
@@ -73,6 +81,7 @@ __all__ = [
     "VARIANTS",
     "Actuators",
     "Addition",
+    "Air",
     "Around",
     "Capacity",
     "Climate",
@@ -105,6 +114,7 @@ __all__ = [
     "crop_parameter_set",
     "default_parameters",
     "get_model",
+    "humidity_deficit",
     "initial_state",
     "jacobian",
     "judged",
@@ -118,5 +128,6 @@ __all__ = [
     "rhs",
     "saturation_vapour_pressure",
     "tomato",
+    "vapour_pressure_deficit",
     "violation_meter",
 ]

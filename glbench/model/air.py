@@ -5,6 +5,8 @@ Each function takes floats, NumPy arrays or CasADi symbols.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from glbench.model.expressions import Expr, exp
 
 CELSIUS_ZERO = 273.15
@@ -18,6 +20,20 @@ STANDARD_PRESSURE = 101325.0
 
 CO2_MOLAR_MASS = 44.01e-3
 """Molar mass of CO2 [kg mol-1] of the CO2 conversions."""
+
+WATER_MOLAR_MASS = 18.01528e-3
+"""Molar mass of water [kg mol-1] of the humidity deficit."""
+
+
+class Air(NamedTuple):
+    """What a sensor box tells of the main air, in the order of the simulation."""
+
+    air_temperature: Expr
+    """[°C]."""
+    co2: Expr
+    """[ppm]."""
+    relative_humidity: Expr
+    """[%]."""
 
 
 def kelvin(temperature: Expr) -> Expr:
@@ -46,3 +62,20 @@ def co2_ppm(temperature: Expr, density: Expr) -> Expr:
 def co2_density(temperature: Expr, ppm: Expr) -> Expr:
     """CO2 density [mg m-3] from temperature [°C] and mole fraction [ppm]; 731.82 mg m-3 for 400 ppm at 20 °C."""
     return 1e6 * STANDARD_PRESSURE * 1e-6 * ppm * CO2_MOLAR_MASS / (GAS_CONSTANT * kelvin(temperature))
+
+
+def vapour_pressure_deficit(temperature: Expr, humidity: Expr) -> Expr:
+    """Vapour pressure that the air lacks to saturation [kPa], from temperature [°C] and relative humidity [%].
+
+    0.465 kPa at 20 °C and 80 %.
+    """
+    return 1e-3 * (saturation_vapour_pressure(temperature) * (1 - humidity / 100))
+
+
+def humidity_deficit(temperature: Expr, humidity: Expr) -> Expr:
+    """Water that a cubic metre of air lacks to saturation at its temperature [g m-3], by the law of ideal gases.
+
+    From temperature [°C] and relative humidity [%]; 3.44 g m-3 at 20 °C and 80 %.
+    """
+    grams = 1e3 * WATER_MOLAR_MASS / GAS_CONSTANT  # g K J-1
+    return grams * (saturation_vapour_pressure(temperature) * (1 - humidity / 100)) / kelvin(temperature)

@@ -9,6 +9,7 @@ They are wide on purpose and no statement about good growing conditions. How the
   gathered over the whole horizon where that is less. The model does not know that CO2 displaces air, so the number
   exceeds what physics allows; in ordinary wind a dose that never stops leads to about 20 000 ppm.
 * Vapour pressure: saturation at ``HOTTEST``.
+* Light of a day: the brightest sky and all lamps for 25 hours, through a roof that keeps nothing back.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+
+from glbench.model.shortwave import SUN_PHOTONS
 
 COLDEST = -100.0
 """Lower bound of every temperature [degC]."""
@@ -25,6 +28,10 @@ HOTTEST_METAL = 300.0
 """Upper bound of pipe and lamp temperatures [degC]."""
 LARGEST_VAPOUR_PRESSURE = 2.0e6
 """Upper bound of vapour pressures [Pa]; saturation at 200 degC is 1.6e6 Pa."""
+BRIGHTEST = 2000.0
+"""Upper bound of global radiation [W m-2]."""
+LONGEST_DAY = 90000.0
+"""Length of the day on which summer time ends [s]."""
 
 _RESPIRED_CO2 = 2.0e5  # mg m-3; all carbohydrate of a mature crop breathed into the house
 
@@ -68,6 +75,14 @@ def highest_co2_ppm(horizon: Horizon) -> float:
     """``highest_co2_density`` as a volume fraction [ppm], in the hottest air the bounds allow."""
     molar = 8.3144598 * (HOTTEST + 273.15) / (101325.0 * 44.01e-3)  # m3 per kg of CO2
     return round_up(highest_co2_density(horizon) * molar)
+
+
+def highest_light_sums(horizon: Horizon) -> tuple[float, float]:
+    """Highest sums of a day: radiation outside [J cm-2], photons of PAR above the canopy [mol m-2]."""
+    p = horizon.parameters
+    sun = SUN_PHOTONS * p["etaGlobPar"] * BRIGHTEST  # umol m-2 s-1
+    lamps = p["zetaLampPar"] * p["etaLampPar"] * p["thetaLampMax"]
+    return round_up(1e-4 * BRIGHTEST * LONGEST_DAY), round_up(1e-6 * (sun + lamps) * LONGEST_DAY)
 
 
 def round_up(value: float) -> float:

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from glbench.errors import ParameterError
 from glbench.model.actuators import Actuators, actuators
-from glbench.model.air import saturation_vapour_pressure
+from glbench.model.air import Air, humidity_deficit, saturation_vapour_pressure, vapour_pressure_deficit
 from glbench.model.balances import ClimateFluxes, climate_balances
 from glbench.model.bounds import (
     COLDEST,
@@ -21,6 +21,8 @@ from glbench.model.bounds import (
     Horizon,
     highest_co2_density,
     highest_co2_ppm,
+    highest_light_sums,
+    round_up,
 )
 from glbench.model.capacities import capacities
 from glbench.model.co2 import co2_transport
@@ -30,13 +32,13 @@ from glbench.model.derived import derived_climate
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr
 from glbench.model.longwave import long_wave, views
-from glbench.model.model import Capacity, Flow, Seen, Signal, Step
+from glbench.model.model import Capacity, Flow, Record, Seen, Signal, Step
 from glbench.model.optics import cover_optics
 from glbench.model.parameter_checks import Order, Shares
 from glbench.model.parameter_table import read_table
 from glbench.model.parameters import ClimateParameters
 from glbench.model.quantities import states_of, table_of
-from glbench.model.shortwave import short_wave
+from glbench.model.shortwave import par_above, photons_of, short_wave
 from glbench.model.states import ClimateState
 from glbench.model.submodels import Climate
 from glbench.model.surroundings import CropExchange, Surroundings
@@ -47,6 +49,8 @@ from glbench.model.ventilation import ventilation
 
 JOULES_PER_KWH = 3.6e6
 KG_PER_MG = 1e-6
+MOL_PER_UMOL = 1e-6
+SQUARE_METRES_PER_SQUARE_CENTIMETRE = 1e-4
 
 START_HUMIDITY = 0.90
 """Relative humidity of main and top air at the start [-]."""
@@ -97,6 +101,8 @@ class GreenLightClimate(Climate):
     observation_modules: ClassVar[Mapping[str, str]] = {
         "indoor_climate": "air temperature, CO2, relative humidity, pipe temperature",
         "published_indoor_climate": "as indoor_climate, CO2 first",
+        "vapour_deficit": "vapour pressure deficit and humidity deficit of the air as observed",
+        "light_today": "radiation outside and PAR above the canopy, summed since midnight",
     }
 
     @property
@@ -198,6 +204,7 @@ class GreenLightClimate(Climate):
         return (
             Signal("climate/canopy_temperature", "Canopy temperature", "°C", "tCan"),
             Signal("climate/pipe_temperature", "Rail pipe temperature", "°C", "tPipe"),
+            Signal("climate/par_today", "Light of sun and lamps since midnight", "mol m⁻²", "", today=_photons),
             Signal("controls/boiler", "Boiler valve (heating)", "%", "uBoil", 100.0),
             Signal("controls/vents", "Roof vents open", "%", "uVent", 100.0),
             Signal("controls/lamps", "Lamps", "%", "uLamp", 100.0),
@@ -205,6 +212,7 @@ class GreenLightClimate(Climate):
             Signal("controls/thermal_screen", "Thermal screen closed", "%", "uThScr", 100.0),
             Signal("controls/blackout_screen", "Blackout screen closed", "%", "uBlScr", 100.0),
             Signal("weather/global_radiation", "Sun outside (global radiation)", "W m⁻²", "iGlob"),
+            Signal("weather/radiation_today", "Radiation sum outside since midnight", "J cm⁻²", "", today=_radiation),
             Signal("weather/temperature", "Outside temperature", "°C", "tOut"),
             Signal("weather/wind", "Wind", "m s⁻¹", "wind"),
             Signal("weather/vapour_pressure", "Outside vapour pressure", "Pa", "vpOut"),
@@ -228,7 +236,33 @@ class GreenLightClimate(Climate):
             "relative_humidity", "%", "relative humidity of the air below the screens", "relative_humidity", 0.0, 100.0
         )
         pipe = Seen("pipe_temperature", "degC", "rail pipes", "tPipe", COLDEST, HOTTEST_METAL)
+        driest = round_up(vapour_pressure_deficit(HOTTEST, 0.0)), round_up(humidity_deficit(HOTTEST, 0.0))
+        vpd, deficit = (
+            Seen(
+                name,
+                unit,
+                f"{name.replace('_', ' ')} of the air below the screens, as observed",
+                "",
+                0.0,
+                most,
+                of_air=of,
+            )
+            for name, unit, most, of in (
+                ("vapour_pressure_deficit", "kPa", driest[0], _vapour_pressure_deficit),
+                ("humidity_deficit", "g m-3", driest[1], _humidity_deficit),
+            )
+        )
+        brightest = highest_light_sums(horizon)
+        radiation, par = (
+            Seen(name, unit, f"{words}, summed since midnight", "", 0.0, most, today=rate)
+            for name, unit, words, most, rate in (
+                ("radiation_today", "J cm-2", "global radiation outside", brightest[0], _radiation),
+                ("par_today", "mol m-2", "photons of PAR above the canopy, of sun and lamps", brightest[1], _photons),
+            )
+        )
         return {
+            "vapour_deficit": (vpd, deficit),
+            "light_today": (radiation, par),
             "indoor_climate": (temperature, co2, humidity, pipe),
             "published_indoor_climate": (co2, temperature, humidity, pipe),
         }.get(module)
@@ -249,3 +283,23 @@ def _co2_dosed(step: Step) -> Expr:
     """CO2 dosed [kg m-2]."""
     p = step.parameters
     return step.controls.u_co2 * (p.phi_ext_co2 / p.a_flr * step.seconds * KG_PER_MG)
+
+
+def _vapour_pressure_deficit(air: Air) -> Expr:
+    """[kPa]."""
+    return vapour_pressure_deficit(air.air_temperature, air.relative_humidity)
+
+
+def _humidity_deficit(air: Air) -> Expr:
+    """[g m-3]."""
+    return humidity_deficit(air.air_temperature, air.relative_humidity)
+
+
+def _radiation(u: Record, d: Disturbances, p: Record) -> Expr:
+    """Global radiation outside [J cm-2 s-1]."""
+    return SQUARE_METRES_PER_SQUARE_CENTIMETRE * d.i_glob
+
+
+def _photons(u: Record, d: Disturbances, p: Record) -> Expr:
+    """PAR above the canopy [mol m-2 s-1]: what roof, screens and lamps let through of the sun's, and the lamps' own."""
+    return MOL_PER_UMOL * photons_of(par_above(cover_optics(u, p), actuators(u, p), d, p), p)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.errors import ShapeError, UnknownNameError, did_you_mean
+from glbench.model.air import Air
 from glbench.model.bounds import Horizon
 from glbench.model.digest import digest_of
 from glbench.model.disturbances import Disturbances
@@ -141,6 +142,13 @@ class Seen:
         From the unit of the source to ``unit``.
     of
         Instead of a source: the column from state and nominal parameters. Arithmetic as in :class:`Flow`.
+    of_air
+        Instead of a source: the column from the main air as the task's sensors show it, errors included. It never sees the true state.
+    today
+        Instead of a source: a rate [``unit`` s-1] from controls, disturbances and nominal parameters in force; the column is its sum
+        since midnight by the task's clock, or since the start.
+
+    ``of_air`` and ``today`` may use arithmetic and the functions ``exp``, ``fmin`` and ``fmax`` of ``glbench.model.expressions``.
     """
 
     name: str
@@ -151,13 +159,16 @@ class Seen:
     high: float
     factor: float = 1.0
     of: Callable[[Record, Record], Expr] | None = None
+    of_air: Callable[[Air], Expr] | None = None
+    today: Callable[[Record, Record, Record], Expr] | None = None
 
 
 @dataclass(frozen=True)
 class Signal:
     """A series that the viewer and the report draw under a label: a state, a control or a disturbance times a factor.
 
-    ``path`` is ``group/quantity``. ``of``, if given, takes the place of ``source``: the series from state and nominal parameters.
+    ``path`` is ``group/quantity``. Instead of ``source``, ``of`` gives the series from state and nominal parameters, and ``today`` a rate
+    [``unit`` s-1] from controls, disturbances and nominal parameters, whose sum since midnight by the task's clock is drawn.
     """
 
     path: str
@@ -166,6 +177,7 @@ class Signal:
     source: str
     factor: float = 1.0
     of: Callable[[Record, Record], Expr] | None = None
+    today: Callable[[Record, Record, Record], Expr] | None = None
 
 
 Start: TypeAlias = Callable[[Disturbances, float, Record], Record]

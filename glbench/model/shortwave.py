@@ -45,6 +45,18 @@ class ShortWave(NamedTuple):
     r_glob_sun_cov_e: Annotated[Expr, Quantity("W m-2", "solar radiation absorbed by the cover")]
 
 
+SUN_PHOTONS = 4.6
+"""Photons of solar PAR for each joule of it [umol J-1]. Vanthoor (2011) table 9.1."""
+
+
+class Par(NamedTuple):
+    """PAR above the canopy by its origin [W m-2]."""
+
+    sun: Expr
+    lamp: Expr
+    int_lamp: Expr
+
+
 class Intercepted(NamedTuple):
     """Share of the light of one kind of lamp that canopy and floor absorb [-]."""
 
@@ -102,13 +114,24 @@ def solar_nir(lai: Expr, o: Optics, p: ClimateParameters) -> Layer:
     return stack(stack(cover, canopy), floor)
 
 
+def par_above(o: Optics, a: Actuators, d: Disturbances, p: ClimateParameters) -> Par:
+    """PAR of the sun under the screens, of the top lamps and of the interlights. Vanthoor (2011) eq. 8.26, Katzin (2021) eqs 7.7-7.8."""
+    sun_inside = (1 - p.eta_glob_air) * d.i_glob
+    return Par(
+        o.tau_cov_par * p.eta_glob_par * sun_inside, p.eta_lamp_par * a.q_lamp_in, p.eta_int_lamp_par * a.q_int_lamp_in
+    )
+
+
+def photons_of(par: Par, p: ClimateParameters) -> Expr:
+    """Photons of PAR that sun and lamps send to the canopy, before it reflects any [umol m-2 s-1]."""
+    return SUN_PHOTONS * par.sun + p.zeta_lamp_par * par.lamp + p.zeta_int_lamp_par * par.int_lamp
+
+
 def short_wave(lai: Expr, o: Optics, a: Actuators, d: Disturbances, p: ClimateParameters) -> ShortWave:
     """All short-wave fluxes. Vanthoor (2011) eqs 8.26-8.37, Katzin (2021) eqs 7.7-7.26."""
     sun_inside = (1 - p.eta_glob_air) * d.i_glob
-    par_sun = o.tau_cov_par * p.eta_glob_par * sun_inside
-    par_lamp = p.eta_lamp_par * a.q_lamp_in
+    par_sun, par_lamp, par_int_lamp = par_above(o, a, d, p)
     nir_lamp = p.eta_lamp_nir * a.q_lamp_in
-    par_int_lamp = p.eta_int_lamp_par * a.q_int_lamp_in
     nir_int_lamp = p.eta_int_lamp_nir * a.q_int_lamp_in
 
     top = light_from_above(lai, p)

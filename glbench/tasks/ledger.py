@@ -254,7 +254,7 @@ class PriceTable:
             places = np.searchsorted(starts, times.astype("datetime64[s]"), side="right") - 1
             series: NDArray[np.float64] = np.array([price for _, price in self.series])
             return series[np.maximum(places, 0)]
-        days = _local(times, hour_of_day).astype("datetime64[D]")
+        days = local_times(times, hour_of_day).astype("datetime64[D]")
         year = days.astype("datetime64[Y]")
         month = days.astype("datetime64[M]")
         numbers = ((month - year.astype("datetime64[M]")).astype(np.int64) + 1) * 100
@@ -266,7 +266,7 @@ class PriceTable:
         return dated
 
 
-def _local(times: NDArray[np.datetime64], hour_of_day: NDArray[np.float64]) -> NDArray[np.datetime64]:
+def local_times(times: NDArray[np.datetime64], hour_of_day: NDArray[np.float64]) -> NDArray[np.datetime64]:
     """The moments on the clock that ``hour_of_day`` shows."""
     seconds = times.astype("datetime64[s]")
     utc = (seconds - seconds.astype("datetime64[D]")).astype(np.int64)

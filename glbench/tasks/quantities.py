@@ -114,6 +114,14 @@ def time(context: ObservationContext) -> tuple[Quantity, ...]:
     return _cycle("hour_of_day", "hour of day") + _cycle("day_of_year", "day of year")
 
 
+def local_time(context: ObservationContext) -> tuple[Quantity, ...]:
+    """Hour of day and day of year, as ``info`` has them."""
+    return (
+        Quantity("hour_of_day", "h", 0.0, 24.0, "clock of the greenhouse"),
+        Quantity("day_of_year", "day", 0.0, 366.0, "calendar of the greenhouse, 0 at the start of 1 January"),
+    )
+
+
 def published_time(context: ObservationContext) -> tuple[Quantity, ...]:
     """Sine and cosine of the day of year (365 days), then of the hour of day (24 h)."""
     return _cycle("day_of_year", "day of year") + _cycle("hour_of_day", "hour of day")

@@ -134,6 +134,15 @@ for _module in (
     ),
     ObservationModule("crop", "fruit mass, 24-hour mean temperature, temperature sum", tables.of_model("crop")),
     ObservationModule("time", "hour of day and day of year, each as sine and cosine", tables.time),
+    ObservationModule("local_time", "hour of day and day of year as plain numbers", tables.local_time),
+    ObservationModule(
+        "vapour_deficit",
+        "vapour pressure deficit and humidity deficit of the air as observed",
+        tables.of_model("vapour_deficit"),
+    ),
+    ObservationModule(
+        "light_today", "radiation outside and PAR above the canopy since midnight", tables.of_model("light_today")
+    ),
     ObservationModule("controls", "the controls in force, in physical units", tables.controls),
     ObservationModule("weather", "the five measured weather quantities", tables.weather),
     ObservationModule("full_state", "all states of the model, in its own units", tables.full_state),

@@ -14,12 +14,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, rendering
+from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, rendering, run_weather
 from glbench.env.picture import Picture
 from glbench.env.trail import Trail
 from glbench.errors import GlbenchError
+from glbench.kernel import StepFailure
+from glbench.model import humidity_deficit, vapour_pressure_deficit
 from glbench.tasks import TaskSpec
 from tests.env.stepping import StillKernel, walk
+from tests.support import lettuce_task
 
 MakeTask = Callable[..., TaskSpec]
 ID = "glbench:glbench/Schiphol2010-Delta10-v1"
@@ -251,3 +254,53 @@ def test_nothing_of_matplotlib_is_loaded_for_an_environment_that_does_not_draw()
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300)
     assert told.stdout.strip() == "[]"
+
+
+def test_a_picture_shows_deficits_light_and_local_time() -> None:
+    environment = GreenhouseEnv(lettuce_task(), kernel=StandingKernel(), render_mode="rgb_array")
+    environment.reset(seed=1)
+    action, info = np.zeros(6, np.float32), {}
+    action[4] = 1.0
+    for _ in range(14):
+        *_, info = environment.step(action)
+    drawn(environment)
+    temperature, humidity = info["air_temperature"], info["relative_humidity"]
+    (title,) = [text for text in texts(environment) if " UTC" in text]
+    assert title.endswith("2010-03-07 13:00 UTC, 14:00 local")
+    (told,) = [text for text in texts(environment) if "deficit" in text]
+    weather = run_weather(environment.simulation.task, 1)
+    radiation = weather.values[:14, 0].sum() * 3600.0 / 1e4
+    assert f"Vapour pressure deficit {vapour_pressure_deficit(temperature, humidity):.2f} kPa" in told
+    assert f"Humidity deficit {humidity_deficit(temperature, humidity):.2f} g/m³" in told
+    assert f"Radiation today {radiation:.0f} J/cm²" in told
+    assert "PAR today " in told
+    panel = GreenhouseEnv(lettuce_task(), kernel=StandingKernel(), render_mode="ansi")
+    panel.reset(seed=1)
+    words = str(panel.render())
+    assert "2010-03-06 23:00 UTC, 00:00 local, step 0" in words
+    assert "vapour pressure deficit" in words
+
+
+def test_light_of_a_picture_is_that_of_the_day_and_unknown_until_midnight(make_task: MakeTask) -> None:
+    task = make_task(days=2)
+    environment = GreenhouseEnv(task, kernel=StillKernel(), render_mode="rgb_array")
+    environment.reset(seed=1)
+    for _ in range(60):
+        environment.step(np.zeros(6, np.float32))
+    snapshot = environment.snapshot()
+    environment.reset(options={"state": snapshot})
+    drawn(environment)
+    assert not [text for text in texts(environment) if "today" in text]
+    weather = task.disturbances().values[:, 0]
+    for _ in range(80):
+        environment.step(np.zeros(6, np.float32))
+    drawn(environment)
+    (told,) = [text for text in texts(environment) if "today" in text]
+    assert f"Radiation today {weather[96:140].sum() * 900.0 / 1e4:.0f} J/cm²" in told
+
+
+class StandingKernel:
+    """Nothing moves, in any model."""
+
+    def try_step(self, x: NDArray[np.float64], *_: object) -> tuple[NDArray[np.float64], list[StepFailure]]:
+        return x.copy(), []

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from glbench.env import run_weather
+from glbench.env import Simulation, run_weather
 from glbench.episodes import (
     Episode,
     actions_path,
@@ -22,11 +22,11 @@ from glbench.episodes import (
     recover,
     replayed_episodes,
 )
-from glbench.episodes.recorder import bytes_a_step
-from glbench.episodes.rerun_course import card, shown_of
+from glbench.episodes.recorder import Trace, bytes_a_step
+from glbench.episodes.rerun_course import card, local, show_together, shown_of
 from glbench.episodes.rerun_recording import save_recording
 from glbench.episodes.signals import signals_of
-from glbench.errors import TaskError
+from glbench.errors import GlbenchError, TaskError
 from glbench.evaluation import evaluate, result_path
 from glbench.model import get_model
 from glbench.tasks import TaskSpec, get_task
@@ -71,7 +71,10 @@ def test_a_record_has_the_columns_and_units_of_its_own_model(lettuce: Lettuce) -
     ]  # fmt: skip
     groups = {group.name: group.names for group in lettuce.episodes[0].groups}
     assert groups["crop"] == ("tCan", "xN", "xS")
-    assert groups["derived"] == ("head", "leaf_area_index")
+    assert groups["derived"] == (
+        *("par_today", "radiation_today", "head", "leaf_area_index"),
+        *("vapour_pressure_deficit", "humidity_deficit"),
+    )
     assert 2.0 < frame.attrs["start"]["derived"]["head"] < 4.0
     # 24 states of the model, six meters of violations
     assert bytes_a_step(lettuce.task) == 8 * (30 + 6 + 3 + len(lettuce.task.quantities))
@@ -84,6 +87,85 @@ def test_what_is_derived_follows_from_the_recorded_states(lettuce: Lettuce) -> N
     assert head.of is not None
     again = head.of(model.State(*episode.states.T), model.Parameters(*nominal.tolist()))
     assert np.asarray(again)[1:].tobytes() == np.ascontiguousarray(episode["head"]).tobytes()
+
+
+def test_deficits_and_light_of_a_record_follow_from_its_other_columns(lettuce: Lettuce) -> None:
+    episode = lettuce.episodes[1]
+    temperature, humidity = episode["air_temperature"], episode["relative_humidity"]
+    lacking = 610.78 * np.exp(17.2694 * temperature / (temperature + 238.3)) * (1.0 - humidity / 100.0)
+    assert np.allclose(episode["vapour_pressure_deficit"], lacking / 1000.0, rtol=1e-12)
+    assert np.allclose(
+        episode["humidity_deficit"], lacking * 18.01528 / (8.3144598 * (temperature + 273.15)), rtol=1e-12
+    )
+    hours, sun = episode["hour_of_day"], 0.0
+    weather = run_weather(lettuce.task, episode.run.seed)
+    assert hours.tolist() == weather.hour_of_day[1 : episode.steps + 1].tolist()
+    for step in range(episode.steps):
+        sun = 0.0 if hours[step] == 0.0 else sun + episode["iGlob"][step] * 3600.0 / 1e4
+        assert episode["radiation_today"][step] == pytest.approx(sun, rel=1e-12)
+    assert episode["par_today"].max() > 1.0
+    assert episode.start["derived"][:2].tolist() == [0.0, 0.0]
+
+
+def test_the_light_of_a_record_is_what_agents_observe(tmp_path: Path) -> None:
+    more = (('"weather"]', '"weather", "vapour_deficit", "light_today"]'),)
+    task = get_task(write_lettuce_task(tmp_path, days=2, more=more))
+    simulation = Simulation(task, 1, "fast")
+    simulation.reset([10000])
+    trace, observed = Trace(simulation), []
+    for action in np.random.default_rng(1).uniform(-0.2, 0.6, (task.steps, 1, 6)):
+        trace.add(simulation, simulation.step(action))
+        observed.append(simulation.observe()[0, -4:])
+    weather, signals = run_weather(task, 10000), signals_of(task)
+    derived = signals.derived(
+        {
+            "control": trace.u[:, 0], "disturbance": weather.values[: task.steps], "air": trace.air[:, :, 0], "state": trace.x[:, 0],
+            "clock": weather.hour_of_day[: task.steps + 1, None],
+        }
+    )  # fmt: skip
+    names = [one.name for one in signals.vector("derived")]
+    columns = [quantity.name for quantity in task.observed()][-4:]
+    shown = derived[1:, [names.index(name) for name in columns]].astype(np.float32)
+    assert shown[:, 2:].tobytes() == np.array(observed)[:, 2:].tobytes()  # sums, to the bit
+    assert np.allclose(shown[:, :2], np.array(observed)[:, :2], rtol=1e-6)  # numpy's exp is not the C library's
+
+
+def test_records_of_earlier_versions_are_shown_without_what_they_lack(lettuce: Lettuce) -> None:
+    whole = shown_of(lettuce.episodes[:1])
+    trajectory = whole.trajectories[0]
+    later = ("vapour_pressure_deficit", "par_today", "hour_of_day")
+    earlier = replace(trajectory, columns={k: v for k, v in trajectory.columns.items() if k not in later})
+    shown = show_together(lettuce.task, [earlier])
+    paths = {curve.path for curve in shown.signals.curves}
+    assert {curve.path for curve in whole.signals.curves} - paths == {
+        "climate/vapour_pressure_deficit",
+        "climate/par_today",
+    }
+    assert shown.signals.overview == whole.signals.overview
+    assert "clock" not in card(shown)
+    without = replace(trajectory, columns={k: v for k, v in trajectory.columns.items() if k != "co2"})
+    with pytest.raises(GlbenchError, match="lacks co2"):
+        show_together(lettuce.task, [without])
+
+
+def test_the_clock_that_changes_is_told_with_its_day(lettuce: Lettuce) -> None:
+    trajectory = shown_of(lettuce.episodes[:1]).trajectories[0]
+    times = np.datetime64("2010-03-27T23:00", "ns") + np.arange(5) * np.timedelta64(1, "h")
+    columns = {name: values[:4] for name, values in trajectory.columns.items()}
+    columns["hour_of_day"] = np.array(
+        [1.0, 3.0, 4.0, 5.0]
+    )  # the ends of the steps; summer time begins at 1 o'clock UTC
+    changed = replace(trajectory, times=times, columns=columns)
+    assert "clock is UTC+1 h, from 28 March on UTC+2 h." in card(show_together(lettuce.task, [changed]))
+    moments = local(changed, "hour_of_day")
+    assert moments is not None
+    assert [str(moment)[:16] for moment in moments] == [
+        *("2010-03-28T00:00", "2010-03-28T01:00", "2010-03-28T03:00", "2010-03-28T04:00", "2010-03-28T05:00"),
+    ]  # fmt: skip
+
+
+def test_the_card_tells_how_far_the_clock_of_the_place_is_ahead(lettuce: Lettuce) -> None:
+    assert "times are UTC, the greenhouse's clock is UTC+1 h." in card(shown_of(lettuce.episodes[:1]))
 
 
 def test_the_times_and_the_weather_of_a_record_are_those_of_its_run(lettuce: Lettuce) -> None:
@@ -153,11 +235,23 @@ def test_two_columns_of_a_record_cannot_have_one_name(tmp_path: Path) -> None:
 
 def test_what_is_recorded_and_drawn_of_tomatoes_stays_as_it_was() -> None:
     signals = signals_of(get_task(PUBLISHED))
-    recorded = [(one.group, one.name, one.unit, one.meaning, one.source, one.index) for one in signals.recorded]
+    added = {
+        one.name for one in signals.recorded if one.group in ("clock", "derived")
+    }  # of a later version, beside what was there
+    assert added == {
+        *("hour_of_day", "par_today", "radiation_today"),
+        *("vapour_pressure_deficit", "humidity_deficit"),
+    }
+    recorded = [
+        (one.group, one.name, one.unit, one.meaning, one.source, one.index)
+        for one in signals.recorded
+        if one.name not in added
+    ]
     drawn = [
         (page.title, c.path, c.title, c.unit, c.columns, c.form, c.factor, c.moment, c.limits, c.shared, c.slow, c.span)
         for page in signals.pages
         for c in page.curves
+        if added.isdisjoint(c.columns)
     ]
     assert _digest(recorded) == RECORDED_OF_TOMATOES
     assert _digest([*drawn, signals.overview, signals.prices]) == DRAWN_OF_TOMATOES

@@ -26,7 +26,7 @@ from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation.profiles import tables
 from glbench.evaluation.profiles.record import SCHEMA, VERSION, Profile, profile_path, read_profile
 from glbench.evaluation.records import RecordReference, Result
-from glbench.model import Horizon
+from glbench.model import Air, Horizon
 from glbench.registration import task_ids
 from glbench.tasks import get_task
 from glbench.weather import COLUMNS as WEATHER
@@ -56,13 +56,16 @@ class Column:
 class Columns:
     """The columns of a task's profiles.
 
-    ``controls``, ``climate`` (what the model shows of it, as ``seen``) and ``amounts`` make up ``all``; ``limits`` are quantities that are
-    hours outside a limit. ``worst`` are shown of the worst run, ``by_hour`` are names of amounts that are summed by hour of day.
+    ``controls``, ``climate`` (what the model shows of it, as ``seen``), ``light`` (what comes in a step, as ``rates``) and ``amounts`` make
+    up ``all``; ``limits`` are quantities that are hours outside a limit. ``worst`` are shown of the worst run, ``by_hour`` are names of
+    amounts that are summed by hour of day.
     """
 
     controls: tuple[Column, ...]
     climate: tuple[Column, ...]
     seen: tuple[Seen, ...]
+    light: tuple[Column, ...]
+    rates: tuple[Seen, ...]
     amounts: tuple[Column, ...]
     limits: tuple[str, ...]
     worst: tuple[Column, ...]
@@ -71,7 +74,7 @@ class Columns:
     @property
     def all(self) -> tuple[Column, ...]:
         """Every column of the runs' course."""
-        return (*self.controls, *self.climate, *self.amounts)
+        return (*self.controls, *self.climate, *self.light, *self.amounts)
 
 
 @lru_cache(maxsize=32)
@@ -79,11 +82,18 @@ def columns_of(task: TaskSpec) -> Columns:
     """The columns of profiles of ``task``, from its model, ledger and limits."""
     model, ledger = task.model_value, task.ledger
     controls = tuple(Column(control.name, "-", control.meaning, "level") for control in model.controls)
-    seen = model.observed("indoor_climate", Horizon(task.steps, task.step_seconds, task.parameters_by_name())) or ()
+    horizon = Horizon(task.steps, task.step_seconds, task.parameters_by_name())
+    seen, deficits, rates = (model.observed(module, horizon) or () for module in _SHOWN)
+    if task.schema_version == 1:  # profiles of these are published, and keep their columns
+        deficits, rates = (), ()
+    seen = (*seen, *deficits)
     meanings = {state.name: state.meaning for state in model.states}
     climate = tuple(
         Column(one.name, one.unit, _AIR.get(one.source) or meanings.get(one.source, one.meaning), "level")
         for one in seen
+    )
+    light = tuple(
+        Column(one.name.removesuffix(_TODAY), one.unit, one.meaning.partition(",")[0], "amount") for one in rates
     )
     earned = {item.amount for item in ledger.earned}
     flows = {item.amount for item in ledger.items}
@@ -96,6 +106,8 @@ def columns_of(task: TaskSpec) -> Columns:
         controls,
         climate,
         seen,
+        light,
+        rates,
         amounts,
         tuple(q.name for q in task.quantities if q.name.startswith(_OUTSIDE)),
         (*controls, *climate, *(c for c in amounts if c.name in {*earned, "epi", "penalty"})),
@@ -103,6 +115,10 @@ def columns_of(task: TaskSpec) -> Columns:
     )
 
 
+_SHOWN = ("indoor_climate", "vapour_deficit", "light_today")
+"""Observation modules that profiles show, whether the task's agents observe them or not."""
+_TODAY = "_today"
+"""What the names of sums since midnight end with; a profile has the amount of each step."""
 _OUTSIDE = "hours_outside_"
 _AIR = {
     "air_temperature": "air temperature at the end of the step",
@@ -144,8 +160,9 @@ def course_of(task: TaskSpec, log: ActionLog, trace: Trace | None, kernel: Stepp
     """
     lengths = np.array([run.steps for run in log.runs])
     traced: Iterable[_Part] = [(trace, range(len(lengths)))] if trace is not None else _replayed(task, log, kernel)
-    parts = [_read(task, part, lengths[list(rows)]) for part, rows in traced]
-    weather, starts = _outside_air(task, log.seeds)
+    seasons = _Seasons(task, log.seeds)
+    parts = [_read(task, part, lengths[list(rows)], seasons.values(rows)) for part, rows in traced]
+    weather, starts = seasons.weather(), seasons.starts
     joined = {name: np.concatenate([part[name] for part in parts], axis=1) for name in parts[0]}
     return Course(
         columns={column.name: joined[column.name] for column in columns_of(task).all},
@@ -168,19 +185,26 @@ def _replayed(task: TaskSpec, log: ActionLog, kernel: Stepper | None) -> Iterato
         yield trace, rows
 
 
-def _read(task: TaskSpec, trace: Trace, lengths: NDArray[np.int64]) -> dict[str, Floats]:
-    """Columns of a trace, float32; steps that a run did not take are 0."""
+def _read(task: TaskSpec, trace: Trace, lengths: NDArray[np.int64], acting: Floats) -> dict[str, Floats]:
+    """Columns of a trace, float32, of runs on which ``acting`` ``(steps, n, d)`` acts; steps that a run did not take are 0."""
     columns, model = columns_of(task), task.model_value
     named: dict[str, Floats] = {column.name: trace.u[:, :, i] for i, column in enumerate(columns.controls)}
     for one in columns.seen:
         if one.of is not None:
             states = model.State(*np.moveaxis(trace.x[1:], 2, 0))
             values = np.broadcast_to(one.of(states, _nominal(task)), trace.x.shape[1:2])
+        elif one.of_air is not None:
+            values = one.of_air(Air(*np.moveaxis(trace.air[1:], 1, 0)))
         elif one.source in _AIR:
             values = trace.air[1:, list(_AIR).index(one.source)]
         else:
             values = trace.x[1:, :, model.state_index(one.source)]
         named[one.name] = values if one.factor == 1.0 else values * one.factor
+    if columns.light:
+        u, d = model.Controls(*np.moveaxis(trace.u, 2, 0)), model.Disturbances(*np.moveaxis(acting, 2, 0))
+        for column, one in zip(columns.light, columns.rates, strict=True):
+            assert one.today is not None
+            named[column.name] = np.broadcast_to(one.today(u, d, _nominal(task)), trace.u.shape[:2]) * task.step_seconds
     rows = {quantity.name: row for row, quantity in enumerate(task.quantities)}
     quantities = (*(column.name for column in columns.amounts), *columns.limits)
     named |= {name: trace.quantities[:, rows[name]] for name in quantities}
@@ -192,20 +216,30 @@ def _nominal(task: TaskSpec) -> Any:
     return task.model_value.Parameters(*task.parameters().tolist())
 
 
-def _outside_air(task: TaskSpec, seeds: Sequence[int]) -> tuple[dict[str, Floats], tuple[str, ...]]:
+class _Seasons:
     """The weather of each run's own season, as one column where it is the same for all, and the first days where they differ."""
-    scenarios = RunScenarios(task)
-    pool, scenes, steps = scenarios.pool, scenarios.draw(seeds), np.arange(task.steps)
-    same = bool((scenes.days == scenes.days[0]).all())
-    rows = scenes.days[: 1 if same else None, steps // pool.day] + steps % pool.day
-    values = pool.values[rows.T]
-    radiation, temperature, vapour, co2, wind = (
-        values[..., WEATHER.index(name)] for name in ("iGlob", "tOut", "vpOut", "co2Out", "wind")
-    )
-    humidity = read_air(temperature.ravel(), co2.ravel(), vapour.ravel())[2].reshape(temperature.shape)
-    series = (radiation, temperature, humidity, wind)
-    named = {column.name: one.astype(np.float32) for column, one in zip(WEATHER_COLUMNS, series, strict=True)}
-    return named, () if same else tuple(_first_day(scenarios, row) for row in scenes.first.tolist())
+
+    def __init__(self, task: TaskSpec, seeds: Sequence[int]) -> None:
+        scenarios = RunScenarios(task)
+        pool, scenes, steps = scenarios.pool, scenarios.draw(seeds), np.arange(task.steps)
+        same = bool((scenes.days == scenes.days[0]).all())
+        rows = scenes.days[: 1 if same else None, steps // pool.day] + steps % pool.day
+        self._values = pool.values[rows.T]
+        self.starts = () if same else tuple(_first_day(scenarios, row) for row in scenes.first.tolist())
+
+    def values(self, runs: Sequence[int]) -> Floats:
+        """What acts on some of the runs ``(steps, n, d)``."""
+        return self._values[:, list(runs)] if self.starts else self._values
+
+    def weather(self) -> dict[str, Floats]:
+        """The columns of the weather."""
+        values = self._values
+        radiation, temperature, vapour, co2, wind = (
+            values[..., WEATHER.index(name)] for name in ("iGlob", "tOut", "vpOut", "co2Out", "wind")
+        )
+        humidity = read_air(temperature.ravel(), co2.ravel(), vapour.ravel())[2].reshape(temperature.shape)
+        series = (radiation, temperature, humidity, wind)
+        return {column.name: one.astype(np.float32) for column, one in zip(WEATHER_COLUMNS, series, strict=True)}
 
 
 def _first_day(scenarios: RunScenarios, row: int) -> str:

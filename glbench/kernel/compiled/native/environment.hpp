@@ -86,7 +86,7 @@ struct Environments {
 
 enum Source : int32_t {
     OF_GIVEN, OF_CONTROLS, OF_DRAWN, OF_BEFORE, OF_AFTER, OF_CALENDAR, OF_COUNTER, OF_CALENDAR_BEFORE, OF_WEATHER, OF_NOISE, OF_TRAIT, OF_MEMORY,
-    OF_CONTROLS_BEFORE
+    OF_CONTROLS_BEFORE, OF_WEATHER_BEFORE
 };
 enum Target : int32_t { TO_CONTROLS, TO_PARAMETERS, TO_TABLE, TO_OBSERVATION, TO_MEMORY };
 
@@ -258,6 +258,8 @@ template <class V> class EnvironmentWorker final : public RowWork {
         taken_[lane] = !standing_ && !all_.ended[row] && all_.status[row] == 0;
         if (taken_[lane]) ++all_.k[row];
     }
+    // The step that was taken, or the next one.
+    int64_t begun(int64_t row, int lane) const { return standing_ || !taken_[lane] ? all_.k[row] : all_.k[row] - 1; }
     int64_t shown(int64_t row) const { return all_.k[row] > program_.lag ? all_.k[row] - program_.lag : 0; }
 
     // Row of the pool that is the weather of a step.
@@ -272,7 +274,8 @@ template <class V> class EnvironmentWorker final : public RowWork {
             case OF_AFTER: return (standing_ ? all_.x : all_.after)[row * model::STATES + slot.index];
             case OF_CONTROLS: return (standing_ ? all_.u : all_.next)[row * model::CONTROLS + slot.index];
             case OF_CALENDAR: return calendar(row, all_.k[row])[slot.index];
-            case OF_CALENDAR_BEFORE: return calendar(row, standing_ || !taken_[lane] ? all_.k[row] : all_.k[row] - 1)[slot.index];
+            case OF_CALENDAR_BEFORE: return calendar(row, begun(row, lane))[slot.index];
+            case OF_WEATHER_BEFORE: return program_.weather[weather_row(row, begun(row, lane)) * model::DISTURBANCES + slot.index];
             case OF_COUNTER: return static_cast<double>(slot.index == 0 ? all_.k[row] : shown(row));
             case OF_WEATHER: return program_.weather[weather_row(row, shown(row)) * model::DISTURBANCES + slot.index];
             case OF_NOISE: return noise_[lane][slot.index];

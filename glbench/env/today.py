@@ -1,0 +1,65 @@
+"""Sums since midnight by the task's clock: radiation and light of the day so far, never of the hours to come."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+PART = "light of the day"
+"""The part of a task that asks for a memory of these sums (``glbench.env.slots``)."""
+
+HOURS_BACK = 12.0
+"""The clock falls back by more than this at midnight, and by an hour at most when summer time ends."""
+SECONDS_AN_HOUR = 3600.0
+
+
+def asks(task: TaskSpec) -> dict[str, float]:
+    """The sums that a run of ``task`` keeps, by the names of their columns, and what they start with."""
+    model, horizon = task.model_value, task.observation_context().horizon
+    columns = (column for module in task.observation.modules for column in model.observed(module, horizon) or ())
+    return {column.name: 0.0 for column in columns if column.today is not None}
+
+
+def since_midnight(so_far: Any, rate: Any, hour_before: Any, hour: Any, step_seconds: float) -> Any:
+    """Sum since midnight at the end of a step, from that at its start.
+
+    Parameters
+    ----------
+    so_far
+        Sum at the start of the step.
+    rate
+        What comes in a second of the step.
+    hour_before, hour
+        Hour of day at the start and at the end of the step, 0 to 24.
+    step_seconds
+        Length of the step [s], at most an hour.
+
+    Returns
+    -------
+    Number, array or recorded value, as given. Of a step over midnight only the part after it counts.
+    """
+    kept, seconds = _of_step(hour_before, hour, step_seconds)
+    return so_far * kept + rate * seconds
+
+
+def sums_since_midnight(
+    rates: NDArray[np.float64], hours: NDArray[np.float64], step_seconds: float
+) -> NDArray[np.float64]:
+    """The same for all steps of a run, to the bit: ``(steps + 1,)`` from rates ``(steps,)`` and hours of day ``(steps + 1,)``."""
+    kept, seconds = _of_step(hours[:-1], hours[1:], step_seconds)
+    sums = [0.0]
+    for share, amount in zip(kept.tolist(), (rates * seconds).tolist(), strict=True):
+        sums.append(sums[-1] * share + amount)
+    return np.array(sums)
+
+
+def _of_step(hour_before: Any, hour: Any, step_seconds: float) -> tuple[Any, Any]:
+    """Whether what there was is kept (1 or 0), and the seconds of the step that count."""
+    passed = np.sign(np.maximum(hour_before - hour - HOURS_BACK, 0.0))
+    after = np.minimum(hour * SECONDS_AN_HOUR, step_seconds)
+    return 1.0 - passed, step_seconds + passed * (after - step_seconds)
