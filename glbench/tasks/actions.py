@@ -26,19 +26,23 @@ WORKED = (BOILER, DOSING, SCREEN, VENTS, LAMPS, BLACKOUT)
 
 @dataclass(frozen=True)
 class Action:
-    """One entry of an action: what it is called, its bounds, its unit ("-" for a share), and what it means."""
+    """One entry of an action: what it is called, its bounds, its unit ("-" for a share) and what it means.
+
+    ``idle`` is the value with which it asks for nothing: no change, no heat beyond frost protection, vents shut, screens open.
+    """
 
     name: str
     low: float
     high: float
     unit: str = "-"
     meaning: str = ""
+    idle: float = 0.0
 
 
 _SET_POINTS: tuple[tuple[tuple[str, ...], Action], ...] = (
-    ((BOILER,), Action(HEATING, 5.0, 30.0, "degC", "air is heated below it")),
-    ((VENTS,), Action(VENTILATION, 5.0, 40.0, "degC", "vents open above it; at least a dead zone above the heating temperature")),
-    ((DOSING,), Action(CO2, 300.0, 1600.0, "ppm", "CO2 is dosed below it, in light, as far as the vents are shut")),
+    ((BOILER,), Action(HEATING, 0.0, 30.0, "degC", "air is heated below it")),
+    ((VENTS,), Action(VENTILATION, 5.0, 40.0, "degC", "vents open above it; at least a dead zone above the heating temperature", 40.0)),
+    ((DOSING,), Action(CO2, 0.0, 1600.0, "ppm", "CO2 is dosed below it, in light, as far as the vents are shut")),
     (
         (BOILER, VENTS, SCREEN),
         Action(HUMIDITY, 0.0, 8.0, "g m-3", "below it the air is too humid: minimum heat, a gap in vents and screen"),
@@ -47,7 +51,10 @@ _SET_POINTS: tuple[tuple[tuple[str, ...], Action], ...] = (
     ((LAMPS,), Action(LAMPS_UNTIL, 0.0, 24.0, "h", "until this hour of the same day; never when it is not the later one")),
     ((LAMPS,), Action(LAMP_RADIATION, 0.0, 1000.0, "W m-2", "lamps go off when the radiation outside reaches it")),
     ((SCREEN,), Action(SCREEN_RADIATION, 0.0, 500.0, "W m-2", "the thermal screen may be closed while the radiation outside is below it")),
-    ((SCREEN,), Action(SCREEN_OUTDOOR, -10.0, 30.0, "degC", "the thermal screen may be closed while the air outside is colder")),
+    (
+        (SCREEN,),
+        Action(SCREEN_OUTDOOR, -10.0, 30.0, "degC", "the thermal screen may be closed while the air outside is colder", -10.0),
+    ),
 )  # fmt: skip
 
 
