@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from glbench.env.scenario import RunScenarios
-from glbench.env.slots import allocate, memory_slots
+from glbench.env.slots import allocate
 from glbench.errors import TaskError
 from glbench.tasks import get_task
 
@@ -26,7 +26,7 @@ def test_parts_have_places_of_their_own_in_the_order_given() -> None:
 
 def test_without_parts_a_run_remembers_nothing() -> None:
     assert allocate().rows(3).shape == (3, 0)
-    assert memory_slots(get_task("Schiphol2010-Delta00-v1")).width == 0
+    assert RunScenarios(get_task("Schiphol2010-Delta00-v1")).slots.width == 0
 
 
 def test_a_start_that_is_no_number_is_refused() -> None:
