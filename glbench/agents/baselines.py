@@ -28,12 +28,13 @@ from glbench.tasks.quantities import PAPER_MODEL
 from glbench.untrusted import MIB, quoted
 
 if TYPE_CHECKING:
+    from glbench.agents.grower import GrowerSettings
     from glbench.agents.network_agent import PolicyFiles
     from glbench.agents.recording import Recording
     from glbench.agents.rule_settings import RuleSettings
     from glbench.tasks import TaskCard
 
-    Settings = RuleSettings | PolicyFiles | Recording
+    Settings = RuleSettings | GrowerSettings | PolicyFiles | Recording
 
 _HERE = Path(__file__).resolve().parent
 LARGEST_ARCHIVE = 256 * MIB
@@ -56,7 +57,7 @@ class _Controller:
     modules: tuple[str, ...]
 
     def read(self, place: Path) -> Settings:
-        """Read what the card calls the controller's settings: rules from YAML, trained policies, or recorded actions."""
+        """Read what the card calls the controller's settings: rules, a grower's page, trained policies, or recorded actions."""
         with _damage_in_words():
             settings: Settings = _found(self.reader)(place)
         return settings
@@ -120,6 +121,13 @@ _CONTROLLERS = {
         maker=("network_agent", "NetworkAgent"),
         modules=("exact_math.py", "network_policy.py", "network_agent.py"),
     ),
+    "grower": _Controller(
+        privileged=False,
+        information="observations and the public task card",
+        reader=("grower", "read_grower_settings"),
+        maker=("grower", "GrowerAgent"),
+        modules=("grower.py", "rule_based_fair.py"),
+    ),
     "recording": _Controller(
         privileged=False,
         information="nothing: replays recorded actions",
@@ -139,7 +147,7 @@ class Card(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     title: str
-    controller: Literal["rule_based", "rule_based_fair", "network", "recording"]
+    controller: Literal["rule_based", "rule_based_fair", "grower", "network", "recording"]
     settings: str
     description: str
     made: str

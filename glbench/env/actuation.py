@@ -1,23 +1,28 @@
 """From actions to controls: small named parts, one of which a task chooses.
 
-A part is made once for a task. In every step it turns the controls in force and the actions, both fractions per row, into
+A part is made once for a task. In every step it turns the controls in force, fractions per row, and the actions into
 the controls of the step. Controls that the task does not grant stay at 0. To add one, register a function that makes it:
 
     register_actuation("direct", "the action is the control", lambda task: Direct(task), low=0.0, high=1.0)
+
+The kinds that glbench ships are recorded: ``RecordedActuation``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env import process_computer
 from glbench.env.factories import Factories
+from glbench.env.process_computer import Measured
 from glbench.errors import ActionError, TaskError
 from glbench.kernel.environment import ActionBounds
-from glbench.tasks.card import task_card
+from glbench.tasks.actions import Action
 from glbench.tasks.vocabulary import ACTUATION_KINDS, ActuationKind
 
 if TYPE_CHECKING:
@@ -26,18 +31,32 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 Actuation = Callable[[Floats, Floats], Floats]
-"""New controls from those in force, both ``(n, m)``, and the actions ``(n, m)``; changes neither of them."""
+"""New controls of those granted ``(n, c)`` from those in force ``(n, c)``, and the actions ``(n, m)``; changes neither of them."""
 
 MakeActuation = Callable[["TaskSpec"], Actuation]
 
 ACTUATIONS: Factories[MakeActuation] = Factories("kind of actuation", ACTUATION_KINDS)
 
+PART = "actuation"
+"""Under which it asks for memory."""
+
 ROUNDING = 1e-6
 """How far an action may lie outside its bounds: what float32 arithmetic and scaling lose. Taken as the bound itself."""
 
 
-def register_actuation(name: str, meaning: str, make: MakeActuation, *, low: float = 0.0, high: float = 1.0) -> None:
-    """Make a kind of actuation known under ``name``, here and in task files, whose actions lie between ``low`` and ``high``.
+def register_actuation(
+    name: str,
+    meaning: str,
+    make: MakeActuation,
+    *,
+    low: float = 0.0,
+    high: float = 1.0,
+    actions: Callable[[tuple[str, ...]], tuple[Action, ...]] | None = None,
+) -> None:
+    """Make a kind of actuation known under ``name``, here and in task files.
+
+    Its actions have an entry between ``low`` and ``high`` for each control that the task grants, or those that ``actions`` gives for these
+    controls: names, bounds, units and meanings (``glbench.tasks.Action``).
 
     Raises
     ------
@@ -47,7 +66,7 @@ def register_actuation(name: str, meaning: str, make: MakeActuation, *, low: flo
     if not (np.isfinite([low, high]).all() and low < high):
         msg = f"Actions of '{name}' cannot lie between {low:g} and {high:g}. Give finite bounds, the lower one first."
         raise TaskError(msg)
-    ACTUATION_KINDS.add(ActuationKind(name, meaning, low, high))
+    ACTUATION_KINDS.add(ActuationKind(name, meaning, low, high, actions))
     ACTUATIONS.provide(name, make)
 
 
@@ -89,7 +108,46 @@ def _checked(task: TaskSpec, move: Actuation) -> Actuation:
     return checked
 
 
-RecordedActuation = Callable[["TaskSpec", Any, Any, int], Any]
+@dataclass(frozen=True)
+class ActuationInputs:
+    """What a recorded kind of actuation may look at, at the start of a step: recorded values.
+
+    Attributes
+    ----------
+    actions, controls
+        Entries of the action, and controls in force that the task grants, by name.
+    memory
+        What the kind wrote in the step before, by the names that it asked for.
+    measured
+        Climate and clock as the process computer reads them; ``None`` in a model without an air.
+    exp
+        The C library's exponential function.
+    """
+
+    actions: Mapping[str, Any]
+    controls: Mapping[str, Any]
+    memory: Mapping[str, Any]
+    measured: Measured | None
+    exp: Callable[[Any], Any]
+
+
+@dataclass(frozen=True)
+class RecordedActuation:
+    """A kind of actuation as arithmetic, which the compiled kernel can do.
+
+    Attributes
+    ----------
+    work
+        From a task and the inputs to the controls that the task grants, and what is remembered.
+    memory
+        Names and start values of what is remembered (``glbench.env.slots``).
+    """
+
+    work: Callable[[TaskSpec, ActuationInputs], tuple[Mapping[str, Any], Mapping[str, Any]]]
+    memory: Mapping[str, float] = field(default_factory=dict)
+
+
+_Move = Callable[["TaskSpec", Any, Any, int], Any]
 """The new value of one control from that in force, the action and its column: arithmetic on arrays or on recorded values."""
 
 
@@ -108,7 +166,7 @@ def _approached(task: TaskSpec, control: Any, action: Any, column: int) -> Any:
     return np.minimum(np.maximum(wanted, control - max_change), control + max_change)
 
 
-def _provide(name: str, move: RecordedActuation) -> None:
+def _provide(name: str, move: _Move) -> None:
     """A kind of actuation that moves each control by itself, and can be recorded."""
 
     def make(task: TaskSpec) -> Actuation:
@@ -116,15 +174,33 @@ def _provide(name: str, move: RecordedActuation) -> None:
             [move(task, controls[:, column], actions[:, column], column) for column in range(actions.shape[1])], axis=1
         )
 
-    ACTUATIONS.provide(name, make, recorded=move)
+    def work(task: TaskSpec, given: ActuationInputs) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+        names = task.actuation.controls
+        moved = {name: move(task, given.controls[name], given.actions[name], place) for place, name in enumerate(names)}
+        return moved, {}
+
+    ACTUATIONS.provide(name, make, recorded=RecordedActuation(work))
+
+
+def _computed(task: TaskSpec, given: ActuationInputs) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    if given.measured is None:
+        msg = f"{task.source}: [actuation] A process computer needs an air to measure, and {task.model_id} has none."
+        raise TaskError(msg)
+    return process_computer.work(task, given.actions, given.controls, given.measured, given.memory, given.exp)
+
+
+def _only_recorded(task: TaskSpec) -> Actuation:
+    msg = f"The actuation '{task.actuation.kind}' remembers and measures: it works in the step of a Simulation only."
+    raise TaskError(msg)
 
 
 _provide("rate", _moved)
 _provide("set_point", _approached)
+ACTUATIONS.provide("process_computer", _only_recorded, recorded=RecordedActuation(_computed, process_computer.MEMORY))
 
 
 def recorded_actuation(task: TaskSpec) -> RecordedActuation | None:
-    """How each control of a task moves; ``None`` for a kind that somebody registered, which is Python.
+    """How the controls of a task move; ``None`` for a kind that somebody registered, which is Python.
 
     Raises
     ------
@@ -135,10 +211,15 @@ def recorded_actuation(task: TaskSpec) -> RecordedActuation | None:
     return recorded
 
 
+def actuation_memory(task: TaskSpec) -> Mapping[str, float]:
+    """What the actuation of a task remembers from step to step, with start values (``glbench.env.slots``)."""
+    recorded = recorded_actuation(task)
+    return {} if recorded is None else recorded.memory
+
+
 def action_bounds(task: TaskSpec) -> tuple[Floats, Floats]:
-    """Lowest and highest action of the task's card, each ``(m,)``."""
-    actions = task_card(task).actions
-    return np.array([action.low for action in actions]), np.array([action.high for action in actions])
+    """Lowest and highest action of a task, each ``(m,)``."""
+    return np.array([action.low for action in task.actions]), np.array([action.high for action in task.actions])
 
 
 class ActionReader:
@@ -151,7 +232,7 @@ class ActionReader:
     @classmethod
     def of_task(cls, task: TaskSpec) -> ActionReader:
         """Reader of a task's actions."""
-        return cls("action", task.actuation.controls, *action_bounds(task))
+        return cls("action", tuple(action.name for action in task.actions), *action_bounds(task))
 
     @classmethod
     def of_controls(cls, task: TaskSpec) -> ActionReader:

@@ -39,7 +39,8 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Action space
 
     ``Box(-1, 1, (m,), float32)`` for the actuation kind ``rate``: the share of the largest change allowed in a step, for each
-    control of the task. ``Box(0, 1, (m,), float32)`` for ``set_point``: the controls asked for. An action that is not finite,
+    control of the task. ``Box(0, 1, (m,), float32)`` for ``set_point``: the controls asked for. For ``process_computer`` a box of
+    set points with a unit and bounds each (``env.unwrapped.task.actions``). An action that is not finite,
     or outside its bounds by more than 1e-6, raises ``ActionError``: nothing is clipped on the way in.
 
     ## Observation space
@@ -165,7 +166,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def _check_shape(self, action: NDArray[np.float32]) -> None:
         """Words for a wrong shape that speak of one action and not of a row of a batch."""
         if np.shape(action) != self.action_space.shape:
-            names = ", ".join(self.task.actuation.controls)
+            names = ", ".join(action.name for action in self.task.actions)
             msg = f"The action has shape {np.shape(action)}. Expected shape {self.action_space.shape}: {names}."
             raise ActionError(msg) from None
 

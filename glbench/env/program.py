@@ -7,16 +7,18 @@ Every part that glbench ships can be recorded. A registered part is Python: the 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.accounts import ByName, make_accounts
-from glbench.env.actuation import ActionReader, make_actuation, recorded_actuation
+from glbench.env.actuation import PART as ACTUATION
+from glbench.env.actuation import ActionReader, ActuationInputs, RecordedActuation, make_actuation, recorded_actuation
 from glbench.env.climate import AIR, record_air
 from glbench.env.formulas import record_formula
 from glbench.env.observations import AirFormula, Formula, Numbers, TableRows, Today, checked_part, python_part, shown_by
+from glbench.env.process_computer import Measured
 from glbench.env.quantities import REWARD
 from glbench.env.reference import NO_PARTS, PythonParts
 from glbench.env.rewards import REWARDS, StepOutcome, make_reward
@@ -30,6 +32,7 @@ from glbench.kernel.environment import Lookup, ParameterNoise, Program
 from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, Value
 from glbench.model import Air
 from glbench.tasks.ledger import TRAVEL
+from glbench.weather import COLUMNS
 
 if TYPE_CHECKING:
     from glbench.env.slots import Slots
@@ -79,10 +82,10 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
     scenarios.sensors.update(update, _true_air(task, update), scenarios.slots)
     outcome, lookups, columns, reward, observation = _outcome(task, scenarios, update)
     followers, python_followers = _followers(task, scenarios)
-    move = recorded_actuation(task)
+    kind = recorded_actuation(task)
     distributions = [group.distribution for group in scenarios.in_step]
     program = Program(
-        actuation=EMPTY if move is None else _actuation(task, move),
+        actuation=EMPTY if kind is None else _actuation(task, kind, scenarios),
         outcome=outcome,
         actions=ActionReader.of_task(task).bounds,
         controls=ActionReader.of_controls(task).bounds,
@@ -113,12 +116,12 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
         info_columns=info,
         charges={info + names.index(name): value for name, value in charges.items()},
     )
-    python = (move is None, reward, observation, python_followers, any(name != UNIFORM for name in distributions))
+    python = (kind is None, reward, observation, python_followers, any(name != UNIFORM for name in distributions))
     if not any(python):
         return program, NO_PARTS
     parts = PythonParts(
         air_columns(task),
-        make_actuation(task) if move is None else None,
+        make_actuation(task) if kind is None else None,
         reward,
         observation,
         tuple(DISTRIBUTIONS[name] for name in distributions),
@@ -127,15 +130,31 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
     return program, parts
 
 
-def _actuation(task: TaskSpec, move: Any) -> Tape:
-    recorder, names = Recorder(), task.model_value.control_names
-    moved: dict[str, Any] = {
-        name: move(task, recorder.input("controls", names.index(name)), recorder.input("given", column), column)
-        for column, name in enumerate(task.actuation.controls)
-    }
+def _actuation(task: TaskSpec, kind: RecordedActuation, scenarios: RunScenarios) -> Tape:
+    recorder, names, places = Recorder(), task.model_value.control_names, scenarios.slots.of(ACTUATION)
+    given = ActuationInputs(
+        actions={action.name: recorder.input("given", place) for place, action in enumerate(task.actions)},
+        controls={name: recorder.input("controls", names.index(name)) for name in task.actuation.controls},
+        memory={name: recorder.input("memory", place) for name, place in places.items()},
+        measured=_measured(task, recorder, scenarios),
+        exp=lambda value: recorder.operation("exp", value),
+    )
+    moved, kept = kind.work(task, given)
     for index, name in enumerate(names):
         recorder.output("controls", index, moved.get(name, 0.0))
+    for name, value in kept.items():
+        recorder.output("memory", places[name], value)
     return recorder.tape()
+
+
+def _measured(task: TaskSpec, recorder: Recorder, scenarios: RunScenarios) -> Measured | None:
+    """What a process computer measures before a step: the air as the sensors show it, and the weather and clock of the step."""
+    air = _true_air(task, recorder, "before")
+    if not air:
+        return None
+    weather = (recorder.input("weather", COLUMNS.index(name)) for name in ("iGlob", "tOut", "wind"))
+    hour = recorder.input("calendar", CLOCK.index("hour_of_day"))
+    return Measured(*scenarios.sensors.readings(recorder, air, scenarios.slots), *weather, hour)
 
 
 def _followers(task: TaskSpec, scenarios: RunScenarios) -> tuple[Tape, DerivedParameters | None]:
@@ -149,12 +168,12 @@ def _followers(task: TaskSpec, scenarios: RunScenarios) -> tuple[Tape, DerivedPa
         return EMPTY, derived
 
 
-def _true_air(task: TaskSpec, recorder: Recorder) -> list[Value]:
-    """Air temperature [degC], CO2 [ppm] and relative humidity [%] after the step; nothing of a model without an air."""
+def _true_air(task: TaskSpec, recorder: Recorder, moment: Literal["before", "after"] = "after") -> list[Value]:
+    """Air temperature [degC], CO2 [ppm] and relative humidity [%] before or after the step; nothing of a model without an air."""
     model = task.model_value
     if not model.air:
         return []
-    temperature, density, pressure = (recorder.input("after", model.state_index(name)) for name in model.air)
+    temperature, density, pressure = (recorder.input(moment, model.state_index(name)) for name in model.air)
     return [temperature, *record_air(temperature, density, pressure, recorder)]
 
 

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.actuation import PART as ACTUATION
+from glbench.env.actuation import actuation_memory
 from glbench.env.philox import uniforms
 from glbench.env.sensors import PART as SENSORS
 from glbench.env.sensors import STREAM as SENSOR_STREAM
@@ -70,7 +72,7 @@ class RunScenarios:
         self._model = task.model_value
         self._derived = DerivedParameters(self._model, self.nominal, self.places(self.in_episode))
         self.sensors = Sensors.of(task)
-        self.slots = allocate(**{SENSORS: self.sensors.asks(), TODAY: asks(task)})
+        self.slots = allocate(**{ACTUATION: actuation_memory(task), SENSORS: self.sensors.asks(), TODAY: asks(task)})
         self._starts: dict[int, Floats] = {}
 
     def places(self, groups: Sequence[ParameterGroup]) -> tuple[int, ...]:

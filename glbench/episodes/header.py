@@ -135,7 +135,7 @@ def provenance_of(task: TaskSpec, agent: LoadedAgent, kernel: dict[str, str | fl
             privileged=agent.privileged,
             information=agent.information,
             acts="controls" if agent.privileged else "actions",
-            columns=all_controls if agent.privileged else task.actuation.controls,
+            columns=all_controls if agent.privileged else tuple(action.name for action in task.actions),
         ),
         kernel=kernel,
         versions=versions(task),

@@ -25,7 +25,7 @@ from glbench.tasks.ledger import FLOW, LIMITED, LedgerItem
 if TYPE_CHECKING:
     from glbench.model import Model
     from glbench.model import Signal as Drawn
-    from glbench.tasks import TaskSpec
+    from glbench.tasks import Action, TaskSpec
 
 Floats = NDArray[np.float64]
 Columns = Mapping[str, Floats]
@@ -220,6 +220,8 @@ class Signals:
         The task's prices in words, as in ``heat 0.09 EUR/kWh``.
     total, income, costs, harvest, reward
         Columns whose sums the card tells of every controller.
+    set_points
+        Entries of the task's actions that are no controls.
     """
 
     recorded: tuple[Signal, ...]
@@ -235,6 +237,7 @@ class Signals:
     reward: str
     formulas: tuple[Formula, ...] = ()
     clock: str = CLOCK[0]
+    set_points: tuple[Action, ...] = ()
 
     @property
     def curves(self) -> tuple[Curve, ...]:
@@ -287,12 +290,13 @@ class Signals:
     def groups(self, agent_columns: Iterable[str], *, controls: bool) -> tuple[Group, ...]:
         """All groups, in the order of the record: what acts during a step, then its result.
 
-        ``agent_columns`` are the controls that the agent drives; ``controls`` is true for privileged ones, which set the controls
-        themselves.
+        ``agent_columns`` are the controls that the agent drives, or its set points; ``controls`` is true for privileged ones, which set
+        the controls themselves.
         """
         what = "control asked for" if controls else "action"
-        meaning = {signal.name: signal.meaning for signal in self.vector("control")}
-        actions = (Column(f"action_{name}", "-", f"{what}: {meaning[name]}") for name in agent_columns)
+        told = {signal.name: ("-", f"{what}: {signal.meaning}") for signal in self.vector("control")}
+        told |= {one.name: (one.unit, f"set point: {one.meaning}") for one in self.set_points}
+        actions = (Column(f"action_{name}", *told[name]) for name in agent_columns)
         members: dict[str, list[Signal]] = {}
         for signal in self.recorded:
             members.setdefault(signal.group, []).append(signal)
@@ -352,6 +356,7 @@ def signals_of(task: TaskSpec) -> Signals:
         harvest=tuple(Amount(item.amount, _harvest(item)) for item in _by_amount(ledger.earned)),
         reward="reward",
         formulas=tuple(formula for _, formula in _derived(task)),
+        set_points=tuple(action for action in task.actions if action.name not in task.actuation.controls),
     )
 
 

@@ -332,6 +332,16 @@ def _observations(card: TaskCard, lines: Sequence[str]) -> Section:
 
 def _actions(card: TaskCard) -> Section:
     by_name = {capacity.name: capacity for capacity in card.controls}
+    words = f"{len(card.actions)} numbers a step, in this order: {ACTUATION_KINDS[card.actuation].meaning}."
+    heading = "What the agent does"
+    if any(action.name not in by_name for action in card.actions):
+        rows = [
+            (str(i), action.name, action.unit, f"{action.low:g}", f"{action.high:g}", action.meaning)
+            for i, action in enumerate(card.actions)
+        ]
+        return Section(
+            heading, (words,), ("", "Name", "Unit", "Lowest", "Highest", "Meaning"), ("", "Lowest", "Highest"), rows
+        )
     driven = [action.name for action in card.actions]
     rows = []
     for i, action in enumerate(card.actions):
@@ -339,9 +349,8 @@ def _actions(card: TaskCard) -> Section:
         at_one, most = _delivers(one, 1.0), _delivers(one, card.max_change)
         rows.append((str(i), one.name, one.meaning, f"{action.low:g} to {action.high:g}", at_one, most))
     rows += [("", name, by_name[name].meaning, "stays at 0", "", "") for name in sorted(by_name.keys() - set(driven))]
-    words = f"{len(driven)} numbers a step, in this order: {ACTUATION_KINDS[card.actuation].meaning}."
     columns = ("", "Control", "Drives", "Action", "At 1", "Most a step")
-    return Section("What the agent does", (words,), columns, ("", "At 1", "Most a step"), rows)
+    return Section(heading, (words,), columns, ("", "At 1", "Most a step"), rows)
 
 
 def _delivers(capacity: Capacity, fraction: float) -> str:

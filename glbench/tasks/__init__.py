@@ -12,7 +12,7 @@ from glbench.late import late_names
 
 if TYPE_CHECKING:
     from glbench.registration import register_tasks as register_tasks
-    from glbench.tasks.card import Action as Action
+    from glbench.tasks.actions import Action as Action
     from glbench.tasks.card import Constraint as Constraint
     from glbench.tasks.card import Place as Place
     from glbench.tasks.card import Prices as Prices
@@ -61,7 +61,8 @@ else:
         __name__,
         {
             "glbench.registration": ("register_tasks",),
-            "card": ("Action", "Constraint", "Place", "Prices", "TaskCard", "task_card"),
+            "actions": ("Action",),
+            "card": ("Constraint", "Place", "Prices", "TaskCard", "task_card"),
             "ledger": ("Ledger", "LedgerItem", "PriceTable", "StepQuantity"),
             "scenario": ("ParameterGroup", "Scenario", "Season", "StartGroup"),
             "tables": ("TaskFile1", "TaskFile2"),

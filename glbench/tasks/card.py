@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from glbench.tasks.actions import Action
 from glbench.tasks.ledger import LIMITED, LedgerItem
 from glbench.tasks.quantities import PAPER_MODEL, Capacity, Quantity
 from glbench.tasks.tables import TaskFile1
-from glbench.tasks.vocabulary import ACTUATION_KINDS
 
 if TYPE_CHECKING:
     from glbench.tasks.spec import TaskSpec
@@ -29,15 +29,6 @@ class Place:
     longitude: float
     altitude: float
     timezone: str
-
-
-@dataclass(frozen=True)
-class Action:
-    """One entry of an action: the control it drives, and its bounds (dimensionless)."""
-
-    name: str
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)
@@ -72,7 +63,8 @@ class TaskCard:
 
     ``observations`` and ``actions`` are in the order of the arrays; ``controls`` are all controls of the model with what each
     delivers at 1. An action of kind ``rate`` in [-1, 1] moves its control by ``max_change`` times the action; one
-    of kind ``set_point`` in [0, 1] is the control asked for, reached by at most ``max_change`` a step. ``delta`` and
+    of kind ``set_point`` in [0, 1] is the control asked for, reached by at most ``max_change`` a step; one of kind
+    ``process_computer`` holds set points, each with a unit of its own. ``delta`` and
     ``half_width`` say how widely the uncertain parameters are drawn.
     ``ledger`` says what is earned and paid; ``prices`` are those of a task of schema 1.
     """
@@ -114,14 +106,13 @@ class TaskCard:
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """Names of the controls that the entries of an action drive."""
+        """Names of the entries of an action: the controls that they drive, or set points."""
         return tuple(action.name for action in self.actions)
 
 
 def task_card(task: TaskSpec) -> TaskCard:
     """Card of ``task``."""
     record = task.record()
-    kind = ACTUATION_KINDS[task.actuation.kind]
     return TaskCard(
         id=task.id,
         title=task.title,
@@ -133,7 +124,7 @@ def task_card(task: TaskSpec) -> TaskCard:
         observations=task.observed(),
         timing=task.observation.timing,
         forecast_steps=task.observation.forecast_steps,
-        actions=tuple(Action(name, kind.low, kind.high) for name in task.actuation.controls),
+        actions=task.actions,
         actuation=task.actuation.kind,
         max_change=task.actuation.max_change,
         controls=task.capacities(),

@@ -36,7 +36,9 @@ from glbench.tasks.lock import Fingerprint, canonical_sha256, read_lock
 from glbench.tasks.quantities import PAPER_MODEL, Capacity, ObservationContext, Quantity, capacities, of_model
 from glbench.tasks.scenario import Generated, ParameterGroup, Scenario, Season, StartGroup
 from glbench.tasks.tables import (
+    PROCESS_COMPUTER,
     ActuationTable,
+    AnyActuationTable,
     EvaluationTable,
     InitialStateTable,
     ItemTable,
@@ -53,11 +55,12 @@ from glbench.tasks.tables import (
     UncertaintyTable,
     WeatherTable,
 )
-from glbench.tasks.vocabulary import INITIAL_STATES, OBSERVATION_MODULES
+from glbench.tasks.vocabulary import ACTUATION_KINDS, INITIAL_STATES, OBSERVATION_MODULES
 from glbench.tasks.written import tables_of, with_dates
 
 if TYPE_CHECKING:
     from glbench.model import Model
+    from glbench.tasks.actions import Action
     from glbench.tasks.bases import Change
     from glbench.weather import Disturbances, WeatherRecord
 
@@ -485,7 +488,19 @@ class TaskSpec:
             table = self.weather.model_copy(update={"source": season.source, "start": season.start})
             return _disturbances(table, rows)
 
-    # What the agent sees.
+    # What the agent does and sees.
+
+    @cached_property
+    def actions(self) -> tuple[Action, ...]:
+        """The entries of an action, in order, with units and bounds.
+
+        Raises
+        ------
+        TaskError
+            When there is no such kind of actuation, or it cannot work one of the controls.
+        """
+        with self._asked_by("actuation"):
+            return ACTUATION_KINDS[self.actuation.kind].actions(self.actuation.controls)
 
     def observed(self) -> tuple[Quantity, ...]:
         """Columns of the observation, in order, with units and finite bounds.
@@ -732,6 +747,11 @@ class TaskSpec:
                 for item in ledger.items
             ]  # fmt: skip
             parts["draws"] = [[g.name, list(g.parameters)] for g in scenario.groups]
+            if isinstance(self.actuation, AnyActuationTable) and self.actuation.kind == PROCESS_COMPUTER:
+                parts["actuation"] = {
+                    "settings": self.actuation.process_computer.model_dump(),
+                    "actions": [[action.name, action.unit, action.low, action.high] for action in self.actions],
+                }
         named = {name: canonical_sha256(part) for name, part in parts.items() if name in Fingerprint.PARTS}
         return Fingerprint(digest=canonical_sha256(parts), **named, model_version=model.version)
 

@@ -388,6 +388,13 @@ class TaskFile1(TaskFile):
     prices: PricesTable
     reward: RewardTable
 
+    @model_validator(mode="after")
+    def _has_no_computer(self) -> Self:
+        if self.actuation.kind == PROCESS_COMPUTER:
+            msg = "[actuation] A process computer needs a task of schema 2: add schema = 2 to a file with a base."
+            raise ValueError(msg)
+        return self
+
 
 # Schema 2: any model, a ledger, a scenario. Everything with a default may be left out; what is left out stays out of the digest.
 
@@ -467,6 +474,83 @@ class AnyObservationTable(ObservationTable):
     def forecast_hours(self) -> tuple[int, ...]:
         """Hours ahead of a forecast by the hour; none without one."""
         return self.forecast.hours if self.forecast is not None else ()
+
+
+PROCESS_COMPUTER = "process_computer"
+"""The kind of actuation that has a table of its own."""
+
+
+def _setting(default: float, unit: str, about: str, *, above: float | None = None) -> Any:
+    """A setting of the process computer: 0 or more, or more than ``above``; its meaning stands in docs/process-computer.md."""
+    limit: dict[str, float] = {"ge": 0.0} if above is None else {"gt": above}
+    return Field(default=default, description=f'{about}: {{ value = {default:g}, unit = "{unit}" }}', **limit)
+
+
+_Kelvin, _Celsius = Annotated[float, in_unit("K")], Annotated[float, in_unit("degC")]
+_Rate, _Slope, _WindSlope = (
+    Annotated[float, in_unit("K h-1")],
+    Annotated[float, in_unit("K K-1")],
+    Annotated[float, in_unit("K s m-1")],
+)
+_Watts, _Grams = Annotated[float, in_unit("W m-2")], Annotated[float, in_unit("g m-3")]
+_Ppm, _Hours = Annotated[float, in_unit("ppm")], Annotated[float, in_unit("h")]
+
+
+class ProcessComputerTable(Table):
+    """``[actuation.process_computer]``: the rules that the set points do not change. All keys may be left out."""
+
+    dead_zone: _Kelvin = _setting(1.0, "K", "0 K or more")
+    temperature_rise: _Rate = _setting(1.5, "K h-1", "above 0 K h-1", above=0.0)
+    temperature_fall: _Rate = _setting(3.0, "K h-1", "above 0 K h-1", above=0.0)
+    heating_band: _Kelvin = _setting(2.0, "K", "above 0 K", above=0.0)
+    ventilation_band: _Kelvin = _setting(6.0, "K", "above 0 K", above=0.0)
+    ventilation_band_below: _Celsius = Field(default=20.0, ge=-50.0, le=50.0, description="-50 to 50 degC")
+    ventilation_band_cold: _Slope = _setting(0.6, "K K-1", "0 or more")
+    ventilation_band_wind: _WindSlope = _setting(0.3, "K s m-1", "0 or more")
+    ventilation_band_most: _Kelvin = _setting(25.0, "K", "not below ventilation_band", above=0.0)
+    humidity_band: _Grams = _setting(1.0, "g m-3", "above 0 g m-3", above=0.0)
+    minimum_heat: _Watts = _setting(20.0, "W m-2", "0 W m-2 or more")
+    minimum_heat_radiation: _Watts = _setting(250.0, "W m-2", "above 0 W m-2", above=0.0)
+    vent_gap: float = Field(default=0.25, ge=0.0, le=1.0, description="a fraction from 0 to 1")
+    vent_gap_cold: _Kelvin = _setting(2.0, "K", "above 0 K", above=0.0)
+    co2_band: _Ppm = _setting(100.0, "ppm", "above 0 ppm", above=0.0)
+    co2_radiation: _Watts = _setting(30.0, "W m-2", "above 0 W m-2", above=0.0)
+    co2_vents: float = Field(default=0.1, ge=0.0, lt=1.0, description="a fraction from 0 to below 1")
+    co2_vents_off: float = Field(default=0.3, gt=0.0, le=1.0, description="a fraction above co2_vents, up to 1")
+    lamp_hysteresis: _Watts = _setting(50.0, "W m-2", "0 W m-2 or more")
+    lamp_minimum_time: _Hours = _setting(0.5, "h", "0 h or more")
+    screen_radiation_hysteresis: _Watts = _setting(20.0, "W m-2", "0 W m-2 or more")
+    screen_temperature_hysteresis: _Kelvin = _setting(1.0, "K", "0 K or more")
+    screen_minimum_time: _Hours = _setting(0.5, "h", "0 h or more")
+    screen_gap: float = Field(default=0.1, ge=0.0, le=1.0, description="a fraction from 0 to 1")
+    screen_heat_band: _Kelvin = _setting(2.0, "K", "above 0 K", above=0.0)
+    blackout_radiation: _Watts = _setting(10.0, "W m-2", "0 W m-2 or more")
+
+    @model_validator(mode="after")
+    def _bands_are_in_order(self) -> Self:
+        if self.ventilation_band_most < self.ventilation_band:
+            msg = (
+                f"ventilation_band_most = {self.ventilation_band_most:g} K must not be below "
+                f"ventilation_band = {self.ventilation_band:g} K."
+            )
+            raise ValueError(msg)
+        if self.co2_vents >= self.co2_vents_off:
+            msg = f"co2_vents = {self.co2_vents:g} must be below co2_vents_off = {self.co2_vents_off:g}."
+            raise ValueError(msg)
+        return self
+
+
+class AnyActuationTable(ActuationTable):
+    """``[actuation]``: as in schema 1, and the settings of a process computer."""
+
+    process_computer: ProcessComputerTable = ProcessComputerTable()
+
+    @model_validator(mode="after")
+    def _settings_are_used(self) -> Self:
+        if "process_computer" in self.model_fields_set and self.kind != PROCESS_COMPUTER:
+            msg = f'There is a table [actuation.process_computer], but the kind is "{self.kind}". Take one of them out.'
+            raise ValueError(msg)
+        return self
 
 
 class SomeConstraintsTable(OfTheAir):
@@ -790,6 +874,7 @@ class TaskFile2(TaskFile):
     model: PinnedModelTable
     initial: AnyInitialStateTable = Field(alias="initial_state")
     observation: AnyObservationTable
+    actuation: AnyActuationTable
     constraints: SomeConstraintsTable = SomeConstraintsTable()
     ledger: dict[str, ItemTable] = Field(default={}, description="tables [ledger.<column>]")
     price_tables: dict[str, PriceTableTable] = Field(default={}, description="tables [price_tables.<name>]")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.tasks import quantities as tables
+from glbench.tasks.actions import Action, set_points
 from glbench.tasks.quantities import QuantityTable
 
 if TYPE_CHECKING:
@@ -101,10 +102,21 @@ class Word:
 
 @dataclass(frozen=True)
 class ActuationKind(Word):
-    """How an action becomes a control; every entry of an action lies between ``low`` and ``high``."""
+    """How an action becomes controls.
 
-    low: float
-    high: float
+    An action has an entry for each control of the task, between ``low`` and ``high``, or those that ``own`` gives.
+    """
+
+    low: float = 0.0
+    high: float = 1.0
+    own: Callable[[tuple[str, ...]], tuple[Action, ...]] | None = None
+    """The entries of an action from the controls that a task grants; ``None``: one for each of them."""
+
+    def actions(self, controls: tuple[str, ...]) -> tuple[Action, ...]:
+        """Names, units and bounds of the entries of an action in a task that grants ``controls``."""
+        if self.own is not None:
+            return self.own(controls)
+        return tuple(Action(name, self.low, self.high) for name in controls)
 
 
 @dataclass(frozen=True)
@@ -180,6 +192,11 @@ for _kind in (
         "an action from 0 to 1 asks for a control, which moves there by at most max_change a step",
         0.0,
         1.0,
+    ),
+    ActuationKind(
+        "process_computer",
+        "set points in physical units, by which a process computer works the controls, each by at most max_change a step",
+        own=set_points,
     ),
 ):
     ACTUATION_KINDS.add(_kind)

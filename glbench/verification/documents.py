@@ -197,7 +197,9 @@ def check_seeds(result: Result, task: TaskSpec) -> tuple[str, ...]:
 def check_setting(result: Result, log: ActionLog, task: TaskSpec) -> None:
     """Scores are made with the reference preset, for the task's step and equations, and with actions for its controls."""
     agent = log.provenance.agent
-    columns = task.model_value.control_names if agent.acts == "controls" else task.actuation.controls
+    columns = (
+        task.model_value.control_names if agent.acts == "controls" else tuple(action.name for action in task.actions)
+    )
     if agent.columns != columns:
         reason = f"The recorded actions are of {', '.join(agent.columns)}, the task's of {', '.join(columns)}."
         refute("record_of_other_task", reason)

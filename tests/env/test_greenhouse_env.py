@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable
 
 import gymnasium
@@ -18,7 +19,23 @@ from glbench.tasks import TaskSpec, get_task, list_drafts, list_tasks
 from tests.env.stepping import GOLDEN, StillKernel, walk
 
 MakeTask = Callable[..., TaskSpec]
-TASKS = [task.id for task in (*list_tasks(), *list_drafts())]
+EVERY = (*list_tasks(), *list_drafts())
+TASKS = [task.id for task in EVERY if all(action.unit == "-" for action in task.actions)]
+WITH_UNITS = [task.id for task in EVERY if task.id not in TASKS]
+
+
+@pytest.mark.parametrize("name", WITH_UNITS)
+def test_the_checkers_only_recommend_to_rescale_actions_in_physical_units(name: str) -> None:
+    env = gymnasium.make(name, kernel="fast")
+    for check, given in ((check_env, env.unwrapped), (check_env_for_stable_baselines3, env)):
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            check(given)
+        assert ["symmetric and normalized" in str(one.message) for one in said] == [True]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rescaled = gymnasium.wrappers.RescaleAction(env, np.float32(-1.0), np.float32(1.0))
+        check_env_for_stable_baselines3(rescaled, warn=True)
 
 
 @pytest.mark.parametrize("name", TASKS)

@@ -1,0 +1,281 @@
+"""The process computer: set points in physical units, and the rules by which it works boiler, vents, CO2, lamps and screens.
+
+The rules are written once, as arithmetic on arrays or recorded values; ``glbench.env.program`` records them. Formulae, units and
+defaults of the settings: docs/process-computer.md. What the computer measures it is given, so that sensors may stand between the
+air and what is read of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from glbench.env.logic import at_least, below, both, held_switch, select, share, switch, within
+from glbench.errors import TaskError
+from glbench.tasks.actions import (
+    BLACKOUT,
+    BOILER,
+    CO2,
+    DOSING,
+    HEATING,
+    HUMIDITY,
+    LAMP_RADIATION,
+    LAMPS,
+    LAMPS_FROM,
+    LAMPS_UNTIL,
+    SCREEN,
+    SCREEN_OUTDOOR,
+    SCREEN_RADIATION,
+    VENTILATION,
+    VENTS,
+)
+from glbench.tasks.tables import AnyActuationTable
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+    from glbench.tasks.tables import ProcessComputerTable
+
+_SECONDS_AN_HOUR = 3600.0
+_LONG_AGO = 1e6
+"""Steps since a switch was thrown that never was."""
+_ROUNDING = 1e-9
+"""What a time given in hours may lose when it is counted in steps."""
+_WATER = 2.166740
+"""Water in air [g m-3] by vapour pressure [Pa] and temperature [K]: molar mass over gas constant, 18.01528/8.3144598."""
+
+MEMORY: Mapping[str, float] = {
+    "begun": 0.0,
+    HEATING: 0.0,
+    VENTILATION: 0.0,
+    "bright": 0.0,
+    "bright_steps": _LONG_AGO,
+    "screen": 0.0,
+    "screen_steps": _LONG_AGO,
+}
+"""What the computer remembers, and with which values a run starts: whether it has worked before, the heating and ventilation
+temperatures in force [degC], whether it is too bright for lamps, whether the screen is closed, and how many steps each of these two has
+been as it is."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What the computer measures at the start of a step.
+
+    Attributes
+    ----------
+    air_temperature, co2, relative_humidity
+        Inside [degC, ppm, %].
+    radiation, outdoor_temperature, wind_speed
+        Outside [W m-2, degC, m s-1].
+    hour_of_day
+        The task's clock [h].
+    """
+
+    air_temperature: Any
+    co2: Any
+    relative_humidity: Any
+    radiation: Any
+    outdoor_temperature: Any
+    wind_speed: Any
+    hour_of_day: Any
+
+
+def humidity_deficit(temperature: Any, relative_humidity: Any, exp: Callable[[Any], Any]) -> Any:
+    """Water that air can still take up [g m-3], from its temperature [degC] and relative humidity [%].
+
+    The saturation vapour pressure is that of the model (``glbench.model.saturation_vapour_pressure``). ``exp`` is the function to use:
+    the C library's, recorded, for the same bits everywhere.
+    """
+    saturated = 610.78 * exp(17.2694 * temperature / (temperature + 238.3))
+    return _WATER * saturated * (1.0 - relative_humidity / 100.0) / (temperature + 273.15)
+
+
+def work(
+    task: TaskSpec,
+    wanted: Mapping[str, Any],
+    controls: Mapping[str, Any],
+    measured: Measured,
+    memory: Mapping[str, Any],
+    exp: Callable[[Any], Any],
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A step of the computer.
+
+    Parameters
+    ----------
+    wanted
+        Set points by name, those of ``task.actions``.
+    controls
+        Controls in force by name, fractions.
+    measured
+        What the computer measures.
+    memory
+        What it remembers, by the names of ``MEMORY``.
+    exp
+        The exponential function.
+
+    Returns
+    -------
+    controls, memory
+        New controls of those that the task grants, and what is remembered.
+
+    Raises
+    ------
+    TaskError
+        When the task has no settings of a process computer.
+    """
+    if not isinstance(task.actuation, AnyActuationTable):
+        msg = f"{task.source}: [actuation] A process computer needs a task of schema 2."
+        raise TaskError(msg)
+    return _Step(task, task.actuation.process_computer, wanted, controls, measured, memory, exp).done()
+
+
+class _Step:
+    """One step, rule by rule."""
+
+    def __init__(
+        self,
+        task: TaskSpec,
+        settings: ProcessComputerTable,
+        wanted: Mapping[str, Any],
+        controls: Mapping[str, Any],
+        measured: Measured,
+        memory: Mapping[str, Any],
+        exp: Callable[[Any], Any],
+    ) -> None:
+        self.s, self.wanted, self.controls, self.seen, self.memory = settings, wanted, controls, measured, memory
+        self.max_change = task.actuation.max_change
+        self.steps_an_hour = _SECONDS_AN_HOUR / task.step_seconds
+        self.heat_installed = {capacity.name: capacity.at_one for capacity in task.capacities()}.get(BOILER, 0.0)
+        self.kept: dict[str, Any] = {"begun": 1.0}
+        self.heating, self.ventilation = self._temperatures()
+        self.too_humid = self._too_humid(exp)
+
+    def done(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """All granted controls, and what is remembered; a rule that steers nothing granted is left out."""
+        moved: dict[str, Any] = {}
+        for name, rule in (
+            (BOILER, self._boiler), (VENTS, self._vents), (LAMPS, self._lamps), (SCREEN, self._screen),
+        ):  # fmt: skip
+            if name in self.controls:
+                moved[name] = self._approached(name, rule())
+        if DOSING in self.controls:
+            moved[DOSING] = self._approached(DOSING, self._dosing(moved))
+        if BLACKOUT in self.controls:
+            moved[BLACKOUT] = self._approached(BLACKOUT, self._blackout() if LAMPS in moved else 0.0)
+        return moved, self.kept
+
+    def _approached(self, name: str, position: Any) -> Any:
+        """``position``, or as near to it as the control comes in a step."""
+        now = self.controls[name]
+        return within(within(position, now - self.max_change, now + self.max_change), 0.0, 1.0)
+
+    # Temperatures.
+
+    def _temperatures(self) -> tuple[Any, Any]:
+        """Heating and ventilation temperature in force: ramped, and a dead zone apart.
+
+        Without a boiler, or without vents, the one temperature follows from the other; ``None`` where there are neither.
+        """
+        apart, heating, ventilation = self.s.dead_zone, None, None
+        if HEATING in self.wanted:
+            heating = self._ramped(HEATING, self.wanted[HEATING])
+        if VENTILATION in self.wanted:
+            asked = self.wanted[VENTILATION]
+            if heating is not None:
+                asked = np.maximum(asked, self.wanted[HEATING] + apart)
+            ventilation = self._ramped(VENTILATION, asked)
+            if heating is not None:
+                ventilation = np.maximum(ventilation, heating + apart)
+                self.kept[VENTILATION] = ventilation
+        if heating is None and ventilation is not None:
+            heating = ventilation - apart
+        if ventilation is None and heating is not None:
+            ventilation = heating + apart
+        return heating, ventilation
+
+    def _ramped(self, name: str, asked: Any) -> Any:
+        """The set point on its way to what is asked for; at once there in the first step."""
+        before = self.memory[name]
+        up, down = self.s.temperature_rise / self.steps_an_hour, self.s.temperature_fall / self.steps_an_hour
+        ramped = select(self.memory["begun"], within(asked, before - down, before + up), asked)
+        self.kept[name] = ramped
+        return ramped
+
+    def _too_hot(self) -> Any:
+        """How far the vents should open for temperature: the ventilation band widens with cold and wind."""
+        s = self.s
+        cold = np.maximum(s.ventilation_band_below - self.seen.outdoor_temperature, 0.0)
+        band = s.ventilation_band + s.ventilation_band_cold * cold + s.ventilation_band_wind * self.seen.wind_speed
+        band = np.minimum(band, s.ventilation_band_most)
+        return share(self.seen.air_temperature, self.ventilation, self.ventilation + band)
+
+    def _too_humid(self, exp: Callable[[Any], Any]) -> Any:
+        """How far the air is below the wanted humidity deficit, as a share of the band."""
+        if HUMIDITY not in self.wanted:
+            return 0.0
+        deficit = humidity_deficit(self.seen.air_temperature, self.seen.relative_humidity, exp)
+        return share(self.wanted[HUMIDITY] - deficit, 0.0, self.s.humidity_band)
+
+    # One rule for each control: the position that it should have.
+
+    def _boiler(self) -> Any:
+        s, installed = self.s, self.heat_installed
+        heat = share(self.heating - self.seen.air_temperature, 0.0, s.heating_band)
+        least = min(s.minimum_heat / installed, 1.0) if installed > 0.0 else 0.0
+        dim = share(self.seen.radiation, s.minimum_heat_radiation, 0.0)
+        return np.maximum(heat, least * self.too_humid * dim)
+
+    def _vents(self) -> Any:
+        warm = share(self.seen.air_temperature, self.heating - self.s.vent_gap_cold, self.heating)
+        return np.maximum(self._too_hot(), self.s.vent_gap * self.too_humid * warm)
+
+    def _dosing(self, moved: Mapping[str, Any]) -> Any:
+        s = self.s
+        short = share(self.seen.co2, self.wanted[CO2], self.wanted[CO2] - s.co2_band)
+        light = share(self.seen.radiation, 0.0, s.co2_radiation)
+        if LAMPS in moved:
+            light = np.maximum(light, moved[LAMPS])
+        shut = share(moved[VENTS], s.co2_vents_off, s.co2_vents) if VENTS in moved else 1.0
+        return short * light * shut
+
+    def _lamps(self) -> Any:
+        """On within the hours and while it is not too bright; the clock does not wait for the minimum time."""
+        s, limit, hour = self.s, self.wanted[LAMP_RADIATION], self.seen.hour_of_day
+        dimmer = limit - np.minimum(s.lamp_hysteresis, 0.5 * limit)
+        bright_now, dim_now = at_least(self.seen.radiation, limit), below(self.seen.radiation, dimmer)
+        bright = self._held("bright", switch(self.memory["bright"], bright_now, dim_now), s.lamp_minimum_time)
+        in_hours = both(at_least(hour, self.wanted[LAMPS_FROM]), below(hour, self.wanted[LAMPS_UNTIL]))
+        self.lit = both(in_hours, 1.0 - bright)
+        return self.lit
+
+    def _held(self, name: str, wanted: Any, hours: float) -> Any:
+        """A switch of the memory that is thrown at most once in so many hours."""
+        least = hours * self.steps_an_hour - _ROUNDING
+        now, steps = held_switch(self.memory[name], self.memory[f"{name}_steps"], wanted, least)
+        self.kept[name], self.kept[f"{name}_steps"] = now, steps
+        return now
+
+    def _screen(self) -> Any:
+        s, dark, cold = self.s, self.wanted[SCREEN_RADIATION], self.wanted[SCREEN_OUTDOOR]
+        radiation, outside = self.seen.radiation, self.seen.outdoor_temperature
+        close = both(below(radiation, dark), below(outside, cold))
+        brighter = at_least(radiation, dark + np.minimum(s.screen_radiation_hysteresis, dark))
+        warmer = at_least(outside, cold + s.screen_temperature_hysteresis)
+        opened = np.maximum(brighter, warmer)
+        closed = self._held("screen", switch(self.memory["screen"], close, opened), s.screen_minimum_time)
+        return closed * (1.0 - self._gap())
+
+    def _blackout(self) -> Any:
+        """Closed while lamps burn in the dark."""
+        return both(self.lit, below(self.seen.radiation, self.s.blackout_radiation)) * (1.0 - self._gap())
+
+    def _gap(self) -> Any:
+        """How far a closed screen opens again: a little in humid air, fully in air that is far too warm."""
+        gap = self.s.screen_gap * self.too_humid
+        if self.ventilation is None:
+            return gap
+        warm = share(self.seen.air_temperature, self.ventilation, self.ventilation + self.s.screen_heat_band)
+        return np.maximum(gap, warm)
