@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.scenario import CLOCK
 from glbench.env.today import sums_since_midnight
+from glbench.env.weather_pool import CLOCK
 from glbench.errors import TaskError
 from glbench.model import humidity_deficit, vapour_pressure_deficit
 from glbench.tasks.ledger import FLOW, LIMITED, LedgerItem

@@ -229,7 +229,8 @@ class _Seasons:
 
     def values(self, runs: Sequence[int]) -> Floats:
         """What acts on some of the runs ``(steps, n, d)``."""
-        return self._values[:, list(runs)] if self.starts else self._values
+        chosen: Floats = self._values[:, list(runs)] if self.starts else self._values
+        return chosen
 
     def weather(self) -> dict[str, Floats]:
         """The columns of the weather."""
