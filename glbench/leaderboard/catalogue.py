@@ -305,13 +305,10 @@ def drawn(task: TaskSpec | None) -> Drawn:
         chart: tuple(dict.fromkeys(name for column in columns for name in sides.get(column, (column,))))
         for chart, columns in told["charts"].items()
     }
-    if task.violation_prices:
-        told = told | {"panel": [panel | panel.get("priced", {}) for panel in told["panel"]]}
     missing = _missing(told, names)
     lined = [
-        {key: value for key, value in panel.items() if key != "priced"}
-        | {"lines": [line for line in panel["lines"] if line.get("column") not in missing]}
-        for panel in told["panel"]
+        panel | {"lines": [line for line in panel["lines"] if line.get("column") not in missing]}
+        for panel in (_in_words(panel, task) for panel in told["panel"])
     ]
     shown = {line.get("column") for panel in lined for line in panel["lines"]}
     others = [name for name in names if name not in {*told["order"]["controls"], *shown}]
@@ -324,7 +321,7 @@ def drawn(task: TaskSpec | None) -> Drawn:
 
 
 def _in_words(series: Mapping[str, Any], task: TaskSpec) -> dict[str, Any]:
-    """A series in the words for tasks in which violations have prices, or in those for others."""
+    """A series or a panel in the words for tasks in which violations have prices, or in those for others."""
     words = {key: value for key, value in series.items() if key != "priced"}
     return words | (series.get("priced", {}) if task.violation_prices else {})
 

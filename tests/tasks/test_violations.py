@@ -209,7 +209,7 @@ def test_fused_and_reference_give_the_same_bits_alone_and_in_a_batch(money: Task
     np.testing.assert_array_equal(reward, epi - penalty)
 
 
-def _quantities(simulation: Simulation, actions: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def _quantities(simulation: Simulation, actions: np.ndarray) -> np.ndarray:
     result = simulation.step(actions)
     return np.stack([*result.quantities.values()])
 
