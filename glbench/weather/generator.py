@@ -46,6 +46,9 @@ class Blocks:
         A block begins at most so many calendar days away from its place in the season.
     nearest : int
         One of so many best matches is drawn.
+    neighbours : int
+        A squared distance is divided by the candidate's own distance to so many days that are most like it (root mean square), so that
+        unusual days are chosen, too.
     rest : int
         A block holds none of the last so many days of the chain, and does not follow one of them.
     midnight, day, days : tuple of float
@@ -58,6 +61,7 @@ class Blocks:
     longest: int = 10
     window: int = 12
     nearest: int = 5
+    neighbours: int = 10
     rest: int = 10
     midnight: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
     day: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 0.5)
@@ -114,7 +118,7 @@ class SeasonGenerator:
         self.years = tuple(sorted({int(year) for year in years}))
         self.blocks = blocks
         self._days = _days_of(record, self.years)
-        self._features = self._days.features(blocks)
+        self._features, self._loneliness = _matching(record, self.years, blocks)
 
     def numbers(self, days: int) -> int:
         """How many random numbers a season of ``days`` days is made of."""
@@ -202,7 +206,10 @@ class SeasonGenerator:
                 break
         if not after:
             return begins
-        distance = np.square(self._features[begins - 1] - self._features[recent[-1]]).sum(axis=1)
+        distance = (
+            np.square(self._features[begins - 1] - self._features[recent[-1]]).sum(axis=1)
+            / self._loneliness[begins - 1]
+        )
         return begins[np.argsort(distance, kind="stable")[: blocks.nearest]]
 
     def _record(self, first: int, counts: Mapping[str, IntArray]) -> WeatherRecord:
@@ -380,6 +387,20 @@ class _Days:
 @lru_cache(maxsize=16)
 def _days_of(record: WeatherRecord, years: tuple[int, ...]) -> _Days:
     return _Days(record, years)
+
+
+@lru_cache(maxsize=16)
+def _matching(record: WeatherRecord, years: tuple[int, ...], blocks: Blocks) -> tuple[FloatArray, FloatArray]:
+    """What days are compared by (n, 14), and each day's distance to its neighbours (n,), root mean square."""
+    days = _days_of(record, years)
+    features = days.features(blocks)
+    loneliness = np.empty(len(features))
+    for day in range(len(features)):
+        apart = np.abs((days.calendar - days.calendar[day] + YEAR_DAYS // 2) % YEAR_DAYS - YEAR_DAYS // 2)
+        near = np.flatnonzero(apart <= blocks.window)
+        distance = np.sort(np.square(features[near] - features[day]).sum(axis=1))
+        loneliness[day] = distance[1 : blocks.neighbours + 1].mean()  # the first is the day itself
+    return features, np.maximum(np.sqrt(loneliness), 1e-9)
 
 
 @lru_cache(maxsize=16)

@@ -18,7 +18,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from docs import accuracy_table
+from docs import accuracy_table, weather_table
 from glbench.env.accounts import make_accounts
 from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
@@ -628,6 +628,10 @@ CLAIMS: dict[str, list[Claim]] = {
     ],
     "docs/weather.md": [
         ("31 December 2012, {} hours", lambda: load_weather("schiphol").hours),
+        ("North Carolina ({}° N", lambda: load_weather("greensboro").latitude),
+        ("Alaska ({}° N", lambda: load_weather("sand_point").latitude),
+        ("Florida ({}° N", lambda: load_weather("miami").latitude),
+        ("compares {} seasons of 60 days", lambda: weather_table.read()["training"]["seasons"]),
     ],
 }
 
@@ -852,5 +856,12 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("every 5 minutes", "definition: how disturbances are made"),
         ("(1e-14 relative)", "tests/weather/test_conserving.py holds it"),
         ("can reach 100.5 %", "a property of the shipped record"),
+        ("[adr/0017]", "the name of a file"),
+        ("1098 *s* exp(−0.057/*s*)", "source: Haurwitz (1945)"),
+        ("from the 24 h before", "definition: how blocks are joined"),
+        ("to the 24 h after", "definition: how blocks are joined"),
+        ("0.1 degC, 1 %, 1 m/s", "the grid of KNMI's figures; tests/weather/test_generator.py holds it"),
+        ("within 12 h of midnight", "definition: what the classifiers see"),
+        ("0.5 is guessing", "definition: the area under the curve"),
     ],
 }

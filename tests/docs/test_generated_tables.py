@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from docs import accuracy_table, speed_figure
+from docs import accuracy_table, speed_figure, weather_table
 from glbench.speed import read_record
+from glbench.weather import load_weather
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 MEASUREMENTS = DOCS / "measurements"
@@ -21,3 +22,12 @@ def test_the_page_of_speed_holds_the_measurements() -> None:
 def test_the_table_of_accuracy_holds_the_measurement() -> None:
     page = (DOCS / "kernel-compiled.md").read_text(encoding="utf-8")
     assert accuracy_table.filled(page, (MEASUREMENTS / "accuracy.txt").read_text(encoding="utf-8")) == page
+
+
+def test_the_table_of_generated_seasons_holds_the_measurements() -> None:
+    page = (DOCS / "weather.md").read_text(encoding="utf-8")
+    measured = weather_table.read()
+    assert weather_table.filled(page, measured) == page
+    for name in ("training", "test"):
+        assert measured[name]["accepted"], f"the generator misses a limit: {name}"
+        assert measured[name]["digest"] == load_weather("schiphol").digest

@@ -19,7 +19,7 @@ from glbench.weather.record import QUANTITIES
 
 TRAINING, TEST = (2008, 2009, 2010), (2011, 2012)
 SPRING = dt.date(2010, 3, 1)
-DIGEST = "bfbd7006f96f2bb8bd0c2571655b492495c4c72f03f51da5abd9768f604d0143"
+DIGEST = "00c74007fe09a5c2a1b1fb51ea581b46bd6729b5647fa35bbf9863754f7ed149"
 
 
 @pytest.fixture(scope="module")
