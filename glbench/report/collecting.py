@@ -38,7 +38,7 @@ def known_results(
 
     The digest alone will not do: it does not cover the id of the task.
     """
-    by_digest = {(item.result.task.id, item.result.results_digest): item for item in stored}
+    by_digest = {(item.board, item.result.results_digest): item for item in stored}
     return [
         Known(by_digest[row.task_id, row.results_digest], row, profiles.get((row.task_id, row.results_digest)))
         for table in tables
