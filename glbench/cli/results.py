@@ -29,6 +29,8 @@ _BAR_WIDTH, _MONEY_WIDTH = 40, 6
 _SHOWN_FAILURES = 5
 _SECTIONS = {"penalty", "amount", "outside"}
 _SENTENCES = 3
+_WIDE = 110
+"""Columns of a terminal that has room for two intervals of a difference."""
 _NONE = "–"
 
 
@@ -146,9 +148,8 @@ def summary_table(result: Result, known: Catalogue) -> Table:
     from glbench.leaderboard.ranking import estimates_of
 
     runs, groups = len(result.runs), len(set(result.clusters or ()))
-    headings, numbers = ("Sum over the period", "Unit"), ("Mean", "IQM", "95 % interval")
-    if groups > 1:
-        numbers = (*numbers, f"over {groups} groups")
+    headings: tuple[str, ...] = ("Sum over the period", "Unit")
+    numbers: tuple[str, ...] = ("Mean", "IQM", "95 % interval", *([f"over {groups} groups"] if groups > 1 else []))
     view = table(
         f"{escape(result.agent.name)} on {escape(result.task.id)}: {count(runs, 'run')}",
         *headings, *numbers, right=numbers, folded=headings + numbers, box=HEAVY_HEAD,
@@ -331,11 +332,11 @@ def _metrics_table(pair: Pair) -> Table:
         return escape(harmless(name)) + (f" ({trainings} trainings)" if trainings > 1 else "")
 
     overall = any(one.overall is not None for one in pair.metrics.values())
+    spans = ["95 % interval"] * (not overall or output().width >= _WIDE) + ["Overall 95 %"] * overall
     view = table(
         f"{named(pair.first, pair.trainings[0])}, A, and {named(pair.second, pair.trainings[1])}, B, "
         f"on {escape(harmless(pair.task_id))}: {pair.runs} pairs of runs",
-        "Sum over the period", "Unit", "A", "B", "A - B", "95 % interval",
-        *(["Overall 95 %"] if overall else []),
+        "Sum over the period", "Unit", "A", "B", "A - B", *spans,
         right=("A", "B", "A - B", "95 % interval", "Overall 95 %"), padding=(0, 1, 0, 0),
     )  # fmt: skip
     for metric in shown_metrics(pair.words, pair.metrics, {name: one.unit for name, one in pair.metrics.items()}):
@@ -344,10 +345,9 @@ def _metrics_table(pair: Pair) -> Table:
         values = (one.first, one.second, None if gap is None else gap.value)
         low, high = ("", "") if gap is None else (metric.text(gap.low), metric.text(gap.high))
         numbers = [_NONE if value is None else metric.text(value) for value in values]
-        cells = [f"{low} to {high}" if low != high else _NONE]
-        if overall:
-            ends = one.overall
-            cells.append(_NONE if ends is None else f"{metric.text(ends.low)} to {metric.text(ends.high)}")
+        ends = ("", "") if one.overall is None else (metric.text(one.overall.low), metric.text(one.overall.high))
+        texts = {"95 % interval": (low, high), "Overall 95 %": ends}
+        cells = [f"{least} to {most}" if least != most else _NONE for least, most in (texts[span] for span in spans)]
         view.add_row(metric.line, unit_of(metric), *numbers, *cells)
     return view
 

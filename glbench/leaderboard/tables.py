@@ -196,8 +196,11 @@ def _task_columns(table: TaskTable) -> list[Column]:
 
 def worst_column(metric: Metric, gives_way: int = 0) -> Column:
     """The worst tenth of the runs in what ranks."""
-    worst = lambda row: None if row.worst_tenth is None else row.worst_tenth.value  # noqa: E731 -- the cell of a column
-    return Column("CVaR10", lambda row: number_text(worst(row), metric.digits), number=True, gives_way=gives_way)
+
+    def text(row: Row) -> str:
+        return number_text(None if row.worst_tenth is None else row.worst_tenth.value, metric.digits)
+
+    return Column("CVaR10", text, number=True, gives_way=gives_way)
 
 
 def overall_column(metric: Metric, gives_way: int = 0) -> Column:
