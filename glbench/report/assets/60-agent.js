@@ -29,7 +29,7 @@ const agentPage = (name, short) => {
       h("h1", {}, swatch(name), labelOf(result), result.privileged ? [" ", tag("privileged")] : null, [" ", tag(result.origin)], result.reproduced ? [" ", tag("\u2713 reproduced", "ok")] : null),
       result.member_of ? h("p", { class: "small" }, `The training of ${result.member_of} with seed ${result.training_seed}. `, h("a", { href: link("agent", result.member_of, task.short) }, "All trainings")) : null,
       h("p", { class: "lead" }, `Sees: ${result.sees.replace(/^privileged: /, "")}.`),
-      h("p", { class: "small soft" }, `Trained on: ${result.trained_on}, as its card states.`),
+      h("p", { class: "small soft" }, `Trained on: ${result.trained_on}${result.trained_on === "unknown" ? "" : ", as its card states"}.`),
       result.saw_scored ? h("p", { class: "note" }, `\u00a7 ${name} ${result.saw_scored}, as its card states.`) : null,
       cardPart(result),
       h("div", { class: "fields" }, agentField("Agent", name, (value) => go("agent", value, task.short), [...ENTRIES.map((agent) => agent.name), ...(result.member_of ? [name] : [])], "choose-agent"),
