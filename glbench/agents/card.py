@@ -30,6 +30,8 @@ _LONGEST_KEY = 80
 _MOST_DOTS = 500
 """Dots of a line: reading a key takes a time that grows with the square of its parts."""
 _MOST_ITEMS = 10_000
+Split = Literal["training", "validation", "test"]
+"""Seasons of a task that agents learn from, that they are chosen by, and that they are judged by."""
 Information = Literal["observations", "forecast", "weather", "model", "privileged"]
 INFORMATION: dict[Information, str] = {
     "observations": "observations and the public task card",
@@ -62,6 +64,7 @@ Words = Annotated[Shown, Field(min_length=1, max_length=200)]
 Names = Annotated[tuple[Words, ...], FailFast(), BeforeValidator(_as_tuple), Field(max_length=100)]
 Number = Annotated[float, Field(ge=-1e30, le=1e30)]
 Numbers = Annotated[tuple[Number, ...], FailFast(), BeforeValidator(_as_tuple), Field(max_length=_MOST_ITEMS)]
+Year = Annotated[int, Field(ge=1000, le=9999)]
 FileName = Annotated[Shown, Field(pattern=r"^[^/\\.][^\\]*$", max_length=200)]
 
 
@@ -72,12 +75,27 @@ class _Table(BaseModel):
 
 
 class Training(_Table):
-    """What the training cost: ``steps`` are control steps of all environments together, ``wall_hours`` is in hours."""
+    """What the training cost, and what it saw.
+
+    ``steps`` are control steps of all environments together, ``wall_hours`` is in hours. ``tasks`` are the tasks that it was trained on,
+    ``split`` the last of training, validation and test that it saw of them, or ``none`` of an agent that saw nothing of any season;
+    ``years`` are those that its weather was from. ``seeds`` are the first and the last seed of its episodes, both included.
+    """
 
     steps: Count | None = None
     wall_hours: Annotated[float, Field(ge=0, le=1e9, strict=False)] | None = None
     hardware: Words | None = None
     tasks: Names = ()
+    split: Literal["none", "training", "validation", "test"] | None = None
+    years: Annotated[tuple[Year, ...], FailFast(), BeforeValidator(_as_tuple), Field(max_length=200)] = ()
+    seeds: Annotated[tuple[Count, ...], BeforeValidator(_as_tuple), Field(max_length=2)] = ()
+
+    @model_validator(mode="after")
+    def _seeds_are_a_range(self) -> Self:
+        if self.seeds and (len(self.seeds) != 2 or self.seeds[0] > self.seeds[1]):
+            msg = "seeds are the first and the last of a range, such as seeds = [0, 255]"
+            raise ValueError(msg)
+        return self
 
 
 class Normalisation(_Table):
@@ -205,7 +223,11 @@ _EXAMPLES = {
     "clip_actions": "true",
     "steps": "1_000_000",
     "wall_hours": "2.5",
+    "split": '"training"',
+    "years": "[2008, 2009, 2010]",
+    "seeds": "[0, 255]",
 }
+_CHOICES: dict[str, tuple[str, ...]] = {"information": get_args(Information), "split": ("none", *get_args(Split))}
 _KEYS = {*SubmissionCard.model_fields, *Training.model_fields, *Normalisation.model_fields}
 
 
@@ -221,7 +243,7 @@ def _in_words(problem: Any, document: dict[str, Any]) -> str:
         unknown = str(problem["loc"][-1])[:_LONGEST_KEY]
         return f"{quoted(unknown)} is no key of a card.{did_you_mean(unknown, _KEYS)}".rstrip(".")
     if problem["type"] == "literal_error":
-        return f"'{where}' is {quoted(problem['input'])}, expected one of {', '.join(get_args(Information))}"
+        return f"'{where}' is {quoted(problem['input'])}, expected one of {', '.join(_CHOICES[key])}"
     if problem["type"] == "value_error":
         said = str(problem["ctx"]["error"])
         return f"'{where}': {said}" if where else said

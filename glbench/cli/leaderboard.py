@@ -48,7 +48,8 @@ def leaderboard(
         typer.Option("--suite", "-s", help="Show agents over all tasks of this suite: normalised scores (repeatable)."),
     ] = None,
     members: Annotated[
-        bool, typer.Option("--members", help="Show each training below the entry that it belongs to.")
+        bool,
+        typer.Option("--members", "--trainings", help="Show each training below the entry that it belongs to."),
     ] = False,
     show_all: Annotated[bool, typer.Option("--all", help="Show every task and suite that has results.")] = False,
     out: Out = REPORTS,
@@ -141,7 +142,7 @@ def _chosen(
         return _by_names(tables, wanted)
     own = [item for item in stored if not item.released]
     usual = [item for item in stored if item.result.task.id == DEFAULT_TASK]
-    latest = max(own or usual or stored, key=lambda item: (item.result.created, item.result.task.id)).result.task.id
+    latest = max(own or usual or stored, key=lambda item: (item.result.created, item.board)).board
     return [table for table in tables if table.task_id == latest]
 
 
@@ -155,7 +156,7 @@ def _by_names(tables: Sequence[TaskTable], wanted: Sequence[str]) -> list[TaskTa
 
 
 def _print(shown: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members: bool) -> None:
-    from glbench.leaderboard.tables import SCORE_NOTE, footnotes, kernel_note
+    from glbench.leaderboard.tables import SCORE_NOTE, footnotes, kernel_note, seen_notes
 
     for scores in suites:
         _print_suite(scores)
@@ -171,10 +172,12 @@ def _print(shown: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members:
                 _say(f"{row.agent}: {row.failed} of {row.runs} runs failed.")
             if row.remark:
                 _say(f"{row.agent} is {row.remark}.")
+        for note in seen_notes(table):
+            _say(note, style="yellow")
         if kernel_note(table):
             _say(kernel_note(table), style="yellow")
         if not members and any(row.is_range for row in table.rows):
-            messages().print("Each training by itself: --members", style="dim")
+            messages().print("Each training by itself: --trainings", style="dim")
     for note in footnotes(shown):
         output().print(note, style="dim", markup=False)
 
@@ -203,20 +206,29 @@ def _print_task(table: TaskTable, *, members: bool) -> None:
         several = f"{len(row.trainings)}×{row.trainings[0].runs}" if row.is_range else str(row.runs)
         return several if row.failed == 0 else f"{row.runs - row.failed}/{row.runs}"
 
+    def has(part: str) -> bool:
+        found = [row.estimates[first.name] for row in table.rows if first.name in row.estimates]
+        return any(getattr(one, part) is not None for one in found)
+
     rows = t.shown_rows(table, members=members)
     first, *others = (metric for metric in t.ranked_columns(table) if metric.interval or metric.name == table.metric)
     scores = [
         t.of_metric(first),
         t.Column(_SPAN, span, gives_way=2),
-        t.Column("IQM", lambda row: t.number_text(t.iqm_of(row, first), first.digits), gives_way=5),
+        t.worst_column(first, gives_way=4),
+        *([replace(t.overall_column(first, gives_way=5), heading="Overall\n95 %")] if has("overall") else []),
+        *([replace(t.deviation_column(first, gives_way=7), heading="SD of\ntrainings")] if has("deviation") else []),
+        t.Column("IQM", lambda row: t.number_text(t.iqm_of(row, first), first.digits), gives_way=8),
         *(t.of_metric(metric, gives_way=1 + 2 * place) for place, metric in enumerate(others)),
-        t.Column("Runs", runs, gives_way=4),
+        t.Column("Runs", runs, gives_way=6),
         replace(t.SOURCE, cell=lambda row: "" if row.training_seed is not None else str(row.origin)),
     ]
     ranks = t.Column(
         "#", lambda row: "" if row.training_seed is not None else t.NONE if row.rank is None else str(row.rank)
     )
     title = f"{escape(visible(table.title))}\n[dim]{escape(visible(table.task_id))}[/dim]"
+    if table.draws:
+        title += f"\n[yellow]{escape(table.draws)}[/yellow]"
     _print_fitted(title, scores, rows, agent, lambda row: row.rank is None or row.training_seed is not None, ranks)
     used = _resources(t.resources(table.words, without_intervals=True), before=0)
     _print_fitted("Harvest, resources, climate", used, rows, t.agent_label, lambda row: row.training_seed is not None)

@@ -29,6 +29,8 @@ _BAR_WIDTH, _MONEY_WIDTH = 40, 6
 _SHOWN_FAILURES = 5
 _SECTIONS = {"penalty", "amount", "outside"}
 _SENTENCES = 3
+_WIDE = 110
+"""Columns of a terminal that has room for two intervals of a difference."""
 _NONE = "–"
 
 
@@ -50,26 +52,27 @@ def show(
     usual = next((one for one in found if one.result.task.id == DEFAULT_TASK), latest)
     shown = found if task or show_all else [usual]
     for one in shown:
-        _show(one, _where_from(one.result, out))
+        _show(one, _where_from(one, out))
     if len(shown) < len(found):
         words = f"'{result}' has results on {len(found)} tasks: --all, or --task ID, shows the others."
         messages().print(words, style="dim", markup=False)
 
 
-def _where_from(result: Result, out: Path) -> list[str]:
+def _where_from(shown: StoredResult, out: Path) -> list[str]:
     """Origin of the result, whether it was reproduced, and the trainings that it belongs to."""
     from glbench.evaluation.records import RANKING_METRIC
     from glbench.leaderboard import rank
     from glbench.leaderboard.collect import own_and_released_results, published_expectations
     from glbench.leaderboard.tables import entry_label
 
+    result = shown.result
     stored = [item for item in own_and_released_results(out)[0] if item.result.task.digest == result.task.digest]
     if all(item.result != result for item in stored):
         return []  # the digest of the runs leaves out what the file states of the agent
     expected = {task_id: one for task_id, one in published_expectations().items() if one.digest == result.task.digest}
     entries = [one for ranked in rank(stored, expected) for one in ranked.rows]
     for entry, row in [(one, row) for one in entries for row in one.results]:
-        if (row.task_id, row.results_digest) != (result.task.id, result.results_digest):
+        if (row.task_id, row.results_digest) != (shown.board, result.results_digest):
             continue
         checked = "reproduced by glbench verify" if row.reproduced else "not reproduced yet (glbench verify)"
         source, mean = f"Source: {row.origin}; {checked}", entry.estimates.get(RANKING_METRIC)
@@ -82,7 +85,12 @@ def _where_from(result: Result, out: Path) -> list[str]:
 
 
 def _show(stored: StoredResult, where_from: Sequence[str]) -> None:
+    import numpy as np
+
     from glbench.leaderboard.catalogue import catalogue
+    from glbench.leaderboard.seen import seen_by, what_it_should_not_have_seen
+    from glbench.leaderboard.statistics import worst_tenth
+    from glbench.leaderboard.tables import SEEN_MARK
 
     result, known = stored.result, catalogue(stored.task)
     output().print(summary_table(result, known))
@@ -90,26 +98,36 @@ def _show(stored: StoredResult, where_from: Sequence[str]) -> None:
     for line in money_lines(result, known):
         output().print(line)
     metrics = result.runs[0].metrics
-    if (score := known.score.name) in metrics:
+    score = stored.task.evaluation.metric if stored.task is not None else known.score.name
+    if score in metrics:
         scores = sorted(result.values(score))
         if scores[0] < scores[-1]:
             spark = f"{scores[0]:,.1f} {sparkline(scores)} {scores[-1]:,.1f}"
-            output().print(f"\n[bold]{known.score.heading}s[/], worst to best: {spark}", soft_wrap=True)
+            output().print(
+                f"\n[bold]{known.metrics[score].heading or known.metrics[score].label}s[/], worst to best: {spark}",
+                soft_wrap=True,
+            )
         worst = min(result.runs, key=lambda run: run.metrics[score])
+        tenth = float(worst_tenth(np.array(scores)))
+        output().print(f"Mean of the worst tenth (CVaR10): {score} {tenth:,.{known.metrics[score].digits}f}")
         profit = worst.metrics.get(known.profit.name)
         words = "" if profit is None else f", {known.profit.heading} {profit:,.3f} {unit_of(known.profit)}"
         output().print(f"Worst run: seed {worst.seed}, {score} {worst.metrics[score]:,.1f}{words}")
     print_failures(result)
-    kernel = result.evaluation.kernel
+    kernel, seen = result.evaluation.kernel, seen_by(result)
+    unfair = what_it_should_not_have_seen(result, seen)
     stated = [
         f"decision {result.evaluation.decision_milliseconds:.3f} ms",
         f"sandbox {result.evaluation.sandbox or 'unknown'}",
+        f"trained on: {seen.words}",
         f"made {result.created} with glbench {result.versions.glbench}",
         *([f"git {result.git.commit[:12]}{' with changes' if result.git.dirty else ''}"] if result.git else []),
         *([f"card by {', '.join(result.agent.card.authors)}"] if result.agent.card else []),
     ]
     lines = [
         f"{result.agent.name} sees: {result.agent.information}",
+        *([f"{SEEN_MARK} {result.agent.name} {unfair}"] if unfair else []),
+        *([f"Salt commitment {result.task.salt_commitment}"] if result.task.salt_commitment else []),
         f"Kernel {kernel.get('backend')}, preset {kernel.get('preset', _NONE)}; results digest {result.results_digest[:12]}",
         *where_from,
         f"Stated by the file, not checked: {'; '.join(stated)}",
@@ -126,11 +144,12 @@ def shown_metrics(known: Catalogue, held: Iterable[str], units: Mapping[str, str
 
 
 def summary_table(result: Result, known: Catalogue) -> Table:
-    """Mean, interquartile mean and 95 % interval of every metric, with units."""
+    """Mean, interquartile mean and 95 % interval of every metric, with units; over groups of runs where they fall into groups."""
     from glbench.leaderboard.ranking import estimates_of
 
-    runs = len(result.runs)
-    headings, numbers = ("Sum over the period", "Unit"), ("Mean", "IQM", "95 % interval")
+    runs, groups = len(result.runs), len(set(result.clusters or ()))
+    headings: tuple[str, ...] = ("Sum over the period", "Unit")
+    numbers: tuple[str, ...] = ("Mean", "IQM", "95 % interval", *([f"over {groups} groups"] if groups > 1 else []))
     view = table(
         f"{escape(result.agent.name)} on {escape(result.task.id)}: {count(runs, 'run')}",
         *headings, *numbers, right=numbers, folded=headings + numbers, box=HEAVY_HEAD,
@@ -142,7 +161,8 @@ def summary_table(result: Result, known: Catalogue) -> Table:
         if metric.kind != before and metric.kind in _SECTIONS:
             view.add_section()
         before = metric.kind
-        view.add_row(metric.line, unit_of(metric), *_cells(estimates.get(metric.name), metric, runs))
+        cells = _cells(estimates.get(metric.name), metric, runs)
+        view.add_row(metric.line, unit_of(metric), *cells[: len(numbers)])
     view.add_section()
     evaluation = result.evaluation
     view.add_row("Decision, each step", "ms", f"{evaluation.decision_milliseconds:.3f}", "", "")
@@ -157,12 +177,14 @@ def unit_of(metric: Metric) -> str:
     return pretty_unit(metric.unit) or _NONE
 
 
-def _cells(estimate: Estimate | None, metric: Metric, runs: int) -> tuple[str, str, str]:
+def _cells(estimate: Estimate | None, metric: Metric, runs: int) -> tuple[str, str, str, str]:
     if estimate is None:
-        return _NONE, _NONE, _NONE
+        return _NONE, _NONE, _NONE, _NONE
     low, high = metric.text(estimate.low), metric.text(estimate.high)
     interval = f"{low} to {high}" if runs > 1 and estimate.low < estimate.high else _NONE
-    return metric.text(estimate.mean), metric.text(estimate.iqm), interval
+    ends = estimate.overall
+    over_groups = _NONE if ends is None else f"{metric.text(ends.low)} to {metric.text(ends.high)}"
+    return metric.text(estimate.mean), metric.text(estimate.iqm), interval, over_groups
 
 
 def money_lines(result: Result, known: Catalogue) -> list[str]:
@@ -239,7 +261,7 @@ def compare(
     """
     from glbench.leaderboard.comparisons import RESOLUTION
     from glbench.leaderboard.pairs import compare_entries, corrected_p_values
-    from glbench.leaderboard.tables import COVERS
+    from glbench.leaderboard.tables import COVERS, OVERALL_NOTE
 
     ours, theirs = _entries(first, task or [], out), _entries(second, task or [], out)
     common = [task_id for task_id in ours if task_id in theirs]
@@ -269,6 +291,11 @@ def compare(
         f"differs by less than {RESOLUTION:g} differs by rounding, and there is no p-value (–).",
         style="dim",
     )
+    if any(one.overall is not None for pair in pairs for one in pair.metrics.values()):
+        messages().print(OVERALL_NOTE, style="dim", markup=False)
+    if most := max((pair.groups for pair in pairs), default=0):
+        words = f"Runs fall into {count(most, 'group')}, such as years: p says nothing about others."
+        messages().print(words, style="dim", markup=False)
     for entry in (ours[common[0]], theirs[common[0]]):
         if len(entry.trainings) > 1:
             trainings = f"{entry.name} is the mean of {len(entry.trainings)} trainings"
@@ -293,7 +320,7 @@ def _entries(wanted: str, tasks: Sequence[str], out: Path) -> dict[str, Entry]:
         }
         if found:
             return found
-    return {item.result.task.id: entry_of(item) for item in find_results(wanted, tasks, out)}
+    return {item.board: entry_of(item) for item in find_results(wanted, tasks, out)}
 
 
 def _digests(entry: Entry) -> list[str]:
@@ -304,11 +331,13 @@ def _metrics_table(pair: Pair) -> Table:
     def named(name: str, trainings: int) -> str:
         return escape(harmless(name)) + (f" ({trainings} trainings)" if trainings > 1 else "")
 
+    overall = any(one.overall is not None for one in pair.metrics.values())
+    spans = ["95 % interval"] * (not overall or output().width >= _WIDE) + ["Overall 95 %"] * overall
     view = table(
         f"{named(pair.first, pair.trainings[0])}, A, and {named(pair.second, pair.trainings[1])}, B, "
         f"on {escape(harmless(pair.task_id))}: {pair.runs} pairs of runs",
-        "Sum over the period", "Unit", "A", "B", "A - B", "95 % interval",
-        right=("A", "B", "A - B", "95 % interval"), padding=(0, 1, 0, 0),
+        "Sum over the period", "Unit", "A", "B", "A - B", *spans,
+        right=("A", "B", "A - B", "95 % interval", "Overall 95 %"), padding=(0, 1, 0, 0),
     )  # fmt: skip
     for metric in shown_metrics(pair.words, pair.metrics, {name: one.unit for name, one in pair.metrics.items()}):
         one = pair.metrics[metric.name]
@@ -316,7 +345,10 @@ def _metrics_table(pair: Pair) -> Table:
         values = (one.first, one.second, None if gap is None else gap.value)
         low, high = ("", "") if gap is None else (metric.text(gap.low), metric.text(gap.high))
         numbers = [_NONE if value is None else metric.text(value) for value in values]
-        view.add_row(metric.line, unit_of(metric), *numbers, f"{low} to {high}" if low != high else _NONE)
+        ends = ("", "") if one.overall is None else (metric.text(one.overall.low), metric.text(one.overall.high))
+        texts = {"95 % interval": (low, high), "Overall 95 %": ends}
+        cells = [f"{least} to {most}" if least != most else _NONE for least, most in (texts[span] for span in spans)]
+        view.add_row(metric.line, unit_of(metric), *numbers, *cells)
     return view
 
 
@@ -342,9 +374,10 @@ def _tasks_table(judged: Sequence[tuple[Pair, float]]) -> Table:
 def _sentence(pair: Pair, p_value: float, *, named: bool) -> str:
     """Who earns more, and from what."""
     names = harmless(pair.first), harmless(pair.second)
-    verdict = "Their rewards cannot be told apart"
+    ranks_by = _ranks_by(pair)
+    verdict = f"Their {ranks_by}s cannot be told apart"
     if pair.told_apart(p_value):
-        verdict = f"{escape(names[pair.headline <= 0])} has the higher reward"
+        verdict = f"{escape(names[pair.headline <= 0])} has the higher {ranks_by}"
     words = _p_words(pair, p_value)
     shown = "nothing is drawn here" if words == _NONE else f"p < {words[1:]}" if words[0] == "<" else f"p = {words}"
     where = f"{escape(pair.task_id.rpartition('/')[2])}: " if named else ""
@@ -360,6 +393,14 @@ def _sentence(pair: Pair, p_value: float, *, named: bool) -> str:
     return f"{where}[bold]{escape(more)}[/] {gap} {escape(less)}{f' ({parts})' if parts else ''}. {verdict} ({shown})."
 
 
+def _ranks_by(pair: Pair) -> str:
+    """What ranks on the task, inside a sentence."""
+    from glbench.leaderboard.catalogue import in_sentence
+
+    metric = pair.words.metrics[pair.ranks_by]
+    return in_sentence(metric.heading or metric.label)
+
+
 def _p_words(pair: Pair, p_value: float) -> str:
     """A p-value, or a dash where a task draws nothing and there is no chance to test against."""
     if pair.is_certain:
@@ -373,7 +414,7 @@ def _count(judged: Sequence[tuple[Pair, float]]) -> str:
     ahead = sum(pair.headline > 0.0 for pair in clear)
     first, second = (escape(harmless(name)) for name in (judged[0][0].first, judged[0][0].second))
     return (
-        f"[bold]{first}[/] has the higher reward on {ahead} of {len(judged)} tasks, {second} on {len(clear) - ahead}; "
+        f"[bold]{first}[/] has the higher {_ranks_by(judged[0][0])} on {ahead} of {len(judged)} tasks, {second} on {len(clear) - ahead}; "
         f"on {len(judged) - len(clear)} they cannot be told apart."
     )
 
@@ -386,6 +427,8 @@ def _plain(pair: Pair, p_value: float) -> dict[str, object]:
         "second": pair.second,
         "trainings": list(pair.trainings),
         "runs": pair.runs,
+        "ranks_by": pair.ranks_by,
+        "groups": pair.groups,
         "p_value_corrected": p_value,
         "probability_of_improvement": [one.value, one.low, one.high],
         "money [EUR m-2]": dict(pair.money),
@@ -393,6 +436,7 @@ def _plain(pair: Pair, p_value: float) -> dict[str, object]:
             name: {"first": one.first, "second": one.second}
             | {key: one.difference and getattr(one.difference, part) for key, part in
                (("difference", "value"), ("low", "low"), ("high", "high"))}
+            | ({} if one.overall is None else {"overall_low": one.overall.low, "overall_high": one.overall.high})
             for name, one in pair.metrics.items()
         },
     }  # fmt: skip

@@ -9,12 +9,21 @@ from __future__ import annotations
 
 import hashlib
 import math
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
 import rfc8785
-from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    FailFast,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
-from glbench.agents.card import SubmissionCard
+from glbench.agents.card import Split, SubmissionCard, Year
 from glbench.errors import ResultError
 from glbench.evaluation.metrics import COMMON_UNITS, MONEY_TOO, PAPER_ONLY, UNITS
 from glbench.fields import MOST_ENTRIES, Count, Text, Word
@@ -51,18 +60,32 @@ class Record(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True)
 
 
-class RunResult(Record):
+class Sparse(Record):
+    """A record of which some fields are not written where they have no value, so that files of earlier versions keep text and digest."""
+
+    sparse: ClassVar[frozenset[str]] = frozenset()
+
+    @model_serializer(mode="wrap")
+    def _without_absent(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        written: dict[str, Any] = write(self)
+        return {name: value for name, value in written.items() if value is not None or name not in self.sparse}
+
+
+class RunResult(Sparse):
     """One seeded run.
 
-    ``steps`` is the number of steps that were simulated. A run that is not ``ok`` carries the ``reason`` in words, and its missing
-    steps stand in ``metrics`` at the task's price of a failed step.
+    ``cluster`` names the group of runs that it belongs to, such as the year that its season is from, where a task's runs fall into few
+    groups; absent elsewhere, and from results of earlier versions. ``steps`` is the number of steps that were simulated. A run that is
+    not ``ok`` carries the ``reason`` in words, and its missing steps stand in ``metrics`` at the task's price of a failed step.
     """
 
+    sparse = frozenset({"cluster"})
     seed: Count
     status: Status
     reason: Text | None
     steps: Count
     metrics: Annotated[dict[Word, float], Field(max_length=MOST_ENTRIES)]
+    cluster: Annotated[str | None, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]{0,79}$")] = None
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
@@ -75,14 +98,23 @@ class RunResult(Record):
         return self
 
 
-class TaskRecord(Record):
-    """The task that was run; its digest covers definition, parameters, weather and model."""
+class TaskRecord(Sparse):
+    """The task that was run; its digest covers definition, parameters, weather and model.
 
+    Of a task with splits ``split`` and ``years`` say of which split, and from which years, the seasons of the runs were;
+    ``salt_commitment`` is the SHA-256 of the secret salt that entered the draws, where there was one. All three are absent elsewhere,
+    and from results of earlier versions.
+    """
+
+    sparse = frozenset({"split", "years", "salt_commitment"})
     id: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+/[A-Za-z0-9_.-]+-v[1-9][0-9]*$", max_length=200)]
     digest: Digest
     title: Text
     steps: Annotated[int, Field(ge=0, le=MOST_STEPS)]
     step_seconds: Annotated[float, Field(ge=1, le=86400)]
+    split: Split | None = None
+    years: Annotated[tuple[Year, ...] | None, FailFast(), Field(max_length=MOST_ENTRIES)] = None
+    salt_commitment: Digest | None = None
 
 
 class AgentRecord(Record):
@@ -217,10 +249,19 @@ class Result(Record):
         if self.summary != summarise(self.runs):
             msg = "the summary does not follow from the runs"
             raise ValueError(msg)
-        if self.results_digest != results_digest(self.task.digest, self.agent, self.runs):
+        if len({run.cluster is None for run in self.runs}) > 1:
+            msg = "some runs name their group (cluster) and some do not"
+            raise ValueError(msg)
+        if self.results_digest != results_digest(self.task.digest, self.agent, self.runs, self.task.salt_commitment):
             msg = "results_digest does not match task, agent and runs: the file was changed after it was written"
             raise ValueError(msg)
         return self
+
+    @property
+    def clusters(self) -> tuple[str, ...] | None:
+        """The group of each run, in the order of the seeds; ``None`` where runs name none."""
+        names = tuple(run.cluster for run in self.runs if run.cluster is not None)
+        return names if len(names) == len(self.runs) else None
 
     @property
     def failed(self) -> tuple[RunResult, ...]:
@@ -265,12 +306,15 @@ def summarise(runs: tuple[RunResult, ...]) -> Summary:
     return Summary(runs=len(runs), ok=ok, failed=len(runs) - ok, statuses=statuses, mean=mean)
 
 
-def results_digest(task_digest: str, agent: AgentRecord, runs: tuple[RunResult, ...]) -> str:
-    """SHA-256 over the canonical JSON (RFC 8785) of what must repeat bit for bit: task, agent, and every run."""
+def results_digest(
+    task_digest: str, agent: AgentRecord, runs: tuple[RunResult, ...], salt_commitment: str | None = None
+) -> str:
+    """SHA-256 over the canonical JSON (RFC 8785) of what must repeat bit for bit: task, commitment to a salt, agent, and every run."""
     deterministic: dict[str, Any] = {
         "task": task_digest,
         "agent": {"name": agent.name, "digest": agent.digest},
         "runs": [run.model_dump(mode="json") for run in runs],
+        **({} if salt_commitment is None else {"salt_commitment": salt_commitment}),
     }
     return hashlib.sha256(rfc8785.dumps(deterministic)).hexdigest()
 

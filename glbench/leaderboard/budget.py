@@ -9,6 +9,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import timedelta
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -24,10 +25,16 @@ from glbench.tasks import list_tasks
 
 @dataclass(frozen=True)
 class Budget:
-    """Control steps of all environments together, and hours on the machine that trained; 0 steps: not trained."""
+    """Control steps of all environments together, and hours on the machine that trained; 0 steps: not trained.
+
+    ``tasks``, ``split`` and ``years`` are what it was trained on, as far as the training of a shipped baseline states it.
+    """
 
     steps: int | None
     hours: float | None
+    tasks: tuple[str, ...] = ()
+    split: str | None = None
+    years: tuple[int, ...] = ()
 
 
 UNKNOWN = Budget(None, None)
@@ -70,6 +77,17 @@ def _deltas() -> Mapping[str, float]:
 
 
 @cache
+def _years() -> Mapping[str, tuple[int, ...]]:
+    """Years of the weather of published tasks that have one season."""
+    found = {}
+    for task in list_tasks():
+        if len(task.scenario.seasons) == 1:
+            last = task.weather.start + timedelta(days=task.weather.days)
+            found[task.id] = tuple(range(task.weather.start.year, last.year + 1))
+    return found
+
+
+@cache
 def _trainings(folder: Path) -> Mapping[float, Budget]:
     """Budgets by the uncertainty of the task that they were trained on."""
     found = {}
@@ -85,8 +103,10 @@ def _spent(card: Mapping[str, Any]) -> Budget:
     """Steps and time of a training, with those of the policy that it started from, if it did."""
     steps, seconds = int(card["training"]["steps"]), float(card["wall_seconds"]["total"])
     start = card.get("start")
+    task_id, training = str(card["task"]["id"]), card["training"]
+    data = (task_id,), training.get("split"), tuple(training.get("years") or _years().get(task_id, ()))
     if start is None:
-        return Budget(steps, seconds / 3600.0)
+        return Budget(steps, seconds / 3600.0, *data)
     if "steps" not in start:
         return UNKNOWN
-    return Budget(steps + int(start["steps"]), (seconds + float(start["wall_seconds"])) / 3600.0)
+    return Budget(steps + int(start["steps"]), (seconds + float(start["wall_seconds"])) / 3600.0, *data)

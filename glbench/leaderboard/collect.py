@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 Origin = Literal["released", "own", "trial"]
 """Where a result comes from: it came with glbench, is the user's own, or is the user's own with other seeds than the task's."""
+COMMITMENT_SHOWN = 16
+"""Hexadecimal digits of a commitment that name a board: 64 bits, too many for anybody to find another salt that begins alike."""
 ORIGINS: tuple[Origin, ...] = ("released", "own", "trial")
 
 
@@ -49,6 +51,18 @@ class StoredResult:
         """Released, the user's own, or a trial."""
         return "released" if self.released else "trial" if self.trial else "own"
 
+    @property
+    def board(self) -> str:
+        """Name of the leaderboard that it belongs to: the task's id, and what keeps it apart from other draws of the task.
+
+        Runs under a secret salt, or on another split than the one that agents are judged by, stand on boards of their own.
+        """
+        task = self.result.task
+        apart = ([] if task.split in (None, "test") else [str(task.split)]) + (
+            [] if task.salt_commitment is None else [task.salt_commitment[:COMMITMENT_SHOWN]]
+        )
+        return "@".join([task.id, *apart])
+
     @cached_property
     def task(self) -> TaskSpec | None:
         """The definition of its task: as published, else as it lies beside the result; ``None`` where neither has it."""
@@ -63,6 +77,11 @@ class StoredResult:
         except GlbenchError:
             return None
         return found if found.id == self.result.task.id else None
+
+
+def task_of_board(board: str) -> str:
+    """Id of the task of a board, see ``StoredResult.board``; no id holds an ``@``."""
+    return board.partition("@")[0]
 
 
 @dataclass(frozen=True)
@@ -182,7 +201,7 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
             problem = (
                 names.problem(item)
                 or _problem_of_task(item, published)
-                or _problem_beside(item, chosen.get((result.task.id, result.agent.name)))
+                or _problem_beside(item, chosen.get((item.board, result.agent.name)))
             )
             if problem is not None:
                 problems.append(ResultError(problem))
@@ -244,7 +263,7 @@ def _one_each(
         return out is None or item.path != result_path(out, item.result.task.id, item.result.agent.name)
 
     for item in sorted(stored, key=elsewhere):
-        key = task_id, name = item.result.task.id, item.result.agent.name
+        key = task_id, name = item.board, item.result.agent.name
         if key in found:
             msg = (
                 f"{item.path} is a second result of '{name}' on '{task_id}', beside {found[key].path}. "

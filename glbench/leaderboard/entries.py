@@ -18,7 +18,8 @@ from glbench.errors import ResultError, did_you_mean
 from glbench.evaluation import Result
 from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard.catalogue import catalogue, of_published
-from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult
+from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, task_of_board
+from glbench.leaderboard.comparisons import RESOLUTION
 from glbench.leaderboard.statistics import Array
 
 if TYPE_CHECKING:
@@ -49,8 +50,8 @@ class Entry:
 
     @property
     def task_id(self) -> str:
-        """The task."""
-        return self.first.task.id
+        """The board: the task's id, or more where draws are kept apart."""
+        return self.trainings[0].board
 
     @property
     def task(self) -> TaskSpec | None:
@@ -61,6 +62,12 @@ class Entry:
     def seeds(self) -> tuple[int, ...]:
         """Seeds of the evaluation."""
         return self.first.evaluation.seeds
+
+    @property
+    def clusters(self) -> tuple[str, ...] | None:
+        """The group of each run; ``None`` where runs name none, or the trainings do not name the same."""
+        found = {item.result.clusters for item in self.trainings}
+        return found.pop() if len(found) == 1 else None
 
     def states(self, metric: str) -> bool:
         """Whether all its results hold a metric: one of another version may lack it."""
@@ -79,7 +86,7 @@ class Entry:
 def entries_by_task(
     stored: Iterable[StoredResult], expected: Mapping[str, Expectation]
 ) -> dict[str, tuple[Entry, ...]]:
-    """Entries of every task, by task id. Within a task their names differ.
+    """Entries of every board, by its name: the task's id, or more where draws are kept apart. Within a board their names differ.
 
     Parameters
     ----------
@@ -91,7 +98,7 @@ def entries_by_task(
     """
     by_task: dict[str, list[StoredResult]] = {}
     for item in stored:
-        by_task.setdefault(item.result.task.id, []).append(item)
+        by_task.setdefault(item.board, []).append(item)
     seeds = {task_id: expected_seeds(task_id, items, expected) for task_id, items in by_task.items()}
     recipes: dict[tuple[object, ...], set[str]] = {}
     for task_id, items in by_task.items():
@@ -140,6 +147,7 @@ def origin_of(item: StoredResult, seeds: tuple[int, ...]) -> Origin:
 
 def expected_seeds(task_id: str, items: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> tuple[int, ...]:
     """Seeds that a complete result of the task has."""
+    task_id = task_of_board(task_id)
     if task_id in expected:
         return expected[task_id].seeds
     given = list(items)
@@ -155,6 +163,7 @@ def metric_of(task_id: str, expected: Mapping[str, Expectation], task: TaskSpec 
     ResultError
         When it is one that results do not hold, or of which less is better.
     """
+    task_id = task_of_board(task_id)
     own = RANKING_METRIC if task is None else task.evaluation.metric
     metric = expected[task_id].metric if task_id in expected else own
     words = of_published([task_id]) if task is None else catalogue(task)
@@ -166,6 +175,12 @@ def metric_of(task_id: str, expected: Mapping[str, Expectation], task: TaskSpec 
         )
         raise ResultError(msg)
     return metric
+
+
+def resolution_of(metric: str, task: TaskSpec | None) -> float:
+    """Difference of what ranks that rounding can make where a task draws nothing; known of rewards that are scaled as the paper's."""
+    scaled = task is None or "scaled_epi" in task.reward.modules
+    return RESOLUTION if metric == RANKING_METRIC and scaled else 0.0
 
 
 def _split(item: StoredResult) -> tuple[str, int]:

@@ -9,32 +9,40 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from glbench.errors import ResultError
-from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.comparisons import holm, paired_test, told_apart
-from glbench.leaderboard.entries import Entry
-from glbench.leaderboard.statistics import Array, Interval, bootstrap_interval, probability_of_improvement
+from glbench.leaderboard.entries import Entry, metric_of, resolution_of
+from glbench.leaderboard.statistics import (
+    Array,
+    Ends,
+    Interval,
+    bootstrap_interval,
+    difference_interval,
+    probability_of_improvement,
+)
 
 
 @dataclass(frozen=True)
 class MetricPair:
     """One metric of two agents: means, and the mean of A minus B with its 95 % interval over pairs of runs, in the metric's unit.
 
-    What a result does not hold is ``None``.
+    ``overall`` is the interval over groups of runs, where runs fall into groups, and over trainings, where an agent has several. What a
+    result does not hold is ``None``.
     """
 
     unit: str
     first: float | None
     second: float | None
     difference: Interval | None
+    overall: Ends | None = None
 
 
 @dataclass(frozen=True)
 class Pair:
     """Two agents on one task.
 
-    ``p_value`` is that of the paired test of the rewards; ``improvement`` the probability that a run of A has a higher reward than a
-    run of B; ``money`` what each item adds to A's EPI beside B's [EUR m-2].
+    ``ranks_by`` is the metric that ranks on the task. ``p_value`` is that of the paired test of its values; ``improvement`` the
+    probability that a run of A has a higher value than a run of B; ``money`` what each item adds to A's EPI beside B's [EUR m-2].
     """
 
     task_id: str
@@ -44,6 +52,9 @@ class Pair:
     trainings: tuple[int, int]
     """Of how many trainings each is the mean."""
     runs: int
+    ranks_by: str
+    groups: int
+    """How many groups the runs fall into, over which there is an interval; 0 where there is none."""
     metrics: Mapping[str, MetricPair]
     """Those of this version in their order, then others that a result holds."""
     p_value: float
@@ -55,18 +66,18 @@ class Pair:
     """What the task calls all of it."""
 
     def told_apart(self, corrected: float) -> bool:
-        """Whether the rewards differ beyond chance, at the p-value corrected for the number of tasks."""
+        """Whether the values of what ranks differ beyond chance, at the p-value corrected for the number of tasks."""
         return told_apart(corrected, self.favours, self.headline)
 
     @property
     def headline(self) -> float:
-        """Mean reward of A minus that of B."""
-        return self.gap(RANKING_METRIC) or 0.0
+        """Mean of what ranks, of A minus that of B."""
+        return self.gap(self.ranks_by) or 0.0
 
     @property
     def is_certain(self) -> bool:
         """Whether all runs differ alike, because the task draws nothing."""
-        difference = self.metrics[RANKING_METRIC].difference
+        difference = self.metrics[self.ranks_by].difference
         return difference is None or difference.low == difference.high
 
     def gap(self, metric: str) -> float | None:
@@ -94,30 +105,39 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
     if not seeds:
         msg = f"'{one.name}' and '{other.name}' have no seed in common on {first.task.id}. Evaluate both with the same seeds."
         raise ResultError(msg)
+    if one.task_id != other.task_id:
+        msg = (
+            f"'{one.name}' was evaluated on {one.task_id}, '{other.name}' on {other.task_id}: one task, but not the same draws. "
+            "Evaluate both on the same split and with the same salt."
+        )
+        raise ResultError(msg)
+    task = one.task or other.task
+    ranks_by = metric_of(first.task.id, {}, task)
     for entry in (one, other):
-        if not entry.states(RANKING_METRIC):
-            msg = f"'{entry.name}' does not state its {RANKING_METRIC} on {first.task.id}, which is what agents are compared by."
+        if not entry.states(ranks_by):
+            msg = f"'{entry.name}' does not state its {ranks_by} on {first.task.id}, which is what agents are compared by."
             raise ResultError(msg)
-    words = catalogue(one.task or other.task)
+    words = catalogue(task)
     places = [[entry.seeds.index(seed) for seed in seeds] for entry in (one, other)]
     units = {**second.units, **first.units}
-    metrics = {
-        name: _metric(
-            words.metric(name, units).unit,
-            *(_values(entry, name, place) for entry, place in zip((one, other), places, strict=True)),
-        )
-        for name in words.known_first([*first.runs[0].metrics, *second.runs[0].metrics])
-    }
-    runs = [entry.by_training(RANKING_METRIC)[:, place] for entry, place in zip((one, other), places, strict=True)]
-    test = paired_test(*([values.mean(axis=0)] for values in runs))
+    clusters = _common_clusters(one, other, places)
+    groups = len(set(clusters))
+    metrics = {}
+    for name in words.known_first([*first.runs[0].metrics, *second.runs[0].metrics]):
+        ours, theirs = (_values(entry, name, place) for entry, place in zip((one, other), places, strict=True))
+        metrics[name] = _metric(words.metric(name, units).unit, ours, theirs, clusters if groups > 1 else None)
+    runs = [entry.by_training(ranks_by)[:, place] for entry, place in zip((one, other), places, strict=True)]
+    test = paired_test([runs[0].mean(axis=0)], [runs[1].mean(axis=0)], (resolution_of(ranks_by, task),))
     gaps = {item.money: (metrics[item.money].difference, item.sign) for item in words.items}
     return Pair(
-        task_id=first.task.id,
+        task_id=one.task_id,
         title=first.task.title,
         first=one.name,
         second=other.name,
         trainings=(len(one.trainings), len(other.trainings)),
         runs=len(seeds),
+        ranks_by=ranks_by,
+        groups=groups if groups > 1 else 0,
         metrics=metrics,
         p_value=test.p_value,
         favours=test.favours,
@@ -132,14 +152,30 @@ def corrected_p_values(pairs: list[Pair]) -> list[float]:
     return holm([pair.p_value for pair in pairs])
 
 
+def _common_clusters(one: Entry, other: Entry, places: list[list[int]]) -> list[str]:
+    """The group of each common run, empty where they name none or not the same."""
+    if one.clusters is None or other.clusters is None:
+        return []
+    ours, theirs = (
+        [names[i] for i in place] for names, place in zip((one.clusters, other.clusters), places, strict=True)
+    )
+    return ours if ours == theirs else []
+
+
 def _values(entry: Entry, metric: str, place: list[int]) -> Array | None:
-    return entry.values(metric)[place] if entry.states(metric) else None
+    """Values ``(trainings, runs)``."""
+    return entry.by_training(metric)[:, place] if entry.states(metric) else None
 
 
-def _metric(unit: str, first: Array | None, second: Array | None) -> MetricPair:
-    ours, theirs = (None if values is None else float(values.mean()) for values in (first, second))
+def _metric(unit: str, first: Array | None, second: Array | None, clusters: list[str] | None) -> MetricPair:
+    known = [None if values is None else values.mean(axis=0) for values in (first, second)]
+    ours, theirs = (None if values is None else float(values.mean()) for values in known)
     if first is None or second is None:
         return MetricPair(unit, ours, theirs, None)
-    low, high = bootstrap_interval(first - second)
-    difference = Interval(value=float((first - second).mean()), low=low, high=high)
-    return MetricPair(unit, ours, theirs, difference)
+    gaps = first.mean(axis=0) - second.mean(axis=0)
+    low, high = bootstrap_interval(gaps)
+    difference = Interval(value=float(gaps.mean()), low=low, high=high)
+    if clusters is None and len(first) == len(second) == 1:
+        return MetricPair(unit, ours, theirs, difference)
+    low, high = difference_interval(first, second, clusters=clusters)
+    return MetricPair(unit, ours, theirs, difference, Ends(low=low, high=high))

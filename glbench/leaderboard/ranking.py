@@ -11,13 +11,23 @@ import numpy as np
 from pydantic import Field
 
 from glbench.evaluation import Result
-from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard.budget import budget_of
 from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, refuse_mixed_digests
-from glbench.leaderboard.comparisons import RESOLUTION, tiers
-from glbench.leaderboard.entries import Entry, entries_by_task, expected_seeds, metric_of
-from glbench.leaderboard.statistics import Published, bootstrap_interval, interquartile_mean, mean
+from glbench.leaderboard.comparisons import tiers
+from glbench.leaderboard.entries import Entry, entries_by_task, expected_seeds, metric_of, resolution_of
+from glbench.leaderboard.seen import Seen, seen_by, what_it_should_not_have_seen
+from glbench.leaderboard.statistics import (
+    Array,
+    Ends,
+    Interval,
+    Published,
+    bootstrap_interval,
+    crossed_interval,
+    interquartile_mean,
+    mean,
+    worst_tenth,
+)
 
 Sandbox = Literal["bubblewrap", "unsandboxed", "built-in"]
 SANDBOXES = ("unknown", "unsandboxed", "bubblewrap", "built-in")
@@ -35,6 +45,14 @@ class Estimate(Published):
         description="lower end of the 95 % bootstrap interval of the mean; of several trainings the lowest of their means"
     )
     high: float = Field(description="upper end of it; of several trainings the highest of their means")
+    deviation: float | None = Field(
+        default=None, description="of several trainings: standard deviation of their means (n - 1)"
+    )
+    overall: Ends | None = Field(
+        default=None,
+        description="95 % bootstrap interval of the mean over all that was drawn: groups of runs, where runs fall into groups, and "
+        "trainings, where there are several; null where runs are all there is",
+    )
 
 
 class Row(Published):
@@ -68,6 +86,18 @@ class Row(Published):
         description="short digests of the kernel's library and of all its settings",
     )
     remark: str
+    worst_tenth: Interval | None = Field(
+        default=None,
+        description="what ranks, as the mean of the worst tenth of the runs (CVaR10) with its 95 % bootstrap interval; of several "
+        "trainings the mean over them with the lowest and the highest; null where a result does not hold what ranks",
+    )
+    groups: int | None = Field(
+        default=None, description="how many groups the runs fall into; null where they name none"
+    )
+    trained_on: Seen = Field(default=Seen(), description="what its training saw; not checked")
+    saw_scored: str = Field(
+        default="", description="why it is marked as trained on what is scored; empty where it is not"
+    )
     results_digest: str = Field(description="of several trainings that of the first")
     estimates: dict[str, Estimate] = Field(serialization_alias="metrics")
     training_seed: int | None = Field(
@@ -105,8 +135,21 @@ class TaskTable(Published):
     digest: str
     metric: str = Field(description="what the rows are ranked by")
     rows: tuple[Row, ...]
+    of_task: str = Field(default="", serialization_alias="task", description="id of the task; 'id' names the board")
+    split: str | None = Field(default=None, description="split of the seasons; null of a task without splits")
+    years: tuple[int, ...] = Field(default=(), description="years that the seasons are from")
+    salt_commitment: str | None = Field(
+        default=None, description="SHA-256 of the secret salt that entered the draws; null where all draws are public"
+    )
     task: Any = Field(default=None, exclude=True)
     """The task's definition, where a result has it."""
+
+    @property
+    def draws(self) -> str:
+        """What the heading says of the draws of the board; empty where they are the public ones that the task is judged by."""
+        split = f"{self.split} split" if self.split not in (None, "test") else ""
+        sealed = f"sealed draws, salt commitment {self.salt_commitment}" if self.salt_commitment is not None else ""
+        return "; ".join(part for part in (split, sealed) if part)
 
     @property
     def words(self) -> Catalogue:
@@ -130,30 +173,58 @@ class TaskTable(Published):
         return {kernel: tuple(agents) for kernel, agents in ordered}
 
 
-def estimate(values: Iterable[float]) -> Estimate:
-    """Mean, interquartile mean and 95 % interval of one metric over runs."""
+def estimate(values: Iterable[float], clusters: Sequence[str] | None = None) -> Estimate:
+    """Mean, interquartile mean and 95 % interval of one metric over runs, and over the groups (``clusters``) that they fall into."""
     sample = np.fromiter(values, dtype=np.float64)
     low, high = bootstrap_interval(sample)
-    return Estimate(mean=float(mean(sample)), iqm=float(interquartile_mean(sample)), low=low, high=high)
+    overall = None if _groups(clusters) < 2 else _ends(bootstrap_interval(sample, clusters=clusters))
+    center = float(mean(sample))
+    return Estimate(mean=center, iqm=float(interquartile_mean(sample)), low=low, high=high, overall=overall)
+
+
+def _groups(clusters: Sequence[str] | None) -> int:
+    return len(set(clusters or ()))
+
+
+def _ends(interval: tuple[float, float]) -> Ends:
+    return Ends(low=interval[0], high=interval[1])
 
 
 def estimates_of(result: Result) -> dict[str, Estimate]:
     """Estimates of every metric that all runs of ``result`` hold."""
     names = [name for name in result.runs[0].metrics if all(name in run.metrics for run in result.runs)]
-    return {name: estimate(result.values(name)) for name in names}
+    return {name: estimate(result.values(name), result.clusters) for name in names}
 
 
-def estimate_over_trainings(trainings: Sequence[Estimate]) -> Estimate:
-    """Mean over trainings, with the lowest and the highest of them; of one training its own estimate with its interval."""
+def estimate_over_trainings(
+    trainings: Sequence[Estimate], values: Array | None = None, clusters: Sequence[str] | None = None
+) -> Estimate:
+    """Mean over trainings, with the lowest and the highest of them; of one training its own estimate with its interval.
+
+    With the ``values`` ``(trainings, n)`` of the runs, and the groups that these fall into, it has an overall interval, too.
+    """
     if len(trainings) == 1:
         return trainings[0]
+    grouped = clusters if _groups(clusters) > 1 else None
     means = [one.mean for one in trainings]
     return Estimate(
         mean=float(np.mean(means)),
         iqm=float(np.mean([one.iqm for one in trainings])),
         low=min(means),
         high=max(means),
+        deviation=float(np.std(means, ddof=1)),
+        overall=None if values is None else _ends(crossed_interval(values, clusters=grouped)),
     )
+
+
+def worst_of(values: Array) -> Interval:
+    """The worst tenth of the runs ``(n,)`` with its interval; of several trainings ``(trainings, n)`` as ``worst_tenth`` of a row."""
+    trainings = np.atleast_2d(values)
+    found = worst_tenth(trainings)
+    if len(trainings) > 1:
+        return Interval(value=float(found.mean()), low=float(found.min()), high=float(found.max()))
+    low, high = bootstrap_interval(trainings[0], worst_tenth)
+    return Interval(value=float(found[0]), low=low, high=high)
 
 
 def rank(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> tuple[TaskTable, ...]:
@@ -182,20 +253,28 @@ def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expect
     metric = metric_of(task_id, expected, task)
     seeds = expected_seeds(task_id, [item for entry in entries for item in entry.trainings], expected)
     complete = {entry.name: entry for entry in entries if entry.complete and entry.states(metric)}
-    scaled = task is None or "scaled_epi" in task.reward.modules  # the resolution is one of scaled rewards
-    resolution = RESOLUTION if metric == RANKING_METRIC and scaled else 0.0
+    resolution = resolution_of(metric, task)
     rows: list[Row] = []
     for tier in tiers({name: (entry.values(metric),) for name, entry in complete.items()}, (resolution,)):
         shared = len(rows) + 1
-        rows += [_row(complete[name], shared, "") for name in tier]
+        rows += [_row(complete[name], shared, "", metric) for name in tier]
     rows += [
-        _row(entry, None, f"not ranked: {_what_lacks(entry, metric, seeds)}")
+        _row(entry, None, f"not ranked: {_what_lacks(entry, metric, seeds)}", metric)
         for entry in entries
         if entry.name not in complete
     ]
     first = entries[0].first.task
     return TaskTable(
-        task_id=task_id, title=first.title, digest=first.digest, rows=tuple(rows), metric=metric, task=task
+        task_id=task_id,
+        title=first.title,
+        digest=first.digest,
+        rows=tuple(rows),
+        metric=metric,
+        of_task=first.id,
+        split=first.split,
+        years=first.years or (),
+        salt_commitment=first.salt_commitment,
+        task=task,
     )
 
 
@@ -210,9 +289,9 @@ def _what_lacks(entry: Entry, metric: str, seeds: tuple[int, ...]) -> str:
     return f"{runs} runs with other seeds than the task's {len(seeds)}"
 
 
-def _row(entry: Entry, rank_: int | None, remark: str) -> Row:
+def _row(entry: Entry, rank_: int | None, remark: str, metric: str) -> Row:
     rows = tuple(
-        _row_of_result(item, entry.origin, rank=rank_, remark=remark, training_seed=seed)
+        _row_of_result(item, entry.origin, metric, rank=rank_, remark=remark, training_seed=seed)
         for item, seed in zip(entry.trainings, entry.training_seeds or (None,), strict=True)
     )
     if not entry.training_seeds:
@@ -223,7 +302,11 @@ def _row(entry: Entry, rank_: int | None, remark: str) -> Row:
         update={
             **combined(rows),
             "agent": entry.name,
-            "estimates": {name: estimate_over_trainings([row.estimates[name] for row in rows]) for name in known},
+            "estimates": {name: _over_trainings(name, entry, rows) for name in known},
+            "worst_tenth": worst_of(entry.by_training(metric)) if entry.states(metric) else None,
+            "groups": _groups(entry.clusters) or None,
+            "trained_on": _seen_together([row.trained_on for row in rows]),
+            "saw_scored": next((row.saw_scored for row in rows if row.saw_scored), ""),
             "unsandboxed": any(row.unsandboxed for row in rows),
             "training_hours": _longest([row.training_hours for row in rows]),
             "sandbox": None if sandbox == "unknown" else sandbox,
@@ -231,6 +314,16 @@ def _row(entry: Entry, rank_: int | None, remark: str) -> Row:
             "training_seed": None,
         }
     )
+
+
+def _over_trainings(name: str, entry: Entry, rows: Sequence[Row]) -> Estimate:
+    return estimate_over_trainings([row.estimates[name] for row in rows], entry.by_training(name), entry.clusters)
+
+
+def _seen_together(trainings: Sequence[Seen]) -> Seen:
+    """What all trainings state alike; seeds are those of one training, so of several none are stated."""
+    same = trainings[0].model_copy(update={"seeds": ()})
+    return same if all(one.model_copy(update={"seeds": ()}) == same for one in trainings) else Seen()
 
 
 def combined(rows: Sequence[Row]) -> dict[str, Any]:
@@ -254,13 +347,13 @@ def _longest(trainings: Sequence[Number | None]) -> Number | None:
     return max(known) if len(known) == len(trainings) else None
 
 
-def _row_of_result(item: StoredResult, origin: Origin, **place: Any) -> Row:
-    result = item.result
+def _row_of_result(item: StoredResult, origin: Origin, metric: str, **place: Any) -> Row:
+    result, seen = item.result, seen_by(item.result)
     budget = budget_of(result)
     kernel, evaluation = result.evaluation.kernel, result.evaluation
     everything = hashlib.sha256(json.dumps(kernel, sort_keys=True).encode()).hexdigest()
     return Row(
-        task_id=result.task.id,
+        task_id=item.board,
         agent=result.agent.name,
         privileged=result.agent.privileged,
         runs=evaluation.runs,
@@ -280,5 +373,9 @@ def _row_of_result(item: StoredResult, origin: Origin, **place: Any) -> Row:
         training_steps=budget.steps,
         training_hours=budget.hours,
         sandbox=evaluation.sandbox,
+        worst_tenth=worst_of(np.array(result.values(metric))) if metric in result.units else None,
+        groups=_groups(result.clusters) or None,
+        trained_on=seen,
+        saw_scored=what_it_should_not_have_seen(result, seen),
         **place,
     )

@@ -4,13 +4,18 @@ The estimators are those that Agarwal et al. (2021, "Deep reinforcement learning
 recommend for few runs. Rewards of different tasks cannot be averaged as they are: a run's normalised score is 0 for what doing nothing
 earns on the task and 1 for the best result known there (``tasks/references.toml``).
 
+Runs that share a season's year, or anything else that moves them alike, are no independent draws: an interval over groups of runs
+(``clusters``) resamples whole groups. Several trainings of one recipe are a second source of chance, crossed with the runs.
+
 The resampling indices come from the raw output of a PCG64 generator, whose stream numpy guarantees, so an interval has the same bits
 with every numpy version. Runs are drawn with replacement within their task (stratified): tasks are fixed, runs are chance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -27,6 +32,10 @@ Statistic: TypeAlias = Callable[[Array], Array]
 RESAMPLES = 10_000
 CONFIDENCE = 0.95
 QUARTER = 0.25
+_KEPT = 6
+"""Arrays of resampling indices that are kept; one of 100 runs has 8 MB."""
+WORST = 10
+"""The worst tenth of the runs: ``worst_tenth`` means one in so many."""
 TARGET = 1.0
 """The normalised score that the optimality gap is measured from: the best known result."""
 
@@ -41,6 +50,13 @@ class Interval(Published):
     """An estimate with its 95 % stratified bootstrap interval over runs; where a task has several trainings, with the range over them."""
 
     value: float
+    low: float
+    high: float
+
+
+class Ends(Published):
+    """Both ends of a 95 % interval."""
+
     low: float
     high: float
 
@@ -68,10 +84,31 @@ def interquartile_mean(values: Array) -> Array:
     return np.asarray(stats.trim_mean(values, proportiontocut=QUARTER, axis=-1), dtype=np.float64)
 
 
+def worst_tenth(values: Array) -> Array:
+    """Mean of the worst tenth along the last axis (CVaR10), shape ``(..., n)`` to ``(...)``, in the unit of ``values``; low is bad.
+
+    The ``n/10`` smallest values count: where that is no whole number the last of them with the fraction that is left, so of 25 runs the
+    two worst whole and the third by half. Of fewer than ten runs it is the worst one. This is the conditional value at risk of the
+    empirical distribution (Rockafellar and Uryasev, 2002, Journal of Banking & Finance 26, 1443-1471).
+    """
+    size = values.shape[-1]
+    count = max(size / WORST, 1.0)
+    most = math.ceil(count)
+    weights = np.minimum(1.0, count - np.arange(most))
+    worst = np.sort(values, axis=-1)[..., :most]
+    return np.asarray((worst * weights).sum(axis=-1) / count, dtype=np.float64)
+
+
+@lru_cache(maxsize=_KEPT)
 def resampling_indices(size: int, resamples: int, seed: int) -> NDArray[np.intp]:
-    """Indices ``(resamples, size)`` in ``[0, size)`` from the upper 32 bits of PCG64's raw 64-bit words (multiply and shift)."""
+    """Indices ``(resamples, size)`` in ``[0, size)`` from the upper 32 bits of PCG64's raw 64-bit words (multiply and shift).
+
+    The array cannot be written to: all metrics of a table are resampled alike, so the last ones are kept.
+    """
     raw = np.random.PCG64(seed).random_raw(resamples * size) >> np.uint64(32)
-    return ((raw * np.uint64(size)) >> np.uint64(32)).astype(np.intp).reshape(resamples, size)
+    indices = ((raw * np.uint64(size)) >> np.uint64(32)).astype(np.intp).reshape(resamples, size)
+    indices.flags.writeable = False
+    return indices
 
 
 def resampled(strata: Sequence[Array], resamples: int = RESAMPLES, seed: int = 0) -> list[Array]:
@@ -85,18 +122,26 @@ def bootstrap_interval(
     values: Values,
     statistic: Statistic = mean,
     *,
+    clusters: Sequence[Hashable] | None = None,
     confidence: float = CONFIDENCE,
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> tuple[float, float]:
-    """Percentile bootstrap interval of ``statistic`` over runs.
+    """Bootstrap interval of ``statistic`` over runs, or over groups of runs.
+
+    Without ``clusters`` it is the percentile interval over runs. With them whole groups are drawn with replacement, and the runs of a
+    drawn group stay together (Davison and Hinkley, 1997, Bootstrap Methods and their Application, section 3.8). Of G groups the means
+    of resamples spread too little, by sqrt((G - 1) / G), so the ends are moved away from the estimate by sqrt(G / (G - 1)). With
+    few groups such an interval still covers less than it says; docs/statistics.md has figures.
 
     Parameters
     ----------
     values
         One value a run, shape ``(n,)``, n >= 1, finite.
     statistic
-        Function that maps ``(resamples, n)`` to ``(resamples,)``: ``mean`` or ``interquartile_mean``.
+        Function that maps ``(resamples, n)`` to ``(resamples,)``: ``mean``, ``interquartile_mean`` or ``worst_tenth``.
+    clusters
+        For each run the group that it belongs to, of which there are at least two; ``None``: runs are independent.
     confidence, resamples, seed
         Coverage between 0 and 1, number of samples drawn with replacement, seed of the resampling; the same seed gives the same bits.
 
@@ -108,8 +153,162 @@ def bootstrap_interval(
     Raises
     ------
     ResultError
-        When there are no values, a value is not finite, or ``confidence`` is not between 0 and 1.
+        When there are no values, a value is not finite, ``confidence`` is not between 0 and 1, or ``clusters`` are fewer than two or
+        not one a run.
     """
+    sample = _checked(values)
+    if clusters is None:
+        return stratified_interval(
+            [sample], lambda drawn: statistic(drawn[0]), confidence=confidence, resamples=resamples, seed=seed
+        )
+    _check_settings(confidence, resamples)
+    members = _members(clusters, sample.size)
+    center = float(statistic(sample[None, :])[0])
+    drawn = _over_clusters(sample, statistic, members, resamples, seed)
+    low, high = _ends(_widened(drawn, center, len(members)), confidence)
+    return float(low), float(high)
+
+
+def crossed_interval(
+    values: Array,
+    statistic: Statistic = mean,
+    *,
+    clusters: Sequence[Hashable] | None = None,
+    confidence: float = CONFIDENCE,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+) -> tuple[float, float]:
+    """Bootstrap interval of the mean over trainings of a ``statistic`` of their runs, when both trainings and runs are chance.
+
+    All trainings met the same runs, so both are drawn with replacement, independently: runs (or ``clusters`` of them) once for all
+    trainings, and trainings. What the drawing of T trainings adds is widened by sqrt(T / (T - 1)), as that of groups is.
+
+    Parameters
+    ----------
+    values
+        One row a training and one column a run, shape ``(trainings, n)``, at least two trainings, finite.
+    statistic, clusters, confidence, resamples, seed
+        As in ``bootstrap_interval``.
+
+    Raises
+    ------
+    ResultError
+        As ``bootstrap_interval``, and when there are fewer than two trainings.
+    """
+    trainings = np.asarray(values, dtype=np.float64)
+    if trainings.ndim != 2 or len(trainings) < 2:
+        msg = f"An interval over trainings needs two or more of them, with the same runs; got values of shape {trainings.shape}."
+        raise ResultError(msg)
+    _check_settings(confidence, resamples)
+    low, high = _ends(_crossed(trainings, statistic, clusters, resamples, (seed, seed + 1)), confidence)
+    return float(low), float(high)
+
+
+def difference_interval(
+    first: Array,
+    second: Array,
+    *,
+    clusters: Sequence[Hashable] | None = None,
+    confidence: float = CONFIDENCE,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+) -> tuple[float, float]:
+    """Bootstrap interval of the difference of two agents' means, each of one or several trainings on the same runs.
+
+    Runs (or ``clusters`` of them) are drawn in pairs, the same for both agents; trainings, where there are several, for each by itself.
+
+    Parameters
+    ----------
+    first, second
+        Values ``(trainings, n)`` of each agent, in the order of the same seeds, finite.
+    clusters, confidence, resamples, seed
+        As in ``bootstrap_interval``.
+
+    Raises
+    ------
+    ResultError
+        As ``bootstrap_interval``, and when the two do not have the same number of runs.
+    """
+    ours, theirs = (np.atleast_2d(np.asarray(values, dtype=np.float64)) for values in (first, second))
+    if ours.shape[1] != theirs.shape[1]:
+        msg = f"A paired difference needs the same runs of both agents; got {ours.shape[1]} and {theirs.shape[1]}."
+        raise ResultError(msg)
+    _check_settings(confidence, resamples)
+    drawn = [
+        _crossed(values, mean, clusters, resamples, (seed, seed + 1 + place))
+        for place, values in enumerate((ours, theirs))
+    ]
+    low, high = _ends(drawn[0] - drawn[1], confidence)
+    return float(low), float(high)
+
+
+def _crossed(
+    trainings: Array,
+    statistic: Statistic,
+    clusters: Sequence[Hashable] | None,
+    resamples: int,
+    seeds: tuple[int, int],
+) -> Array:
+    """Mean over trainings of the statistic of their runs, in resamples ``(resamples,)`` of runs or groups, and of trainings if several.
+
+    ``seeds`` are those of the drawing of runs and of trainings.
+    """
+    _checked(trainings.ravel())
+    count, size = trainings.shape
+    if clusters is None:
+        indices = resampling_indices(size, resamples, seeds[0])
+        drawn = np.array([statistic(one[indices]) for one in trainings])
+    else:
+        members = _members(clusters, size)
+        drawn = np.array([
+            _widened(_over_clusters(one, statistic, members, resamples, seeds[0]), float(center), len(members))
+            for one, center in zip(trainings, statistic(trainings), strict=True)
+        ])  # fmt: skip
+    if count == 1:
+        return np.asarray(drawn[0])
+    weights = _times_drawn(count, resamples, seeds[1]).T / count - 1.0 / count
+    by_training = (weights * drawn).sum(axis=0)
+    return np.asarray(drawn.mean(axis=0) + math.sqrt(count / (count - 1)) * by_training)
+
+
+def _widened(drawn: Array, center: float, count: int) -> Array:
+    """Resampled statistics with the spread that so many independent groups have."""
+    return center + math.sqrt(count / (count - 1)) * (drawn - center)
+
+
+def _members(clusters: Sequence[Hashable], size: int) -> list[NDArray[np.intp]]:
+    """The runs of each group, groups in the order in which they first occur."""
+    if len(clusters) != size:
+        msg = f"Every run belongs to one group; got {len(clusters)} groups' names for {size} runs."
+        raise ResultError(msg)
+    found: dict[Hashable, list[int]] = {}
+    for run, name in enumerate(clusters):
+        found.setdefault(name, []).append(run)
+    if len(found) < 2:
+        msg = "An interval over groups of runs needs two or more of them: from one group nothing is known about others."
+        raise ResultError(msg)
+    return [np.array(runs, dtype=np.intp) for runs in found.values()]
+
+
+def _over_clusters(
+    sample: Array, statistic: Statistic, members: Sequence[NDArray[np.intp]], resamples: int, seed: int
+) -> Array:
+    """The statistic of resamples ``(resamples,)`` that are made of whole groups."""
+    groups, largest = len(members), max(runs.size for runs in members)
+    table = np.full((groups, largest), -1, dtype=np.intp)
+    for row, runs in enumerate(members):
+        table[row, : runs.size] = runs
+    drawn = resampling_indices(groups, resamples, seed)
+    runs_of = table[drawn].reshape(resamples, groups * largest)
+    found, sizes = np.empty(resamples), (runs_of >= 0).sum(axis=1)
+    for size in np.unique(sizes):  # groups may differ in size, and so do resamples
+        rows = sizes == size
+        chosen = runs_of[rows]
+        found[rows] = statistic(sample[chosen[chosen >= 0]].reshape(-1, int(size)))
+    return found
+
+
+def _checked(values: Values) -> Array:
     sample = np.asarray(values, dtype=np.float64)
     if sample.ndim != 1 or sample.size == 0:
         msg = f"Statistics need a one-dimensional, non-empty list of values; got shape {sample.shape}."
@@ -118,9 +317,7 @@ def bootstrap_interval(
         first = int(np.flatnonzero(~np.isfinite(sample))[0])
         msg = f"Statistics need finite values; value {first} is {sample[first]}."
         raise ResultError(msg)
-    return stratified_interval(
-        [sample], lambda drawn: statistic(drawn[0]), confidence=confidence, resamples=resamples, seed=seed
-    )
+    return sample
 
 
 def stratified_interval(
@@ -141,14 +338,18 @@ def stratified_interval(
     if not strata or any(stratum.size == 0 for stratum in strata):
         msg = "An interval over tasks needs at least one task, and runs in each of them."
         raise ResultError(msg)
+    _check_settings(confidence, resamples)
+    low, high = _ends(statistic(resampled(strata, resamples, seed)), confidence)
+    return float(low), float(high)
+
+
+def _check_settings(confidence: float, resamples: int) -> None:
     if not 0.0 < confidence < 1.0:
         msg = f"The confidence of an interval lies between 0 and 1; got {confidence}."
         raise ResultError(msg)
     if resamples < 1:
         msg = f"A bootstrap needs at least one resample; got {resamples}."
         raise ResultError(msg)
-    low, high = _ends(statistic(resampled(strata, resamples, seed)), confidence)
-    return float(low), float(high)
 
 
 def _ends(drawn: Array, confidence: float = CONFIDENCE) -> Array:

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from glbench.leaderboard.collect import Expectation, Origin, StoredResult
 from glbench.leaderboard.comparisons import RESOLUTION, tiers
-from glbench.leaderboard.entries import entries_by_task, metric_of
+from glbench.leaderboard.entries import entries_by_task, metric_of, resolution_of
 from glbench.leaderboard.ranking import Row, TaskTable, combined
 from glbench.leaderboard.statistics import (
     SCORES,
@@ -134,7 +134,8 @@ def suite_table(
         for agent, rewards in scores[task].items():
             normalised.setdefault(agent, {})[task] = normalise(rewards, reference.nothing, reference.best)
     whole = {agent: by_task for agent, by_task in normalised.items() if len(by_task) == len(usable)}
-    resolutions = [RESOLUTION / (references[task].best - references[task].nothing) for task in usable]
+    known = {table.task_id: resolution_of(table.metric, table.task) for table in tables}
+    resolutions = [known.get(task, RESOLUTION) / (references[task].best - references[task].nothing) for task in usable]
     means = {agent: [np.atleast_2d(by_task[task]).mean(axis=0) for task in usable] for agent, by_task in whole.items()}
     order = tiers(means, resolutions)
     shown = _rows_of_agents(usable, tables)
@@ -232,7 +233,7 @@ def references_from(stored: Iterable[StoredResult], expected: Mapping[str, Expec
     by_task: dict[str, list[tuple[float, StoredResult]]] = {}
     for item in stored:
         task_id = item.result.task.id
-        if task_id in expected and item.result.evaluation.seeds == expected[task_id].seeds:
+        if item.board in expected and item.result.evaluation.seeds == expected[task_id].seeds:
             metric = metric_of(task_id, expected)
             if all(metric in run.metrics for run in item.result.runs):
                 by_task.setdefault(task_id, []).append((float(np.mean(item.result.values(metric))), item))

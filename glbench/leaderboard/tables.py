@@ -27,14 +27,21 @@ from glbench.untrusted import visible
 if TYPE_CHECKING:
     import pandas as pd
 
-PRIVILEGED_MARK, UNSANDBOXED_MARK, REPRODUCED_MARK, RANGE_MARK = "†", "‡", "✓", "↔"
+PRIVILEGED_MARK, UNSANDBOXED_MARK, REPRODUCED_MARK, RANGE_MARK, SEEN_MARK = "†", "‡", "✓", "↔", "§"
 NONE = "–"
 COVERS = "draws of one season, and one training"
 """What a 95 % interval over runs is about."""
+OVERALL_NOTE = (
+    "Overall 95 %: bootstrap interval of the mean over all that was drawn, and not the runs alone: whole groups of runs, where runs fall "
+    "into groups such as years, and trainings, where there are several. From few groups or trainings it is too narrow: from two it "
+    "covers the truth in about 60 of 100 cases, from three in about 80."
+)
+SEEN_NOTE = f"{SEEN_MARK} its training saw what it is judged by, as its card states: the test split, or weather of the years of that split."
 FOOTNOTES = (
     "Mean over the task's seeded runs, with the 95 % bootstrap interval of the mean; IQM is the mean of the middle half of the runs. "
     "{units} EPI is {profit}. "
     "Failed runs count at the task's stated penalty.",
+    "CVaR10 is the mean of the worst tenth of the runs in what ranks; of several trainings the mean over them.",
     f"{RANGE_MARK} is no interval but a range: the lowest and the highest of several trainings with different seeds, around their mean. "
     f"A 95 % interval covers the {COVERS}; another season or another training can lie far outside.",
     "Agents that cannot be told apart share a rank: paired Wilcoxon tests on the same seeds (of several trainings the mean run by run), "
@@ -46,7 +53,7 @@ FOOTNOTES = (
     f"{UNSANDBOXED_MARK} unsandboxed: ran with all rights of the evaluation, so that nothing but its code tells what it used.",
     f"{REPRODUCED_MARK} reproduced: glbench verify simulated all runs again from the recorded actions and got the same numbers.",
     "Stated by the file, not checked: decision time (of one decision of one run), training (control steps; 0: not trained, –: not stated), "
-    "sandbox.",
+    "what the training saw, sandbox.",
 )
 _UNITS = (
     ("Reward and penalty have no unit.", False),
@@ -62,7 +69,13 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     profit = said.pop() if len(said) == 1 else ""
     priced = {bool(task is not None and task.violation_prices) for task in tasks}
     units = " ".join(words for words, is_priced in _UNITS if is_priced in priced)
-    return [FOOTNOTES[0].format(profit=profit or _PROFIT, units=units), *FOOTNOTES[1:]]
+    rows = [row for table in tables for row in table.rows]
+    extra = [OVERALL_NOTE] * any(map(_has_overall, rows)) + [SEEN_NOTE] * any(row.saw_scored for row in rows)
+    return [FOOTNOTES[0].format(profit=profit or _PROFIT, units=units), *FOOTNOTES[1:], *extra]
+
+
+def _has_overall(row: Row) -> bool:
+    return any(one.overall is not None for one in row.estimates.values())
 
 
 SCORE_STEP = 0.01
@@ -78,7 +91,7 @@ _LATEX = str.maketrans(
     {
         "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "%": r"\%", "_": r"\_",
         "^": r"\textasciicircum{}", "~": r"\textasciitilde{}", "<": r"\textless{}", ">": r"\textgreater{}",
-        "²": "$^2$", "–": "--", "↔": r"$\leftrightarrow$", "×": r"$\times$", "†": r"\dag",
+        "²": "$^2$", "–": "--", "↔": r"$\leftrightarrow$", "×": r"$\times$", "†": r"\dag", "§": r"\S",
     }
 )  # fmt: skip
 _MARKDOWN = str.maketrans(
@@ -169,12 +182,50 @@ def _task_columns(table: TaskTable) -> list[Column]:
         Column("Agent", agent_label, words=True, free=True),
         *map(with_interval, (first, *others)),
         Column(f"{first.heading}, IQM", lambda row: number_text(iqm_of(row, first), first.digits)),
+        worst_column(first),
+        *([overall_column(first)] if any(map(_has_overall, table.rows)) else []),
+        *([deviation_column(first)] if any(row.is_range for row in table.rows) else []),
         DECISION,
         TRAINING,
+        *([TRAINED_ON] if table.split is not None else []),
         Column("Runs", lambda row: f"{runs_label(row)}; {row.remark}" if row.remark else runs_label(row)),
         *WORDS,
         _CHECKED,
     ]
+
+
+def worst_column(metric: Metric, gives_way: int = 0) -> Column:
+    """The worst tenth of the runs in what ranks."""
+
+    def text(row: Row) -> str:
+        return number_text(None if row.worst_tenth is None else row.worst_tenth.value, metric.digits)
+
+    return Column("CVaR10", text, number=True, gives_way=gives_way)
+
+
+def overall_column(metric: Metric, gives_way: int = 0) -> Column:
+    """The interval over groups of runs and over trainings."""
+
+    def text(row: Row) -> str:
+        found = row.estimates.get(metric.name)
+        if found is None or found.overall is None:
+            return NONE
+        return " to ".join(number_text(end, metric.digits) for end in (found.overall.low, found.overall.high))
+
+    return Column("Overall 95 %", text, gives_way=gives_way)
+
+
+def deviation_column(metric: Metric, gives_way: int = 0) -> Column:
+    """How far trainings of one recipe spread."""
+
+    def text(row: Row) -> str:
+        found = row.estimates.get(metric.name)
+        return number_text(None if found is None else found.deviation, metric.digits)
+
+    return Column("SD of trainings", text, gives_way=gives_way)
+
+
+TRAINED_ON = Column("Trained on", lambda row: visible(row.trained_on.words), words=True, free=True)
 
 
 def iqm_of(row: Row, metric: Metric) -> float | None:
@@ -261,9 +312,12 @@ def to_markdown(
         parts += (of_suites or {}).get(name, ())
     for table in tables:
         name = visible(table.task_id).replace("`", "")
-        parts += [f"## {markdown_text(table.title)}", "", f"`{name}`, digest `{table.digest[:12]}`", ""]
+        draws = f" ({table.draws})" if table.draws else ""
+        parts += [f"## {markdown_text(table.title)}{draws}", "", f"`{name}`, digest `{table.digest[:12]}`", ""]
         parts += [*markdown(_task_columns(table), shown_rows(table, members=True)), ""]
-        parts += [line for note in [kernel_note(table)] if note for line in (markdown_text(note), "")]
+        parts += [
+            line for note in [kernel_note(table), *seen_notes(table)] if note for line in (markdown_text(note), "")
+        ]
     parts += [line for note in footnotes(tables) for line in (note, "")]
     return "\n".join(parts).rstrip() + "\n"
 
@@ -328,8 +382,13 @@ def to_latex(table: TaskTable) -> str:
     columns = ranked_columns(table)
     scores = [
         Column("#", lambda row: NONE if row.rank is None else str(row.rank)),
-        Column("Agent", lambda row: entry_label(row) + PRIVILEGED_MARK * row.privileged, words=True),
+        Column(
+            "Agent",
+            lambda row: entry_label(row) + PRIVILEGED_MARK * row.privileged + SEEN_MARK * bool(row.saw_scored),
+            words=True,
+        ),
         *map(with_interval, columns[:3]),
+        worst_column(columns[0]),
         Column("Runs", runs_label),
     ]
     used = [
@@ -340,7 +399,8 @@ def to_latex(table: TaskTable) -> str:
         *WORDS,
         _CHECKED_IN_WORDS,
     ]
-    comment = f"% {visible(table.task_id)}, digest {table.digest[:12]}; needs \\usepackage{{booktabs}}"
+    draws = f" ({table.draws})" if table.draws else ""
+    comment = f"% {visible(table.task_id)}{draws}, digest {table.digest[:12]}; needs \\usepackage{{booktabs}}"
     return "\n".join([comment, *latex(scores, table.rows), "", *latex(used, table.rows)]) + "\n"
 
 
@@ -360,9 +420,9 @@ def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
 
     Trainings of one entry have the same ``entry``, whose mean over ``trainings`` and range over them stand in ``entry_<metric>_...``.
     """
-    rows = [(entry, row) for table in tables for entry in table.rows for row in entry.results]
+    rows = [(table, entry, row) for table in tables for entry in table.rows for row in entry.results]
     metrics = _metrics(tables)
-    return _frame([_record(entry, row, metrics) for entry, row in rows])
+    return _frame([_record(table, entry, row, metrics) for table, entry, row in rows])
 
 
 def _metrics(tables: Sequence[TaskTable]) -> list[Metric]:
@@ -373,7 +433,7 @@ def _metrics(tables: Sequence[TaskTable]) -> list[Metric]:
     return [known.metric(name, units) for name in known.known_first(name for row in rows for name in row.estimates)]
 
 
-def _record(entry: Row, row: Row, metrics: Sequence[Metric]) -> dict[str, object]:
+def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric]) -> dict[str, object]:
     record: dict[str, object] = {
         "task": row.task_id,
         "rank": row.rank,
@@ -391,6 +451,11 @@ def _record(entry: Row, row: Row, metrics: Sequence[Metric]) -> dict[str, object
         "decision [ms]": row.decision_milliseconds,
         "training [steps]": row.training_steps,
         "training [h]": row.training_hours,
+        "trained_on": row.trained_on.words,
+        "saw_scored": row.saw_scored,
+        "split": table.split or "",
+        "salt_commitment": table.salt_commitment or "",
+        "groups": row.groups,
         "sandbox": row.sandbox or "unknown",
         "remark": row.remark,
         "kernel": row.kernel,
@@ -408,6 +473,12 @@ def _record(entry: Row, row: Row, metrics: Sequence[Metric]) -> dict[str, object
             parts = (of_all.mean, *ends)
         for part, value in zip(("mean", "lowest", "highest"), parts, strict=True):
             record[f"entry_{metric.name}_{part} [{metric.unit}]"] = value
+        overall = None if of_all is None else of_all.overall
+        record[f"entry_{metric.name}_deviation [{metric.unit}]"] = None if of_all is None else of_all.deviation
+        for part in ("low", "high"):
+            record[f"entry_{metric.name}_overall_{part} [{metric.unit}]"] = overall and getattr(overall, part)
+    for part in ("value", "low", "high"):
+        record[f"worst_tenth_{part}"] = row.worst_tenth and getattr(row.worst_tenth, part)
     return {**record, "task_digest": row.task_digest, "results_digest": row.results_digest}
 
 
@@ -445,7 +516,13 @@ def _frame(records: Sequence[Mapping[str, object]]) -> pd.DataFrame:
     import pandas as pd
 
     frame = pd.DataFrame(records)
-    types = {"rank": "Int64", "training_seed": "Int64", "training [steps]": "Int64", "training [h]": "Float64"}
+    types = {
+        "rank": "Int64",
+        "training_seed": "Int64",
+        "training [steps]": "Int64",
+        "training [h]": "Float64",
+        "groups": "Int64",
+    }
     if "suite" in frame:
         types["failed_runs"] = "Int64"
     return frame.astype({name: kind for name, kind in types.items() if name in frame})
@@ -540,6 +617,11 @@ def kernel_note(table: TaskTable) -> str:
     )
 
 
+def seen_notes(table: TaskTable) -> list[str]:
+    """Which agents were trained on what they are judged by, in words."""
+    return [f"{SEEN_MARK} {row.agent} {row.saw_scored}, as its card states." for row in table.rows if row.saw_scored]
+
+
 def entry_label(row: Row) -> str:
     """Name of the entry, with the number of its trainings, or the seed of a training among others."""
     if row.training_seed is not None:
@@ -551,6 +633,7 @@ def entry_label(row: Row) -> str:
 def agent_label(row: Row) -> str:
     """``entry_label`` with the marks of the privileged and the unsandboxed."""
     marks = (PRIVILEGED_MARK if row.privileged else "") + (UNSANDBOXED_MARK if row.unsandboxed else "")
+    marks += SEEN_MARK if row.saw_scored else ""
     return f"{entry_label(row)} {marks}" if marks else entry_label(row)
 
 

@@ -38,7 +38,7 @@ def known_results(
 
     The digest alone will not do: it does not cover the id of the task.
     """
-    by_digest = {(item.result.task.id, item.result.results_digest): item for item in stored}
+    by_digest = {(item.board, item.result.results_digest): item for item in stored}
     return [
         Known(by_digest[row.task_id, row.results_digest], row, profiles.get((row.task_id, row.results_digest)))
         for table in tables
@@ -83,6 +83,7 @@ def task_facts(table: TaskTable, steps: int, step_seconds: float) -> dict[str, A
         "title": table.title,
         "digest": table.digest,
         "metric": table.metric,
+        "draws": table.draws,
         "steps": steps,
         "step_seconds": step_seconds,
         "published": table.task_id in lock and lock[table.task_id].digest == table.digest,
@@ -216,6 +217,7 @@ def entry_facts(
         "sandbox": entry.sandbox,
         "digest": "",
         "estimates": _estimates(entry),
+        **_told_of(entry),
         "steps": [
             float(np.mean(steps)) for steps in zip(*([run.steps for run in one.runs] for one in stored), strict=True)
         ],
@@ -255,6 +257,7 @@ def result_facts(item: Known) -> dict[str, Any]:
         "glbench": result.versions.glbench,
         "kernel": f"{row.kernel} {row.build}",
         "estimates": _estimates(row),
+        **_told_of(row),
         "steps": None if not row.failed else [run.steps for run in result.runs],
         "values": {name: [_short(value) for value in result.values(name)] for name in row.estimates},
         **optional_facts(result.model_dump(mode="json")),
@@ -263,6 +266,18 @@ def result_facts(item: Known) -> dict[str, Any]:
 
 def _training(row: Row) -> dict[str, Any] | None:
     return None if row.training_steps is None else {"steps": row.training_steps, "wall_hours": row.training_hours}
+
+
+def _told_of(row: Row) -> dict[str, Any]:
+    """What is told of the worst runs, of groups and trainings together, and of what the training saw."""
+    overall = {name: [_short(e.overall.low), _short(e.overall.high)] for name, e in row.estimates.items() if e.overall}
+    return {
+        "worst_tenth": None if row.worst_tenth is None else _interval(row.worst_tenth),
+        "overall": overall,
+        "groups": row.groups,
+        "trained_on": row.trained_on.words,
+        "saw_scored": row.saw_scored,
+    }
 
 
 def _estimates(row: Row) -> dict[str, list[float]]:

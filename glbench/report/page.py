@@ -129,7 +129,7 @@ def _profiles(stored: Sequence[StoredResult]) -> dict[tuple[str, str], Profile]:
             logger.warning("%s", error)
             continue
         if profile is not None:
-            found[item.result.task.id, item.result.results_digest] = profile
+            found[item.board, item.result.results_digest] = profile
     return found
 
 

@@ -39,6 +39,7 @@ _STATED: Final[dict[str, tuple[str, ...]]] = {
         "evaluation.workers", "evaluation.resumed_at_step",
     ),
     "kernel, versions, machine, commit and date": ("evaluation.kernel", "versions", "machine", "git", "created"),
+    "split, years and salt of the task, and groups of runs": ("task.split", "task.years", "task.salt_commitment", "runs.cluster"),
     "the profile (typical day, season, worst run)": (PROFILE,),
 }  # fmt: skip
 _OWN_ENDS = frozenset({"ok", "simulation_failed"})

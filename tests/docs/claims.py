@@ -28,7 +28,7 @@ from glbench.kernel.compiled.stepper import absent_equipment
 from glbench.kernel.compiled.tolerances import LARGEST_SUBSTEPS, PRESETS, SMALLEST_SUBSTEP
 from glbench.kernel.sundials import SUBSTEP_LIMIT
 from glbench.leaderboard.comparisons import RESOLUTION
-from glbench.leaderboard.statistics import RESAMPLES, bootstrap_interval
+from glbench.leaderboard.statistics import RESAMPLES, bootstrap_interval, crossed_interval
 from glbench.model import CONTROL_NAMES, STATE_NAMES, TOMATO, build_rhs, default_parameters
 from glbench.speed import SpeedRecord, read_record
 from glbench.tasks import get_task
@@ -302,6 +302,29 @@ def largest_change() -> float:
 def speeds(name: str) -> tuple[float, ...]:
     """Microseconds and ratio to CVODES of walking and of jumping controls."""
     return tuple(of(f"{name}/{kind}") for kind in ("walk", "jump") for of in (us, ratio))
+
+
+@cache
+def coverage_of_groups(groups: int, runs: int) -> tuple[float, float]:
+    """Of 400 simulated tables those whose interval over groups, and over runs, holds the true mean [%]; groups differ as runs do."""
+    random, names, hits = np.random.default_rng(1), list(np.repeat(np.arange(groups), runs)), np.zeros(2)
+    for _ in range(400):
+        values = (random.normal(size=(groups, 1)) + random.normal(size=(groups, runs))).ravel()
+        for place, clusters in enumerate((names, None)):
+            low, high = bootstrap_interval(values, clusters=clusters, resamples=1000)
+            hits[place] += low <= 0.0 <= high
+    return 100.0 * hits[0] / 400, 100.0 * hits[1] / 400
+
+
+@cache
+def coverage_of_trainings(count: int) -> float:
+    """Of 400 simulated tables of so many trainings and 30 runs those whose overall interval holds the true mean [%]."""
+    random, hits = np.random.default_rng(1), 0
+    for _ in range(400):
+        runs = random.normal(0.0, 0.3, (1, 30)) + random.normal(0.0, 0.3, (count, 30))
+        low, high = crossed_interval(random.normal(size=(count, 1)) + runs, resamples=1000)
+        hits += low <= 0.0 <= high
+    return 100.0 * hits / 400
 
 
 CLAIMS: dict[str, list[Claim]] = {
@@ -591,6 +614,15 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
     ],
     "docs/statistics.md": [
+        *(
+            (
+                f"| {groups} × {runs} | {{}} % | {{}} % |",
+                lambda groups=groups, runs=runs: coverage_of_groups(groups, runs),
+            )
+            for groups, runs in ((2, 15), (3, 10), (5, 6), (10, 6), (30, 2))
+        ),
+        ("held the truth in about {} % of simulated tables, from ten", lambda: coverage_of_trainings(3)),
+        ("from ten in {} %", lambda: coverage_of_trainings(10)),
         (
             "(of {}, the middle {})",
             lambda: (TASK.evaluation.runs, TASK.evaluation.runs - 2 * (TASK.evaluation.runs // 4)),
@@ -763,6 +795,9 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("RFC 8785", "the name of a standard"),
     ],
     "docs/statistics.md": [
+        ("overall 95 %", "definition: CONFIDENCE"),
+        ("section 3.8", "source: the book"),
+        ("The 2.5 and 97.5 % percentiles", "definition: CONFIDENCE"),
         ("95 % interval", "definition"),
         ("Intervals of the others are 95 %", "definition"),
         ("narrower than 0.01", "definition: what the tables show"),

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from glbench.errors import ResultError
 from glbench.evaluation import METRIC_NAMES, UNITS, Result, RunResult, load_result, save_result
@@ -194,3 +195,21 @@ def test_means_count_failed_runs() -> None:
     assert summary.mean["reward"] == -5.0
     assert (summary.runs, summary.ok, summary.failed) == (2, 1, 1)
     assert summary.statuses == {"ok": 1, "crashed": 1}
+
+
+@pytest.mark.parametrize(("metrics", "accepted"), [(("reward", "epi", "penalty"), True), (METRIC_NAMES, False)])
+def test_reward_and_penalty_may_be_money_but_not_in_the_papers_tasks(
+    good_result: Result, metrics: tuple[str, ...], accepted: bool
+) -> None:
+    document = json.loads(good_result.to_json())
+    document["units"] = {name: "EUR m-2" if name in ("reward", "penalty") else UNITS[name] for name in metrics}
+    for run in document["runs"]:
+        run["metrics"] = {name: run["metrics"][name] for name in metrics}
+    document["summary"]["mean"] = {name: document["summary"]["mean"][name] for name in metrics}
+    runs = tuple(RunResult.model_validate_json(json.dumps(run)) for run in document["runs"])
+    document["results_digest"] = results_digest(good_result.task.digest, good_result.agent, runs)
+    if accepted:
+        assert Result.model_validate_json(json.dumps(document)).units["reward"] == "EUR m-2"
+    else:
+        with pytest.raises(ValidationError, match="units"):
+            Result.model_validate_json(json.dumps(document))

@@ -6,6 +6,7 @@ import hashlib
 from pathlib import Path
 from typing import Any, Literal
 
+from glbench.agents.card import SubmissionCard
 from glbench.evaluation.metrics import METRIC_NAMES, UNITS
 from glbench.evaluation.records import (
     AgentRecord,
@@ -22,6 +23,7 @@ from glbench.leaderboard import StoredResult
 from glbench.leaderboard.entries import Entry, entry_of
 
 TASK = "glbench/Meadow-v1"
+CARD = {"name": "x", "authors": ["y"], "licence": "MIT", "information": ["observations"]}
 
 
 def digest_of(text: str) -> str:
@@ -39,8 +41,14 @@ def make_result(
     crashed: int = 0,
     created: str = "2026-01-01T00:00:00Z",
     sandbox: Literal["bubblewrap", "unsandboxed", "built-in"] | None = "bubblewrap",
+    clusters: list[str] | None = None,
+    training: dict[str, Any] | None = None,
+    **of_task: Any,
 ) -> Result:
-    """Result with one run a value of ``rewards``; every other metric is the reward divided by 1000. The last ``crashed`` runs failed."""
+    """Result with one run a value of ``rewards``; every other metric is the reward divided by 1000. The last ``crashed`` runs failed.
+
+    ``clusters`` are the groups of the runs, ``training`` is the card's table, ``of_task`` what a task of splits and salts states.
+    """
     runs = tuple(
         RunResult(
             seed=first_seed + i,
@@ -48,14 +56,16 @@ def make_result(
             reason=None if i < len(rewards) - crashed else "ValueError: no",
             steps=100 if i < len(rewards) - crashed else 7,
             metrics={name: reward if name == "reward" else reward / 1000 for name in METRIC_NAMES},
+            cluster=None if clusters is None else clusters[i],
         )
         for i, reward in enumerate(rewards)
     )
     record = AgentRecord.model_construct(  # unchecked, so that tables can be shown names that no file may have
-        name=agent, kind="submission", digest=digest_of(agent), privileged=privileged, information="observations"
-    )
+        name=agent, kind="submission", digest=digest_of(agent), privileged=privileged, information="observations",
+        card=None if training is None else SubmissionCard.model_validate(CARD | {"training": training}),
+    )  # fmt: skip
     return Result(
-        task=TaskRecord(id=task_id, digest=task_digest, title="A meadow", steps=100, step_seconds=900.0),
+        task=TaskRecord(id=task_id, digest=task_digest, title="A meadow", steps=100, step_seconds=900.0, **of_task),
         agent=record,
         evaluation=EvaluationRecord(
             runs=len(rewards),
@@ -77,7 +87,7 @@ def make_result(
         units=UNITS,
         runs=runs,
         summary=summarise(runs),
-        results_digest=results_digest(task_digest, record, runs),
+        results_digest=results_digest(task_digest, record, runs, of_task.get("salt_commitment")),
     )
 
 

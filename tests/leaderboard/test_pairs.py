@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from glbench.errors import ResultError
+from glbench.leaderboard import pairs
 from glbench.leaderboard.pairs import compare_entries, corrected_p_values
 from tests.leaderboard.synthetic import digest_of, make_entry
 
@@ -43,3 +44,11 @@ def test_p_values_of_several_tasks_are_corrected_together():
     noise = np.random.default_rng(2).normal(0.4, 1.0, 30)
     pair = compare_entries(make_entry("a", list(np.array(REWARDS) + noise)), make_entry("b", REWARDS))
     assert corrected_p_values([pair, pair]) == [min(1.0, 2 * pair.p_value)] * 2
+
+
+def test_agents_are_compared_by_the_metric_that_ranks(monkeypatch):
+    first, second = make_entry("a", [r + 5.0 for r in REWARDS]), make_entry("b", REWARDS)
+    monkeypatch.setattr(pairs, "metric_of", lambda *_: "epi")
+    pair = compare_entries(first, second)
+    assert pair.ranks_by == "epi"
+    assert pair.headline == pytest.approx(0.005)

@@ -23,6 +23,7 @@ const rankColumns = (task, rows, refill) => {
         const one = of(row);
         const title = spanWords(row.result, one, metric.decimals + 1);
         return h("td", { title: metric.interval ? title : null }, number(one.mean, metric.decimals), metric.interval ? bar(one, range, row.result.agent, Boolean(row.result.members)) : null,
+          metric.name === task.metric && row.result.worst_tenth && !pricesDiffer(task) ? h("span", { class: "of", title: `Mean of the worst tenth of the runs (CVaR10)${row.result.members ? ", mean over the trainings" : ""}` }, `worst tenth ${number(row.result.worst_tenth[0], metric.decimals)}`) : null,
           metric.interval ? h("span", { class: "visually-hidden" }, ` (${title})`) : null);
       },
     };
@@ -34,7 +35,8 @@ const rankColumns = (task, rows, refill) => {
       cell: (row) => h("th", { scope: "row", class: "agent" }, row.result.member_of ? null : swatch(row.result.agent),
         h("a", { href: link("agent", row.result.agent, task.short) }, row.result.member_of ? `seed ${row.result.training_seed}` : breakable(row.result.agent)),
         row.result.members ? [" ", unfold(row.result, refill)] : row.result.trainings ? h("span", { class: "of" }, plural(row.result.trainings, "training")) : null,
-        row.result.failed ? h("span", { class: "of loss" }, `${row.result.failed} of ${row.result.runs} runs failed`) : null, row.result.remark ? h("span", { class: "of" }, row.result.remark) : null) },
+        row.result.failed ? h("span", { class: "of loss" }, `${row.result.failed} of ${row.result.runs} runs failed`) : null, row.result.remark ? h("span", { class: "of" }, row.result.remark) : null,
+        row.result.saw_scored ? h("span", { class: "of loss" }, `\u00a7 ${row.result.saw_scored}`) : null) },
     ...wordsOf(task).columns.map(metricColumn),
     ...aboutColumns((row) => ({ ...row.result, steps: row.result.training?.steps, hours: trainingWords(row.result.training), name: row.result.agent })),
   ].filter(Boolean);
@@ -118,6 +120,7 @@ const leaderboardPage = (short) => {
     title: "Leaderboard",
     content: [
       h("h1", {}, "Who grows the most for the least?"),
+      task.draws ? h("p", { class: "note" }, `This board: ${task.draws}. It is never mixed with results of other draws.`) : null,
       h("p", { class: "lead" }, wordsOf(task).lead),
       h("div", { class: "fields" }, taskField(task.short, (value) => go("", value))),
       priceField(task, (focus) => show(focus)),

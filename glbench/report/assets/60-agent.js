@@ -29,6 +29,8 @@ const agentPage = (name, short) => {
       h("h1", {}, swatch(name), labelOf(result), result.privileged ? [" ", tag("privileged")] : null, [" ", tag(result.origin)], result.reproduced ? [" ", tag("\u2713 reproduced", "ok")] : null),
       result.member_of ? h("p", { class: "small" }, `The training of ${result.member_of} with seed ${result.training_seed}. `, h("a", { href: link("agent", result.member_of, task.short) }, "All trainings")) : null,
       h("p", { class: "lead" }, `Sees: ${result.sees.replace(/^privileged: /, "")}.`),
+      h("p", { class: "small soft" }, `Trained on: ${result.trained_on}${result.trained_on === "unknown" ? "" : ", as its card states"}.`),
+      result.saw_scored ? h("p", { class: "note" }, `\u00a7 ${name} ${result.saw_scored}, as its card states.`) : null,
       cardPart(result),
       h("div", { class: "fields" }, agentField("Agent", name, (value) => go("agent", value, task.short), [...ENTRIES.map((agent) => agent.name), ...(result.member_of ? [name] : [])], "choose-agent"),
         taskField(task.short, (value) => go("agent", name, value), results.map((one) => TASKS[one.task])),
@@ -122,10 +124,20 @@ const earned = (result, task) => {
     h("h2", {}, "What it earned, and where"),
     h("dl", { class: "tiles" }, tiles),
     h("p", { class: "small soft" }, result.members ? "Below each mean: the lowest and the highest training." : "Below each mean: its 95 % interval over the draws of one season, for this one training. Another season or another training can lie far outside."),
+    uncertaintyPart(result, task),
     h("div", { class: "grid two" },
       chart(captionOf(`From ${sentence(sold.map((item) => lower(item.label))) || "cost"} to profit`, "EUR/m\u00b2, mean over the runs"), build, { height: 260, says: say([...items.map((item) => item.money), PROFIT]) }),
       violations.length ? chart(captionOf("Time outside each limit", "hours, mean over the runs"), hours, { height: 260, says: say(violations.map((metric) => metric.name)) }) : null),
   ];
+};
+
+// Of what ranks: the worst runs, and the interval over groups of runs and over trainings, where there are any.
+const uncertaintyPart = (result, task) => {
+  if (pricesDiffer(task) || !result.worst_tenth) return null;
+  const { label, decimals, unit } = wordsOf(task).metric[task.metric], overall = result.overall[task.metric];
+  const source = [result.groups > 1 ? plural(result.groups, "group") + " of runs" : null, result.members ? plural(result.trainings, "training") : null].filter(Boolean);
+  return h("p", { class: "small" }, `${label}: ${withUnit(result.worst_tenth[0], decimals + 1, unit)} in the worst tenth of the runs (CVaR10).`,
+    overall ? ` 95 % interval of the mean over ${sentence(source)}: ${number(overall[0], decimals + 1)} to ${number(overall[1], decimals + 1)}. From few of them such an interval is too narrow.` : null);
 };
 
 const noProfile = (result, task) => h("div", { class: "missing" },
