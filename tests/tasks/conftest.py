@@ -75,8 +75,9 @@ def forget() -> Iterator[Callable[[], None]]:
 
     def forget_all() -> None:
         spec._disturbances.cache_clear()
-        for remembered in (program._shipped, weather_pool._pool, replacing._made):
+        for remembered in (program._shipped, weather_pool._recent, replacing._made):
             remembered.cache_clear()
+        weather_pool._ALIVE.clear()
         library._checked.cache_clear()
         library._REMEMBERED.clear()
 

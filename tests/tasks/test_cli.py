@@ -16,7 +16,7 @@ from glbench.cli.console import messages, output
 from glbench.cli.tasks import app
 from glbench.errors import TaskError, UnknownNameError
 from glbench.model import GreenLightClimate, VanthoorTomato, compose, paper, register_model
-from glbench.tasks import get_task
+from glbench.tasks import DEFAULT_TASK, get_task, list_drafts
 from tests.tasks.names import FILE, SHORT_ID
 
 Vary = Callable[..., Path]
@@ -49,6 +49,26 @@ def test_list_shows_every_task_in_words_under_its_suite(published: Path) -> None
     row = next(line for line in result.stdout.splitlines() if SHORT_ID in line)
     digest = get_task(SHORT_ID).digest
     assert " ".join(row.split()) == f"{SHORT_ID} Schiphol, spring 2010, crop ±10 % 10 % {digest[:8]}"
+
+
+def test_list_shows_suite_by_suite_and_the_default_task_first() -> None:
+    listed = machine("list")
+    assert listed[0]["id"] == DEFAULT_TASK
+    suites = [tuple(entry["suites"]) for entry in listed]
+    assert suites == sorted(suites, key=suites.index), "tasks of a suite stand together"
+    assert not any(suites[suites.index(()) :]), "those in no suite come last"
+    shown = run("list").stdout
+    assert (
+        shown.index("Suite control")
+        < shown.index("Spring-v1")
+        < shown.index("SpringMismatch-v1")
+        < shown.index("Suite paper")
+    )
+    assert shown.count("Suite control") == shown.count("Suite transfer") == 1
+    assert listed[0]["splits"]["test"] == {"years": [2011, 2012], "seasons": 100}
+    assert {entry["id"] for entry in machine("list", "--suite", "transfer")} == {
+        task.id for task in list_drafts() if "transfer" in task.suites
+    }
 
 
 def test_list_for_machines_has_ids_periods_and_digests(published: Path) -> None:
@@ -86,6 +106,52 @@ def test_show_explains_period_limits_prices_and_reward_with_units() -> None:
         "30 runs with the seeds 666 to 695",
     ):
         assert words in result.stdout
+
+
+def test_show_tells_seasons_draws_sensors_forecast_and_what_violations_cost() -> None:
+    shown = " ".join(run("show", "Spring-v1").stdout.split())
+    for words in (
+        "60 days from 15 February, up to 28 days later, another for every season, clock Europe/Amsterdam",
+        "CO2 outside wanders between 390 and 420 ppm.",
+        "Training: 256 seasons, put together from days of 2008, 2009 and 2010.",
+        "Validation, to choose between agents: 30 other seasons, put together from days of 2008, 2009 and 2010.",
+        "Test, which scores: 100 seasons, put together from days of 2011 and 2012.",
+        "Uncertain, drawn once a run, 'leaf' (uniform, ±10 %): laiMax, sla.",
+        "Drawn at the start, 'start' (uniform, ±20 %): cLeaf, cFruit, cBuf.",
+        "CO2: noise 30 ppm at every step, bias 30 ppm for a run (both standard deviations), drift of up to 60 ppm by the end.",
+        "Each hangs at its last value every 10 days for 3 h, both on average.",
+        "Forecast by the hour, 1, 2, 3, 6, 12, 18, 24 h ahead; errors 'medium': errors that grow with the hours ahead",
+        "Price of a violation",
+        "0.0054 EUR m-2 degC-1 h-1",
+    ):
+        assert words in shown
+
+
+def test_show_tells_a_test_alone_and_what_is_left_out(tmp_path: Path) -> None:
+    own = tmp_path / "own.toml"
+    own.write_text(
+        """
+        base = "glbench/Spring-v1"
+        id = "mylab/Own-v1"
+        title = "The real spring of 2012"
+        without = ["sensors", "scenario.generated", "scenario.co2_range"]
+        splits.test.years = [2012]
+        """,
+        encoding="utf-8",
+    )
+    shown = " ".join(run("show", str(own)).stdout.split())
+    for words in (
+        "sensors is left out (there { ",
+        "splits.training is left out (there { years = [2008, 2009, 2010], seasons = 256 })",
+        "splits.test.years = [2012] (there [2011, 2012])",
+        "Test, which scores: the seasons of 2012.",
+        "Nothing can be learned here: agents come from glbench/Spring-v1.",
+        "drawn evenly for every run",
+    ):
+        assert words in shown
+    assert "Sensors inside" not in shown
+    result = run("check", str(own))
+    assert (result.exit_code, "valid, not published" in result.stdout) == (0, True)
 
 
 def test_show_tells_every_price_and_every_season(vary: Vary, tmp_path: Path) -> None:

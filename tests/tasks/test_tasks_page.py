@@ -6,20 +6,27 @@ import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-import gymnasium
 import pytest
 
-from glbench.tasks import TaskFile1, TaskSpec, get_task
+from glbench.env import GreenhouseEnv
+from glbench.errors import TaskError
+from glbench.tasks import TaskFile1, get_task, list_drafts, list_tasks
 from glbench.tasks.tables import (
+    AnyForecastTable,
     AnyRewardTable,
+    DropoutsTable,
     ItemTable,
     ParameterGroupTable,
     PriceTableTable,
     ScenarioTable,
+    SensorTable,
+    SplitTable,
     StartGroupTable,
 )
 
+Write = Callable[[str], Path]
 PAGE = Path(__file__).parents[2] / "docs" / "tasks.md"
 
 
@@ -32,57 +39,97 @@ def blocks(page: str, language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", page, flags=re.DOTALL)
 
 
-def test_the_task_with_a_base_shown_runs_in_gymnasium(
-    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "spring2011.toml").write_text(blocks(page, "toml")[0], encoding="utf-8")
-    names: dict[str, object] = {}
-    exec(compile(blocks(page, "python")[1], str(PAGE), "exec"), names)
-    task, env = names["task"], names["env"]
-    assert isinstance(task, TaskSpec)
-    assert isinstance(env, gymnasium.Env)
-    assert (task.base, [change.key for change in task.changes]) == (
-        "glbench/Schiphol2010-Delta10-v1",
-        ["weather.start", "constraints.relative_humidity", "prices.heat"],
-    )
-    assert env.unwrapped.task == task
+def block(page: str, language: str, words: str) -> str:
+    """The first block with ``words`` in it."""
+    return next(found for found in blocks(page, language) if words in found)
+
+
+def run_block(page: str, words: str) -> dict[str, Any]:
+    """Names of the block of Python with ``words`` in it, after it ran."""
+    names: dict[str, Any] = {}
+    exec(compile(block(page, "python", words), str(PAGE), "exec"), names)
+    return names
+
+
+def test_a_task_of_ones_own_is_five_lines_in_a_file_and_the_same_in_python(page: str, write: Write) -> None:
+    text = block(page, "toml", "DearHeat")
+    assert len(text.splitlines()) == 6, "five lines, and a title"
+    ours, theirs = run_block(page, ".replace(")["task"], get_task(write(text))
+    assert (ours.digest, ours.changes, ours.id) == (theirs.digest, theirs.changes, theirs.id)
+    assert [change.key for change in ours.changes] == ["weather.days", "ledger.cost_heat.price", "sensors"]
+    assert ours.schema_version == 2
+    assert (ours.weather.days, ours.file.ledger["cost_heat"].price, ours.sensors) == (30, 0.15, None)
+
+
+def test_the_overrides_shown_run_in_gymnasium(page: str) -> None:
+    names = run_block(page, "overrides=")
+    env, envs = names["env"], names["envs"]
+    assert env.unwrapped.task == get_task("Spring-v1").replace({"weather.days": 30, "sensors": None})
+    assert envs.unwrapped.task.observation.forecast.error == "perfect"
     env.reset(seed=1)
+    envs.close()
 
 
-def test_the_whole_file_shown_is_a_task(page: str, write: Callable[[str], Path]) -> None:
-    task = get_task(write(blocks(page, "toml")[1]))
+def test_the_mistake_shown_is_told_so(page: str) -> None:
+    with pytest.raises(TaskError) as caught:
+        get_task("Spring-v1").replace({"weather.days": 0})
+    words = re.search(r"what is allowed: `(.*?)`", page)
+    assert words is not None
+    assert words[1] in str(caught.value)
+
+
+def test_the_task_with_a_test_alone_is_one(page: str, write: Write) -> None:
+    task = get_task(write(block(page, "toml", "Spring2012")))
+    assert (task.split, task.scenario.generated) == ("test", None)
+    assert [season.start.year for season in task.scenario.seasons] == [2012]
+    with pytest.raises(TaskError, match="has no training split"):
+        GreenhouseEnv(task)
+    GreenhouseEnv(task, split="test").reset(seed=1)
+
+
+def test_the_whole_file_shown_is_a_task(page: str, write: Write) -> None:
+    task = get_task(write(block(page, "toml", "December2011")))
     assert (task.id, task.steps) == ("mylab/December2011-v1", 7 * 288)
     assert len(task.observed()) == 22 + 12 * 5
     assert task.uncertain_parameters() == ("rgFruit", "sla")
 
 
-def test_the_task_of_schema_2_shown_is_one(page: str, write: Callable[[str], Path]) -> None:
-    task = get_task(write(blocks(page, "toml")[2]))
+def test_the_task_of_schema_2_shown_is_one(page: str, write: Write) -> None:
+    task = get_task(write(block(page, "toml", "Harvest-v1")))
     assert (task.schema_version, task.model_value.id) == (2, "greenlight-tomato-harvest-1.0.0")
     assert [item.name for item in task.ledger.earned] == ["revenue", "standing"]
     assert (len(task.scenario.seasons), len(task.scenario.groups[0].parameters)) == (3, 28)
 
 
 def test_every_key_of_schema_2_is_explained(page: str) -> None:
-    for record in (ItemTable, PriceTableTable, ScenarioTable, ParameterGroupTable, StartGroupTable, AnyRewardTable):
+    for record in (
+        ItemTable, PriceTableTable, ScenarioTable, ParameterGroupTable, StartGroupTable, AnyRewardTable, SplitTable, SensorTable,
+        DropoutsTable, AnyForecastTable,
+    ):  # fmt: skip
         for name, field in record.model_fields.items():
             assert field.exclude or f"`{name}`" in page, name
 
 
-def test_the_published_modules_shown_have_263_columns(page: str, write: Callable[[str], Path]) -> None:
-    _, whole, _, published = blocks(page, "toml")
+def test_the_published_modules_shown_have_263_columns(page: str, write: Write) -> None:
+    whole, published = block(page, "toml", "December2011"), block(page, "toml", "published_time")
     kept = re.sub(r"modules = \[\"indoor.*\n|timing = .*\n|forecast = .*\n", "", whole)
     task = get_task(write(kept.replace("[observation]\n", "[observation]\n" + published)))
     assert len(task.observed()) == 263
 
 
 def test_the_python_shown_runs(page: str) -> None:
-    exec(compile(blocks(page, "python")[0], str(PAGE), "exec"), {})
+    run_block(page, "task_card(task)")
+
+
+def test_every_shipped_suite_and_draft_is_named(page: str) -> None:
+    for task in list_drafts():
+        assert f"`{task.id}`" in page
+    for suite in {name for task in (*list_tasks(), *list_drafts()) for name in task.suites}:
+        assert f"`{suite}`" in page
 
 
 def test_every_key_is_explained(page: str) -> None:
-    shown = tomllib.loads(blocks(page, "toml")[1])
+    shown = tomllib.loads(block(page, "toml", "December2011"))
     fields = {field.alias or name for name, field in TaskFile1.model_fields.items()}
     assert fields == set(shown) | {"description", "suites"}
     for table, content in shown.items():
@@ -92,7 +139,7 @@ def test_every_key_is_explained(page: str) -> None:
 
 
 def test_every_word_is_explained(page: str, shipped_words: dict[str, list[str]]) -> None:
-    assert len(shipped_words) == 8
+    assert len(shipped_words) == 9
     for kind, names in shipped_words.items():
         assert names, kind
         for name in names:
