@@ -192,7 +192,8 @@ class GrowerAgent:
         page, rules = _Page(self.settings, *self._seen(observations)), self._rules()
         low, high = self._task.action_bounds
         wanted = [np.broadcast_to(rules[name](page), self._runs) for name in self._task.action_names]
-        return np.minimum(np.maximum(np.stack(wanted, axis=1), low), high)
+        bounded: Array = np.minimum(np.maximum(np.stack(wanted, axis=1), low), high)
+        return bounded
 
     def _seen(self, observations: NDArray[np.float32]) -> tuple[Array, Array, Array]:
         """Period of the day (0 day, 1 pre-night, 2 night), mean radiation [W m-2] and position of the vents."""

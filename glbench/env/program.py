@@ -152,9 +152,10 @@ def _measured(task: TaskSpec, recorder: Recorder, scenarios: RunScenarios) -> Me
     air = _true_air(task, recorder, "before")
     if not air:
         return None
-    weather = (recorder.input("weather", COLUMNS.index(name)) for name in ("iGlob", "tOut", "wind"))
+    temperature, co2, humidity = scenarios.sensors.readings(recorder, air, scenarios.slots)
+    radiation, outside, wind = (recorder.input("weather", COLUMNS.index(name)) for name in ("iGlob", "tOut", "wind"))
     hour = recorder.input("calendar", CLOCK.index("hour_of_day"))
-    return Measured(*scenarios.sensors.readings(recorder, air, scenarios.slots), *weather, hour)
+    return Measured(temperature, co2, humidity, radiation, outside, wind, hour)
 
 
 def _followers(task: TaskSpec, scenarios: RunScenarios) -> tuple[Tape, DerivedParameters | None]:
