@@ -88,7 +88,7 @@ class Sensors:
             )
             raise TaskError(msg)
         bounds = _shown_within(task)
-        for name, _ in table.items():
+        for name in dict(table.items()):
             if name not in bounds:
                 msg = f"{task.source}: [sensors.{name}] {task.model_id} never shows '{name}'. Leave the table out."
                 raise TaskError(msg)
