@@ -12,12 +12,21 @@ import math
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self
 
 import rfc8785
-from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    FailFast,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from glbench.agents.card import SubmissionCard
 from glbench.errors import ResultError
 from glbench.evaluation.metrics import COMMON_UNITS, MONEY_TOO, PAPER_ONLY, UNITS
-from glbench.fields import MOST_ENTRIES, Count, Text, Word
+from glbench.fields import MOST_ENTRIES, Count, Text, Word, only_if_sealed
 from glbench.untrusted import AGENT_NAME_RULE, is_agent_name
 
 if TYPE_CHECKING:
@@ -83,6 +92,12 @@ class TaskRecord(Record):
     title: Text
     steps: Annotated[int, Field(ge=0, le=MOST_STEPS)]
     step_seconds: Annotated[float, Field(ge=1, le=86400)]
+    salt_commitment: Digest | None = None
+    """SHA-256 of the secret of the round that the draws belong to; ``None``, and not in the file, with public draws."""
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_not(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return only_if_sealed(write(self))
 
 
 class AgentRecord(Record):
@@ -217,7 +232,9 @@ class Result(Record):
         if self.summary != summarise(self.runs):
             msg = "the summary does not follow from the runs"
             raise ValueError(msg)
-        if self.results_digest != results_digest(self.task.digest, self.agent, self.runs):
+        if self.results_digest != results_digest(
+            self.task.digest, self.agent, self.runs, self.task.salt_commitment
+        ):
             msg = "results_digest does not match task, agent and runs: the file was changed after it was written"
             raise ValueError(msg)
         return self
@@ -265,13 +282,17 @@ def summarise(runs: tuple[RunResult, ...]) -> Summary:
     return Summary(runs=len(runs), ok=ok, failed=len(runs) - ok, statuses=statuses, mean=mean)
 
 
-def results_digest(task_digest: str, agent: AgentRecord, runs: tuple[RunResult, ...]) -> str:
-    """SHA-256 over the canonical JSON (RFC 8785) of what must repeat bit for bit: task, agent, and every run."""
+def results_digest(
+    task_digest: str, agent: AgentRecord, runs: tuple[RunResult, ...], salt_commitment: str | None = None
+) -> str:
+    """SHA-256 over the canonical JSON (RFC 8785) of what must repeat bit for bit: task, agent, every run, and the round if there is one."""
     deterministic: dict[str, Any] = {
         "task": task_digest,
         "agent": {"name": agent.name, "digest": agent.digest},
         "runs": [run.model_dump(mode="json") for run in runs],
     }
+    if salt_commitment is not None:
+        deterministic["salt_commitment"] = salt_commitment
     return hashlib.sha256(rfc8785.dumps(deterministic)).hexdigest()
 
 
