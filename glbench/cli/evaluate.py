@@ -262,7 +262,8 @@ def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = Non
     _show(result, evaluation.task, as_json=as_json)
     if evaluation.path is not None and not as_json:
         tell(f"Saved: {_shown(evaluation.path)}")
-        tell(f"Reproduce it: glbench verify {_shown(evaluation.path)}")
+        sealed = "" if result.task.salt_commitment is None else " --round FILE"
+        tell(f"Reproduce it: glbench verify {_shown(evaluation.path)}{sealed}")
     return result
 
 
@@ -436,11 +437,13 @@ def _announcement(evaluation: Evaluation) -> str:
 
     task, seeds, days = evaluation.task, evaluation.seeds, evaluation.task.weather.days
     numbers = f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seed {seeds[0]}"
+    commitment = task.salt_commitment
+    drawn = "" if commitment is None else f"\nsealed round {commitment}"
     sees = " [yellow](privileged: sees more than the observations)[/yellow]" if evaluation.agent.privileged else ""
     return (
         f"[bold]{escape(evaluation.agent.name)}[/bold]{sees} on [bold]{escape(task.id)}[/bold]: {escape(task.title)}\n"
         f"{count(len(seeds), 'run')} ({numbers}) of {count(days, 'day')}, {task.steps} steps of {task.step_seconds:g} s; "
-        f"{count(evaluation.workers, 'worker')}, {evaluation.kernel['backend']} kernel, {_PROTECTIONS[evaluation.protection]}"
+        f"{count(evaluation.workers, 'worker')}, {evaluation.kernel['backend']} kernel, {_PROTECTIONS[evaluation.protection]}{drawn}"
     )
 
 

@@ -91,7 +91,7 @@ class ForecastTable:
         reach = -(-hours[-1] // 24) * task.steps_per_day
         forecast = getattr(task.observation, "forecast", None)
         level = "perfect" if forecast is None else forecast.error
-        return ForecastTable(hours, level, HOUR // step, reach, len(FORECAST) * len(hours), task, task.record().place)
+        return ForecastTable(hours, level, HOUR // step, reach, len(FORECAST) * len(hours), task, task.season_record().place)
 
     def _clear_sky(self, times: NDArray[np.datetime64]) -> Floats:
         """Global radiation under a clear sky [W m-2] in the hours that ``times`` begin."""

@@ -439,15 +439,20 @@ class TaskSpec:
     # The weather.
 
     def record(self) -> WeatherRecord:
-        """The weather record that the task uses, or the round's own.
+        """The weather record that the task uses."""
+        with self._asked_by("weather"):
+            return _record(self.weather.source)
+
+    def season_record(self) -> WeatherRecord:
+        """The record that the seasons of the split are made of: the task's, or the round's own, of which agents are told nothing.
 
         Raises
         ------
         TaskError
             When there is no such record, or the clock of the round's own is another than the task's.
         """
+        record = self.record()
         with self._asked_by("weather"):
-            record = _record(self.weather.source)
             sealed = weather_of(self.sealed)
             if sealed is None:
                 return record
@@ -648,7 +653,7 @@ class TaskSpec:
             salt = "\n".join(filter(None, (scenario.salt, self.split, self.sealed)))
             sealed = weather_of(self.sealed)
             if sealed is not None:
-                source, years = self.record().name, sealed.years
+                source, years = self.season_record().name, sealed.years
             if split.seasons is not None:
                 between = scenario.co2_range
                 generated = Generated(
@@ -747,7 +752,7 @@ class TaskSpec:
                 found += [[name, *self._season_digest(season)] for season in scenario.seasons]
             else:
                 years = " ".join(str(year) for year in scenario.generated.years)
-                found.append([name, f"generated {GENERATOR_VERSION}", years, self.in_split(name).record().digest])
+                found.append([name, f"generated {GENERATOR_VERSION}", years, self.record().digest])
         return found
 
     def _season_digest(self, season: Season) -> list[str]:

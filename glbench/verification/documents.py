@@ -182,7 +182,7 @@ def with_its_draws(result: Result, task: TaskSpec, given: Round | None) -> TaskS
         cannot_tell("other_round", reason)
     try:
         sealed = task.in_split("test", given.secret)
-        sealed.record()
+        sealed.season_record()
     except GlbenchError as error:
         cannot_tell("no_weather", f"The round's draws cannot be had here: {error}")
     return sealed

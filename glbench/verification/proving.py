@@ -152,7 +152,8 @@ def _stay_sealed(
     """End the verification of a result whose draws are secret; ``spec`` has the public ones, with which it must not be reproduced."""
     check_sums(result, log, spec)
     _profile_is_there(path, result, spec)
-    if _draws_numbers(spec):
+    tried = _draws_numbers(spec)
+    if tried:
         facts = log.provenance.task.model_copy(update={"salt_commitment": None})
         public = replace(log, provenance=log.provenance.model_copy(update={"task": facts}))
         with _kernel(result, spec, workers) as kernel:
@@ -161,9 +162,9 @@ def _stay_sealed(
             refute("public_draws", "The result says that its draws are sealed, and the public draws lead to its numbers.")
     not_yet(
         f"Its draws belong to the sealed round {result.task.salt_commitment}, and nobody can simulate them without the round's secret. "
-        "Checked: the result agrees with itself and with its recorded actions, task, seeds and kernel are right, the rewards add up, and "
-        "the public draws do not lead there. Not checked: that the actions earn these rewards. Once the host has published the round's "
-        "file, verify with --round FILE."
+        "Checked: the result agrees with itself and with its recorded actions; task, seeds and kernel are right; the rewards add up"
+        f"{'; the public draws do not lead there' if tried else ''}. Not checked: that the actions earn these rewards. Once the host has "
+        "published the round's file, verify with --round FILE."
     )
 
 
