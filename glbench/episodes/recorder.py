@@ -14,6 +14,7 @@ from glbench.episodes.definition import definition_json
 from glbench.episodes.episode import Episode
 from glbench.episodes.header import Provenance, RunFacts
 from glbench.episodes.signals import ACTION, signals_of
+from glbench.errors import EpisodeError
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
