@@ -69,7 +69,7 @@ class SeasonMaker:
         self._forecast = ForecastTable.of(task)
         self._late = task.scenario.start_within_days
         try:
-            self._generator = SeasonGenerator(task.record(), generated.years)
+            self._generator = SeasonGenerator(task.season_record(), generated.years)
         except GlbenchError as error:
             msg = f"{task.source}: [splits.{task.split}] {error}"
             raise TaskError(msg) from error

@@ -20,7 +20,7 @@ from glbench.episodes import (
 from glbench.errors import EpisodeError
 from glbench.evaluation.records import Result, RunResult
 from glbench.registration import task_ids
-from glbench.tasks import TaskSpec, get_task
+from glbench.tasks import Round, TaskSpec, get_task
 
 
 def run_facts(runs: Iterable[RunResult]) -> tuple[RunFacts, ...]:
@@ -68,8 +68,11 @@ def make_episodes(
     return tuple(files.values())
 
 
-def task_of_result(result: Result, path: Path) -> TaskSpec:
+def task_of_result(result: Result, path: Path, sealed: Round | None = None) -> TaskSpec:
     """The task of ``result``: the published one, or a user's own as the record holds it.
+
+    With the secret of a ``sealed`` round it has the draws of that round; without one, the public draws, with which the runs of a sealed
+    round cannot be simulated again.
 
     Raises
     ------
@@ -83,7 +86,7 @@ def task_of_result(result: Result, path: Path) -> TaskSpec:
             "its actions would lead elsewhere. Evaluate again with --fresh."
         )
         raise EpisodeError(msg)
-    return task
+    return task if sealed is None else task.in_split("test", sealed.secret)
 
 
 def recorded_actions(result: Result, path: Path) -> ActionLog:
