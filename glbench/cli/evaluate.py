@@ -104,6 +104,12 @@ def evaluate(
         bool, typer.Option("--fresh", help="Evaluate again even if the result is there, and forget unfinished work.")
     ] = False,
     round_file: RoundFile = None,
+    split: Annotated[
+        str,
+        typer.Option(
+            "--split", help="Scenarios: test, which scores, or validation, to choose between agents (a trial)."
+        ),
+    ] = "test",
 ) -> None:
     """Evaluate agents on tasks: seeded runs in lockstep, a table with intervals, and a result file each.
 
@@ -115,7 +121,7 @@ def evaluate(
 
     try:
         with _quiet_agents(as_json), messages().status("preparing") as status:
-            tasks = _tasks(task or [], suite or [], round_of(round_file))
+            tasks = _tasks(task or [], suite or [], round_of(round_file), split)
             usable, unusable = _agents(agents, sandbox.value)
             if round_file is not None:
                 _keep_out_of_sight(round_file, usable.values())
@@ -175,13 +181,13 @@ def _say_if_slow() -> None:
         print_warning(f"{reason} Until then CasADi's own integrator steps the model: minutes instead of seconds.")
 
 
-def _tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | None) -> list[TaskSpec]:
+def _tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | None, split: str = "test") -> list[TaskSpec]:
     """The tasks asked for, each once, with the draws of a ``sealed`` round if there is one; the default task when none is named.
 
     Raises
     ------
     TaskError
-        When two tasks differ in their namespace only: their results would overwrite each other.
+        When a task has no such split, or when two tasks differ in their namespace only: their results would overwrite each other.
     """
     from glbench.tasks import DEFAULT_TASK, get_suite, get_task
 
@@ -193,6 +199,11 @@ def _tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | None) ->
             msg = f"{other.id} ({other.source}) and {task.id} ({task.source}) would share one result folder. Evaluate them one by one."
             raise TaskError(msg)
     chosen = list(by_folder.values())
+    if split != "test":
+        if sealed is not None or split == "training":
+            msg = f"--split {split} is not evaluated: a round has a test alone, and training seasons are to learn from."
+            raise TaskError(msg)
+        return [task.in_split(split) for task in chosen]
     return chosen if sealed is None else [task.in_split("test", sealed.secret) for task in chosen]
 
 

@@ -79,7 +79,9 @@ def task_of_result(result: Result, path: Path, sealed: Round | None = None) -> T
     EpisodeError
         When the result is of another version of the task, or its recorded actions cannot be used.
     """
-    task = (get_task(result.task.id) if result.task.id in task_ids() else recorded_actions(result, path).task()).scored
+    task = (
+        get_task(result.task.id) if result.task.id in task_ids() else recorded_actions(result, path).task()
+    ).scored_in(result.task.split)
     if task.digest != result.task.digest:
         msg = (
             f"{path} is of another version of {task.id} (digest {result.task.digest[:12]}..., here {task.digest[:12]}...): "

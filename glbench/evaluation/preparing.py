@@ -102,7 +102,7 @@ def prepare(
     folder = None if out is None else results_folder(Path(out).expanduser().resolve(), task)
     kernel = shared_kernel(task.model_value, task.step_seconds).describe()
     stored = None
-    if folder is not None and seeds != tuple(task.evaluation.seeds):
+    if folder is not None and (seeds != tuple(task.evaluation.seeds) or task.split == "validation"):
         folder = folder / TRIALS
     if folder is not None:
         ensure_writable(result_path(folder, task.id, agent.name).parent)
@@ -172,8 +172,9 @@ def evaluate(
     Parameters
     ----------
     task
-        A task, its id, or the path of a task file. One of a sealed round (``task.in_split("test", sealed=round.secret)``) is evaluated
-        with the draws of that round, and its results lie below ``<out>/rounds``.
+        A task, its id, or the path of a task file. One with splits is evaluated on its test split; in its validation split
+        (``task.in_split("validation")``) it makes a trial. One of a sealed round (``task.in_split("test", sealed=round.secret)``) is
+        evaluated with secret draws.
     agent
         The path of a submission, the name of a baseline, an agent that was loaded already, or what ``protect`` made of one of them.
     runs, first_seed
@@ -284,7 +285,7 @@ def _finished(
         return None
     if protection == "bubblewrap" and stored.evaluation.sandbox != "bubblewrap":
         return None
-    if stored.evaluation.seeds == seeds:
+    if stored.evaluation.seeds == seeds and stored.task.split == task.split:
         if stored.record is not None and path.with_name(stored.record.file).is_file():
             return stored
         logger.warning("%s lacks its recorded actions, without which nobody can verify it; evaluating again.", path)
@@ -482,8 +483,10 @@ class Evaluation:
                 title=task.title,
                 steps=task.steps,
                 step_seconds=task.step_seconds,
+                split=task.split,
+                years=None if task.splits is None else getattr(task.splits, str(task.split)).years,
                 salt_commitment=task.salt_commitment,
-            ),  # fmt: skip
+            ),
             agent=agent,
             evaluation=EvaluationRecord(
                 runs=len(self.seeds),
@@ -522,6 +525,8 @@ class Evaluation:
             "kernel": self.kernel,
             "sandbox": self.protection,
         }
+        if self.task.split == "validation":
+            key["split"] = self.task.split
         if self.task.salt_commitment is not None:
             key["salt_commitment"] = self.task.salt_commitment
         return (

@@ -230,8 +230,12 @@ class TaskSpec:
 
     @property
     def scored(self) -> TaskSpec:
-        """The task with the scenarios that count: those of its test split, or itself where it has no splits."""
-        return self if self.splits is None else self.in_split("test", self.sealed)
+        """The task with the scenarios of its test split; itself without splits, or when it is in its validation split."""
+        return self if self.splits is None or self.split == "validation" else self.in_split("test", self.sealed)
+
+    def scored_in(self, split: str | None) -> TaskSpec:
+        """The task with the scenarios of a result that names ``split``; ``None`` where a result names none."""
+        return self.scored if split is None else self.in_split(split, self.sealed if split == "test" else "")
 
     def check_training(self) -> None:
         """Refuse a task that has a test alone: nothing can be learned in it.
