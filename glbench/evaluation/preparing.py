@@ -483,7 +483,7 @@ class Evaluation:
                 steps=task.steps,
                 step_seconds=task.step_seconds,
                 salt_commitment=task.salt_commitment,
-            ),  # fmt: skip
+            ),
             agent=agent,
             evaluation=EvaluationRecord(
                 runs=len(self.seeds),

@@ -172,7 +172,8 @@ def with_its_draws(result: Result, task: TaskSpec, given: Round | None) -> TaskS
     if commitment is None:
         cannot_tell(
             "other_round",
-            f"The result names no commitment, so it is not of the round {given.commitment}. Verify it without --round: its draws are public.",
+            f"The result names no commitment, so it is not of the round {given.commitment}. Its draws are public: verify it without "
+            "--round.",
         )
     if commitment != given.commitment:
         reason = (
