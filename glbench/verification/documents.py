@@ -137,7 +137,7 @@ def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
                 f"The task in the record has {own.steps:,} steps, more than {_MOST_STEPS:,}. Give its file with --task."
             )
             cannot_tell("no_task", reason)
-        task = (own or get_task(result.task.id if published or file is None else file)).scored_in(result.task.split)
+        task = (own or get_task(result.task.id if published or file is None else file)).scored
         found = task.fingerprint()
     except EpisodeError as error:
         refute("definition", str(error))
@@ -172,7 +172,8 @@ def with_its_draws(result: Result, task: TaskSpec, given: Round | None) -> TaskS
     if commitment is None:
         cannot_tell(
             "other_round",
-            f"The result names no commitment, so it is not of the round {given.commitment}. Verify it without --round.",
+            f"The result names no commitment, so it is not of the round {given.commitment}. Its draws are public: verify it without "
+            "--round.",
         )
     if commitment != given.commitment:
         reason = (

@@ -145,7 +145,12 @@ def test_a_round_file_where_an_agent_would_see_it_is_told(write_agent: AgentWrit
     identity = identify(agent)
     assert identity is not None
     hidden = [tmp_path / "round.toml", user_data_folder() / "round.toml"]
-    shown = [agent, Path("/usr/share/round.toml"), Path(np.__file__).parent / "round.toml", data_folder("baselines") / "r.toml"]
+    shown = [
+        agent,
+        Path("/usr/share/round.toml"),
+        Path(np.__file__).parent / "round.toml",
+        data_folder("baselines") / "r.toml",
+    ]
     assert [is_visible(file, identity) for file in hidden] == [False] * 2
     assert [is_visible(file, identity) for file in shown] == [True] * 4
 

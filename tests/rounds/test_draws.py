@@ -46,7 +46,9 @@ def test_a_salt_changes_crop_start_sensors_weather_first_days_and_forecasts(tiny
 
 
 def test_the_same_secret_gives_the_same_draws(tiny: TaskSpec, tmp_path: Path) -> None:
-    one, other = (RunScenarios(task.in_split("test", SECRET.secret)).draw(SEEDS) for task in (tiny, tiny_task(tmp_path)))
+    one, other = (
+        RunScenarios(task.in_split("test", SECRET.secret)).draw(SEEDS) for task in (tiny, tiny_task(tmp_path))
+    )
     for field in dataclasses.fields(one):
         assert np.array_equal(getattr(one, field.name), getattr(other, field.name)), field.name
 
@@ -88,9 +90,7 @@ def test_weather_of_a_round_takes_the_place_of_the_tasks(
     assert task.scenario.generated.years == (2009, 2010)
 
 
-def test_agents_are_told_nothing_of_the_place_of_the_rounds_weather(
-    own_weather: SealedWeather, tiny: TaskSpec
-) -> None:
+def test_agents_are_told_nothing_of_the_place_of_the_rounds_weather(own_weather: SealedWeather, tiny: TaskSpec) -> None:
     assert task_card(tiny.in_split("test", Round("5" * 64, own_weather).secret)) == task_card(tiny.scored)
 
 

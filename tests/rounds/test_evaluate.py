@@ -183,4 +183,3 @@ def test_ray_computes_a_round_as_this_machine_does(tiny: TaskSpec, tmp_path: Pat
     assert here.result is not None
     assert there.result.results_digest == here.result.results_digest
     assert there.result.task.salt_commitment == SECRET.commitment
-
