@@ -33,6 +33,9 @@ _RADIATION, _VENTS = "global_radiation", "vents"
 _MEAN_HOURS = 1.0
 """Light is a running mean: its weight fades by 1/e within this time [h]."""
 
+_HORIZON = math.radians(-0.833)
+"""Height of the middle of the sun when it rises and sets: refraction, and half its width."""
+
 _Hours = Annotated[float, Field(ge=-12.0, le=12.0)]
 _Celsius = Annotated[float, Field(ge=-20.0, le=50.0)]
 _Kelvin = Annotated[float, Field(ge=0.0, le=20.0)]
@@ -79,13 +82,14 @@ class Ventilation(_Table):
 
 
 class CarbonDioxide(_Table):
-    """CO2 [ppm] with vents shut and open, between two positions of the vents, and in the dark."""
+    """CO2 [ppm] with vents shut and open, between two positions of the vents, and in less light than a radiation [W m-2]."""
 
     shut: _Ppm
     vented: _Ppm
     vents_shut: _Share
     vents_open: _Share
     dark: _Ppm
+    dark_below: _Watts
 
     @model_validator(mode="after")
     def _in_order(self) -> CarbonDioxide:
@@ -192,8 +196,8 @@ class GrowerAgent:
         page, rules = _Page(self.settings, *self._seen(observations)), self._rules()
         low, high = self._task.action_bounds
         wanted = [np.broadcast_to(rules[name](page), self._runs) for name in self._task.action_names]
-        bounded: Array = np.minimum(np.maximum(np.stack(wanted, axis=1), low), high)
-        return bounded
+        set_points: Array = np.minimum(np.maximum(np.stack(wanted, axis=1), low), high)
+        return set_points
 
     def _seen(self, observations: NDArray[np.float32]) -> tuple[Array, Array, Array]:
         """Period of the day (0 day, 1 pre-night, 2 night), mean radiation [W m-2] and position of the vents."""
@@ -248,7 +252,7 @@ class _Page:
         """CO2 set point [ppm]."""
         s = self.settings.co2
         vented = s.shut + (s.vented - s.shut) * _share(self.vents, s.vents_shut, s.vents_open)
-        return np.where(self.radiation > 0.0, vented, s.dark)
+        return np.where(self.radiation < s.dark_below, s.dark, vented)
 
 
 def _share(value: Array, start: float, full: float) -> Array:
@@ -267,7 +271,7 @@ def _period(periods: Periods, hour: Array, sunrise: Array, sunset: Array) -> Arr
 def sun_hours(task: TaskCard, day_of_year: int) -> tuple[float, float]:
     """Sunrise and sunset [h] by the clock of a task, on a day counted from 0 at 1 January.
 
-    Cooper's declination and Spencer's equation of time, to a few minutes; summer time as in the year of the task's start. Where the
+    Spencer's declination and equation of time (1971), to a few minutes; summer time as in the year of the task's start. Where the
     sun does not rise both are noon; where it does not set they are a day apart.
     """
     return _sun_hours(task.place.latitude, task.place.longitude, task.clock, task.start.year, day_of_year)
@@ -275,8 +279,11 @@ def sun_hours(task: TaskCard, day_of_year: int) -> tuple[float, float]:
 
 @lru_cache(maxsize=4096)
 def _sun_hours(latitude: float, longitude: float, clock: str, year: int, day: int) -> tuple[float, float]:
-    declination = math.radians(23.45) * math.sin(2.0 * math.pi * (285 + day) / 365.0)
     angle = 2.0 * math.pi * day / 365.0
+    declination = (
+        0.006918 - 0.399912 * math.cos(angle) + 0.070257 * math.sin(angle) - 0.006758 * math.cos(2.0 * angle)
+        + 0.000907 * math.sin(2.0 * angle) - 0.002697 * math.cos(3.0 * angle) + 0.00148 * math.sin(3.0 * angle)
+    )  # fmt: skip
     minutes = 229.18 * (
         0.000075 + 0.001868 * math.cos(angle) - 0.032077 * math.sin(angle)
         - 0.014615 * math.cos(2.0 * angle) - 0.040849 * math.sin(2.0 * angle)
@@ -284,7 +291,8 @@ def _sun_hours(latitude: float, longitude: float, clock: str, year: int, day: in
     noon = dt.datetime(year, 1, 1, 12, tzinfo=ZoneInfo(clock)) + dt.timedelta(days=day)
     offset = (noon.utcoffset() or dt.timedelta()).total_seconds() / 3600.0
     middle = 12.0 - minutes / 60.0 - longitude / 15.0 + offset
-    cosine = -math.tan(math.radians(latitude)) * math.tan(declination)
+    north = math.radians(latitude)
+    cosine = (math.sin(_HORIZON) - math.sin(north) * math.sin(declination)) / (math.cos(north) * math.cos(declination))
     half = math.degrees(math.acos(min(max(cosine, -1.0), 1.0))) / 15.0
     return middle - half, middle + half
 

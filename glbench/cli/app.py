@@ -10,7 +10,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from glbench import __version__
-from glbench.cli import episodes, submit, tasks, weather
+from glbench.cli import episodes, rounds, submit, tasks, weather
 from glbench.cli.bench import bench
 from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_warnings
 from glbench.cli.evaluate import evaluate
@@ -35,6 +35,7 @@ app = typer.Typer(
 for _command in (evaluate, leaderboard, show, compare, badge, report, verify, view, bench):
     app.command(_command.__name__)(_command)
 app.add_typer(submit.app, name="submit")
+app.add_typer(rounds.app, name="round")
 for _training in (train, tune, export, sweep):
     app.command(_training.__name__)(_training)
 for _group in (episodes, tasks, weather):

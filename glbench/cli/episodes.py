@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from glbench.cli.console import messages, output, put, table, tell
-from glbench.cli.options import Episodes
+from glbench.cli.options import Episodes, RoundFile, round_of
 from glbench.errors import EpisodeError
 
 if TYPE_CHECKING:
@@ -88,15 +88,16 @@ def make(
     to: Annotated[
         Path | None, typer.Option("--to", help="Folder to write to. Default: where evaluate puts them.")
     ] = None,
+    round_file: RoundFile = None,
 ) -> None:
     """Make full episodes of a stored result by replaying its recorded actions. The agent is not needed."""
     from glbench.episodes import parse_selection
     from glbench.evaluation import load_result
     from glbench.evaluation.episodes import make_episodes, task_of_result
 
-    loaded = load_result(result)
+    loaded, sealed = load_result(result), round_of(round_file)
     with messages().status("replaying"):
-        files = make_episodes(parse_selection(episodes), loaded, result, task_of_result(loaded, result), to)
+        files = make_episodes(parse_selection(episodes), loaded, result, task_of_result(loaded, result, sealed), to)
     for file in files:
         put(file)
 

@@ -6,7 +6,7 @@ import contextlib
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,10 +16,20 @@ from rich.markup import escape
 
 from glbench.cli.console import harmless, messages, output, print_warning, say, table, tell
 from glbench.cli.leaving import INTERRUPTED, leaving_at_once, tell_interrupted
-from glbench.cli.options import REPORTS, AsJson, EngineName, Episodes, Sandbox, SandboxChoice, Workers
+from glbench.cli.options import (
+    REPORTS,
+    AsJson,
+    EngineName,
+    Episodes,
+    RoundFile,
+    Sandbox,
+    SandboxChoice,
+    Workers,
+    round_of,
+)
 from glbench.cli.progress import Bar
 from glbench.cli.view import live_view, live_viewer
-from glbench.errors import GlbenchError, SubmissionError, TaskError
+from glbench.errors import GlbenchError, SandboxError, SubmissionError, TaskError
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -29,7 +39,7 @@ if TYPE_CHECKING:
     from glbench.evaluation import SandboxChoice as ChosenSandbox
     from glbench.evaluation.engines import Engine, Job, Outcome
     from glbench.leaderboard.catalogue import Metric
-    from glbench.tasks import TaskSpec
+    from glbench.tasks import Round, TaskSpec
 
 
 _LONGEST_REASON = 500
@@ -94,6 +104,13 @@ def evaluate(
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Evaluate again even if the result is there, and forget unfinished work.")
     ] = False,
+    round_file: RoundFile = None,
+    split: Annotated[
+        str,
+        typer.Option(
+            "--split", help="Scenarios: test, which scores, or validation, to choose between agents (a trial)."
+        ),
+    ] = "test",
 ) -> None:
     """Evaluate agents on tasks: seeded runs in lockstep, a table with intervals, and a result file each.
 
@@ -105,8 +122,10 @@ def evaluate(
 
     try:
         with _quiet_agents(as_json), messages().status("preparing") as status:
-            tasks = _tasks(task or [], suite or [])
+            tasks = _tasks(task or [], suite or [], round_of(round_file), split)
             usable, unusable = _agents(agents, sandbox.value)
+            if round_file is not None:
+                _keep_out_of_sight(round_file, usable.values())
             if _kernel_is_new(tasks):
                 status.update("building the kernel, once on this machine: some seconds")
             options = Options(out, runs, seed, workers, fresh, episodes)
@@ -129,7 +148,10 @@ def evaluate(
         if not _evaluate_many(jobs, _engine(engine, address, workers), unusable, as_json=as_json, prints=show_prints):
             raise typer.Exit(1)
     if not as_json:
-        tell(f"Next: glbench leaderboard{'' if out == REPORTS else f' --out {out}'}")
+        from glbench.evaluation.preparing import results_folder
+
+        folder = results_folder(out, tasks[0])
+        tell(f"Next: glbench leaderboard{'' if folder == REPORTS else f' --out {folder}'}")
 
 
 def _engine(name: EngineName, address: str | None, workers: int | None) -> Engine:
@@ -160,13 +182,13 @@ def _say_if_slow() -> None:
         print_warning(f"{reason} Until then CasADi's own integrator steps the model: minutes instead of seconds.")
 
 
-def _tasks(names: Sequence[str], suites: Sequence[str]) -> list[TaskSpec]:
-    """The tasks asked for, each once; the default task when none is.
+def _tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | None, split: str = "test") -> list[TaskSpec]:
+    """The tasks asked for, each once, with the draws of a ``sealed`` round if there is one; the default task when none is named.
 
     Raises
     ------
     TaskError
-        When two tasks differ in their namespace only: their results would overwrite each other.
+        When a task has no such split, or when two tasks differ in their namespace only: their results would overwrite each other.
     """
     from glbench.tasks import DEFAULT_TASK, get_suite, get_task
 
@@ -177,7 +199,29 @@ def _tasks(names: Sequence[str], suites: Sequence[str]) -> list[TaskSpec]:
         if other.digest != task.digest:
             msg = f"{other.id} ({other.source}) and {task.id} ({task.source}) would share one result folder. Evaluate them one by one."
             raise TaskError(msg)
-    return list(by_folder.values())
+    chosen = list(by_folder.values())
+    if split != "test":
+        if sealed is not None or split == "training":
+            msg = f"--split {split} is not evaluated: a round has a test alone, and training seasons are to learn from."
+            raise TaskError(msg)
+        return [task.in_split(split) for task in chosen]
+    return chosen if sealed is None else [task.in_split("test", sealed.secret) for task in chosen]
+
+
+def _keep_out_of_sight(round_file: Path, agents: Iterable[Protected]) -> None:
+    """Refuse a round whose file an agent could find in its sandbox.
+
+    Raises
+    ------
+    SandboxError
+        When the file lies where the sandbox shows what is there.
+    """
+    from glbench.evaluation.sandbox.bubblewrap import is_visible
+
+    for agent in agents:
+        if agent.submission is not None and is_visible(round_file, agent.submission):
+            msg = f"'{agent.agent.name}' would see {round_file} in its sandbox. Keep the file of a round in a folder of its own."
+            raise SandboxError(msg)
 
 
 def _agents(refs: Sequence[str], sandbox: ChosenSandbox) -> tuple[dict[str, Protected], dict[str, str]]:
@@ -230,7 +274,8 @@ def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = Non
     _show(result, evaluation.task, as_json=as_json)
     if evaluation.path is not None and not as_json:
         tell(f"Saved: {_shown(evaluation.path)}")
-        tell(f"Reproduce it: glbench verify {_shown(evaluation.path)}")
+        sealed = "" if result.task.salt_commitment is None else " --round FILE"
+        tell(f"Reproduce it: glbench verify {_shown(evaluation.path)}{sealed}")
     return result
 
 
@@ -409,11 +454,13 @@ def _announcement(evaluation: Evaluation) -> str:
 
     task, seeds, days = evaluation.task, evaluation.seeds, evaluation.task.weather.days
     numbers = f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seed {seeds[0]}"
+    commitment = task.salt_commitment
+    drawn = "" if commitment is None else f"\nsealed round {commitment}"
     sees = " [yellow](privileged: sees more than the observations)[/yellow]" if evaluation.agent.privileged else ""
     return (
         f"[bold]{escape(evaluation.agent.name)}[/bold]{sees} on [bold]{escape(task.id)}[/bold]: {escape(task.title)}\n"
         f"{count(len(seeds), 'run')} ({numbers}) of {count(days, 'day')}, {task.steps} steps of {task.step_seconds:g} s; "
-        f"{count(evaluation.workers, 'worker')}, {evaluation.kernel['backend']} kernel, {_PROTECTIONS[evaluation.protection]}"
+        f"{count(evaluation.workers, 'worker')}, {evaluation.kernel['backend']} kernel, {_PROTECTIONS[evaluation.protection]}{drawn}"
     )
 
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from glbench.tasks import Round
 
 REPORTS = Path("reports")
 
@@ -52,6 +55,12 @@ SandboxChoice = Annotated[
         "and check runs nothing.",
     ),
 ]
+RoundFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--round", help="The file of a sealed round (docs/maintain.md), which holds its secret. Default: public draws."
+    ),
+]
 Config = Annotated[
     Path | None, typer.Option("--config", "-c", help="Settings (YAML; docs/training.md). Default: those of the docs.")
 ]
@@ -62,3 +71,12 @@ Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all that is ra
 Resume = Annotated[
     bool, typer.Option("--resume", help="Go on from the last checkpoint; nothing is lost but the minutes after it.")
 ]
+
+
+def round_of(file: Path | None) -> Round | None:
+    """The round that ``--round`` names, if any. Errors as for ``glbench.tasks.read_round``."""
+    if file is None:
+        return None
+    from glbench.tasks import read_round
+
+    return read_round(file)

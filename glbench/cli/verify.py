@@ -9,16 +9,18 @@ import typer
 from rich.markup import escape
 
 from glbench.cli.console import harmless, messages, output, print_warning, put_json, say, tell
-from glbench.cli.options import AsJson, Workers
+from glbench.cli.options import AsJson, RoundFile, Workers, round_of
 from glbench.errors import GlbenchError
 
 if TYPE_CHECKING:
     from glbench.verification import Verdict
 
+_WORST_FIRST = (1, 2, 3, 0)
 _HEADINGS = {
     "reproduced": "[bold green]reproduced[/]",
     "refuted": "[bold red]refuted[/]",
     "unknown": "[bold yellow]cannot tell[/]",
+    "sealed": "[bold yellow]sealed: cannot be told before the round is over[/]",
 }
 
 
@@ -42,6 +44,7 @@ def verify(
             "--task", "-t", help="Task file of a task that is not published. Default: the copy in the record."
         ),
     ] = None,
+    round_file: RoundFile = None,
     workers: Workers = None,
     proof: Annotated[
         bool, typer.Option(help="Leave a note (.proof.json) beside each reproduced result, which leaderboards show.")
@@ -50,16 +53,17 @@ def verify(
 ) -> None:
     """Simulate every run again from task, seed and recorded actions, and compare it with what the result says.
 
-    Leaves with 0 when all are reproduced, 1 when one is refuted, 2 when (none is refuted and) one cannot be told.
+    Leaves with 0 when all are reproduced, 1 when one is refuted, 2 when (none is refuted and) one cannot be told, 3 when one cannot
+    be told before its round is over.
     """
     from glbench.resources import is_released
     from glbench.verification import save_proof
     from glbench.verification import verify as verify_result
 
-    codes = []
+    sealed, codes = round_of(round_file), []
     for path in _files(results):
         with messages().status(f"simulating {escape(harmless(path.name))} again"):
-            verdict = verify_result(path, episodes=episodes, task=task, workers=workers)
+            verdict = verify_result(path, episodes=episodes, task=task, sealed=sealed, workers=workers)
         codes.append(verdict.exit_code)
         if proof and not is_released(path):  # released results keep the note that came with them
             try:
@@ -70,7 +74,7 @@ def verify(
             put_json(_plain(verdict), indent=None)
         else:
             _show(verdict)
-    raise typer.Exit(1 if 1 in codes else max(codes))
+    raise typer.Exit(next(code for code in _WORST_FIRST if code in codes))
 
 
 def _files(given: list[Path]) -> list[Path]:

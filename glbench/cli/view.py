@@ -166,7 +166,7 @@ def _episode_of_result(path: Path, run: str) -> Episode:
 
     result = load_result(path)
     log = recorded_actions(result, path)
-    task = log.task()
+    task = log.task().scored_in(result.task.split)
     (row,) = chosen_rows([run], log.seeds, result.values(task.evaluation.metric))
     chosen = result.runs[row]
     which = f"seed {chosen.seed}" if run.isdecimal() else f"seed {chosen.seed}, the {run} of {len(result.runs)} runs"

@@ -120,15 +120,12 @@ class ActuationInputs:
         What the kind wrote in the step before, by the names that it asked for.
     measured
         Climate and clock as the process computer reads them; ``None`` in a model without an air.
-    exp
-        The C library's exponential function.
     """
 
     actions: Mapping[str, Any]
     controls: Mapping[str, Any]
     memory: Mapping[str, Any]
     measured: Measured | None
-    exp: Callable[[Any], Any]
 
 
 @dataclass(frozen=True)
@@ -186,7 +183,7 @@ def _computed(task: TaskSpec, given: ActuationInputs) -> tuple[Mapping[str, Any]
     if given.measured is None:
         msg = f"{task.source}: [actuation] A process computer needs an air to measure, and {task.model_id} has none."
         raise TaskError(msg)
-    return process_computer.work(task, given.actions, given.controls, given.measured, given.memory, given.exp)
+    return process_computer.work(task, given.actions, given.controls, given.measured, given.memory)
 
 
 def _only_recorded(task: TaskSpec) -> Actuation:

@@ -7,8 +7,8 @@ hours after the issue, plus the error
 
 with one path a for each quantity and season. Forecasts of one hour that are issued after each other therefore agree the better the nearer
 that hour is, as those of a weather service do, and the error has the standard deviation s sqrt(1 - phi**(2 h)). Radiation errs in units of
-that under a clear sky, and stays between nothing and a clear sky. Sizes are round numbers of the order that weather services report for
-Western Europe; they define the task and claim no more.
+that under a clear sky, and stays between nothing and a clear sky. Sizes are round numbers, chosen; they define the task and claim no more.
+docs/uncertainty.md has pictures.
 """
 
 from __future__ import annotations
@@ -90,7 +90,9 @@ class ForecastTable:
             raise TaskError(msg)
         reach = -(-hours[-1] // 24) * task.steps_per_day
         level = task.observation.forecast.error  # type: ignore[union-attr]  # tasks with hours have the table
-        return ForecastTable(hours, level, HOUR // step, reach, len(FORECAST) * len(hours), task, task.record().place)
+        return ForecastTable(
+            hours, level, HOUR // step, reach, len(FORECAST) * len(hours), task, task.season_record().place
+        )
 
     def _clear_sky(self, times: NDArray[np.datetime64]) -> Floats:
         """Global radiation under a clear sky [W m-2] in the hours that ``times`` begin, which may be half hours of UTC."""

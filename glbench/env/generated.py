@@ -18,7 +18,7 @@ from glbench.env.philox import uniforms
 from glbench.env.uncertainty import season_key
 from glbench.env.wandering import wandering
 from glbench.errors import GlbenchError, TaskError
-from glbench.weather import COLUMNS, SeasonGenerator, disturbances
+from glbench.weather import COLUMNS, GeneratedSeason, SeasonGenerator, disturbances
 from glbench.weather.preprocessing import co2_density
 
 if TYPE_CHECKING:
@@ -37,10 +37,11 @@ _TEMPERATURE, _CO2 = COLUMNS.index("tOut"), COLUMNS.index("co2Out")
 
 @dataclass(frozen=True, eq=False)
 class MadeSeason:
-    """Disturbances of a season ``(rows, d)``, and the nominal start of each row [UTC]."""
+    """Disturbances of a season ``(rows, d)``, the nominal start of each row [UTC], and the days that it was made of."""
 
     values: Floats
     times: NDArray[np.datetime64]
+    drawn: GeneratedSeason
 
 
 class SeasonMaker:
@@ -68,7 +69,7 @@ class SeasonMaker:
         self._forecast = ForecastTable.of(task)
         self._late = task.scenario.start_within_days
         try:
-            self._generator = SeasonGenerator(task.record(), generated.years)
+            self._generator = SeasonGenerator(task.season_record(), generated.years)
         except GlbenchError as error:
             msg = f"{task.source}: [splits.{task.split}] {error}"
             raise TaskError(msg) from error
@@ -100,7 +101,7 @@ class SeasonMaker:
         values = np.array(made.values)
         if self._generated.co2_range is not None:
             values[:, _CO2] = co2_density(values[:, _TEMPERATURE], self._co2(number, total))  # type: ignore[arg-type]
-        return MadeSeason(values, made.times)
+        return MadeSeason(values, made.times, drawn)
 
     def _co2(self, number: int, rows: int) -> Floats:
         """CO2 outside of each row [ppm]: wanders about the middle of its range and never leaves it."""

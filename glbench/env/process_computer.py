@@ -7,7 +7,7 @@ air and what is read of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -43,8 +43,8 @@ _LONG_AGO = 1e6
 """Steps since a switch was thrown that never was."""
 _ROUNDING = 1e-9
 """What a time given in hours may lose when it is counted in steps."""
-_WATER = 2.166740
-"""Water in air [g m-3] by vapour pressure [Pa] and temperature [K]: molar mass over gas constant, 18.01528/8.3144598."""
+_NEAR = 0.02
+"""Within this distance of their position vents go there at once."""
 
 MEMORY: Mapping[str, float] = {
     "begun": 0.0,
@@ -66,8 +66,8 @@ class Measured:
 
     Attributes
     ----------
-    air_temperature, co2, relative_humidity
-        Inside [degC, ppm, %].
+    air_temperature, co2, humidity_deficit
+        Inside [degC, ppm, g m-3].
     radiation, outdoor_temperature, wind_speed
         Outside [W m-2, degC, m s-1].
     hour_of_day
@@ -76,21 +76,11 @@ class Measured:
 
     air_temperature: Any
     co2: Any
-    relative_humidity: Any
+    humidity_deficit: Any
     radiation: Any
     outdoor_temperature: Any
     wind_speed: Any
     hour_of_day: Any
-
-
-def humidity_deficit(temperature: Any, relative_humidity: Any, exp: Callable[[Any], Any]) -> Any:
-    """Water that air can still take up [g m-3], from its temperature [degC] and relative humidity [%].
-
-    The saturation vapour pressure is that of the model (``glbench.model.saturation_vapour_pressure``). ``exp`` is the function to use:
-    the C library's, recorded, for the same bits everywhere.
-    """
-    saturated = 610.78 * exp(17.2694 * temperature / (temperature + 238.3))
-    return _WATER * saturated * (1.0 - relative_humidity / 100.0) / (temperature + 273.15)
 
 
 def work(
@@ -99,7 +89,6 @@ def work(
     controls: Mapping[str, Any],
     measured: Measured,
     memory: Mapping[str, Any],
-    exp: Callable[[Any], Any],
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """A step of the computer.
 
@@ -113,8 +102,6 @@ def work(
         What the computer measures.
     memory
         What it remembers, by the names of ``MEMORY``.
-    exp
-        The exponential function.
 
     Returns
     -------
@@ -129,7 +116,7 @@ def work(
     if not isinstance(task.actuation, AnyActuationTable):
         msg = f"{task.source}: [actuation] A process computer needs a task of schema 2."
         raise TaskError(msg)
-    return _Step(task, task.actuation.process_computer, wanted, controls, measured, memory, exp).done()
+    return _Step(task, task.actuation.process_computer, wanted, controls, measured, memory).done()
 
 
 class _Step:
@@ -143,7 +130,6 @@ class _Step:
         controls: Mapping[str, Any],
         measured: Measured,
         memory: Mapping[str, Any],
-        exp: Callable[[Any], Any],
     ) -> None:
         self.s, self.wanted, self.controls, self.seen, self.memory = settings, wanted, controls, measured, memory
         self.max_change = task.actuation.max_change
@@ -151,7 +137,7 @@ class _Step:
         self.heat_installed = {capacity.name: capacity.at_one for capacity in task.capacities()}.get(BOILER, 0.0)
         self.kept: dict[str, Any] = {"begun": 1.0}
         self.heating, self.ventilation = self._temperatures()
-        self.too_humid = self._too_humid(exp)
+        self.too_humid = self._too_humid()
 
     def done(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """All granted controls, and what is remembered; a rule that steers nothing granted is left out."""
@@ -212,12 +198,11 @@ class _Step:
         band = np.minimum(band, s.ventilation_band_most)
         return share(self.seen.air_temperature, self.ventilation, self.ventilation + band)
 
-    def _too_humid(self, exp: Callable[[Any], Any]) -> Any:
+    def _too_humid(self) -> Any:
         """How far the air is below the wanted humidity deficit, as a share of the band."""
         if HUMIDITY not in self.wanted:
             return 0.0
-        deficit = humidity_deficit(self.seen.air_temperature, self.seen.relative_humidity, exp)
-        return share(self.wanted[HUMIDITY] - deficit, 0.0, self.s.humidity_band)
+        return share(self.wanted[HUMIDITY] - self.seen.humidity_deficit, 0.0, self.s.humidity_band)
 
     # One rule for each control: the position that it should have.
 
@@ -229,8 +214,12 @@ class _Step:
         return np.maximum(heat, least * self.too_humid * dim)
 
     def _vents(self) -> Any:
+        """Open for temperature or humidity, whichever asks for more, and slowly: a little vent cools much more than a little."""
         warm = share(self.seen.air_temperature, self.heating - self.s.vent_gap_cold, self.heating)
-        return np.maximum(self._too_hot(), self.s.vent_gap * self.too_humid * warm)
+        position = np.maximum(self._too_hot(), self.s.vent_gap * self.too_humid * warm)
+        now, weight = self.controls[VENTS], 1.0 / (1.0 + self.s.vent_time * self.steps_an_hour)
+        near = below((position - now) * (position - now), _NEAR * _NEAR)
+        return select(near, position, now + weight * (position - now))
 
     def _dosing(self, moved: Mapping[str, Any]) -> Any:
         s = self.s

@@ -30,7 +30,7 @@ from glbench.env.weather_pool import CLOCK, WeatherPool, WeatherTables
 from glbench.errors import TaskError
 from glbench.kernel.environment import Lookup, ParameterNoise, Program
 from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, Value
-from glbench.model import Air
+from glbench.model import Air, humidity_deficit
 from glbench.tasks.ledger import TRAVEL
 from glbench.weather import COLUMNS
 
@@ -137,7 +137,6 @@ def _actuation(task: TaskSpec, kind: RecordedActuation, scenarios: RunScenarios)
         controls={name: recorder.input("controls", names.index(name)) for name in task.actuation.controls},
         memory={name: recorder.input("memory", place) for name, place in places.items()},
         measured=_measured(task, recorder, scenarios),
-        exp=lambda value: recorder.operation("exp", value),
     )
     moved, kept = kind.work(task, given)
     for index, name in enumerate(names):
@@ -155,7 +154,8 @@ def _measured(task: TaskSpec, recorder: Recorder, scenarios: RunScenarios) -> Me
     temperature, co2, humidity = scenarios.sensors.readings(recorder, air, scenarios.slots)
     radiation, outside, wind = (recorder.input("weather", COLUMNS.index(name)) for name in ("iGlob", "tOut", "wind"))
     hour = recorder.input("calendar", CLOCK.index("hour_of_day"))
-    return Measured(temperature, co2, humidity, radiation, outside, wind, hour)
+    deficit = record_formula(humidity_deficit, [temperature, humidity], recorder)
+    return Measured(temperature, co2, deficit, radiation, outside, wind, hour)
 
 
 def _followers(task: TaskSpec, scenarios: RunScenarios) -> tuple[Tape, DerivedParameters | None]:

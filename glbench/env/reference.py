@@ -43,7 +43,7 @@ class ObservationInputs:
     states, controls
         After the step, ``(n, s)``, and fractions ``(n, c)``.
     air
-        Air temperature [degC], CO2 [ppm] and relative humidity [%], ``(3, n)``.
+        True air temperature [degC], CO2 [ppm] and relative humidity [%], ``(3, n)``, whatever sensors show.
     steps
         Steps taken.
     weather_rows

@@ -27,7 +27,7 @@ from glbench.env.weather_pool import CLOCK, WeatherPool
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
-    from glbench.tasks.scenario import ParameterGroup
+    from glbench.tasks.scenario import ParameterGroup, Scenario
 
 Floats = NDArray[np.float64]
 
@@ -101,11 +101,7 @@ class RunScenarios:
         )
 
     def _numbers(self, seeds: Sequence[int], stream: str, count: int) -> Floats:
-        """The numbers of a stream that is drawn once an episode, ``(n, count)``."""
-        if count == 0:
-            return np.zeros((len(seeds), 0))
-        keys = np.array([stream_key(self.scenario, seed, stream) for seed in seeds], np.uint64).reshape(-1, 2)
-        return uniforms(keys, np.zeros((len(seeds), 1), np.int64), count)[:, 0]
+        return _numbers(self.scenario, seeds, stream, count)
 
     def _first(self, seeds: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Rows of the calendar and of the weather at which the runs start."""
@@ -115,7 +111,7 @@ class RunScenarios:
         first = np.zeros(len(seeds), np.int64)
         seasons, late = np.array(self.pool.seasons, np.int64), self.scenario.start_within_days
         if len(seasons) > 1:
-            first += seasons[(self._numbers(seeds, "season", 1)[:, 0] * len(seasons)).astype(np.int64)]
+            first += seasons[_which_season(self.scenario, seeds)]
         if late:
             first += (self._numbers(seeds, "start day", 1)[:, 0] * (late + 1)).astype(np.int64) * self.pool.day
         return first, first
@@ -148,6 +144,31 @@ class RunScenarios:
             )
         self._derived.complete(drawn)
         return drawn
+
+
+def _numbers(scenario: Scenario, seeds: Sequence[int], stream: str, count: int) -> Floats:
+    """The numbers of a stream that is drawn once an episode, ``(n, count)``."""
+    if count == 0:
+        return np.zeros((len(seeds), 0))
+    keys = np.array([stream_key(scenario, seed, stream) for seed in seeds], np.uint64).reshape(-1, 2)
+    return uniforms(keys, np.zeros((len(seeds), 1), np.int64), count)[:, 0]
+
+
+def _which_season(scenario: Scenario, seeds: Sequence[int]) -> NDArray[np.int64]:
+    """Which of the scenario's seasons each run is in."""
+    return (_numbers(scenario, seeds, "season", 1)[:, 0] * len(scenario.seasons)).astype(np.int64)
+
+
+def season_names(task: TaskSpec, seeds: Sequence[int]) -> tuple[str | None, ...]:
+    """Which real season each run is in, such as "2011"; ``None`` where all are in one, or each is in a generated one."""
+    scenario = task.scenario
+    if len(scenario.seasons) == 1 or scenario.generated is not None:
+        return (None,) * len(seeds)
+    several = len({season.source for season in scenario.seasons}) > 1
+    years = [
+        f"{season.source} {season.start.year}" if several else f"{season.start.year}" for season in scenario.seasons
+    ]
+    return tuple(years[number] for number in _which_season(scenario, seeds))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ with noise s w(k), w bell-shaped and new in every step; a bias b of the run, bel
 that reaches d at the end, drawn evenly between minus and plus the value stated. The reading stays within the bounds of its column.
 
 A sensor that drops out shows its last reading until it is back. It does so with the chance 1 / (mean steps between) in each step but the
-first of a run, and comes back with the chance 1 / (mean steps of a drop-out).
+first of a run, and comes back with the chance 1 / (mean steps of a drop-out). docs/uncertainty.md has pictures.
 """
 
 from __future__ import annotations

@@ -281,8 +281,8 @@ class Simulation:
             raise TaskError(msg)
         if snapshot.split != _split(self.task):
             msg = (
-                f"The snapshot is of {self.task.id} in its split {snapshot.split or 'none'}, this is its split {_split(self.task)}: "
-                "the same seeds stand for other scenarios there. Make the simulation with the split that the snapshot was taken of."
+                f"The snapshot is of {self.task.id} in its split {snapshot.split or 'none'}, this is its split {_split(self.task)}: the "
+                "same seeds stand for other scenarios there. Make the simulation with the split that the snapshot was taken of."
             )
             raise TaskError(msg)
         if snapshot.n != self.n:

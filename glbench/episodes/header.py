@@ -11,11 +11,19 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import rfc8785
-from pydantic import BaseModel, ConfigDict, FailFast, Field, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    FailFast,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from glbench import __version__
 from glbench.errors import TaskError
-from glbench.fields import MOST_ENTRIES, Count, Text, Word
+from glbench.fields import MOST_ENTRIES, Count, Text, Word, only_if_sealed
 from glbench.untrusted import is_agent_name, steers
 
 if TYPE_CHECKING:
@@ -42,6 +50,12 @@ class TaskFacts(Facts):
     step_seconds: Annotated[float, Field(gt=0, le=86400)]
     start: Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")]
     parts: Annotated[dict[Word, Word], Field(max_length=MOST_ENTRIES)]
+    salt_commitment: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None = None
+    """Of the round that the draws belong to; ``None``, and not in the file, with public draws."""
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_not(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return only_if_sealed(write(self))
 
 
 class AgentFacts(Facts):
@@ -127,6 +141,7 @@ def provenance_of(task: TaskSpec, agent: LoadedAgent, kernel: dict[str, str | fl
             step_seconds=task.step_seconds,
             start=task.weather.start.isoformat(),
             parts=parts,
+            salt_commitment=task.salt_commitment,
         ),
         agent=AgentFacts(
             name=agent.name,
@@ -178,6 +193,7 @@ def as_words(provenance: Provenance, run: RunFacts | None = None) -> dict[str, s
         "kernel": str(provenance.kernel["backend"]),
         "glbench": provenance.versions["glbench"],
     }
+    words |= {} if task.salt_commitment is None else {"salt_commitment": task.salt_commitment}
     if run is not None:
         words |= {"seed": str(run.seed), "status": run.status, "steps": str(run.steps)}
         words |= {} if run.reason is None else {"reason": run.reason}

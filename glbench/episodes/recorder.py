@@ -14,6 +14,7 @@ from glbench.episodes.definition import definition_json
 from glbench.episodes.episode import Episode
 from glbench.episodes.header import Provenance, RunFacts
 from glbench.episodes.signals import ACTION, Source, signals_of
+from glbench.errors import EpisodeError
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
@@ -132,15 +133,44 @@ class Recorder:
         )
 
 
+def check_round(task: TaskSpec, provenance: Provenance) -> None:
+    """Refuse to simulate runs of a sealed round with other draws than its own.
+
+    Raises
+    ------
+    EpisodeError
+        When the task is not given the secret of the record's round.
+    """
+    recorded, given = provenance.task.salt_commitment, task.salt_commitment
+    if recorded == given:
+        return
+    if recorded is None:
+        msg = f"The record has public draws of {task.id}, and not those of the round {given}. Leave --round out."
+    elif given is None:
+        msg = (
+            f"The record belongs to the sealed round {recorded} of {task.id}: only with the secret of the round can its runs be "
+            "simulated again. Once it is published: glbench episodes make RESULT --round FILE."
+        )
+    else:
+        msg = f"The record belongs to the round {recorded}, and the secret is that of {given}. Give the file of the right round."
+    raise EpisodeError(msg)
+
+
 class Replay:
     """The runs ``rows`` of ``log`` (by default all), taken again step by step.
 
     The simulation is that of the evaluation: the same code, the same seeds, the same actions.
+
+    Raises
+    ------
+    EpisodeError
+        When the draws of ``task`` are not those of ``log``: one of them is of a sealed round, or they are of two.
     """
 
     def __init__(
         self, task: TaskSpec, log: ActionLog, rows: Sequence[int] | None = None, kernel: Stepper | None = None
     ) -> None:
+        check_round(task, log.provenance)
         self.rows = tuple(range(len(log.runs)) if rows is None else rows)
         self._log = log
         self._counts = np.array([log.runs[row].actions for row in self.rows])

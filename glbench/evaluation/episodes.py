@@ -20,7 +20,7 @@ from glbench.episodes import (
 from glbench.errors import EpisodeError
 from glbench.evaluation.records import Result, RunResult
 from glbench.registration import task_ids
-from glbench.tasks import TaskSpec, get_task
+from glbench.tasks import Round, TaskSpec, get_task
 
 
 def run_facts(runs: Iterable[RunResult]) -> tuple[RunFacts, ...]:
@@ -68,22 +68,27 @@ def make_episodes(
     return tuple(files.values())
 
 
-def task_of_result(result: Result, path: Path) -> TaskSpec:
+def task_of_result(result: Result, path: Path, sealed: Round | None = None) -> TaskSpec:
     """The task of ``result``: the published one, or a user's own as the record holds it.
+
+    With the secret of a ``sealed`` round it has the draws of that round; without one, the public draws, with which the runs of a sealed
+    round cannot be simulated again.
 
     Raises
     ------
     EpisodeError
         When the result is of another version of the task, or its recorded actions cannot be used.
     """
-    task = (get_task(result.task.id) if result.task.id in task_ids() else recorded_actions(result, path).task()).scored
+    task = (
+        get_task(result.task.id) if result.task.id in task_ids() else recorded_actions(result, path).task()
+    ).scored_in(result.task.split)
     if task.digest != result.task.digest:
         msg = (
             f"{path} is of another version of {task.id} (digest {result.task.digest[:12]}..., here {task.digest[:12]}...): "
             "its actions would lead elsewhere. Evaluate again with --fresh."
         )
         raise EpisodeError(msg)
-    return task
+    return task if sealed is None else task.in_split("test", sealed.secret)
 
 
 def recorded_actions(result: Result, path: Path) -> ActionLog:

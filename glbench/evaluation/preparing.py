@@ -19,7 +19,7 @@ from glbench.env import Simulation
 from glbench.env.kernels import shared_kernel
 from glbench.episodes import Recorder, chosen_rows, parse_selection, provenance_of
 from glbench.episodes.header import versions as recorded_versions
-from glbench.errors import GlbenchError, ResultError, SubmissionError, whole_number
+from glbench.errors import GlbenchError, ResultError, SandboxError, SubmissionError, whole_number
 from glbench.evaluation import provenance
 from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, holds_checkpoint, read_checkpoint
 from glbench.evaluation.episodes import make_episodes, run_facts
@@ -60,6 +60,9 @@ CHECKPOINT_SECONDS = 2.0
 """Shortest time between two checkpoints: what a kill costs at most, besides one step."""
 
 
+ROUNDS = "rounds"
+"""Folder below ``out`` for sealed rounds, each in a folder that begins as its commitment does."""
+_SHOWN_COMMITMENT = 16
 TRIALS = "trials"
 """Folder below ``out`` for trials, which are evaluations with other seeds than the task's."""
 _MOST_RUNS = 10_000
@@ -87,6 +90,7 @@ def prepare(
     task = (task if isinstance(task, TaskSpec) else get_task(task)).scored
     protected = agent if isinstance(agent, Protected) else protect(agent, sandbox)
     agent = protected.agent
+    _keep_secret(task, protected)
     seeds = _seeds(task, runs, first_seed)
     selection = parse_selection(episodes)
     chosen_rows(selection, seeds, [0.0] * len(seeds))  # a seed that no run has is told now, not after the evaluation
@@ -95,10 +99,10 @@ def prepare(
         msg = f"An evaluation needs at least one worker; got {workers}."
         raise GlbenchError(msg)
     # Absolute at once: an agent may change the working directory.
-    folder = None if out is None else Path(out).expanduser().resolve()
+    folder = None if out is None else results_folder(Path(out).expanduser().resolve(), task)
     kernel = shared_kernel(task.model_value, task.step_seconds).describe()
     stored = None
-    if folder is not None and seeds != tuple(task.evaluation.seeds):
+    if folder is not None and (seeds != tuple(task.evaluation.seeds) or task.split == "validation"):
         folder = folder / TRIALS
     if folder is not None:
         ensure_writable(result_path(folder, task.id, agent.name).parent)
@@ -126,6 +130,28 @@ def prepare(
     return evaluation
 
 
+def results_folder(out: Path, task: TaskSpec) -> Path:
+    """Folder of the results of ``task``: ``out`` with public draws, ``<out>/rounds/<commitment>`` in a sealed round."""
+    commitment = task.salt_commitment
+    return out if commitment is None else out / ROUNDS / commitment[:_SHOWN_COMMITMENT]
+
+
+def _keep_secret(task: TaskSpec, agent: Protected) -> None:
+    """Refuse an evaluation in which the agent could read the secret of the round.
+
+    Raises
+    ------
+    SandboxError
+        When the agent would run in this process, whose memory holds the secret.
+    """
+    if task.sealed and agent.protection == "unsandboxed":
+        msg = (
+            f"'{agent.agent.name}' would run without a sandbox, in the process that holds the secret of the round, and could read it. "
+            "In a round submissions run with --sandbox bubblewrap only."
+        )
+        raise SandboxError(msg)
+
+
 def evaluate(
     task: TaskSpec | str | Path,
     agent: LoadedAgent | Protected | str | Path,
@@ -146,7 +172,9 @@ def evaluate(
     Parameters
     ----------
     task
-        A task, its id, or the path of a task file.
+        A task, its id, or the path of a task file. One with splits is evaluated on its test split; in its validation split
+        (``task.in_split("validation")``) it makes a trial. One of a sealed round (``task.in_split("test", sealed=round.secret)``) is
+        evaluated with secret draws.
     agent
         The path of a submission, the name of a baseline, an agent that was loaded already, or what ``protect`` made of one of them.
     runs, first_seed
@@ -249,12 +277,15 @@ def _finished(
             "--out, or replace the result with --fresh."
         )
         raise ResultError(msg)
+    if stored.task.salt_commitment != task.salt_commitment:
+        msg = f"{path} holds a result with other draws than these. Choose another folder with --out."
+        raise ResultError(msg)
     made_by = (stored.task.digest, stored.agent.digest, stored.evaluation.kernel, stored.versions.glbench)
     if made_by != (task.digest, agent.digest, kernel, __version__):
         return None
     if protection == "bubblewrap" and stored.evaluation.sandbox != "bubblewrap":
         return None
-    if stored.evaluation.seeds == seeds:
+    if stored.evaluation.seeds == seeds and stored.task.split == task.split:
         if stored.record is not None and path.with_name(stored.record.file).is_file():
             return stored
         logger.warning("%s lacks its recorded actions, without which nobody can verify it; evaluating again.", path)
@@ -447,7 +478,14 @@ class Evaluation:
         steps = sum(run.steps for run in runs)
         return Result(
             task=TaskRecord(
-                id=task.id, digest=task.digest, title=task.title, steps=task.steps, step_seconds=task.step_seconds
+                id=task.id,
+                digest=task.digest,
+                title=task.title,
+                steps=task.steps,
+                step_seconds=task.step_seconds,
+                split=task.split,
+                years=None if task.splits is None else getattr(task.splits, str(task.split)).years,
+                salt_commitment=task.salt_commitment,
             ),
             agent=agent,
             evaluation=EvaluationRecord(
@@ -470,7 +508,7 @@ class Evaluation:
             units=units_of(task),
             runs=runs,
             summary=summarise(runs),
-            results_digest=results_digest(task.digest, agent, runs),
+            results_digest=results_digest(task.digest, agent, runs, task.salt_commitment),
         )
 
     @property
@@ -487,6 +525,10 @@ class Evaluation:
             "kernel": self.kernel,
             "sandbox": self.protection,
         }
+        if self.task.split == "validation":
+            key["split"] = self.task.split
+        if self.task.salt_commitment is not None:
+            key["salt_commitment"] = self.task.salt_commitment
         return (
             agent_folder(self.out, self.task.id, self.agent.name) / hashlib.sha256(rfc8785.dumps(key)).hexdigest()[:16]
         )

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env import Simulation, Snapshot, StepResult
+from glbench.env import Simulation, Snapshot, StepResult, season_names
 from glbench.episodes import Recorder
 from glbench.evaluation.checkpoint import Checkpoint, Saved
 from glbench.evaluation.limits import Failure, TimeLimits
@@ -36,6 +36,7 @@ class RunTotals:
         self.seeds = seeds
         self._task = task
         self._metrics = StepMetrics(task)
+        self._seasons = season_names(task, seeds)
         self.totals = np.zeros((len(self._metrics.names), n))
         self.asked = np.zeros(n, dtype=np.int64)
         self.steps = np.zeros(n, dtype=np.int64)
@@ -82,7 +83,11 @@ class RunTotals:
             steps = int(self.steps[row])
             sums = dict(zip(self._metrics.names, self.totals[:, row].tolist(), strict=True))
             metrics = with_missing_steps(sums, self._task.steps - steps, prices)
-            found.append(RunResult(seed=seed, status=status, reason=reason, steps=steps, metrics=metrics))
+            found.append(
+                RunResult(
+                    seed=seed, status=status, reason=reason, steps=steps, metrics=metrics, cluster=self._seasons[row]
+                )
+            )
         return tuple(found)
 
     def arrays(self) -> dict[str, NDArray[Any]]:

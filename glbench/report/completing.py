@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from glbench.episodes.recorder import check_round
 from glbench.errors import EpisodeError
 from glbench.evaluation.episodes import recorded_actions, task_of_result
 from glbench.evaluation.profiles import load_profile, make_profile, profile_path
@@ -39,6 +40,7 @@ def complete_profiles(
         try:
             task = task_of_result(item.result, item.path)
             log = recorded_actions(item.result, item.path)
+            check_round(task, log.provenance)
         except EpisodeError as error:
             impossible.append((item.path, str(error)))
             continue

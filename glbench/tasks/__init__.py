@@ -40,6 +40,9 @@ if TYPE_CHECKING:
     from glbench.tasks.scenario import Scenario as Scenario
     from glbench.tasks.scenario import Season as Season
     from glbench.tasks.scenario import StartGroup as StartGroup
+    from glbench.tasks.sealed import Round as Round
+    from glbench.tasks.sealed import SealedWeather as SealedWeather
+    from glbench.tasks.sealed import read_round as read_round
     from glbench.tasks.spec import TaskSpec as TaskSpec
     from glbench.tasks.tables import TaskFile1 as TaskFile1
     from glbench.tasks.tables import TaskFile2 as TaskFile2
@@ -78,6 +81,7 @@ else:
             ),
             "lock": ("Fingerprint", "LockEntry", "read_lock"),
             "quantities": ("Capacity", "ObservationContext", "Quantity"),
+            "sealed": ("Round", "SealedWeather", "read_round"),
             "spec": ("TaskSpec",),
             "vocabulary": (
                 "ACTUATION_KINDS",

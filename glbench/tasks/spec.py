@@ -35,6 +35,7 @@ from glbench.tasks.ledger import (
 from glbench.tasks.lock import Fingerprint, canonical_sha256, read_lock
 from glbench.tasks.quantities import PAPER_MODEL, Capacity, ObservationContext, Quantity, capacities, of_model
 from glbench.tasks.scenario import Generated, ParameterGroup, Scenario, Season, StartGroup
+from glbench.tasks.sealed import commitment_of, weather_of
 from glbench.tasks.tables import (
     PROCESS_COMPUTER,
     ActuationTable,
@@ -200,7 +201,7 @@ class TaskSpec:
     def in_split(self, split: str, sealed: str = "") -> TaskSpec:
         """The same task with the scenarios of ``split``: "training", "validation" or "test"; digest and all else stay.
 
-        ``sealed`` is the secret salt of a round, for the test only.
+        ``sealed`` is the secret of a round (``glbench.tasks.sealed.Round.secret``), for the test only.
 
         Raises
         ------
@@ -223,9 +224,18 @@ class TaskSpec:
         return other
 
     @property
+    def salt_commitment(self) -> str | None:
+        """SHA-256 [hex] of the secret of the round, which its host publishes first; ``None`` with public draws."""
+        return commitment_of(self.sealed) if self.sealed else None
+
+    @property
     def scored(self) -> TaskSpec:
-        """The task with the scenarios that count: those of its test split, or itself where it has no splits."""
-        return self if self.splits is None else self.in_split("test", self.sealed)
+        """The task with the scenarios of its test split; itself without splits, or when it is in its validation split."""
+        return self if self.splits is None or self.split == "validation" else self.in_split("test", self.sealed)
+
+    def scored_in(self, split: str | None) -> TaskSpec:
+        """The task with the scenarios of a result that names ``split``; ``None`` where a result names none."""
+        return self.scored if split is None else self.in_split(split, self.sealed if split == "test" else "")
 
     def check_training(self) -> None:
         """Refuse a task that has a test alone: nothing can be learned in it.
@@ -472,6 +482,28 @@ class TaskSpec:
         with self._asked_by("weather"):
             return _record(self.weather.source)
 
+    def season_record(self) -> WeatherRecord:
+        """The record that the seasons of the split are made of: the task's, or the round's own, of which agents are told nothing.
+
+        Raises
+        ------
+        TaskError
+            When there is no such record, or the clock of the round's own is another than the task's.
+        """
+        record = self.record()
+        with self._asked_by("weather"):
+            sealed = weather_of(self.sealed)
+            if sealed is None:
+                return record
+            own = _record_of(sealed.digest)
+        if own.timezone != record.timezone:
+            msg = (
+                f"The round's weather has the clock of {own.timezone}, and {self.id} that of {record.timezone}, which its agents see. "
+                "Import the record with that time zone, and make another round."
+            )
+            raise TaskError(msg)
+        return own
+
     def disturbances(self, extra_rows: int = 0) -> Disturbances:
         """Weather rows of the nominal season, for the whole episode: ``steps + 1 + extra_rows`` rows, remembered.
 
@@ -665,18 +697,22 @@ class TaskSpec:
                 msg = f"{self.source}: [scenario.parameters] '{name}' is in two groups. Keep it in one."
                 raise TaskError(msg)
         split: SplitTable | None = getattr(self.splits, self.split) if self.split is not None else None
-        salt, generated = scenario.salt, None
+        salt, generated, source = scenario.salt, None, weather.source
+        years = scenario.years if split is None else split.years
         if split is not None:
             salt = "\n".join(filter(None, (scenario.salt, self.split, self.sealed)))
+            sealed = weather_of(self.sealed)
+            if sealed is not None:
+                source, years = self.season_record().name, sealed.years
             if split.seasons is not None:
                 between = scenario.co2_range
                 generated = Generated(
-                    split.years, split.seasons, self.evaluation.first_seed, None if between is None else (between.low, between.high)
+                    years, split.seasons, self.evaluation.first_seed, None if between is None else (between.low, between.high)
                 )  # fmt: skip
-        years = scenario.years if split is None else () if generated is not None else split.years
         with self._asked_by("scenario"):
             seasons = [Season(entry.source or weather.source, entry.start) for entry in scenario.seasons]
-            seasons += [Season(weather.source, _in_year(weather.start, year)) for year in years]
+            if generated is None:
+                seasons += [Season(source, _in_year(weather.start, year)) for year in years]
         return Scenario(
             scenario.family, salt, groups, tuple(starts),
             tuple(seasons) or (Season(weather.source, weather.start),), scenario.start_within_days, generated,
@@ -850,6 +886,13 @@ def _record(source: str) -> WeatherRecord:
     from glbench.weather import load_weather
 
     return load_weather(source)
+
+
+@lru_cache(maxsize=16)
+def _record_of(digest: str) -> WeatherRecord:
+    from glbench.weather import find_weather
+
+    return _record(find_weather(digest))
 
 
 @lru_cache(maxsize=32)

@@ -17,7 +17,7 @@ from glbench.evaluation import Result, load_result
 from glbench.evaluation.episodes import run_facts
 from glbench.evaluation.metrics import with_missing_steps
 from glbench.registration import task_ids
-from glbench.tasks import TaskSpec, get_task
+from glbench.tasks import Round, TaskSpec, get_task
 from glbench.verification.verdict import Agreement, cannot_tell, refute
 
 _MOST_STEPS = 600_000
@@ -69,6 +69,12 @@ def _same_evaluation(result: Result, log: ActionLog) -> None:
             f"(digest {result.task.digest[:12]}...)."
         )
         refute("record_of_other_task", reason)
+    if task.salt_commitment != result.task.salt_commitment:
+        recorded, stated = (
+            "public draws" if one is None else f"the draws of the sealed round {one[:12]}..."
+            for one in (task.salt_commitment, result.task.salt_commitment)
+        )
+        refute("record_of_other_round", f"The recorded actions are of {recorded}, the result says {stated}.")
     if (task.title, task.steps, task.step_seconds) != (result.task.title, result.task.steps, result.task.step_seconds):
         refute(
             "record_of_other_task", "Title, steps or step length of the task differ between the record and the result."
@@ -151,6 +157,36 @@ def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
     if facts != (stated.title, stated.steps, stated.step_seconds):
         refute("task_facts", f"The task's title, steps or step length are not those of {task.id}.")
     return task
+
+
+def with_its_draws(result: Result, task: TaskSpec, given: Round | None) -> TaskSpec:
+    """``task`` with the draws that the result says it has: public ones, those of the round that is ``given``, or (not given) public ones.
+
+    A result of a round other than the one given, or of none, is refused: who names a round asks whether the result is of that round.
+    """
+    commitment = result.task.salt_commitment
+    if commitment is not None and "test" not in (task.splits.names if task.splits is not None else ()):
+        refute("sealed", f"The result says that its draws are sealed, and {task.id} has no test split that could be.")
+    if given is None:
+        return task
+    if commitment is None:
+        cannot_tell(
+            "other_round",
+            f"The result names no commitment, so it is not of the round {given.commitment}. Its draws are public: verify it without "
+            "--round.",
+        )
+    if commitment != given.commitment:
+        reason = (
+            f"The result is of the round {commitment}, and the secret given is that of {given.commitment}: this is the wrong file, or "
+            "the commitment in the result was changed."
+        )
+        cannot_tell("other_round", reason)
+    try:
+        sealed = task.in_split("test", given.secret)
+        sealed.season_record()
+    except GlbenchError as error:
+        cannot_tell("no_weather", f"The round's draws cannot be had here: {error}")
+    return sealed
 
 
 def check_sums(result: Result, log: ActionLog, task: TaskSpec) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from glbench.evaluation.profiles import load_profile, make_profile
 from glbench.evaluation.records import RunResult
 from glbench.evaluation.rollout import RunTotals
 from glbench.kernel import Kernel, available
-from glbench.tasks import TaskSpec
+from glbench.tasks import Round, TaskSpec
 from glbench.verification.documents import (
     check_seeds,
     check_setting,
@@ -30,14 +31,17 @@ from glbench.verification.documents import (
     read_episodes,
     read_record,
     read_result,
+    with_its_draws,
 )
 from glbench.verification.verdict import (
+    CHAOS,
     TOLERANCE,
     Agreement,
     Refused,
     Verdict,
     cannot_tell,
     coverage,
+    not_yet,
     refute,
     same_bits,
 )
@@ -51,6 +55,7 @@ def verify(
     *,
     episodes: Path | None = None,
     task: Path | None = None,
+    sealed: Round | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Verdict:
@@ -64,6 +69,9 @@ def verify(
         Folder with full episodes; by default where ``glbench evaluate`` puts them, if there are any.
     task
         Task file of a task that is not published; by default the definition in the record.
+    sealed
+        The round that the result is to be of, with its secret. Without it, what can be checked of a result of a sealed round is checked,
+        and the outcome is ``"sealed"`` at best.
     workers
         Processes to simulate with; by default what is fastest here.
     progress
@@ -78,7 +86,7 @@ def verify(
     try:
         result = read_result(path)
         log = read_record(path, result)
-        spec = find_task(result, log, task)
+        spec = with_its_draws(result, find_task(result, log, task), sealed)
         notes = check_seeds(result, spec)
         check_setting(result, log, spec)
         units = units_of(spec)
@@ -96,6 +104,8 @@ def verify(
         ranks = spec.evaluation.metric
         if ranks not in result.units:
             refute("metric", f"The result lacks the metric '{ranks}', by which {spec.id} is ranked.")
+        if result.task.salt_commitment != spec.salt_commitment:
+            _stay_sealed(path, result, log, spec, workers, progress)
         whole, complaint = _try_to_read(episodes or episodes_folder(path), log, wanted=episodes is not None)
         profiled = _profile_is_there(path, result, spec)
         with _kernel(result, spec, workers) as kernel:
@@ -134,6 +144,37 @@ def verify(
         reproduced,
         merely_stated,
     )
+
+
+def _stay_sealed(
+    path: Path, result: Result, log: ActionLog, spec: TaskSpec, workers: int | None, progress: Progress | None
+) -> NoReturn:
+    """End the verification of a result whose draws are secret; ``spec`` has the public ones, with which it must not be reproduced."""
+    check_sums(result, log, spec)
+    _profile_is_there(path, result, spec)
+    tried = _draws_numbers(spec)
+    if tried:
+        facts = log.provenance.task.model_copy(update={"salt_commitment": None})
+        public = replace(log, provenance=log.provenance.model_copy(update={"task": facts}))
+        with _kernel(result, spec, workers) as kernel:
+            agreement = _agreement(result, spec, log, _simulate(spec, public, (), kernel, progress))
+        if agreement.largest <= CHAOS:
+            refute(
+                "public_draws", "The result says that its draws are sealed, and the public draws lead to its numbers."
+            )
+    not_yet(
+        f"Its draws belong to the sealed round {result.task.salt_commitment}, and nobody can simulate them without the round's secret. "
+        "Checked: the result agrees with itself and with its recorded actions; task, seeds and kernel are right; the rewards add up"
+        f"{'; the public draws do not lead there' if tried else ''}. Not checked: that the actions earn these rewards. Once the host has "
+        "published the round's file, verify with --round FILE."
+    )
+
+
+def _draws_numbers(task: TaskSpec) -> bool:
+    """Whether runs draw numbers, which another salt changes, rather than one of a few seasons and days."""
+    scenario = task.scenario
+    drawn = any(group.half_width > 0.0 for group in (*scenario.groups, *scenario.start_groups))
+    return drawn or scenario.generated is not None or task.sensors is not None
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 
 from glbench.evaluation import Result
 
-Outcome = Literal["reproduced", "refuted", "unknown"]
+Outcome = Literal["reproduced", "refuted", "unknown", "sealed"]
 Exactness = Literal["bits", "tolerance"]
 
-EXIT_CODES: dict[Outcome, int] = {"reproduced": 0, "refuted": 1, "unknown": 2}
+EXIT_CODES: dict[Outcome, int] = {"reproduced": 0, "refuted": 1, "unknown": 2, "sealed": 3}
+COMMITMENT: Final = "task.salt_commitment"
+"""Reproduced with the secret of the round; a result with public draws does not have it, and that is reproduced, too."""
 _ALWAYS: Final = (
-    "schema", "schema_version", "task.id", "task.digest", "task.title", "task.steps", "task.step_seconds",
+    "schema", "schema_version", "task.id", COMMITMENT, "task.digest", "task.title", "task.steps", "task.step_seconds",
     "evaluation.runs", "evaluation.seeds", "runs.seed", "runs.steps", "runs.metrics", "summary", "units", "results_digest", "record",
 )  # fmt: skip
 ENDS: Final = ("runs.status", "runs.reason")
@@ -59,7 +61,8 @@ class Verdict:
     path
         The result's file.
     outcome
-        ``"reproduced"``, ``"refuted"``, or ``"unknown"`` when it cannot be told.
+        ``"reproduced"``, ``"refuted"``, ``"unknown"`` when it cannot be told, or ``"sealed"`` when it cannot be told before the
+        host of the round publishes its secret.
     cause
         A short name of the reason why it is not reproduced, such as ``"reward"`` or ``"dropped_run"``; empty when it is.
     reason
@@ -93,7 +96,7 @@ class Verdict:
 
     @property
     def exit_code(self) -> int:
-        """0 reproduced, 1 refuted, 2 cannot tell."""
+        """0 reproduced, 1 refuted, 2 cannot tell, 3 cannot be told before the round is over."""
         return EXIT_CODES[self.outcome]
 
 
@@ -113,6 +116,11 @@ def refute(cause: str, reason: str) -> NoReturn:
 def cannot_tell(cause: str, reason: str) -> NoReturn:
     """End the verification: something that a verification needs is missing."""
     raise Refused("unknown", cause, reason)  # noqa: EM101 -- words of the program, not a message
+
+
+def not_yet(reason: str) -> NoReturn:
+    """End the verification: the draws are secret until the host of the round publishes them."""
+    raise Refused("sealed", "sealed", reason)  # noqa: EM101 -- words of the program, not a message
 
 
 def coverage(result: Result, *, profile: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -17,7 +17,7 @@ from glbench.weather.preprocessing import COLUMNS
 from glbench.weather.readers import FORMATS, read_csv, read_epw, read_tmy, read_weather
 from glbench.weather.record import QUANTITIES, Place, WeatherInfo, WeatherRecord
 from glbench.weather.series import PREPROCESSINGS, Disturbances, disturbances
-from glbench.weather.store import list_weather, load_weather, save_weather
+from glbench.weather.store import find_weather, list_weather, load_weather, save_weather
 
 __all__ = [
     "COLUMNS",
@@ -33,6 +33,7 @@ __all__ = [
     "WeatherRecord",
     "disturbances",
     "fetch_knmi",
+    "find_weather",
     "list_weather",
     "load_weather",
     "read_csv",

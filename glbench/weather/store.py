@@ -7,6 +7,7 @@ and digest.
 
 from __future__ import annotations
 
+import contextlib
 import datetime as dt
 import io
 import json
@@ -69,6 +70,29 @@ def load_weather(name: str) -> WeatherRecord:
     near = did_you_mean(name, [*shipped, *_user_names()])
     msg = (
         f"There is no weather record '{name}'.{near} Add one with `glbench weather import` or `glbench weather fetch`."
+    )
+    raise UnknownNameError(msg)
+
+
+def find_weather(digest: str) -> str:
+    """Name of the weather record with that SHA-256, such as a host seals for a round and publishes afterwards.
+
+    Raises
+    ------
+    UnknownNameError
+        When neither glbench nor the user has it.
+    """
+    for name, entry in sorted(_manifest(data_folder("weather")).items()):
+        if entry["digest"] == digest:
+            return name
+    for name in _user_names():
+        path = user_folder() / f"{name}.parquet"
+        with contextlib.suppress(WeatherError):  # one that is damaged is not asked for
+            if _metadata(_parquet_schema(path), path)["digest"] == digest:
+                return name
+    msg = (
+        f"There is no weather record with the SHA-256 {digest}. Import it with `glbench weather import`, with its own place and time zone; "
+        "whoever made the round has it."
     )
     raise UnknownNameError(msg)
 

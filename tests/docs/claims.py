@@ -32,6 +32,7 @@ from glbench.leaderboard.statistics import RESAMPLES, bootstrap_interval, crosse
 from glbench.model import CONTROL_NAMES, STATE_NAMES, TOMATO, build_rhs, default_parameters
 from glbench.speed import SpeedRecord, read_record
 from glbench.tasks import get_task
+from glbench.tasks.tables import ProcessComputerTable
 from glbench.weather import load_weather
 from tests.kernel.known_steps import known_steps
 
@@ -747,6 +748,16 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
             "tests/kernel_compiled/test_sensitivities.py holds it",
         ),
         ("a profit of 0.16 EUR", "tests/kernel/test_sensitivities_page.py computes it"),
+    ],
+    "docs/process-computer.md": [
+        *(
+            (f"| `{name}` | {value:g} |", "tests/env/test_process_computer_page.py holds it")
+            for name, value in ProcessComputerTable().model_dump().items()
+            if value % 1.0
+        ),
+        ("| 0 | 1600 |", "tests/env/test_process_computer_page.py holds it"),
+        ("| 0 | 1000 |", "tests/env/test_process_computer_page.py holds it"),
+        ("when it is near (0.02)", "definition: glbench/env/process_computer.py"),
     ],
     "docs/speed.md": [
         ("steps of 300 s", "definition: the length of a step"),

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from docs import accuracy_table, speed_figure, weather_table
+from docs import accuracy_table, speed_figure, uncertainty_figures, weather_table
+from glbench.env.generated import CO2_PERSISTENCE, GOLDEN
 from glbench.speed import read_record
-from glbench.weather import load_weather
+from glbench.tasks import get_task
+from glbench.weather import Blocks, load_weather
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 MEASUREMENTS = DOCS / "measurements"
@@ -31,3 +33,13 @@ def test_the_table_of_generated_seasons_holds_the_measurements() -> None:
     for name in ("training", "test"):
         assert measured[name]["accepted"], f"the generator misses a limit: {name}"
         assert measured[name]["digest"] == load_weather("schiphol").digest
+
+
+def test_the_page_of_uncertainty_holds_the_sizes_of_its_task() -> None:
+    page = (DOCS / "uncertainty.md").read_text(encoding="utf-8")
+    assert uncertainty_figures.filled(page, get_task(str(uncertainty_figures.TASK))) == page
+    assert f"φ = {CO2_PERSISTENCE:g}\n" in page
+    assert f"(u + {GOLDEN:.6f} n)" in page
+    assert f"blocks of {Blocks().shortest} to {Blocks().longest} days" in page
+    for picture in (DOCS / "images").glob("uncertainty-*.png"):
+        assert f"(images/{picture.name})" in page

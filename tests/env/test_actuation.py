@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from glbench.env import Simulation
 from glbench.env.actuation import ACTUATIONS, ActionReader, make_actuation, register_actuation
 from glbench.errors import ActionError, TaskError, UnknownNameError
-from glbench.tasks import TaskSpec, get_task, task_card
+from glbench.tasks import Action, TaskSpec, get_task, task_card
 from tests.env.stepping import StillKernel
 
 MakeTask = Callable[..., TaskSpec]
@@ -145,6 +145,26 @@ def test_a_kind_of_ones_own_chooses_its_bounds(make_task: MakeTask) -> None:
     assert ActionReader.of_task(task)(np.full((1, 6), 45.0), 1).max() == 45.0
     with pytest.raises(TaskError, match="cannot lie between 1 and 0"):
         register_actuation("test_other", "an angle", lambda task: lambda controls, actions: actions, low=1.0, high=0.0)
+
+
+@pytest.mark.usefixtures("own_words")
+def test_a_kind_of_ones_own_has_other_actions_than_controls(make_task: MakeTask, still: StillKernel) -> None:
+    register_actuation(
+        "test_two",
+        "one number for heat, one for everything else",
+        lambda task: lambda controls, actions: np.hstack([actions[:, :1] / 80.0, actions[:, 1:].repeat(5, axis=1)]),
+        actions=lambda controls: (Action("pipe", 0.0, 80.0, "degC", "pipe"), Action("rest", 0.0, 0.5)),
+    )
+    task = make_task(('kind = "rate"', 'kind = "test_two"'))
+    card = task_card(task)
+    assert card.action_names == ("pipe", "rest")
+    assert [bound.tolist() for bound in card.action_bounds] == [[0.0, 0.0], [80.0, 0.5]]
+    simulation = Simulation(task, 1, still)
+    simulation.reset([1])
+    simulation.step([[40.0, 0.25]])
+    assert simulation.u[0].tolist() == [0.5, 0.25, 0.25, 0.25, 0.25, 0.25]
+    with pytest.raises(ActionError, match="'rest'"):
+        simulation.step([[40.0, 0.75]])
 
 
 @pytest.mark.usefixtures("own_words")

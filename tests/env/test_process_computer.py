@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -16,29 +15,38 @@ from numpy.typing import NDArray
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation, Snapshot
 from glbench.env.actuation import ActuationInputs, make_actuation, recorded_actuation
 from glbench.env.climate import read_air
-from glbench.env.process_computer import MEMORY, Measured, humidity_deficit, work
+from glbench.env.formulas import record_formula
+from glbench.env.process_computer import MEMORY, Measured, work
 from glbench.env.program import make_program
+from glbench.episodes.signals import signals_of
 from glbench.errors import ActionError, TaskError
 from glbench.kernel import why_not_compiled
-from glbench.model import saturation_vapour_pressure
+from glbench.kernel.tape import Recorder
+from glbench.model import humidity_deficit
+from glbench.report.task_words import definition_in_words
 from glbench.tasks import TaskSpec, get_task, task_card
+from glbench.tasks.tables import AnyActuationTable, ProcessComputerTable
 
 ALL = ("uBoil", "uCo2", "uThScr", "uVent", "uLamp", "uBlScr")
 WANTED = {
     "heating_temperature": 18.0, "ventilation_temperature": 22.0, "co2_set_point": 800.0, "humidity_deficit": 0.0, "lamps_from": 2.0,
     "lamps_until": 18.0, "lamp_radiation_limit": 0.0, "screen_radiation_limit": 0.0, "screen_outdoor_temperature": 10.0,
 }  # fmt: skip
-STILL = Measured(20.0, 800.0, 70.0, radiation=300.0, outdoor_temperature=20.0, wind_speed=0.0, hour_of_day=12.0)
+STILL = Measured(20.0, 800.0, 5.0, radiation=300.0, outdoor_temperature=20.0, wind_speed=0.0, hour_of_day=12.0)
 MakeComputer = Callable[..., TaskSpec]
 
 
 @pytest.fixture(scope="module")
 def make_computer(tmp_path_factory: pytest.TempPathFactory) -> MakeComputer:
-    """A task of one day with a process computer, its settings and the controls that it works."""
+    """A task of one day with a process computer, its settings and the controls that it works; vents that move at once unless damped."""
     folder = tmp_path_factory.mktemp("computers")
     made: dict[tuple[str, ...], TaskSpec] = {}
 
-    def make(*settings: str, controls: tuple[str, ...] = ALL, max_change: float = 1.0) -> TaskSpec:
+    def make(
+        *settings: str, controls: tuple[str, ...] = ALL, max_change: float = 1.0, damped: bool = False
+    ) -> TaskSpec:
+        if not damped:
+            settings = (*settings, 'vent_time = { value = 0.0, unit = "h" }')
         key = (*settings, *controls, str(max_change))
         if key not in made:
             path = folder / f"task{len(made)}.toml"
@@ -74,7 +82,7 @@ class Computer:
 
     def __call__(self, **measured: float) -> dict[str, Any]:
         seen = Measured(**(vars(STILL) | measured))
-        moved, self.memory = work(self.task, self.wanted, self.controls, seen, self.memory, math.exp)
+        moved, self.memory = work(self.task, self.wanted, self.controls, seen, self.memory)
         self.controls = {name: float(value) for name, value in moved.items()}
         return self.controls
 
@@ -104,6 +112,15 @@ def test_vents_are_proportional_in_a_band_that_widens_with_cold_and_wind(
     assert Computer(task)(air_temperature=22.0, **weather)["uVent"] == 0.0
     assert Computer(task)(air_temperature=22.0 + band / 4.0, **weather)["uVent"] == pytest.approx(0.25, abs=1e-12)
     assert Computer(task)(air_temperature=22.0 + band, **weather)["uVent"] == pytest.approx(1.0, abs=1e-12)
+
+
+def test_vents_move_slowly_and_arrive(make_computer: MakeComputer) -> None:
+    computer = Computer(make_computer(damped=True))
+    found = [computer(air_temperature=25.0)["uVent"] for _ in range(12)]
+    # half an hour: a third of the way in each step of 15 minutes, and at once over the last 2 %
+    assert found[:3] == pytest.approx([0.5 / 3.0, 0.5 * 5.0 / 9.0, 0.5 * 19.0 / 27.0])
+    assert found[-1] == 0.5
+    assert [computer(air_temperature=15.0)["uVent"] for _ in range(12)][-1] == 0.0
 
 
 def test_vents_never_open_below_the_heating_temperature_and_the_dead_zone(make_computer: MakeComputer) -> None:
@@ -149,21 +166,20 @@ def test_the_ventilation_temperature_rises_before_the_heating_comes_near(make_co
 
 def test_humid_air_brings_minimum_heat_in_little_light_and_a_gap_in_the_vents(make_computer: MakeComputer) -> None:
     task = make_computer()
-    deficit = humidity_deficit(20.0, 90.0, math.exp)
-    half, full = {"humidity_deficit": deficit + 0.5}, {"humidity_deficit": deficit + 1.0}
-    night = {"relative_humidity": 90.0, "radiation": 0.0}
+    half, full, humid = {"humidity_deficit": 2.5}, {"humidity_deficit": 3.0}, 2.0
+    night = {"humidity_deficit": humid, "radiation": 0.0}
     assert Computer(task, **half)(**night)["uBoil"] == pytest.approx(0.5 * 20.0 / 130.0)
     assert Computer(task, **full)(**night)["uBoil"] == pytest.approx(20.0 / 130.0)
-    assert Computer(task, **full)(relative_humidity=90.0, radiation=125.0)["uBoil"] == pytest.approx(10.0 / 130.0)
-    assert Computer(task, **full)(relative_humidity=90.0, radiation=250.0)["uBoil"] == 0.0
+    assert Computer(task, **full)(humidity_deficit=humid, radiation=125.0)["uBoil"] == pytest.approx(10.0 / 130.0)
+    assert Computer(task, **full)(humidity_deficit=humid, radiation=250.0)["uBoil"] == 0.0
     assert Computer(task, **half)(**night)["uVent"] == pytest.approx(0.125)
     assert Computer(task, **full)(**night)["uVent"] == pytest.approx(0.25)
-    assert Computer(task, **full)(relative_humidity=60.0)["uVent"] == 0.0
+    assert Computer(task, **full)(humidity_deficit=3.0)["uVent"] == 0.0
 
 
 def test_the_gap_shuts_as_the_air_gets_cold(make_computer: MakeComputer) -> None:
     def gap(air: float) -> float:
-        value: float = Computer(make_computer(), humidity_deficit=8.0)(air_temperature=air, relative_humidity=99.0)[
+        value: float = Computer(make_computer(), humidity_deficit=8.0)(air_temperature=air, humidity_deficit=0.2)[
             "uVent"
         ]
         return value
@@ -173,18 +189,9 @@ def test_the_gap_shuts_as_the_air_gets_cold(make_computer: MakeComputer) -> None
     assert gap(16.0) == 0.0
 
 
-def test_the_humidity_deficit_is_that_of_the_models_saturation() -> None:
-    for temperature in (0.0, 17.0, 30.0):
-        pressure = float(saturation_vapour_pressure(temperature))
-        saturated = pressure * 18.01528 / (8.3144598 * (temperature + 273.15))  # g m-3, ideal gas
-        assert humidity_deficit(temperature, 40.0, math.exp) == pytest.approx(0.6 * saturated, rel=1e-6)
-    assert humidity_deficit(20.0, 0.0, math.exp) == pytest.approx(17.2, abs=0.1)  # a textbook's 17.3
-    assert humidity_deficit(20.0, 100.0, math.exp) == 0.0
-
-
 def test_co2_is_dosed_below_its_set_point_in_light(make_computer: MakeComputer) -> None:
     task = make_computer()
-    for co2, share in ((900.0, 0.0), (800.0, 0.0), (750.0, 0.5), (700.0, 1.0), (300.0, 1.0)):
+    for co2, share in ((900.0, 0.0), (800.0, 0.0), (700.0, 0.5), (600.0, 1.0), (300.0, 1.0)):
         assert Computer(task)(co2=co2)["uCo2"] == pytest.approx(share)
     assert Computer(task)(co2=400.0, radiation=0.0)["uCo2"] == 0.0
     assert Computer(task)(co2=400.0, radiation=15.0)["uCo2"] == pytest.approx(0.5)
@@ -259,11 +266,11 @@ def test_a_closed_screen_has_a_gap_in_humid_air_and_opens_in_hot_air(make_comput
     wanted = {"screen_radiation_limit": 50.0, "humidity_deficit": 8.0}
     closed = {"radiation": 0.0, "outdoor_temperature": 0.0}
     task = make_computer()
-    assert Computer(task, **wanted)(relative_humidity=99.0, **closed)["uThScr"] == pytest.approx(0.9)
-    assert Computer(task, **wanted)(air_temperature=23.0, relative_humidity=10.0, **closed)["uThScr"] == pytest.approx(
+    assert Computer(task, **wanted)(humidity_deficit=0.2, **closed)["uThScr"] == pytest.approx(0.9)
+    assert Computer(task, **wanted)(air_temperature=23.0, humidity_deficit=9.0, **closed)["uThScr"] == pytest.approx(
         0.5
     )
-    assert Computer(task, **wanted)(air_temperature=24.0, relative_humidity=10.0, **closed)["uThScr"] == 0.0
+    assert Computer(task, **wanted)(air_temperature=24.0, humidity_deficit=9.0, **closed)["uThScr"] == 0.0
 
 
 def test_the_blackout_screen_is_closed_while_lamps_burn_in_the_dark(make_computer: MakeComputer) -> None:
@@ -339,7 +346,7 @@ def bits(simulation: Simulation) -> list[bytes]:
 @pytest.fixture(scope="module")
 def task(make_computer: MakeComputer) -> TaskSpec:
     """All controls, the rate of the paper."""
-    return make_computer(max_change=0.1)
+    return make_computer(max_change=0.1, damped=True)
 
 
 @pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled()))
@@ -375,6 +382,15 @@ def test_a_run_has_the_same_bits_alone_and_in_a_batch(task: TaskSpec) -> None:
     assert together._runs.memory[2].tobytes() == alone._runs.memory[0].tobytes()
 
 
+def deficit_of(temperature: NDArray[np.float64], humidity: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The model's humidity deficit as a tape gives it."""
+    recorder = Recorder()
+    given = [recorder.input("after", place) for place in range(2)]
+    recorder.output("table", 0, record_formula(humidity_deficit, given, recorder))
+    ((_, _, values),) = recorder.tape().play(lambda source, index: (temperature, humidity)[index])
+    return np.asarray(values)
+
+
 def test_the_tape_does_what_the_rules_do(task: TaskSpec) -> None:
     """Recorded and played, the rules give the bits that they give on arrays: in 200 random moments."""
     rng, n = np.random.default_rng(5), 200
@@ -395,14 +411,14 @@ def test_the_tape_does_what_the_rules_do(task: TaskSpec) -> None:
     assert recorded is not None
     assert list(recorded.memory) == list(MEMORY)
     air = read_air(*(x[:, task.model_value.state_index(name)] for name in task.model_value.air or ()))
-    measured = Measured(
-        *air, rows["weather"][:, 0], rows["weather"][:, 1], rows["weather"][:, 4], rows["calendar"][:, 0]
-    )
+    weather = rows["weather"]
+    seen = air[0], air[1], deficit_of(air[0], air[2])
+    measured = Measured(*seen, weather[:, 0], weather[:, 1], weather[:, 4], rows["calendar"][:, 0])
     moved, kept = recorded.work(
         task,
         ActuationInputs(
             dict(zip(WANTED, rows["given"].T, strict=True)), dict(zip(names, rows["controls"].T, strict=True)),
-            dict(zip(MEMORY, rows["memory"].T, strict=True)), measured, np.vectorize(math.exp),
+            dict(zip(MEMORY, rows["memory"].T, strict=True)), measured,
         ),
     )  # fmt: skip
     for index, name in enumerate(names):
@@ -548,9 +564,9 @@ def test_a_control_that_the_computer_cannot_work_is_refused(task: TaskSpec) -> N
 def test_the_digest_covers_the_settings_given_and_left_out(
     make_computer: MakeComputer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plain = make_computer()
-    same = make_computer('heating_band = { value = 2.0, unit = "K" }')
-    other = make_computer('heating_band = { value = 2.5, unit = "K" }')
+    plain = make_computer(damped=True)
+    same = make_computer('heating_band = { value = 2.0, unit = "K" }', damped=True)
+    other = make_computer('heating_band = { value = 2.5, unit = "K" }', damped=True)
     assert "process_computer" not in plain.definition()["actuation"]
     assert "process_computer" not in same.definition()["actuation"]
     assert other.definition()["actuation"]["process_computer"] == {"heating_band": 2.5}
@@ -560,13 +576,57 @@ def test_the_digest_covers_the_settings_given_and_left_out(
 
     assert named(plain) == named(same) != named(other)
     # what is left out acts as well: another default is another task
-    table = type(plain.actuation.process_computer)
+    assert isinstance(plain.actuation, AnyActuationTable)
+    table, before = ProcessComputerTable, named(plain)
     changed = table.model_construct(**(plain.actuation.process_computer.model_dump() | {"co2_band": 150.0}))
-    before = named(plain)
-    object.__setattr__(plain.actuation, "process_computer", changed)
     monkeypatch.setattr(table, "__eq__", lambda self, other: True)
-    try:
-        assert "process_computer" not in plain.definition()["actuation"]
-        assert named(plain) != before
-    finally:
-        object.__setattr__(plain.actuation, "process_computer", table())
+    redefined = plain.model_copy(update={"actuation": plain.actuation.model_copy(update={"process_computer": changed})})
+    assert redefined.definition() == plain.definition()
+    assert named(redefined) != before
+
+
+@pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled()))
+def test_the_computer_reads_what_the_sensors_show(make_computer: MakeComputer, tmp_path: Path) -> None:
+    """A sensor that shows 5 K too much or too little: heat for air that the computer takes to be cold; the same bits either way."""
+    path = tmp_path / "sensors.toml"
+    path.write_text(
+        """
+        base = "glbench/Schiphol2010-Delta10-v1"
+        schema = 2
+        id = "tests/Sensors-v1"
+        title = "Sensors"
+        weather.days = 1
+        actuation.kind = "process_computer"
+        [sensors.air_temperature]
+        noise = { value = 2.0, unit = "degC" }
+        bias = { value = 2.0, unit = "degC" }
+        drift = { value = 1.0, unit = "degC" }
+        [sensors.dropouts]
+        days_between = 1.0
+        hours = 2.0
+        """,
+        encoding="utf-8",
+    )
+    task, n = get_task(str(path)), 6
+    fused, plain = Simulation(task, n, "fast"), Simulation(task, n, "fast", fused=False)
+    plain.reset(list(range(n)))
+    seen = fused.reset(list(range(n)))[:, 0]
+    wanted = np.array([[WANTED[action.name] for action in task.actions]] * n)
+    for step in range(40):
+        heating = fused._runs.memory[:, 1] if step else np.full(n, 18.0)
+        reading, before = seen, fused.u[:, 0]
+        results = [one.step(wanted) for one in (fused, plain)]
+        asked = np.clip((heating - reading) / 2.0, 0.0, 1.0)
+        expected = np.clip(asked, np.maximum(before - 0.1, 0.0), before + 0.1)
+        assert fused.u[:, 0] == pytest.approx(expected, abs=1e-5)  # readings are observed as float32
+        assert bits(fused) == bits(plain)
+        seen = results[0].observations[:, 0]
+    assert np.abs(seen - fused.air[0]).max() > 0.5
+
+
+def test_records_and_pages_tell_set_points_by_name_and_unit(task: TaskSpec) -> None:
+    columns = next(iter(signals_of(task).groups([action.name for action in task.actions], controls=False))).columns
+    assert [column.name for column in columns] == [f"action_{action.name}" for action in task.actions]
+    assert [column.unit for column in columns] == [action.unit for action in task.actions]
+    (section,) = (one for one in definition_in_words(task) if one.heading == "What the agent does")
+    assert [row[1] for row in section.rows] == [action.name for action in task.actions]

@@ -26,8 +26,8 @@ from glbench.env import (
     run_weather,
 )
 from glbench.env.scenario import RunScenarios
-from glbench.env.weather_pool import WeatherPool
 from glbench.env.uncertainty import stream_key
+from glbench.env.weather_pool import WeatherPool
 from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.runners import PrivilegedRunner
 from glbench.kernel import Kernel, why_not_compiled

@@ -153,6 +153,8 @@ class Order:
     version: str
     checkpoints: Path | None
     mark: Path | None
+    sealed: str = field(default="", repr=False)
+    """The secret of the round, if there is one: it goes to the workers, and into nothing that they write."""
 
 
 @dataclass(frozen=True)
@@ -182,8 +184,9 @@ def work(order: Order, progress: Callable[[Progress], None]) -> Computed | Refus
 
 
 def _prepared(order: Order, ref: str) -> Evaluation:
+    task = task_of(order.definition)
     evaluation = prepare(
-        task_of(order.definition),
+        task.in_split("test", order.sealed) if order.sealed else task,
         ref,
         runs=len(order.seeds),
         first_seed=order.seeds[0],
@@ -350,6 +353,7 @@ class _Session:
                 __version__,
                 folder,
                 mark,
+                job.task.sealed,
             )
             running.references[self._work.remote(order, self._board, number, part)] = part
 

@@ -328,7 +328,7 @@ def _misfit(result: Result, profile: Profile) -> str:
     if seeds["all"] != [run.seed for run in result.runs] or not {seeds["best"], seeds["worst"]} <= set(seeds["all"]):
         return "its seeds are others"
     try:
-        spec = (get_task(task.id) if task.id in task_ids() else task_of(profile.text_of_task)).scored
+        spec = (get_task(task.id) if task.id in task_ids() else task_of(profile.text_of_task)).scored_in(task.split)
         if spec.id != task.id:
             return "its task is another one"
         columns = columns_of(spec)

@@ -286,6 +286,17 @@ def visible_files(submission: Identity, staging: Callable[[], Path]) -> list[str
     return [word for line in lines for word in line]
 
 
+def is_visible(file: Path, submission: Identity) -> bool:
+    """Whether the agent could read ``file`` of this machine inside, were its rights no obstacle."""
+    file = file.resolve()
+    if any(file.is_relative_to(secret) for secret in _secrets()):
+        return False
+    shown = [Path("/") / name for name in _SYSTEM]
+    shown += [bound.outside for bound in (*_python(), Bound(_PACKAGE, CODE))]
+    shown += [*submission.all_files(), data_folder("baselines")]
+    return any(file.is_relative_to(place.resolve()) for place in shown)
+
+
 def in_package(file: Path) -> Path:
     """Path inside of a file of glbench."""
     return CODE / "glbench" / file.resolve().relative_to(_PACKAGE)

@@ -1,0 +1,362 @@
+"""Pictures and tables of docs/uncertainty.md: ``python docs/uncertainty_figures.py``.
+
+Draws docs/images/uncertainty-*.png from the task glbench/Spring-v1 and rewrites the tables between the markers of the page.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.env import Simulation
+from glbench.env.forecast import LEVELS, PERSISTENCE, SPREAD
+from glbench.env.generated import SeasonMaker
+from glbench.env.scenario import RunScenarios
+from glbench.env.weather_pool import WeatherPool
+from glbench.resources import write_atomically
+from glbench.tasks import TaskSpec, get_task
+
+mpl.use("agg")
+from matplotlib import pyplot as plt
+from matplotlib.patches import Rectangle
+
+Floats = NDArray[np.float64]
+
+DOCS = Path(__file__).resolve().parent
+PAGE = DOCS / "uncertainty.md"
+TASK = next((DOCS.parent / "tasks").glob("**/spring-v1.toml"))
+SPLITS = ("training", "validation", "test")
+BLUE, ORANGE, GREEN, PINK, GREY, BLACK = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#999999", "#222222"
+YEARS = {2008: "#0072b2", 2009: "#56b4e9", 2010: "#009e73", 2011: "#d55e00", 2012: "#e69f00"}
+FORECAST = (("global radiation", "W m⁻²"), ("temperature", "°C"), ("relative humidity", "%"), ("wind speed", "m s⁻¹"))
+SENSORS = (
+    ("air_temperature", "air temperature", "degC"),
+    ("co2", "CO2", "ppm"),
+    ("relative_humidity", "relative humidity", "%"),
+)
+
+STYLE: Any = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
+}
+
+
+def main() -> None:
+    """Draw and write everything."""
+    task = get_task(str(TASK))
+    with plt.rc_context(STYLE):
+        draw(task)
+    text = PAGE.read_text(encoding="utf-8")
+    write_atomically(PAGE, filled(text, task))
+
+
+def filled(text: str, task: TaskSpec) -> str:
+    """The page with the task's tables between its marks."""
+    for mark, lines in tables(task).items():
+        text = between(text, mark, "\n".join(lines))
+    return text
+
+
+def draw(task: TaskSpec) -> None:
+    """Draw the pictures."""
+    for name, figure in (
+        ("sensors", sensors(task)),
+        ("forecast", forecast(task)),
+        ("forecast-error", forecast_error(task)),
+        ("seasons", seasons(task)),
+        ("starts", starts(task)),
+        ("co2", co2(task)),
+        ("draws", draws(task)),
+    ):
+        figure.savefig(DOCS / "images" / f"uncertainty-{name}.png", dpi=100, metadata={"Software": None})
+        plt.close(figure)
+
+
+def between(text: str, mark: str, content: str) -> str:
+    """``text`` with ``content`` between the comments of that name."""
+    return re.sub(
+        rf"(<!-- {mark} -->\n).*?(\n?<!-- end -->)",
+        lambda found: f"{found[1]}{content}\n<!-- end -->",
+        text,
+        flags=re.DOTALL,
+    )
+
+
+def tables(task: TaskSpec) -> dict[str, list[str]]:
+    """The page's tables."""
+    rows, measured = error_sizes(task), SENSORS
+    sensor = ["| sensor | noise s | bias (sd) | drift, at most |", "|---|---:|---:|---:|"]
+    assert task.sensors is not None
+    for key, label, unit in measured:
+        entry = getattr(task.sensors, key)
+        sensor.append(f"| {label} [{unit}] | {entry.noise:g} | {entry.bias:g} | {entry.drift:g} |")
+    hours = task.observation.forecast_hours
+    ahead = [
+        f"| quantity | s | φ | {' | '.join(f'{hour} h' for hour in hours)} |",
+        "|---|---:|---:|" + "---:|" * len(hours),
+    ]
+    units = ("of a clear sky's", "K", "%", "m s-1")
+    for place, (label, _) in enumerate(FORECAST):
+        sizes = " | ".join(f"{value:.2f}" for value in rows[place])
+        ahead.append(f"| {label} [{units[place]}] | {SPREAD[place]:g} | {PERSISTENCE[place]:g} | {sizes} |")
+    groups = ["| group | what | each is its nominal value times | held for |", "|---|---|---|---|"]
+    for group in task.scenario.groups:
+        names = ", ".join(f"`{name}`" for name in group.parameters)
+        groups.append(f"| `{group.name}` | {names} | 1 ± {100 * group.half_width:g} % | the season |")
+    for start in task.scenario.start_groups:
+        names = ", ".join(f"`{name}`" for name in start.states)
+        groups.append(
+            f"| `{start.name}` | states on the first day: {names} | 1 ± {100 * start.half_width:g} % | the start |"
+        )
+    splits = ["| split | years | seasons | used for |", "|---|---|---:|---|"]
+    uses = ("`gymnasium.make`, `glbench train`", "choosing between agents", "`glbench evaluate`: the score")
+    for split, use in zip(SPLITS, uses, strict=True):
+        table = getattr(task.splits, split)
+        splits.append(f"| {split} | {', '.join(map(str, table.years))} | {table.seasons} | {use} |")
+    return {"sensors": sensor, "errors": ahead, "groups": groups, "splits": splits}
+
+
+def error_sizes(task: TaskSpec) -> Floats:
+    """Standard deviations s sqrt(1 - phi^(2 h)) for each quantity and the task's hours ahead, at the level medium."""
+    hours = np.array(task.observation.forecast_hours)
+    sizes: Floats = np.array(SPREAD)[:, None] * np.sqrt(1.0 - np.array(PERSISTENCE)[:, None] ** (2 * hours))
+    return sizes
+
+
+def controlled(task: TaskSpec, seed: int, steps: int) -> tuple[Floats, Floats]:
+    """Shown and true air of a run in which a thermostat heats below 18 and ventilates above 24 degC, ``(steps, 3)``."""
+    simulation, names = Simulation(task, 1, "fast"), task.model_value.control_names
+    shown, true = [simulation.reset([seed])[0, :3]], [simulation.air[:, 0]]
+    controls = np.zeros((1, len(names)))
+    for _ in range(steps):
+        temperature, _, humidity = true[-1]
+        wanted = {
+            "uBoil": (18.0 - temperature) / 5.0,
+            "uVent": max((temperature - 22.0) / 15.0, (humidity - 82.0) / 40.0),
+        }
+        for name, value in wanted.items():
+            place = names.index(name)
+            controls[0, place] += np.clip(np.clip(value, 0.0, 1.0) - controls[0, place], -0.03, 0.03)
+        shown.append(simulation.step_controls(controls).observations[0, :3])
+        true.append(simulation.air[:, 0])
+    return np.array(shown, float), np.array(true)
+
+
+def sensors(task: TaskSpec) -> Any:
+    """Reading and truth over three days with a drop-out."""
+    length, days = 3 * task.steps_per_day, task.steps_per_day
+    for seed in range(10000, 10100):
+        shown, true = controlled(task, seed, 12 * days)
+        hangs = np.diff(shown[:, 0], prepend=np.nan) == 0.0
+        begins = [
+            k for k in range(days, len(hangs) - length) if hangs[k] and not hangs[k - 1] and 7 <= (k % days) / 4 <= 10
+        ]
+        runs = [k for k in begins if hangs[k : k + 14].all() and not hangs[k : k + 24].all()]
+        if runs:
+            first = (runs[0] // days - 1) * days
+            break
+    day = np.arange(length) / days
+    figure, axes = plt.subplots(3, 1, figsize=(8.0, 6.2), sharex=True)
+    part = slice(first, first + length)
+    for place, (axis, label) in enumerate(
+        zip(axes, ("air temperature [°C]", "CO₂ [ppm]", "relative humidity [%]"), strict=True)
+    ):
+        hung = np.diff(shown[part, place], prepend=np.nan) == 0.0
+        axis.plot(day, shown[part, place], color=ORANGE, lw=0.9, label="reading, which the agent sees")
+        axis.plot(day, true[part, place], color=BLUE, lw=1.6, label="truth, which is judged")
+        axis.fill_between(
+            day,
+            0,
+            1,
+            where=hung,
+            transform=axis.get_xaxis_transform(),
+            color=GREY,
+            alpha=0.35,
+            lw=0,
+            label="the sensor hangs",
+        )
+        axis.set_ylabel(label)
+    axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    axes[-1].set_xlabel(f"days, from day {first // days + 1} of the run with seed {seed}")
+    axes[-1].set_xlim(0, 3)
+    return figure
+
+
+def hourly(task: TaskSpec, number: int, hours: int) -> tuple[Floats, Floats]:
+    """The forecast table of a season with all hours ahead to a day, ``(issues, 4, 24)``, and the weather that comes by the hour."""
+    forecast = task.observation.forecast.model_copy(update={"hours": tuple(range(1, 25))})  # type: ignore[union-attr]
+    whole = task.model_copy({"observation": task.observation.model_copy(update={"forecast": forecast})})
+    pool = WeatherPool.of(whole)
+    pool.starts([number])
+    rows = pool.day * pool.days
+    measured = pool.tables.measured[number * rows : (number + 1) * rows, [0, 1, 2, 4]]
+    issued = pool.tables.forecast[number * rows // 4 : (number + 1) * rows // 4].reshape(-1, 4, 24)
+    return issued[:hours].astype(float), measured.reshape(-1, 4, 4).mean(axis=1)[:hours].astype(float)
+
+
+def forecast(task: TaskSpec) -> Any:
+    """Two issues and what came."""
+    issued, came = hourly(task.in_split("test"), 1, 240)
+    first, later = 24 * 4 + 5, 24 * 4 + 11
+    figure, axes = plt.subplots(2, 2, figsize=(8.0, 5.0), sharex=True)
+    for place, (axis, (label, unit)) in enumerate(zip(axes.T.flat, FORECAST, strict=True)):
+        span = np.arange(first - 5, later + 25)
+        axis.plot(span - first + 0.5, came[span, place], color=BLACK, lw=1.8, label="what came")
+        for issue, colour, text in ((first, BLUE, "forecast at 0"), (later, ORANGE, "forecast 6 hours later")):
+            axis.plot(
+                issue - first + np.arange(24) + 0.5, issued[issue, place], color=colour, marker=".", lw=1.0, label=text
+            )
+            axis.axvline(issue - first, color=colour, lw=0.8, ls=":")
+        axis.set_ylabel(f"{label} [{unit}]")
+        if place == 0:
+            handles = axis.get_legend_handles_labels()
+    for axis in axes[-1]:
+        axis.set_xlabel("hours from the first issue")
+    figure.legend(*handles, loc="outside upper center", ncols=3)
+    return figure
+
+
+def forecast_error(task: TaskSpec) -> Any:
+    """Standard deviation of the error by hours ahead: formula and 30 seasons."""
+    figure, axes = plt.subplots(1, 2, figsize=(8.0, 3.4))
+    hours = np.arange(1, 25)
+    for place, axis in ((1, axes[0]), (3, axes[1])):
+        for level, colour in (("high", ORANGE), ("medium", BLUE), ("low", GREEN)):
+            size = LEVELS[level] * SPREAD[place] * np.sqrt(1.0 - PERSISTENCE[place] ** (2 * hours))
+            axis.plot(hours, size, color=colour, lw=1.2, label=f"{level}: formula")
+        errors = []
+        for number in range(30):
+            issued, came = hourly(task.in_split("test"), number, 1400)
+            errors.append([issued[: 1400 - 24, place, h - 1] - came[h - 1 : h - 1 + 1376, place] for h in hours])
+        axis.plot(
+            hours, np.std(np.concatenate(errors, axis=1), axis=1), ".", color=BLACK, label="medium: 30 test seasons"
+        )
+        axis.set_xlabel("hours ahead")
+        axis.set_ylabel(f"sd of the error in {FORECAST[place][0]} [{'K' if place == 1 else FORECAST[place][1]}]")
+        axis.set_ylim(0)
+        axis.set_xticks([1, 6, 12, 18, 24])
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    return figure
+
+
+def seasons(task: TaskSpec) -> Any:
+    """Of which days the first seasons of each split are made."""
+    figure, axes = plt.subplots(3, 1, figsize=(8.0, 6.0), sharex=True)
+    shown = 8
+    for axis, split in zip(axes, SPLITS, strict=True):
+        chosen = task.in_split(split)
+        maker = SeasonMaker(chosen, WeatherPool.of(chosen).times[0])
+        late = maker.start_days(np.arange(shown))
+        begin = (task.weather.start.toordinal()) - task.weather.start.replace(month=1, day=1).toordinal()
+        for number in range(shown):
+            drawn = maker.season(number, task.steps + 1).drawn
+            days = drawn.sources.astype("datetime64[D]")
+            years = days.astype("datetime64[Y]").astype(int) + 1970
+            for day in range(task.weather.days):
+                at = begin + late[number] + day
+                axis.barh(number + 1, 1, left=at, height=0.75, color=YEARS[int(years[day + 2])], lw=0)
+                if drawn.joints[day + 2] and day:
+                    axis.plot([at, at], [number + 0.6, number + 1.4], color="white", lw=1.2)
+        axis.set_ylabel(f"season of {split}")
+        axis.set_yticks(range(1, shown + 1, 2))
+        axis.invert_yaxis()
+        axis.grid(axis="y", visible=False)
+    months = {"15 Feb": 45, "1 Mar": 59, "15 Mar": 73, "1 Apr": 90, "15 Apr": 104, "1 May": 120, "15 May": 134}
+    axes[-1].set_xticks(list(months.values()), list(months))
+    axes[-1].set_xlabel("day of the season's calendar")
+    handles = [Rectangle((0, 0), 1, 1, color=colour) for colour in YEARS.values()]
+    figure.legend(handles, [str(year) for year in YEARS], loc="outside upper center", ncols=5, title="measured in")
+    return figure
+
+
+def starts(task: TaskSpec) -> Any:
+    """How many seasons start on each day, and the course of the temperature in the training and test seasons."""
+    figure, axes = plt.subplots(1, 2, figsize=(8.0, 3.2), width_ratios=(1, 1.3))
+    colours = {"training": BLUE, "test": ORANGE}
+    for split, colour in colours.items():
+        chosen = task.in_split(split)
+        pool, number = WeatherPool.of(chosen), getattr(task.splits, split).seasons
+        late = SeasonMaker(chosen, pool.times[0]).start_days(np.arange(number))
+        axes[0].step(
+            np.arange(29), np.bincount(late, minlength=29), where="mid", color=colour, label=f"{number} of {split}"
+        )
+        _, rows = pool.starts(range(30))
+        length = task.weather.days * pool.day
+        means = np.array(
+            [pool.tables.measured[row : row + length, 1].reshape(-1, pool.day).mean(axis=1) for row in rows]
+        )
+        day = np.arange(task.weather.days) + 1
+        low, middle, high = np.quantile(means, [0.1, 0.5, 0.9], axis=0)
+        axes[1].fill_between(day, low, high, color=colour, alpha=0.2, lw=0)
+        axes[1].plot(day, middle, color=colour, lw=1.4, label=f"30 of {split}")
+    axes[0].set_ylim(0, 13)
+    axes[0].set_xlabel("days after 15 February")
+    axes[0].set_ylabel("seasons that start")
+    axes[0].legend(loc="lower center", fontsize=8)
+    axes[1].set_xlabel("day of the season")
+    axes[1].set_ylabel("daily mean temperature [°C]\nmedian and 10 to 90 %")
+    axes[1].legend(loc="upper left", fontsize=8)
+    return figure
+
+
+def co2(task: TaskSpec) -> Any:
+    """CO2 outside in three seasons."""
+    figure, axis = plt.subplots(figsize=(8.0, 2.4))
+    pool = WeatherPool.of(task)
+    _, rows = pool.starts([0, 1, 2])
+    length = task.weather.days * pool.day
+    for number, (row, colour) in enumerate(zip(rows, (BLUE, ORANGE, GREEN), strict=True)):
+        axis.plot(
+            np.arange(length) / pool.day,
+            pool.tables.measured[row : row + length, 3],
+            color=colour,
+            lw=0.9,
+            label=f"season {number + 1}",
+        )
+    axis.set_xlabel("day of the season")
+    axis.set_ylabel("CO₂ outside [ppm]")
+    axis.set_ylim(387, 423)
+    axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    axis.set_xlim(0, task.weather.days)
+    return figure
+
+
+def draws(task: TaskSpec) -> Any:
+    """Drawn factors of a parameter of each group, and offsets of the temperature sensor, in 2,000 runs."""
+    scenarios, seeds = RunScenarios(task), list(range(2000))
+    scenes = scenarios.draw(seeds)
+    assert scenes.parameters is not None
+    figure, axes = plt.subplots(1, 3, figsize=(8.0, 2.8))
+    names = list(task.model_value.parameter_names)
+    for group, colour in zip(scenarios.in_episode, (BLUE, GREEN, ORANGE), strict=False):
+        place = names.index(group.parameters[0])
+        factor = scenes.parameters[:, place] / scenarios.nominal[place]
+        axes[0].hist(
+            factor,
+            bins=np.linspace(0.78, 1.22, 45),
+            histtype="step",
+            color=colour,
+            label=f"{group.name}: {group.parameters[0]}",
+        )
+    axes[0].set_xlabel("factor on the nominal value")
+    axes[0].set_ylabel("runs of 2,000")
+    axes[0].set_ylim(0, 220)
+    axes[0].legend(fontsize=7, loc="upper left")
+    for axis, column, text in ((axes[1], 0, "bias of the thermometer [K]"), (axes[2], 1, "its drift by the end [K]")):
+        axis.hist(scenes.traits[:, column], bins=40, color=BLUE)
+        axis.set_xlabel(text)
+    return figure
+
+
+if __name__ == "__main__":
+    main()

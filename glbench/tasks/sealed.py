@@ -1,0 +1,230 @@
+"""Sealed rounds: a host evaluates with draws of the test split that nobody can know before the round is over.
+
+The draws are keyed by a secret: a salt of 256 random bits and, where the round has weather of its own, what identifies that weather. Its
+SHA-256, the commitment, is published first and the secret last, so that everybody can see that the host changed nothing in between.
+``docs/maintain.md`` says how a host runs a round.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import secrets
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from glbench.errors import GlbenchError
+from glbench.untrusted import MIB, quoted, read_regular
+
+SALT_BYTES: Final = 32
+SCHEMA: Final = "glbench/round"
+SCHEMA_VERSION: Final = 1
+_FIRST_LINE: Final = "glbench round 1"
+_HEX: Final = re.compile(r"[0-9a-f]{64}")
+_FIRST_YEAR, _LAST_YEAR = 1600, 9999
+_MOST_YEARS = 200
+_HEAD: Final = """\
+# The secret of a round of glbench. Nobody may see this file before the round is over. Then publish it: it opens the commitment.
+"""
+
+
+@dataclass(frozen=True)
+class SealedWeather:
+    """Weather that a host keeps to himself until the round is over.
+
+    Attributes
+    ----------
+    digest
+        SHA-256 of the record, as ``glbench weather list`` shows it.
+    years
+        Years of the record that take the place of those of the test split.
+    """
+
+    digest: str
+    years: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Round:
+    """The secret of a round.
+
+    Attributes
+    ----------
+    salt
+        256 random bits as 64 hexadecimal digits, not shown by ``repr``.
+    weather
+        The round's own weather; ``None`` where it is the task's.
+    """
+
+    salt: str = field(repr=False)
+    weather: SealedWeather | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is no secret of a round.
+
+        Raises
+        ------
+        GlbenchError
+            When the salt, the digest or the years cannot be.
+        """
+        # The wrong salt is not repeated: a right one with a slip of the pen would stand in a log.
+        if not isinstance(self.salt, str) or not _HEX.fullmatch(self.salt):
+            msg = "The salt of a round has 64 hexadecimal digits in small letters. `glbench round new` makes one."
+            raise GlbenchError(msg)
+        if self.weather is None:
+            return
+        digest, years = self.weather.digest, self.weather.years
+        if not isinstance(digest, str) or not _HEX.fullmatch(digest):
+            msg = f"The weather of a round is named by the 64 hexadecimal digits of its SHA-256; got {quoted(digest)}."
+            raise GlbenchError(msg)
+        usable = all(type(year) is int and _FIRST_YEAR <= year <= _LAST_YEAR for year in years)
+        if not usable or not 1 <= len(years) <= _MOST_YEARS or list(years) != sorted(set(years)):
+            msg = f"The years of a round's weather ascend and occur once, such as 2019, 2020; got {quoted(str(years))}."
+            raise GlbenchError(msg)
+
+    @classmethod
+    def new(cls, weather: SealedWeather | None = None) -> Round:
+        """A round with a salt from the operating system's source of random numbers."""
+        return cls(secrets.token_hex(SALT_BYTES), weather)
+
+    @property
+    def secret(self) -> str:
+        """What the draws are keyed by: lines without an end of line after the last one.
+
+        ``glbench round 1``, the salt; with weather of the round's own also its digest, and its years with a space between two of them.
+        """
+        lines = [_FIRST_LINE, self.salt]
+        if self.weather is not None:
+            lines += [self.weather.digest, " ".join(str(year) for year in self.weather.years)]
+        return "\n".join(lines)
+
+    @property
+    def commitment(self) -> str:
+        """SHA-256 [hex] of ``secret`` in ASCII: published before the round, and named by its results."""
+        return commitment_of(self.secret)
+
+    def to_toml(self) -> str:
+        """The text of the round's file."""
+        text = f'{_HEAD}schema = "{SCHEMA}"\nschema_version = {SCHEMA_VERSION}\ncommitment = "{self.commitment}"\nsalt = "{self.salt}"\n'
+        if self.weather is not None:
+            text += f'\n[weather]\ndigest = "{self.weather.digest}"\nyears = {json.dumps(self.weather.years)}\n'
+        return text
+
+
+def commitment_of(secret: str) -> str:
+    """SHA-256 [hex] of a secret, which may be published."""
+    return hashlib.sha256(secret.encode()).hexdigest()
+
+
+def weather_of(secret: str) -> SealedWeather | None:
+    """The weather that a round's secret names, if any.
+
+    Raises
+    ------
+    GlbenchError
+        When it looks like a round's secret and is none.
+    """
+    first, *lines = secret.split("\n")
+    if first != _FIRST_LINE:  # a plain salt
+        return None
+    if len(lines) not in (1, 3) or (len(lines) == 3 and not re.fullmatch(r"\d{4}( \d{4})*", lines[2])):
+        msg = "This is no secret of a round: it has two lines, or four with weather of the round's own."
+        raise GlbenchError(msg)
+    weather = SealedWeather(lines[1], tuple(int(year) for year in lines[2].split(" "))) if len(lines) == 3 else None
+    return Round(lines[0], weather).weather
+
+
+def write_round(sealed: Round, path: Path) -> None:
+    """Write the round's file, which only its owner may read.
+
+    Raises
+    ------
+    GlbenchError
+        When there is a file already, which might be the only copy of a secret, or it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(sealed.to_toml())
+            file.flush()
+            os.fsync(file.fileno())
+    except FileExistsError as error:
+        msg = f"{path} is there already, and may be the only copy of a secret. Choose another file."
+        raise GlbenchError(msg) from error
+    except OSError as error:
+        msg = f"Cannot write {path}: {error.strerror or error}. Choose a folder that you may write to."
+        raise GlbenchError(msg) from error
+
+
+def read_round(path: Path | str) -> Round:
+    """The round of a file that ``glbench round new`` wrote, or that a host has published.
+
+    Raises
+    ------
+    GlbenchError
+        When the file is missing, no round's, or its salt and weather do not give its commitment.
+    """
+    path = Path(path)
+    try:
+        content = tomllib.loads(read_regular(path, MIB).decode())
+    except FileNotFoundError as error:
+        msg = f"There is no round's file {path}. `glbench round new` makes one."
+        raise GlbenchError(msg) from error
+    except OSError as error:
+        msg = f"Cannot read the round's file {path}: {error.strerror or error}."
+        raise GlbenchError(msg) from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        msg = f"{path} is no round's file: it is no TOML."  # no words of the parser, which would quote the secret
+        raise GlbenchError(msg) from error
+    try:
+        sealed, stated = _round_of(content)
+    except GlbenchError as error:
+        msg = f"{path}: {error}"
+        raise GlbenchError(msg) from error
+    if sealed.commitment != stated:
+        msg = (
+            f"{path}: salt and weather give the commitment {sealed.commitment}, and the file says {quoted(stated)}. "
+            "One of them was changed."
+        )
+        raise GlbenchError(msg)
+    return sealed
+
+
+def _round_of(content: dict[str, Any]) -> tuple[Round, object]:
+    """The round that the tables of a file define, and the commitment that they state."""
+    if content.get("schema") != SCHEMA or content.get("schema_version") != SCHEMA_VERSION:
+        msg = f"this is no round's file of this glbench: its schema is not '{SCHEMA}' {SCHEMA_VERSION}."
+        raise GlbenchError(msg)
+    weather = content.get("weather")
+    odd = set(content) - {"schema", "schema_version", "commitment", "salt", "weather"}
+    if odd or "commitment" not in content or "salt" not in content:
+        msg = f"a round's file has schema, schema_version, commitment, salt and [weather]; odd: {', '.join(sorted(odd)) or 'none'}."
+        raise GlbenchError(msg)
+    if weather is None:
+        return Round(content["salt"]), content["commitment"]
+    if not isinstance(weather, dict) or set(weather) != {"digest", "years"} or not isinstance(weather["years"], list):
+        msg = "[weather] has the digest of a record and a list of years."
+        raise GlbenchError(msg)
+    return Round(content["salt"], SealedWeather(weather["digest"], tuple(weather["years"]))), content["commitment"]
+
+
+def round_weather(name: str, years: Sequence[int]) -> SealedWeather:
+    """The weather record ``name`` as a round's own.
+
+    Raises
+    ------
+    GlbenchError
+        When there is no such record, it lacks one of the years, or no year is named.
+    """
+    from glbench.weather import SeasonGenerator, load_weather  # not at the top: task files are read without the weather
+
+    record = load_weather(name)
+    chosen = tuple(sorted(set(years)))
+    SeasonGenerator(record, chosen)  # which needs whole years
+    return SealedWeather(record.digest, chosen)

@@ -1,0 +1,134 @@
+"""The secret of a round: what is committed to, the file, and what is refused."""
+
+from __future__ import annotations
+
+import hashlib
+import stat
+from pathlib import Path
+
+import pytest
+
+from glbench.errors import GlbenchError, TaskError
+from glbench.tasks import Round, SealedWeather, TaskSpec, get_task, read_round
+from glbench.tasks.sealed import weather_of, write_round
+from tests.cli.command_line import Command
+from tests.rounds.conftest import OTHER, SECRET
+
+WEATHER = SealedWeather("ab" * 32, (2019, 2020))
+
+
+def test_the_commitment_is_the_sha_256_of_the_lines_that_the_page_names() -> None:
+    assert SECRET.commitment == hashlib.sha256(b"glbench round 1\n" + b"5" * 64).hexdigest()
+    own = Round("5" * 64, WEATHER)
+    text = b"glbench round 1\n" + b"5" * 64 + b"\n" + b"ab" * 32 + b"\n2019 2020"
+    assert own.commitment == hashlib.sha256(text).hexdigest()
+    assert weather_of(own.secret) == WEATHER
+    assert weather_of(SECRET.secret) is None
+
+
+def test_salts_have_256_bits_and_never_repeat() -> None:
+    salts = {Round.new().salt for _ in range(50)}
+    assert len(salts) == 50
+    assert all(len(bytes.fromhex(salt)) == 32 for salt in salts)
+
+
+def test_a_file_is_read_as_it_was_written_and_only_its_owner_may_read_it(tmp_path: Path) -> None:
+    for number, sealed in enumerate((Round.new(), Round.new(WEATHER))):
+        file = tmp_path / "rounds" / f"{number}.toml"
+        write_round(sealed, file)
+        assert read_round(file) == sealed
+        assert stat.S_IMODE(file.stat().st_mode) == 0o600
+
+
+def test_a_round_never_replaces_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "round.toml"
+    write_round(SECRET, file)
+    with pytest.raises(GlbenchError, match="only copy of a secret"):
+        write_round(OTHER, file)
+    assert read_round(file) == SECRET
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("5" * 64, "4" + "5" * 63, "One of them was changed"),
+        (SECRET.commitment, OTHER.commitment, "One of them was changed"),
+        ("5" * 64, "5" * 63, "64 hexadecimal digits"),
+        ('"' + "5" * 64 + '"', "5", "64 hexadecimal digits"),
+        ("schema_version = 1", "schema_version = 2", "no round's file of this glbench"),
+        ("glbench/round", "glbench/result", "no round's file of this glbench"),
+        ("salt =", "pepper =", "odd: pepper"),
+        ("salt =", "salt", "no TOML"),
+    ],
+)
+def test_a_file_that_was_changed_is_refused_without_showing_the_salt(
+    tmp_path: Path, old: str, new: str, words: str
+) -> None:
+    file = tmp_path / "round.toml"
+    file.write_text(SECRET.to_toml().replace(old, new), encoding="utf-8")
+    with pytest.raises(GlbenchError, match=words) as caught:
+        read_round(file)
+    assert "5" * 60 not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "weather", ['digest = "x"\nyears = [2019]', f'digest = "{"ab" * 32}"\nyears = []', 'digest = "x"', "years = 3"]
+)
+def test_weather_that_cannot_be_is_refused(tmp_path: Path, weather: str) -> None:
+    file = tmp_path / "round.toml"
+    file.write_text(SECRET.to_toml() + f"\n[weather]\n{weather}\n", encoding="utf-8")
+    with pytest.raises(GlbenchError):
+        read_round(file)
+
+
+@pytest.mark.parametrize("years", [(2020, 2019), (2019, 2019), (2019.0,), (True,), (19,)])
+def test_years_ascend_and_occur_once(years: tuple[int, ...]) -> None:
+    with pytest.raises(GlbenchError, match="ascend"):
+        Round("5" * 64, SealedWeather("ab" * 32, years))
+
+
+def test_no_words_about_a_round_or_a_task_show_the_salt(tiny: TaskSpec) -> None:
+    task = tiny.in_split("test", SECRET.secret)
+    for shown in (
+        repr(SECRET),
+        repr(task),
+        str(task),
+        str(task.model_dump()),
+        str(task.written()),
+        repr(vars(task).get("file")),
+    ):
+        assert SECRET.salt not in shown
+
+
+def test_a_task_in_a_round_keeps_its_digest_and_other_splits_know_nothing_of_it(tiny: TaskSpec) -> None:
+    task = tiny.in_split("test", SECRET.secret)
+    assert task.digest == tiny.digest
+    assert task.salt_commitment == SECRET.commitment
+    assert task.scored is task
+    assert tiny.scored.salt_commitment is None
+    assert task.in_split("training").salt_commitment is None
+    with pytest.raises(TaskError, match="belongs to the test"):
+        tiny.in_split("training", SECRET.secret)
+
+
+def test_a_task_without_splits_cannot_be_sealed() -> None:
+    with pytest.raises(TaskError, match="no split 'test'"):
+        get_task("glbench/Schiphol2010-Delta10-v1").in_split("test", SECRET.secret)
+
+
+def test_commands_make_and_check_a_round(glbench: Command, tmp_path: Path) -> None:
+    file = tmp_path / "round.toml"
+    made = glbench("round", "new", file)
+    commitment = made.out.strip()
+    assert made.code == 0
+    assert commitment == read_round(file).commitment
+    assert read_round(file).salt not in made.out + made.err
+
+    checked = glbench("round", "check", file, commitment)
+    assert (checked.code, checked.out.strip()) == (0, commitment)
+    assert glbench("round", "check", file, OTHER.commitment).code == 1
+    assert glbench("round", "new", file).code == 1
+    assert glbench("round", "check", tmp_path / "none.toml").code == 1
+    assert glbench("round", "new", tmp_path / "own.toml", "--weather", "schiphol").code == 1
+    assert glbench("round", "new", tmp_path / "own.toml", "--weather", "schiphol", "--year", "1890").code == 1
+    assert not (tmp_path / "own.toml").exists()
