@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from glbench.evaluation import Progress as Standing
     from glbench.evaluation import SandboxChoice as ChosenSandbox
     from glbench.evaluation.engines import Engine, Job, Outcome
+    from glbench.leaderboard.catalogue import Metric
     from glbench.tasks import Round, TaskSpec
 
 
@@ -390,7 +391,7 @@ def _print(outcome: Outcome, number: str, *, as_json: bool, prints: bool) -> Non
         said = f"[red]failed[/red] after {outcome.seconds:.1f} s: {escape(_short(outcome.reason or ''))}"
     else:
         took = "already there" if outcome.stored else f"{outcome.seconds:.1f} s"
-        said = f"{_reward_in_words(result)}, {_runs(result)}, {took}"
+        said = f"{_score_in_words(result, _ranks(outcome.job.task))}, {_runs(result)}, {took}"
     messages().print(begin + said, soft_wrap=True)
     if result is not None and (prints or result.failed):
         print_reasons(result, _SHOWN_REASONS, indent="    ")
@@ -403,8 +404,8 @@ def _runs(result: Result) -> str:
 
 
 def _summary(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> Table:
-    """Mean reward of every agent on every task; a few agents side by side, many below each other."""
-    from glbench.leaderboard.catalogue import catalogue, pretty_unit
+    """Mean of what ranks on each task, of every agent; a few agents side by side, many below each other."""
+    from glbench.leaderboard.catalogue import pretty_unit
 
     cells = {(outcome.job.agent_name, outcome.job.task.short_id): _cell(outcome) for outcome in outcomes}
     agents = list(dict.fromkeys(job.agent_name for job in jobs))
@@ -416,7 +417,8 @@ def _summary(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> Table:
     else:
         rows, columns, heads = agents, tasks, [escape(task.replace("-", "\n")) for task in tasks]
     first = "Task" if rows is tasks else "Agent"
-    scores = {f"{one.heading} [{pretty_unit(one.unit) or '-'}]" for one in (catalogue(job.task).score for job in jobs)}
+    ranking = [_ranks(job.task) for job in jobs]
+    scores = {f"{one.heading or one.label} [{pretty_unit(one.unit) or '-'}]" for one in ranking}
     view = table(
         f"{' or '.join(sorted(scores))}, mean over the runs", first, *heads, right=heads, folded=[first, *heads], **look
     )
@@ -427,14 +429,18 @@ def _summary(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> Table:
 
 
 def _cell(outcome: Outcome) -> str:
-    from glbench.evaluation.records import RANKING_METRIC
-    from glbench.leaderboard.catalogue import catalogue
-
     if outcome.result is None:
         return "[red]failed[/red]"
-    mean = outcome.result.summary.mean.get(RANKING_METRIC)
-    digits = catalogue(outcome.job.task).score.digits
-    return ("–" if mean is None else f"{mean:,.{digits}f}") + ("*" if outcome.result.failed else "")
+    metric = _ranks(outcome.job.task)
+    mean = outcome.result.summary.mean.get(metric.name)
+    return ("–" if mean is None else metric.number(mean)) + ("*" if outcome.result.failed else "")
+
+
+def _ranks(task: TaskSpec) -> Metric:
+    """What ranks on the task."""
+    from glbench.leaderboard.catalogue import catalogue
+
+    return catalogue(task).metrics[task.evaluation.metric]
 
 
 def _short(reason: str) -> str:
@@ -458,14 +464,13 @@ def _announcement(evaluation: Evaluation) -> str:
     )
 
 
-def _reward_in_words(result: Result) -> str:
-    """``reward 3,751.9 (3,750.9 to 3,752.8)``: mean and 95 % interval."""
-    from glbench.evaluation.records import RANKING_METRIC
+def _score_in_words(result: Result, metric: Metric) -> str:
+    """``reward 3,751.9 (3,750.9 to 3,752.8)``: mean and 95 % interval of what ranks."""
     from glbench.leaderboard.ranking import estimate
 
-    one = estimate(result.values(RANKING_METRIC))
-    interval = f" ({one.low:,.1f} to {one.high:,.1f})" if len(result.runs) > 1 and one.low < one.high else ""
-    return f"{RANKING_METRIC} {one.mean:,.1f}{interval}"
+    one = estimate(result.values(metric.name))
+    spread = len(result.runs) > 1 and one.low < one.high
+    return metric.said(one.mean) + (f" ({metric.number(one.low)} to {metric.number(one.high)})" if spread else "")
 
 
 def _print_prints(name: str, printed: str, *, everything: bool, last: int = _SHOWN_PRINTS, indent: str = "") -> None:

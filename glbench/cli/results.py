@@ -60,8 +60,8 @@ def show(
 
 def _where_from(shown: StoredResult, out: Path) -> list[str]:
     """Origin of the result, whether it was reproduced, and the trainings that it belongs to."""
-    from glbench.evaluation.records import RANKING_METRIC
     from glbench.leaderboard import rank
+    from glbench.leaderboard.catalogue import catalogue
     from glbench.leaderboard.collect import own_and_released_results, published_expectations
     from glbench.leaderboard.tables import entry_label
 
@@ -75,11 +75,13 @@ def _where_from(shown: StoredResult, out: Path) -> list[str]:
         if (row.task_id, row.results_digest) != (shown.board, result.results_digest):
             continue
         checked = "reproduced by glbench verify" if row.reproduced else "not reproduced yet (glbench verify)"
-        source, mean = f"Source: {row.origin}; {checked}", entry.estimates.get(RANKING_METRIC)
+        known = catalogue(shown.task)
+        metric = known.score if shown.task is None else known.metrics[shown.task.evaluation.metric]
+        source, mean = f"Source: {row.origin}; {checked}", entry.estimates.get(metric.name)
         if not entry.is_range or mean is None:
             return [source]
         others = ", ".join(one.agent for one in entry.results if one is not row)
-        family = f"One of {entry_label(entry)}: {RANKING_METRIC} {mean.mean:,.1f}, {mean.low:,.1f} to {mean.high:,.1f}."
+        family = f"One of {entry_label(entry)}: {metric.said(mean.mean)}, {metric.number(mean.low)} to {metric.number(mean.high)}."
         return [source, f"{family} The others: {others}."]
     return []
 
@@ -97,22 +99,17 @@ def _show(stored: StoredResult, where_from: Sequence[str]) -> None:
     output().print(f"\n[bold]Where the money went[/] (mean of {len(result.runs)} runs)")
     for line in money_lines(result, known):
         output().print(line)
-    metrics = result.runs[0].metrics
-    score = stored.task.evaluation.metric if stored.task is not None else known.score.name
-    if score in metrics:
-        scores = sorted(result.values(score))
+    score = known.score if stored.task is None else known.metrics[stored.task.evaluation.metric]
+    if score.name in result.runs[0].metrics:
+        scores = sorted(result.values(score.name))
         if scores[0] < scores[-1]:
-            spark = f"{scores[0]:,.1f} {sparkline(scores)} {scores[-1]:,.1f}"
-            output().print(
-                f"\n[bold]{known.metrics[score].heading or known.metrics[score].label}s[/], worst to best: {spark}",
-                soft_wrap=True,
-            )
-        worst = min(result.runs, key=lambda run: run.metrics[score])
-        tenth = float(worst_tenth(np.array(scores)))
-        output().print(f"Mean of the worst tenth (CVaR10): {score} {tenth:,.{known.metrics[score].digits}f}")
+            spark = f"{score.number(scores[0])} {sparkline(scores)} {score.number(scores[-1])}"
+            output().print(f"\n[bold]{score.heading or score.label}s[/], worst to best: {spark}", soft_wrap=True)
+        worst = min(result.runs, key=lambda run: run.metrics[score.name])
+        output().print(f"Mean of the worst tenth (CVaR10): {score.said(float(worst_tenth(np.array(scores))))}")
         profit = worst.metrics.get(known.profit.name)
-        words = "" if profit is None else f", {known.profit.heading} {profit:,.3f} {unit_of(known.profit)}"
-        output().print(f"Worst run: seed {worst.seed}, {score} {worst.metrics[score]:,.1f}{words}")
+        words = "" if profit is None or score is known.profit else f", {known.profit.said(profit)}"
+        output().print(f"Worst run: seed {worst.seed}, {score.said(worst.metrics[score.name])}{words}")
     print_failures(result)
     kernel, seen = result.evaluation.kernel, seen_by(result)
     unfair = what_it_should_not_have_seen(result, seen)
@@ -395,10 +392,7 @@ def _sentence(pair: Pair, p_value: float, *, named: bool) -> str:
 
 def _ranks_by(pair: Pair) -> str:
     """What ranks on the task, inside a sentence."""
-    from glbench.leaderboard.catalogue import in_sentence
-
-    metric = pair.words.metrics[pair.ranks_by]
-    return in_sentence(metric.heading or metric.label)
+    return pair.words.metrics[pair.ranks_by].words
 
 
 def _p_words(pair: Pair, p_value: float) -> str:

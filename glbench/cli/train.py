@@ -18,6 +18,7 @@ from glbench.errors import TrainingError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from glbench.leaderboard.catalogue import Catalogue, Metric
     from glbench.tasks import TaskSpec
     from glbench.training import CurvePoint, Listener, Trained, TrainingSettings
     from glbench.training import Progress as Standing
@@ -70,7 +71,7 @@ def train(
     trained = _trained(chosen, settings, folder, seed=seed, resume=resume, wandb=wandb, tensorboard=tensorboard)
     if trained.already_done:
         messages().print("Already trained with these settings. More steps: --steps N --resume.")
-    _say_what_came_out(trained, task)
+    _say_what_came_out(trained, chosen, task)
 
 
 def tune(
@@ -103,7 +104,7 @@ def tune(
         f"{settings.population} seasons, seed {seed}, in {folder}",
         soft_wrap=True,
     )
-    bar = _TrainingBar(settings.generations * settings.population * chosen.steps)
+    bar = _TrainingBar(settings.generations * settings.population * chosen.steps, chosen)
     try:
         with bar:
             found = search(chosen, settings, folder, seed=seed, resume=resume, listeners=[bar])
@@ -112,7 +113,7 @@ def tune(
         raise typer.Exit(INTERRUPTED) from None
     if found.already_done:
         messages().print("Already tuned with these settings. More: --generations N --resume.")
-    _say_what_came_out(found, task)
+    _say_what_came_out(found, chosen, task)
 
 
 def export(
@@ -184,12 +185,13 @@ def sweep(
     if wandb:
         wandb_sweep(search, folder)
         return
+    score = _words(the_task(search.task)).score
     try:
-        trials = run_sweep(search, folder, workers=workers, report=_say_trial)
+        trials = run_sweep(search, folder, workers=workers, report=lambda trial: _say_trial(trial, score))
     except KeyboardInterrupt:
         tell_interrupted("Trials that ended are kept: the same command goes on.")
         raise typer.Exit(INTERRUPTED) from None
-    _print_trials(trials)
+    _print_trials(trials, score)
 
 
 def _trained(
@@ -200,7 +202,7 @@ def _trained(
     from glbench.training.checkpoint import CHECKPOINT, find_checkpoint
 
     with contextlib.ExitStack() as stack:
-        bar = stack.enter_context(_TrainingBar(steps_to_make(settings, task.steps)))
+        bar = stack.enter_context(_TrainingBar(steps_to_make(settings, task.steps), task))
         listeners: list[Listener] = [bar]
         if wandb:
             from glbench.training.wandb_log import WandbListener
@@ -222,21 +224,29 @@ def _trained(
             raise typer.Exit(INTERRUPTED) from None
 
 
-def _say_trial(trial: TrialReport) -> None:
+def _words(task: TaskSpec) -> Catalogue:
+    """What the task's reward, profit and penalty are called."""
+    from glbench.leaderboard.catalogue import catalogue
+
+    return catalogue(task)
+
+
+def _say_trial(trial: TrialReport, score: Metric) -> None:
     why = "" if trial.reason is None else f": {trial.reason}"
-    tell(f"trial {trial.number:>3}  {trial.state:8}  reward {_reward(trial):>8}  {_choices(trial)}{why}")
+    tell(f"trial {trial.number:>3}  {trial.state:8}  {score.words} {_reward(trial, score):>8}  {_choices(trial)}{why}")
 
 
-def _print_trials(trials: list[TrialReport]) -> None:
-    headings, numbers = ("trial", "state", "best reward", "settings"), ("trial", "best reward")
+def _print_trials(trials: list[TrialReport], score: Metric) -> None:
+    best = f"best {score.words}"
+    headings, numbers = ("trial", "state", best, "settings"), ("trial", best)
     view = table("Trials, best first", *headings, right=numbers, folded=headings, box=HEAVY_HEAD, title_style=None)
     for trial in trials[:_TRIALS_SHOWN]:
-        view.add_row(str(trial.number), trial.state, _reward(trial), _choices(trial))
+        view.add_row(str(trial.number), trial.state, _reward(trial, score), _choices(trial))
     output().print(view)
 
 
-def _reward(trial: TrialReport) -> str:
-    return "-" if trial.reward is None else f"{trial.reward:,.1f}"
+def _reward(trial: TrialReport, score: Metric) -> str:
+    return "-" if trial.reward is None else score.number(trial.reward)
 
 
 def _choices(trial: TrialReport) -> str:
@@ -273,7 +283,7 @@ def needs_the_extra(extra: str) -> Iterator[None]:
         raise TrainingError(msg) from error
 
 
-def _say_what_came_out(trained: Trained, task: str | None) -> None:
+def _say_what_came_out(trained: Trained, task: TaskSpec, named: str | None) -> None:
     """The best policy of a training, and what to do with it.
 
     Raises
@@ -281,33 +291,37 @@ def _say_what_came_out(trained: Trained, task: str | None) -> None:
     typer.Exit
         With code 3 when nothing was learnt.
     """
+    score = _words(task).score
     if not trained.learnt:
         messages().print(
-            f"[bold yellow]Nothing was learnt.[/bold yellow] The training never beat the policy that it began with: reward "
-            f"{trained.best_reward:,.1f} at step 0, {trained.last_reward:,.1f} after {trained.steps:,} steps. "
+            f"[bold yellow]Nothing was learnt.[/bold yellow] The training never beat the policy that it began with: "
+            f"{score.said(trained.best_reward)} at step 0, {score.number(trained.last_reward)} after {trained.steps:,} steps. "
             f"Train for more steps (--resume), or with other settings. {trained.folder} holds the policy of step 0.",
             soft_wrap=True,
         )
         raise typer.Exit(NOTHING_LEARNT)
     output().print(
-        f"Best policy: reward {trained.best_reward:,.1f} after {trained.best_steps:,} of {trained.steps:,} steps; "
-        f"the last one: {trained.last_reward:,.1f}.",
+        f"Best policy: {score.said(trained.best_reward)} after {trained.best_steps:,} of {trained.steps:,} steps; "
+        f"the last one: {score.number(trained.last_reward)}.",
         soft_wrap=True,
     )
     agent = trained.folder
     if trained.not_exported is not None:
         tell(f"No policy.npz was written: {trained.not_exported}")
         agent = trained.model
-    option = "" if task is None else f" --task {task}"
+    option = "" if named is None else f" --task {named}"
     tell(f"Next: glbench evaluate {agent}{option}")
 
 
 class _TrainingBar(Bar):
     """Steps, speed and time left on standard error; each evaluation leaves a line."""
 
-    def __init__(self, total_steps: int) -> None:
+    def __init__(self, total_steps: int, task: TaskSpec) -> None:
         columns = ("{task.completed:,.0f} of {task.total:,.0f} steps", "{task.fields[speed]}")
         super().__init__("training", total_steps, *columns, speed="")
+        words = _words(task)
+        self._shown = {one.name: one for kind in ("score", "profit", "penalty") for one in words.of_kind(kind)}
+        self._score = words.score
 
     def on_progress(self, progress: Standing) -> None:
         """Move the bar."""
@@ -316,16 +330,15 @@ class _TrainingBar(Bar):
         if left is not None:
             said.append(f"{_duration(left)} left")
         if progress.season_reward is not None:
-            said.append(f"season reward {progress.season_reward:,.0f}")
+            said.append(f"season {self._score.said(progress.season_reward)}")
         self.move(progress.steps, total=progress.total_steps, speed=", ".join(said))
 
     def on_evaluation(self, point: CurvePoint) -> None:
         """A line with what the policy earns."""
-        sums = point.result.sums
+        sums = "  ".join(one.said(point.result.sums[name]) for name, one in self._shown.items())
         best = "  [green]best[/green]" if point.is_best else ""
         messages().print(
-            f"{point.steps:>9,} steps {_duration(point.seconds):>6}  reward {sums['reward']:8,.1f}  "
-            f"EPI {sums['epi']:6.2f} EUR/m²  penalty {sums['penalty']:6.1f}{best}",
+            f"{point.steps:>9,} steps {_duration(point.seconds):>6}  {sums}{best}",
             soft_wrap=True,
         )
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from glbench.env.simulation import Simulation
     from glbench.env.step_result import StepResult
     from glbench.model import Seen
+    from glbench.tasks import TaskSpec
     from glbench.tasks.ledger import LedgerItem
     from glbench.tasks.quantities import Capacity
 
@@ -110,10 +111,18 @@ def _last_step(simulation: Simulation, result: StepResult, row: int) -> dict[str
     sum_of = " - ".join([" + ".join(earned) or "0", *paid])
     told = {
         "limits": _complaints(quantities) or ("all kept" if simulation.task.constraints.items() else ""),
-        "this step": f"{_CENTS * quantities['epi']:+.3f} ct m-2 = {sum_of}; reward {quantities['reward']:.3f}",
+        "this step": f"{_CENTS * quantities['epi']:+.3f} ct m-2 = {sum_of}; {_score(simulation.task, quantities)}",
     }
     reasons = [failure.reason for failure in result.failed if failure.row == row]
     return {**told, "stopped": ", ".join(reasons)}
+
+
+def _score(task: TaskSpec, quantities: dict[str, float]) -> str:
+    """The reward of the step; where it is money, after what violations cost."""
+    if not task.scores_money:
+        return f"reward {quantities['reward']:.3f}"
+    violations, score = (_CENTS * quantities[name] for name in ("penalty", "reward"))
+    return f"violations {violations:.3f}, score {score:+.3f}"
 
 
 def _label(item: LedgerItem) -> str:

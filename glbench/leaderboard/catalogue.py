@@ -56,6 +56,19 @@ class Metric:
         unit = pretty_unit(self.unit)
         return f"{self.heading} [{unit}]" if unit else self.heading
 
+    @property
+    def words(self) -> str:
+        """What it is called inside a sentence, such as ``reward``."""
+        return in_sentence(self.heading or self.label)
+
+    def number(self, value: float) -> str:
+        """A value with the decimals of its column."""
+        return f"{value:,.{self.digits}f}"
+
+    def said(self, value: float) -> str:
+        """A value inside a sentence: ``reward 3,751.9``, ``score 4.321 EUR/m²``."""
+        return " ".join(part for part in (self.words, self.number(value), pretty_unit(self.unit)) if part)
+
     def text(self, value: float) -> str:
         """A value with the decimals that its unit deserves."""
         return f"{value:,.{_DIGITS.get(self.unit, _FEW_DIGITS)}f}"
@@ -193,7 +206,7 @@ def _of_task(task: TaskSpec) -> Catalogue:
             if not usual:
                 words |= told["metric"][one.name].get("elsewhere", {})
                 words["explanation"] = words["explanation"].format(profit=profit)
-            if one.unit == MONEY:
+            if one.unit == MONEY and task.violation_prices:
                 words |= told["metric"][one.name].get("money", {})
             metric = Metric(one.name, one.unit, **words)
         else:

@@ -16,7 +16,8 @@ from glbench.evaluation import Result, load_result, result_path
 from glbench.evaluation.episodes import recorded_actions
 from glbench.evaluation.preparing import TRIALS
 from glbench.evaluation.profiles import profile_path, read_profile
-from glbench.evaluation.records import RANKING_METRIC, AgentRecord
+from glbench.evaluation.records import AgentRecord
+from glbench.leaderboard.catalogue import Metric, catalogue
 from glbench.resources import data_folder, is_released
 from glbench.tasks import get_task, list_tasks, read_lock
 from glbench.verification import SUFFIX, was_reproduced
@@ -320,16 +321,18 @@ def _problem_beside(item: StoredResult, released: StoredResult | None) -> str | 
         return None
     if item.result.results_digest == released.result.results_digest:
         return None
-    name, reward, theirs = item.result.agent.name, *(_reward(one.result) for one in (item, released))
+    words = catalogue(item.task)
+    metric = words.score if item.task is None else words.metrics[item.task.evaluation.metric]
+    name, own, theirs = item.result.agent.name, *(_mean(one.result, metric) for one in (item, released))
     return (
-        f"{item.path} differs from the released result of '{name}', which keeps its row: reward {reward}, released {theirs}. "
+        f"{item.path} differs from the released result of '{name}', which keeps its row: {metric.words} {own}, released {theirs}. "
         f"{_what_differs(item.result, released.result)} See both with `glbench compare {name} {item.path}`."
     )
 
 
-def _reward(result: Result) -> str:
-    score = result.summary.mean.get(RANKING_METRIC)
-    return "not stated" if score is None else f"{score:,.1f}"
+def _mean(result: Result, metric: Metric) -> str:
+    mean = result.summary.mean.get(metric.name)
+    return "not stated" if mean is None else metric.number(mean)
 
 
 def _what_differs(own: Result, released: Result) -> str:

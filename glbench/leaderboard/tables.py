@@ -39,7 +39,7 @@ OVERALL_NOTE = (
 SEEN_NOTE = f"{SEEN_MARK} its training saw what it is judged by, as its card states: the test split, or weather of the years of that split."
 FOOTNOTES = (
     "Mean over the task's seeded runs, with the 95 % bootstrap interval of the mean; IQM is the mean of the middle half of the runs. "
-    "{units} EPI is {profit}. "
+    "{units} {name} is {profit}. "
     "Failed runs count at the task's stated penalty.",
     "CVaR10 is the mean of the worst tenth of the runs in what ranks; of several trainings the mean over them.",
     f"{RANGE_MARK} is no interval but a range: the lowest and the highest of several trainings with different seeds, around their mean. "
@@ -57,9 +57,9 @@ FOOTNOTES = (
 )
 _UNITS = (
     ("Reward and penalty have no unit.", False),
-    ("A score in EUR/m² is the EPI minus what violations of the limits cost.", True),
+    ("A score in EUR/m² is the profit minus what violations of the limits cost.", True),
 )
-_PROFIT = "the profit: what is earned minus what is paid"
+_PROFIT = "what is earned minus what is paid"
 
 
 def footnotes(tables: Sequence[TaskTable]) -> list[str]:
@@ -69,9 +69,11 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     profit = said.pop() if len(said) == 1 else ""
     priced = {bool(task is not None and task.violation_prices) for task in tasks}
     units = " ".join(words for words, is_priced in _UNITS if is_priced in priced)
+    name = "Profit" if priced == {True} else "EPI"
     rows = [row for table in tables for row in table.rows]
     extra = [OVERALL_NOTE] * any(map(_has_overall, rows)) + [SEEN_NOTE] * any(row.saw_scored for row in rows)
-    return [FOOTNOTES[0].format(profit=profit or _PROFIT, units=units), *FOOTNOTES[1:], *extra]
+    profit = profit or (_PROFIT if name == "Profit" else f"the profit: {_PROFIT}")
+    return [FOOTNOTES[0].format(name=name, profit=profit, units=units), *FOOTNOTES[1:], *extra]
 
 
 def _has_overall(row: Row) -> bool:

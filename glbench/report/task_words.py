@@ -59,10 +59,10 @@ def definition_in_words(task: TaskSpec) -> Iterator[Section]:
         yield Section(f"Based on {task.base}, changed:", [_change(one) for one in task.changes])
     yield Section("Period and place", _period(task, card))
     if task.splits is not None:
-        yield Section("Seasons", _splits(task, task.splits))
+        yield Section("Seasons", list(_splits(task, task.splits)))
     yield Section("Greenhouse and crop", _greenhouse(task))
     if task.sensors is not None:
-        yield Section("Sensors inside; what is judged is the truth", _sensors(task.sensors))
+        yield Section("Sensors inside; what is judged is the truth", list(_sensors(task.sensors)))
     if card is not None:
         yield _observations(card, _forecast(task))
         yield _actions(card)

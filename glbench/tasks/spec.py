@@ -373,6 +373,11 @@ class TaskSpec:
         table = getattr(self.reward, "violation_price", None)
         return MappingProxyType({} if table is None else dict(table.items()))
 
+    @property
+    def scores_money(self) -> bool:
+        """Whether the reward is money [EUR m-2]: profit minus what violations cost."""
+        return bool(self.violation_prices) and {*self.reward.modules} == {"epi", "scaled_penalty"}
+
     @cached_property
     def penalty_scales(self) -> Mapping[str, float]:
         """Violation that adds 1 to the penalty of a step, by constraint: 1 EUR m-2 where violations have prices."""
@@ -644,13 +649,12 @@ class TaskSpec:
     @cached_property
     def quantities(self) -> tuple[StepQuantity, ...]:
         """Every quantity of a control step: reward, profit, money, penalty, amounts, violations, hours outside the limits."""
-        priced = bool(self.violation_prices)
         return step_quantities(
             self.ledger,
             (name for name, _ in self.constraints.items()),
             means=self.judges_means,
-            priced=priced,
-            reward_unit=MONEY if priced and {*self.reward.modules} == {"epi", "scaled_penalty"} else "-",
+            priced=bool(self.violation_prices),
+            reward_unit=MONEY if self.scores_money else "-",
             travel=self.schema_version > 1,
         )
 

@@ -12,7 +12,7 @@ import unicodedata
 from calendar import monthrange
 from collections.abc import Callable, Mapping
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
@@ -192,8 +192,6 @@ class ForecastTable(Table):
 class ObservationTable(Table):
     """``[observation]``: what an agent sees, and of which moment."""
 
-    forecast_hours: ClassVar[tuple[int, ...]] = ()
-
     modules: Annotated[
         tuple[str, ...], list_of(words.OBSERVATION_MODULES.kind, "time", lambda: words.OBSERVATION_MODULES.names)
     ] = Field(description="a list of observation modules")
@@ -216,6 +214,11 @@ class ObservationTable(Table):
     def forecast_steps(self) -> int:
         """Rows of coming weather that are shown; 0 without a forecast."""
         return self.forecast.steps if self.forecast is not None else 0
+
+    @property
+    def forecast_hours(self) -> tuple[int, ...]:
+        """Hours ahead of a forecast by the hour; none without one."""
+        return ()
 
 
 class ActuationTable(Table):
@@ -482,18 +485,19 @@ PROCESS_COMPUTER = "process_computer"
 
 def _setting(default: float, unit: str, about: str, *, above: float | None = None) -> Any:
     """A setting of the process computer: 0 or more, or more than ``above``; its meaning stands in docs/process-computer.md."""
-    limit: dict[str, float] = {"ge": 0.0} if above is None else {"gt": above}
-    return Field(default=default, description=f'{about}: {{ value = {default:g}, unit = "{unit}" }}', **limit)
+    about = f'{about}: {{ value = {default:g}, unit = "{unit}" }}'
+    return Field(default=default, ge=0.0 if above is None else None, gt=above, description=about)
 
 
-_Kelvin, _Celsius = Annotated[float, in_unit("K")], Annotated[float, in_unit("degC")]
-_Rate, _Slope, _WindSlope = (
-    Annotated[float, in_unit("K h-1")],
-    Annotated[float, in_unit("K K-1")],
-    Annotated[float, in_unit("K s m-1")],
-)
-_Watts, _Grams = Annotated[float, in_unit("W m-2")], Annotated[float, in_unit("g m-3")]
-_Ppm, _Hours = Annotated[float, in_unit("ppm")], Annotated[float, in_unit("h")]
+_Kelvin = Annotated[float, in_unit("K")]
+_Celsius = Annotated[float, in_unit("degC")]
+_Rate = Annotated[float, in_unit("K h-1")]
+_Slope = Annotated[float, in_unit("K K-1")]
+_WindSlope = Annotated[float, in_unit("K s m-1")]
+_Watts = Annotated[float, in_unit("W m-2")]
+_Grams = Annotated[float, in_unit("g m-3")]
+_Ppm = Annotated[float, in_unit("ppm")]
+_Hours = Annotated[float, in_unit("h")]
 
 
 class ProcessComputerTable(Table):
@@ -797,7 +801,7 @@ def _sensor_in(unit: str) -> BeforeValidator:
 
     def value_of(key: str, given: object) -> object:
         try:
-            return read(given) if key in SensorTable.model_fields else given  # type: ignore[call-arg, arg-type]
+            return read(given) if key in SensorTable.model_fields else given  # type: ignore[call-arg]
         except ValueError as error:
             msg = f"{key} = {as_written(given)}: {error}"
             raise ValueError(msg) from None

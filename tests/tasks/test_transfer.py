@@ -104,7 +104,8 @@ def test_houses_stand_in_the_seasons_of_the_base() -> None:
         assert np.array_equal(run_weather(base, seed).values, run_weather(there, seed).values)
     drawn = [base.model_value.parameter_names.index(name) for name in base.uncertain_parameters()]
     ours, theirs = (
-        np.asarray(RunScenarios(task).draw([10000]).parameters)[0, drawn] / task.parameters()[drawn] for task in (base, there)
+        np.asarray(RunScenarios(task).draw([10000]).parameters)[0, drawn] / task.parameters()[drawn]
+        for task in (base, there)
     )
     assert np.allclose(ours, theirs, rtol=1e-12), "crop and house deviate by the same shares"
     assert not np.array_equal(base.parameters(), there.parameters())

@@ -32,6 +32,11 @@ const WORDS = D.words.map((words) => {
 const wordsOf = (one) => WORDS[one.words_of];
 const [SCORE, PROFIT, PENALTY] = ["score", "profit", "penalty"].map((kind) => WORDS[0].ofKind(kind)[0].name);
 
+// What ranks, and what violations cost, inside sentences: points, or money where violations have prices.
+const inMoney = (task, name) => Boolean(wordsOf(task).metric[name].unit);
+const amountOf = (task, name, value) => withUnit(value, wordsOf(task).metric[name].decimals, wordsOf(task).metric[name].unit);
+const moreViolations = (task, gap) => (inMoney(task, PENALTY) ? `violations that cost ${amountOf(task, PENALTY, Math.abs(gap))} ${gap > 0 ? "more" : "less"}` : `a penalty ${amountOf(task, PENALTY, Math.abs(gap))} ${gap > 0 ? "higher" : "lower"}`);
+
 const resultsOf = (taskId) => D.results.filter((result) => result.task === taskId && !result.member_of);
 // Trainings of an entry in the order of their seeds; of an agent with one result none.
 const trainingsOf = (result) => (result.members ?? []).map((name) => resultOf(result.task, name));

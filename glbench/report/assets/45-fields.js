@@ -45,6 +45,6 @@ const priceField = (task, changed) => {
     h("summary", {}, differ ? [h("b", {}, "Other prices: "), sentence(words)] : [h("b", {}, "What if prices were different?"), " Change them, and the ranking follows."]),
     h("form", { onsubmit: (event) => event.preventDefault() }, inputs,
       h("button", { class: "plain", type: "button", id: "reset-prices", disabled: !differ, onclick: () => { delete chosenPrices[task.words_of]; changed("reset-prices"); } }, "Back to the task\u2019s prices")),
-    h("p", { class: "soft small" }, "Amounts stay as they were: the agents decided without knowing these prices. Profit and reward are computed again for every run, intervals by a bootstrap of 2,000 samples here in the page. The scale of the reward moves with the prices: compare rewards with each other, not with those before."));
+    h("p", { class: "soft small" }, `Amounts stay as they were: the agents decided without knowing these prices. Profit and ${lower(wordsOf(task).metric[SCORE].label)} are computed again for every run, intervals by a bootstrap of 2,000 samples here in the page.${task.reward_modules.includes("scaled_epi") ? " The scale of the reward moves with the prices: compare rewards with each other, not with those before." : ""}`));
 };
 let pricesOpen = false;

@@ -75,7 +75,7 @@ const story = (result, task) => {
     costs[0]?.[1] > 0 ? `. Most of the cost was ${costs[0][0]} (${withUnit(costs[0][1], 2, "EUR/m\u00b2")}). ` : ". ",
     outside > 0 ? `The climate was outside its limits for ${withUnit(outside, 0, "h")}, ${number((100 * outside) / hours, 0)} % of the time, above all ${limits[0][0]} (${withUnit(limits[0][1], 0, "h")}).` : "The climate never left its limits.",
     unused.length ? ` It used no ${sentence(unused).replace(" and ", " and no ")}.` : "",
-    best && best !== result && row.rank ? [" The best here, ", h("a", { href: link("agent", best.agent, task.short) }, best.agent), `, gets ${number(gap(SCORE), words.metric[SCORE].decimals)} more reward with ${withUnit(Math.abs(gap(PROFIT)), 2, "EUR/m\u00b2")} ${gap(PROFIT) >= 0 ? "more" : "less"} profit and a penalty ${number(Math.abs(gap(PENALTY)), words.metric[PENALTY].decimals)} ${gap(PENALTY) > 0 ? "higher" : "lower"}.`] : "",
+    best && best !== result && row.rank ? [" The best here, ", h("a", { href: link("agent", best.agent, task.short) }, best.agent), `, has a ${lower(words.metric[SCORE].label)} ${amountOf(task, SCORE, gap(SCORE))} higher, with ${withUnit(Math.abs(gap(PROFIT)), 2, "EUR/m\u00b2")} ${gap(PROFIT) >= 0 ? "more" : "less"} profit and ${moreViolations(task, gap(PENALTY))}.`] : "",
     row.rank ? ` Rank ${row.rank} of ${ranked(task.id).filter((one) => one.rank !== null).length} on this task.` : "",
   ];
 };

@@ -24,7 +24,7 @@ const calendarPart = (profile, task) => {
   ];
 };
 
-// The day on which the worst run paid the largest penalty.
+// The day on which violations cost the worst run most.
 const hardestDay = (profile) => {
   const hours = unpack(profile.worst[PENALTY]).map((value) => value ?? 0);
   const days = Array.from({ length: Math.floor(hours.length / 24) }, (_, day) => sum(hours.slice(24 * day, 24 * day + 24)));
@@ -42,10 +42,11 @@ const reasons = (result, task, profile) => {
   const worse = violations.map((one) => [one, gap(one.name)]).sort((a, b) => b[1] - a[1])[0] ?? [null, 0];
   const why = [];
   if (item && gap(PROFIT) < 0) why.push(`it earned ${withUnit(-gap(PROFIT), 3, "EUR/m\u00b2")} less, most of it by ${item.sign > 0 ? `less ${lower(item.label)}` : `a dearer bill for ${lower(item.label)}`}`);
-  if (gap(PENALTY) > 0) why.push(`its penalty was ${number(gap(PENALTY), 1)} higher${worse[1] > 0.05 ? ` (${lower(worse[0].label)} for ${withUnit(worse[1], 1, "h")} longer)` : ""}`);
+  const priced = inMoney(task, PENALTY), penaltyText = (value) => (priced ? amountOf(task, PENALTY, value) : number(value, 1));
+  if (gap(PENALTY) > 0) why.push(`${priced ? `its violations cost ${penaltyText(gap(PENALTY))} more` : `its penalty was ${penaltyText(gap(PENALTY))} higher`}${worse[1] > 0.05 ? ` (${lower(worse[0].label)} for ${withUnit(worse[1], 1, "h")} longer)` : ""}`);
   const { day, penalty } = hardestDay(profile);
-  return [`Seed ${profile.seeds.worst} got a reward of ${number(of(SCORE)[row], wordsOf(task).metric[SCORE].decimals)}, ${number(behind, behind < 10 ? 1 : 0)} (${number(share, share < 1 ? 2 : 1)} %) below the mean of all runs`,
-    why.length ? `: ${why.join(", and ")}. ` : ". ", penalty > 0 ? `Its hardest day was ${date(task.start, day)}, with a penalty of ${number(penalty, 1)}.` : "",
+  return [`Seed ${profile.seeds.worst} got a ${lower(wordsOf(task).metric[SCORE].label)} of ${amountOf(task, SCORE, of(SCORE)[row])}, ${inMoney(task, SCORE) ? amountOf(task, SCORE, behind) : number(behind, behind < 10 ? 1 : 0)} (${number(share, share < 1 ? 2 : 1)} %) below the mean of all runs`,
+    why.length ? `: ${why.join(", and ")}. ` : ". ", penalty > 0 ? `Its hardest day was ${date(task.start, day)}, with ${priced ? `violations that cost ${penaltyText(penalty)}` : `a penalty of ${penaltyText(penalty)}`}.` : "",
     share < 1 ? " The runs hardly differ: this is how every run looks." : ""];
 };
 
@@ -73,7 +74,7 @@ const worstPart = (result, task, profile, weather) => {
     const look = layout({ shapes, annotations, margin: { l: 8, r: 10, t: 22, b: 8 }, dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom", hoversubplots: "axis" });
     return { traces, layout: { ...look, ...axes, xaxis: axis({ type: "date", fixedrange: false, range: span ?? undefined, anchor: `y${rows.length}`, hoverformat: "%-d %B, %H:%M", tickformat: "%-d %b", nticks: 7 }) } };
   };
-  const figure = chart(captionOf("Worst run, hour by hour", ""), build, { height: 760, says: `Climate, controls and penalty of the run with seed ${profile.seeds.worst}, hour by hour.` });
+  const figure = chart(captionOf("Worst run, hour by hour", ""), build, { height: 760, says: `Climate, controls and ${lower(wordsOf(task).metric[PENALTY].label)} of the run with seed ${profile.seeds.worst}, hour by hour.` });
   const place = figure.querySelector(".chart");
   const view = select("Show", [{ value: "all", text: "the whole season" }, ...Array.from({ length: weeks }, (_, week) => ({ value: String(week), text: `week ${week + 1}, from ${date(task.start, 7 * week)}` }))], hardest, (value) => { span = spanOf(value); redrawChart(place); }, "choose-week");
   return [h("h2", {}, "The worst run, and why"), h("p", {}, reasons(result, task, profile)), h("div", { class: "fields" }, view), figure];

@@ -33,13 +33,12 @@ const difference = (one, two, metric) => {
 };
 
 const verdict = (one, two, task) => {
-  const decimals = (name) => wordsOf(task).metric[name].decimals;
   const profit = difference(one, two, PROFIT), reward = difference(one, two, SCORE), penalty = difference(one, two, PENALTY);
   const clear = profit.low !== null && profit.high > profit.low && profit.low * profit.high > 0;
   const sure = number(profit.low, 2) !== number(profit.high, 2) ? ` (95 % interval over the draws of this season ${number(profit.low, 2, true)} to ${number(profit.high, 2, true)})` : "";
   return [
     h("b", {}, one.agent), ` earns `, h("b", { class: profit.mean >= 0 ? "gain" : "loss" }, withUnit(Math.abs(profit.mean), 2, "EUR/m\u00b2")), ` ${profit.mean >= 0 ? "more" : "less"} than `, h("b", {}, two.agent),
-    `${sure}${clear || !(profit.high > profit.low) ? "" : ", which may be chance"}. Its penalty is ${number(Math.abs(penalty.mean), decimals(PENALTY))} ${penalty.mean >= 0 ? "higher" : "lower"}, its reward ${number(Math.abs(reward.mean), decimals(SCORE))} ${reward.mean >= 0 ? "higher" : "lower"}, over ${plural(profit.shared, "shared seed")}.`,
+    `${sure}${clear || !(profit.high > profit.low) ? "" : ", which may be chance"}. ${inMoney(task, PENALTY) ? `Its violations cost ${amountOf(task, PENALTY, Math.abs(penalty.mean))} ${penalty.mean >= 0 ? "more" : "less"}` : `Its penalty is ${amountOf(task, PENALTY, Math.abs(penalty.mean))} ${penalty.mean >= 0 ? "higher" : "lower"}`}, its ${lower(wordsOf(task).metric[SCORE].label)} is ${amountOf(task, SCORE, Math.abs(reward.mean))} ${reward.mean >= 0 ? "higher" : "lower"}, over ${plural(profit.shared, "shared seed")}.`,
   ];
 };
 
@@ -96,8 +95,9 @@ const byHour = (one, two, task) => later(1500, async () => {
     ],
     layout: layout({ barmode: "relative", bargap: 0.15, showlegend: true, legend: { orientation: "h", y: 1.12, x: 0, font: { color: variable("ink") } }, margin: { l: 8, r: 10, t: 34, b: 8 }, xaxis: HOUR_AXIS, yaxis: { zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
   });
+  const spared = wordsOf(task).metric[PENALTY].label;
   const limits = () => ({
-    traces: [{ type: "bar", x: hours, y: penalty.map(mean), marker: { color: penalty.map((values) => variable(mean(values) >= 0 ? "gain" : "loss")) }, hovertemplate: "%{y:+,.2f}<extra></extra>" }],
+    traces: [{ type: "bar", x: hours, y: penalty.map(mean), marker: { color: penalty.map((values) => variable(mean(values) >= 0 ? "gain" : "loss")) }, hovertemplate: `%{y:+,.${inMoney(task, PENALTY) ? 3 : 2}f}<extra></extra>` }],
     layout: layout({ bargap: 0.15, xaxis: HOUR_AXIS, yaxis: { zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
   });
   return [
@@ -105,7 +105,7 @@ const byHour = (one, two, task) => later(1500, async () => {
     h("p", { class: "soft" }, ranges ? `${one.agent} earns more than ${two.agent} ${ranges}` : `${one.agent} earns more than ${two.agent} in no hour of the day`, `. Sums over the whole season, A minus B, mean over the shared seeds; hours are ${task.clock}.`, atEnd.length ? ` Not by the hour: ${sentence(atEnd.map((item) => lower(item.label)))}.` : "", averaged.length ? ` Its price changes with the calendar, so at its mean price: ${sentence(averaged.map((item) => lower(item.label)))}.` : ""),
     chart(captionOf("Profit, A minus B", "EUR/m\u00b2; above the line, A is better"), money, { height: 330, says: `Profit by hour of the day, ${one.agent} minus ${two.agent}: ${spread.map(([value], hour) => `${hour} h ${number(value, 2, true)}`).join(", ")}` }),
     h("div", { style: { height: "14px" } }),
-    chart(captionOf("Penalty spared, A against B", "above the line, A keeps the limits better"), limits, { height: 200, says: `Penalty spared by hour: ${penalty.map((values, hour) => `${hour} h ${number(mean(values), 1, true)}`).join(", ")}` }),
+    chart(captionOf(`${spared} spared, A against B`, `${inMoney(task, PENALTY) ? `${wordsOf(task).metric[PENALTY].unit}; ` : ""}above the line, A keeps the limits better`), limits, { height: 200, says: `${spared} spared by hour: ${penalty.map((values, hour) => `${hour} h ${number(mean(values), inMoney(task, PENALTY) ? 3 : 1, true)}`).join(", ")}` }),
     h("h2", {}, "Their typical days"),
     h("p", { class: "soft" }, "Median over all days and runs, with 50 % bands; dotted lines are limits."),
     h("ul", { class: "legend", "aria-label": "Colours" }, [one, two].map((result) => h("li", {}, swatch(result.agent), result.agent, "\u2003"))),
