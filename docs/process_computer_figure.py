@@ -12,13 +12,14 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from glbench.agents import read_baseline
+from glbench.agents.grower import GrowerAgent, read_grower_settings
 from glbench.env import Simulation
 from glbench.env.scenario import RunScenarios
 from glbench.model import humidity_deficit
 from glbench.tasks import get_task, task_card
 
 BASE, SEED, DAY = "Schiphol2010-Delta10-v1", 1, 24
+SETTINGS = Path(__file__).resolve().parents[1] / "baselines" / "grower" / "settings.toml"
 INK, RED, BLUE, GREEN, GOLD, GREY = "#222222", "#c23b22", "#1f6fb4", "#2e8b57", "#d9a000", "#888888"
 
 
@@ -27,7 +28,7 @@ def course() -> dict[str, np.ndarray]:
     task = get_task(BASE).replace(
         schema=2, actuation={"kind": "process_computer"}, weather={"preprocessing": "conserving"}
     )
-    agent, simulation = read_baseline("grower").make(task_card(task)), Simulation(task, 1)
+    agent, simulation = GrowerAgent(read_grower_settings(SETTINGS)), Simulation(task, 1)
     places, names = RunScenarios(task).slots.of("actuation"), [action.name for action in task.actions]
     agent.reset(task_card(task), 1)
     observations = simulation.reset([SEED])

@@ -5,11 +5,14 @@ does: for every published task it holds
 
 * of every column of the computed weather d(t), and of its clock, a sum over all rows with weights that differ from row to row;
 * of one fixed step of four greenhouses (fixed states before and after, fixed actions, no model), every quantity of the step, the
-  controls, and the parameters drawn, as sums of the same kind.
+  controls, and the parameters drawn, as sums of the same kind;
+* of a task of schema 2, what its test draws: the weather and forecasts of these four runs, the states that they start with, what their
+  sensors are off by, and what they observe after the fixed step.
 
 ``glbench tasks check`` computes the numbers anew and compares them to ``TOLERANCE``, so that another processor or C library passes
 and another constant does not. A change of one row of weather by a thousandth of the column's mean is seen. What is not covered:
-observations (their names, units and bounds are in the digest) and the integration of the model (its equations are).
+the observations of tasks of schema 1 (their names, units and bounds are in the digest) and the integration of the model (its equations
+are).
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from numpy.typing import NDArray
 
 from glbench.env.accounts import make_accounts
 from glbench.env.runs import Runs
+from glbench.env.scenario import RunScenarios
 from glbench.errors import TaskError
 from glbench.registration import BEHAVIOUR_NAME
 from glbench.resources import write_atomically
@@ -37,6 +41,10 @@ if TYPE_CHECKING:
 
 TOLERANCE = 1e-9
 """Relative to the sum of the magnitudes that a number is the sum of."""
+
+OF_SINGLE_PRECISION = 1e-6
+"""The same for numbers that are observed in single precision."""
+_SINGLE = ("step.observed", "draw.forecast")
 
 BEHAVIOUR_WORDS = f"tasks/{BEHAVIOUR_NAME}"
 
@@ -63,6 +71,7 @@ class Number(NamedTuple):
 
 def behaviour(task: TaskSpec) -> dict[str, Number]:
     """The numbers of ``task`` by name: ``weather.iGlob``, ``step.revenue``, ..."""
+    task = task.scored
     weather = task.disturbances(task.observation.forecast_steps)
     columns = {
         **dict(zip(COLUMNS, weather.values.T, strict=True)),
@@ -72,6 +81,11 @@ def behaviour(task: TaskSpec) -> dict[str, Number]:
     return {
         **{f"weather.{name}": _weighted(values) for name, values in columns.items()},
         **{f"step.{name}": _weighted(values) for name, values in _step(task).items()},
+        **(
+            {f"draw.{name}": _weighted(values) for name, values in _draws(task).items()}
+            if task.schema_version > 1
+            else {}
+        ),
     }
 
 
@@ -93,7 +107,7 @@ def check_behaviour(task: TaskSpec) -> None:
         now = found.get(name)
         if now is None:
             moved.append(f"{name} (no longer computed)")
-        elif not abs(now.value - number) <= TOLERANCE * now.size:
+        elif not abs(now.value - number) <= (OF_SINGLE_PRECISION if name in _SINGLE else TOLERANCE) * now.size:
             moved.append(f"{name} (locked {number:.9g}, found {now.value:.9g})")
     if moved:
         more = f" and {len(moved) - _MOST_NAMED} more" if len(moved) > _MOST_NAMED else ""
@@ -177,11 +191,30 @@ def _step(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
     table = runs.step(low + (high - low) * part).table
     nominal = task.parameters()
     drawn = (fixed.parameters != nominal).any(axis=0)
+    observed = {"observed": runs.observe().astype(np.float64).ravel()} if task.schema_version > 1 else {}
     return {
         **{quantity.name: row for quantity, row in zip(task.quantities, table, strict=True)},
         "controls": fixed.controls.ravel(),
         "parameters": (fixed.parameters[:, drawn] / nominal[drawn]).ravel(),
+        **observed,
     }
+
+
+def _draws(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
+    """What four runs draw once: rows of weather and clock by column, forecasts, states, offsets of sensors."""
+    scenarios = RunScenarios(task)
+    pool, scenes = scenarios.pool, scenarios.draw(_SEEDS)
+    steps = np.arange(task.steps + 1)
+    rows = (scenes.days[:, steps // pool.day] + steps % pool.day).ravel()
+    dates = (scenes.first[:, None] + steps).ravel()
+    found = {name: pool.values[rows, column] for column, name in enumerate(COLUMNS)}
+    found |= {f"clock{column}": pool.calendar[dates, column] for column in range(pool.calendar.shape[1])}
+    if pool.tables.forecast.size:
+        every = 3600 // task.weather.step_seconds
+        found["forecast"] = pool.tables.forecast[rows[::every] // every].astype(np.float64).ravel()
+    found["states"] = scenes.states.ravel()
+    found["sensors"] = scenes.traits.ravel()
+    return found
 
 
 def _weighted(values: NDArray[np.float64]) -> Number:

@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from threading import Lock
 from typing import TYPE_CHECKING
 from weakref import WeakValueDictionary
 
@@ -124,13 +125,15 @@ class WeatherPool:
 
 _ALIVE: WeakValueDictionary[TaskSpec, WeatherPool] = WeakValueDictionary()
 """Every pool that somebody holds: a season that is made must be seen by all programs and runs of the task."""
+_LOCK = Lock()
 
 
 @lru_cache(maxsize=8)
 def _recent(task: TaskSpec) -> WeatherPool:
-    pool = _ALIVE.get(task)
-    if pool is None:
-        pool = _ALIVE[task] = _pool(task)
+    with _LOCK:
+        pool = _ALIVE.get(task)
+        if pool is None:
+            pool = _ALIVE[task] = _pool(task)
     return pool
 
 

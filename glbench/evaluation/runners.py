@@ -172,7 +172,10 @@ class BatchRunner(AgentRunner):
 
 
 class PrivilegedRunner(BatchRunner):
-    """A controller of glbench that sees states and disturbances and sets the controls themselves."""
+    """A controller of glbench that sees states and disturbances and sets the controls themselves.
+
+    What it sees is the truth, whatever the task's sensors and forecasts show to agents: it is in a class of its own.
+    """
 
     _call = "controls (for all runs)"
 

@@ -69,8 +69,6 @@ FloatArray = npt.NDArray[np.float64]
 
 PROSE = frozenset({"title", "description", "suites"})
 """Fields that explain or file a task and do not change it: they stay out of its digest."""
-GENERATOR_VERSION = 1
-"""Of the weather generator: it changes when a generated season may change."""
 DIGITS = 9
 """Significant digits, in a digest, of numbers that are computed rather than read."""
 
@@ -92,6 +90,8 @@ SCHEMA_1: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 """The keys that the digest of a task of schema 1 covers, whatever is added later; ``evaluation.time_limits`` where it is given."""
 
+_EVEN = 0.6180339887498949
+"""Multiples of it, modulo 1, are spread evenly."""
 _OF_ALL_SPLITS = frozenset(
     {"model_value", "_parameters", "_initial_state", "price_tables", "ledger", "quantities", "_fingerprint", "_hash"}
 )
@@ -806,9 +806,19 @@ class TaskSpec:
             if scenario.generated is None:
                 found += [[name, *self._season_digest(season)] for season in scenario.seasons]
             else:
-                years = " ".join(str(year) for year in scenario.generated.years)
-                found.append([name, f"generated {GENERATOR_VERSION}", years, self.record().digest])
+                found.append([name, "generated", *map(str, scenario.generated.years), self._generated_digest(name)])
         return found
+
+    def _generated_digest(self, split: str) -> str:
+        """Digest of one season that the generator makes of the years of a split: whole numbers, the same on every machine."""
+        from glbench.weather import SeasonGenerator
+
+        years = getattr(self.splits, split).years
+        with self._asked_by(f"splits.{split}"):
+            generator = SeasonGenerator(self.record(), years)
+        days = self.weather.days
+        numbers = np.arange(1, generator.numbers(days) + 1) * _EVEN % 1.0
+        return generator.season(self.weather.start, days, numbers).record.digest
 
     def _season_digest(self, season: Season) -> list[str]:
         rows = self.season(season, self.observation.forecast_steps)

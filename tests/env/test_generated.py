@@ -7,6 +7,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import gymnasium
@@ -297,6 +298,14 @@ def test_a_program_and_the_runs_of_it_share_one_pool(task: TaskSpec, forgotten: 
     assert (WeatherPool.of(task) is WeatherPool.of(pickle.loads(pickle.dumps(task)))) is True
     assert WeatherPool.of(task) is not WeatherPool.of(task.in_split("test"))
     assert WeatherPool.of(get_task(task.source)) is WeatherPool.of(task)
+
+
+def test_threads_that_ask_at_once_get_one_pool(task: TaskSpec, forgotten: None) -> None:
+    with ThreadPoolExecutor(6) as threads:
+        pools = list(threads.map(lambda _: WeatherPool.of(task), range(6)))
+        starts = list(threads.map(lambda pool: pool.starts([3, 4])[1].tolist(), pools))
+    assert len({id(pool) for pool in pools}) == 1
+    assert len({tuple(found) for found in starts}) == 1
 
 
 def test_a_split_without_its_years_is_an_error_that_names_it(folder: Path) -> None:

@@ -278,11 +278,14 @@ def test_what_is_remembered_of_sun_and_clock_changes_no_bit(schiphol: WeatherRec
         (1267401600 - 3600, 24 * 66),
         (1267403400, 500),
         (1267401700, 50),
+        (-5 * 86400, 24 * 5),
     ):
         middles = begin + 300 * (np.arange(slots * 12) + 0.5)
         sine = conserving._sine_over(schiphol.place, begin, slots)
         assert sine.shape == (slots, 12)
         np.testing.assert_array_equal(sine.ravel(), sine_of_elevation(middles, schiphol.place))
+        sine[:] = 0.0  # what is handed out is not what is remembered
+        assert conserving._sine_over(schiphol.place, begin, slots).any()
 
 
 @pytest.mark.parametrize(
