@@ -173,7 +173,8 @@ def _stay_sealed(
 def _draws_numbers(task: TaskSpec) -> bool:
     """Whether runs draw numbers, which another salt changes, rather than one of a few seasons and days."""
     scenario = task.scenario
-    drawn = any(group.half_width > 0.0 for group in (*scenario.groups, *scenario.start_groups))
+    drawn = any(group.half_width > 0.0 for group in scenario.groups)
+    drawn = drawn or any(group.half_width > 0.0 for group in scenario.start_groups)
     return drawn or scenario.generated is not None or task.sensors is not None
 
 
