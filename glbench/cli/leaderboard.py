@@ -111,7 +111,9 @@ def leaderboard(
 
 def badge(
     agent: Annotated[str, typer.Argument(help="Name of an agent that has a result.")],
-    task: Annotated[str | None, typer.Option("--task", "-t", help="Of this task. Default: the default task, if it has results.")] = None,
+    task: Annotated[
+        str | None, typer.Option("--task", "-t", help="Of this task. Default: the default task, if it has results.")
+    ] = None,
     out: Out = REPORTS,
     file: Annotated[Path, typer.Option("--file", "-f", help="Where the picture goes.")] = Path("badge.svg"),
 ) -> None:
