@@ -24,7 +24,8 @@ EXIT_CODES: dict[Outcome, int] = {"reproduced": 0, "refuted": 1, "unknown": 2, "
 COMMITMENT: Final = "task.salt_commitment"
 """Reproduced with the secret of the round; a result with public draws does not have it, and that is reproduced, too."""
 _ALWAYS: Final = (
-    "schema", "schema_version", "task.id", COMMITMENT, "task.digest", "task.title", "task.steps", "task.step_seconds", "task.split", "task.years",
+    "schema", "schema_version", "task.id", COMMITMENT, "task.digest", "task.title", "task.steps", "task.step_seconds",
+    "task.split", "task.years",
     "runs.cluster",
     "evaluation.runs", "evaluation.seeds", "runs.seed", "runs.steps", "runs.metrics", "summary", "units", "results_digest", "record",
 )  # fmt: skip
