@@ -486,8 +486,13 @@ class Evaluation:
                 title=task.title,
                 steps=task.steps,
                 step_seconds=task.step_seconds,
+<<<<<<< HEAD
                 split=cast("Split | None", task.split),
                 years=None if task.splits is None else getattr(task.splits, str(task.split)).years,
+=======
+                split=task.split,
+                years=None if task.salt_commitment is not None else task.season_years,
+>>>>>>> main
                 salt_commitment=task.salt_commitment,
             ),
             agent=agent,
