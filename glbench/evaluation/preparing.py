@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
 import rfc8785
 
@@ -51,9 +51,6 @@ from glbench.evaluation.sandbox.process import Prints
 from glbench.evaluation.saving import Computed, agent_folder, alone, save, settle, tidy
 from glbench.kernel import Kernel, make_kernel
 from glbench.tasks import TaskSpec, get_task, task_card
-
-if TYPE_CHECKING:
-    from glbench.agents.card import Split
 
 logger = logging.getLogger(__name__)
 
@@ -486,13 +483,8 @@ class Evaluation:
                 title=task.title,
                 steps=task.steps,
                 step_seconds=task.step_seconds,
-<<<<<<< HEAD
-                split=cast("Split | None", task.split),
-                years=None if task.splits is None else getattr(task.splits, str(task.split)).years,
-=======
                 split=task.split,
                 years=None if task.salt_commitment is not None else task.season_years,
->>>>>>> main
                 salt_commitment=task.salt_commitment,
             ),
             agent=agent,
