@@ -444,7 +444,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
         ("a standard deviation of {} to {} (δ", lambda: low_high(deviations())),
         ("lie {} to {} apart. `recording`", lambda: low_high([*spread("ppo"), *spread("sac")])),
-        ("On the default task it earns {}, as much", lambda: mean("recording", 10)),
+        ("At 10 % it earns {}, as much", lambda: mean("recording", 10)),
         ("`ppo_tuned` itself ({})", lambda: mean("ppo_tuned", 10)),
         ("CO2 costs it {} EUR/m².", lambda: mean("ppo", 10, "cost_co2")),
         ("a discount of {} a step", lambda: settings("ppo")["gamma"]),
@@ -640,9 +640,10 @@ CLAIMS: dict[str, list[Claim]] = {
         ("Differences of the reward up to {} count as none", lambda: RESOLUTION),
     ],
     "docs/submit.md": [
-        ("Doing nothing without breaking a limit gives {} a step", lambda: reward_of_epi()[1] / TASK.steps),
-        ("counts {}, far below", lambda: TASK.evaluation.failed_step.reward),
-        ("keeps a crop (about +{})", lambda: mean("rule_based_fair", 10) / TASK.steps),
+        ("doing nothing without breaking a limit gives {} a step there", lambda: reward_of_epi()[1] / TASK.steps),
+        ("besides: {} EUR/m² in the default task", lambda: HEADLINE.evaluation.failed_step.reward),
+        ("in those of the paper {}, where", lambda: TASK.evaluation.failed_step.reward),
+        ("keeps a crop earns about +{})", lambda: mean("rule_based_fair", 10) / TASK.steps),
     ],
     "docs/tasks.md": [
         ("from {} to +{} % at `Code-Delta20`", quotient_of_two_draws),
