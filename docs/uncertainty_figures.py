@@ -161,7 +161,7 @@ def sensors(task: TaskSpec) -> Any:
         begins = [
             k for k in range(days, len(hangs) - length) if hangs[k] and not hangs[k - 1] and 7 <= (k % days) / 4 <= 10
         ]
-        runs = [k for k in begins if hangs[k : k + 14].all() and not hangs[k : k + 24].all()]
+        runs = [k for k in begins if hangs[k : k + 6].all() and not hangs[k : k + 24].all()]
         if runs:
             first = (runs[0] // days - 1) * days
             break

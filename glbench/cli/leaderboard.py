@@ -111,7 +111,9 @@ def leaderboard(
 
 def badge(
     agent: Annotated[str, typer.Argument(help="Name of an agent that has a result.")],
-    task: Annotated[str | None, typer.Option("--task", "-t", help="Of this task. Default: the default task.")] = None,
+    task: Annotated[
+        str | None, typer.Option("--task", "-t", help="Of this task. Default: the default task, if it has results.")
+    ] = None,
     out: Out = REPORTS,
     file: Annotated[Path, typer.Option("--file", "-f", help="Where the picture goes.")] = Path("badge.svg"),
 ) -> None:
@@ -120,12 +122,14 @@ def badge(
     from glbench.leaderboard.badges import badge as draw
     from glbench.leaderboard.collect import own_and_released_results, published_expectations
     from glbench.resources import write_atomically
-    from glbench.tasks import DEFAULT_TASK
+    from glbench.tasks import DEFAULT_TASK, usual_task
 
     check_folder(out)
     stored, problems = own_and_released_results(out)
     warn_of(problems)
-    (table,) = _by_names(rank(stored, published_expectations()), [task or DEFAULT_TASK])
+    tables = rank(stored, published_expectations())
+    has = [table.task_id for table in tables if any(row.agent == agent for row in table.rows)]
+    (table,) = _by_names(tables, [task or usual_task(has) or next(iter(has), DEFAULT_TASK)])
     write_atomically(file, draw(table, agent))
     tell(f"Written: {file}")
 
@@ -134,14 +138,15 @@ def _chosen(
     tables: Sequence[TaskTable], stored: Sequence[StoredResult], wanted: Sequence[str], show_all: bool
 ) -> list[TaskTable]:
     """The tables asked for; without a wish that of the user's latest result, else that of the default task."""
-    from glbench.tasks import DEFAULT_TASK
+    from glbench.tasks import usual_task
 
     if show_all:
         return list(tables)
     if wanted:
         return _by_names(tables, wanted)
     own = [item for item in stored if not item.released]
-    usual = [item for item in stored if item.result.task.id == DEFAULT_TASK]
+    known = usual_task(item.result.task.id for item in stored)
+    usual = [item for item in stored if item.result.task.id == known]
     latest = max(own or usual or stored, key=lambda item: (item.result.created, item.board)).board
     return [table for table in tables if table.task_id == latest]
 

@@ -45,11 +45,12 @@ def show(
 ) -> None:
     """Show a result: every metric with its unit and interval, where the money went, how the runs differ."""
     from glbench.cli.stored import find_results
-    from glbench.tasks import DEFAULT_TASK
+    from glbench.tasks import usual_task
 
     found = find_results(result, task or [], out)
     latest = max(found, key=lambda one: one.result.created)
-    usual = next((one for one in found if one.result.task.id == DEFAULT_TASK), latest)
+    known = usual_task(one.result.task.id for one in found)
+    usual = next((one for one in found if one.result.task.id == known), latest)
     shown = found if task or show_all else [usual]
     for one in shown:
         _show(one, _where_from(one, out))

@@ -321,7 +321,10 @@ def _first_weather(task: TaskSpec, rows: int = 4) -> RenderableType:
     """The weather of the first steps, so that a mistake in the period shows."""
     from zoneinfo import ZoneInfo
 
-    weather, zone = task.disturbances(), ZoneInfo(task.record().timezone)
+    from glbench.env.scenario import run_weather
+
+    generated, zone = task.scenario.generated, ZoneInfo(task.record().timezone)
+    weather = task.disturbances() if generated is None else run_weather(task, generated.first_seed)
     headings = [
         "Step",
         "UTC",
@@ -334,7 +337,8 @@ def _first_weather(task: TaskSpec, rows: int = 4) -> RenderableType:
         "Sky\ndegC",
     ]
     look = {"box": None, "header_style": "bold", "title_style": None}
-    view = table("Weather of the first steps", *headings, right=headings, folded=headings, **look)
+    title = f"Weather of the first steps{'' if generated is None else ' of the first season'}"
+    view = table(title, *headings, right=headings, folded=headings, **look)
     for row, (moment, values) in enumerate(zip(weather.times[:rows], weather.values[:rows], strict=True)):
         cells = (f"{value:.1f}" for value in values[:6])
         local = moment.astype(dt.datetime).replace(tzinfo=dt.UTC).astimezone(zone)

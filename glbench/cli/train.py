@@ -320,7 +320,7 @@ class _TrainingBar(Bar):
         columns = ("{task.completed:,.0f} of {task.total:,.0f} steps", "{task.fields[speed]}")
         super().__init__("training", total_steps, *columns, speed="")
         words = _words(task)
-        self._shown = {one.name: one for kind in ("score", "profit", "penalty") for one in words.of_kind(kind)}
+        self._metrics = {one.name: one for one in words.of_kind("score", "profit", "penalty")}
         self._score = words.score
 
     def on_progress(self, progress: Standing) -> None:
@@ -335,7 +335,7 @@ class _TrainingBar(Bar):
 
     def on_evaluation(self, point: CurvePoint) -> None:
         """A line with what the policy earns."""
-        sums = "  ".join(one.said(point.result.sums[name]) for name, one in self._shown.items())
+        sums = "  ".join(one.said(point.result.sums[name]) for name, one in self._metrics.items())
         best = "  [green]best[/green]" if point.is_best else ""
         messages().print(
             f"{point.steps:>9,} steps {_duration(point.seconds):>6}  {sums}{best}",

@@ -484,7 +484,7 @@ class Evaluation:
                 steps=task.steps,
                 step_seconds=task.step_seconds,
                 split=task.split,
-                years=None if task.splits is None else getattr(task.splits, str(task.split)).years,
+                years=None if task.salt_commitment is not None else task.season_years,
                 salt_commitment=task.salt_commitment,
             ),
             agent=agent,

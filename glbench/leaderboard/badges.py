@@ -30,8 +30,9 @@ def badge(table: TaskTable, agent: str) -> str:
         raise ResultError(msg)
     ranked = sum(one.rank is not None for one in table.rows)
     rank = f"rank {row.rank} of {ranked}" if row.rank is not None else "not ranked"
-    mean = row.means[table.metric]
-    said = [rank, f"{table.metric} {mean:,.0f}" if abs(mean) < 1e9 else f"{table.metric} {number_text(mean, 0)}"]
+    mean, metric = row.means[table.metric], table.words.metrics[table.metric]
+    score = f"{metric.words} {mean:,.0f}" if abs(mean) < 1e9 else f"{metric.words} {number_text(mean, 0)}"
+    said = [rank, metric.said(mean) if metric.unit != "-" and abs(mean) < 1e9 else score]
     if row.is_range:
         said.append(f"mean of {len(row.trainings)} trainings")
     if row.origin != "own":

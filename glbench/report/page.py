@@ -25,7 +25,7 @@ from glbench.leaderboard.tables import SCORE_STEP
 from glbench.report import collecting
 from glbench.report.packing import Blocks, profile_blocks, squeezed
 from glbench.resources import write_atomically
-from glbench.tasks import DEFAULT_TASK
+from glbench.tasks import usual_task
 from glbench.untrusted import visible
 
 PAGE = "index.html"
@@ -101,7 +101,7 @@ def page_data(
     ]
     return {
         "version": __version__,
-        "start": DEFAULT_TASK if DEFAULT_TASK in shown else shown[0],
+        "start": usual_task(shown) or shown[0],
         "words": words.all,
         "other_words": [[one["word"], one["meaning"]] for one in tomllib.loads(_asset("words.toml"))["word"]],
         "tasks": tasks,

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from glbench.tasks.library import list_suites as list_suites
     from glbench.tasks.library import list_tasks as list_tasks
     from glbench.tasks.library import lock_new_tasks as lock_new_tasks
+    from glbench.tasks.library import usual_task as usual_task
     from glbench.tasks.lock import Fingerprint as Fingerprint
     from glbench.tasks.lock import LockEntry as LockEntry
     from glbench.tasks.lock import read_lock as read_lock
@@ -78,6 +79,7 @@ else:
                 "list_suites",
                 "list_tasks",
                 "lock_new_tasks",
+                "usual_task",
             ),
             "lock": ("Fingerprint", "LockEntry", "read_lock"),
             "quantities": ("Capacity", "ObservationContext", "Quantity"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 
@@ -20,6 +21,12 @@ DEFAULT_TASK = "glbench/Spring-v1"
 
 PAPER_TASK = "glbench/Schiphol2010-Delta10-v1"
 """The benchmark of the GreenLight-Gym paper."""
+
+
+def usual_task(ids: Iterable[str]) -> str | None:
+    """Of these tasks, the one that is meant when none is named: the default one, else the paper's; ``None`` without both."""
+    known = set(ids)
+    return next((task for task in (DEFAULT_TASK, PAPER_TASK) if task in known), None)
 
 
 def get_task(id_or_path: str | Path) -> TaskSpec:

@@ -224,6 +224,11 @@ class TaskSpec:
         return other
 
     @property
+    def season_years(self) -> tuple[int, ...] | None:
+        """Years that the seasons of the split are from; ``None`` for a task without splits."""
+        return None if self.splits is None else getattr(self.splits, str(self.split)).years
+
+    @property
     def salt_commitment(self) -> str | None:
         """SHA-256 [hex] of the secret of the round, which its host publishes first; ``None`` with public draws."""
         return commitment_of(self.sealed) if self.sealed else None

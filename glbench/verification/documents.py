@@ -137,7 +137,7 @@ def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
                 f"The task in the record has {own.steps:,} steps, more than {_MOST_STEPS:,}. Give its file with --task."
             )
             cannot_tell("no_task", reason)
-        task = (own or get_task(result.task.id if published or file is None else file)).scored
+        task = (own or get_task(result.task.id if published or file is None else file)).scored_in(result.task.split)
         found = task.fingerprint()
     except EpisodeError as error:
         refute("definition", str(error))
@@ -156,6 +156,9 @@ def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
     facts, stated = (task.title, task.steps, task.step_seconds), result.task
     if facts != (stated.title, stated.steps, stated.step_seconds):
         refute("task_facts", f"The task's title, steps or step length are not those of {task.id}.")
+    years = None if stated.salt_commitment is not None else task.season_years
+    if (stated.split, stated.years) != (task.split, years):
+        refute("task_facts", f"The split or the years of the seasons are not those of {task.id}.")
     return task
 
 

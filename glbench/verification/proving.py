@@ -173,7 +173,8 @@ def _stay_sealed(
 def _draws_numbers(task: TaskSpec) -> bool:
     """Whether runs draw numbers, which another salt changes, rather than one of a few seasons and days."""
     scenario = task.scenario
-    drawn = any(group.half_width > 0.0 for group in (*scenario.groups, *scenario.start_groups))
+    drawn = any(group.half_width > 0.0 for group in scenario.groups)
+    drawn = drawn or any(group.half_width > 0.0 for group in scenario.start_groups)
     return drawn or scenario.generated is not None or task.sensors is not None
 
 
@@ -294,6 +295,8 @@ def _agreement(result: Result, task: TaskSpec, log: ActionLog, again: _Again) ->
     """Rewards of every step, final states and metrics."""
     seeds = tuple(f"reward of the run with seed {seed}" for seed in log.seeds)
     found = Agreement().add("reward", log.rewards, again.rewards, seeds, "recorded rewards")
+    if tuple(run.cluster for run in result.runs) != tuple(run.cluster for run in again.runs):
+        refute("task_facts", "The seasons that the runs name (cluster) are not those that they are in.")
     names = tuple(name for name in units_of(task) if name in result.units)  # an earlier glbench may have measured fewer
     metrics, earned = (
         np.array([[run.metrics[name] for name in names] for run in runs]) for runs in (result.runs, again.runs)

@@ -25,6 +25,8 @@ COMMITMENT: Final = "task.salt_commitment"
 """Reproduced with the secret of the round; a result with public draws does not have it, and that is reproduced, too."""
 _ALWAYS: Final = (
     "schema", "schema_version", "task.id", COMMITMENT, "task.digest", "task.title", "task.steps", "task.step_seconds",
+    "task.split", "task.years",
+    "runs.cluster",
     "evaluation.runs", "evaluation.seeds", "runs.seed", "runs.steps", "runs.metrics", "summary", "units", "results_digest", "record",
 )  # fmt: skip
 ENDS: Final = ("runs.status", "runs.reason")
@@ -41,7 +43,6 @@ _STATED: Final[dict[str, tuple[str, ...]]] = {
         "evaluation.workers", "evaluation.resumed_at_step",
     ),
     "kernel, versions, machine, commit and date": ("evaluation.kernel", "versions", "machine", "git", "created"),
-    "split, years and salt of the task, and groups of runs": ("task.split", "task.years", "task.salt_commitment", "runs.cluster"),
     "the profile (typical day, season, worst run)": (PROFILE,),
 }  # fmt: skip
 _OWN_ENDS = frozenset({"ok", "simulation_failed"})

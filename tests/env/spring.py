@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from glbench.env.weather_pool import WeatherPool
 from glbench.tasks import TaskSpec, get_task
@@ -91,6 +94,6 @@ def everything(task: TaskSpec, number: int) -> bytes:
     rows = slice(row, row + pool.day * pool.days)
     tables = pool.tables
     every = len(pool.values) // max(len(tables.forecast), 1) if tables.forecast.size else 1
-    parts = [pool.values[rows], tables.measured[rows], tables.published[rows]]
+    parts: list[np.ndarray[Any, Any]] = [pool.values[rows], tables.measured[rows], tables.published[rows]]
     parts += [tables.forecast[rows.start // every : rows.stop // every]] if tables.forecast.size else []
     return b"".join([str(first).encode(), *(part.tobytes() for part in parts)])

@@ -23,6 +23,7 @@ from tests.env.stepping import StillKernel
 
 Floats = NDArray[np.float64]
 
+MODULES = ("weather_forecast",)
 QUANTITIES = 4
 
 

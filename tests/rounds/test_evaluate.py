@@ -21,7 +21,9 @@ from glbench.evaluation.engines.ray import Order, Parcel, put_together, work
 from glbench.evaluation.episodes import make_episodes, task_of_result
 from glbench.evaluation.preparing import results_folder
 from glbench.evaluation.saving import Computed
+from glbench.resources import data_folder
 from glbench.tasks import TaskSpec
+from glbench.verification import SUFFIX
 from tests.cli.command_line import Command
 from tests.evaluation.agent_files import AgentWriter
 from tests.evaluation.test_resume import StopError, stop_after
@@ -61,6 +63,12 @@ def test_the_commitment_stands_in_result_record_and_episode(sealed: Path, public
     assert read_episode(episode).provenance.task.salt_commitment == SECRET.commitment
     for path in (public, public.with_name("rule_based.actions.mcap")):
         assert b"salt_commitment" not in path.read_bytes()
+
+
+def test_released_results_are_written_again_with_the_same_bytes() -> None:
+    files = [file for file in data_folder("reports/released/results").rglob("*.json") if not file.name.endswith(SUFFIX)]
+    assert len(files) > 100
+    assert [file for file in files if load_result(file).to_json() != file.read_text(encoding="utf-8")] == []
 
 
 def test_the_definition_in_a_record_is_that_of_the_public_task(tiny: TaskSpec) -> None:

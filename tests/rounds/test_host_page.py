@@ -26,11 +26,13 @@ pytestmark = pytest.mark.skipif(why_no_sandbox() is not None, reason=str(why_no_
 @pytest.fixture
 def run(glbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> object:
     """Runs the commands of a block of the page in a folder of the host's, with the page's placeholders filled in."""
-    monkeypatch.chdir(tmp_path)
+    here = tmp_path / "checkout"
+    here.mkdir()
+    monkeypatch.chdir(here)
     monkeypatch.setenv("GLBENCH_DATA", str(tmp_path / "data"))
-    write_tiny(tmp_path)
-    (tmp_path / "submissions").mkdir()
-    agent_writer(tmp_path / "submissions")(name="anna")
+    write_tiny(here)
+    (here / "submissions").mkdir()
+    agent_writer(here / "submissions")(name="anna")
 
     def of(block: str, **filled: str) -> list[Answer]:
         answers = []
@@ -63,17 +65,19 @@ def test_a_host_and_a_reader_run_a_round_as_the_page_says(run: object, tmp_path:
 
     answers = run(evaluate, **filled)
     assert [answer.code for answer in answers] == [0] * 4, [answer.err for answer in answers]
-    results = sorted((tmp_path / "reports" / "rounds" / commitment[:16] / "results" / "Tiny-v1").glob("*.actions.mcap"))
+    results = sorted(
+        (tmp_path / "checkout" / "reports" / "rounds" / commitment[:16] / "results" / "Tiny-v1").glob("*.actions.mcap")
+    )
     assert [file.name for file in results] == ["anna.actions.mcap", "rule_based.actions.mcap"]
     assert "anna" in answers[3].out
-    assert not (tmp_path / "reports" / "results").exists()
+    assert not (tmp_path / "checkout" / "reports" / "results").exists()
 
     (before,) = run(blocks("reader, before")[0], **filled)
     assert before.code == 3
     assert before.out.count("sealed: cannot be told") == 2
     assert "reproduced" not in before.out
 
-    (tmp_path / "secret" / "round.toml").rename(tmp_path / "round.toml")  # published
+    (tmp_path / "secret" / "round.toml").rename(tmp_path / "checkout" / "round.toml")  # published
     checked, verified = run(blocks("reader")[0], **filled)
     assert (checked.code, verified.code) == (0, 0)
     assert verified.out.count("the same bits") == 2

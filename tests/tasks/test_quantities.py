@@ -13,9 +13,9 @@ import pytest
 from glbench.errors import TaskError, UnknownNameError
 from glbench.model import CONTROL_NAMES, STATE_NAMES, TOMATO, VARIANTS, bounds
 from glbench.tasks import (
-    PAPER_TASK,
     MODEL_VARIANTS,
     OBSERVATION_MODULES,
+    PAPER_TASK,
     PREPROCESSINGS,
     Registry,
     Word,

@@ -129,6 +129,11 @@ def test_of_splits_without_years_the_numbers_alone_change() -> None:
             "[splits] training and test share the year 2011: no season that scores may be seen before.",
         ),
         (SPRING, {"splits": None}, "my/Spring-v1 (base glbench/Spring-v1): [scenario] generated = true needs [splits]"),
+        (
+            SPRING,
+            {"splits.test": {"years": [2019], "seasons": 3}},
+            "my/Spring-v1: [splits.test] The year 2019 is not wholly in weather 'schiphol'",
+        ),
         (SPRING, {"splits.test.seasons": 0}, "[splits.test] seasons = 0 is not allowed"),
         (SPRING, {"sensors.co2.noise": {"value": 1.0, "unit": "degC"}}, '[sensors.co2] noise = { value = 1.0, unit = "degC" }: Its'),
         (SPRING, {"observation.forecast": None}, "'weather_forecast' is among the modules, so say how far it looks"),
