@@ -29,14 +29,14 @@ def course() -> dict[str, np.ndarray]:
         schema=2, actuation={"kind": "process_computer"}, weather={"preprocessing": "conserving"}
     )
     agent, simulation = GrowerAgent(read_grower_settings(SETTINGS)), Simulation(task, 1)
-    places, names = RunScenarios(task).slots.of("actuation"), [action.name for action in task.actions]
+    places, set_points = RunScenarios(task).slots.of("actuation"), task.actions
     agent.reset(task_card(task), 1)
     observations = simulation.reset([SEED])
     rows: list[dict[str, float]] = []
     for _ in range((DAY + 1) * task.steps_per_day):
         actions = agent.act(observations)
         temperature, co2, humidity = simulation.air[:, 0].tolist()
-        row = dict(zip(names, actions[0].tolist(), strict=True))
+        row = {one.name: one.value(given) for one, given in zip(set_points, actions[0].tolist(), strict=True)}
         row |= {"hour": float(simulation.hour_of_day[0]), "air": temperature, "co2": co2}
         row |= {"outside": float(simulation.d[0, 1]), "radiation": float(simulation.d[0, 0])}
         row["deficit"] = float(humidity_deficit(temperature, humidity))

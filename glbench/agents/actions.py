@@ -90,4 +90,7 @@ def _problem_of_row(action: NDArray[np.float64], good: NDArray[np.bool_], task: 
     value, allowed = float(action[column]), task.actions[column]
     if not np.isfinite(value):
         return f"the action for {allowed.name} is {value}, which is not a finite number"
-    return f"the action for {allowed.name} is {value:.9g}, outside its bounds {allowed.low:g} to {allowed.high:g}"
+    bounds = f"outside its bounds {allowed.low:g} to {allowed.high:g}"
+    if allowed.stands_for is not None:
+        bounds += f", which stand for {allowed.lowest:g} to {allowed.highest:g} {allowed.unit} (Action.of converts)"
+    return f"the action for {allowed.name} is {value:.9g}, {bounds}"

@@ -183,7 +183,7 @@ class GrowerAgent:
         self._weight = 1.0 - math.exp(-task.step_seconds / 3600.0 / _MEAN_HOURS)
 
     def act(self, observations: NDArray[np.float32], /) -> Array:
-        """Set points (n_runs, actions), within the bounds of the task.
+        """Actions (n_runs, actions): the set points of the page, or the nearest that the task takes.
 
         Raises
         ------
@@ -195,9 +195,9 @@ class GrowerAgent:
             raise ShapeError(msg)
         page, rules = _Page(self.settings, *self._seen(observations)), self._rules()
         low, high = self._task.action_bounds
-        wanted = [np.broadcast_to(rules[name](page), self._runs) for name in self._task.action_names]
-        set_points: Array = np.minimum(np.maximum(np.stack(wanted, axis=1), low), high)
-        return set_points
+        wanted = [np.broadcast_to(one.of(rules[one.name](page)), self._runs) for one in self._task.actions]
+        actions: Array = np.minimum(np.maximum(np.stack(wanted, axis=1), low), high)
+        return actions
 
     def _seen(self, observations: NDArray[np.float32]) -> tuple[Array, Array, Array]:
         """Period of the day (0 day, 1 pre-night, 2 night), mean radiation [W m-2] and position of the vents."""

@@ -56,7 +56,7 @@ def register_actuation(
     """Make a kind of actuation known under ``name``, here and in task files.
 
     Its actions have an entry between ``low`` and ``high`` for each control that the task grants, or those that ``actions`` gives for these
-    controls: names, bounds, units and meanings (``glbench.tasks.Action``).
+    controls: names, bounds, and what they stand for (``glbench.tasks.Action``).
 
     Raises
     ------
@@ -183,7 +183,8 @@ def _computed(task: TaskSpec, given: ActuationInputs) -> tuple[Mapping[str, Any]
     if given.measured is None:
         msg = f"{task.source}: [actuation] A process computer needs an air to measure, and {task.model_id} has none."
         raise TaskError(msg)
-    return process_computer.work(task, given.actions, given.controls, given.measured, given.memory)
+    wanted = {action.name: action.value(given.actions[action.name]) for action in task.actions}
+    return process_computer.work(task, wanted, given.controls, given.measured, given.memory)
 
 
 def _only_recorded(task: TaskSpec) -> Actuation:

@@ -43,6 +43,9 @@ _LONG_AGO = 1e6
 """Steps since a switch was thrown that never was."""
 _ROUNDING = 1e-9
 """What a time given in hours may lose when it is counted in steps."""
+_TIE = 1e-4
+"""What is read counts as so much more [h, W m-2, degC] where a set point switches: scaling and float32 move set points by less than
+that, so that a reading that equals one falls on the same side."""
 _NEAR = 0.02
 """Within this distance of their position vents go there at once."""
 
@@ -95,7 +98,7 @@ def work(
     Parameters
     ----------
     wanted
-        Set points by name, those of ``task.actions``.
+        Set points by name, those of ``task.actions``, in their units.
     controls
         Controls in force by name, fractions.
     measured
@@ -232,9 +235,10 @@ class _Step:
 
     def _lamps(self) -> Any:
         """On within the hours and while it is not too bright; the clock does not wait for the minimum time."""
-        s, limit, hour = self.s, self.wanted[LAMP_RADIATION], self.seen.hour_of_day
+        s, limit, hour = self.s, self.wanted[LAMP_RADIATION], self.seen.hour_of_day + _TIE
         dimmer = limit - np.minimum(s.lamp_hysteresis, 0.5 * limit)
-        bright_now, dim_now = at_least(self.seen.radiation, limit), below(self.seen.radiation, dimmer)
+        radiation = self.seen.radiation + _TIE
+        bright_now, dim_now = at_least(radiation, limit), below(radiation, dimmer)
         bright = self._held("bright", switch(self.memory["bright"], bright_now, dim_now), s.lamp_minimum_time)
         in_hours = both(at_least(hour, self.wanted[LAMPS_FROM]), below(hour, self.wanted[LAMPS_UNTIL]))
         self.lit = both(in_hours, 1.0 - bright)
@@ -249,7 +253,7 @@ class _Step:
 
     def _screen(self) -> Any:
         s, dark, cold = self.s, self.wanted[SCREEN_RADIATION], self.wanted[SCREEN_OUTDOOR]
-        radiation, outside = self.seen.radiation, self.seen.outdoor_temperature
+        radiation, outside = self.seen.radiation + _TIE, self.seen.outdoor_temperature + _TIE
         close = both(below(radiation, dark), below(outside, cold))
         brighter = at_least(radiation, dark + np.minimum(s.screen_radiation_hysteresis, dark))
         warmer = at_least(outside, cold + s.screen_temperature_hysteresis)

@@ -75,12 +75,13 @@ class Trace:
         begun = self._signals.tables(seen)
         during = self._signals.tables({**acting, "quantity": self.quantities[:steps, :, place]})
         agent = provenance.agent
+        asked = self._signals.asked(actions[:steps], agent.columns)
         return Episode(
             provenance=provenance,
             run=run,
             definition=definition_json(task),
             groups=self._signals.groups(agent.columns, controls=agent.acts == "controls"),
-            tables={ACTION: actions[:steps], **during, **{name: values[1:] for name, values in begun.items()}},
+            tables={ACTION: asked, **during, **{name: values[1:] for name, values in begun.items()}},
             start={name: values[0] for name, values in begun.items()},
             times=weather.times[: steps + 1].astype("datetime64[ns]"),
         )

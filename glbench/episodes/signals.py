@@ -8,7 +8,7 @@ climate and its violations; from its ledger the money and the amounts.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal
@@ -312,6 +312,17 @@ class Signals:
                 for name, listed in members.items()
             ),
         )
+
+    def asked(self, given: NDArray[np.floating], agent_columns: Sequence[str]) -> NDArray[np.floating]:
+        """What an agent asked for by ``given`` ``(steps, columns)``, as a record shows it: set points in their units, all else as it is."""
+        scaled = {one.name: one for one in self.set_points if one.stands_for is not None}
+        if scaled.keys().isdisjoint(agent_columns):
+            return given
+        found = given.astype(np.float64)
+        for column, name in enumerate(agent_columns):
+            if name in scaled:
+                found[:, column] = scaled[name].value(found[:, column])
+        return found
 
     def tables(self, vectors: Vectors) -> dict[str, Floats]:
         """Values ``(rows, columns)`` by group, of the sources ``(rows, entries)`` that are given."""

@@ -336,7 +336,7 @@ def _actions(card: TaskCard) -> Section:
     heading = "What the agent does"
     if any(action.name not in by_name for action in card.actions):
         rows = [
-            (str(i), action.name, action.unit, f"{action.low:g}", f"{action.high:g}", action.meaning)
+            (str(i), action.name, action.unit, f"{action.lowest:g}", f"{action.highest:g}", action.meaning)
             for i, action in enumerate(card.actions)
         ]
         return Section(

@@ -113,7 +113,7 @@ class ActuationKind(Word):
     """The entries of an action from the controls that a task grants; ``None``: one for each of them."""
 
     def actions(self, controls: tuple[str, ...]) -> tuple[Action, ...]:
-        """Names, units and bounds of the entries of an action in a task that grants ``controls``."""
+        """The entries of an action in a task that grants ``controls``."""
         if self.own is not None:
             return self.own(controls)
         return tuple(Action(name, self.low, self.high) for name in controls)
@@ -195,7 +195,8 @@ for _kind in (
     ),
     ActuationKind(
         "process_computer",
-        "set points in physical units, by which a process computer works the controls, each by at most max_change a step",
+        "set points, from -1 for the lowest to 1 for the highest, by which a process computer works the controls, each by at most "
+        "max_change a step",
         own=set_points,
     ),
 ):
