@@ -195,8 +195,8 @@ for _kind in (
     ),
     ActuationKind(
         "process_computer",
-        "set points, from -1 for the lowest to 1 for the highest, by which a process computer works the controls, each by at most max_change "
-        "a step",
+        "set points, from -1 for the lowest to 1 for the highest, by which a process computer works the controls, each by at most "
+        "max_change a step",
         own=set_points,
     ),
 ):
