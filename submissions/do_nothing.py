@@ -11,10 +11,10 @@ class DoNothing:
 
     def reset(self, task, n_runs):
         """Called before the first step."""
-        self.actions = np.tile([action.idle for action in task.actions], (n_runs, 1))
+        self.actions = np.zeros((n_runs, len(task.action_names)))
 
     def act(self, observations):
-        """Called in every step: no change for the actuation ``rate``, 0 for ``set_point``, and set points that nothing follows from."""
+        """Called in every step: a change of 0 for the actuation ``rate``, a set point of 0 for ``set_point``."""
         return self.actions
 
 

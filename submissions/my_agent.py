@@ -37,15 +37,21 @@ class MyAgent:
         humidity = seen("relative_humidity")  # %, should stay within 50 and 85: the limit that is broken most
         co2 = seen("co2")  # ppm, should stay within 300 and 1600
         light = ramp(seen("global_radiation"), 0.0, 100.0)  # W m-2 of sun outside, made 0 (night) to 1 (day)
-        cold_outside = ramp(seen("outdoor_temperature"), 12.0, 8.0)
+        cold_outside = ramp(seen("outdoor_temperature"), 16.0, 10.0)
         warm_enough = ramp(temperature, 15.0, 17.0)
+
+        # A task may show a forecast. With it, the day begins two hours before the sun does: warm air is drier, and plants wake up dry.
+        day = light
+        for coming in ("global_radiation_in_1h", "global_radiation_in_2h"):
+            if coming in self.column:
+                day = np.maximum(day, ramp(seen(coming), 0.0, 100.0))
 
         # What we want: fractions of what is installed. 1 is full power, a closed screen, an open vent.
         wanted = {
-            "uBoil": ramp(temperature, 17.5 + light, 15.5 + light),  # one degree warmer by day
+            "uBoil": ramp(temperature, 17.5 + 2.0 * day, 15.5 + 2.0 * day),  # two degrees warmer by day
             "uCo2": light * ramp(co2, 900.0, 700.0),  # without light, plants cannot use it
-            "uThScr": (1.0 - light) * cold_outside * ramp(humidity, 85.0, 80.0),
-            "uVent": np.maximum(ramp(humidity, 82.0, 90.0) * warm_enough, ramp(temperature, 24.0, 28.0)),
+            "uThScr": (1.0 - light) * cold_outside * ramp(humidity, 92.0, 86.0),
+            "uVent": np.maximum(ramp(humidity, 80.0, 88.0) * warm_enough, ramp(temperature, 26.0, 30.0)),
             "uLamp": np.zeros_like(light),  # lamps cost more than they earn at these prices. Or do they?
             "uBlScr": np.zeros_like(light),  # keeps lamp light inside at night
         }

@@ -427,7 +427,8 @@ def _reward(task: TaskSpec) -> list[str]:
     modules = task.reward.modules
     lines = [f"reward = {' + '.join(modules)}", *(f"  {name}: {REWARD_MODULES[name].meaning}." for name in modules)]
     if {"epi", "scaled_epi"} & set(modules):
-        lines += ["Economic performance EPI [EUR m-2] =", *(f"  {line}" for line in task.ledger.lines())]
+        name = "Profit (epi)" if task.violation_prices else "Economic performance EPI"
+        lines += [f"{name} [EUR m-2] =", *(f"  {line}" for line in task.ledger.lines())]
     if "scaled_epi" in modules:
         accounts, paper = make_accounts(task), task.schema_version == 1
         lowest, highest = (
@@ -444,10 +445,14 @@ def _reward(task: TaskSpec) -> list[str]:
 
 
 def _evaluation(task: TaskSpec) -> list[str]:
-    evaluation, failed = task.evaluation, task.evaluation.failed_step
+    evaluation, failed, words = task.evaluation, task.evaluation.failed_step, catalogue(task)
+    charged = [
+        f"{words.metrics[name].words} {value:g} {unit}".rstrip(" -")
+        for name, value in (("reward", failed.reward), ("epi", failed.epi), ("penalty", failed.penalty))
+        for unit in [words.metrics[name].unit]
+    ]
     return [
         f"{evaluation.runs} runs with the seeds {evaluation.seeds[0]} to {evaluation.seeds[-1]}. "
         f"Ranked by {evaluation.metric}: {METRICS[evaluation.metric].meaning}.",
-        f"Each missing step of a run that fails counts as reward {failed.reward:g}, EPI {failed.epi:g} EUR m-2, "
-        f"penalty {failed.penalty:g}{' EUR m-2' if task.violation_prices else ''}.",
+        f"Each missing step of a run that fails counts as {', '.join(charged)}.",
     ]

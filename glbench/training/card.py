@@ -114,6 +114,7 @@ def write_card(
         "task": {"id": task.id, "digest": task.digest, "model": task.model_id},
         "training": {
             **making.training,
+            **_seasons_seen(task),
             **({"sessions": history.sessions} if len(history.sessions) > 1 else {}),
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         },
@@ -135,6 +136,14 @@ def write_card(
         content["git"] = {"commit": git.commit, "dirty": git.dirty}
     write_atomically(folder / CARD, to_toml(content))
     return content
+
+
+def _seasons_seen(task: TaskSpec) -> dict[str, Any]:
+    """Of a task with splits: the split that was learned from, the years that its seasons are made of, and the split that chose the best."""
+    if task.splits is None:
+        return {}
+    years = getattr(task.splits, str(task.split)).years
+    return {"split": task.split, "years": list(years), "chosen_on": task.chosen_on.split}
 
 
 def read_card(file: Path) -> dict[str, Any] | None:

@@ -223,7 +223,7 @@ class _Search:
         self.task, self.settings = task, settings
         kernel = make_kernel(task.model_value, task.step_seconds, preset=settings.kernel_preset)
         self._simulation = Simulation(task, settings.population, kernel)
-        self._probe = Probe(task, settings.evaluation, settings.kernel_preset)
+        self._probe = Probe(task.chosen_on, settings.evaluation, settings.kernel_preset)
         start = _begun_anew(settings, task)
         self._batched = BatchedPolicy(start)
         self.variations = Variations(start, self._hidden_of_a_season(start), settings.directions)

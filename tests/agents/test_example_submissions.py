@@ -15,7 +15,15 @@ from glbench.env import Simulation
 from glbench.resources import data_folder
 from glbench.tasks import TaskCard, get_task, task_card
 
-EXAMPLES = sorted(data_folder("submissions").glob("*.py"))
+SUBMISSIONS = data_folder("submissions")
+SET_POINTS = SUBMISSIONS / "setpoints.py"
+EXAMPLES = sorted(SUBMISSIONS.glob("*.py"))
+FOR_ACTUATORS = [path for path in EXAMPLES if path != SET_POINTS]
+TASKS = [
+    *((path, id_) for path in FOR_ACTUATORS for id_ in ("Schiphol2010-Delta10-v1", "Spring-v1")),
+    (SET_POINTS, "SpringSetpoints-v1"),
+]
+ON_A_TASK = pytest.mark.parametrize(("path", "task_id"), TASKS, ids=lambda one: getattr(one, "stem", one))
 
 
 def made(path: Path, card: TaskCard, n: int) -> Agent:
@@ -25,7 +33,6 @@ def made(path: Path, card: TaskCard, n: int) -> Agent:
     return agent
 
 
-@pytest.fixture
 def synthetic(card: TaskCard) -> NDArray[np.float32]:
     """Observations anywhere within plausible climates, 200 runs."""
     plausible = {
@@ -40,17 +47,17 @@ def synthetic(card: TaskCard) -> NDArray[np.float32]:
 
 
 def test_the_template_and_the_examples_are_there() -> None:
-    names = ["constant_setpoints.py", "do_nothing.py", "my_agent.py", "pi_controller.py"]
+    names = ["constant_setpoints.py", "do_nothing.py", "my_agent.py", "pi_controller.py", "setpoints.py"]
     assert [path.name for path in EXAMPLES] == names
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_an_example_acts_validly_on_anything_it_may_see(
-    path: Path, card: TaskCard, synthetic: NDArray[np.float32]
-) -> None:
-    agent = made(path, card, len(synthetic))
+@ON_A_TASK
+def test_an_example_acts_validly_on_anything_it_may_see(path: Path, task_id: str) -> None:
+    card = task_card(get_task(task_id))
+    seen = synthetic(card)
+    agent = made(path, card, len(seen))
     for _ in range(20):
-        assert action_problems(agent.act(synthetic), card, len(synthetic)) == {}
+        assert action_problems(agent.act(seen), card, len(seen)) == {}
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
@@ -64,18 +71,20 @@ def test_an_example_needs_numpy_and_the_standard_library_only(path: Path) -> Non
     assert imported - {"numpy"} <= set(sys.stdlib_module_names)
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_an_example_decides_for_a_run_alone_as_in_a_batch(
-    path: Path, card: TaskCard, synthetic: NDArray[np.float32]
-) -> None:
+@ON_A_TASK
+def test_an_example_decides_for_a_run_alone_as_in_a_batch(path: Path, task_id: str) -> None:
+    card = task_card(get_task(task_id))
+    seen = synthetic(card)
     together, alone = made(path, card, 3), [made(path, card, 1) for _ in range(3)]
     for step in range(10):
-        rows = synthetic[3 * step : 3 * step + 3]
+        rows = seen[3 * step : 3 * step + 3]
         each = np.concatenate([agent.act(rows[i : i + 1]) for i, agent in enumerate(alone)])
         assert np.array_equal(together.act(rows), each)
 
 
-@pytest.mark.parametrize("path", [path for path in EXAMPLES if path.stem != "do_nothing"], ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", [path for path in FOR_ACTUATORS if path.stem != "do_nothing"], ids=lambda path: path.stem
+)
 def test_an_example_keeps_a_spring_day_in_order(path: Path) -> None:
     # From the second day on; at the start all controls are 0 and the air is humid.
     task = get_task("Schiphol2010-Delta10-v1")
@@ -96,3 +105,19 @@ def test_the_pi_controllers_integrator_does_not_wind_up(card: TaskCard, observe)
         agent.act(observe(1, air_temperature=5.0))
     # After two days of hopeless cold, a little too warm is enough to switch the boiler off at once.
     assert agent.act(observe(1, air_temperature=21.0, boiler=130.0))[0, 0] == -1.0
+
+
+def test_the_example_agent_warms_up_before_the_sun_that_is_forecast() -> None:
+    card = task_card(get_task("Spring-v1"))
+    column = {name: i for i, name in enumerate(card.observation_names)}
+    night = np.zeros((3, len(card.observations)), dtype=np.float32)
+    night[:, [column["air_temperature"], column["relative_humidity"], column["co2"]]] = 17.5, 75.0, 500.0
+    night[1, column["global_radiation_in_2h"]] = 100.0
+    night[2, column["global_radiation_in_3h"]] = 100.0
+    heat = made(SUBMISSIONS / "my_agent.py", card, 3).act(night)[:, card.action_names.index("uBoil")]
+    assert heat.tolist() == [0.0, 1.0, 0.0]
+
+
+def test_a_page_of_set_points_says_on_which_tasks_it_means_anything(card: TaskCard) -> None:
+    with pytest.raises(Exception, match=r"has no co2_set_point: this page is for tasks such as SpringSetpoints-v1"):
+        made(SET_POINTS, card, 1)

@@ -13,14 +13,24 @@ from glbench.agents import load_agent, read_card
 from glbench.agents.formats.policy import PolicyAgent
 from glbench.agents.templates import KINDS
 from glbench.evaluation.limits import TimeLimits
-from glbench.tasks import TaskCard
+from glbench.tasks import DEFAULT_TASK, TaskCard, get_task, task_card
 
 ROOT = Path(__file__).parents[2]
 GUIDE = (ROOT / "docs" / "submit.md").read_text(encoding="utf-8")
 
 
+@pytest.fixture(scope="module")
+def card() -> TaskCard:
+    """Card of the default task, which the guide tells of."""
+    return task_card(get_task(DEFAULT_TASK))
+
+
 def test_the_guide_names_every_observation_and_its_number(card: TaskCard) -> None:
-    assert [name for name in card.observation_names if f"`{name}`" not in GUIDE] == []
+    told = [re.sub(r"_in_\d+h$", "_in_1h", name) for name in card.observation_names]
+    assert [name for name in told if f"`{name}`" not in GUIDE] == []
+    hours = sorted({int(found[1]) for name in card.observation_names if (found := re.search(r"_in_(\d+)h$", name))})
+    assert f"the same for {', '.join(map(str, hours[1:-1]))} and {hours[-1]} h: the forecast" in GUIDE
+    assert f"the first {len(get_task('Schiphol2010-Delta10-v1').observed())}, exactly" in GUIDE
     assert f"(n_runs, {len(card.observations)}) in, (n_runs, {len(card.actions)}) out" in GUIDE
 
 
@@ -43,6 +53,14 @@ def test_the_guides_check_of_actions_runs_and_finds_nothing_wrong_with_the_templ
     monkeypatch.chdir(ROOT)
     exec(compile(snippet, "docs/submit.md", "exec"), {})
     assert capsys.readouterr().out == "{}\n"
+
+
+def test_the_guides_trial_on_the_validation_split_runs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(ROOT)
+    exec(compile(snippet(GUIDE, "python", 'in_split("validation")'), "docs/submit.md", "exec"), {})
+    assert re.fullmatch(r"earned in a day: \[.*\] EUR/m2\n", capsys.readouterr().out)
 
 
 def snippet(guide: str, language: str, word: str) -> str:

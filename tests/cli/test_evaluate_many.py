@@ -18,6 +18,13 @@ from tests.cli.command_line import Command
 
 GLBENCH = (sys.executable, "-c", "from glbench.cli.app import main; main()")
 PLACE = Path("reports/results/Day-v1")
+MONEY = """
+base = "glbench/Spring-v1"
+id = "test/Money-v1"
+title = "A day of spring"
+weather.days = 1
+evaluation.runs = 3
+"""
 
 
 def variant(here: Path, name: str, old: str = "0.01", new: str = "0.02") -> str:
@@ -52,6 +59,36 @@ def test_one_line_for_each_and_a_summary_with_all(glbench: Command, here: Path) 
     again = glbench(*arguments)
     assert again.code == 0
     assert again.err.count("already there") == 4
+
+
+def test_tasks_stand_side_by_side_each_with_what_ranks_on_it(glbench: Command, here: Path) -> None:
+    day = (here / "day.toml").read_text(encoding="utf-8")
+    rich = day.replace("test/Day-v1", "test/Rich-v1").replace('metric = "reward"', 'metric = "epi"')
+    assert rich.count('metric = "epi"') == 1
+    (here / "rich.toml").write_text(rich, encoding="utf-8")
+    (here / "money.toml").write_text(MONEY, encoding="utf-8")
+    answer = glbench("evaluate", "steady.py", "-t", "rich.toml", "-t", "money.toml")
+    assert answer.code == 0, answer.err
+    assert "EPI [EUR/m²] or Score [EUR/m²], mean over the runs" in " ".join(answer.out.split())
+    for task, metric, words in (("Rich-v1", "epi", "EPI"), ("Money-v1", "reward", "score")):
+        mean = load_result(Path("reports/results") / task / "steady.json").summary.mean[metric]
+        row = next(line for line in answer.out.splitlines() if task in line)
+        assert row.split("│")[2].strip() == f"{mean:,.3f}"
+        assert f"steady on {task}: {words} {mean:,.3f} EUR/m²" in answer.err
+
+
+def test_where_the_score_is_money_people_read_of_score_profit_and_violations(glbench: Command, here: Path) -> None:
+    (here / "money.toml").write_text(MONEY, encoding="utf-8")
+    one = glbench("evaluate", "steady.py", "-t", "money.toml")
+    board, shown = glbench("leaderboard"), glbench("show", "steady")
+    assert (one.code, board.code, shown.code) == (0, 0, 0)
+    for words in ("Score = profit - violations", "Profit = revenue - costs", "Violations"):
+        assert words in one.out
+    for words in ("Score", "Profit", "Violations", "Profit is "):
+        assert words in board.out
+    assert "worst tenth (CVaR10): score" in shown.out
+    for text in (one.out, board.out, shown.out):
+        assert "EPI" not in text
 
 
 def test_what_changed_is_evaluated_again_and_nothing_else(glbench: Command, here: Path) -> None:

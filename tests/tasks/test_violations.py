@@ -140,7 +140,7 @@ def test_quantities_and_metrics_are_money(money: TaskSpec, plain: TaskSpec) -> N
     assert meanings["penalty"] == "what the violations cost, each at its price"
     assert meanings["hours_co2_low"] == "time at which the CO2 of the indoor air is below its limit, in whole steps"
     shown = catalogue(money)
-    assert [metric.headed for metric in shown.headlines] == ["Score [EUR/m²]", "EPI [EUR/m²]", "Violations [EUR/m²]"]
+    assert [metric.headed for metric in shown.headlines] == ["Score [EUR/m²]", "Profit [EUR/m²]", "Violations [EUR/m²]"]
     assert shown.metrics["actuator_travel"].headed == "Travel"
     assert drawn(money).series["penalty"]["unit"] == "ct/m² an hour"
     assert drawn(money).panels[-1]["title"] == "Violations, EUR/m² an hour"

@@ -12,7 +12,8 @@ import yaml
 
 from glbench.cli.train import _say_trial
 from glbench.errors import TrainingError
-from glbench.tasks import TaskSpec
+from glbench.leaderboard.catalogue import catalogue
+from glbench.tasks import PAPER_TASK, TaskSpec, get_task
 from glbench.training.probe import CurvePoint, ProbeResult
 from glbench.training.run import Trained
 from glbench.training.settings import TrainingSettings
@@ -152,8 +153,14 @@ def test_a_search_whose_trials_all_fail_says_why(
 
 
 def test_the_command_says_why_a_trial_failed(capsys: pytest.CaptureFixture[str]) -> None:
-    _say_trial(TrialReport(7, "fail", None, {"batch_size": 1}, "PPO refuses its settings"))
+    _say_trial(TrialReport(7, "fail", None, {"batch_size": 1}, "PPO refuses its settings"), catalogue(None).score)
     assert "batch_size 1: PPO refuses its settings" in capsys.readouterr().err
+
+
+def test_the_command_says_what_a_trial_reached_in_the_words_of_its_task(capsys: pytest.CaptureFixture[str]) -> None:
+    for task, words in ((PAPER_TASK, "reward  3,751.9"), ("glbench/Spring-v1", "score 3,751.900")):
+        _say_trial(TrialReport(7, "complete", 3751.9, {}), catalogue(get_task(task)).score)
+        assert words in capsys.readouterr().err
 
 
 def test_a_trial_that_is_interrupted_stops_the_search_and_is_made_up_for(

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 from stable_baselines3.common.base_class import BaseAlgorithm
 
+from glbench.agents import load_agent
 from glbench.agents.network_policy import read_policy
 from glbench.errors import TrainingError
 from glbench.evaluation import evaluate
-from glbench.tasks import TaskSpec, get_task
+from glbench.tasks import TaskSpec, get_task, task_card
 from glbench.training import CurvePoint, Progress, TrainingSettings, train
 from glbench.training.algorithms import algorithm_class, rollout_steps
 from glbench.training.checkpoint import find_checkpoint, replaced
@@ -363,3 +364,35 @@ def test_seeds_differ_wherever_runs_do(tiny: TrainingSettings, day: TaskSpec, tm
     steady = (("years = [2010, 2011, 2012]\n", ""), ("start_within_days = 14\n", ""))
     alike = get_task(write_lettuce_task(tmp_path, days=2, more=(*drawn_parameters, *steady)))
     assert len(tiny.evaluation.seeds(alike)) == 1
+
+
+@pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
+def test_a_task_with_splits_is_learnt_in_training_chosen_in_validation_and_scored_in_its_test(
+    tiny: TrainingSettings, tmp_path: Path
+) -> None:
+    task = get_task("Spring-v1").replace(
+        id="test/SpringDay-v1",
+        weather={"days": 1, "step_seconds": 3600},
+        splits={"training": {"seasons": 4}, "validation": {"seasons": 2}, "test": {"seasons": 3}},
+        evaluation={"runs": 3},
+    )
+    settings = tiny.model_copy(update={"n_timesteps": 2000})
+    folder = tmp_path / "run"
+    train(task, settings, folder, tensorboard=False)
+    card = tomllib.loads((folder / "card.toml").read_text(encoding="utf-8"))
+    assert card["task"]["id"] == task.id
+    told = {name: card["training"][name] for name in ("split", "years", "chosen_on")}
+    assert told == {"split": "training", "years": [2008, 2009, 2010], "chosen_on": "validation"}
+
+    earned = {}
+    for split in ("training", "validation"):
+        agent = load_agent(folder).make(task_card(task))
+        agent.reset(task_card(task), 2)  # type: ignore[union-attr]
+        probe = Probe(task.in_split(split), settings.evaluation, settings.kernel_preset)
+        earned[split] = probe.of(agent.act).reward  # type: ignore[union-attr]
+    assert earned["validation"] == pytest.approx(card["best"]["reward"], rel=1e-4)
+    assert earned["training"] != pytest.approx(card["best"]["reward"], rel=1e-4)
+
+    result = evaluate(task, folder, out=tmp_path)
+    assert [run.status for run in result.runs] == ["ok"] * 3
+    assert (result.task.split, result.task.years) == ("test", (2011, 2012))

@@ -19,8 +19,9 @@ Protection = Literal["bubblewrap", "unsandboxed", "built-in"]
 EXAMPLES: Final = {
     "constant_setpoints": "c5778deb9e96998d9bf25b3d69352d45fec6043365b0cdf9d85d44599dbc2699",
     "do_nothing": "e34b67062b3766e7a1b86cda789d2c914d3dd79903644492001428d24363ba7f",
-    "my_agent": "aeea2b2067baa53d60f7cce7c373cb6e003f3cc0d2f5b5d10447e184a20eab80",
+    "my_agent": "ba408deb1c674625d6159ecae8a43357fe56eabb27f2be95b7513351d89098e3",
     "pi_controller": "5dc7c819766dfdaa818e9ad939e5852b9a82a9aa233aa8321f9cb6ff7b578c1a",
+    "setpoints": "9903f2b0bef28d4ead44284855fb99840e00bf8acdf8f6416c46f75d478f1117",
 }
 """Examples that come with glbench, by name, and the digests that they have as long as nobody changed them."""
 
