@@ -841,6 +841,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     ],
     "docs/submit.md": [
         ("within 20 seconds", "definition: the time limit of the check"),
+        ("18 and 24 h: the forecast", "definition: the default task"),
         ("(0.1 of its range) a step of 15 minutes", "definition: the default task"),
         ("longer than 10 s for one decision", "definition: the default time limits"),
         ("4 GiB of memory, 128 processes and threads, or 1,024 open files", "definition: the sandbox's limits"),
