@@ -21,7 +21,9 @@ class Page:
 
     def reset(self, task, n_runs):
         """Called before the first step."""
-        self.actions = np.tile([PAGE.get(action.name, action.idle) for action in task.actions], (n_runs, 1))
+        # An action is a number from -1 to 1: `of` turns a set point into it.
+        actions = [one.of(PAGE[one.name]) if one.name in PAGE else one.idle for one in task.actions]
+        self.actions = np.tile(actions, (n_runs, 1))
 
     def act(self, observations):
         """Called in every step."""

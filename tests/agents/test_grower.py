@@ -50,7 +50,9 @@ def observed(card: TaskCard, hour: float, **values: float) -> NDArray[np.float32
 def entered(card: TaskCard, settings: GrowerSettings, hour: float, **values: float) -> dict[str, float]:
     agent = GrowerAgent(settings)
     agent.reset(card, 1)
-    return dict(zip(card.action_names, agent.act(observed(card, hour, **values))[0].tolist(), strict=True))
+    actions = agent.act(observed(card, hour, **values))[0].tolist()
+    assert all(-1.0 <= given <= 1.0 for given in actions)
+    return {one.name: round(one.value(given), 9) for one, given in zip(card.actions, actions, strict=True)}
 
 
 def test_the_sun_rises_and_sets_when_it_does(card: TaskCard) -> None:
@@ -87,8 +89,9 @@ def test_light_raises_temperatures_by_day_only(card: TaskCard, settings: GrowerS
 def test_light_is_a_mean_of_the_last_hour(card: TaskCard, settings: GrowerSettings) -> None:
     agent = GrowerAgent(settings)
     agent.reset(card, 1)
-    heating = [agent.act(observed(card, 12.0, global_radiation=light))[0, 0] for light in [0.0] + [500.0] * 24]
-    assert heating[0] == 19.5
+    given = [agent.act(observed(card, 12.0, global_radiation=light))[0, 0] for light in [0.0] + [500.0] * 24]
+    heating = [card.actions[0].value(one) for one in given]
+    assert heating[0] == pytest.approx(19.5)
     assert 19.5 < heating[2] < heating[4] < 20.8
     assert heating[-1] == pytest.approx(21.0, abs=0.02)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation, Snapshot
@@ -24,8 +26,9 @@ from glbench.kernel import why_not_compiled
 from glbench.kernel.tape import Recorder
 from glbench.model import humidity_deficit
 from glbench.report.task_words import definition_in_words
-from glbench.tasks import TaskSpec, get_task, task_card
+from glbench.tasks import Action, TaskSpec, get_task, task_card
 from glbench.tasks.tables import AnyActuationTable, ProcessComputerTable
+from glbench.tasks.vocabulary import ACTUATION_KINDS
 
 ALL = ("uBoil", "uCo2", "uThScr", "uVent", "uLamp", "uBlScr")
 WANTED = {
@@ -417,7 +420,8 @@ def test_the_tape_does_what_the_rules_do(task: TaskSpec) -> None:
     moved, kept = recorded.work(
         task,
         ActuationInputs(
-            dict(zip(WANTED, rows["given"].T, strict=True)), dict(zip(names, rows["controls"].T, strict=True)),
+            {action.name: rows["given"][:, place] for place, action in enumerate(task.actions)},
+            dict(zip(names, rows["controls"].T, strict=True)),
             dict(zip(MEMORY, rows["memory"].T, strict=True)), measured,
         ),
     )  # fmt: skip
@@ -460,7 +464,7 @@ def test_a_new_episode_forgets_what_the_computer_remembered(task: TaskSpec) -> N
 
 def test_environment_and_vector_environment_act_alike(task: TaskSpec) -> None:
     env, envs = GreenhouseEnv(task, "fast"), GreenhouseVectorEnv(task, num_envs=2, kernel="fast")
-    assert env.action_space.shape == (9,)
+    assert env.action_space == Box(-1.0, 1.0, (9,), np.float32)
     assert envs.action_space.shape == (2, 9)
     env.reset(seed=4)
     envs.reset(seed=4)
@@ -476,11 +480,8 @@ def test_environment_and_vector_environment_act_alike(task: TaskSpec) -> None:
     [
         (np.zeros((1, 6)), "heating_temperature, ventilation_temperature"),
         (np.full((1, 9), np.nan), "'heating_temperature'.* not a finite number"),
-        (
-            [[20.0, 4.0, 0, 0, 0, 0, 0, 0, 0]],
-            r"'ventilation_temperature'\) of row 0 is 4.0, outside its bounds 5 to 40",
-        ),
-        ([[31.0, 25.0, 0, 0, 0, 0, 0, 0, 0]], r"'heating_temperature'\) of row 0 is 31.0, outside its bounds 0 to 30"),
+        ([[0.2, 1.1, 0, 0, 0, 0, 0, 0, 0]], r"'ventilation_temperature'\) of row 0 is 1.1, outside its bounds -1 to 1"),
+        ([[18.0, 0, 0, 0, 0, 0, 0, 0, 0]], r"'heating_temperature'\) of row 0 is 18.0, outside its bounds -1 to 1"),
     ],
 )
 def test_hostile_actions_are_refused_by_name(task: TaskSpec, actions: Any, said: str) -> None:
@@ -508,10 +509,93 @@ def test_idle_set_points_leave_everything_shut(task: TaskSpec) -> None:
     simulation = Simulation(task, 1, "fast")
     simulation.reset([1])
     idle = np.array([[action.idle for action in task.actions]])
+    asked = {action.name: action.value(action.idle) for action in task.actions}
+    assert asked == dict.fromkeys(asked, 0.0) | {"ventilation_temperature": 40.0, "screen_outdoor_temperature": -10.0}
     for _ in range(96):
         simulation.step(idle)
         if simulation.air[0, 0] > 0.5:
             assert (simulation.u == 0.0).all()
+
+
+# Scaled set points.
+
+
+def test_an_action_stands_for_a_set_point_between_the_lowest_and_the_highest(task: TaskSpec) -> None:
+    assert {(action.low, action.high) for action in task.actions} == {(-1.0, 1.0)}
+    vents = task.actions[1]
+    assert (vents.name, vents.unit, vents.lowest, vents.highest) == ("ventilation_temperature", "degC", 5.0, 40.0)
+    assert [vents.value(given) for given in (-1.0, 0.0, 1.0)] == [5.0, 22.5, 40.0]
+    assert [vents.of(value) for value in (5.0, 22.5, 40.0, 57.5)] == [-1.0, 0.0, 1.0, 2.0]
+    for action in task.actions:
+        assert (action.value(-1.0), action.value(1.0)) == (action.lowest, action.highest)
+        values = np.linspace(action.lowest, action.highest, 35).reshape(5, 7)
+        given = action.of(values)
+        assert (given.shape, given.min(), given.max()) == ((5, 7), -1.0, 1.0)
+        assert action.value(given) == pytest.approx(values, abs=1e-12 * (action.highest - action.lowest))
+
+
+def test_an_action_that_stands_for_itself_is_not_touched() -> None:
+    valve, given = Action("valve", 0.0, 80.0, "degC"), np.array([-0.0, 3.3])
+    assert (valve.lowest, valve.highest) == (0.0, 80.0)
+    assert valve.of(given) is given
+    assert valve.value(given) is given
+
+
+@pytest.mark.parametrize("stands_for", [(2.0, 2.0), (3.0, 2.0), (0.0, np.inf), (np.nan, 1.0)])
+def test_an_action_cannot_stand_for_values_out_of_order(stands_for: tuple[float, float]) -> None:
+    with pytest.raises(TaskError, match="'pipe' from -1 to 1 cannot stand for values from"):
+        Action("pipe", -1.0, 1.0, "degC", stands_for=stands_for)
+
+
+def test_set_points_given_at_the_hour_or_the_reading_switch_as_if_they_had_not_been_scaled(
+    make_computer: MakeComputer,
+) -> None:
+    """float32 rounds most of these set points up or down; a reading that equals one falls on the same side of all."""
+    task = make_computer(
+        'lamp_minimum_time = { value = 0.0, unit = "h" }', 'screen_minimum_time = { value = 0.0, unit = "h" }'
+    )
+    by_name = {action.name: action for action in task.actions}
+
+    def given(name: str, value: float) -> float:
+        return float(by_name[name].value(float(np.float32(by_name[name].of(value)))))
+
+    rounded = 0
+    for quarter in range(1, 95):
+        hour = quarter / 4.0
+        wanted = {"lamps_from": given("lamps_from", hour), "lamps_until": given("lamps_until", hour + 0.25)}
+        rounded += wanted["lamps_from"] != hour
+        lit = [
+            Computer(task, lamp_radiation_limit=500.0, **wanted)(hour_of_day=one)
+            for one in (hour - 0.25, hour, hour + 0.25)
+        ]
+        assert [one["uLamp"] for one in lit] == [0.0, 1.0, 0.0]
+    for tenth in range(-90, 290):
+        outside, radiation = tenth / 10.0, float(abs(tenth) + 1)
+        wanted = {
+            "screen_outdoor_temperature": given("screen_outdoor_temperature", outside),
+            "screen_radiation_limit": given("screen_radiation_limit", radiation),
+            "lamp_radiation_limit": given("lamp_radiation_limit", radiation),
+        }
+        rounded += wanted["screen_outdoor_temperature"] != outside
+        computer = Computer(task, **wanted)
+        dark = {"radiation": radiation - 1.0}
+        assert computer(outdoor_temperature=outside, **dark)["uThScr"] == 0.0
+        assert computer(outdoor_temperature=outside - 0.1, radiation=radiation)["uThScr"] == 0.0
+        assert computer(outdoor_temperature=outside - 0.1, **dark)["uThScr"] == 1.0
+        assert computer(outdoor_temperature=outside + 1.0, **dark)["uThScr"] == 0.0
+        assert Computer(task, **wanted)(radiation=radiation)["uLamp"] == 0.0
+        assert Computer(task, **wanted)(radiation=radiation - 1.0)["uLamp"] == 1.0
+    assert rounded > 100
+
+
+def test_the_digest_covers_the_ranges(task: TaskSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+    warmer = (dataclasses.replace(task.actions[0], stands_for=(0.0, 31.0)), *task.actions[1:])
+    kind = ACTUATION_KINDS["process_computer"]
+    before = task.digest
+    monkeypatch.setitem(
+        ACTUATION_KINDS._entries, "process_computer", dataclasses.replace(kind, own=lambda controls: warmer)
+    )
+    assert task.model_copy(update={}).digest != before
 
 
 # In task files.
@@ -611,7 +695,7 @@ def test_the_computer_reads_what_the_sensors_show(make_computer: MakeComputer, t
     fused, plain = Simulation(task, n, "fast"), Simulation(task, n, "fast", fused=False)
     plain.reset(list(range(n)))
     seen = fused.reset(list(range(n)))[:, 0]
-    wanted = np.array([[WANTED[action.name] for action in task.actions]] * n)
+    wanted = np.array([[action.of(WANTED[action.name]) for action in task.actions]] * n)
     for step in range(40):
         heating = fused._runs.memory[:, 1] if step else np.full(n, 18.0)
         reading, before = seen, fused.u[:, 0]
@@ -629,4 +713,18 @@ def test_records_and_pages_tell_set_points_by_name_and_unit(task: TaskSpec) -> N
     assert [column.name for column in columns] == [f"action_{action.name}" for action in task.actions]
     assert [column.unit for column in columns] == [action.unit for action in task.actions]
     (section,) = (one for one in definition_in_words(task) if one.heading == "What the agent does")
-    assert [row[1] for row in section.rows] == [action.name for action in task.actions]
+    assert [row[1:5] for row in section.rows] == [
+        (action.name, action.unit, f"{action.lowest:g}", f"{action.highest:g}") for action in task.actions
+    ]
+
+
+def test_a_record_shows_set_points_in_their_units_and_other_actions_as_they_were_given(task: TaskSpec) -> None:
+    names, signals = [action.name for action in task.actions], signals_of(task)
+    given = random_set_points(task, 12, 1)[:, 0]
+    asked = signals.asked(given, names)
+    assert asked.dtype == np.float64
+    for column, action in enumerate(task.actions):
+        assert asked[:, column].tobytes() == action.value(given[:, column].astype(np.float64)).tobytes()
+    assert np.ptp(asked[:, 0]) > 5.0  # degC
+    controls = np.zeros((12, 6), dtype=np.float32)
+    assert signals.asked(controls, task.actuation.controls) is controls

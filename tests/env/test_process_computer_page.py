@@ -24,7 +24,7 @@ def rows(columns: int) -> Iterator[list[str]]:
 def test_the_set_points_are_those_of_the_code() -> None:
     told = list(rows(6))
     assert [[row[0].strip("`"), row[1], float(row[2]), float(row[3]), row[5]] for row in told] == [
-        [action.name, action.unit, action.low, action.high, action.meaning] for action in set_points(WORKED)
+        [action.name, action.unit, action.lowest, action.highest, action.meaning] for action in set_points(WORKED)
     ]
     for name, *_, needs, _ in told:
         for control in re.findall(r"`(\w+)`", needs):
