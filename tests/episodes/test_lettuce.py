@@ -109,7 +109,7 @@ def test_deficits_and_light_of_a_record_follow_from_its_other_columns(lettuce: L
 
 def test_the_light_of_a_record_is_what_agents_observe(tmp_path: Path) -> None:
     more = (('"weather_forecast"]', '"weather_forecast", "vapour_deficit", "light_today"]'),)
-    task = get_task(write_lettuce_task(tmp_path, days=2, more=more))
+    task = get_task(write_lettuce_task(tmp_path, days=2, more=more)).replace(sensors=None)
     simulation = Simulation(task, 1, "fast")
     simulation.reset([10000])
     trace, observed = Trace(simulation), []
