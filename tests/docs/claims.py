@@ -840,6 +840,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("at 5 % or below", "source: Holm (1979)"),
     ],
     "docs/submit.md": [
+        ("2, 3, 6, 12, 18 and 24 h: the forecast", "tests/agents/test_submission_guide.py holds it"),
         ("within 20 seconds", "definition: the time limit of the check"),
         ("18 and 24 h: the forecast", "definition: the default task"),
         ("(0.1 of its range) a step of 15 minutes", "definition: the default task"),
