@@ -1,17 +1,22 @@
 """Tables of docs/benchmark-design.md: ``python docs/benchmark_design_figures.py [--work runs/design] [--only-page]``.
 
-Evaluates simple controllers on seasons made of the training years, drawn with keys that no split has, so that nothing here has seen a test:
-with single factors alone and with all of them, blind recordings of each controller, and agents that know the draws. Writes
-docs/measurements/benchmark-design.json and the tables between the markers of the page. Evaluations that are there already in the work
-folder are not done again.
+Evaluates simple controllers, two trained policies and blind recordings of them on seasons made of the training years, drawn with keys
+that no split has, so that nothing here has seen a test. Writes docs/measurements/benchmark-design.json and the tables between the markers
+of the page. Evaluations that are there already in the work folder are not done again.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
+import os
 import re
+import shutil
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -19,8 +24,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.evaluation import evaluate
+from glbench.env.scenario import run_weather
+from glbench.evaluation import Result, evaluate
 from glbench.evaluation.files import result_path
+from glbench.evaluation.preparing import TRIALS
 from glbench.evaluation.recordings import write_recording
 from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec, get_task
@@ -34,8 +41,19 @@ YEARS = [2008, 2009, 2010]
 DRAWS, OTHER_DRAWS, RECORDED = "design", "design, drawn anew", "design, recorded"
 """Salts: of the scenarios, of others to show what knowing the first ones is worth under a secret salt, and of the recorded run."""
 
-AGENTS = ("submissions/my_agent.py", "submissions/pi_controller.py", "submissions/constant_setpoints.py", "rule_based_fair", "rule_based_unlit", "rule_based", "submissions/do_nothing.py")  # fmt: skip
-SETPOINT_AGENTS = ("grower",)
+MY_AGENT, PI, CONSTANT, NOTHING = (
+    f"submissions/{name}.py" for name in ("my_agent", "pi_controller", "constant_setpoints", "do_nothing")
+)
+RULES = ("rule_based_fair", "rule_based_unlit", "rule_based")
+POLICIES = ("ppo", "ppo_tuned")
+"""Trained on the paper's task; they play where the observation is the paper's."""
+ACTING = (MY_AGENT, PI, CONSTANT, "rule_based_fair")
+"""Agents that answer an observation with an action, which a recording can replay; rules set controls, and one never acts."""
+LIT = ("rule_based_fair", "rule_based", "ppo_tuned")
+"""Agents that spend money on lamps, which never pay at these prices, in all seasons or in some: any task tells them from the others."""
+REFERENCE = "rule_based_unlit"
+"""The controller whose score a lead is counted from."""
+FACTOR_AGENTS = (MY_AGENT, PI, "rule_based_fair", "rule_based_unlit")
 FACTORS = {
     "seasons": (),
     "crop": ("crop",),
@@ -46,8 +64,25 @@ FACTORS = {
     "all": ("crop", "leaf", "house", "start", "sensors"),
 }
 FAMILIES = ("SpringYears", "SpringMismatch", "Spring", "SpringSetpoints")
-REFERENCE = "rule_based_unlit"
-"""The controller whose score a lead is counted from; of set points, the worst of the sane ones."""
+REAL_AGENTS = (MY_AGENT, PI, "rule_based_unlit", "ppo")
+GROWERS: Mapping[str, Mapping[str, str]] = {
+    "grower_warmer": {
+        "day = 19.5": "day = 20.5",
+        "pre_night = 16.0": "pre_night = 17.0",
+        "\nnight = 17.0": "\nnight = 18.0",
+    },
+    "grower_cooler": {
+        "day = 19.5": "day = 18.5",
+        "pre_night = 16.0": "pre_night = 15.0",
+        "\nnight = 17.0": "\nnight = 16.0",
+    },
+    "grower_drier": {"day = 3.0": "day = 3.5", "\nnight = 2.7": "\nnight = 3.2"},
+    "grower_little_co2": {"shut = 850.0": "shut = 500.0"},
+}
+"""Other pages of settings, to be told apart: lines of the grower's, and what stands there instead."""
+
+POWER = 1.96 + 0.84
+"""Standard errors that a difference must have to be found (5 %, two-sided) in 80 of 100 comparisons."""
 
 Scores = NDArray[np.float64]
 
@@ -76,61 +111,142 @@ def with_factors(kept: Sequence[str]) -> TaskSpec:
     return design("Spring", DRAWS, without, **changes)
 
 
-class Evaluations:
-    """Scores of agents on tasks, from the work folder where they are there."""
+def real(name: str) -> TaskSpec:
+    """The task ``name`` in the real springs of the training years: the same first days are possible, crops are the same."""
+    return design(name, DRAWS, ["scenario.generated"], splits={"test": {"years": YEARS}})
 
-    def __init__(self, work: Path) -> None:
-        self.work = work
 
-    def __call__(self, task: TaskSpec, agent: str, label: str) -> Scores:
-        """Score of each run ``(runs,)``."""
-        name = Path(agent).stem
-        print(f"{label}: {name}", flush=True)
-        result = evaluate(task, agent, workers=2, out=self.work / re.sub(r"\W+", "-", label))
+@dataclass(frozen=True)
+class Job:
+    """An agent on a task; results lie in the folder of the ``label``. With ``recorded``, a recording of the agent's first run there."""
+
+    label: str
+    task: TaskSpec
+    agent: str
+    recorded: TaskSpec | None = None
+
+    @property
+    def name(self) -> str:
+        """What the agent is called in the figures."""
+        stem = Path(self.agent).stem
+        return stem if self.recorded is None else f"recording_of_{stem}"
+
+    def result(self, work: Path) -> Result:
+        """The result, evaluated if it is not there."""
+        sys.stdout.write(f"{self.label}: {self.name}\n")
+        agent = self._agent(work)
+        result = evaluate(self.task, agent, out=work / re.sub(r"\W+", "-", self.label))
         failed = [run.reason for run in result.runs if run.status != "ok"]
         if failed:
-            raise SystemExit(f"{name} on {label}: {failed[0]}")
-        return np.array([run.metrics[task.evaluation.metric] for run in result.runs])
+            msg = f"{self.name} on {self.label}: {failed[0]}"
+            raise RuntimeError(msg)
+        return result
 
-    def recording(self, task: TaskSpec, agent: str, label: str) -> str:
-        """Folder with a blind recording of the agent's first run."""
-        name = Path(agent).stem
-        folder = self.work / "recordings" / f"{task.short_id}-{name}" / f"recording_of_{name}"
+    def _agent(self, work: Path) -> str:
+        agent = str(_grower(work, self.agent)) if self.agent in GROWERS else self.agent
+        if self.recorded is None:
+            return agent
+        stem = Path(self.agent).stem
+        folder = work / "recordings" / f"{self.recorded.short_id}-{stem}" / f"recording_of_{stem}"
         if not folder.is_dir():
-            where = self.work / re.sub(r"\W+", "-", label)
-            evaluate(task, agent, workers=2, out=where)
-            write_recording(result_path(where, task.id, name), task.evaluation.first_seed, folder)
+            where = work / re.sub(r"\W+", "-", f"{self.label} recorded")
+            evaluate(self.recorded, agent, runs=1, out=where)
+            write_recording(
+                result_path(where / TRIALS, self.recorded.id, stem), self.recorded.evaluation.first_seed, folder
+            )
         return str(folder)
 
 
-def factors(scores: Evaluations) -> dict[str, Any]:
-    """What each factor alone costs each agent on Spring-v1, against unseen seasons alone."""
-    found: dict[str, dict[str, list[float]]] = {}
+def _grower(work: Path, name: str) -> Path:
+    """Folder of a grower with another page of settings."""
+    folder = work / "growers" / name
+    shipped = ROOT / "baselines" / "grower"
+    page = (shipped / "settings.toml").read_text(encoding="utf-8")
+    for line, other in GROWERS[name].items():
+        if page.count(line) != 1:
+            msg = f"The grower's settings have {page.count(line)} lines '{line.strip()}', and one is to be changed: change GROWERS."
+            raise ValueError(msg)
+        page = page.replace(line, other)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_atomically(folder / "settings.toml", page)
+    shutil.copy(shipped / "card.toml", folder)
+    return folder
+
+
+def jobs() -> list[Job]:
+    """Everything that is evaluated."""
+    found = []
+    for name in FAMILIES:
+        task, recorded = design(name, DRAWS), design(name, RECORDED)
+        setpoints, papers = name == "SpringSetpoints", name in ("SpringYears", "SpringMismatch")
+        agents = ("grower", *GROWERS) if setpoints else (*ACTING, *RULES[1:], NOTHING, *(POLICIES if papers else ()))
+        found += [Job(name, task, agent) for agent in agents]
+        acting = ("grower",) if setpoints else (*ACTING, *(POLICIES if name == "SpringYears" else ()))
+        found += [Job(name, task, agent, recorded) for agent in acting]
+    found.append(Job("SpringYears", design("SpringYears", DRAWS), "recording"))
+    found += [Job("SpringYears real", real("SpringYears"), agent) for agent in REAL_AGENTS]
+    found += [Job("Spring anew", design("Spring", OTHER_DRAWS), agent) for agent in (*ACTING, *RULES[1:])]
     for factor, kept in FACTORS.items():
-        task = with_factors(kept)
-        for agent in AGENTS:
-            found.setdefault(Path(agent).stem, {})[factor] = scores(task, agent, f"factors {factor}").tolist()
+        if factor != "all":  # Spring itself
+            found += [Job(f"factors {factor}", with_factors(kept), agent) for agent in FACTOR_AGENTS]
     return found
 
 
-def family(scores: Evaluations, name: str) -> dict[str, Any]:
-    """Scores of all agents, of recordings of those that act, and of the same agents under other draws."""
-    agents = SETPOINT_AGENTS if name == "SpringSetpoints" else AGENTS
-    task, anew, recorded = (design(name, salt) for salt in (DRAWS, OTHER_DRAWS, RECORDED))
-    found: dict[str, Any] = {"scores": {}, "anew": {}, "recordings": {}}
-    for agent in agents:
-        stem = Path(agent).stem
-        found["scores"][stem] = scores(task, agent, f"{name}").tolist()
-        found["anew"][stem] = scores(anew, agent, f"{name} anew").tolist()
-        if agent not in ("rule_based", "rule_based_unlit", "submissions/do_nothing.py"):  # these set controls, or act never
-            folder = scores.recording(recorded, agent, f"{name} recorded")
-            found["recordings"][stem] = scores(task, folder, name).tolist()
-    return found
+def measure(work: Path, processes: int) -> dict[str, Any]:
+    """Score, profit and price of violations of each run [EUR m-2] by label and agent; first days of generated and real seasons."""
+    asked = jobs()
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
+        results = list(pool.map(Job.result, asked, [work] * len(asked)))
+    found: dict[str, dict[str, dict[str, list[float]]]] = {}
+    for job, result in zip(asked, results, strict=True):
+        kept = {key: [round(run.metrics[key], 4) for run in result.runs] for key in ("reward", "epi", "penalty")}
+        found.setdefault(job.label, {})[job.name] = kept
+    days = {
+        label: first_days(task)
+        for label, task in (("SpringYears", design("SpringYears", DRAWS)), ("SpringYears real", real("SpringYears")))
+    }
+    return {"runs": RUNS, "years": YEARS, "first_days": days, "evaluations": found}
 
 
-def spread(scores: Mapping[str, Sequence[float]]) -> dict[str, float]:
+def first_days(task: TaskSpec) -> list[int]:
+    """Day of the year on which each run starts, 0 on 1 January."""
+    starts = [run_weather(task.scored, seed).times[0] for seed in task.evaluation.seeds]
+    return [
+        int(
+            (day.astype("datetime64[h]") + np.timedelta64(12, "h"))
+            .astype("datetime64[D]")
+            .astype(object)
+            .timetuple()
+            .tm_yday
+        )
+        - 1
+        for day in starts
+    ]
+
+
+# What the figures say.
+
+Table = NDArray[np.float64]
+"""Scores ``(agents, runs)``."""
+
+
+def scores_of(figures: Mapping[str, Any], label: str, agents: Iterable[str]) -> dict[str, Scores]:
+    """Score of each run by agent."""
+    return {agent: np.array(figures["evaluations"][label][agent]["reward"]) for agent in agents}
+
+
+def controllers(figures: Mapping[str, Any], label: str, *, lit: bool) -> dict[str, Scores]:
+    """Scores of all agents that control: no recordings, and not the one that does nothing. Those that use lamps only if ``lit``."""
+    names = figures["evaluations"][label]
+    kept = [
+        name for name in names if not name.startswith("recording") and name != "do_nothing" and (lit or name not in LIT)
+    ]
+    return scores_of(figures, label, kept)
+
+
+def spread(table: Table) -> dict[str, float]:
     """Standard deviations between agents, between scenarios, and of what is left (agent x scenario)."""
-    table = np.array(list(scores.values()))
     agents, scenarios = table.mean(axis=1), table.mean(axis=0)
     rest = table - agents[:, None] - scenarios[None] + table.mean()
     return {
@@ -140,50 +256,74 @@ def spread(scores: Mapping[str, Sequence[float]]) -> dict[str, float]:
     }
 
 
-def stability(scores: Mapping[str, Sequence[float]], draws: int = 4000) -> dict[str, float]:
-    """Share of resampled sets of scenarios that give the same order of all agents, the same best, and mean share of pairs kept."""
-    table = np.array(list(scores.values()))
+def stability(table: Table, draws: int = 4000) -> dict[str, float]:
+    """Share of resampled sets of scenarios with the same order of all agents, the same best, and mean share of pairs kept."""
     order = np.argsort(-table.mean(axis=1))
-    generator = np.random.default_rng(2026)
-    picked = generator.integers(0, table.shape[1], (draws, table.shape[1]))
+    picked = np.random.default_rng(2026).integers(0, table.shape[1], (draws, table.shape[1]))
     means = table[:, picked].mean(axis=2)  # (agents, draws)
     again = np.argsort(-means, axis=0)
-    pairs = [(a, b) for a, b in combinations(range(len(table)), 2)]
-    kept = [np.sign(means[a] - means[b]) == np.sign(table[a].mean() - table[b].mean()) for a, b in pairs]
+    first, second = np.array(list(combinations(order, 2))).T  # the first of each pair is the better one
     return {
         "same order": float((again == order[:, None]).all(axis=0).mean()),
         "same best": float((again[0] == order[0]).mean()),
-        "pairs in the same order": float(np.mean(kept)),
+        "pairs in the same order": float((means[first] > means[second]).mean()),
     }
 
 
-def knowing(found: Mapping[str, Any], sane: Sequence[str]) -> dict[str, float]:
-    """What an agent gains that knows which of the sane controllers is best in each run, from scores under the public salt."""
-    public, anew = (np.array([found[key][agent] for agent in sane]) for key in ("scores", "anew"))
-    best = public.argmax(axis=0)
-    runs = np.arange(public.shape[1])
+def detectable(table: Table, runs: Iterable[int] = (30, 100)) -> dict[str, Any]:
+    """Standard deviation of the difference of two agents in a scenario, and the difference that so many scenarios find in 80 of 100 cases.
+
+    ``pairs`` is the smallest, the median and the largest deviation over all pairs; ``found`` holds by number of runs the difference for
+    the median and for the largest.
+    """
+    paired = sorted(float((a - b).std(ddof=1)) for a, b in combinations(table, 2))
+    pairs = (paired[0], float(np.median(paired)), paired[-1])
+    return {"pairs": pairs, "found": {n: tuple(POWER * sd / n**0.5 for sd in pairs[1:]) for n in runs}}
+
+
+def knowing(public: Table, anew: Table) -> dict[str, float]:
+    """What an agent gains over the best one that knows which is best in each run of the public draws, there and with other draws."""
+    best, runs = public.argmax(axis=0), np.arange(public.shape[1])
     return {
         "public salt": float(public[best, runs].mean() - public.mean(axis=1).max()),
         "secret salt": float(anew[best, runs].mean() - anew.mean(axis=1).max()),
     }
 
 
-def measure(work: Path) -> dict[str, Any]:
-    """All figures."""
-    scores = Evaluations(work)
+def recorded(own: Scores, recording: Scores, reference: Scores) -> dict[str, float]:
+    """What a blind recording of an agent loses, as a multiple of the agent's lead over the reference, and how often it is below that."""
+    lost, lead = float((own - recording).mean()), float((own - reference).mean())
     return {
-        "runs": RUNS,
-        "years": YEARS,
-        "factors": factors(scores),
-        "families": {name: family(scores, name) for name in FAMILIES},
+        "lost": lost,
+        "lead": lead,
+        "multiple": lost / lead if lead > 0.0 else float("nan"),
+        "below": float((recording < reference).mean()),
     }
+
+
+def at_equal_days(generated: Scores, real: Scores, days: Scores, real_days: Scores) -> tuple[float, float]:
+    """Mean score in generated less real seasons at equal first days, by a straight line through both, and its standard error."""
+    made = np.repeat([1.0, 0.0], [len(generated), len(real)])
+    day, score = np.concatenate([days, real_days]), np.concatenate([generated, real])
+    inputs = np.stack([np.ones_like(made), made, day - day.mean()], axis=1)
+    solution = np.linalg.lstsq(inputs, score, rcond=None)[0]
+    variance = ((score - inputs @ solution) ** 2).sum() / (len(score) - 3)
+    return float(solution[1]), float(np.sqrt(variance * np.linalg.inv(inputs.T @ inputs)[1, 1]))
 
 
 # The page.
 
 
 def _number(value: float) -> str:
-    return f"{value:+.2f}" if value else "0.00"
+    return f"{value:+.2f}".replace("-", "−") if round(value, 2) else "0.00"
+
+
+def _plain(value: float) -> str:
+    return f"{value:.2f}".replace("-", "−")
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -191,98 +331,184 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def _sane(scores: Mapping[str, Sequence[float]]) -> dict[str, Sequence[float]]:
-    return {agent: runs for agent, runs in scores.items() if agent != "do_nothing"}
+def family_table(figures: Mapping[str, Any]) -> str:
+    """Score of all agents on each family, and of what profit and violations it is made."""
+    families = {name: figures["evaluations"][name] for name in FAMILIES}
+    agents = dict.fromkeys(agent for found in families.values() for agent in found if not agent.startswith("recording"))
+
+    def cell(found: Mapping[str, Any], agent: str) -> str:
+        if agent not in found:
+            return "–"
+        score, profit, violations = (float(np.mean(found[agent][key])) for key in ("reward", "epi", "penalty"))
+        return f"**{_plain(score)}** = {_plain(profit)} − {_plain(violations)}"
+
+    return _table(
+        ["Agent", *families], ([f"`{agent}`", *(cell(found, agent) for found in families.values())] for agent in agents)
+    )
 
 
 def factor_table(figures: Mapping[str, Any]) -> str:
-    """Mean score with seasons alone, and what each factor changes."""
+    """Mean score with seasons alone, what each factor changes, and the spread that it adds."""
     rows = []
-    for agent, by_factor in figures["factors"].items():
-        means = {factor: np.array(runs) for factor, runs in by_factor.items()}
-        changes = [_number(float((means[factor] - means["seasons"]).mean())) for factor in FACTORS if factor != "seasons"]
-        rows.append([f"`{agent}`", f"{means['seasons'].mean():.2f}", *changes, f"{means['all'].std(ddof=1):.2f}"])
-    others = [factor for factor in FACTORS if factor not in ("seasons", "all")]
-    return _table(["Agent", "Unseen seasons alone", *others, "all", "sd between runs, all"], rows)
-
-
-def family_table(figures: Mapping[str, Any]) -> str:
-    """Means of all agents on each family."""
-    families = figures["families"]
-    agents = dict.fromkeys(agent for found in families.values() for agent in found["scores"])
-    rows = [
-        [f"`{agent}`", *(f"{np.mean(found['scores'][agent]):.2f}" if agent in found["scores"] else "–" for found in families.values())]
-        for agent in agents
-    ]  # fmt: skip
-    return _table(["Agent", *families], rows)
+    for agent in (Path(agent).stem for agent in FACTOR_AGENTS):
+        runs = {
+            factor: scores_of(figures, "Spring" if factor == "all" else f"factors {factor}", [agent])[agent]
+            for factor in FACTORS
+        }
+        seasons = runs.pop("seasons")
+        changes = [
+            f"{_number(float((with_it - seasons).mean()))} ± {(with_it - seasons).std(ddof=1):.2f}"
+            for with_it in runs.values()
+        ]
+        rows.append([f"`{agent}`", f"{_plain(seasons.mean())} ± {seasons.std(ddof=1):.2f}", *changes])
+    return _table(["Agent", "Unseen seasons alone", *(factor for factor in FACTORS if factor != "seasons")], rows)
 
 
 def spread_table(figures: Mapping[str, Any]) -> str:
     """Spread, and how stable the order is."""
     rows = []
-    for name, found in figures["families"].items():
-        sane = _sane(found["scores"])
-        if len(sane) < 2:
-            continue
-        deviations, stable = spread(sane), stability(sane)
-        rows.append([name, *(f"{value:.2f}" for value in deviations.values()), *(f"{100 * value:.0f} %" for value in stable.values())])
-    return _table(["Family", "between agents", "between scenarios", "agent x scenario", "same order", "same best", "pairs in order"], rows)
+    for name in FAMILIES:
+        every, unlit = (np.array(list(controllers(figures, name, lit=lit).values())) for lit in (True, False))
+        for which, table in [("all", every), ("lamps off", unlit)] if len(every) > len(unlit) else [("all", every)]:
+            found = (*map(_plain, spread(table).values()), *map(_percent, stability(table).values()))
+            rows.append([name, f"{len(table)}, {which}", *found])
+    head = ["Family", "agents", "between agents", "between scenarios", "agent × scenario"]
+    return _table([*head, "same order", "same best", "pairs in order"], rows)
 
 
 def recording_table(figures: Mapping[str, Any]) -> str:
     """What a blind recording of each agent earns."""
     rows = []
-    for name, found in figures["families"].items():
-        for agent, runs in found["recordings"].items():
-            own = np.array(found["scores"][agent])
-            lost = own - np.array(runs)
-            rows.append([name, f"`{agent}`", f"{own.mean():.2f}", f"{np.mean(runs):.2f}", f"{lost.mean():.2f}", f"{int((lost > 0).sum())} of {len(lost)}"])
-    return _table(["Family", "Agent", "Score", "Its recording", "Lost", "Runs in which the recording is worse"], rows)
+    for name in FAMILIES:
+        found = figures["evaluations"][name]
+        reference = scores_of(figures, "Spring" if name == "SpringSetpoints" else name, [REFERENCE])[REFERENCE]
+        for agent in (agent for agent in found if agent.startswith("recording")):
+            player = "ppo_tuned" if agent == "recording" else agent.removeprefix("recording_of_")
+            own, blind = scores_of(figures, name, [player, agent]).values()
+            told = recorded(own, blind, reference)
+            multiple = "no lead" if np.isnan(told["multiple"]) else f"{told['multiple']:.1f}"
+            label = f"`{player}`" + (" (in the paper's season)" if agent == "recording" else "")
+            rows.append(
+                [
+                    name,
+                    label,
+                    _plain(own.mean()),
+                    _plain(told["lead"]),
+                    _plain(blind.mean()),
+                    _plain(told["lost"]),
+                    multiple,
+                    _percent(told["below"]),
+                ]
+            )
+    return _table(
+        [
+            "Family",
+            "Agent",
+            "Score",
+            f"Lead over `{REFERENCE}`",
+            "Its recording",
+            "Lost",
+            "Lost / lead",
+            f"Seasons below `{REFERENCE}`",
+        ],
+        rows,
+    )
+
+
+def real_table(figures: Mapping[str, Any]) -> str:
+    """Generated against real seasons of the same years."""
+    rows = []
+    days, real_days = (np.array(figures["first_days"][label], float) for label in ("SpringYears", "SpringYears real"))
+    for agent in (Path(agent).stem for agent in REAL_AGENTS):
+        generated, real = (scores_of(figures, label, [agent])[agent] for label in ("SpringYears", "SpringYears real"))
+        difference, error = at_equal_days(generated, real, days, real_days)
+        rows.append(
+            [
+                f"`{agent}`",
+                f"{_plain(generated.mean())} ± {generated.std(ddof=1):.2f}",
+                f"{_plain(real.mean())} ± {real.std(ddof=1):.2f}",
+                f"{_number(difference)} ± {error:.2f}",
+            ]
+        )
+    return _table(
+        [
+            "Agent",
+            "Generated, mean ± sd",
+            "Real, mean ± sd",
+            "Generated less real at equal first days, ± standard error",
+        ],
+        rows,
+    )
+
+
+def detection_table(figures: Mapping[str, Any]) -> str:
+    """Which differences so many scenarios find."""
+    rows = []
+    for name in FAMILIES:
+        told = detectable(np.array(list(controllers(figures, name, lit=False).values())))
+        found = [f"{_plain(middle)} ({_plain(most)})" for middle, most in told["found"].values()]
+        rows.append([name, *map(_plain, told["pairs"]), *found])
+    return _table(["Family", "paired sd, smallest", "median", "largest", "found with 30", "found with 100"], rows)
 
 
 def knowing_table(figures: Mapping[str, Any]) -> str:
     """What knowing the draws is worth."""
-    rows = []
-    for name, found in figures["families"].items():
-        sane = list(_sane(found["scores"]))
-        if len(sane) > 1:
-            gains = knowing(found, sane)
-            rows.append([name, _number(gains["public salt"]), _number(gains["secret salt"])])
-    return _table(["Family", "Public salt", "Secret salt"], rows)
+    anew = controllers(figures, "Spring anew", lit=True)
+    gains = knowing(*(np.array(list(scores_of(figures, label, anew).values())) for label in ("Spring", "Spring anew")))
+    return _table(["Family", "Public salt", "Secret salt"], [["Spring", *map(_number, gains.values())]])
 
 
 TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
     "families": family_table,
     "factors": factor_table,
     "spread": spread_table,
+    "detection": detection_table,
     "recordings": recording_table,
     "knowing": knowing_table,
+    "real": real_table,
 }
 
 
-def page_with(figures: Mapping[str, Any], text: str) -> str:
-    """The page with its tables anew."""
+def filled(text: str, figures: Mapping[str, Any]) -> str:
+    """The page with its tables anew.
+
+    Raises
+    ------
+    ValueError
+        When a table has no place.
+    """
     for name, table in TABLES.items():
-        pattern = rf"(<!-- table: {name} -->\n).*?(\n<!-- end -->)"
-        if not re.search(pattern, text, flags=re.DOTALL):
-            raise SystemExit(f"{PAGE} has no markers of the table '{name}'.")
-        text = re.sub(pattern, lambda found, table=table: f"{found[1]}{table(figures)}{found[2]}", text, flags=re.DOTALL)
+        pattern = rf"(<!-- {name} -->\n).*?(\n?<!-- end -->)"
+        text, times = re.subn(
+            pattern, lambda found, table=table: f"{found[1]}{table(figures)}\n<!-- end -->", text, flags=re.DOTALL
+        )
+        if times != 1:
+            msg = f"The page has {times} places for the table '{name}'; it needs one, between <!-- {name} --> and <!-- end -->."
+            raise ValueError(msg)
     return text
+
+
+def read() -> dict[str, Any]:
+    """The figures that were measured."""
+    found: dict[str, Any] = json.loads(FIGURES.read_text(encoding="utf-8"))
+    return found
 
 
 def main() -> None:
     """Measure and write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--work", type=Path, default=ROOT / "runs" / "design", help="folder of the evaluations")
-    parser.add_argument("--only-page", action="store_true", help="do not evaluate: write the tables from the figures that are there")
+    parser.add_argument("--processes", type=int, default=2, help="evaluations at a time")
+    parser.add_argument(
+        "--only-page", action="store_true", help="do not evaluate: write the tables from the figures that are there"
+    )
     given = parser.parse_args()
     if not given.only_page:
-        figures = measure(given.work)
-        write_atomically(FIGURES, json.dumps(figures, indent=1) + "\n")
-    figures = json.loads(FIGURES.read_text(encoding="utf-8"))
-    write_atomically(PAGE, page_with(figures, PAGE.read_text(encoding="utf-8")))
+        write_atomically(FIGURES, json.dumps(measure(given.work, given.processes)) + "\n")
+    figures = read()
+    write_atomically(PAGE, filled(PAGE.read_text(encoding="utf-8"), figures))
     for name, table in TABLES.items():
-        print(f"\n{name}\n{table(figures)}")
+        sys.stdout.write(f"\n{name}\n{table(figures)}\n")
 
 
 if __name__ == "__main__":

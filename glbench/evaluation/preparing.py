@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import rfc8785
 
@@ -51,6 +51,9 @@ from glbench.evaluation.sandbox.process import Prints
 from glbench.evaluation.saving import Computed, agent_folder, alone, save, settle, tidy
 from glbench.kernel import Kernel, make_kernel
 from glbench.tasks import TaskSpec, get_task, task_card
+
+if TYPE_CHECKING:
+    from glbench.agents.card import Split
 
 logger = logging.getLogger(__name__)
 
@@ -483,7 +486,7 @@ class Evaluation:
                 title=task.title,
                 steps=task.steps,
                 step_seconds=task.step_seconds,
-                split=task.split,
+                split=cast("Split | None", task.split),
                 years=None if task.salt_commitment is not None else task.season_years,
                 salt_commitment=task.salt_commitment,
             ),

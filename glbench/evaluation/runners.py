@@ -185,8 +185,9 @@ class PrivilegedRunner(BatchRunner):
         controls = tuple(Action(name, 0.0, 1.0) for name in task.model_value.control_names)
         super().__init__(cast(Agent, controller), replace(card, actions=controls), n, limits)
         self._task = card
-        # A model that has more than the paper's, such as meters, is seen as the paper's.
-        self._places = [task.model_value.state_index(name) for name in get_model(PAPER_MODEL).state_names]
+        # A model with the paper's states and more, such as meters, is seen as the paper's; any other with all its states.
+        own, known = task.model_value.state_names, get_model(PAPER_MODEL).state_names
+        self._places = [own.index(name) for name in (known if set(known) <= set(own) else own)]
         self._states = len(self._places)
         scenario = task.scenario
         one_season = len(scenario.seasons) == 1 and not scenario.start_within_days and scenario.generated is None

@@ -822,7 +822,7 @@ class TaskSpec:
         with self._asked_by(f"splits.{split}"):
             generator = SeasonGenerator(self.record(), years)
         days = self.weather.days
-        numbers = np.arange(1, generator.numbers(days) + 1) * _EVEN % 1.0
+        numbers = np.asarray(np.arange(1, generator.numbers(days) + 1) * _EVEN % 1.0, np.float64)
         return generator.season(self.weather.start, days, numbers).record.digest
 
     def _season_digest(self, season: Season) -> list[str]:

@@ -30,7 +30,15 @@ from glbench.kernel.compiled.tolerances import LARGEST_SUBSTEPS, PRESETS, SMALLE
 from glbench.kernel.sundials import SUBSTEP_LIMIT
 from glbench.leaderboard.comparisons import RESOLUTION
 from glbench.leaderboard.statistics import RESAMPLES, bootstrap_interval, crossed_interval
-from glbench.model import CONTROL_NAMES, STATE_NAMES, TOMATO, build_rhs, default_parameters
+from glbench.model import (
+    CONTROL_NAMES,
+    STATE_NAMES,
+    TOMATO,
+    build_rhs,
+    default_parameters,
+    vapour_pressure_deficit,
+)
+from glbench.model.air import humidity_deficit
 from glbench.speed import SpeedRecord, read_record
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task
 from glbench.tasks.tables import ProcessComputerTable
@@ -587,6 +595,8 @@ CLAIMS: dict[str, list[Claim]] = {
         for level in (0, 10)
     ],
     "docs/environment.md": [
+        ("{} kPa at 20 degC and {} %", lambda: (float(vapour_pressure_deficit(20.0, 80.0)), 80)),
+        ("{} g m-3 there", lambda: float(humidity_deficit(20.0, 80.0))),
         *(
             (
                 f"| `{name}` | {purpose} | {{}} | {{}} |",
@@ -785,6 +795,11 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("shows 100 %", "definition: an observation"),
         ("With the limit of 85 % a violation is thus at most 15 %", "definition: the default task"),
         ("within its 15 minutes", "definition: the default task"),
+        ("610.78 exp(17.2694 *T*/(*T* + 238.3))", "definition: glbench/model/air.py"),
+        ("(1 − *RH*/100)/1000 [kPa]", "definition: glbench/model/air.py"),
+        ("1000 · 0.01801528 kg mol-1", "definition: glbench/model/air.py"),
+        ("(8.3144598 J mol-1 K-1 · (*T* + 273.15))", "definition: glbench/model/air.py"),
+        ("4.6 umol J-1", "definition: a constant of the model"),
         ("from 10,000,000,000 on", "definition: glbench/training/settings.py"),
     ],
     "docs/episodes.md": [
@@ -825,7 +840,9 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("at 5 % or below", "source: Holm (1979)"),
     ],
     "docs/submit.md": [
+        ("2, 3, 6, 12, 18 and 24 h: the forecast", "tests/agents/test_submission_guide.py holds it"),
         ("within 20 seconds", "definition: the time limit of the check"),
+        ("18 and 24 h: the forecast", "definition: the default task"),
         ("(0.1 of its range) a step of 15 minutes", "definition: the default task"),
         ("longer than 10 s for one decision", "definition: the default time limits"),
         ("4 GiB of memory, 128 processes and threads, or 1,024 open files", "definition: the sandbox's limits"),
@@ -838,6 +855,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("1 to 3660", "definition: glbench/tasks/spec.py"),
         ("1900 to 2199", "definition: glbench/tasks/spec.py"),
         ("relative tolerance of 1e-9", "definition: glbench/tasks/behaviour.py"),
+        ("cut off at 100 %", "definition: relative humidity"),
         ("60 to 3600", "definition: glbench/tasks/spec.py"),
         ("Default: 300, 10 and 7200 s", "definition: the default time limits"),
         ("(24 h)", "definition: an observation"),
