@@ -1,8 +1,9 @@
 """Evaluate every released agent again, verify the results, and put them into reports/released. Run it again and it goes on.
 
-    python baselines/release.py --work runs/release                  # what is released, and built-in agents that are not yet
+    python baselines/release.py --work runs/release                  # what is released
     python baselines/release.py --work runs/release --list           # what is done and what is left
     python baselines/release.py --work runs/release --only recording # some agents
+    python baselines/release.py --work runs/release --only my_agent --task Spring-v1  # an agent on a task that has no result of it yet
 
 All results come from one commit without changes and from one build of the kernel. Each must have the bits of the one that
 is released, unless --new-digests says that the scores are meant to change. Results, profiles and notes of `glbench verify` are copied
@@ -26,7 +27,7 @@ from glbench.evaluation.profiles import profile_path
 from glbench.evaluation.provenance import git_state
 from glbench.leaderboard.collect import read_folder
 from glbench.resources import write_atomically
-from glbench.tasks import get_task, read_lock
+from glbench.tasks import get_task
 from glbench.verification import proof_path, save_proof, verify
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -61,13 +62,11 @@ class Job:
 
 
 def plan() -> list[Job]:
-    """Every released result, and built-in agents without any on all published tasks; a task after the other."""
+    """Every released result; a task after the other."""
     results, problems = read_folder(RELEASED / "results")
     if problems:
         raise problems[0]
     jobs = [Job(item.result.agent.name, item.result.task.id, item.result.results_digest) for item in results]
-    new = set(baseline_names()) - {job.agent for job in jobs}
-    jobs += [Job(agent, task_id, None) for agent in new for task_id in read_lock()]
     return sorted(jobs, key=lambda job: (job.task_id, job.agent))
 
 
@@ -86,8 +85,9 @@ def main() -> int:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S", stream=sys.stdout)
     jobs = plan()
     agents, tasks = sorted({job.agent for job in jobs}), [get_task(name).id for name in arguments.task]
+    examples = {path.stem for path in (ROOT / "submissions").glob("*.py")}
     for name in arguments.only:
-        if name not in agents:
+        if name not in {*agents, *baseline_names(), *examples}:
             parser.error(f"there is no agent '{name}' to release.{did_you_mean(name, agents)}")
     if arguments.only and tasks:  # also on tasks that the agents have no released result of
         known = {(job.agent, job.task_id) for job in jobs}
@@ -163,12 +163,17 @@ def check(job: Job, result: Result, work: Path, *, new_digests: bool) -> None:
         raise ResultError(msg)
     for item in read_folder(work / "results")[0]:
         other = item.result.evaluation.kernel
-        if other["variant"] == kernel["variant"] and other.get("library_digest") != kernel["library_digest"]:
+        if model_of(item.result) == model_of(result) and other.get("library_digest") != kernel["library_digest"]:
             msg = f"its kernel is another build than that of {item.path}; remove {work} and start again"
             raise ResultError(msg)
     if job.released not in (None, result.results_digest) and not new_digests:
         msg = f"results_digest {result.results_digest[:12]}, released {job.released[:12]}: the scores differ (--new-digests accepts that)"
         raise ResultError(msg)
+
+
+def model_of(result: Result) -> tuple[str, str]:
+    """Model and variant, each of which has a kernel of its own."""
+    return result.versions.model, str(result.evaluation.kernel["variant"])
 
 
 def is_released(job: Job, out: Path, work: Path) -> bool:
@@ -181,13 +186,12 @@ def is_released(job: Job, out: Path, work: Path) -> bool:
 
 def unlike(out: Path, work: Path) -> list[str]:
     """Results in ``out`` that stem from another build of the kernel than those in ``work``, or from a changed checkout."""
-    ours = [item.result.evaluation.kernel for item in read_folder(work / "results")[0]]
-    builds = {kernel["variant"]: kernel["library_digest"] for kernel in ours}
+    ours = [item.result for item in read_folder(work / "results")[0]]
+    builds = {model_of(result): result.evaluation.kernel["library_digest"] for result in ours}
     found = []
     for item in read_folder(out / "results")[0]:
-        kernel, git = item.result.evaluation.kernel, item.result.git
-        build = kernel.get("library_digest")
-        if git is None or git.dirty or builds.get(kernel["variant"], build) != build:
+        build, git = item.result.evaluation.kernel.get("library_digest"), item.result.git
+        if git is None or git.dirty or builds.get(model_of(item.result), build) != build:
             found.append(str(item.path.relative_to(out)))
     return found
 
