@@ -795,7 +795,9 @@ class TaskSpec:
             if isinstance(self.actuation, AnyActuationTable) and self.actuation.kind == PROCESS_COMPUTER:
                 parts["actuation"] = {
                     "settings": self.actuation.process_computer.model_dump(),
-                    "actions": [[one.name, one.unit, one.low, one.high, one.lowest, one.highest] for one in self.actions],
+                    "actions": [
+                        [one.name, one.unit, one.low, one.high, one.lowest, one.highest] for one in self.actions
+                    ],
                 }
         named = {name: canonical_sha256(part) for name, part in parts.items() if name in Fingerprint.PARTS}
         return Fingerprint(digest=canonical_sha256(parts), **named, model_version=model.version)

@@ -108,8 +108,8 @@ def test_deficits_and_light_of_a_record_follow_from_its_other_columns(lettuce: L
 
 
 def test_the_light_of_a_record_is_what_agents_observe(tmp_path: Path) -> None:
-    more = (('"weather"]', '"weather", "vapour_deficit", "light_today"]'),)
-    task = get_task(write_lettuce_task(tmp_path, days=2, more=more))
+    more = (('"weather_forecast"]', '"weather_forecast", "vapour_deficit", "light_today"]'),)
+    task = get_task(write_lettuce_task(tmp_path, days=2, more=more)).replace(sensors=None)
     simulation = Simulation(task, 1, "fast")
     simulation.reset([10000])
     trace, observed = Trace(simulation), []
@@ -171,7 +171,7 @@ def test_the_card_tells_how_far_the_clock_of_the_place_is_ahead(lettuce: Lettuce
 def test_the_times_and_the_weather_of_a_record_are_those_of_its_run(lettuce: Lettuce) -> None:
     starts = set()
     for episode in lettuce.episodes:
-        weather = run_weather(lettuce.task, episode.run.seed)
+        weather = run_weather(lettuce.task.scored, episode.run.seed)
         assert (episode.times == weather.times[: episode.steps + 1]).all()
         assert episode.tables["weather"].tobytes() == weather.values[: episode.steps].tobytes()
         starts.add(str(episode.times[0]))
@@ -187,7 +187,7 @@ def test_a_record_is_recovered_and_replayed_to_the_bit(lettuce: Lettuce, tmp_pat
     assert read_episode(tmp_path / "left.mcap").states.tobytes() == whole.states[: left.steps + 1].tobytes()
     log = read_log(actions_path(lettuce.result))
     assert log.final_states.shape == (3, 30)
-    for file, episode in zip(lettuce.files, replayed_episodes(log.task(), log, range(3)), strict=True):
+    for file, episode in zip(lettuce.files, replayed_episodes(log.task().scored, log, range(3)), strict=True):
         assert episode_bytes(episode) == file.read_bytes()
         assert episode.provenance.versions["model"] == "greenlight-lettuce-judged-1.0.0"
 
