@@ -295,7 +295,7 @@ def test_both_checkers_are_silent(task: TaskSpec) -> None:
 
 
 def test_deficits_err_with_the_sensors_and_the_light_of_unseen_seasons_is_summed(tmp_path: Path) -> None:
-    text = (data_folder("tasks") / "drafts" / "spring-v1.toml").read_text(encoding="utf-8")
+    text = (data_folder("tasks") / "spring-v1.toml").read_text(encoding="utf-8")
     for old, new in (
         ('id = "glbench/Spring-v1"', 'id = "test/Spring-v1"'),
         ('"weather", ', '"weather", "vapour_deficit", "light_today", '),
