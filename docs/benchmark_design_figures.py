@@ -42,18 +42,22 @@ DRAWS, OTHER_DRAWS, RECORDED = "design", "design, drawn anew", "design, recorded
 """Salts: of the scenarios, of others to show what knowing the first ones is worth under a secret salt, and of the recorded run."""
 
 MY_AGENT, PI, CONSTANT, NOTHING = (
-    f"submissions/{name}.py" for name in ("my_agent", "pi_controller", "constant_setpoints", "do_nothing")
+    str(ROOT / "submissions" / f"{name}.py")
+    for name in ("my_agent", "pi_controller", "constant_setpoints", "do_nothing")
 )
-RULES = ("rule_based_fair", "rule_based_unlit", "rule_based")
+FAIR_UNLIT = "rule_based_fair_unlit"
+"""The unlit rules playing by observations, as rule_based_fair plays the lit ones: a card that is made here."""
 POLICIES = ("ppo", "ppo_tuned")
 """Trained on the paper's task; they play where the observation is the paper's."""
-ACTING = (MY_AGENT, PI, CONSTANT, "rule_based_fair")
+ACTING = (MY_AGENT, PI, CONSTANT, FAIR_UNLIT, "rule_based_fair")
 """Agents that answer an observation with an action, which a recording can replay; rules set controls, and one never acts."""
 LIT = ("rule_based_fair", "rule_based", "ppo_tuned")
 """Agents that spend money on lamps, which never pay at these prices, in all seasons or in some: any task tells them from the others."""
 REFERENCE = "rule_based_unlit"
 """The controller whose score a lead is counted from."""
-FACTOR_AGENTS = (MY_AGENT, PI, "rule_based_fair", "rule_based_unlit")
+MADE = "made"
+"""Folder, in the work folder, of agents that are made here."""
+FACTOR_AGENTS = (MY_AGENT, PI, FAIR_UNLIT, "rule_based_unlit")
 FACTORS = {
     "seasons": (),
     "crop": ("crop",),
@@ -101,14 +105,16 @@ def design(name: str, salt: str, without: Iterable[str] = (), **changes: Any) ->
     )
 
 
-def with_factors(kept: Sequence[str]) -> TaskSpec:
-    """Spring-v1 with some of its factors only; seasons are always unseen."""
+def with_factors(kept: Sequence[str], name: str = "Spring") -> TaskSpec:
+    """Spring-v1, or another family, with some of the factors of Spring-v1 only; seasons are always unseen."""
     written = get_task("glbench/Spring-v1").written()
-    groups = [group for group in written["scenario"]["parameters"] if group["name"] in kept]
-    starts = [group for group in written["scenario"]["start"] if group["name"] in kept]
-    without = [] if "sensors" in kept else ["sensors"]
-    changes = {"scenario.parameters": groups, "scenario.start": starts}
-    return design("Spring", DRAWS, without, **changes)
+    changes = {
+        f"scenario.{kind}": [group for group in written["scenario"][kind] if group["name"] in kept]
+        for kind in ("parameters", "start")
+    }
+    if "sensors" in kept:
+        return design(name, DRAWS, sensors=written["sensors"], **changes)
+    return design(name, DRAWS, ["sensors"] if name == "Spring" else [], **changes)
 
 
 def real(name: str) -> TaskSpec:
@@ -143,7 +149,8 @@ class Job:
         return result
 
     def _agent(self, work: Path) -> str:
-        agent = str(_grower(work, self.agent)) if self.agent in GROWERS else self.agent
+        made = work / MADE / self.agent
+        agent = str(made) if made.is_dir() else self.agent
         if self.recorded is None:
             return agent
         stem = Path(self.agent).stem
@@ -157,20 +164,35 @@ class Job:
         return str(folder)
 
 
-def _grower(work: Path, name: str) -> Path:
-    """Folder of a grower with another page of settings."""
-    folder = work / "growers" / name
-    shipped = ROOT / "baselines" / "grower"
-    page = (shipped / "settings.toml").read_text(encoding="utf-8")
-    for line, other in GROWERS[name].items():
-        if page.count(line) != 1:
-            msg = f"The grower's settings have {page.count(line)} lines '{line.strip()}', and one is to be changed: change GROWERS."
+def make_agents(work: Path) -> None:
+    """Write the folders of agents that are made here: growers with other pages of settings, and the unlit rules that play fair.
+
+    Raises
+    ------
+    ValueError
+        When a line that is to be changed is not there.
+    """
+    baselines = ROOT / "baselines"
+    unlit = work / MADE / FAIR_UNLIT
+    unlit.mkdir(parents=True, exist_ok=True)
+    shutil.copy(baselines / "rule_based_unlit" / "rule_based_unlit.yml", unlit)
+    fair = {"../rule_based/rule_based.yml": "rule_based_unlit.yml"}
+    write_atomically(unlit / "card.toml", _changed(baselines / "rule_based_fair" / "card.toml", fair))
+    for name, lines in GROWERS.items():
+        folder = work / MADE / name
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomically(folder / "settings.toml", _changed(baselines / "grower" / "settings.toml", lines))
+        shutil.copy(baselines / "grower" / "card.toml", folder)
+
+
+def _changed(file: Path, lines: Mapping[str, str]) -> str:
+    text = file.read_text(encoding="utf-8")
+    for line, other in lines.items():
+        if text.count(line) != 1:
+            msg = f"{file} has {text.count(line)} times '{line.strip()}', which is to be changed once. Correct GROWERS."
             raise ValueError(msg)
-        page = page.replace(line, other)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / "settings.toml", page)
-    shutil.copy(shipped / "card.toml", folder)
-    return folder
+        text = text.replace(line, other)
+    return text
 
 
 def jobs() -> list[Job]:
@@ -179,22 +201,31 @@ def jobs() -> list[Job]:
     for name in FAMILIES:
         task, recorded = design(name, DRAWS), design(name, RECORDED)
         setpoints, papers = name == "SpringSetpoints", name in ("SpringYears", "SpringMismatch")
-        agents = ("grower", *GROWERS) if setpoints else (*ACTING, *RULES[1:], NOTHING, *(POLICIES if papers else ()))
+        agents = (
+            ("grower", *GROWERS)
+            if setpoints
+            else (*ACTING, "rule_based_unlit", "rule_based", NOTHING, *(POLICIES if papers else ()))
+        )
         found += [Job(name, task, agent) for agent in agents]
-        acting = ("grower",) if setpoints else (*ACTING, *(POLICIES if name == "SpringYears" else ()))
+        acting = ("grower", "grower_drier") if setpoints else (*ACTING, *(POLICIES if name == "SpringYears" else ()))
         found += [Job(name, task, agent, recorded) for agent in acting]
     found.append(Job("SpringYears", design("SpringYears", DRAWS), "recording"))
     found += [Job("SpringYears real", real("SpringYears"), agent) for agent in REAL_AGENTS]
-    found += [Job("Spring anew", design("Spring", OTHER_DRAWS), agent) for agent in (*ACTING, *RULES[1:])]
+    found += [
+        Job("Spring anew", design("Spring", OTHER_DRAWS), agent)
+        for agent in (*ACTING, "rule_based_unlit", "rule_based")
+    ]
     for factor, kept in FACTORS.items():
         if factor != "all":  # Spring itself
             found += [Job(f"factors {factor}", with_factors(kept), agent) for agent in FACTOR_AGENTS]
+        found.append(Job(f"factors {factor}, paper", with_factors(kept, "SpringMismatch"), "ppo"))
     return found
 
 
 def measure(work: Path, processes: int) -> dict[str, Any]:
     """Score, profit and price of violations of each run [EUR m-2] by label and agent; first days of generated and real seasons."""
     asked = jobs()
+    make_agents(work)
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
         results = list(pool.map(Job.result, asked, [work] * len(asked)))
@@ -350,11 +381,11 @@ def family_table(figures: Mapping[str, Any]) -> str:
 def factor_table(figures: Mapping[str, Any]) -> str:
     """Mean score with seasons alone, what each factor changes, and the spread that it adds."""
     rows = []
-    for agent in (Path(agent).stem for agent in FACTOR_AGENTS):
-        runs = {
-            factor: scores_of(figures, "Spring" if factor == "all" else f"factors {factor}", [agent])[agent]
-            for factor in FACTORS
-        }
+    for agent in (*(Path(agent).stem for agent in FACTOR_AGENTS), "ppo"):
+        labels = {factor: f"factors {factor}, paper" if agent == "ppo" else f"factors {factor}" for factor in FACTORS}
+        if agent != "ppo":
+            labels["all"] = "Spring"
+        runs = {factor: scores_of(figures, label, [agent])[agent] for factor, label in labels.items()}
         seasons = runs.pop("seasons")
         changes = [
             f"{_number(float((with_it - seasons).mean()))} ± {(with_it - seasons).std(ddof=1):.2f}"

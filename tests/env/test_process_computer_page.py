@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 from glbench.tasks.actions import WORKED, set_points
 from glbench.tasks.tables import ProcessComputerTable
 
@@ -29,6 +31,17 @@ def test_the_set_points_are_those_of_the_code() -> None:
     for name, *_, needs, _ in told:
         for control in re.findall(r"`(\w+)`", needs):
             assert name.strip("`") in {action.name for action in set_points((control,))}
+
+
+def test_what_it_converts_is_what_an_action_gives() -> None:
+    heating, told = (
+        set_points(WORKED)[0],
+        dict(re.findall(r"^heating\.(\w+\([\d.]+\))  # ([\d.]+):", PAGE, re.MULTILINE)),
+    )
+    assert {call: float(value) for call, value in told.items()} == {
+        "of(18.0)": pytest.approx(heating.of(18.0)),
+        "value(0.2)": pytest.approx(heating.value(0.2)),
+    }
 
 
 def test_the_settings_are_those_of_the_code() -> None:

@@ -80,7 +80,7 @@ def test_means_are_judged_by_a_model_with_meters_and_the_limits_of_the_task(writ
 
 
 def test_a_limit_that_is_not_stated_is_never_reached(write: Write) -> None:
-    text = (Path(__file__).parents[2] / "tasks" / "drafts" / "lettuce-v1.toml").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "tasks" / "lettuce-v1.toml").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if not line.startswith("co2 = {") or "ppm" not in line]
     task = get_task(write("\n".join(lines).replace('id = "glbench/', 'id = "mylab/')))
     own = task.parameters_by_name()
@@ -106,7 +106,7 @@ def test_what_is_wrong_is_said(write: Write, old: str, new: str, message: str) -
 
 
 def test_means_need_a_limit_and_an_air(write: Write) -> None:
-    text = (Path(__file__).parents[2] / "tasks" / "drafts" / "lettuce-v1.toml").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "tasks" / "lettuce-v1.toml").read_text(encoding="utf-8")
     limits = ("air_temperature = { low", "co2 = { low", "relative_humidity = { low")
     without = "\n".join(line for line in text.splitlines() if not line.startswith(limits))
     with pytest.raises(TaskError, match="no limit to judge by"):
