@@ -84,7 +84,8 @@ def leaderboard(
         if name not in suites:
             msg = f"There is no suite '{name}'.{did_you_mean(name, suites)} There are: {', '.join(suites)}."
             raise ResultError(msg)
-    tables = rank(stored, expected)
+    boards = len({item.board for item in stored})
+    tables = rank(stored if write or show_all or suite else _of_boards(stored, task or []), expected)
     shown = _chosen(tables, stored, task or [], show_all) if task or show_all or not suite else []
     aggregated = suite_tables(stored, expected, tables) if write or suite or show_all else ()
     suites_shown = aggregated if show_all else [table for table in aggregated if table.suite in (suite or [])]
@@ -98,7 +99,7 @@ def leaderboard(
         output().out(json.dumps(json.loads(rows), indent=2), highlight=False)
     else:
         _print(shown, suites_shown, members=members)
-        hidden = len(tables) - len(shown) if shown else 0
+        hidden = boards - len(shown) if shown else 0
         if hidden > 0:
             have = "task has" if hidden == 1 else "tasks have"
             messages().print(f"{hidden} more {have} results: glbench leaderboard --all; over a suite: --suite paper")
@@ -134,21 +135,36 @@ def badge(
     tell(f"Written: {file}")
 
 
+def _of_boards(stored: Sequence[StoredResult], wanted: Sequence[str]) -> Sequence[StoredResult]:
+    """The results of the boards asked for, or of the one that is shown without a wish; all where a name is none of theirs."""
+    if not wanted:
+        board = _usual(stored)
+        return [item for item in stored if item.board == board]
+    boards = {item.board for item in stored}
+    known = {board for board in boards if board in wanted or board.rpartition("/")[2] in wanted}
+    return stored if len(known) < len(set(wanted)) else [item for item in stored if item.board in known]
+
+
+def _usual(stored: Sequence[StoredResult]) -> str:
+    """Board of the user's latest result, else that of the default task."""
+    from glbench.tasks import usual_task
+
+    own = [item for item in stored if not item.released]
+    known = usual_task(item.result.task.id for item in stored)
+    usual = [item for item in stored if item.result.task.id == known]
+    return max(own or usual or stored, key=lambda item: (item.result.created, item.board)).board
+
+
 def _chosen(
     tables: Sequence[TaskTable], stored: Sequence[StoredResult], wanted: Sequence[str], show_all: bool
 ) -> list[TaskTable]:
     """The tables asked for; without a wish that of the user's latest result, else that of the default task."""
-    from glbench.tasks import usual_task
-
     if show_all:
         return list(tables)
     if wanted:
         return _by_names(tables, wanted)
-    own = [item for item in stored if not item.released]
-    known = usual_task(item.result.task.id for item in stored)
-    usual = [item for item in stored if item.result.task.id == known]
-    latest = max(own or usual or stored, key=lambda item: (item.result.created, item.board)).board
-    return [table for table in tables if table.task_id == latest]
+    usual = _usual(stored)
+    return [table for table in tables if table.task_id == usual]
 
 
 def _by_names(tables: Sequence[TaskTable], wanted: Sequence[str]) -> list[TaskTable]:
