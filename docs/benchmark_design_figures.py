@@ -509,13 +509,12 @@ def filled(text: str, figures: Mapping[str, Any]) -> str:
         When a table has no place.
     """
     for name, table in TABLES.items():
-        pattern = rf"(<!-- {name} -->\n).*?(\n?<!-- end -->)"
-        text, times = re.subn(
-            pattern, lambda found, table=table: f"{found[1]}{table(figures)}\n<!-- end -->", text, flags=re.DOTALL
-        )
-        if times != 1:
-            msg = f"The page has {times} places for the table '{name}'; it needs one, between <!-- {name} --> and <!-- end -->."
+        begin, end = f"<!-- {name} -->\n", "<!-- end -->"
+        if text.count(begin) != 1:
+            msg = f"The page has {text.count(begin)} places for the table '{name}'; it needs one, between <!-- {name} --> and {end}."
             raise ValueError(msg)
+        before, rest = text.split(begin)
+        text = f"{before}{begin}{table(figures)}\n{end}{rest.split(end, 1)[1]}"
     return text
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,12 +43,13 @@ def test_no_scenario_is_one_of_the_test() -> None:
         for task in (job.task, job.recorded or job.task):
             assert task.splits is not None
             assert tuple(task.splits.test.years) == (2008, 2009, 2010)
-            assert task.file.scenario.salt in (design.DRAWS, design.OTHER_DRAWS, design.RECORDED)
+            assert task.written()["scenario"]["salt"] in (design.DRAWS, design.OTHER_DRAWS, design.RECORDED)
 
 
 def test_the_recorded_season_is_none_of_the_scenarios() -> None:
     for job in design.jobs():
-        assert job.recorded is None or job.recorded.file.scenario.salt != job.task.file.scenario.salt
+        assert job.recorded is None or job.recorded.written()["scenario"]["salt"] == design.RECORDED
+        assert job.task.written()["scenario"]["salt"] != design.RECORDED
 
 
 def test_profit_less_violations_is_the_score(figures: dict[str, Any]) -> None:
@@ -119,11 +121,12 @@ def recordings(figures: dict[str, Any], family: str) -> dict[str, dict[str, floa
     if family in CONTROLS:
         reference = design.scores_of(figures, family, [design.REFERENCE])[design.REFERENCE]
     found = figures["evaluations"][family]
-    return {
-        agent: design.recorded(*design.scores_of(figures, family, [agent, f"recording_of_{agent}"]).values(), reference)
-        for agent in found
-        if f"recording_of_{agent}" in found
-    }
+    told = {}
+    for agent in found:
+        if f"recording_of_{agent}" in found:
+            own, blind = design.scores_of(figures, family, [agent, f"recording_of_{agent}"]).values()
+            told[agent] = design.recorded(own, blind, reference)
+    return told
 
 
 @pytest.mark.parametrize("family", CONTROLS)
@@ -193,7 +196,7 @@ def test_sensors_cost_rules_that_read_them_more_than_a_euro_and_the_house_costs_
 
 
 def test_generated_seasons_pay_what_real_ones_pay_and_order_agents_alike(figures: dict[str, Any]) -> None:
-    agents = [design.Path(agent).stem for agent in design.REAL_AGENTS]
+    agents = [Path(agent).stem for agent in design.REAL_AGENTS]
     made, real = (design.scores_of(figures, label, agents) for label in ("SpringYears", "SpringYears real"))
     assert sorted(agents, key=lambda agent: made[agent].mean()) == sorted(agents, key=lambda agent: real[agent].mean())
     days, real_days = (np.array(figures["first_days"][label], float) for label in ("SpringYears", "SpringYears real"))
