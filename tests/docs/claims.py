@@ -362,8 +362,6 @@ CLAIMS: dict[str, list[Claim]] = {
     "README.md": [
         ("(`recording`), earn {} on", lambda: mean("recording", 10)),
         ("itself earns {}, and PPO {} (mean", lambda: (mean("ppo_tuned", 10), mean_of_trainings("ppo", 10))),
-        ("they are {} to {} wide", widths),
-        ("PPO lie {} apart and three of SAC {}", lambda: (spread("ppo")[1], spread("sac")[1])),
         ("rewards closer than {} count as equal", lambda: RESOLUTION),
         ("compiled model: {} times as fast", lambda: us("env/reference") / us("vector/512")),
         ("{} states, {} controls", lambda: (len(STATE_NAMES), len(CONTROL_NAMES))),
