@@ -41,9 +41,9 @@ YEARS = [2008, 2009, 2010]
 DRAWS, OTHER_DRAWS, RECORDED = "design", "design, drawn anew", "design, recorded"
 """Salts: of the scenarios, of others to show what knowing the first ones is worth under a secret salt, and of the recorded run."""
 
-MY_AGENT, PI, CONSTANT, NOTHING = (
+MY_AGENT, PI, CONSTANT, NOTHING, ONE_PAGE = (
     str(ROOT / "submissions" / f"{name}.py")
-    for name in ("my_agent", "pi_controller", "constant_setpoints", "do_nothing")
+    for name in ("my_agent", "pi_controller", "constant_setpoints", "do_nothing", "setpoints")
 )
 FAIR_UNLIT = "rule_based_fair_unlit"
 """The unlit rules playing by observations, as rule_based_fair plays the lit ones: a card that is made here."""
@@ -69,6 +69,8 @@ FACTORS = {
 }
 FAMILIES = ("SpringYears", "SpringMismatch", "Spring", "SpringSetpoints")
 REAL_AGENTS = (MY_AGENT, PI, "rule_based_unlit", "ppo")
+CHOICE = {"SpringMismatch": REAL_AGENTS, "Spring": REAL_AGENTS[:-1]}
+"""Among which agents one chooses that knows the draws."""
 GROWERS: Mapping[str, Mapping[str, str]] = {
     "grower_warmer": {
         "day = 19.5": "day = 20.5",
@@ -155,12 +157,12 @@ class Job:
             return agent
         stem = Path(self.agent).stem
         folder = work / "recordings" / f"{self.recorded.short_id}-{stem}" / f"recording_of_{stem}"
-        if not folder.is_dir():
-            where = work / re.sub(r"\W+", "-", f"{self.label} recorded")
-            evaluate(self.recorded, agent, runs=1, out=where)
-            write_recording(
-                result_path(where / TRIALS, self.recorded.id, stem), self.recorded.evaluation.first_seed, folder
-            )
+        where = work / re.sub(r"\W+", "-", f"{self.label} recorded")
+        evaluate(self.recorded, agent, runs=1, out=where)
+        shutil.rmtree(folder, ignore_errors=True)
+        write_recording(
+            result_path(where / TRIALS, self.recorded.id, stem), self.recorded.evaluation.first_seed, folder
+        )
         return str(folder)
 
 
@@ -202,7 +204,7 @@ def jobs() -> list[Job]:
         task, recorded = design(name, DRAWS), design(name, RECORDED)
         setpoints, papers = name == "SpringSetpoints", name in ("SpringYears", "SpringMismatch")
         agents = (
-            ("grower", *GROWERS)
+            ("grower", *GROWERS, ONE_PAGE)
             if setpoints
             else (*ACTING, "rule_based_unlit", "rule_based", NOTHING, *(POLICIES if papers else ()))
         )
@@ -212,8 +214,9 @@ def jobs() -> list[Job]:
     found.append(Job("SpringYears", design("SpringYears", DRAWS), "recording"))
     found += [Job("SpringYears real", real("SpringYears"), agent) for agent in REAL_AGENTS]
     found += [
-        Job("Spring anew", design("Spring", OTHER_DRAWS), agent)
-        for agent in (*ACTING, "rule_based_unlit", "rule_based")
+        Job(f"{name} anew", design(name, OTHER_DRAWS), agent)
+        for name in ("SpringMismatch", "Spring")
+        for agent in CHOICE[name]
     ]
     for factor, kept in FACTORS.items():
         if factor != "all":  # Spring itself
@@ -484,9 +487,12 @@ def detection_table(figures: Mapping[str, Any]) -> str:
 
 def knowing_table(figures: Mapping[str, Any]) -> str:
     """What knowing the draws is worth."""
-    anew = controllers(figures, "Spring anew", lit=True)
-    gains = knowing(*(np.array(list(scores_of(figures, label, anew).values())) for label in ("Spring", "Spring anew")))
-    return _table(["Family", "Public salt", "Secret salt"], [["Spring", *map(_number, gains.values())]])
+    rows = []
+    for name, agents in CHOICE.items():
+        names = [Path(agent).stem for agent in agents]
+        tables = (np.array(list(scores_of(figures, label, names).values())) for label in (name, f"{name} anew"))
+        rows.append([name, *map(_number, knowing(*tables).values())])
+    return _table(["Family", "Public salt", "Secret salt"], rows)
 
 
 TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
