@@ -351,7 +351,7 @@ def found_again() -> float:
 
 CLAIMS: dict[str, list[Claim]] = {
     "docs/benchmark-design.md": [
-        ("best agent, {} numbers, played", lambda: TASK.steps * len(TASK.actuation.controls)),
+        ("best agent, {} numbers, replayed", lambda: TASK.steps * len(TASK.actuation.controls)),
         (
             "earn {} on the default task of the suite `paper`; the agent itself earns {}.",
             lambda: (mean("recording", 10), mean("ppo_tuned", 10)),
