@@ -802,6 +802,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("| 0 | 1600 |", "tests/env/test_process_computer_page.py holds it"),
         ("| 0 | 1000 |", "tests/env/test_process_computer_page.py holds it"),
         ("when it is near (0.02)", "definition: glbench/env/process_computer.py"),
+        ("Switches add 0.0001 [h", "definition: glbench/env/process_computer.py"),
     ],
     "docs/speed.md": [
         ("steps of 300 s", "definition: the length of a step"),
