@@ -177,7 +177,7 @@ def _by_names(tables: Sequence[TaskTable], wanted: Sequence[str]) -> list[TaskTa
 
 
 def _print(shown: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members: bool) -> None:
-    from glbench.leaderboard.tables import SCORE_NOTE, footnotes, kernel_note, seen_notes
+    from glbench.leaderboard.tables import footnotes, kernel_note, score_note, seen_notes
 
     for scores in suites:
         _print_suite(scores)
@@ -185,7 +185,7 @@ def _print(shown: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members:
             if scored.missing:
                 names = ", ".join(task.rpartition("/")[2] for task in scored.missing)
                 _say(f"{scored.agent} is not ranked: it lacks {names}.", style="dim")
-        _say(SCORE_NOTE, style="dim")
+        _say(score_note(scores.tasks), style="dim")
     for table in shown:
         _print_task(table, members=members)
         for row in table.rows:

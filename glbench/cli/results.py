@@ -257,9 +257,9 @@ def compare(
     tasks the p-values are corrected for their number). Of an agent with several trainings (NAME, NAME_seed1, ...) the mean over them
     counts, run by run; NAME_seed1 or a result file means one training.
     """
-    from glbench.leaderboard.comparisons import RESOLUTION
+    from glbench.leaderboard.catalogue import together
     from glbench.leaderboard.pairs import compare_entries, corrected_p_values
-    from glbench.leaderboard.tables import COVERS, OVERALL_NOTE
+    from glbench.leaderboard.tables import OVERALL_NOTE, covers
 
     ours, theirs = _entries(first, task or [], out), _entries(second, task or [], out)
     common = [task_id for task_id in ours if task_id in theirs]
@@ -284,11 +284,13 @@ def compare(
     if len(pairs) > _SENTENCES:
         words = f"In words for the first {_SENTENCES} tasks; --task ID shows every metric of one."
         messages().print(words, style="dim")
-    messages().print(
-        f"Intervals: 95 %, bootstrap over pairs of runs; they and p cover the {COVERS}. Where a task draws nothing, a reward that "
-        f"differs by less than {RESOLUTION:g} differs by rounding, and there is no p-value (–).",
-        style="dim",
-    )
+    words = f"Intervals: 95 %, bootstrap over pairs of runs; they and p cover the {covers(together([pair.words for pair in pairs]))}."
+    if resolution := max(pair.resolution for pair in pairs):
+        words += (
+            f" Where a task draws nothing, a reward that differs by less than {resolution:g} differs by rounding, and there is no "
+            "p-value (–)."
+        )
+    messages().print(words, style="dim", markup=False)
     if any(one.overall is not None for pair in pairs for one in pair.metrics.values()):
         messages().print(OVERALL_NOTE, style="dim", markup=False)
     if most := max((pair.groups for pair in pairs), default=0):

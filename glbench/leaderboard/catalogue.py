@@ -96,12 +96,17 @@ class Item:
 
 @dataclass(frozen=True)
 class Catalogue:
-    """What things are called. ``profit`` is what is earned minus what is paid, in words; ``lead`` and ``caution`` are the page's."""
+    """What things are called. ``profit`` is what is earned minus what is paid, in words; ``lead`` and ``caution`` are the page's.
+
+    ``draws`` is what an interval over runs covers besides one training, and ``beyond`` what it says nothing about.
+    """
 
     metrics: Mapping[str, Metric]
     items: tuple[Item, ...]
     limits: Mapping[str, str]
     lead: str
+    draws: str
+    beyond: str
     caution: str = ""
 
     def known_first(self, names: Iterable[str]) -> list[str]:
@@ -150,12 +155,18 @@ class Drawn:
 def catalogue(*tasks: TaskSpec | None) -> Catalogue:
     """The catalogue of some tasks together; ``None``, or none at all, means a task that is not known: it is taken for the default one."""
     found = [_of_task(task or get_task(PAPER_TASK)) for task in dict.fromkeys(tasks or (None,))]
-    return found[0] if len(found) == 1 else _together(found)
+    return together(found)
 
 
 def of_published(task_ids_: Iterable[str]) -> Catalogue:
     """The catalogue of those among these tasks that are published."""
     return catalogue(*(get_task(task_id) for task_id in task_ids_ if task_id in task_ids()))
+
+
+def has_several_seasons(task: TaskSpec) -> bool:
+    """Whether runs of the task are in different seasons."""
+    scenario = task.scenario
+    return task.splits is not None or scenario.generated is not None or len(scenario.seasons) > 1
 
 
 @cache
@@ -218,15 +229,18 @@ def _of_task(task: TaskSpec) -> Catalogue:
     ]
     places = {name: place for place, item in enumerate(items) for name in (item.money, item.amount)}
     ordered = sorted(metrics.values(), key=lambda metric: (_ORDER.index(metric.kind), places.get(metric.name, 0)))
+    coverage = told["coverage"]["several" if has_several_seasons(task) else "one"]
     lead = (
-        f"Controllers run the same greenhouse through the same season: they earn with {earned or 'nothing'} and pay for {paid or 'nothing'}"
+        f"{coverage['run']}: they earn with {earned or 'nothing'} and pay for {paid or 'nothing'}"
         f"{', while the climate stays within limits' if limits else ''}."
     )
     return Catalogue(
         metrics={metric.name: metric for metric in ordered},
         items=tuple(items),
         limits={name: told["limit"].get(name, {}).get("label", name) for name in limits},
-        lead=told["usual"]["lead"] if usual else lead,
+        lead=told["usual"]["lead"].format(run=coverage["run"]) if usual else lead,
+        draws=coverage["draws"],
+        beyond=coverage["beyond"],
         caution=told["usual"]["caution"] if usual else "",
     )
 
@@ -284,19 +298,25 @@ def unit_sold(item: LedgerItem) -> str:
     return item.amount_unit.removesuffix("m-2").strip()
 
 
-def _together(found: Sequence[Catalogue]) -> Catalogue:
+def together(found: Sequence[Catalogue]) -> Catalogue:
     """Everything that is in one of them; where two explain one metric differently, both."""
+    if len(found) == 1:
+        return found[0]
     metrics: dict[str, Metric] = {}
     for metric in (metric for one in found for metric in one.metrics.values()):
         other = metrics.setdefault(metric.name, metric)
         if metric.explanation not in other.explanation:
             metrics[metric.name] = replace(other, explanation=f"{other.explanation} Or: {metric.explanation}")
     ordered = sorted(metrics.values(), key=lambda metric: _ORDER.index(metric.kind))
+    alike = len({one.draws for one in found}) == 1
+    coverage = {"draws": found[0].draws, "beyond": found[0].beyond} if alike else _words()["coverage"]["both"]
     return Catalogue(
         metrics={metric.name: metric for metric in ordered},
         items=tuple({item.money: item for one in reversed(found) for item in one.items}.values()),
         limits={name: label for one in found for name, label in one.limits.items()},
         lead=found[0].lead,
+        draws=coverage["draws"],
+        beyond=coverage["beyond"],
         caution=" ".join(dict.fromkeys(one.caution for one in found if one.caution)),
     )
 

@@ -55,6 +55,8 @@ class Pair:
     ranks_by: str
     groups: int
     """How many groups the runs fall into, over which there is an interval; 0 where there is none."""
+    resolution: float
+    """Difference of what ranks that rounding can make where the task draws nothing; 0 where none is known."""
     metrics: Mapping[str, MetricPair]
     """Those of this version in their order, then others that a result holds."""
     p_value: float
@@ -127,7 +129,8 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
         ours, theirs = (_values(entry, name, place) for entry, place in zip((one, other), places, strict=True))
         metrics[name] = _metric(words.metric(name, units).unit, ours, theirs, clusters if groups > 1 else None)
     runs = [entry.by_training(ranks_by)[:, place] for entry, place in zip((one, other), places, strict=True)]
-    test = paired_test([runs[0].mean(axis=0)], [runs[1].mean(axis=0)], (resolution_of(ranks_by, task),))
+    resolution = resolution_of(ranks_by, task)
+    test = paired_test([runs[0].mean(axis=0)], [runs[1].mean(axis=0)], (resolution,))
     gaps = {item.money: (metrics[item.money].difference, item.sign) for item in words.items}
     return Pair(
         task_id=one.task_id,
@@ -138,6 +141,7 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
         runs=len(seeds),
         ranks_by=ranks_by,
         groups=groups if groups > 1 else 0,
+        resolution=resolution,
         metrics=metrics,
         p_value=test.p_value,
         favours=test.favours,

@@ -17,6 +17,7 @@ from pydantic import Field
 
 from glbench.leaderboard.catalogue import Catalogue, Metric, catalogue, of_published
 from glbench.leaderboard.comparisons import RESOLUTION
+from glbench.leaderboard.entries import resolution_of
 from glbench.leaderboard.ranking import Estimate, Row, TaskTable
 from glbench.leaderboard.statistics import SCORES, Interval, Published
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 
 PRIVILEGED_MARK, UNSANDBOXED_MARK, REPRODUCED_MARK, RANGE_MARK, SEEN_MARK = "†", "‡", "✓", "↔", "§"
 NONE = "–"
-COVERS = "draws of one season, and one training"
-"""What a 95 % interval over runs is about."""
 OVERALL_NOTE = (
     "Overall 95 %: bootstrap interval of the mean over all that was drawn, and not the runs alone: whole groups of runs, where runs fall "
     "into groups such as years, and trainings, where there are several. From few groups or trainings it is too narrow: from two it "
@@ -43,11 +42,9 @@ FOOTNOTES = (
     "Failed runs count at the task's stated penalty.",
     "CVaR10 is the mean of the worst tenth of the runs in what ranks; of several trainings the mean over them.",
     f"{RANGE_MARK} is no interval but a range: the lowest and the highest of several trainings with different seeds, around their mean. "
-    f"A 95 % interval covers the {COVERS}; another season or another training can lie far outside.",
+    "A 95 % interval covers the {covers}; {beyond} or another training can lie far outside.",
     "Agents that cannot be told apart share a rank: paired Wilcoxon tests on the same seeds (of several trainings the mean run by run), "
     "corrected for their number (Holm), at 5 %.",
-    "Where a task draws nothing, all runs are alike and there is no interval. Closed loops amplify rounding there, so a reward that "
-    f"differs by less than {RESOLUTION:g} counts as the same.",
     "Source: released with glbench; own, evaluated by you; trial, with other seeds than the task's, such as fewer runs, and not ranked.",
     f"{PRIVILEGED_MARK} privileged: sees more than the observations, or acts without the rate limit.",
     f"{UNSANDBOXED_MARK} unsandboxed: ran with all rights of the evaluation, so that nothing but its code tells what it used.",
@@ -55,6 +52,12 @@ FOOTNOTES = (
     "Stated by the file, not checked: decision time (of one decision of one run), training (control steps; 0: not trained, –: not stated), "
     "what the training saw, sandbox.",
 )
+RESOLUTION_NOTE = (
+    "Where a task draws nothing, all runs are alike and there is no interval. Closed loops amplify rounding there, so a reward that "
+    f"differs by less than {RESOLUTION:g} counts as the same."
+)
+RESOLUTION_PLACE = 4
+"""Where it stands among the footnotes of tasks that have such a resolution."""
 _UNITS = (
     ("Reward and penalty have no unit.", False),
     ("A score in EUR/m² is the profit minus what violations of the limits cost.", True),
@@ -73,7 +76,19 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     rows = [row for table in tables for row in table.rows]
     extra = [OVERALL_NOTE] * any(map(_has_overall, rows)) + [SEEN_NOTE] * any(row.saw_scored for row in rows)
     profit = profit or (_PROFIT if name == "Profit" else f"the profit: {_PROFIT}")
-    return [FOOTNOTES[0].format(name=name, profit=profit, units=units), *FOOTNOTES[1:], *extra]
+    words = catalogue(*tasks)
+    notes = [
+        note.format(name=name, profit=profit, units=units, covers=covers(words), beyond=words.beyond)
+        for note in FOOTNOTES
+    ]
+    if any(resolution_of(table.metric, table.task) for table in tables) or not tables:
+        notes.insert(RESOLUTION_PLACE, RESOLUTION_NOTE)
+    return [*notes, *extra]
+
+
+def covers(words: Catalogue) -> str:
+    """What an interval over the runs of one training covers, in tasks with these words."""
+    return f"{words.draws}, and one training"
 
 
 def _has_overall(row: Row) -> bool:
@@ -82,10 +97,16 @@ def _has_overall(row: Row) -> bool:
 
 SCORE_STEP = 0.01
 """Narrower intervals of normalised scores are not shown: another season or training can move a score by more."""
-SCORE_NOTE = (
-    f"Intervals cover the {COVERS}. Where they are narrower than {SCORE_STEP} they are left out: another season or another "
-    f"training can move a score by more than that. {RANGE_MARK}: what the lowest and the highest training of each task make."
-)
+
+
+def score_note(task_ids: Iterable[str]) -> str:
+    """What the intervals of normalised scores over these tasks are."""
+    words = of_published(task_ids)
+    return (
+        f"Intervals cover the {covers(words)}. Where they are narrower than {SCORE_STEP} they are left out: {words.beyond} or another "
+        f"training can move a score by more than that. {RANGE_MARK}: what the lowest and the highest training of each task make."
+    )
+
 
 # Text of result files is chosen by whoever makes them, so it is never trusted.
 
@@ -353,7 +374,7 @@ def suite_markdown(table: SuiteTable) -> list[str]:
         f"Normalised score over the {len(table.tasks)} tasks: 0 is doing nothing, 1 the best known result of each task. "
         "Ranks go by the mean.",
         "",
-        SCORE_NOTE,
+        score_note(table.tasks),
         "",
         *markdown(_score_columns(), table.rows),
         "",

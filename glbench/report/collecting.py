@@ -65,6 +65,8 @@ class Vocabularies:
             "items": [asdict(item) for item in told.items],
             "lead": told.lead,
             "caution": told.caution,
+            "draws": told.draws,
+            "beyond": told.beyond,
             **({} if shown is None else asdict(shown)),
         }
         number = self._numbers.setdefault(json.dumps(words, sort_keys=True), len(self.all))

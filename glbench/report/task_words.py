@@ -423,9 +423,15 @@ def _price_span(task: TaskSpec, name: str) -> str:
     return f"'{name}', {low:g} to {high:g} {table.unit} by {when}"
 
 
+_PRICED_PENALTY = "minus what the violations of the limits cost, each at its price [EUR m-2]"
+
+
 def _reward(task: TaskSpec) -> list[str]:
     modules = task.reward.modules
-    lines = [f"reward = {' + '.join(modules)}", *(f"  {name}: {REWARD_MODULES[name].meaning}." for name in modules)]
+    meanings = {name: REWARD_MODULES[name].meaning for name in modules}
+    if task.violation_prices:
+        meanings |= {name: _PRICED_PENALTY for name in modules if name == "scaled_penalty"}
+    lines = [f"reward = {' + '.join(modules)}", *(f"  {name}: {meaning}." for name, meaning in meanings.items())]
     if {"epi", "scaled_epi"} & set(modules):
         name = "Profit (epi)" if task.violation_prices else "Economic performance EPI"
         lines += [f"{name} [EUR m-2] =", *(f"  {line}" for line in task.ledger.lines())]

@@ -1,4 +1,4 @@
-"""The README's Python examples run as they stand, and its commands exist."""
+"""The Python examples of README and docs/architecture.md run as they stand, and their commands exist."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from glbench.cli.app import main
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+EXAMPLES = re.findall(r"```python\n(.*?)```", README + ARCHITECTURE, re.DOTALL)
 
 
 def test_there_are_examples():

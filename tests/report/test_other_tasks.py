@@ -49,9 +49,7 @@ def test_the_words_of_lettuce_come_from_its_ledger_and_its_model():
     told, shown = catalogue(lettuce_task()), drawn(lettuce_task())
     assert [item.label for item in told.items] == ["Heads", "Heat", "Lamp electricity", "CO₂"]
     assert [item.table for item in told.items] == [False, False, True, False]
-    assert told.lead.startswith(
-        "Controllers run the same greenhouse through the same season: they earn with heads and pay"
-    )
+    assert told.lead.startswith("Controllers run a greenhouse through the same seasons: they earn with heads and pay")
     assert "heads minus heat, lamp electricity and CO₂" in told.profit.explanation
     assert not OF_TOMATOES.search(repr(told))
     assert "heads_gained" in shown.charts["compared"]

@@ -151,6 +151,9 @@ def test_quantities_and_metrics_are_money(money: TaskSpec, plain: TaskSpec) -> N
     section = next(part for part in definition_in_words(money) if part.heading.startswith("Limits"))
     assert section.heading.endswith("judged by the mean distance in every step")
     assert section.rows[0][-1] == "0.0054 EUR m-2 degC-1 h-1"
+    for task, words in ((money, "each at its price [EUR m-2]"), (plain, "each divided by its penalty scale")):
+        reward = next(part for part in definition_in_words(task) if part.heading == "Reward of a step")
+        assert any(line.startswith("  scaled_penalty") and line.endswith(f"{words}.") for line in reward.lines)
     assert figures(money)["limits"][0]["scale"] == pytest.approx(740.74, abs=0.01)
     units = {quantity.name: quantity.unit for quantity in plain.quantities}
     assert (units["reward"], units["penalty"]) == ("-", "-")

@@ -22,6 +22,7 @@ const number = (value, decimals, signed = false) => {
 const withUnit = (value, decimals, unit, signed = false) => number(value, decimals, signed) + (unit ? `\u00a0${unit}` : "");
 // A name that may be broken after an underscore, and nowhere else.
 const breakable = (name) => name.split(/(?<=_)/).flatMap((part, i) => (i ? [h("wbr"), part] : [part]));
+const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 const lower = (label) => label.toLowerCase().replace("co\u2082", "CO\u2082");
 const plural = (count, word) => `${count} ${word}${count === 1 ? "" : "s"}`;
 const sentence = (words) => (words.length < 2 ? words.join("") : `${words.slice(0, -1).join(", ")} and ${words.at(-1)}`);

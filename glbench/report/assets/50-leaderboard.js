@@ -101,7 +101,7 @@ const familyFigure = (family) => {
   })]);
   return [
     h("h2", {}, "How each agent copes with a crop it does not know"),
-    h("p", { class: "soft" }, `${suiteTitle(family.name)}: mean over the runs with its 95 % interval, of several trainings with their range, against delta, the share by which the crop\u2019s properties may be off. Intervals cover the draws of one season and one training. Choose agents below.${names.includes(NOTHING) && hidden.has(NOTHING) ? ` ${NOTHING} is switched off at first: beside it all others would look alike.` : ""}`),
+    h("p", { class: "soft" }, `${suiteTitle(family.name)}: mean over the runs with its 95 % interval, of several trainings with their range, against delta, the share by which the crop\u2019s properties may be off. Intervals cover the ${wordsOf(tasks[0]).draws} and one training. Choose agents below.${names.includes(NOTHING) && hidden.has(NOTHING) ? ` ${NOTHING} is switched off at first: beside it all others would look alike.` : ""}`),
     legend, h("div", { class: "grid three" }, figures),
     h("details", { class: "data" }, h("summary", {}, "These figures as tables"), HEADLINES.map((metric) =>
       plainTable(`${METRICS[metric].label}${METRICS[metric].unit ? `, ${METRICS[metric].unit}` : ""}, mean, by delta`, ["Agent", ...tasks.map((task) => `${task.delta} %`)], rows(metric)))),
@@ -112,7 +112,7 @@ const leaderboardPage = (short) => {
   const task = BY_SHORT[short] ?? TASKS[D.start], rows = ranked(task.id), family = familyOf(task.id);
   const best = rows[0].result;
   const table = sortable({
-    caption: `${task.title}: mean over ${plural(best.seeds.length, "seeded run")}${pricesDiffer(task) ? ", at other prices" : ""}. Bars show 95 % intervals over the draws of one season and one training, of several trainings (hollow) the range from the lowest to the highest; an arrow is off their scale.`,
+    caption: `${task.title}: mean over ${plural(best.seeds.length, "seeded run")}${pricesDiffer(task) ? ", at other prices" : ""}. Bars show 95 % intervals over the ${wordsOf(task).draws} and one training, of several trainings (hollow) the range from the lowest to the highest; an arrow is off their scale.`,
     columns: rankColumns(task, rows, () => table.fill()), rows, state: rankState,
     below: (row) => (unfolded.has(row.result.agent) ? trainingsOf(row.result).map((result) => ({ result, rank: null })) : []), className: "ranks", rowClass: (row) => (row.result.member_of ? "member" : row.rank === null ? "unranked" : null),
   });

@@ -28,7 +28,7 @@ const scoreTable = (suite) => {
     };
   };
   return sortable({
-    caption: `${suiteTitle(suite.name)}: normalised scores over ${plural(suite.tasks.length, "task")} and all their runs. 0 is doing nothing, 1 the best known result of each task. Numbers below a score are the lowest and the highest training (\u2194), or a 95 % interval over draws of one season; intervals narrower than ${D.score_step} are left out, because another season or another training can move a score by more.`,
+    caption: `${suiteTitle(suite.name)}: normalised scores over ${plural(suite.tasks.length, "task")} and all their runs. 0 is doing nothing, 1 the best known result of each task. Numbers below a score are the lowest and the highest training (\u2194), or a 95 % interval over ${wordsOf(suite).draws}; intervals narrower than ${D.score_step} are left out, because ${wordsOf(suite).beyond} or another training can move a score by more.`,
     rows, state: overallState, className: "ranks scores", rowClass: (row) => (row.rank === null ? "unranked" : null),
     columns: [
       { key: "rank", label: "#", value: (row) => row.rank, start: "ascending", className: "rank", explain: otherWords("Rank"), cell: (row) => h("td", { class: "rank" }, row.rank ?? "\u2013") },
@@ -102,7 +102,7 @@ const profilePart = (suite) => {
   const shareAbove = (name, wanted) => suite.profiles[name][0][Math.max(0, suite.thresholds.findLastIndex((value) => value <= wanted + 1e-9))];
   return [
     h("h2", {}, "How often does an agent reach a score?"),
-    h("p", { class: "soft" }, "Go along the scores: the height of a line is the share of an agent\u2019s runs that score more than that, averaged over the tasks (a performance profile), the band its 95 % interval over the draws of one season and these trainings. A line that is higher everywhere belongs to the better agent; a slow fall means luck, a sudden one a steady hand."),
+    h("p", { class: "soft" }, `Go along the scores: the height of a line is the share of an agent\u2019s runs that score more than that, averaged over the tasks (a performance profile), the band its 95 % interval over the ${wordsOf(suite).draws} and these trainings. A line that is higher everywhere belongs to the better agent; a slow fall means luck, a sudden one a steady hand.`),
     legend, h("div", { class: "fields tight" }, lens), h("figure", {}, place),
     h("details", { class: "data" }, h("summary", {}, "This figure as a table"), plainTable("Share of runs with a score above", ["Agent", ...shares.map((value) => number(value, 2))], Object.keys(suite.profiles).map((name) => [breakable(name), ...shares.map((value) => `${number(shareAbove(name, value) / 10, 0)}\u00a0%`)]))),
   ];
@@ -118,7 +118,7 @@ const improvementPart = (suite, chosen) => {
   const words = (p) => (p[1] > 0.5 ? "more often better" : p[2] < 0.5 ? "more often worse" : "not told apart");
   return [
     h("h2", {}, "Who beats whom?"),
-    h("p", { class: "soft" }, "The probability that a run of one agent scores above a run of another on the same task, averaged over the tasks, with its 95 % interval over the draws of one season; of several trainings any may be drawn. 50 % is a draw. It says how often, not by how much, and nothing about other seasons or trainings."),
+    h("p", { class: "soft" }, `The probability that a run of one agent scores above a run of another on the same task, averaged over the tasks, with its 95 % interval over the ${wordsOf(suite).draws}; of several trainings any may be drawn. 50 % is a draw. It says how often, not by how much, and nothing about ${wordsOf(suite).beyond} or another training.`),
     h("div", { class: "fields" }, agentField("This agent", one, (value) => go("overall", suite.name, value), agents, "choose-improver")),
     h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Probability of improvement" }, h("table", { class: "odds" },
       h("caption", {}, h("span", {}, `How often a run of ${one} beats a run of the others`)),

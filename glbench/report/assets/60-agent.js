@@ -123,7 +123,7 @@ const earned = (result, task) => {
   return [
     h("h2", {}, "What it earned, and where"),
     h("dl", { class: "tiles" }, tiles),
-    h("p", { class: "small soft" }, result.members ? "Below each mean: the lowest and the highest training." : "Below each mean: its 95 % interval over the draws of one season, for this one training. Another season or another training can lie far outside."),
+    h("p", { class: "small soft" }, result.members ? "Below each mean: the lowest and the highest training." : `Below each mean: its 95 % interval over the ${wordsOf(task).draws}, for this one training. ${capital(wordsOf(task).beyond)} or another training can lie far outside.`),
     uncertaintyPart(result, task),
     h("div", { class: "grid two" },
       chart(captionOf(`From ${sentence(sold.map((item) => lower(item.label))) || "cost"} to profit`, "EUR/m\u00b2, mean over the runs"), build, { height: 260, says: say([...items.map((item) => item.money), PROFIT]) }),

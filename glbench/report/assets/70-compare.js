@@ -35,7 +35,7 @@ const difference = (one, two, metric) => {
 const verdict = (one, two, task) => {
   const profit = difference(one, two, PROFIT), reward = difference(one, two, SCORE), penalty = difference(one, two, PENALTY);
   const clear = profit.low !== null && profit.high > profit.low && profit.low * profit.high > 0;
-  const sure = number(profit.low, 2) !== number(profit.high, 2) ? ` (95 % interval over the draws of this season ${number(profit.low, 2, true)} to ${number(profit.high, 2, true)})` : "";
+  const sure = number(profit.low, 2) !== number(profit.high, 2) ? ` (95 % interval over the ${wordsOf(task).draws} ${number(profit.low, 2, true)} to ${number(profit.high, 2, true)})` : "";
   return [
     h("b", {}, one.agent), ` earns `, h("b", { class: profit.mean >= 0 ? "gain" : "loss" }, withUnit(Math.abs(profit.mean), 2, "EUR/m\u00b2")), ` ${profit.mean >= 0 ? "more" : "less"} than `, h("b", {}, two.agent),
     `${sure}${clear || !(profit.high > profit.low) ? "" : ", which may be chance"}. ${inMoney(task, PENALTY) ? `Its violations cost ${amountOf(task, PENALTY, Math.abs(penalty.mean))} ${penalty.mean >= 0 ? "more" : "less"}` : `Its penalty is ${amountOf(task, PENALTY, Math.abs(penalty.mean))} ${penalty.mean >= 0 ? "higher" : "lower"}`}, its ${lower(wordsOf(task).metric[SCORE].label)} is ${amountOf(task, SCORE, Math.abs(reward.mean))} ${reward.mean >= 0 ? "higher" : "lower"}, over ${plural(profit.shared, "shared seed")}.`,
@@ -63,7 +63,7 @@ const byItem = (one, two, task) => {
     h("h2", {}, "By item"),
     h("div", { class: "grid two" },
       chart(captionOf(`${one.agent} minus ${two.agent}`, "EUR/m\u00b2; to the right, A is better"), build, { height: 460, says: gaps.map((gap) => `${gap.label} ${number(gap.value, 2, true)}`).join(", ") }),
-      plainTable(`A is ${one.agent}, B is ${two.agent}; differences with 95 % intervals over shared seeds: draws of one season, these trainings (\u2013: narrower than the digits shown)`, ["", "A", "B", "A \u2212 B", "95 % interval"], rows)),
+      plainTable(`A is ${one.agent}, B is ${two.agent}; differences with 95 % intervals over shared seeds: ${wordsOf(task).draws}, these trainings (\u2013: narrower than the digits shown)`, ["", "A", "B", "A \u2212 B", "95 % interval"], rows)),
   ];
 };
 

@@ -72,6 +72,6 @@ const guidePage = () => ({
     h("dl", { class: "words" }, D.other_words.map(([word, meaning]) => [h("dt", {}, word), h("dd", {}, meaning)])),
     h("h2", {}, "What not to read out of it"),
     h("p", {}, `A model is no greenhouse: it knows no pests, no labour and no broken pump. ${[...new Set(WORDS.map((words) => words.caution).filter(Boolean))].map((words) => `${words} `).join("")}Where nothing is random, all runs are alike and there is no interval; small roundings grow in a closed loop, so ${D.tasks.every((task) => inMoney(task, SCORE)) ? "small differences" : "differences of a few units of reward"} mean nothing there.`),
-    h("p", {}, "An interval covers the draws of one season for one training. How an agent does in another year, or how another training of it would do, it cannot say: where several trainings were made, their range shows how much that matters."),
+    h("p", {}, "An interval covers the draws of a task\u2019s season, or of seasons of the same years, for one training. How an agent does in another year, or how another training of it would do, it cannot say: where several trainings were made, their range shows how much that matters."),
   ],
 });
