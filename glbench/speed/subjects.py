@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from glbench.errors import UnknownNameError, did_you_mean
 from glbench.kernel import Kernel, make_kernel
 from glbench.model import TOMATO, default_parameters, initial_state
+from glbench.tasks import DEFAULT_TASK
 from glbench.weather import disturbances, load_weather
 
 Array = NDArray[np.float64]
@@ -212,10 +213,10 @@ def _environment(preset: str) -> Work:
     return work
 
 
-def _vector(count: int) -> Work:
+def _vector(count: int, task: str = TASK) -> Work:
     from glbench.env import GreenhouseVectorEnv
 
-    envs = GreenhouseVectorEnv(TASK, count, kernel=make_kernel(TOMATO, STEP_SECONDS, preset="standard"))
+    envs = GreenhouseVectorEnv(task, count, kernel="standard")
     steps = max(16, min(192, 8192 // count))
     shape = (steps, *(envs.action_space.shape or ()))
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, shape).astype(np.float32)
@@ -254,6 +255,8 @@ def _subjects() -> Iterator[Subject]:
     for count in (8, 64, 512, 4096):
         words = f"{count:,} environments, standard"
         yield Subject(f"vector/{count}", words, partial(_vector, count), quick=count == 512)
+    words = "512 environments of the default task, standard"
+    yield Subject("vector/512-default", words, partial(_vector, 512, DEFAULT_TASK), quick=True)
 
 
 SUBJECTS: tuple[Subject, ...] = tuple(sorted(_subjects(), key=lambda one: list(GROUPS).index(one.group)))
