@@ -35,7 +35,7 @@ def write_short_task(folder: Path, name: str, *, days: int) -> Path:
 
 LETTUCE = """
 schema = 2
-id = "test/Lettuce-v1"
+id = "test/Salad-v1"
 title = "Two days of lettuce"
 description = "Of a task of schema 2, all that published tasks have not."
 suites = []
@@ -56,7 +56,7 @@ kind = "young_lettuce"
 air_temperature = { value = 15.0, unit = "degC" }
 
 [scenario]
-family = "test/Lettuce"
+family = "test/Salad"
 years = [2010, 2011, 2012]
 start_within_days = 14
 

@@ -31,10 +31,10 @@ FAILING = """
 
 
 def write_lettuce_task(folder: Path, *, days: int, more: tuple[tuple[str, str], ...] = ()) -> Path:
-    """The lettuce task, cut to some days of 24 steps and three runs, as ``test/Lettuce-v1``, with further replacements."""
+    """The lettuce task, cut to some days of 24 steps and three runs, as ``test/Salad-v1``, with further replacements."""
     text = (data_folder("tasks") / "lettuce-v1.toml").read_text(encoding="utf-8")
     cut = (
-        ('id = "glbench/Lettuce-v1"', 'id = "test/Lettuce-v1"'),
+        ('id = "glbench/Lettuce-v1"', 'id = "test/Salad-v1"'),
         ("days = 50", f"days = {days}"),
         ("step_seconds = 900", "step_seconds = 3600"),
         ("runs = 30", "runs = 3"),

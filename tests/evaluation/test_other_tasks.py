@@ -104,7 +104,7 @@ def test_a_privileged_controller_sees_state_weather_and_clock_of_each_run(lettuc
 def test_a_controller_of_another_model_says_so(lettuce: TaskSpec) -> None:
     with pytest.raises(
         SubmissionError,
-        match=r"reads the state of greenlight-tomato-1\.0\.0, and test/Lettuce-v1 has greenlight-lettuce",
+        match=r"reads the state of greenlight-tomato-1\.0\.0, and test/Salad-v1 has greenlight-lettuce",
     ):
         evaluate(lettuce, "rule_based")
 

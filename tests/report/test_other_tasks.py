@@ -25,7 +25,7 @@ from tests.support import lettuce_task, write_lettuce_task
 
 __all__ = ["browser", "visit"]
 OF_TOMATOES = re.compile("tomato|fruit", re.IGNORECASE)
-LETTUCE_ID, DAYS_ID = "test/Lettuce-v1", "test/Days-v1"
+LETTUCE_ID, DAYS_ID = "test/Salad-v1", "test/Days-v1"
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +123,7 @@ def test_the_page_has_the_words_of_each_task_once(made):
     assert tasks[DAYS_ID]["hourly_prices"] == {}
 
 
-VIEWS = ("#/Lettuce-v1", "#/agent/lavish/Lettuce-v1", "#/compare/lavish/thrifty/Lettuce-v1", "#/task/Lettuce-v1")
+VIEWS = ("#/Salad-v1", "#/agent/lavish/Salad-v1", "#/compare/lavish/thrifty/Salad-v1", "#/task/Salad-v1")
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine to look at the page with")
@@ -142,7 +142,7 @@ def test_no_view_of_lettuce_speaks_of_tomatoes(visit, view):
 def test_a_tariff_is_tried_as_a_whole_and_other_tasks_keep_their_prices(visit, made):
     page = visit("#/Days-v1")
     tomatoes = column(page, "Profit (EPI)")
-    page = visit("#/Lettuce-v1")
+    page = visit("#/Salad-v1")
     results = {name: item.result.summary.mean for name, item in stored_of(made, LETTUCE_ID).items()}
     assert results["lavish"]["cost_electricity"] > 0.0
     change_price(page, "cost_electricity", 3)
