@@ -56,7 +56,7 @@ kind = "young_lettuce"
 air_temperature = { value = 15.0, unit = "degC" }
 
 [scenario]
-family = "test/Salad"
+family = "test/Lettuce"
 years = [2010, 2011, 2012]
 start_within_days = 14
 

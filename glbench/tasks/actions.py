@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.model.controls import Controls
+from glbench.model.quantities import table_of
 
 HEATING, VENTILATION, CO2, HUMIDITY = (
     "heating_temperature",
@@ -22,9 +24,9 @@ HEATING, VENTILATION, CO2, HUMIDITY = (
 LAMPS_FROM, LAMPS_UNTIL, LAMP_RADIATION = "lamps_from", "lamps_until", "lamp_radiation_limit"
 SCREEN_RADIATION, SCREEN_OUTDOOR = "screen_radiation_limit", "screen_outdoor_temperature"
 
-BOILER, DOSING, SCREEN, VENTS, LAMPS, BLACKOUT = "uBoil", "uCo2", "uThScr", "uVent", "uLamp", "uBlScr"
-WORKED = (BOILER, DOSING, SCREEN, VENTS, LAMPS, BLACKOUT)
-"""The controls that a process computer can work."""
+WORKED = tuple(entry.name for entry in table_of(Controls))
+"""The controls that a process computer can work: the equipment of the GreenLight greenhouse."""
+BOILER, DOSING, SCREEN, VENTS, LAMPS, BLACKOUT = WORKED
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from glbench.tasks import DEFAULT_TASK
 from tests.cli.command_line import Command
 
 
@@ -71,6 +72,8 @@ def test_names_that_cannot_be_shown_are_refused_and_cannot_steer_a_terminal(
 def test_the_template_of_a_model_comes_with_one_that_runs(glbench: Command, here: Path) -> None:
     written = glbench("submit", "new", "learner", "--kind", "sb3")
     assert "learner/model.zip" in written.err
-    answer = glbench("evaluate", "learner", "--task", "day.toml", "--json")
+    short = f'schema = 2\nbase = "{DEFAULT_TASK}"\nid = "test/Short-v1"\ntitle = "A day"\nweather.days = 1\nevaluation.runs = 3\n'
+    (here / "short.toml").write_text(short, encoding="utf-8")
+    answer = glbench("evaluate", "learner", "--task", "short.toml", "--json")
     assert answer.code == 0, answer.err
     assert json.loads(answer.out)["summary"]["ok"] == 3

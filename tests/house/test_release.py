@@ -13,6 +13,7 @@ from glbench.agents.identity import baseline_names
 from glbench.errors import ResultError
 from glbench.evaluation import Result, load_result, result_path, save_result
 from glbench.evaluation.records import GitState
+from glbench.evaluation.sandbox.choosing import EXAMPLES
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMIT = GitState(commit="c" * 40, dirty=False)
@@ -46,7 +47,8 @@ def test_every_released_result_and_every_built_in_agent_is_planned(release):
     jobs = release.plan()
     released = [file for file in (ROOT / "reports/released/results").rglob("*.json") if "proof" not in file.name]
     assert len([job for job in jobs if job.released is not None]) == len(released)
-    assert {job.agent for job in jobs} == {*baseline_names(), "do_nothing"}
+    set_points = {"grower", "setpoints"}  # that no published task asks for
+    assert {job.agent for job in jobs} == {*baseline_names(), *EXAMPLES} - set_points
     assert {job.ref for job in jobs if job.agent == "do_nothing"} == {str(ROOT / "submissions" / "do_nothing.py")}
 
 

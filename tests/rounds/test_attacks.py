@@ -150,7 +150,7 @@ def test_a_commitment_changed_with_all_digests_of_the_result_does_not_fit_the_re
         # Public draws, which one knows, said to be the round's: told even before the reveal.
         ("public", SECRET.commitment, "refuted", SECRET, "refuted"),
         # Secret draws, in which one had luck, said to be public.
-        ("sealed", None, "refuted", SECRET, "unknown"),
+        ("sealed", None, "refuted", SECRET, "refuted"),
     ],
 )
 def test_draws_that_are_not_those_claimed_are_refuted(

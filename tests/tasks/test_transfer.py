@@ -12,11 +12,11 @@ from glbench.env import GreenhouseEnv
 from glbench.env.scenario import RunScenarios, run_weather
 from glbench.errors import TaskError
 from glbench.evaluation import evaluate
-from glbench.tasks import get_task, list_drafts, task_card
+from glbench.tasks import get_task, list_tasks, task_card
 from tests.evaluation.agent_files import AgentWriter, agent_writer
 
 BASE = "glbench/Spring-v1"
-TRANSFER = [task.id for task in list_drafts() if "transfer" in task.suites]
+TRANSFER = [task.id for task in list_tasks() if "transfer" in task.suites]
 CLIMATES = {"Greensboro": "greensboro", "SandPoint": "sand_point", "Miami": "miami"}
 HOUSES = {"HPS2021": "hps_2021", "LED2021": "led_2021"}
 

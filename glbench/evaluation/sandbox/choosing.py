@@ -21,7 +21,7 @@ EXAMPLES: Final = {
     "do_nothing": "e34b67062b3766e7a1b86cda789d2c914d3dd79903644492001428d24363ba7f",
     "my_agent": "ba408deb1c674625d6159ecae8a43357fe56eabb27f2be95b7513351d89098e3",
     "pi_controller": "5dc7c819766dfdaa818e9ad939e5852b9a82a9aa233aa8321f9cb6ff7b578c1a",
-    "setpoints": "9903f2b0bef28d4ead44284855fb99840e00bf8acdf8f6416c46f75d478f1117",
+    "setpoints": "146bded6f6cecb3b680bc5b0d47c425a4cd19a27b81fa2ca3cda7a7b062df648",
 }
 """Examples that come with glbench, by name, and the digests that they have as long as nobody changed them."""
 
