@@ -167,6 +167,8 @@ def one_line(text: str) -> str:
     ValueError
         When it holds a character that steers a terminal or ends the line.
     """
+    if text.isascii() and text.isprintable():  # as nearly all
+        return text
     strange = next((letter for letter in text if steers(letter)), None)
     if strange is not None:
         msg = f"the character U+{ord(strange):04X} cannot be shown"
