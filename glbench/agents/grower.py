@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from glbench.agents.card import read_toml
 from glbench.agents.rule_based_fair import clock_from
 from glbench.errors import ShapeError, SubmissionError, did_you_mean
-from glbench.tasks import actions as names
+from glbench.tasks import set_points as names
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard

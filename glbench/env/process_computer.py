@@ -15,7 +15,7 @@ import numpy as np
 
 from glbench.env.logic import at_least, below, both, held_switch, select, share, switch, within
 from glbench.errors import TaskError
-from glbench.tasks.actions import (
+from glbench.tasks.set_points import (
     BLACKOUT,
     BOILER,
     CO2,

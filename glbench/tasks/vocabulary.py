@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.tasks import quantities as tables
-from glbench.tasks.actions import Action, set_points
+from glbench.tasks.actions import Action
 from glbench.tasks.quantities import QuantityTable
 
 if TYPE_CHECKING:
@@ -183,6 +183,13 @@ for _module in (
 ):
     OBSERVATION_MODULES.add(_module)
 
+
+def _set_points(controls: tuple[str, ...]) -> tuple[Action, ...]:
+    from glbench.tasks.set_points import set_points  # with the model, which a submission's card does without
+
+    return set_points(controls)
+
+
 for _kind in (
     ActuationKind(
         "rate", "an action from -1 to 1 moves its control by up to max_change a step, within 0 and 1", -1.0, 1.0
@@ -197,7 +204,7 @@ for _kind in (
         "process_computer",
         "set points, from -1 for the lowest to 1 for the highest, by which a process computer works the controls, each by at most "
         "max_change a step",
-        own=set_points,
+        own=_set_points,
     ),
 ):
     ACTUATION_KINDS.add(_kind)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from glbench.tasks.actions import WORKED, set_points
+from glbench.tasks.set_points import WORKED, set_points
 from glbench.tasks.tables import ProcessComputerTable
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
