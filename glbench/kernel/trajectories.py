@@ -344,13 +344,14 @@ def reverse_by_steps(
     count = len(rows.x)
     firsts = np.arange(0, count, max(steps, 1))
     x_next, failed = np.empty_like(rows.x), np.zeros(count, dtype=np.bool_)
-    gradients: dict[str, FloatArray] = {}
+    sizes = {key: table.shape[1] for key, table in rows._asdict().items() if parameters or key != "p"}
+    gradients = {key: np.zeros((count, size)) for key, size in sizes.items()}
     costates = cotangents.copy()
     for step in reversed(range(steps)):
         now = firsts + step
         found = differentiator.reverse(rows.chosen(now), costates[now], parameters=parameters)
         for key, gradient in found.gradients.items():
-            gradients.setdefault(key, np.zeros((count, gradient.shape[1])))[now] = gradient
+            gradients[key][now] = gradient
         x_next[now], failed[now] = found.x_next, found.failed
         if step:
             costates[now - 1] += found.gradients["x"]
