@@ -73,14 +73,17 @@ def as_horizons(names: Names, x0: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayL
         raise ShapeError(_wrong_shape("states x0", x.shape, f"({size['x']},) or (horizons, {size['x']})"))
     count = None if x.ndim == 1 else len(x)
     table = given["u"]
-    steps = table.shape[-2] if table.ndim > 1 else 0
+    if table.ndim not in (2, 3):
+        wanted = f"(steps, {size['u']})" + ("" if count is None else f" or ({count}, steps, {size['u']})")
+        raise ShapeError(_wrong_shape("controls u", table.shape, wanted))
+    steps = table.shape[-2]
     tables = {key: by_horizon(f"{_KINDS[key]}s {key}", given[key], count, (steps, size[key])) for key in "ud"}
     horizons = Horizons(np.atleast_2d(x), tables["u"], tables["d"], _parameters(given["p"], count, steps, size["p"]))
     for key, values in given.items():
         if not all_finite(values):
             _refuse_non_finite(names, key, getattr(horizons, key))
-    if table.size and not (table.min() >= 0.0 and table.max() <= 1.0):
-        controls = horizons.u
+    controls = horizons.u
+    if controls.size and not (controls.min() >= 0.0 and controls.max() <= 1.0):
         horizon, step, column = np.argwhere((controls < 0.0) | (controls > 1.0))[0]
         msg = (
             f"Control {names['u'][column]} of horizon {horizon}, step {step} is {controls[horizon, step, column]!r}; "

@@ -180,6 +180,7 @@ def test_wrong_inputs_are_explained(tanks: tuple[Array, Array, Array, Array]) ->
     path = kernel.linearise_trajectory(x0, u, d, p)
     wrong: list[tuple[type[GlbenchError], str, Callable[[], object]]] = [
         (ShapeError, r"states x0 of a rollout have the shape \(3,\)", lambda: kernel.rollout(x0[:, 0], u, d, p)),
+        (ShapeError, r"controls u .*\(5,\); expected \(steps, 1\) or \(3, steps, 1\)", lambda: kernel.rollout(x0, u[0, :, 0], d, p)),
         (ShapeError, r"controls u .*\(3, 5, 1\); expected \(5, 1\)\.", lambda: kernel.rollout(x0[0], u, d[0], p[0])),
         (ShapeError, r"disturbances d .*\(4, 1\); expected \(5, 1\)\.", lambda: kernel.rollout(x0[0], u[0], d[0, :4], p[0])),
         (ShapeError, r"parameters p .*\(5, 4\); expected .*one row a horizon", lambda: kernel.rollout(x0, u, d, p[0])),
