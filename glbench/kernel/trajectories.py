@@ -101,15 +101,15 @@ class Trajectory:
         Parameters
         ----------
         du, dd : array_like, optional
-            Changes of controls (T, controls) and disturbances (T, disturbances); for a batch, one for all or with a leading axis of
-            n. Held without.
+            Changes of controls (T, controls) and disturbances (T, disturbances) in their units; for a batch, one for all or with a
+            leading axis of n. Inputs without one are held.
         dx0 : array_like, optional
             Change of the state at the start (states,); for a batch, one for all or (n, states).
 
         Returns
         -------
         ndarray
-            Changes of the states (T + 1, states); the first is ``dx0``.
+            Changes of the states (T + 1, states) in their units; the first is ``dx0``.
 
         Raises
         ------

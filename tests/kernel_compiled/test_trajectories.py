@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import shutil
 from dataclasses import astuple, replace
 
 import numpy as np
@@ -93,6 +94,18 @@ def test_any_number_of_lanes_gives_the_same_bits(batch: Inputs, width: int) -> N
     for preset in ("fast", "reference"):
         expected = joined(everything(own_kernel(900.0, preset), batch))
         assert joined(everything(own_kernel(900.0, preset, width=width), batch)) == expected
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["clang++", "g++ -mno-avx512f"])
+def test_other_compilers_and_instruction_sets_give_the_same_bits(
+    batch: Inputs, command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if shutil.which(command.split()[0]) is None:
+        pytest.skip(f"{command} is not installed")
+    expected = joined(everything(own_kernel(900.0, "fast"), batch))
+    monkeypatch.setenv("CXX", command)
+    assert joined(everything(own_kernel(900.0, "fast"), batch)) == expected
 
 
 def test_changes_and_gradients_are_those_of_the_numerical_rollout(day: Season, parameters: Array) -> None:
