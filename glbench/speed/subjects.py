@@ -38,7 +38,7 @@ GROUPS = {
     "rows": "cost of a step against the size of the batch",
     "threads": "4,096 greenhouses on one and two threads (time on the wall)",
     "horizon": "cost of a step against the length of the season",
-    "trajectory": "whole horizons of one greenhouse in one call, fast (CVODES: a step without derivatives)",
+    "trajectory": "a whole horizon in one call, fast (CVODES: plain steps)",
     "paper": "the setting of the paper: steps of 300 s, 10 days from 1 October 2009",
     "paper-batch": "the same steps, 512 greenhouses at once",
     "env": "the Gymnasium environment: 22 observations, reward, info, parameters redrawn at every step",
