@@ -1,5 +1,7 @@
 """Draws docs/images/speed.svg and fills the tables of docs/speed.md: ``python docs/speed_figure.py docs/measurements/speed.json``.
 
+With another page behind the record, fills the tables of that page and draws nothing.
+
 The chart continues the one of the benchmark's paper: steps of 300 s in a second of one core, ten days from October 2009. What the paper
 states is written here; everything of glbench comes from the record.
 """
@@ -28,8 +30,9 @@ def main(arguments: list[str]) -> int:
     """Write picture and tables."""
     record = read_record(Path(arguments[0]))
     here = Path(__file__).parent
-    (here / "images" / "speed.svg").write_text(picture(record), encoding="utf-8")
-    page = here / "speed.md"
+    page = Path(arguments[1]) if len(arguments) > 1 else here / "speed.md"
+    if page.name == "speed.md":
+        (here / "images" / "speed.svg").write_text(picture(record), encoding="utf-8")
     page.write_text(filled(page.read_text(encoding="utf-8"), record), encoding="utf-8")
     return 0
 

@@ -11,6 +11,7 @@ from glbench.kernel.kernel import Kernel, make_kernel
 from glbench.kernel.records import BoundStep, Rows, StepFailure
 from glbench.kernel.reduced import state_scale
 from glbench.kernel.sensitivities import Adjoint, Linearisation
+from glbench.kernel.trajectories import RolloutError, Trajectory, TrajectoryGradient
 
 __all__ = [
     "BACKENDS",
@@ -19,8 +20,11 @@ __all__ = [
     "BoundStep",
     "Kernel",
     "Linearisation",
+    "RolloutError",
     "Rows",
     "StepFailure",
+    "Trajectory",
+    "TrajectoryGradient",
     "available",
     "make_kernel",
     "state_scale",

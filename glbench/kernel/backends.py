@@ -11,6 +11,7 @@ from typing import Protocol
 
 from glbench.errors import UnknownNameError, did_you_mean
 from glbench.kernel.environment import Environments, Program
+from glbench.kernel.horizons import Horizons
 from glbench.kernel.records import BoundStep, Description, FloatArray, Rows, StepFailure
 from glbench.kernel.sensitivities import Differentiator
 from glbench.kernel.sundials import CvodesBackend
@@ -33,6 +34,10 @@ class Backend(Protocol):
 
     def bind(self, rows: Rows, out: FloatArray) -> BoundStep:
         """A step of these very rows, which are not checked again."""
+        ...
+
+    def walk(self, horizons: Horizons, states: FloatArray) -> int:
+        """Step checked horizons: write ``states`` (T + 1, n, states), whose first is there; gives how many steps all of them took."""
         ...
 
     def describe(self) -> Description:

@@ -12,12 +12,14 @@ import numpy.typing as npt
 from glbench.errors import ShapeError, StepError, whole_number
 from glbench.kernel.backends import make_backend
 from glbench.kernel.environment import Environments, Program
+from glbench.kernel.horizons import Horizons
 from glbench.kernel.records import BoundStep, Description, FloatArray, Rows, StepFailure, as_rows, bound_rows
-from glbench.kernel.sensitivities import Differentiable, Differentiator
+from glbench.kernel.sensitivities import Differentiator
+from glbench.kernel.trajectories import Trajectories
 from glbench.model import Model
 
 
-class Kernel(Differentiable):
+class Kernel(Trajectories):
     """x(t + h) from x(t) with controls, weather and parameters held constant in between.
 
     Row i of a batch gives the same bits as the row stepped alone, whatever the other rows and earlier calls were. Not
@@ -129,6 +131,10 @@ class Kernel(Differentiable):
         """Like ``try_step``, for a caller who has checked the rows already: nothing is looked at again."""
         out = np.empty_like(rows.x)
         return out, self._backend.advance(rows, out)
+
+    def walk(self, horizons: Horizons, states: FloatArray) -> int:
+        """Like ``rollout``, for a caller who has checked the horizons already; see ``Trajectories.walk``."""
+        return self._backend.walk(horizons, states)
 
     def step_into(
         self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike, out: FloatArray

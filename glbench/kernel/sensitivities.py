@@ -19,8 +19,11 @@ from glbench.errors import ShapeError, StepError, UnknownNameError, did_you_mean
 from glbench.kernel.records import FloatArray, Rows, StepFailure, all_finite, as_rows
 from glbench.model import Model
 
-_ORDER = ("u", "d", "p", "x")
+ORDER = ("u", "d", "p", "x")
 """Inputs in the order of ``all_directions``: states last, for vectors of directions that move states only are cheaper."""
+
+INPUTS = ("x", "u", "d")
+"""Inputs with respect to which ``linearise`` differentiates when nothing is said; parameters are asked for by name."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,8 @@ class Linearisation:
         State after the step (states,), the same bits as from ``step``.
     dx, du, dd : ndarray
         Derivatives of ``x_next`` with respect to states (states, states), controls (states, controls) and disturbances
-        (states, disturbances); element [i, j] is in units of state i per unit of input j.
+        (states, disturbances); element [i, j] is in units of state i per unit of input j. One that was not asked for has no
+        columns: (states, 0).
     dp : ndarray
         The same for the parameters that were asked for (states, q), in their order.
     """
@@ -114,6 +118,21 @@ class Differentiator(Protocol):
         """Step and pull cotangents (n, states) back; the gradient for the parameters is only there when asked for."""
         ...
 
+    def reverse_horizons(self, rows: Rows, steps: int, cotangents: FloatArray, *, parameters: bool) -> Reverse:
+        """The same through horizons of ``steps`` rows each; what comes from a row is added to the cotangent of the row before."""
+        ...
+
+    def push(self, jacobians: FloatArray, along: FloatArray, first: FloatArray) -> FloatArray:
+        """Changes of all states (n, T + 1, states) from those of the inputs ``along`` (n, T, moves) and of the first states.
+
+        ``jacobians`` (n, T, moves + states, states) hold what each direction does, those in inputs before those in states.
+        """
+        ...
+
+    def pull(self, jacobians: FloatArray, cotangents: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Costates (n, T + 1, states) and gradients of the inputs (n, T, moves) from cotangents (n, T + 1, states)."""
+        ...
+
 
 class Differentiable(ABC):
     """A stepper with derivatives; the first call may build a library for some ten seconds."""
@@ -136,6 +155,7 @@ class Differentiable(ABC):
         d: npt.ArrayLike,
         p: npt.ArrayLike,
         *,
+        inputs: Sequence[str] = INPUTS,
         parameters: Sequence[str] = (),
     ) -> Linearisation:
         """One control step and its Jacobians.
@@ -144,6 +164,8 @@ class Differentiable(ABC):
         ----------
         x, u, d, p : array_like
             As for ``step``: one state (states,) or a batch (n, states).
+        inputs : sequence of str
+            Which of ``"x"``, ``"u"`` and ``"d"`` to differentiate with respect to; the fewer, the cheaper.
         parameters : sequence of str
             Names of parameters to differentiate with respect to, see ``Model.parameter_names``.
 
@@ -152,16 +174,17 @@ class Differentiable(ABC):
         ShapeError, ActionError, StepError
             As for ``step``; StepError also when a derivative is not finite.
         UnknownNameError
-            When there is no such parameter.
+            When there is no such input or parameter.
         """
         rows = as_rows(self.model.names, x, u, d, p)
         numbers = tuple(self._parameter(name) for name in parameters)
         sizes = self.model.sizes
-        found = self._forward(rows, all_directions(tuple(sizes.items()), numbers))
-        widths = {**sizes, "p": len(numbers)}
+        asked = checked_inputs(inputs)
+        found = self._forward(rows, all_directions(tuple(sizes.items()), numbers, asked))
+        widths = {**{key: sizes[key] if key in asked else 0 for key in INPUTS}, "p": len(numbers)}
         table = np.ascontiguousarray(found.tangents.swapaxes(1, 2))
-        bounds = np.cumsum([widths[key] for key in _ORDER])[:-1]
-        by_key = dict(zip(_ORDER, map(np.ascontiguousarray, np.split(table, bounds, axis=-1)), strict=True))
+        bounds = np.cumsum([widths[key] for key in ORDER])[:-1]
+        by_key = dict(zip(ORDER, map(np.ascontiguousarray, np.split(table, bounds, axis=-1)), strict=True))
         values = [found.x_next, *(by_key[key] for key in sizes)]
         return Linearisation(*(a[0] for a in values) if np.ndim(x) == 1 else values)
 
@@ -185,7 +208,7 @@ class Differentiable(ABC):
             As for ``step``: one state (states,) or a batch (n, states).
         dx, du, dd, dp : array_like, optional
             Direction in each input, in its units. For one state (size,), or (m, size) for m directions at once; for a batch
-            (size,) for all rows, (n, size), or (n, m, size). Inputs without one are held.
+            (size,) for all rows, (n, size), (n, m, size), or (1, m, size) for all rows. Inputs without one are held.
 
         Returns
         -------
@@ -205,7 +228,10 @@ class Differentiable(ABC):
         counts = {table.shape[1] for table in tables.values()}
         if len(counts) != 1:
             raise ShapeError(_directions_differ({key: table.shape[1] for key, table in tables.items()}))
-        found = self._forward(rows, Directions(counts.pop(), shared=False, seeds=tables))
+        shared = all(len(table) == 1 for table in tables.values())
+        if not shared:
+            tables = {key: np.ascontiguousarray(_for_each(table, len(rows.x))) for key, table in tables.items()}
+        found = self._forward(rows, Directions(counts.pop(), shared=shared, seeds=tables))
         several = any(np.ndim(seed) == (2 if one else 3) for seed in seeds.values() if seed is not None)
         tangents = found.tangents if several else found.tangents[:, 0]
         return (found.x_next[0], tangents[0]) if one else (found.x_next, tangents)
@@ -249,7 +275,8 @@ class Differentiable(ABC):
         if seeds.shape[1] != 1:
             msg = f"The cotangent has the shape {np.shape(cotangent)}; it must have that of x, {np.shape(x)}, or ({rows.x.shape[1]},)."
             raise ShapeError(msg)
-        found = self.differentiator().reverse(rows, np.ascontiguousarray(seeds[:, 0]), parameters=parameters)
+        cotangents = np.ascontiguousarray(_for_each(seeds[:, 0], len(rows.x)))
+        found = self.differentiator().reverse(rows, cotangents, parameters=parameters)
         self._check(rows, found.failed, list(found.gradients.values()))
         values = {key: table[0] if one else table for key, table in found.gradients.items()}
         gradient = Adjoint(values["x"], values["u"], values["d"], values.get("p"))
@@ -263,7 +290,7 @@ class Differentiable(ABC):
         return names.index(name)
 
     def _seeds(self, key: str, values: npt.ArrayLike, count: int, *, one: bool, what: str = "direction") -> FloatArray:
-        """A direction or cotangent as a table (rows, directions, size); ShapeError where it is none."""
+        """A direction or cotangent as a table (rows, or 1 when shared; directions; size); ShapeError where it is none."""
         size = self.model.sizes[key]
         try:
             table = np.asarray(values, dtype=np.float64)
@@ -272,11 +299,15 @@ class Differentiable(ABC):
             raise ShapeError(msg) from error
         shape = table.shape
         if shape == (size,):
-            table = np.broadcast_to(table, (count, 1, size))
+            table = table[None, None]
         elif one and table.ndim == 2 and shape[1] == size:
             table = table[None]
-        elif not one and table.ndim in (2, 3) and shape[0] == count and shape[-1] == size:
-            table = table.reshape(count, -1, size)
+        elif (
+            not one
+            and shape[-1:] == (size,)
+            and (shape[:-1] == (count,) or (table.ndim == 3 and shape[0] in (1, count)))
+        ):
+            table = table[:, None] if table.ndim == 2 else table
         else:
             wanted = f"({size},) or (m, {size})" if one else f"({size},), ({count}, {size}) or ({count}, m, {size})"
             msg = f"The {what} in {key} has the shape {shape}; expected {wanted}."
@@ -291,8 +322,13 @@ class Differentiable(ABC):
         self._check(rows, found.failed, [found.tangents])
         return found
 
-    def _check(self, rows: Rows, failed: npt.NDArray[np.bool_], derivatives: Sequence[FloatArray]) -> None:
-        """Raise StepError for rows that failed, or whose derivatives are not finite."""
+    def _check(
+        self, rows: Rows, failed: npt.NDArray[np.bool_], derivatives: Sequence[FloatArray], *, steps: int = 0
+    ) -> None:
+        """Raise StepError for rows that failed, or whose derivatives are not finite.
+
+        Rows of horizons, ``steps`` of each, are named by horizon and step.
+        """
         if failed.any():
             self._refuse(rows)
         if all(map(all_finite, derivatives)):
@@ -301,8 +337,9 @@ class Differentiable(ABC):
         rows_without = np.flatnonzero(np.logical_or.reduce(bad))
         if rows_without.size:
             row = int(rows_without[0])
+            where = f"horizon {row // steps}, step {row % steps}" if steps else f"row {row} of {len(rows.x)}"
             msg = (
-                f"The step of {self.step_seconds:g} s from row {row} of {len(rows.x)} has no finite derivative: an input lies "
+                f"The step of {self.step_seconds:g} s from {where} has no finite derivative: an input lies "
                 "where the model is not differentiable (a root at zero). Move it by a millionth of its size."
             )
             raise StepError(msg)
@@ -314,14 +351,25 @@ class Differentiable(ABC):
         raise StepError(msg)
 
 
+def checked_inputs(inputs: Sequence[str]) -> tuple[str, ...]:
+    """The inputs to differentiate with respect to; UnknownNameError where one is none of ``INPUTS``."""
+    for name in inputs:
+        if name not in INPUTS:
+            msg = f"There is no input '{name}' to differentiate with respect to: choose from x, u, d. Parameters are asked for by name."
+            raise UnknownNameError(msg)
+    return tuple(inputs)
+
+
 @lru_cache(maxsize=32)
-def all_directions(sizes: tuple[tuple[str, int], ...], parameters: tuple[int, ...]) -> Directions:
-    """One direction for each state, control, disturbance and chosen parameter, shared by all rows."""
+def all_directions(
+    sizes: tuple[tuple[str, int], ...], parameters: tuple[int, ...], inputs: tuple[str, ...] = INPUTS
+) -> Directions:
+    """One direction for each entry of the chosen inputs and for each chosen parameter, shared by all rows."""
     size = dict(sizes)
-    widths = size | {"p": len(parameters)}
+    widths = {key: size[key] if key in inputs else 0 for key in INPUTS} | {"p": len(parameters)}
     count, start = sum(widths.values()), 0
     seeds: dict[str, FloatArray] = {}
-    for key in _ORDER:
+    for key in ORDER:
         if widths[key]:
             table = np.zeros((1, count, size[key]))
             columns = parameters if key == "p" else np.arange(size[key])
@@ -329,6 +377,11 @@ def all_directions(sizes: tuple[tuple[str, int], ...], parameters: tuple[int, ..
             seeds[key] = table
         start += widths[key]
     return Directions(count, shared=True, seeds=seeds)
+
+
+def _for_each(table: FloatArray, count: int) -> FloatArray:
+    """A table with a leading axis of ``count``, without a copy; one of 1 is repeated."""
+    return np.broadcast_to(table, (count, *table.shape[1:]))
 
 
 def _directions_differ(counts: dict[str, int]) -> str:

@@ -22,9 +22,11 @@ import numpy.typing as npt
 
 from glbench.errors import StepError, UnknownNameError, did_you_mean
 from glbench.kernel.environment import Program
+from glbench.kernel.horizons import Horizons, walk
 from glbench.kernel.records import BoundStep, Description, FloatArray, Rows, StepFailure, all_finite, inputs_in_words
 from glbench.kernel.reduced import ReducedModel, reduce_model, state_scale
 from glbench.kernel.sensitivities import Differentiator, Directions, Forward, Reverse
+from glbench.kernel.trajectories import pull_by_steps, push_by_steps, reverse_by_steps
 from glbench.model import Model
 
 SUBSTEP_LIMIT = 20_000
@@ -116,6 +118,10 @@ class CvodesBackend:
                         failures.append(StepFailure(row, self._in_words(reason, rows, row)))
                     row += 1
         return failures
+
+    def walk(self, horizons: Horizons, states: FloatArray) -> int:
+        """Step horizons, one row after the other; see ``Backend.walk``."""
+        return walk(self.advance, horizons, states)
 
     def differentiator(self) -> Differentiator:
         """Return what differentiates the steps."""
@@ -270,6 +276,18 @@ class CvodesDifferentiator:
         if not parameters:
             del gradients["p"]
         return Reverse(x_next, gradients, failed)
+
+    def reverse_horizons(self, rows: Rows, steps: int, cotangents: FloatArray, *, parameters: bool) -> Reverse:
+        """Step and pull cotangents back through horizons, step by step."""
+        return reverse_by_steps(self, rows, steps, cotangents, parameters=parameters)
+
+    def push(self, jacobians: FloatArray, along: FloatArray, first: FloatArray) -> FloatArray:
+        """Changes of all states, in NumPy."""
+        return push_by_steps(jacobians, along, first)
+
+    def pull(self, jacobians: FloatArray, cotangents: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Costates and gradients of the inputs, in NumPy."""
+        return pull_by_steps(jacobians, cotangents)
 
     def _step(self, rows: Rows) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
         x_next = np.empty_like(rows.x)

@@ -19,6 +19,7 @@ from glbench.weather import disturbances, load_weather
 
 Array = NDArray[np.float64]
 Controls = Literal["walk", "jump"]
+Horizon = Literal["rollout", "adjoint", "linearise", "push", "pull"]
 Work = Callable[[], int]
 """Does something and says how many steps it took."""
 
@@ -37,6 +38,7 @@ GROUPS = {
     "rows": "cost of a step against the size of the batch",
     "threads": "4,096 greenhouses on one and two threads (time on the wall)",
     "horizon": "cost of a step against the length of the season",
+    "trajectory": "a whole horizon in one call, fast (CVODES: plain steps)",
     "paper": "the setting of the paper: steps of 300 s, 10 days from 1 October 2009",
     "paper-batch": "the same steps, 512 greenhouses at once",
     "env": "the Gymnasium environment: 22 observations, reward, info, parameters redrawn at every step",
@@ -195,6 +197,28 @@ def _along(preset: str, seconds: float, start: dt.date, days: float) -> Work:
     return work
 
 
+def _trajectory(call: Horizon, days: int) -> Work:
+    """A horizon of one greenhouse a call; sweeps over Jacobians that are there."""
+    kernel = Kernel(TOMATO, STEP_SECONDS, preset="fast")
+    one = season("walk", STEP_SECONDS, dt.date(2010, 3, 1), days)
+    inputs = one.start, one.controls, one.weather, default_parameters()
+    weights = np.ones((len(one.controls) + 1, len(one.start)))
+    calls: dict[str, Callable[[], object]] = {
+        "rollout": lambda: kernel.rollout(*inputs),
+        "adjoint": lambda: kernel.rollout_adjoint(*inputs, weights),
+        "linearise": lambda: kernel.linearise_trajectory(*inputs),
+    }
+    if call in ("push", "pull"):
+        path = kernel.linearise_trajectory(*inputs)
+        calls |= {"push": lambda: path.push(one.controls), "pull": lambda: path.pull(weights)}
+
+    def work() -> int:
+        calls[call]()
+        return len(one.controls)
+
+    return work
+
+
 def _environment(preset: str) -> Work:
     from glbench.env import GreenhouseEnv
 
@@ -245,6 +269,16 @@ def _subjects() -> Iterator[Subject]:
     for days in (1, 10, 60):
         season = partial(_along, "standard", STEP_SECONDS, dt.date(2010, 3, 1), days)
         yield Subject(f"horizon/{days}", f"days: {days}", season)
+    horizons: tuple[tuple[Horizon, int, str], ...] = (
+        ("rollout", 1, "rollout, 96 steps"),
+        ("linearise", 1, "Jacobians (x and u), 96 steps"),
+        ("linearise", 60, "Jacobians (x and u), 5,760 steps"),
+        ("adjoint", 60, "gradient of a rollout, 5,760 steps"),
+        ("push", 60, "push over Jacobians, 5,760 steps"),
+        ("pull", 60, "pull over Jacobians, 5,760 steps"),
+    )
+    for call, days, words in horizons:
+        yield Subject(f"trajectory/{call}-{days}", words, partial(_trajectory, call, days))
     for preset in ("standard", "reference"):
         quick = preset == "standard"
         along = partial(_along, preset, PAPER_SECONDS, PAPER_START, PAPER_DAYS)

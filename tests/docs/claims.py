@@ -195,6 +195,13 @@ def tuned_steps() -> float:
 # Speed.
 
 
+def trajectory_seconds(name: str, steps: int) -> float:
+    """Seconds that so many steps took in docs/measurements/trajectories.json."""
+    found = read_record(ROOT / "docs" / "measurements" / "trajectories.json").find(f"trajectory/{name}")
+    assert found is not None
+    return found.microseconds * steps * 1e-6
+
+
 @cache
 def speed() -> SpeedRecord:
     return read_record(ROOT / "docs" / "measurements" / "speed.json")
@@ -357,6 +364,15 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: (mean("recording", 10), mean("ppo_tuned", 10)),
         ),
         ("under the curve about {} on", found_again),
+    ],
+    "docs/sensitivities.md": [
+        ("a day of 96 steps in {} ms", lambda: 1e3 * trajectory_seconds("linearise-1", 96)),
+        ("a season of 5,760 steps in {} s", lambda: trajectory_seconds("linearise-60", 5760)),
+        ("Jacobians, {} MB of them", lambda: 5760 * 28 * (28 + 6) * 8e-6),
+        (
+            "{} ms forward and {} ms back",
+            lambda: tuple(1e3 * trajectory_seconds(name, 5760) for name in ("push-60", "pull-60")),
+        ),
     ],
     "docs/speed.md": [("changed by more than {} %", largest_change)],
     "README.md": [
@@ -782,6 +798,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     ],
     "docs/sensitivities.md": [
         ("transposes of each other to 1e-10", "tests/kernel_compiled/test_sensitivities.py holds it"),
+        ("transposes of each other to 1e-12", "tests/kernel_compiled/test_trajectories.py holds it"),
         (
             "in one coarse substep agrees with finite differences to 1e-5",
             "tests/kernel_compiled/test_sensitivities.py holds it",

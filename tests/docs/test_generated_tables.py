@@ -21,6 +21,11 @@ def test_the_page_of_speed_holds_the_measurements() -> None:
     assert speed_figure.picture(record) == (DOCS / "images" / "speed.svg").read_text(encoding="utf-8")
 
 
+def test_the_table_of_trajectories_holds_the_measurements() -> None:
+    page = (DOCS / "sensitivities.md").read_text(encoding="utf-8")
+    assert speed_figure.filled(page, read_record(MEASUREMENTS / "trajectories.json")) == page
+
+
 def test_the_table_of_accuracy_holds_the_measurement() -> None:
     page = (DOCS / "kernel-compiled.md").read_text(encoding="utf-8")
     assert accuracy_table.filled(page, (MEASUREMENTS / "accuracy.txt").read_text(encoding="utf-8")) == page

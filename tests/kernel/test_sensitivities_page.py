@@ -69,3 +69,13 @@ def test_torch_differentiates_through_a_step(names: dict[str, Any]) -> None:
     np.testing.assert_allclose(rows[1].grad[0].numpy(), weights.numpy() @ lines.du, rtol=1e-9)
     pipe = rows[3].grad[PARAMETER_NAMES.index("aPipe")].item()
     assert pipe == pytest.approx(float(weights.numpy() @ lines.dp[:, 0]), rel=1e-9)
+
+
+def test_the_trajectory_calls_give_the_gradient_of_the_day(names: dict[str, Any]) -> None:
+    after = dict(names)
+    exec(compile(EXAMPLES[4], str(PAGE), "exec"), after)
+    assert after["epi"] == pytest.approx(names["epi"], rel=1e-12)
+    np.testing.assert_allclose(after["slopes"], names["gradient"], rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(after["path"].pull(after["weights"]).u, after["gradient"].u, rtol=1e-9, atol=1e-12)
+    assert after["changes"].shape == after["states"].shape == (97, 28)
+    assert (after["path"].dx.shape, after["path"].du.shape) == ((96, 28, 28), (96, 28, 6))

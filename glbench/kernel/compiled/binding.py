@@ -136,6 +136,9 @@ class Library:
         settings = settings_type(model.sizes["x"])
         self.step_rows.restype = ctypes.c_int64  # how many rows have a status other than 0
         self.step_rows.argtypes = (ctypes.POINTER(settings), ctypes.POINTER(RowPointers))
+        self.step_rows_at = handle["glb_step_rows"]  # the same, for addresses of both structures
+        self.step_rows_at.restype = ctypes.c_int64
+        self.step_rows_at.argtypes = (ctypes.c_void_p, ctypes.c_void_p)
         self.environment.restype = None
         self.environment.argtypes = (ctypes.c_void_p,)  # the address as a number is the quickest argument
         own, others = (ctypes.c_int64 * 7)(), (ctypes.c_int64 * 8)()

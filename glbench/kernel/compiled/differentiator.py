@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from functools import cache, cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from glbench.errors import StepError
 from glbench.kernel.compiled.binding import (
@@ -22,6 +24,7 @@ from glbench.kernel.compiled.library import build
 from glbench.kernel.compiled.stepper import CompiledStepper, Status, absent_equipment, traits_of
 from glbench.kernel.records import FloatArray, Rows
 from glbench.kernel.sensitivities import Directions, Forward, Reverse
+from glbench.kernel.trajectories import reverse_by_steps
 from glbench.model import Model
 
 
@@ -31,22 +34,37 @@ class Request(ctypes.Structure):
     _fields_ = members("directions stride dx* du* dd* dp* tangents* cotangents* xb* ub* db* pb*")
 
 
+class Sweep(ctypes.Structure):
+    """``glb::Sweep`` of native/trajectory.hpp."""
+
+    _fields_ = members("horizons steps moves jacobians* along* states*")
+
+
 class SensitivityLibrary:
     """A loaded library. Calls release Python's global lock."""
 
     def __init__(self, path: str, model: Model) -> None:
-        handle = open_library(path, "glb_differentiate", "glb_sensitivity_layout")
-        kinds = (settings_type(model.sizes["x"]), RowPointers, Request)
-        self._differentiate = handle.glb_differentiate
-        self._differentiate.restype = ctypes.c_int32
-        self._differentiate.argtypes = [ctypes.POINTER(kind) for kind in kinds]
-        sizes = (ctypes.c_int64 * 4)()
+        names = ("glb_differentiate", "glb_reverse_horizons", "glb_push", "glb_pull", "glb_sensitivity_layout")
+        handle = open_library(path, *names)
+        settings = settings_type(model.sizes["x"])
+        kinds = (settings, RowPointers, Request, Sweep)
+        pointers = [ctypes.POINTER(kind) for kind in kinds]
+        self._differentiate, self._reverse_horizons = handle.glb_differentiate, handle.glb_reverse_horizons
+        self._differentiate.restype = self._reverse_horizons.restype = ctypes.c_int32
+        self._differentiate.argtypes = pointers[:3]
+        self._reverse_horizons.argtypes = [*pointers[:3], ctypes.c_int64, ctypes.c_void_p]
+        self.push, self.pull = handle.glb_push, handle.glb_pull
+        for sweep in (self.push, self.pull):
+            sweep.restype, sweep.argtypes = None, [ctypes.POINTER(settings), ctypes.POINTER(Sweep)]
+        sizes = (ctypes.c_int64 * 5)()
         handle.glb_sensitivity_layout(sizes)
         if tuple(sizes) != (*(ctypes.sizeof(kind) for kind in kinds), model.sizes["x"]):
             raise of_another_version(path)
 
-    def run(self, settings: Settings, rows: Rows, request: Request) -> tuple[FloatArray, Status]:
-        """States after the step (n, states) and status (n,).
+    def run(self, settings: Settings, rows: Rows, request: Request, horizon: int = 0) -> tuple[FloatArray, Status]:
+        """States after the step (n, states) and status (n,); with ``horizon`` > 0, in reverse through horizons of so many rows.
+
+        The request's cotangents gather what comes from later rows, then.
 
         Raises
         ------
@@ -65,7 +83,9 @@ class SensitivityLibrary:
             substeps=substeps.ctypes.data,
             reached=reached.ctypes.data,
         )
-        if self._differentiate(ctypes.byref(settings), ctypes.byref(pointers), ctypes.byref(request)) != 0:
+        further = (horizon, request.cotangents) if horizon else ()
+        differentiate = self._reverse_horizons if horizon else self._differentiate
+        if differentiate(ctypes.byref(settings), ctypes.byref(pointers), ctypes.byref(request), *further) != 0:
             msg = f"There is not enough memory to differentiate {count} rows. Give fewer rows at a time."
             raise StepError(msg)
         return out, status
@@ -113,23 +133,55 @@ class CompiledDifferentiator:
 
     def reverse(self, rows: Rows, cotangents: FloatArray, *, parameters: bool) -> Reverse:
         """Step and pull cotangents (n, states) back."""
-        found, status = self._reverse(rows, cotangents, self._usual)
-        gradients = found.gradients
+        found, status = self._reverse(rows, cotangents, self._usual, parameters=parameters)
         again = failed_with(status, Failure.EQUIPMENT_PRESENT)
         if again.size:
-            part, _ = self._reverse(rows.chosen(again), cotangents[again], self._full)
+            part, _ = self._reverse(rows.chosen(again), cotangents[again], self._full, parameters=parameters)
             found.x_next[again], found.failed[again] = part.x_next, part.failed
-            for key, gradient in gradients.items():
+            for key, gradient in found.gradients.items():
                 gradient[again] = part.gradients[key]
-        if not parameters:
-            del gradients["p"]
-            return found
-        others = np.flatnonzero(status == 0)
-        if others.size:
-            part, _ = self._reverse(rows.chosen(others), cotangents[others], self._full)
-            gradients["p"][np.ix_(others, self._absent)] = part.gradients["p"][:, self._absent]
-            found.failed[others] |= part.failed
+        if parameters:
+            self._add_absent(found, np.flatnonzero(status == 0), rows, cotangents)
         return found
+
+    def reverse_horizons(self, rows: Rows, steps: int, cotangents: FloatArray, *, parameters: bool) -> Reverse:
+        """Step and pull cotangents back through horizons of ``steps`` rows each."""
+        equipped = rows.p[:, self._absent].any(axis=1)
+        if equipped.any() and not equipped.all():  # two libraries take turns
+            return reverse_by_steps(self, rows, steps, cotangents, parameters=parameters)
+        library = self._full if equipped.any() else self._usual
+        costates = cotangents.copy()
+        found, _ = self._reverse(rows, costates, library, parameters=parameters, horizon=steps)
+        if parameters and library is self._usual:
+            self._add_absent(found, np.arange(len(rows.x)), rows, costates)
+        return found
+
+    def push(self, jacobians: FloatArray, along: FloatArray, first: FloatArray) -> FloatArray:
+        """Changes of all states."""
+        n, steps, _, size = jacobians.shape
+        changes = np.empty((n, steps + 1, size))
+        changes[:, 0] = first
+        self._sweep(self._usual.push, jacobians, along, changes)
+        return changes
+
+    def pull(self, jacobians: FloatArray, cotangents: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Costates and gradients of the inputs."""
+        n, steps, directions, size = jacobians.shape
+        costates, along = cotangents.copy(), np.empty((n, steps, directions - size))
+        self._sweep(self._usual.pull, jacobians, along, costates)
+        return costates, along
+
+    def _sweep(self, run: Callable[..., None], jacobians: FloatArray, along: FloatArray, states: FloatArray) -> None:
+        tables = (np.ascontiguousarray(jacobians), np.ascontiguousarray(along), states)
+        sweep = Sweep(*along.shape, *(table.ctypes.data for table in tables))
+        run(ctypes.byref(self._stepper.settings), ctypes.byref(sweep))
+
+    def _add_absent(self, found: Reverse, which: npt.NDArray[np.intp], rows: Rows, cotangents: FloatArray) -> None:
+        """Gradients for the parameters of absent equipment, which the usual library does not know."""
+        if which.size:
+            part, _ = self._reverse(rows.chosen(which), cotangents[which], self._full, parameters=True)
+            found.gradients["p"][np.ix_(which, self._absent)] = part.gradients["p"][:, self._absent]
+            found.failed[which] |= part.failed
 
     def _forward(self, rows: Rows, directions: Directions, library: SensitivityLibrary) -> tuple[Forward, Status]:
         tangents = np.zeros((len(rows.x), directions.count, self._sizes["x"]))
@@ -139,11 +191,14 @@ class CompiledDifferentiator:
         x_next, status = library.run(self._stepper.settings, rows, request)
         return Forward(x_next, tangents, status != 0), status
 
-    def _reverse(self, rows: Rows, cotangents: FloatArray, library: SensitivityLibrary) -> tuple[Reverse, Status]:
-        gradients = {key: np.zeros((len(rows.x), size)) for key, size in self._sizes.items()}
+    def _reverse(
+        self, rows: Rows, cotangents: FloatArray, library: SensitivityLibrary, *, parameters: bool, horizon: int = 0
+    ) -> tuple[Reverse, Status]:
+        keys = "xudp" if parameters else "xud"
+        gradients = {key: np.zeros((len(rows.x), self._sizes[key])) for key in keys}
         pointers = {f"{key}b": table.ctypes.data for key, table in gradients.items()}
         request = Request(cotangents=cotangents.ctypes.data, **pointers)
-        x_next, status = library.run(self._stepper.settings, rows, request)
+        x_next, status = library.run(self._stepper.settings, rows, request, horizon)
         return Reverse(x_next, gradients, status != 0), status
 
     def _absent_part(self, directions: Directions) -> Directions | None:

@@ -34,7 +34,7 @@ _LOCK_SECONDS = 600.0
 _GENERATOR = ("derivative", "emit", "generate", "graph", "importer", "lu", "regroup", "schedule")
 _SENSITIVITY_GENERATOR = ("reverse", "sensitivity_code", "substitution")
 _SOURCE = '#include "model.hpp"\n#include "driver.hpp"\n#include "environment.hpp"\n'
-_SENSITIVITY_SOURCE = '#include "model.hpp"\n#include "sensitivity_model.hpp"\n#include "sensitivity_driver.hpp"\n'
+_SENSITIVITY_SOURCE = '#include "model.hpp"\n#include "sensitivity_model.hpp"\n#include "trajectory.hpp"\n'
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from glbench.kernel.compiled.tolerances import (
     tolerances,
 )
 from glbench.kernel.environment import Program
+from glbench.kernel.horizons import Horizons
 from glbench.kernel.records import Rows, StepFailure, inputs_in_words
 from glbench.model import TOMATO, Model
 
@@ -188,6 +189,34 @@ class CompiledStepper:
         pointers = RowPointers()
         call = functools.partial(self._library.step_rows, self._settings_call, ctypes.byref(pointers))
         return CompiledBoundStep(self, call, pointers, rows, out)
+
+    def walk(self, horizons: Horizons, states: Array) -> int:
+        """Step horizons, all together step by step, with every pointer set beforehand; see ``Backend.walk``.
+
+        Lanes and threads share the horizons of a step.
+        """
+        n, steps = horizons.count, horizons.steps
+        u, d = (np.ascontiguousarray(table.swapaxes(0, 1)) for table in (horizons.u, horizons.d))
+        p, size = horizons.p, horizons.p.shape[2]
+        status, substeps, reached = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n)
+        calls, width = np.zeros(steps, np.dtype(RowPointers)), states.shape[2]
+        calls["n"], calls["p_stride"] = n, p.shape[1] * size if len(p) > 1 else 0
+        strides = {"u": n * u.shape[2], "d": n * d.shape[2], "x": n * width, "p": size if p.shape[1] > 1 else 0}
+        first = {"u": u.ctypes.data, "d": d.ctypes.data, "x": states.ctypes.data, "p": p.ctypes.data}
+        for key, stride in strides.items():
+            calls[key] = first[key] + _DOUBLE.itemsize * stride * np.arange(steps)
+        calls["out"] = calls["x"] + np.uint64(_DOUBLE.itemsize * strides["x"])
+        calls["status"], calls["substeps"] = status.ctypes.data, substeps.ctypes.data
+        calls["reached"] = reached.ctypes.data
+        equipped = p[..., list(absent_equipment(self.model))].any(axis=-1)
+        library = self._full_library if equipped.size and equipped.all() else self._library
+        settings, address = ctypes.addressof(self.settings), calls.ctypes.data
+        for step in range(steps):
+            if library.step_rows_at(settings, address + step * calls.itemsize) and self.advance(
+                horizons.at(step, states[step]), states[step + 1]
+            ):
+                return step
+        return steps
 
     def differentiator(self) -> CompiledDifferentiator:
         """What differentiates the steps: a second library, built now if need be.

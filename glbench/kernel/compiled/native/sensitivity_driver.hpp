@@ -18,7 +18,7 @@ struct Request {
     const double *dx, *du, *dd, *dp;    // (rows or 1, directions, size of the input), or null for zeros
     double* tangents;                   // (rows, directions, states)
     const double* cotangents;           // (rows, states), or null for no reverse sweep
-    double *xb, *ub, *db, *pb;          // (rows, size of the input)
+    double *xb, *ub, *db, *pb;          // (rows, size of the input); pb may be null
 };
 
 // Steps one row with the stepper of the kernel and shows every accepted substep.
@@ -44,15 +44,20 @@ struct Recorder {
     }
 };
 
-// Directions of one row, in chunks of the lanes of D.
+// Directions of one row, in chunks of the lanes of D. Those that move nothing but clocks are idle: their result is known beforehand.
 template <class D> class Tangents {
   public:
     Tangents(const Settings& settings, const Request& request)
         : settings_(settings), request_(request), chunks_((request.directions + W - 1) / W), dx_(chunks_ * ROOM<D>),
-          dc_(chunks_ * model::INPUTS), drate_(chunks_ * RATES), inputs_move_(chunks_) {}
+          dc_(chunks_ * model::INPUTS), drate_(chunks_ * RATES), inputs_move_(chunks_) {
+        busy_.reserve(request.directions);
+        idle_.reserve(request.directions);
+        if (request.stride == 0) sort_out();
+    }
 
     void start(int64_t row, const double* p, const double* u, const double* d) {
         row_ = row;
+        if (request_.stride != 0) sort_out();
         for (int64_t chunk = 0; chunk < chunks_; ++chunk) {
             for (int n = 0; n < N; ++n)
                 dx_[chunk * ROOM<D> + n] = direction(request_.dx, chunk, model::STATES, model::MOVING_STATE[n]);
@@ -75,6 +80,14 @@ template <class D> class Tangents {
                 give(chunk, state, fma<D>(broadcast<D>(settings_.step), drate_[chunk * RATES + i], before));
             }
         }
+        for (const int64_t k : idle_) {
+            double* given = request_.tangents + (row_ * request_.directions + k) * model::STATES;
+            for (int n = 0; n < N; ++n) given[model::MOVING_STATE[n]] = 0.0;
+            for (int i = 0; i < model::CLOCKS; ++i) {
+                const int state = model::CLOCK_STATE[i];
+                given[state] = request_.dx == nullptr ? 0.0 : 0.0 + seeds_of(request_.dx, k, model::STATES)[state];
+            }
+        }
     }
 
   private:
@@ -85,9 +98,41 @@ template <class D> class Tangents {
     int64_t row_ = 0, chunks_;
     std::vector<D> dx_, dc_, drate_;
     std::vector<char> inputs_move_;
+    std::vector<int64_t> busy_, idle_;
+
+    const double* seeds_of(const double* seeds, int64_t k, int size) const {
+        return seeds + (row_ * request_.stride * request_.directions + k) * size;
+    }
+
+    bool moves(const double* seeds, int64_t k, int size) const {
+        if (seeds == nullptr) return false;
+        const double* own = seeds_of(seeds, k, size);
+        for (int i = 0; i < size; ++i)
+            if (own[i] != 0.0) return true;
+        return false;
+    }
+
+    bool moves_states(int64_t k) const {
+        if (request_.dx == nullptr) return false;
+        const double* own = seeds_of(request_.dx, k, model::STATES);
+        for (int n = 0; n < N; ++n)
+            if (own[model::MOVING_STATE[n]] != 0.0) return true;
+        return false;
+    }
+
+    void sort_out() {
+        busy_.clear();
+        idle_.clear();
+        for (int64_t k = 0; k < request_.directions; ++k) {
+            const bool busy = moves_states(k) || moves(request_.du, k, model::CONTROLS) ||
+                              moves(request_.dd, k, model::DISTURBANCES) || moves(request_.dp, k, model::PARAMETERS);
+            (busy ? busy_ : idle_).push_back(k);
+        }
+        chunks_ = (static_cast<int64_t>(busy_.size()) + W - 1) / W;
+    }
 
     int lanes(int64_t chunk) const {
-        const int64_t left = request_.directions - chunk * W;
+        const int64_t left = static_cast<int64_t>(busy_.size()) - chunk * W;
         return left < W ? static_cast<int>(left) : W;
     }
 
@@ -95,8 +140,7 @@ template <class D> class Tangents {
     D direction(const double* seeds, int64_t chunk, int size, int index) const {
         D value = broadcast<D>(0.0);
         if (seeds == nullptr) return value;
-        const double* first = seeds + (row_ * request_.stride * request_.directions + chunk * W) * size;
-        for (int lane = 0; lane < lanes(chunk); ++lane) put(value, lane, first[lane * size + index]);
+        for (int lane = 0; lane < lanes(chunk); ++lane) put(value, lane, seeds_of(seeds, busy_[chunk * W + lane], size)[index]);
         return value;
     }
 
@@ -126,8 +170,8 @@ template <class D> class Tangents {
     }
 
     void give(int64_t chunk, int state, D value) const {
-        double* first = request_.tangents + (row_ * request_.directions + chunk * W) * model::STATES;
-        for (int lane = 0; lane < lanes(chunk); ++lane) first[lane * model::STATES + state] = element(value, lane);
+        double* first = request_.tangents + row_ * request_.directions * model::STATES + state;
+        for (int lane = 0; lane < lanes(chunk); ++lane) first[busy_[chunk * W + lane] * model::STATES] = element(value, lane);
     }
 };
 
@@ -191,15 +235,19 @@ template <class M, class V, class D> class Differentiator {
             given[model::CLOCK_STATE[i]] = cotangent[model::CLOCK_STATE[i]];
             rateb[i] = settings_.step * cotangent[model::CLOCK_STATE[i]];
         }
-        model::inputs_reverse<double>(p, u, d, cb, rateb, request_.pb + row * model::PARAMETERS,
+        double unasked[model::PARAMETERS + 1];
+        model::inputs_reverse<double>(p, u, d, cb, rateb, request_.pb == nullptr ? unasked : request_.pb + row * model::PARAMETERS,
                                       request_.ub + row * model::CONTROLS, request_.db + row * model::DISTURBANCES);
     }
 };
 
+// Lanes for the stages of a method: four stages would leave half of eight lanes idle.
+template <class M> using StageLanes = std::conditional_t<(M::STAGES <= 4 && BATCH_WIDTH == 8), Double4, BatchLanes>;
+
 // Takes rows from `next` until none is left.
 template <class M, class D>
 void differentiate_rows(const Settings& settings, const Rows& rows, const Request& request, std::atomic<int64_t>& next) {
-    const auto worker = std::make_unique<Differentiator<M, BatchLanes, D>>(settings, rows, request);
+    const auto worker = std::make_unique<Differentiator<M, StageLanes<M>, D>>(settings, rows, request);
     for (int64_t row = next.fetch_add(1); row < rows.n; row = next.fetch_add(1)) worker->row(row);
 }
 
@@ -211,28 +259,27 @@ void differentiate_rows_of(const Settings& settings, const Rows& rows, const Req
 
 }  // namespace glb
 
-// Returns 0, or 1 when there was not enough memory; then nothing of the result is to be used.
-extern "C" int32_t glb_differentiate(const glb::Settings* settings, glb::Rows* rows, const glb::Request* request) {
+// Lets threads take from `next` what they differentiate, `count` in all. Gives 0, or 1 when there was not enough memory; then nothing
+// of the result is to be used.
+template <class Take> int32_t differentiate(const glb::Settings& settings, glb::Rows& rows, int64_t count, const Take& take) {
     std::atomic<int64_t> next{0};
     std::atomic<bool> short_of_memory{false};
     const auto work = [&] {
         try {
-            if (settings->method == glb::GRK4T) glb::differentiate_rows_of<glb::Grk4t>(*settings, *rows, *request, next);
-            else glb::differentiate_rows_of<glb::Rodas4P2>(*settings, *rows, *request, next);
+            take(next);
         } catch (const std::bad_alloc&) {
             short_of_memory = true;
         }
     };
-    in_threads(*settings, rows->n, work, 1);
-    rows->failed = 0;
-    for (int64_t row = 0; row < rows->n; ++row) rows->failed += rows->status[row] != 0;
+    in_threads(settings, count, work, 1);
+    rows.failed = 0;
+    for (int64_t row = 0; row < rows.n; ++row) rows.failed += rows.status[row] != 0;
     return short_of_memory ? 1 : 0;
 }
 
-// Sizes of this library, compared with the caller's before the first call.
-extern "C" void glb_sensitivity_layout(int64_t* sizes) {
-    sizes[0] = sizeof(glb::Settings);
-    sizes[1] = sizeof(glb::Rows);
-    sizes[2] = sizeof(glb::Request);
-    sizes[3] = glb::model::STATES;
+extern "C" int32_t glb_differentiate(const glb::Settings* settings, glb::Rows* rows, const glb::Request* request) {
+    return differentiate(*settings, *rows, rows->n, [&](std::atomic<int64_t>& next) {
+        if (settings->method == glb::GRK4T) glb::differentiate_rows_of<glb::Grk4t>(*settings, *rows, *request, next);
+        else glb::differentiate_rows_of<glb::Rodas4P2>(*settings, *rows, *request, next);
+    });
 }

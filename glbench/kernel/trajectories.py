@@ -1,0 +1,380 @@
+"""Many control steps in one call: rollouts, linearised trajectories, gradients of whole horizons.
+
+For season-long optimisation and model predictive control. Method and speed: docs/sensitivities.md, "Trajectories".
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from glbench.errors import ShapeError, StepError
+from glbench.kernel.horizons import Horizons, as_horizons, by_horizon
+from glbench.kernel.records import FloatArray, Rows, all_finite
+from glbench.kernel.sensitivities import ORDER, Differentiable, Differentiator, Reverse, all_directions, checked_inputs
+
+
+class RolloutError(StepError):
+    """A step of a rollout could not be integrated.
+
+    Attributes
+    ----------
+    horizon, step : int
+        Which step of which horizon, from 0; of several, the first of the earliest step.
+    states : ndarray
+        What all horizons had reached by then: (step + 1, states), or (n, step + 1, states) of a batch.
+    """
+
+    horizon: int
+    step: int
+    states: FloatArray
+
+
+@dataclass(frozen=True)
+class TrajectoryGradient:
+    """Gradient of ``sum_t cotangents[t] . x[t]``; a batch has a leading axis of n everywhere.
+
+    Attributes
+    ----------
+    x0, u, d : ndarray
+        With respect to the state at the start (states,), controls (T, controls) and disturbances (T, disturbances) [unit of the sum
+        per unit of the input]. Without columns where the trajectory has no such derivatives. Horizons that share inputs have a
+        gradient each: add them up for that of the shared input.
+    p : ndarray or None
+        With respect to the parameters, when it was asked for: (parameters,), or (T, parameters) where they differ by step.
+    costates : ndarray
+        With respect to each state x[t], its own cotangent included (T + 1, states).
+    """
+
+    x0: FloatArray
+    u: FloatArray
+    d: FloatArray
+    p: FloatArray | None
+    costates: FloatArray
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Consecutive control steps and their Jacobians, made by ``linearise_trajectory``; a batch has a leading axis of n everywhere.
+
+    Attributes
+    ----------
+    x : ndarray
+        States (T + 1, states), the same bits as from ``step``.
+    inputs : tuple of str
+        With respect to what there are derivatives.
+    jacobians : ndarray
+        How the sweeps read them: (n, T, directions, states), directions in u, then d, then x.
+    kernel : Differentiable
+        What made it.
+    """
+
+    x: FloatArray
+    inputs: tuple[str, ...]
+    jacobians: FloatArray
+    kernel: Differentiable
+
+    @property
+    def dx(self) -> FloatArray:
+        """Derivatives of x[t + 1] with respect to x[t] (T, states, states): a view, as are the others."""
+        return self._columns("x")
+
+    @property
+    def du(self) -> FloatArray:
+        """Those with respect to u[t] (T, states, controls); (T, states, 0) when they were not asked for."""
+        return self._columns("u")
+
+    @property
+    def dd(self) -> FloatArray:
+        """Those with respect to d[t] (T, states, disturbances); (T, states, 0) when they were not asked for."""
+        return self._columns("d")
+
+    def push(
+        self, du: npt.ArrayLike | None = None, dx0: npt.ArrayLike | None = None, dd: npt.ArrayLike | None = None
+    ) -> FloatArray:
+        """How all states change, to first order, when the inputs do.
+
+        Parameters
+        ----------
+        du, dd : array_like, optional
+            Changes of controls (T, controls) and disturbances (T, disturbances) in their units; for a batch, one for all or with a
+            leading axis of n. Inputs without one are held.
+        dx0 : array_like, optional
+            Change of the state at the start (states,); for a batch, one for all or (n, states).
+
+        Returns
+        -------
+        ndarray
+            Changes of the states (T + 1, states) in their units; the first is ``dx0``.
+
+        Raises
+        ------
+        ShapeError
+            When a shape does not fit, or there are no derivatives with respect to an input that changes.
+        """
+        tables = {"u": du, "d": dd}
+        size, steps = self._sizes, self.jacobians.shape[1]
+        for key, table in tables.items():
+            if table is not None and key not in self.inputs:
+                msg = f"There are no derivatives with respect to {key}: linearise_trajectory(..., inputs={(*self.inputs, key)}) has them."
+                raise ShapeError(msg)
+        moves = [
+            by_horizon(
+                f"changes d{key}",
+                np.zeros((steps, size[key])) if table is None else table,
+                self._count,
+                (steps, size[key]),
+            )
+            for key, table in tables.items()
+        ]
+        start = np.zeros(size["x"]) if dx0 is None else dx0
+        first = by_horizon("changes dx0", start, self._count, (size["x"],))
+        found = self.kernel.differentiator().push(self.jacobians, np.concatenate(moves, axis=2), first)
+        return found[0] if self._count is None else found
+
+    def pull(self, cotangents: npt.ArrayLike) -> TrajectoryGradient:
+        """Gradient of ``sum_t cotangents[t] . x[t]``, to first order.
+
+        Parameters
+        ----------
+        cotangents : array_like
+            Weight of each state (T + 1, states); for a batch, one table for all or (n, T + 1, states).
+
+        Raises
+        ------
+        ShapeError
+            When the shape does not fit.
+        """
+        size, steps = self._sizes, self.jacobians.shape[1]
+        table = by_horizon("cotangents", cotangents, self._count, (steps + 1, size["x"]))
+        costates, along = self.kernel.differentiator().pull(self.jacobians, table)
+        found = costates[:, 0], along[..., : size["u"]], along[..., size["u"] :], costates
+        x0, u, d, costates = (a[0] for a in found) if self._count is None else found
+        return TrajectoryGradient(x0, u, d, None, costates)
+
+    @property
+    def _count(self) -> int | None:
+        return None if self.x.ndim == 2 else len(self.x)
+
+    @property
+    def _sizes(self) -> dict[str, int]:
+        """How many directions there are in each input."""
+        return {key: size if key in self.inputs else 0 for key, size in self.kernel.model.sizes.items()}
+
+    def _columns(self, key: str) -> FloatArray:
+        sizes, start = self._sizes, 0
+        for other in ORDER[: ORDER.index(key)]:
+            start += sizes[other]
+        table = self.jacobians[:, :, start : start + sizes[key]].swapaxes(2, 3)
+        return table[0] if self._count is None else table
+
+
+class Trajectories(Differentiable):
+    """A stepper that takes many steps at once.
+
+    All calls take one horizon or a batch of them:
+
+    ======================  ============================  =================================================
+    input                   one horizon of T steps        batch of n horizons
+    ======================  ============================  =================================================
+    ``x0``                  (states,)                     (n, states)
+    ``u``                   (T, controls)                 (T, controls) for all, or (n, T, controls)
+    ``d``                   (T, disturbances)             (T, disturbances) for all, or (n, T, disturbances)
+    ``p`` for all steps     (parameters,)                 (parameters,) for all, or (n, parameters)
+    ``p`` by step           (T, parameters)               (n, T, parameters), or (1, T, parameters) for all
+    ======================  ============================  =================================================
+
+    The shape of ``x0`` decides which it is, so nothing is ambiguous: two axes of ``p`` are steps in one horizon and horizons in a
+    batch, even where n = T.
+    """
+
+    @abstractmethod
+    def walk(self, horizons: Horizons, states: FloatArray) -> int:
+        """Step checked horizons: write ``states`` (T + 1, n, states), whose first is there; gives how many steps all of them took."""
+
+    def rollout(self, x0: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike) -> FloatArray:
+        """States along consecutive control steps, the same bits as from ``step`` in a loop.
+
+        Parameters
+        ----------
+        x0, u, d, p : array_like
+            State at the start, controls [0..1], disturbances and parameters; shapes as above.
+
+        Returns
+        -------
+        ndarray
+            States (T + 1, states), or (n, T + 1, states) of a batch; the first is ``x0``.
+
+        Raises
+        ------
+        ShapeError, ActionError
+            When an input has the wrong shape or is not finite, or a control lies outside 0..1.
+        RolloutError
+            When a step could not be integrated: a StepError with horizon, step and the states that were reached.
+        """
+        states = self._rollout(as_horizons(self.model.names, x0, u, d, p), one=np.ndim(x0) == 1)
+        return states[0] if np.ndim(x0) == 1 else states
+
+    def linearise_trajectory(
+        self,
+        x0: npt.ArrayLike,
+        u: npt.ArrayLike,
+        d: npt.ArrayLike,
+        p: npt.ArrayLike,
+        *,
+        inputs: Sequence[str] = ("x", "u"),
+    ) -> Trajectory:
+        """A rollout with the Jacobians of all its steps.
+
+        They take 8 bytes times T times states times directions: 44 MB for 5,760 steps of 28 states and 34 directions.
+
+        Parameters
+        ----------
+        x0, u, d, p : array_like
+            As for ``rollout``.
+        inputs : sequence of str
+            Which of ``"x"``, ``"u"`` and ``"d"`` to differentiate with respect to; ``"x"`` is always one of them.
+
+        Raises
+        ------
+        ShapeError, ActionError, RolloutError
+            As for ``rollout``; ShapeError also when ``"x"`` is missing.
+        StepError
+            When a derivative is not finite.
+        UnknownNameError
+            When there is no such input.
+        """
+        asked = checked_inputs(inputs)
+        if "x" not in asked:
+            msg = f'A trajectory is linearised with respect to its states: add "x" to the inputs {asked}.'
+            raise ShapeError(msg)
+        one = np.ndim(x0) == 1
+        horizons = as_horizons(self.model.names, x0, u, d, p)
+        x = self._rollout(horizons, one=one)
+        rows = horizons.rows(x)
+        found = self.differentiator().forward(rows, all_directions(tuple(self.model.sizes.items()), (), asked))
+        self._check(rows, found.failed, [found.tangents], steps=horizons.steps)
+        jacobians = found.tangents.reshape(horizons.count, horizons.steps, *found.tangents.shape[1:])
+        return Trajectory(x[0] if one else x, asked, jacobians, self)
+
+    def rollout_adjoint(
+        self,
+        x0: npt.ArrayLike,
+        u: npt.ArrayLike,
+        d: npt.ArrayLike,
+        p: npt.ArrayLike,
+        cotangents: npt.ArrayLike,
+        *,
+        parameters: bool = False,
+    ) -> tuple[FloatArray, TrajectoryGradient]:
+        """A rollout and the gradient of ``sum_t cotangents[t] . x[t]`` with respect to its inputs; keeps states, no Jacobians.
+
+        Parameters
+        ----------
+        x0, u, d, p : array_like
+            As for ``rollout``.
+        cotangents : array_like
+            Weight of each state (T + 1, states); for a batch, one table for all or (n, T + 1, states).
+        parameters : bool
+            Whether to give the gradient with respect to the parameters as well.
+
+        Returns
+        -------
+        x : ndarray
+            States, as from ``rollout``.
+        gradient : TrajectoryGradient
+            Gradients with respect to x0, u, d and, if asked for, p, and the costates.
+
+        Raises
+        ------
+        ShapeError, ActionError, RolloutError
+            As for ``rollout``.
+        StepError
+            When a derivative is not finite.
+        """
+        one = np.ndim(x0) == 1
+        horizons = as_horizons(self.model.names, x0, u, d, p)
+        n, steps = horizons.count, horizons.steps
+        table = by_horizon("cotangents", cotangents, None if one else n, (steps + 1, horizons.x.shape[1]))
+        if not all_finite(table):
+            msg = "The cotangents of a rollout have values that are not finite."
+            raise ShapeError(msg)
+        x = self._rollout(horizons, one=one)
+        rows = horizons.rows(x)
+        ends = table[:, 1:].reshape(rows.x.shape)
+        found = self.differentiator().reverse_horizons(rows, steps, ends, parameters=parameters)
+        self._check(rows, found.failed, list(found.gradients.values()), steps=steps)
+        gradients = {key: a.reshape(n, steps, a.shape[1]) for key, a in found.gradients.items()}
+        costates = table.copy()
+        costates[:, :-1] += gradients["x"]
+        x0, own_u, own_d, costates = (
+            a[0] if one else a for a in (costates[:, 0], gradients["u"], gradients["d"], costates)
+        )
+        own_p = None
+        if parameters:
+            by_step = np.ndim(p) == (2 if one else 3)
+            own_p = gradients["p"] if by_step else gradients["p"].sum(axis=1)
+            own_p = own_p[0] if one else own_p
+        return (x[0] if one else x), TrajectoryGradient(x0, own_u, own_d, own_p, costates)
+
+    def _rollout(self, horizons: Horizons, *, one: bool) -> FloatArray:
+        """States (n, T + 1, states)."""
+        states = np.empty((horizons.steps + 1, *horizons.x.shape))
+        states[0] = horizons.x
+        step = self.walk(horizons, states)
+        reached = np.ascontiguousarray(states[: step + 1].swapaxes(0, 1))
+        if step < horizons.steps:
+            _, failures = self.advance(horizons.at(step, states[step]))
+            horizon, reason = failures[0].row, failures[0].reason
+            of = f"horizon {horizon} of {horizons.count}, step {step} of {horizons.steps}"
+            error = RolloutError(f"The rollout failed in {of} of {self.step_seconds:g} s: {reason}.")
+            error.horizon, error.step, error.states = horizon, step, reached[0] if one else reached
+            raise error
+        return reached
+
+
+def reverse_by_steps(
+    differentiator: Differentiator, rows: Rows, steps: int, cotangents: FloatArray, *, parameters: bool
+) -> Reverse:
+    """``Differentiator.reverse_horizons`` by calls of ``reverse``, one a step."""
+    count = len(rows.x)
+    firsts = np.arange(0, count, max(steps, 1))
+    x_next, failed = np.empty_like(rows.x), np.zeros(count, dtype=np.bool_)
+    sizes = {key: table.shape[1] for key, table in rows._asdict().items() if parameters or key != "p"}
+    gradients = {key: np.zeros((count, size)) for key, size in sizes.items()}
+    costates = cotangents.copy()
+    for step in reversed(range(steps)):
+        now = firsts + step
+        found = differentiator.reverse(rows.chosen(now), costates[now], parameters=parameters)
+        for key, gradient in found.gradients.items():
+            gradients[key][now] = gradient
+        x_next[now], failed[now] = found.x_next, found.failed
+        if step:
+            costates[now - 1] += found.gradients["x"]
+    return Reverse(x_next, gradients, failed)
+
+
+def push_by_steps(jacobians: FloatArray, along: FloatArray, first: FloatArray) -> FloatArray:
+    """``Differentiator.push`` in NumPy."""
+    n, steps, _, size = jacobians.shape
+    changes = np.empty((n, steps + 1, size))
+    changes[:, 0] = first
+    for step in range(steps):
+        directions = np.concatenate([along[:, step], changes[:, step]], axis=1)
+        changes[:, step + 1] = np.einsum("nm,nms->ns", directions, jacobians[:, step])
+    return changes
+
+
+def pull_by_steps(jacobians: FloatArray, cotangents: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """``Differentiator.pull`` in NumPy."""
+    n, steps, directions, size = jacobians.shape
+    costates, along = cotangents.copy(), np.empty((n, steps, directions - size))
+    for step in reversed(range(steps)):
+        gradient = np.einsum("nms,ns->nm", jacobians[:, step], costates[:, step + 1])
+        along[:, step] = gradient[:, : directions - size]
+        costates[:, step] += gradient[:, directions - size :]
+    return costates, along
