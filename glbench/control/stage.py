@@ -93,7 +93,7 @@ class StageReward:
     Raises
     ------
     TaskError
-        When the reward has a part that was registered: Python has no derivatives.
+        When a part of the reward was registered: it is Python, which has no derivatives.
     ShapeError
         When the smoothing is negative or no finite number.
     """
