@@ -101,9 +101,7 @@ class PlainEnvironments(Environments):
         super().__init__(program, n, states)
         self._program, self._kernel, self._parts, self._n = program, kernel, parts, n
         self._rows = np.arange(n)
-        deviations = parts.deviations or (DISTRIBUTIONS[UNIFORM],) * len(program.drawn)
-        self._groups = [_Group(noise, deviation, n) for noise, deviation in zip(program.drawn, deviations, strict=True)]
-        self._p = np.empty((n, len(program.nominal)))
+        self._draws = ParameterDraws(program, parts, n)
         self._failed: list[StepFailure] = []
         self._forget()
 
@@ -144,9 +142,7 @@ class PlainEnvironments(Environments):
 
     def _forget(self) -> None:
         """Make nothing of what was drawn ahead: keys and parameters may be others."""
-        self._p[:] = self.parameters
-        for group in self._groups:
-            group.first[:] = _NOT_DRAWN
+        self._draws.begin(self.parameters)
 
     def _accepted(self, bounds: ActionBounds, given: Floats) -> Floats | None:
         """Values within their bounds; ``None`` when one of an environment that runs is not accepted."""
@@ -201,14 +197,7 @@ class PlainEnvironments(Environments):
         program = self._program
         if not program.drawn:
             return self.parameters if program.own_parameters else self.parameters[0]
-        for number, group in enumerate(self._groups):
-            deviations = group.deviations(self.keys[:, number], self.k)
-            self._p[:, group.places] = self.parameters[:, group.places] * (1.0 + deviations)
-        if self._parts.followers is not None:
-            self._parts.followers.complete(self._p)
-        for _, place, values in program.followers.play(lambda source, index: self._p[:, index].copy()):
-            self._p[:, place] = values
-        return self._p
+        return self._draws.of_step(self.parameters, self.keys, self.k)
 
     def _weather_rows(self, steps: NDArray[np.int64]) -> NDArray[np.int64]:
         """Rows of the pool that are the weather of ``steps``, ``(n,)`` or ``(n, m)``."""
@@ -303,6 +292,33 @@ class PlainEnvironments(Environments):
             inputs = ObservationInputs(after, self.u, air, self.k.copy(), rows, self.first + self.k)
             for columns, part in parts.observation:
                 self.observations[:, columns] = part(inputs, self._judged())
+
+
+class ParameterDraws:
+    """The parameters of steps in which a program draws some, for ``n`` rows."""
+
+    def __init__(self, program: Program, parts: PythonParts, n: int) -> None:
+        deviations = parts.deviations or (DISTRIBUTIONS[UNIFORM],) * len(program.drawn)
+        self._groups = [_Group(noise, deviation, n) for noise, deviation in zip(program.drawn, deviations, strict=True)]
+        self._python_followers, self._followers = parts.followers, program.followers
+        self._p = np.empty((n, len(program.nominal)))
+
+    def begin(self, parameters: Floats) -> None:
+        """Take the parameters of other runs, ``(n, p)`` or ``(1, p)``."""
+        self._p[:] = parameters
+        for group in self._groups:
+            group.first[:] = _NOT_DRAWN
+
+    def of_step(self, parameters: Floats, keys: NDArray[np.uint64], k: NDArray[np.int64]) -> Floats:
+        """Parameters ``(n, p)`` in the steps ``k``, overwritten by the next call; ``parameters`` are those of ``begin``."""
+        for number, group in enumerate(self._groups):
+            deviations = group.deviations(keys[:, number], k)
+            self._p[:, group.places] = parameters[:, group.places] * (1.0 + deviations)
+        if self._python_followers is not None:
+            self._python_followers.complete(self._p)
+        for _, place, values in self._followers.play(lambda source, index: self._p[:, index].copy()):
+            self._p[:, place] = values
+        return self._p
 
 
 class _Group:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from glbench.env.actuation import ActionReader
 from glbench.env.program import air_columns, info_columns, make_program
 from glbench.env.quantities import REWARD
-from glbench.env.reference import NO_PARTS, PlainEnvironments
+from glbench.env.reference import NO_PARTS, ParameterDraws, PlainEnvironments
 from glbench.env.scenario import RunScenarios
 from glbench.env.step_result import StepResult, read_only
 
@@ -36,6 +36,19 @@ def make_environments(task: TaskSpec, n: int, kernel: Stepper, *, fused: bool = 
         if compiled is not None:
             return compiled
     return PlainEnvironments(program, n, kernel, len(task.model_value.states), parts)
+
+
+def run_parameters(task: TaskSpec, seed: int) -> Floats:
+    """Parameters of the run with ``seed``: ``(p,)`` where it keeps them to its end, ``(steps, p)`` where steps draw some."""
+    program, parts = make_program(task)
+    scenes = RunScenarios(task).draw([seed])
+    start = program.nominal[None] if scenes.parameters is None else scenes.parameters
+    if not program.drawn:
+        own: Floats = start[0].copy()
+        return own
+    draws = ParameterDraws(program, parts, task.steps)
+    draws.begin(start)
+    return draws.of_step(start, scenes.keys.repeat(task.steps, axis=0), np.arange(task.steps))
 
 
 class Runs:

@@ -14,9 +14,10 @@ gives the same bits as the formula gives with arrays.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -91,12 +92,44 @@ class Tape:
         list
             Target, index and values of each output; what depends on no input is a plain number.
         """
+        registers = self.fill(read)
+        return [(TARGETS[target], index, registers[number]) for target, index, number in self.outputs.tolist()]
+
+    def fill(self, read: Callable[[Source, int], Any]) -> list[Any]:
+        """The values of all registers, as ``play`` finds them."""
         registers: list[Any] = self.constants.tolist()
         registers += [read(SOURCES[source], index) for source, index in self.inputs.tolist()]
         with np.errstate(all="ignore"):  # as silent as the compiled kernel; whoever uses a number judges it
             for operator, a, b in self._steps:
                 registers.append(operator(registers[a], registers[b]))
-        return [(TARGETS[target], index, registers[number]) for target, index, number in self.outputs.tolist()]
+        return registers
+
+    def part(
+        self,
+        outputs: Sequence[tuple[Target, int]],
+        change: Mapping[tuple[Target, int], Callable[[Value], Value]] = MappingProxyType({}),
+    ) -> Tape:
+        """The tape of some outputs, with no more than they need; the same bits.
+
+        Parameters
+        ----------
+        outputs
+            Target and index of each.
+        change
+            Formulas by output of this tape, chosen or not: what a formula makes of the output's value takes its place, in the
+            outputs and in all operations that use it.
+        """
+        places = {(TARGETS[target], index): number for target, index, number in self.outputs.tolist()}
+        formulas = {places[output]: formula for output, formula in change.items()}
+        recorder = Recorder()
+        values: list[Any] = self.constants.tolist()
+        values += [recorder.input(SOURCES[source], index) for source, index in self.inputs.tolist()]
+        for number, (operator, a, b) in enumerate(self.operations.tolist(), len(values)):
+            value = recorder.operation(OPERATORS[operator], values[a], values[b])
+            values.append(formulas[number](value) if number in formulas else value)
+        for target, index in outputs:
+            recorder.output(target, index, values[places[target, index]])
+        return recorder.tape()
 
 
 class Value:

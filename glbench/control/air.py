@@ -1,0 +1,63 @@
+"""The air inside along a trajectory, as constraints know it, with its derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glbench.env.climate import AIR, record_air
+from glbench.errors import GlbenchError, ShapeError
+from glbench.kernel.tape import Recorder
+from glbench.kernel.tape_gradient import Playback
+from glbench.model import Model
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class AirAlong:
+    """Air temperature [degC], CO2 [ppm] and relative humidity [%] of some states.
+
+    Attributes
+    ----------
+    values
+        ``(..., 3)``.
+    gradient
+        Derivative of each with respect to the states ``(..., 3, s)``. Relative humidity is cut off at 0 and 100 %, as a hygrometer
+        shows it; beyond, its derivative is 0.
+    """
+
+    values: Floats
+    gradient: Floats
+
+
+def air_of(model: Model, states: ArrayLike) -> AirAlong:
+    """The air in ``states`` ``(..., s)`` of ``model``, with the bits of ``Simulation.air``.
+
+    Raises
+    ------
+    GlbenchError
+        When the model has no air.
+    ShapeError
+        When the states are not those of the model.
+    """
+    x = np.asarray(states, dtype=np.float64)
+    if model.air is None:
+        msg = f"{model.id} has no air: its `air` is None."
+        raise GlbenchError(msg)
+    if x.shape[-1:] != (len(model.states),):
+        msg = f"The states have shape {x.shape}; the last axis must have the {len(model.states)} states of {model.id}."
+        raise ShapeError(msg)
+    recorder = Recorder()
+    temperature, density, pressure = (recorder.input("after", model.state_index(name)) for name in model.air)
+    for place, value in enumerate((temperature, *record_air(temperature, density, pressure, recorder))):
+        recorder.output("table", place, value)
+    playback = Playback(recorder.tape(), lambda source, index: x[..., index])
+    values, gradient = np.empty((*x.shape[:-1], len(AIR))), np.zeros((*x.shape[:-1], len(AIR), x.shape[-1]))
+    for place in range(len(AIR)):
+        values[..., place] = playback.value("table", place)
+        for (_, state), slope in playback.gradient("table", place, ("after",)).items():
+            gradient[..., place, state] = slope
+    return AirAlong(values, gradient)

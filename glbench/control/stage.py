@@ -1,0 +1,208 @@
+"""The reward of every step of a trajectory, with its gradient: the arithmetic of the task's own program, played forward and back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glbench.env import REWARDS
+from glbench.env.program import info_columns, make_program
+from glbench.env.spaces import the_task
+from glbench.errors import ShapeError, TaskError
+from glbench.kernel.tape import Source, Target, Value
+from glbench.kernel.tape_gradient import Playback
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StageValues:
+    """What the steps of a trajectory earn; a batch of trajectories has leading axes everywhere.
+
+    Attributes
+    ----------
+    reward
+        Reward of each step ``(T,)``.
+    epi
+        Profit of each step ``(T,)`` [EUR m-2].
+    penalty
+        Sum of the violations, each divided by its scale or at its price ``(T,)``, as the task's quantity ``penalty``.
+    violations
+        By name of the quantity, such as ``violation_co2_high``, in its unit ``(T,)``.
+    """
+
+    reward: Floats
+    epi: Floats
+    penalty: Floats
+    violations: Mapping[str, Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class StageGradient:
+    """Derivatives of each step's reward; a batch of trajectories has leading axes everywhere.
+
+    Attributes
+    ----------
+    before, after
+        With respect to the states at the start and at the end of the step ``(T, s)``.
+    controls
+        With respect to the controls of the step ``(T, c)``.
+    """
+
+    before: Floats
+    after: Floats
+    controls: Floats
+
+    @property
+    def states(self) -> Floats:
+        """Derivatives of the sum of all rewards with respect to the trajectory's states ``(T + 1, s)``."""
+        shape = (*self.after.shape[:-2], self.after.shape[-2] + 1, self.after.shape[-1])
+        found = np.zeros(shape)
+        found[..., :-1, :] = self.before
+        found[..., 1:, :] += self.after
+        return found
+
+
+class StageReward:
+    """The reward of a task, step by step, for states and controls that an optimiser chose.
+
+    Without smoothing the numbers have the bits that ``Simulation`` gives for the same states, in any batch. At kinks (a limit, a price by
+    the weight of a head) the derivatives are those of the branch taken; at a limit that is just kept they are 0.
+
+    Where a task judges the end of a step, a violation follows from the air at that moment. Where it judges means, it follows from meters,
+    which are states: how they depend on air and controls is in the derivatives of the kernel's step. A step that stays within a limit has
+    none for it, however close it comes; ``air_of`` tells how close.
+
+    What a task charges for a step that fails is no matter of states, and not in here.
+
+    Parameters
+    ----------
+    task
+        The task, or its id.
+    smoothing
+        Width w within which violations count quadratically, as a share of the distance between the two limits of a quantity: a violation v
+        counts as v^2 / (2 w) up to w, and as v - w / 2 from there. 0 is exact. At 0.03 limits of 15 and 34 degC have w = 0.57 K.
+
+    Raises
+    ------
+    TaskError
+        When a part of the reward was registered: it is Python, which has no derivatives.
+    ShapeError
+        When the smoothing is negative or no finite number.
+    """
+
+    def __init__(self, task: TaskSpec | str, *, smoothing: float = 0.0) -> None:
+        self.task = task = the_task(task)
+        self.smoothing = smoothing
+        program, parts = make_program(task)
+        if parts.reward is not None:
+            registered = ", ".join(f"'{name}'" for name in task.reward.modules if not REWARDS.recorded(name))
+            shipped = ", ".join(name for name in REWARDS if REWARDS.recorded(name))
+            msg = f"The reward of {task.id} has no derivatives: {registered} is Python that somebody registered. Others have: {shipped}."
+            raise TaskError(msg)
+        if not (np.isfinite(smoothing) and smoothing >= 0.0):
+            msg = f"The smoothing is a finite share of the distance between two limits, 0 or more; got {smoothing!r}."
+            raise ShapeError(msg)
+        first = info_columns(task)
+        columns = {quantity.name: first + place for place, quantity in enumerate(task.quantities)}
+        widths = {
+            f"violation_{name}_{side}": smoothing * (limits.high - limits.low)
+            for name, limits in task.constraints.items()
+            for side in ("low", "high")
+        }
+        self._columns = {name: columns[name] for name in ("reward", "epi", "penalty", *widths)}
+        rounded: dict[tuple[Target, int], Callable[[Value], Value]] = {
+            ("table", columns[name]): _rounded(width) for name, width in widths.items() if width > 0.0
+        }
+        self._tape = program.outcome.part([("table", column) for column in self._columns.values()], rounded)
+        self._sizes = len(task.model_value.states), len(task.model_value.control_names)
+        self._calendar_columns = program.calendar.shape[1]
+
+    def __call__(self, x: ArrayLike, u: ArrayLike, calendar: ArrayLike | None = None) -> StageValues:
+        """What the steps of a trajectory earn.
+
+        Parameters
+        ----------
+        x
+            States ``(T + 1, s)``, or a batch ``(..., T + 1, s)``.
+        u
+            Controls ``(T, c)``, fractions, or a batch ``(..., T, c)``.
+        calendar
+            Rows of the scenario's calendar at the start of each step and at the end of the last one ``(T + 1, columns)``, such as
+            ``scenario.calendar[k : k + T + 1]``; needed where prices change.
+
+        Raises
+        ------
+        ShapeError
+            When states, controls and calendar do not fit each other or the task.
+        """
+        return self._stages(*self._played(x, u, calendar))
+
+    def gradient(
+        self, x: ArrayLike, u: ArrayLike, calendar: ArrayLike | None = None
+    ) -> tuple[StageValues, StageGradient]:
+        """What the steps of a trajectory earn, and the derivatives of each step's reward. Parameters and errors as of a call."""
+        playback, shape = self._played(x, u, calendar)
+        states, controls = self._sizes
+        tables: dict[Source, Floats] = {
+            "before": np.zeros((*shape, states)),
+            "after": np.zeros((*shape, states)),
+            "controls": np.zeros((*shape, controls)),
+        }
+        for (source, index), slopes in playback.gradient("table", self._columns["reward"], tables).items():
+            tables[source][..., index] = slopes
+        return self._stages(playback, shape), StageGradient(tables["before"], tables["after"], tables["controls"])
+
+    def _played(self, x: ArrayLike, u: ArrayLike, calendar: ArrayLike | None) -> tuple[Playback, tuple[int, ...]]:
+        """The tape played for the steps of a trajectory, and their shape."""
+        states, controls = (np.asarray(given, dtype=np.float64) for given in (x, u))
+        shape, (s, c) = controls.shape[:-1], self._sizes
+        if not shape or controls.shape != (*shape, c) or states.shape != (*shape[:-1], shape[-1] + 1, s):
+            msg = (
+                f"States of shape {states.shape} and controls of shape {controls.shape} are no trajectory of {self.task.id}. Expected "
+                f"(..., T + 1, {s}) and (..., T, {c})."
+            )
+            raise ShapeError(msg)
+        read: dict[Source, Floats] = {"before": states[..., :-1, :], "after": states[..., 1:, :], "controls": controls}
+        if self._tape.reads("calendar") or self._tape.reads("calendar_before"):
+            rows = self._calendar(calendar, shape[-1] + 1)
+            read |= {"calendar_before": rows[..., :-1, :], "calendar": rows[..., 1:, :]}
+        return Playback(self._tape, lambda source, index: read[source][..., index]), shape
+
+    def _calendar(self, given: ArrayLike | None, rows: int) -> Floats:
+        wanted = (rows, self._calendar_columns)
+        calendar = np.asarray(() if given is None else given, dtype=np.float64)
+        if calendar.shape[-2:] != wanted:
+            got = "none" if given is None else f"one of shape {calendar.shape}"
+            msg = (
+                f"Prices of {self.task.id} change: its reward needs the calendar of the steps, of shape {wanted}, and got {got}. "
+                "Take it from a Scenario, from step k on: calendar=scenario.calendar[k : k + T + 1]."
+            )
+            raise ShapeError(msg)
+        return calendar
+
+    def _stages(self, playback: Playback, shape: tuple[int, ...]) -> StageValues:
+        def values(name: str) -> Floats:
+            found = np.empty(shape)
+            found[...] = playback.value("table", self._columns[name])
+            return found
+
+        violations = {name: values(name) for name in self._columns if name.startswith("violation_")}
+        return StageValues(values("reward"), values("epi"), values("penalty"), violations)
+
+
+def _rounded(width: float) -> Callable[[Value], Value]:
+    """Makes a violation count quadratically up to ``width``."""
+
+    def count(violation: Any) -> Any:
+        near = np.minimum(violation, width)
+        return near * near / (2.0 * width) + (violation - near)
+
+    return count

@@ -1,0 +1,53 @@
+"""The examples of docs/control.md run as they stand, and what it says of limits holds."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from glbench.control import StageReward
+from glbench.kernel import available
+from glbench.model import limit_parameter, violation_meter
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "control.md"
+EXAMPLES = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def names() -> dict[str, Any]:
+    """What the page's examples define."""
+    if "compiled" not in available():
+        pytest.skip("no compiled kernel here")
+    found: dict[str, Any] = {}
+    for example in EXAMPLES:
+        exec(compile(example, str(PAGE), "exec"), found)
+    return found
+
+
+def test_the_gradient_of_a_day_is_that_of_differences(names: dict[str, Any]) -> None:
+    assert names["slope"] == pytest.approx(names["expected"], rel=1e-3)
+    assert f"# {names['reward']:.4f} EUR m-2" in EXAMPLES[0]
+    assert f"# {names['slope']:.3f} both" in EXAMPLES[0]
+
+
+def test_a_step_within_limits_has_no_derivative_for_them_but_for_tighter_ones(names: dict[str, Any]) -> None:
+    kernel, scenario, x, u = (names[name] for name in ("kernel", "scenario", "x", "u"))
+    model, place = kernel.model, "relative_humidity"
+    meter, limit = model.state_index(violation_meter(place, "high")), limit_parameter(place, "high")
+    humid = names["air"].values[:-1, 2]
+    calm = int((humid * (humid < 84.0) * (x[1:, meter] == x[:-1, meter])).argmax())
+    given, tighter = x[calm], scenario.p.copy()
+    tighter[model.parameter_names.index(limit)] = humid[calm] - 5.0
+    slopes = [kernel.linearise(given, u[calm], scenario.d[calm], p).dx[meter, :meter] for p in (scenario.p, tighter)]
+    assert not slopes[0].any()
+    assert slopes[1].any()
+
+
+def test_an_exact_and_a_smoothed_reward_agree_far_from_limits(names: dict[str, Any]) -> None:
+    exact, smoothed = (StageReward(names["task"], smoothing=share)(names["x"], names["u"]) for share in (0.0, 0.03))
+    kept = exact.penalty == 0.0
+    assert kept.any()
+    assert exact.reward[kept].tobytes() == smoothed.reward[kept].tobytes()
