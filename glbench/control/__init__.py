@@ -8,6 +8,18 @@ from __future__ import annotations
 
 from glbench.control.air import AirAlong, air_of
 from glbench.control.scenario import Scenario
+from glbench.control.season import Iteration, SeasonPlan, feasible, plan_season
 from glbench.control.stage import StageGradient, StageReward, StageValues
 
-__all__ = ["AirAlong", "Scenario", "StageGradient", "StageReward", "StageValues", "air_of"]
+__all__ = [
+    "AirAlong",
+    "Iteration",
+    "Scenario",
+    "SeasonPlan",
+    "StageGradient",
+    "StageReward",
+    "StageValues",
+    "air_of",
+    "feasible",
+    "plan_season",
+]
