@@ -230,7 +230,7 @@ class Trajectories(Differentiable):
     ) -> Trajectory:
         """A rollout with the Jacobians of all its steps.
 
-        They take 8 bytes times T times states times directions: 44 MB for 5,760 steps of the tomato model, with respect to states and controls.
+        They take 8 bytes times T times states times directions: 44 MB for 5,760 steps of the tomato model, in x and u.
 
         Parameters
         ----------
