@@ -271,7 +271,7 @@ def _training(row: Row) -> dict[str, Any] | None:
 
 
 def _told_of(row: Row) -> dict[str, Any]:
-    """What is told of the worst runs, of groups and trainings together, and of what the training saw."""
+    """Notes on the worst runs, on groups and trainings together, and on what the training saw."""
     overall = {name: [_short(e.overall.low), _short(e.overall.high)] for name, e in row.estimates.items() if e.overall}
     return {
         "worst_tenth": None if row.worst_tenth is None else _interval(row.worst_tenth),
