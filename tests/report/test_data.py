@@ -8,6 +8,7 @@ import json
 import re
 from base64 import b64decode
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,10 +19,10 @@ from glbench.evaluation.profiles import load_profile, profile_path
 from glbench.leaderboard import StoredResult, collect_results
 from glbench.leaderboard.catalogue import catalogue
 from glbench.report import build_report, complete_profiles, page
-from glbench.report.collecting import optional_facts
+from glbench.report.collecting import families, optional_facts
 from glbench.report.packing import LEVELS
 from glbench.report.page import _asset, _scripts
-from glbench.tasks import PAPER_TASK
+from glbench.tasks import PAPER_TASK, list_tasks
 
 
 def blocks_of(html: str) -> dict:
@@ -110,6 +111,11 @@ def test_the_figure_over_delta_has_the_tasks_of_the_suite_in_order(made):
         "name": "paper",
         "tasks": [f"glbench/Schiphol2010-Delta{delta}-v1" for delta in ("00", "10", "30")],
     }
+
+
+def test_there_is_no_figure_over_delta_where_more_differs_than_the_crop():
+    tables = [SimpleNamespace(task_id=task.id, task=task) for task in list_tasks()]
+    assert [family["name"] for family in families(tables)] == ["paper", "paper-code"]
 
 
 def test_the_same_results_give_the_same_page(made):
