@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from glbench.agents.card import SubmissionCard, read_card
     from glbench.agents.identity import Identity, baseline_names, identify
     from glbench.agents.loading import LoadedAgent, load_agent
-    from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, SingleRunAgent
+    from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, ScenarioController, SingleRunAgent
     from glbench.agents.rule_based import RuleBasedController
     from glbench.agents.rule_based_fair import FairRuleBasedAgent
     from glbench.agents.rule_settings import RuleSettings, read_rule_settings
@@ -30,7 +30,7 @@ else:
             "card": ("SubmissionCard", "read_card"),
             "identity": ("Identity", "baseline_names", "identify"),
             "loading": ("LoadedAgent", "load_agent"),
-            "protocol": ("Agent", "PerRunAgent", "PrivilegedController", "SingleRunAgent"),
+            "protocol": ("Agent", "PerRunAgent", "PrivilegedController", "ScenarioController", "SingleRunAgent"),
             "rule_based": ("RuleBasedController",),
             "rule_based_fair": ("FairRuleBasedAgent",),
             "rule_settings": ("RuleSettings", "read_rule_settings"),
@@ -49,6 +49,7 @@ __all__ = [
     "RuleBasedController",
     "RuleInputs",
     "RuleSettings",
+    "ScenarioController",
     "SingleRunAgent",
     "SubmissionCard",
     "action_problems",

@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from glbench.agents.card import read_toml
 from glbench.agents.identity import baseline_names, check_file, check_sizes, files_of_folder
-from glbench.agents.protocol import Agent, PrivilegedController
+from glbench.agents.protocol import Agent, PrivilegedController, ScenarioController, Sight
 from glbench.errors import GlbenchError, SubmissionError, did_you_mean
 from glbench.model import get_model
 from glbench.resources import data_folder, sha256_of_files
@@ -50,7 +50,7 @@ class _Controller:
     ``reader`` and ``maker`` are places (module, name): a process loads what the controller needs that it was asked for.
     """
 
-    privileged: bool
+    sees: Sight
     information: str
     reader: tuple[str, str]
     maker: tuple[str, str]
@@ -62,7 +62,7 @@ class _Controller:
             settings: Settings = _found(self.reader)(place)
         return settings
 
-    def make(self, settings: Settings) -> Agent | PrivilegedController:
+    def make(self, settings: Settings) -> Agent | PrivilegedController | ScenarioController:
         """A new controller with these settings.
 
         Raises
@@ -71,7 +71,7 @@ class _Controller:
             When it cannot be made with these settings.
         """
         with _damage_in_words():
-            controller: Agent | PrivilegedController = _found(self.maker)(settings)
+            controller: Agent | PrivilegedController | ScenarioController = _found(self.maker)(settings)
         return controller
 
 
@@ -98,7 +98,7 @@ _RULE_SETTINGS = ("rule_settings", "read_rule_settings")
 
 _CONTROLLERS = {
     "rule_based": _Controller(
-        privileged=True,
+        sees="state",
         information=(
             "privileged: true state, weather of the coming step, radiation sum of the whole day, dawn and dusk in advance; "
             "sets controls directly, without rate limit"
@@ -108,28 +108,28 @@ _CONTROLLERS = {
         modules=("rules.py", "rule_settings.py", "rule_based.py"),
     ),
     "rule_based_fair": _Controller(
-        privileged=False,
+        sees="observations",
         information="observations and the public task card",
         reader=_RULE_SETTINGS,
         maker=("rule_based_fair", "FairRuleBasedAgent"),
         modules=("rules.py", "rule_settings.py", "rule_based_fair.py", "daylight.py"),
     ),
     "network": _Controller(
-        privileged=False,
+        sees="observations",
         information="observations and the public task card",
         reader=("network_agent", "PolicyFiles.at"),
         maker=("network_agent", "NetworkAgent"),
         modules=("exact_math.py", "network_policy.py", "network_agent.py"),
     ),
     "grower": _Controller(
-        privileged=False,
+        sees="observations",
         information="observations and the public task card",
         reader=("grower", "read_grower_settings"),
         maker=("grower", "GrowerAgent"),
         modules=("grower.py", "rule_based_fair.py"),
     ),
     "recording": _Controller(
-        privileged=False,
+        sees="observations",
         information="nothing: replays recorded actions",
         reader=("recording", "read_recording"),
         maker=("recording", "RecordingAgent"),
@@ -164,16 +164,16 @@ class Baseline:
     """SHA-256 (hex) over the controller's name, its settings and its modules. The card's words may change."""
 
     @property
-    def privileged(self) -> bool:
-        """Whether it sees more than observations."""
-        return _CONTROLLERS[self.card.controller].privileged
+    def sees(self) -> Sight:
+        """What it is shown."""
+        return _CONTROLLERS[self.card.controller].sees
 
     @property
     def information(self) -> str:
         """What it sees, in words."""
         return _CONTROLLERS[self.card.controller].information
 
-    def make(self, task: TaskCard) -> Agent | PrivilegedController:
+    def make(self, task: TaskCard) -> Agent | PrivilegedController | ScenarioController:
         """A new controller; what else there is to know of its task it learns on reset.
 
         Raises
@@ -181,7 +181,9 @@ class Baseline:
         SubmissionError
             When it reads the state of another model, or cannot be made with its settings.
         """
-        if self.privileged and not set(get_model(PAPER_MODEL).state_names) <= set(get_model(task.model).state_names):
+        if self.sees == "state" and not set(get_model(PAPER_MODEL).state_names) <= set(
+            get_model(task.model).state_names
+        ):
             msg = (
                 f"'{self.card.controller}' reads the state of {PAPER_MODEL}, and {task.id} has {task.model}, which lacks some of it. "
                 "Evaluate an agent that works with observations, such as rule_based_fair."

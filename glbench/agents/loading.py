@@ -30,7 +30,7 @@ from glbench.agents.identity import (
     path_of,
     read_identity,
 )
-from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, SingleRunAgent
+from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, ScenarioController, Sight, SingleRunAgent
 from glbench.errors import SubmissionError, did_you_mean
 from glbench.resources import data_folder
 
@@ -264,14 +264,24 @@ class LoadedAgent:
     kind: Literal["submission", "baseline"]
     digest: str
     """SHA-256 (hex) over the submission's files; for a baseline over its settings and the code of its rules."""
-    privileged: bool
-    """Whether it is a ``PrivilegedController``; submissions never are."""
+    sees: Sight
+    """Only controllers of glbench see more than observations."""
     information: str
     """What it sees, in words."""
-    make: Callable[[TaskCard], Agent | PrivilegedController] = field(repr=False)
+    make: Callable[[TaskCard], Agent | PrivilegedController | ScenarioController] = field(repr=False)
     """Makes the agent for a task; raises ``SubmissionError`` when that fails."""
     submission: Identity | None = None
     """Its files, form and card; ``None`` for a controller of glbench."""
+
+    @property
+    def privileged(self) -> bool:
+        """Whether it sees more than observations."""
+        return self.sees != "observations"
+
+    @property
+    def acts(self) -> Literal["actions", "controls"]:
+        """What it decides: actions, or controls past the task's actuation."""
+        return "controls" if self.sees == "state" else "actions"
 
 
 def load_agent(ref: str | Path) -> LoadedAgent:
@@ -295,7 +305,9 @@ def load_agent(ref: str | Path) -> LoadedAgent:
         return _baseline(path, name_of(path), "submission")
     submission = read_identity(path)
     make = _maker_of(submission)
-    return LoadedAgent(submission.name, "submission", submission.digest, False, OBSERVATIONS_ONLY, make, submission)
+    return LoadedAgent(
+        submission.name, "submission", submission.digest, "observations", OBSERVATIONS_ONLY, make, submission
+    )
 
 
 def _maker_of(submission: Identity) -> Callable[[TaskCard], Agent]:
@@ -332,7 +344,7 @@ def _baseline(ref: str | Path, name: str, kind: Literal["submission", "baseline"
     from glbench.agents.baselines import read_baseline
 
     baseline: Baseline = read_baseline(ref)
-    return LoadedAgent(name, kind, baseline.digest, baseline.privileged, baseline.information, baseline.make)
+    return LoadedAgent(name, kind, baseline.digest, baseline.sees, baseline.information, baseline.make)
 
 
 def _nothing_there(ref: str, path: Path) -> str:

@@ -1,4 +1,4 @@
-"""What an agent is: three small protocols, and the adapter between an agent for one run and an evaluation of many.
+"""What an agent is: four small protocols, and the adapter between an agent for one run and an evaluation of many.
 
 An agent sees observations and the public task card, nothing else: no states, no coming weather, no seeds. Only controllers that
 are part of glbench may be privileged; every result says so.
@@ -6,8 +6,8 @@ are part of glbench may be privileged; every result says so.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 from glbench.errors import ActionError, ShapeError
 
 if TYPE_CHECKING:
-    from glbench.tasks import TaskCard
+    from glbench.tasks import TaskCard, TaskSpec
 
 Floats = NDArray[np.float64]
 Observations = NDArray[np.float32]
 """What agents see: shape (n, observations of the task), in the units of the task card."""
 Actions = Floats
 """What agents want: shape (n, actions of the task), within the bounds of the task card."""
+Sight = Literal["observations", "state", "scenario"]
+"""What an agent sees: what the task shows, the true state (``PrivilegedController``), or everything (``ScenarioController``)."""
 
 
 @runtime_checkable
@@ -77,6 +79,20 @@ class PrivilegedController(Protocol):
         ``x`` (n, states) is the state now, ``d`` (n, disturbances) or (disturbances,) the disturbance acting in the coming step,
         ``hour_of_day`` [h] and ``day_of_year`` [day] the clock now, one number or one a run (n,).
         """
+
+
+@runtime_checkable
+class ScenarioController(Protocol):
+    """A controller of glbench itself that knows everything that is given in its runs, and acts through the task's actuation.
+
+    What it earns says what could be reached by whoever knew the draws and the weather to come.
+    """
+
+    def reset(self, task: TaskSpec, seeds: Sequence[int], /) -> None:
+        """Runs of ``task`` with ``seeds`` begin; ``glbench.control.Scenario`` tells what is given in each."""
+
+    def act(self, x: Floats, /) -> Actions:
+        """Actions (n, actions) for the coming step, given the true states ``x`` (n, states)."""
 
 
 class PerRunAgent:

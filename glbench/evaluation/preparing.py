@@ -458,7 +458,7 @@ class Evaluation:
         """The agent in its harness, made and not yet reset."""
         card, n = task_card(self.task), len(self.seeds)
         if self.submission is None:
-            runner = make_runner(self.agent, self.task, card, n, self.limits)
+            runner = make_runner(self.agent, self.task, card, self.seeds, self.limits)
         else:
             runner = sandboxed_runner(SandboxedAgent(self.submission, card, n, self.limits, self.sizes, self.prints))
         if self.is_part and not isinstance(runner, PerRunRunner | SandboxedRuns):

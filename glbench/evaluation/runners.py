@@ -16,13 +16,14 @@ import pickle
 import re
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.agents import Agent, Identity, LoadedAgent, PerRunAgent, PrivilegedController
+from glbench.agents import Agent, Identity, LoadedAgent, PerRunAgent, PrivilegedController, ScenarioController
 from glbench.agents.actions import ROUNDING, read_actions, value_problems
 from glbench.env import Simulation, StepResult
 from glbench.errors import SubmissionError
@@ -110,25 +111,29 @@ class AgentRunner(ABC):
         """Let go of whatever the agent holds outside this process."""
 
 
-def make_runner(agent: LoadedAgent, task: TaskSpec, card: TaskCard, n: int, limits: TimeLimits) -> AgentRunner:
-    """A fresh agent for ``n`` runs of ``task``, in this process, in the harness that fits it.
+def make_runner(
+    agent: LoadedAgent, task: TaskSpec, card: TaskCard, seeds: Sequence[int], limits: TimeLimits
+) -> AgentRunner:
+    """A fresh agent for the runs of ``task`` with ``seeds``, in this process, in the harness that fits it.
 
     Raises
     ------
     SubmissionError
         When the agent cannot be made.
     """
-    first = _made(agent, card, limits)
+    first, n = _made(agent, card, limits), len(seeds)
     if isinstance(first, PerRunAgent):
         others = [_made(agent, card, limits) for _ in range(n - 1)]
         return PerRunRunner([first, *others], card, limits)  # type: ignore[list-item]
     # What the loader says counts, not what the object looks like: a submission is never privileged.
-    if agent.privileged:
+    if agent.sees == "scenario":
+        return ScenarioRunner(cast(ScenarioController, first), task, card, seeds, limits)
+    if agent.sees == "state":
         return PrivilegedRunner(cast(PrivilegedController, first), task, card, n, limits)
     return BatchRunner(cast(Agent, first), card, n, limits)
 
 
-def _made(agent: LoadedAgent, card: TaskCard, limits: TimeLimits) -> Agent | PrivilegedController:
+def _made(agent: LoadedAgent, card: TaskCard, limits: TimeLimits) -> Agent | PrivilegedController | ScenarioController:
     answer = guarded(lambda: agent.make(card), limits.start, "make_agent", through=(KeyboardInterrupt, SubmissionError))
     if answer.value is None:
         reason = answer.failure.reason if answer.failure else "make_agent returned nothing"
@@ -213,6 +218,28 @@ class PrivilegedRunner(BatchRunner):
             return self._agent.controls(x, d, hours[:, 0], days[:, 0])
         hour, day = float(weather.hour_of_day[step]), float(weather.day_of_year[step])
         return self._agent.controls(shown, weather.values[step], hour, day)
+
+
+class ScenarioRunner(BatchRunner):
+    """A controller of glbench that knows everything that is given in its runs and is shown the true states."""
+
+    def __init__(
+        self, controller: ScenarioController, task: TaskSpec, card: TaskCard, seeds: Sequence[int], limits: TimeLimits
+    ) -> None:
+        super().__init__(cast(Agent, controller), card, len(seeds), limits)
+        self._runs = task, tuple(seeds)
+
+    def start(self) -> tuple[Failure, ...]:
+        """Tell the controller which runs begin."""
+        answer = guarded(lambda: self._agent.reset(*self._runs), self.limits.start, "reset")
+        return (answer.failure,) if answer.failure else ()
+
+    def inputs(self, simulation: Simulation, observations: NDArray[np.float32]) -> Inputs:
+        """Show the states."""
+        return np.array(simulation.x, dtype=np.float64)
+
+    def _returned(self, step: int, shown: Inputs) -> object:
+        return self._agent.act(shown)
 
 
 class PerRunRunner(AgentRunner):

@@ -86,12 +86,10 @@ def _same_evaluation(result: Result, log: ActionLog) -> None:
                 f"The recorded actions are of another agent: its {name} is {recorded!r}, the result says {stated!r}."
             )
             refute("record_of_other_agent", reason)
-    if (agent.acts == "controls") != agent.privileged:
-        reason = (
-            f"The agent set {agent.acts} and says that it is {'' if agent.privileged else 'not '}privileged. "
-            "Only the privileged set controls."
+    if agent.acts == "controls" and not agent.privileged:
+        refute(
+            "privileged", "The agent set controls and says that it is not privileged. Only the privileged set controls."
         )
-        refute("privileged", reason)
     if log.provenance.kernel != result.evaluation.kernel:
         refute("other_kernel", "The record was made with another kernel than the result says.")
     stated_versions = result.versions.model_dump()

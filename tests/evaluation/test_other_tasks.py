@@ -51,7 +51,7 @@ class Warm:
 
 
 def privileged(controller: Warm) -> LoadedAgent:
-    return LoadedAgent("warm", "baseline", "0" * 64, True, "privileged: everything", lambda card: controller)
+    return LoadedAgent("warm", "baseline", "0" * 64, "state", "privileged: everything", lambda card: controller)
 
 
 @pytest.fixture

@@ -56,7 +56,7 @@ def protect(agent: LoadedAgent | str | Path, choice: SandboxChoice) -> Protected
     if submission is None or protection_of(submission, choice) != "bubblewrap":
         return _loaded(load_agent(agent), "none")
     outside = LoadedAgent(
-        submission.name, "submission", submission.digest, False, submission.information, _not_here, submission
+        submission.name, "submission", submission.digest, "observations", submission.information, _not_here, submission
     )
     return Protected(outside, "bubblewrap", submission)
 
