@@ -169,6 +169,11 @@ class Baseline:
         return _CONTROLLERS[self.card.controller].sees
 
     @property
+    def privileged(self) -> bool:
+        """Whether it sees more than observations."""
+        return self.sees != "observations"
+
+    @property
     def information(self) -> str:
         """What it sees, in words."""
         return _CONTROLLERS[self.card.controller].information
