@@ -30,11 +30,12 @@ from glbench.untrusted import MIB, quoted
 if TYPE_CHECKING:
     from glbench.agents.grower import GrowerSettings
     from glbench.agents.network_agent import PolicyFiles
+    from glbench.agents.plans import PlanFolder
     from glbench.agents.recording import Recording
     from glbench.agents.rule_settings import RuleSettings
     from glbench.tasks import TaskCard
 
-    Settings = RuleSettings | GrowerSettings | PolicyFiles | Recording
+    Settings = RuleSettings | GrowerSettings | PolicyFiles | Recording | PlanFolder
 
 _HERE = Path(__file__).resolve().parent
 LARGEST_ARCHIVE = 256 * MIB
@@ -135,6 +136,13 @@ _CONTROLLERS = {
         maker=("recording", "RecordingAgent"),
         modules=("recording.py",),
     ),
+    "plans": _Controller(
+        sees="scenario",
+        information="privileged: everything that is given in a run, its draws and the weather to come; acts through the task's actuation",
+        reader=("plans", "PlanFolder"),
+        maker=("plans", "PlanController"),
+        modules=("plans.py",),
+    ),
 }
 
 
@@ -147,7 +155,7 @@ class Card(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     title: str
-    controller: Literal["rule_based", "rule_based_fair", "grower", "network", "recording"]
+    controller: Literal["rule_based", "rule_based_fair", "grower", "network", "recording", "plans"]
     settings: str
     description: str
     made: str

@@ -12,6 +12,7 @@ import typer
 from glbench import __version__
 from glbench.cli import episodes, rounds, submit, tasks, weather
 from glbench.cli.bench import bench
+from glbench.cli.bound import bound
 from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_warnings
 from glbench.cli.evaluate import evaluate
 from glbench.cli.leaderboard import badge, leaderboard
@@ -32,7 +33,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _command in (evaluate, leaderboard, show, compare, badge, report, verify, view, bench):
+for _command in (evaluate, leaderboard, show, compare, badge, report, verify, view, bound, bench):
     app.command(_command.__name__)(_command)
 app.add_typer(submit.app, name="submit")
 app.add_typer(rounds.app, name="round")

@@ -1,9 +1,10 @@
 """Plans for a whole season with everything known: sequential convex programming along the trajectory.
 
 Each iteration linearises the season's steps around the plan, improves the rewards of the linearised season within a trust region of
-each day, and simulates eight step lengths of that improvement. Each day keeps the length that serves it best, judged by what it earns
-itself and by what the rest of the season makes of the state that it leaves (the costates). A plan is never worse than the one that it
-was made from. Why it is done like this: docs/adr/0019-plans-by-sequential-convex-programming.md.
+each day, corrects the improvement by what the linearised season got wrong about it, and simulates eight step lengths. Each day keeps the
+length that serves it best, judged by what it earns itself and by what the rest of the season makes of the state that it leaves (the
+costates). A plan is never worse than the one that it was made from. Why it is done like this:
+docs/adr/0019-plans-by-sequential-convex-programming.md.
 """
 
 from __future__ import annotations
@@ -30,17 +31,17 @@ Floats = NDArray[np.float64]
 
 _LENGTHS = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.25])
 """Shares of an improvement that are simulated."""
-_SHORT, _LONG = 1, 5
+_SHORT, _LONG = 1, 4
 """Up to this place of ``_LENGTHS`` a day's trust region shrinks, from this one on it grows."""
-_SHRINK, _GROW = 0.75, 1.3
+_SHRINK, _GROW = 0.85, 1.3
 _FIRST_RADIUS, _LARGEST_RADIUS = 0.1, 0.3
 """Trust region of a day: how far a control may move."""
 _FIRST_SMOOTHING, _LAST_SMOOTHING = 0.01, 0.001
 """Width within which violations count quadratically, as a share of the distance between the limits."""
-_INNER = 60
-"""Gradient steps on a linearised season."""
-_FIRST_RATE, _LAST_RATE = 0.2, 0.005
-"""Length of these steps in trust regions, from the first to the last."""
+_INNER, _CORRECTING = 60, 30
+"""Gradient steps on a linearised season: to improve it, and to correct the improvement."""
+_FIRST_RATE, _CORRECTING_RATE, _LAST_RATE = 0.2, 0.1, 0.005
+"""Length of these steps in trust regions, from the first of either kind to the last."""
 _MOMENTUM, _MEMORY = 0.9, 0.97
 """Weights of the past in the mean of gradients and in that of their squares."""
 _FLAT = 1e-3
@@ -120,7 +121,7 @@ def plan_season(
     scenario: Scenario,
     controls: ArrayLike,
     *,
-    iterations: int = 40,
+    iterations: int = 35,
     preset: str = "fast",
     watch: Callable[[Iteration], None] | None = None,
 ) -> SeasonPlan:
@@ -220,10 +221,16 @@ class _Search:
         # What the rest of the season makes of a state: without the end of the step that led there.
         worth = lines.pull(slopes.states).costates
         worth[1:] -= slopes.after
-        move = self._better(stage, lines, self.radius[self.days, None] * self._scale(lines))
-        tried = self._simulated(np.array([self._feasible(plan.controls + share * move) for share in _LENGTHS]))
+        reach = self.radius[self.days, None] * self._scale(lines)
+        move = self._better(stage, lines, reach)
+        bend = self._corrected(stage, lines, reach, move) - move
+
+        def at(length: float | Floats) -> Floats:
+            return self._feasible(plan.controls + length * move + length**2 * bend)
+
+        tried = self._simulated(np.array([at(length) for length in _LENGTHS]))
         best = self._best_by_day(tried, worth)
-        merged = self._simulated(self._feasible(plan.controls + _LENGTHS[best][self.days, None] * move)[None])
+        merged = self._simulated(at(_LENGTHS[best][self.days, None])[None])
         self.plan = max([plan, *tried, *merged], key=lambda one: one.reward)
         self.radius = np.where(best <= _SHORT, self.radius * _SHRINK, self.radius)
         self.radius = np.where(best >= _LONG, np.minimum(self.radius * _GROW, _LARGEST_RADIUS), self.radius)
@@ -231,11 +238,26 @@ class _Search:
 
     def _better(self, stage: StageReward, lines: Trajectory, reach: Floats) -> Floats:
         """Changes of the controls, at most ``reach`` each, that improve the rewards of the linearised season."""
+        nothing = np.zeros_like(self.plan.controls)
+        return self._ascended(stage, lines, reach, lines.x, nothing, _INNER, _FIRST_RATE)
+
+    def _corrected(self, stage: StageReward, lines: Trajectory, reach: Floats, move: Floats) -> Floats:
+        """``move``, improved again where the states are that it really leads to (second-order correction)."""
+        controls = self._feasible(self.plan.controls + move)
+        p = self.p if self.p.ndim == 1 else self.p[None]
+        there = self.plain.rollout(lines.x[:1], controls[None], self.scenario.d, p)[0]
+        move = controls - self.plan.controls
+        return self._ascended(stage, lines, reach, there - lines.push(move), move, _CORRECTING, _CORRECTING_RATE)
+
+    def _ascended(
+        self, stage: StageReward, lines: Trajectory, reach: Floats, x: Floats, move: Floats, count: int, rate: float
+    ) -> Floats:
+        """The best move that so many gradient steps find from ``move``, with states ``x`` where nothing moves."""
         u, calendar = self.plan.controls, self.scenario.calendar
-        move, best, most = np.zeros_like(u), np.zeros_like(u), -np.inf
+        best, most = move, -np.inf
         mean, square, flat = np.zeros_like(u), np.zeros_like(u), 0.0
-        for number in range(1, _INNER + 1):
-            values, slopes = stage.gradient(lines.x + lines.push(move), u + move, calendar)
+        for number in range(1, count + 1):
+            values, slopes = stage.gradient(x + lines.push(move), u + move, calendar)
             total = float(values.reward.sum())
             if total > most:
                 best, most = move, total
@@ -245,8 +267,8 @@ class _Search:
             mean = _MOMENTUM * mean + (1.0 - _MOMENTUM) * gradient
             square = _MEMORY * square + (1.0 - _MEMORY) * gradient**2
             direction = mean / (1.0 - _MOMENTUM**number) / (np.sqrt(square / (1.0 - _MEMORY**number)) + flat)
-            rate = _FIRST_RATE * (1.0 - number / _INNER) ** 2 + _LAST_RATE
-            move = np.clip(move + rate * reach * direction, -reach, reach)
+            length = rate * (1.0 - number / count) ** 2 + _LAST_RATE
+            move = np.clip(move + length * reach * direction, -reach, reach)
             move = self._feasible(u + move) - u
         return best
 

@@ -241,10 +241,22 @@ class RayEngine:
         GlbenchError
             When the cluster cannot be reached or started.
         """
+        with self.cluster() as ray:
+            yield from _Session(ray, report).run(jobs)
+
+    @contextmanager
+    def cluster(self) -> Iterator[Any]:
+        """The package ``ray``, connected to the cluster until the end.
+
+        Raises
+        ------
+        GlbenchError
+            When the cluster cannot be reached or started.
+        """
         with _own_signals():
             self._begin()
         try:
-            yield from _Session(self._ray, report).run(jobs)
+            yield self._ray
         finally:
             self._ray.shutdown()
 

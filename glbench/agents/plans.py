@@ -1,0 +1,332 @@
+"""Plans for the scenarios of a task, made with everything known: a book of them in a small file, and the controller that carries them out.
+
+A plan is the actions of a whole run. They are kept as whole numbers (uint16) on a scale from the lower to the upper bound of each
+action, so coarse that the file is small: a run of 5,760 steps takes about 20 kB. Where actions are changes (rate actuation), what rounding
+one leaves over goes into the next, so that the controls stay within a ten-thousandth of the plan's.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glbench.errors import ShapeError, SubmissionError
+from glbench.resources import write_atomically
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+Floats = NDArray[np.float64]
+
+FORMAT = 1
+HALF_SCALE = 1000
+"""Numbers from the middle of an action's bounds to either of them; the middle, which is 0 for a change, is exact."""
+_LARGEST = 256 * 2**20
+"""Size of the unpacked arrays [bytes]."""
+_ADVICE = "`glbench bound` writes books of plans."
+
+
+@dataclass(frozen=True, eq=False)
+class PlanBook:
+    """Plans for some runs of a task. Runs in which the same is given share one.
+
+    Attributes
+    ----------
+    task_id, task_digest, split
+        The task, and the split of it whose runs these are; ``split`` is empty for a task without.
+    names, low, high, actuation
+        Of the actions, and how the task turns them into controls.
+    runs
+        Seed of a run to the place of its plan.
+    actions
+        ``(plans, actions, steps)``, uint16, from 0 for the lower bound to ``2 * HALF_SCALE`` for the upper one.
+    about
+        Of each plan how it was made and what it earns.
+    """
+
+    task_id: str
+    task_digest: str
+    split: str
+    names: tuple[str, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    actuation: str
+    runs: Mapping[int, int]
+    actions: NDArray[np.uint16]
+    about: tuple[Mapping[str, str | int | float], ...]
+
+    def __post_init__(self) -> None:
+        if self.actions.ndim != 3 or self.actions.shape[:2] != (len(self.about), len(self.names)):
+            msg = f"{len(self.about)} plans of {len(self.names)} actions cannot have the shape {self.actions.shape}"
+            raise ShapeError(msg)
+        if self.actions.size and self.actions.max() > 2 * HALF_SCALE:
+            msg = f"it has a number above {2 * HALF_SCALE}"
+            raise ShapeError(msg)
+        if set(self.runs.values()) != set(range(len(self.about))):
+            msg = "its runs and its plans do not belong together"
+            raise ShapeError(msg)
+
+    @classmethod
+    def of(
+        cls, task: TaskSpec, seeds: Sequence[int], actions: ArrayLike, about: Mapping[str, str | int | float]
+    ) -> PlanBook:
+        """A book with one plan, ``actions`` ``(steps, actions)``, for the runs of ``task`` with ``seeds``.
+
+        Raises
+        ------
+        ShapeError
+            When the actions have another shape than those of a run.
+        """
+        low, high = (np.array([getattr(action, side) for action in task.actions]) for side in ("low", "high"))
+        wanted = np.asarray(actions, dtype=np.float64)
+        if wanted.shape != (task.steps, len(low)) or not np.isfinite(wanted).all():
+            msg = (
+                f"A plan for {task.id} has finite actions of the shape ({task.steps}, {len(low)}); got {wanted.shape}."
+            )
+            raise ShapeError(msg)
+        numbers = _rounded(2.0 * (wanted - low) / (high - low) - 1.0, carry=task.actuation.kind == "rate")
+        return cls(
+            task.id,
+            task.digest,
+            _split(task),
+            tuple(action.name for action in task.actions),
+            tuple(low.tolist()),
+            tuple(high.tolist()),
+            task.actuation.kind,
+            dict.fromkeys(seeds, 0),
+            np.ascontiguousarray(numbers.T)[None],
+            (dict(about),),
+        )
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """Of all runs, in their order."""
+        return tuple(sorted(self.runs))
+
+    def plan(self, seed: int) -> Floats:
+        """Actions of the run with ``seed``, ``(steps, actions)``."""
+        low, high = np.array(self.low), np.array(self.high)
+        shares = self.actions[self.runs[seed]].T.astype(np.float64) / HALF_SCALE
+        found: Floats = np.clip(low + 0.5 * (high - low) * shares, low, high)
+        return found
+
+    def about_run(self, seed: int) -> Mapping[str, str | int | float]:
+        """How the plan of a run was made, and what it earns."""
+        return self.about[self.runs[seed]]
+
+    def with_about(self, **more: str | int | float) -> PlanBook:
+        """The same plans, about which there is more to say."""
+        return replace(self, about=tuple({**about, **more} for about in self.about))
+
+    def only(self, seeds: Sequence[int]) -> PlanBook:
+        """The plans of some of the runs."""
+        places = sorted({self.runs[seed] for seed in seeds})
+        return replace(
+            self,
+            runs={seed: places.index(self.runs[seed]) for seed in seeds},
+            actions=self.actions[places],
+            about=tuple(self.about[place] for place in places),
+        )
+
+    def merged(self, other: PlanBook) -> PlanBook:
+        """These plans, and for the runs of ``other`` its plans in their place.
+
+        Raises
+        ------
+        SubmissionError
+            When the two are not of the same task.
+        """
+        if self.same_task != other.same_task:
+            msg = f"Plans of {self.task_id} ({self.task_digest[:12]}) and of {other.task_id} ({other.task_digest[:12]}) do not go together."
+            raise SubmissionError(msg)
+        stay = [seed for seed in self.seeds if seed not in other.runs]
+        if not stay:
+            return other
+        kept = self.only(stay)
+        return replace(
+            kept,
+            runs={**kept.runs, **{seed: place + len(kept.about) for seed, place in other.runs.items()}},
+            actions=np.concatenate([kept.actions, other.actions]),
+            about=(*kept.about, *other.about),
+        )
+
+    @property
+    def same_task(self) -> tuple[object, ...]:
+        """What has to be equal for two books to be of the same task."""
+        return self.task_id, self.task_digest, self.split, self.names, self.low, self.high, self.actuation
+
+    def why_not(self, task: TaskSpec) -> str | None:
+        """Why the plans are not for ``task``, in words; ``None`` when they are."""
+        if task.salt_commitment is not None:
+            return "its draws are secret, and plans are made for known ones"
+        if (self.task_id, self.task_digest) != (task.id, task.digest):
+            return f"they are for {self.task_id} with the digest {self.task_digest[:12]}, and its digest is {task.digest[:12]}"
+        if self.split != _split(task):
+            return f"they are for the {self.split or 'only'} split, and this is the {_split(task) or 'only'} one"
+        return None
+
+    def to_bytes(self) -> bytes:
+        """The book as the bytes of its file; equal books give equal bytes."""
+        facts = {
+            "task": self.task_id,
+            "digest": self.task_digest,
+            "split": self.split,
+            "actuation": self.actuation,
+            "about": [dict(about) for about in self.about],
+        }
+        seeds = self.seeds
+        file = io.BytesIO()
+        np.savez_compressed(
+            file,
+            allow_pickle=False,
+            format=np.int64(FORMAT),
+            facts=np.array(json.dumps(facts, sort_keys=True)),
+            names=np.array(self.names),
+            low=np.array(self.low),
+            high=np.array(self.high),
+            seeds=np.array(seeds, dtype=np.uint64),
+            places=np.array([self.runs[seed] for seed in seeds], dtype=np.int64),
+            actions=self.actions.astype("<u2"),
+        )
+        return file.getvalue()
+
+    def save(self, file: Path) -> None:
+        """Write the book.
+
+        Raises
+        ------
+        GlbenchError
+            When it cannot be written.
+        """
+        write_atomically(file, self.to_bytes())
+
+
+def read_book(file: Path) -> PlanBook:
+    """The book of plans in ``file``.
+
+    Raises
+    ------
+    SubmissionError
+        When it cannot be read or is none.
+    """
+    try:
+        with zipfile.ZipFile(file) as archive:
+            if sum(item.file_size for item in archive.infolist()) > _LARGEST:
+                msg = f"{file} unpacks to more than {_LARGEST // 2**20} MiB, which no book of plans has. {_ADVICE}"
+                raise SubmissionError(msg)
+        with np.load(file, allow_pickle=False) as arrays:
+            if int(arrays["format"]) != FORMAT:
+                msg = f"The book of plans {file} has format {int(arrays['format'])}; this version of glbench reads format {FORMAT}."
+                raise SubmissionError(msg)
+            facts: dict[str, Any] = json.loads(str(arrays["facts"]))
+            return PlanBook(
+                task_id=str(facts["task"]),
+                task_digest=str(facts["digest"]),
+                split=str(facts["split"]),
+                names=tuple(arrays["names"].tolist()),
+                low=tuple(arrays["low"].tolist()),
+                high=tuple(arrays["high"].tolist()),
+                actuation=str(facts["actuation"]),
+                runs=dict(zip(arrays["seeds"].tolist(), arrays["places"].tolist(), strict=True)),
+                actions=arrays["actions"].astype(np.uint16),
+                about=tuple(dict(about) for about in facts["about"]),
+            )
+    except (
+        KeyError,
+        TypeError,
+        ValueError,
+        OSError,
+        EOFError,
+        zipfile.BadZipFile,
+        zipfile.LargeZipFile,
+        ShapeError,
+    ) as error:
+        msg = f"{file} is no book of plans, or a damaged one: {error}. {_ADVICE}"
+        raise SubmissionError(msg) from error
+
+
+@dataclass(frozen=True)
+class PlanFolder:
+    """A folder with a book for each task, as ``<task>.npz``."""
+
+    folder: Path
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All books, in the order of their names."""
+        return tuple(sorted(self.folder.glob("*.npz")))
+
+    def book(self, task: TaskSpec) -> PlanBook | None:
+        """The plans for ``task``; ``None`` where there are none. Errors as for ``read_book``."""
+        file = self.place(task)
+        return read_book(file) if file.is_file() else None
+
+    def place(self, task: TaskSpec) -> Path:
+        """Where the plans for ``task`` stand."""
+        return self.folder / f"{task.short_id}.npz"
+
+
+class PlanController:
+    """Carries out the plan of each run, whatever happens in it."""
+
+    privileged = True
+
+    def __init__(self, plans: PlanFolder) -> None:
+        self._plans = plans
+        self._actions: Floats = np.zeros((0, 0, 0))
+        self._step = 0
+
+    def reset(self, task: TaskSpec, seeds: Sequence[int], /) -> None:
+        """Take the plans of these runs.
+
+        Raises
+        ------
+        SubmissionError
+            When there are none for the task or for one of the seeds.
+        """
+        book = self._plans.book(task)
+        reason = "nobody has made any" if book is None else book.why_not(task)
+        if book is None or reason is not None:
+            msg = f"There are no plans for {task.id}: {reason}. `glbench bound {task.short_id}` searches for some."
+            raise SubmissionError(msg)
+        missing = [seed for seed in seeds if seed not in book.runs]
+        if missing:
+            msg = (
+                f"There is no plan for the run of {task.id} with the seed {missing[0]}"
+                f"{f', nor for {len(missing) - 1} others' if len(missing) > 1 else ''}. "
+                f"`glbench bound {task.short_id} --scenario {missing[0]}` searches for one."
+            )
+            raise SubmissionError(msg)
+        self._actions = np.stack([book.plan(seed) for seed in seeds], axis=1)
+        self._step = 0
+
+    def act(self, x: Floats, /) -> Floats:
+        """The next action of every plan ``(n, actions)``; the states are not looked at."""
+        action: Floats = self._actions[self._step].copy()
+        self._step += 1
+        return action
+
+
+def _rounded(shares: Floats, *, carry: bool) -> NDArray[np.uint16]:
+    """Shares from -1 to 1, ``(steps, actions)``, as numbers; ``carry``: what is left over goes into the next step's."""
+    numbers = np.empty(shares.shape, dtype=np.uint16)
+    left = np.zeros(shares.shape[1])
+    for step, share in enumerate(shares):
+        wanted = HALF_SCALE * share + left
+        whole = np.clip(np.rint(wanted), -HALF_SCALE, HALF_SCALE)
+        numbers[step] = whole + HALF_SCALE
+        if carry:
+            left = wanted - whole
+    return numbers
+
+
+def _split(task: TaskSpec) -> str:
+    return task.split or ""

@@ -1,0 +1,174 @@
+"""The search for plans: scenario by scenario, on the cores of this machine or of a Ray cluster, each kept as soon as it is found."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.agents.plans import read_book
+from glbench.bounds.replay import Earned
+from glbench.bounds.workers import Listener, Order, here, on_ray
+from glbench.control import Scenario
+from glbench.env import Simulation, StepResult
+from glbench.episodes.definition import definition_json
+from glbench.errors import GlbenchError
+from glbench.evaluation import prepare
+
+if TYPE_CHECKING:
+    from glbench.evaluation import Progress, Protected
+    from glbench.tasks import TaskSpec
+
+Floats = NDArray[np.float64]
+
+_ENGINES = ("local", "ray")
+
+
+@dataclass(frozen=True)
+class Found:
+    """A plan that was found now or, when it was ``stored``, earlier; ``reason`` says why there is none."""
+
+    seeds: tuple[int, ...]
+    earned: Earned | None
+    stored: bool = False
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Search:
+    """Plans for runs of a task, with everything known.
+
+    Attributes
+    ----------
+    task
+        In the split whose runs are to be planned.
+    seeds
+        Of the runs.
+    start
+        The agent whose controls a plan begins with.
+    folder
+        Where each plan is kept, as ``<seed>.npz``. What is there already is not searched for again.
+    iterations
+        Of ``glbench.control.plan_season``.
+    workers
+        Processes.
+    """
+
+    task: TaskSpec
+    seeds: tuple[int, ...]
+    start: Protected
+    folder: Path
+    iterations: int = 35
+    workers: int = 1
+    groups: tuple[tuple[int, ...], ...] = field(init=False)
+    """The runs, those together in which the same is given."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "groups", alike(self.task, self.seeds))
+
+    def place(self, seeds: Sequence[int]) -> Path:
+        """Where the plan of a group is kept."""
+        return self.folder / f"{seeds[0]}.npz"
+
+    def stored(self) -> list[Found]:
+        """The plans that are there already.
+
+        Raises
+        ------
+        GlbenchError
+            When one was made for another version of the task, or its file is damaged.
+        """
+        found = []
+        for seeds in self.groups:
+            file = self.place(seeds)
+            if file.is_file():
+                book = read_book(file)
+                reason = book.why_not(self.task)
+                if reason is not None:
+                    msg = f"The plans in {file} are not for {self.task.id}: {reason}. Choose another folder with --out."
+                    raise GlbenchError(msg)
+                about = book.about_run(seeds[0])
+                found.append(Found(seeds, Earned(*(float(about[name]) for name in Earned._fields)), stored=True))
+        return found
+
+    def orders(self, progress: Callable[[Progress], None] | None = None) -> list[Order]:
+        """What is left to plan, with the controls of the agent to begin with: it is evaluated in these runs."""
+        done = {found.seeds for found in self.stored()}
+        left = [seeds for seeds in self.groups if seeds not in done]
+        if not left:
+            return []
+        controls = begun(self.task, self.start, [seeds[0] for seeds in left], progress)
+        definition, name = definition_json(self.task), self.start.agent.name
+        return [
+            Order(definition, self.task.split or "", self.task.digest, seeds, u, name, self.iterations)
+            for seeds, u in zip(left, controls, strict=True)
+        ]
+
+    def run(
+        self, orders: Sequence[Order], *, engine: str = "local", listener: Listener | None = None
+    ) -> Iterator[Found]:
+        """Plan, and keep each plan as soon as it is found.
+
+        Raises
+        ------
+        GlbenchError
+            When there is no such engine, or a plan cannot be written.
+        """
+        if engine not in _ENGINES:
+            msg = f"There is no engine '{engine}'. It is one of {', '.join(_ENGINES)}."
+            raise GlbenchError(msg)
+        for order, given in on_ray(orders, self.workers) if engine == "ray" else here(orders, self.workers, listener):
+            if isinstance(given, str):
+                yield Found(order.seeds, None, reason=given)
+                continue
+            book = given.with_about(start=order.start)
+            book.save(self.place(order.seeds))
+            about = book.about_run(order.seeds[0])
+            yield Found(order.seeds, Earned(*(float(about[name]) for name in Earned._fields)))
+
+
+def alike(task: TaskSpec, seeds: Sequence[int]) -> tuple[tuple[int, ...], ...]:
+    """The seeds in groups: in the runs of one the same is given, so that a plan for one of them is a plan for all."""
+    groups: dict[str, list[int]] = {}
+    for seed in seeds:
+        given, digest = Scenario.of(task, seed), hashlib.sha256()
+        for values in (given.x0, given.u_before, given.d, given.p, given.calendar):
+            digest.update(values.tobytes())
+        groups.setdefault(digest.hexdigest(), []).append(seed)
+    return tuple(tuple(group) for group in groups.values())
+
+
+class _Controls:
+    """Looks on while an agent acts, and writes down the controls."""
+
+    def __init__(self) -> None:
+        self.taken: list[Floats] = []
+
+    def add(self, simulation: Simulation, outcome: StepResult) -> None:
+        """The controls of a step."""
+        self.taken.append(np.array(simulation.u))
+
+
+def begun(
+    task: TaskSpec, agent: Protected, seeds: Sequence[int], progress: Callable[[Progress], None] | None = None
+) -> Floats:
+    """The controls of an agent in the runs of ``task`` with ``seeds``, ``(n, steps, controls)``.
+
+    Raises
+    ------
+    GlbenchError
+        When the agent cannot be evaluated, or one of its runs fails.
+    """
+    prepared = prepare(task.scored, agent)
+    looking_on = _Controls()
+    result = replace(prepared, task=task, seeds=tuple(seeds), workers=1).compute(progress, looking_on).result
+    if result.failed:
+        run = result.failed[0]
+        msg = f"'{agent.agent.name}' fails in the run with the seed {run.seed}: {run.reason}. Begin with another agent (--start)."
+        raise GlbenchError(msg)
+    return np.stack(looking_on.taken, axis=1)

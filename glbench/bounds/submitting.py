@@ -1,0 +1,151 @@
+"""Better plans: they are replayed, and those that earn more than the best known ones take their places."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from glbench import __version__
+from glbench.agents.baselines import read_baseline
+from glbench.agents.plans import PlanBook, PlanFolder, read_book
+from glbench.bounds.replay import Earned, replayed
+from glbench.errors import GlbenchError, SubmissionError
+from glbench.evaluation import load_result
+from glbench.evaluation.episodes import recorded_actions, task_of_result
+from glbench.tasks import get_task
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+BASELINE = "best_known"
+"""Name of the baseline that carries the best known plans out."""
+
+
+@dataclass(frozen=True)
+class Better:
+    """What became of the plan for a run: what it earns, and what the best known one earns, ``None`` where there is none."""
+
+    task: TaskSpec
+    seed: int
+    earned: Earned
+    known: Earned | None
+
+    @property
+    def is_better(self) -> bool:
+        """Whether it takes the place of the best known one."""
+        return self.known is None or self.earned.reward > self.known.reward
+
+
+def best_known() -> PlanFolder:
+    """The best known plans."""
+    settings = read_baseline(BASELINE).settings
+    assert isinstance(settings, PlanFolder)
+    return settings
+
+
+def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[Better]:
+    """Replay plans, and put those that earn more than the best known ones in their places.
+
+    Parameters
+    ----------
+    files
+        Books of plans (``.npz``), folders of them, or results (``.json``) with recorded actions beside them.
+    folder
+        Where the best known plans stand; by default those of the baseline ``best_known``.
+
+    Yields
+    ------
+    Better
+        For each run what its plan earns, when the books are written.
+
+    Raises
+    ------
+    GlbenchError
+        When a file cannot be read, was made for another version of its task, or a plan cannot be simulated.
+    """
+    folder = folder or best_known()
+    for task, book in _batches(files):
+        stands = folder.book(task)
+        reason = None if stands is None else stands.why_not(task)
+        if reason is not None:
+            msg = f"The best known plans in {folder.place(task)} do not fit: {reason}. Remove the file first."
+            raise GlbenchError(msg)
+        earned = replayed(task, book, book.seeds)
+        old = [seed for seed in book.seeds if stands is not None and seed in stands.runs]
+        known = replayed(task, stands, old) if stands is not None and old else {}
+        compared = [Better(task, seed, earned[seed], known.get(seed)) for seed in book.seeds]
+        better = [one.seed for one in compared if one.is_better]
+        if better:
+            taken = book.only(better)
+            (taken if stands is None else stands.merged(taken)).save(folder.place(task))
+        yield from compared
+
+
+def _batches(files: Sequence[Path]) -> Iterator[tuple[TaskSpec, PlanBook]]:
+    """The plans in the files, as many of a task together as are for different runs: they are replayed at once."""
+    batch: tuple[TaskSpec, PlanBook] | None = None
+    for file in _files(files):
+        for task, book in candidates(file):
+            if batch is None:
+                batch = task, book
+            elif batch[1].same_task == book.same_task and not set(batch[1].runs) & set(book.runs):
+                batch = task, batch[1].merged(book)
+            else:
+                yield batch
+                batch = task, book
+    if batch is not None:
+        yield batch
+
+
+def candidates(file: Path) -> Iterator[tuple[TaskSpec, PlanBook]]:
+    """The plans in a file, with their task.
+
+    Raises
+    ------
+    GlbenchError
+        When there are none that could be replayed.
+    """
+    if file.suffix == ".json":
+        yield _of_result(file)
+        return
+    book = read_book(file)
+    task = get_task(book.task_id)
+    task = task.in_split(book.split) if book.split else task
+    reason = book.why_not(task)
+    if reason is not None:
+        msg = f"The plans in {file} are not for this version of {task.id}: {reason}."
+        raise SubmissionError(msg)
+    yield task, book
+
+
+def _of_result(file: Path) -> tuple[TaskSpec, PlanBook]:
+    result = load_result(file)
+    log, task = recorded_actions(result, file), task_of_result(result, file)
+    agent = log.provenance.agent
+    if agent.acts != "actions" or task.salt_commitment is not None:
+        msg = f"{file} holds no plans: {agent.name} sets controls past the task's actuation, or its draws are secret."
+        raise SubmissionError(msg)
+    about = {"method": f"actions of {agent.name}", "agent_digest": agent.digest, "glbench": __version__}
+    whole = [row for row, run in enumerate(log.runs) if run.status == "ok"]
+    if not whole:
+        msg = f"{file} holds no plans: all of its runs failed."
+        raise SubmissionError(msg)
+    books = [PlanBook.of(task, [log.seeds[row]], log.actions[:, row], about) for row in whole]
+    book = books[0]
+    for other in books[1:]:
+        book = book.merged(other)
+    return task, book
+
+
+def _files(given: Sequence[Path]) -> Iterator[Path]:
+    for one in given:
+        if one.is_dir():
+            files = sorted(one.glob("*.npz"))
+            if not files:
+                msg = f"There are no plans in {one}. `glbench bound TASK` searches for some."
+                raise SubmissionError(msg)
+            yield from files
+        else:
+            yield one
