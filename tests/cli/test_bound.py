@@ -1,0 +1,95 @@
+"""``glbench bound``: what it says, keeps, and takes over."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from glbench.agents.plans import PlanFolder
+from glbench.bounds import submitting
+from glbench.tasks import get_task
+from tests.cli.command_line import Command
+
+
+@pytest.mark.usefixtures("here")
+def test_a_search_of_two_runs_and_again(glbench: Command) -> None:
+    line = (
+        "bound",
+        "day.toml",
+        "--scenario",
+        "3",
+        "--scenario",
+        "4",
+        "--iterations",
+        "1",
+        "--workers",
+        "1",
+        "--start",
+        "steady.py",
+    )
+    first = glbench(*line)
+    assert first.code == 0, first.err
+    assert "2 to plan, each with 1 iterations, beginning as steady does" in first.err
+    assert "seed 3: reward" in first.err
+    assert "Mean reward of 2 runs" in first.out
+    assert sorted(file.name for file in Path("runs/bound/Day-v1").iterdir()) == ["3.npz", "4.npz"]
+    again = glbench(*line)
+    assert "0 to plan" in again.err
+    assert again.out == first.out
+
+
+def test_better_plans_are_taken_over(
+    glbench: Command, here: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    day = get_task(here / "day.toml")
+    known = PlanFolder(tmp_path / "known")
+    monkeypatch.setattr(submitting, "get_task", lambda _name: day)
+    monkeypatch.setattr(submitting, "best_known", lambda: known)
+    made = glbench(
+        "bound",
+        "day.toml",
+        "--scenario",
+        "3",
+        "--iterations",
+        "1",
+        "--workers",
+        "1",
+        "--start",
+        "steady.py",
+        "--out",
+        "plans",
+    )
+    assert made.code == 0, made.err
+    taken = glbench("bound", "--submit", "plans")
+    assert "1 of 1 plans for test/Day-v1 are better than the best known" in taken.out
+    assert "0 of 1" in glbench("bound", "--submit", "plans/3.npz").out
+    book = known.book(day)
+    assert book is not None
+    assert book.seeds == (3,)
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ((), "Name the task to plan for"),
+        (("day.toml", "--submit", "x.npz"), "Name the task to plan for"),
+        (("day.toml", "--split", "training"), "has no splits"),
+        (("Spring-v1", "--split", "winter"), "no split 'winter'"),
+        (("--submit", "x.npz"), "x.npz is no book of plans"),
+        (("day.toml", "--start", "nobody"), "nobody"),
+    ],
+)
+def test_what_cannot_be_is_said(glbench: Command, line: tuple[str, ...], said: str) -> None:
+    answer = glbench("bound", *line)
+    assert answer.code == 1
+    assert said in answer.err.replace("\n", " ")
+    assert "Traceback" not in answer.err
+
+
+def test_help_loads_no_optimiser(glbench: Command) -> None:
+    before = set(sys.modules)
+    assert "Search for the best plan" in glbench("bound", "--help").out
+    assert not {name for name in set(sys.modules) - before if name.startswith("glbench.control")}
