@@ -257,8 +257,12 @@ class Recorder:
 def _exp(values: Any, _: Any) -> Any:
     """The C library's ``exp``, number by number: numpy's is another one on some processors."""
     array = np.asarray(values, dtype=np.float64)
-    found = np.array([_exp_of(value) for value in array.ravel().tolist()], dtype=np.float64)
-    return found.reshape(array.shape)
+    values = array.ravel().tolist()
+    try:
+        found = list(map(math.exp, values))
+    except OverflowError:
+        found = [_exp_of(value) for value in values]
+    return np.array(found, dtype=np.float64).reshape(array.shape)
 
 
 def _exp_of(value: float) -> float:
