@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from glbench.leaderboard import StoredResult
     from glbench.leaderboard.catalogue import Catalogue, Metric
     from glbench.leaderboard.entries import Entry
+    from glbench.leaderboard.estimates import Estimate
     from glbench.leaderboard.pairs import Pair
-    from glbench.leaderboard.ranking import Estimate
 
 _BARS = "▁▂▃▄▅▆▇█"
 _BAR_WIDTH, _MONEY_WIDTH = 40, 6
@@ -143,7 +143,7 @@ def shown_metrics(known: Catalogue, held: Iterable[str], units: Mapping[str, str
 
 def summary_table(result: Result, known: Catalogue) -> Table:
     """Mean, interquartile mean and 95 % interval of every metric, with units; over groups of runs where they fall into groups."""
-    from glbench.leaderboard.ranking import estimates_of
+    from glbench.leaderboard.estimates import estimates_of
 
     runs, groups = len(result.runs), len(set(result.clusters or ()))
     headings: tuple[str, ...] = ("Sum over the period", "Unit")

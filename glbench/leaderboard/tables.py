@@ -18,7 +18,8 @@ from pydantic import Field
 from glbench.leaderboard.catalogue import Catalogue, Metric, catalogue, of_published
 from glbench.leaderboard.comparisons import RESOLUTION
 from glbench.leaderboard.entries import resolution_of
-from glbench.leaderboard.ranking import Estimate, Row, TaskTable
+from glbench.leaderboard.estimates import Estimate
+from glbench.leaderboard.ranking import Row, TaskTable
 from glbench.leaderboard.statistics import SCORES, Interval, Published
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
 from glbench.resources import write_atomically
