@@ -177,7 +177,7 @@ def _by_names(tables: Sequence[TaskTable], wanted: Sequence[str]) -> list[TaskTa
 
 
 def _print(shown: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members: bool) -> None:
-    from glbench.leaderboard.tables import footnotes, kernel_note, score_note, seen_notes
+    from glbench.leaderboard.tables import REGRET_NOTE, footnotes, kernel_note, regret_notes, score_note, seen_notes
 
     for scores in suites:
         _print_suite(scores)
@@ -186,6 +186,8 @@ def _print(shown: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members:
                 names = ", ".join(task.rpartition("/")[2] for task in scored.missing)
                 _say(f"{scored.agent} is not ranked: it lacks {names}.", style="dim")
         _say(score_note(scores.tasks), style="dim")
+        if not shown and any(row.regret is not None for row in scores.rows):
+            _say(REGRET_NOTE, style="dim")
     for table in shown:
         _print_task(table, members=members)
         for row in table.rows:
@@ -195,6 +197,8 @@ def _print(shown: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members:
                 _say(f"{row.agent} is {row.remark}.")
         for note in seen_notes(table):
             _say(note, style="yellow")
+        for note in regret_notes(table):
+            _say(note, style="green")
         if kernel_note(table):
             _say(kernel_note(table), style="yellow")
         if not members and any(row.is_range for row in table.rows):
@@ -233,15 +237,19 @@ def _print_task(table: TaskTable, *, members: bool) -> None:
 
     rows = t.shown_rows(table, members=members)
     first, *others = (metric for metric in t.ranked_columns(table) if metric.interval or metric.name == table.metric)
+    regrets = t.regret_columns(table, (2, 11, 10), spans=False) if t.has_regret(table) else []
+    regrets = [replace(column, heading=column.heading.replace(", ", ",\n")) for column in regrets]
     scores = [
         t.of_metric(first),
-        t.Column(_SPAN, span, gives_way=2),
-        t.worst_column(first, gives_way=4),
-        *([replace(t.overall_column(first, gives_way=5), heading="Overall\n95 %")] if has("overall") else []),
-        *([replace(t.deviation_column(first, gives_way=7), heading="SD of\ntrainings")] if has("deviation") else []),
-        t.Column("IQM", lambda row: t.number_text(t.iqm_of(row, first), first.digits), gives_way=8),
-        *(t.of_metric(metric, gives_way=1 + 2 * place) for place, metric in enumerate(others)),
-        t.Column("Runs", runs, gives_way=6),
+        t.Column(_SPAN, span, gives_way=1),
+        *regrets[:1],
+        t.worst_column(first, gives_way=5),
+        *([replace(t.overall_column(first, gives_way=6), heading="Overall\n95 %")] if has("overall") else []),
+        *([replace(t.deviation_column(first, gives_way=8), heading="SD of\ntrainings")] if has("deviation") else []),
+        t.Column("IQM", lambda row: t.number_text(t.iqm_of(row, first), first.digits), gives_way=9),
+        *(t.of_metric(metric, gives_way=3 + place) for place, metric in enumerate(others)),
+        *regrets[1:],
+        t.Column("Runs", runs, gives_way=7),
         replace(t.SOURCE, cell=lambda row: "" if row.training_seed is not None else str(row.origin)),
     ]
     ranks = t.Column(
@@ -275,6 +283,7 @@ def _print_suite(table: SuiteTable) -> None:
         score("Mean", "mean", 0),
         t.Column(_SPAN, lambda row: t.span_text(row.mean, is_range=row.trainings[1] > 1) or t.NONE, gives_way=2),
         score("IQM", "iqm", 1),
+        *([t.suite_regret_column(1, span=False)] if any(row.regret is not None for row in table.rows) else []),
         score("Median", "median", 5),
         score("Optimality\ngap", "optimality_gap", 3),
         t.Column("Runs", lambda row: str(row.runs), gives_way=4),

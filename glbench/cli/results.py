@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from glbench.leaderboard import StoredResult
     from glbench.leaderboard.catalogue import Catalogue, Metric
     from glbench.leaderboard.entries import Entry
-    from glbench.leaderboard.pairs import Pair
-    from glbench.leaderboard.ranking import Estimate
+    from glbench.leaderboard.estimates import Estimate
+    from glbench.leaderboard.pairs import MetricPair, Pair
 
 _BARS = "▁▂▃▄▅▆▇█"
 _BAR_WIDTH, _MONEY_WIDTH = 40, 6
@@ -123,6 +123,7 @@ def _show(stored: StoredResult, where_from: Sequence[str]) -> None:
         *([f"card by {', '.join(result.agent.card.authors)}"] if result.agent.card else []),
     ]
     lines = [
+        *_regret_lines(stored, score),
         f"{result.agent.name} sees: {result.agent.information}",
         *([f"{SEEN_MARK} {result.agent.name} {unfair}"] if unfair else []),
         *([f"Salt commitment {result.task.salt_commitment}"] if result.task.salt_commitment else []),
@@ -135,6 +136,23 @@ def _show(stored: StoredResult, where_from: Sequence[str]) -> None:
         say(output(), escape(harmless(line)), style="dim")
 
 
+def _regret_lines(stored: StoredResult, score: Metric) -> list[str]:
+    """Whose the best known runs are, and what to do with better ones."""
+    from glbench.leaderboard.regret import best_known_means, can_be_best_known, regret_of
+    from glbench.leaderboard.tables import better_note
+    from glbench.tasks.best_known import SEVERAL
+
+    result = stored.result
+    known, regret = best_known_means(result), regret_of([result])
+    if known is None or regret is None:
+        return []
+    whose = "several agents" if known.agent == SEVERAL else known.agent
+    lines = [f"Best known runs of the task: by {whose}, {score.said(known.reward)}; no bound, a better one may exist"]
+    if regret.runs_ahead and not stored.released and can_be_best_known(result.agent):
+        lines.append(better_note(result.agent.name, regret.runs_ahead, len(result.runs), str(stored.path)))
+    return lines
+
+
 def shown_metrics(known: Catalogue, held: Iterable[str], units: Mapping[str, str]) -> list[Metric]:
     """Metrics in the order of the terminal, time outside any limit before that outside each; then those that only the results know."""
     found = [known.metric(name, units) for name in known.known_first(held)]
@@ -143,7 +161,8 @@ def shown_metrics(known: Catalogue, held: Iterable[str], units: Mapping[str, str
 
 def summary_table(result: Result, known: Catalogue) -> Table:
     """Mean, interquartile mean and 95 % interval of every metric, with units; over groups of runs where they fall into groups."""
-    from glbench.leaderboard.ranking import estimates_of
+    from glbench.leaderboard.estimates import estimates_of
+    from glbench.leaderboard.regret import LINES, METRICS, PARTS, regret_of
 
     runs, groups = len(result.runs), len(set(result.clusters or ()))
     headings: tuple[str, ...] = ("Sum over the period", "Unit")
@@ -161,6 +180,12 @@ def summary_table(result: Result, known: Catalogue) -> Table:
         before = metric.kind
         cells = _cells(estimates.get(metric.name), metric, runs)
         view.add_row(metric.line, unit_of(metric), *cells[: len(numbers)])
+    if regret := regret_of([result], result.clusters):
+        view.add_section()
+        for part in PARTS:
+            metric = known.metric(METRICS[part], result.units)
+            cells = _cells(getattr(regret, part), metric, runs)
+            view.add_row(LINES[part], unit_of(metric), *cells[: len(numbers)])
     view.add_section()
     evaluation = result.evaluation
     view.add_row("Decision, each step", "ms", f"{evaluation.decision_milliseconds:.3f}", "", "")
@@ -328,6 +353,8 @@ def _digests(entry: Entry) -> list[str]:
 
 
 def _metrics_table(pair: Pair) -> Table:
+    from glbench.leaderboard.regret import LINES, METRICS
+
     def named(name: str, trainings: int) -> str:
         return escape(harmless(name)) + (f" ({trainings} trainings)" if trainings > 1 else "")
 
@@ -339,8 +366,10 @@ def _metrics_table(pair: Pair) -> Table:
         "Sum over the period", "Unit", "A", "B", "A - B", *spans,
         right=("A", "B", "A - B", "95 % interval", "Overall 95 %"), padding=(0, 1, 0, 0),
     )  # fmt: skip
-    for metric in shown_metrics(pair.words, pair.metrics, {name: one.unit for name, one in pair.metrics.items()}):
-        one = pair.metrics[metric.name]
+    shown = shown_metrics(pair.words, pair.metrics, {name: one.unit for name, one in pair.metrics.items()})
+    rows = [(metric.line, metric, pair.metrics[metric.name]) for metric in shown]
+    rows += [(LINES[part], pair.words.metric(METRICS[part], {}), one) for part, one in pair.regret.items()]
+    for line, metric, one in rows:
         gap = one.difference
         values = (one.first, one.second, None if gap is None else gap.value)
         low, high = ("", "") if gap is None else (metric.text(gap.low), metric.text(gap.high))
@@ -348,7 +377,7 @@ def _metrics_table(pair: Pair) -> Table:
         ends = ("", "") if one.overall is None else (metric.text(one.overall.low), metric.text(one.overall.high))
         texts = {"95 % interval": (low, high), "Overall 95 %": ends}
         cells = [f"{least} to {most}" if least != most else _NONE for least, most in (texts[span] for span in spans)]
-        view.add_row(metric.line, unit_of(metric), *numbers, *cells)
+        view.add_row(line, unit_of(metric), *numbers, *cells)
     return view
 
 
@@ -429,11 +458,21 @@ def _plain(pair: Pair, p_value: float) -> dict[str, object]:
         "p_value_corrected": p_value,
         "probability_of_improvement": [one.value, one.low, one.high],
         "money [EUR m-2]": dict(pair.money),
-        "metrics": {
-            name: {"first": one.first, "second": one.second}
-            | {key: one.difference and getattr(one.difference, part) for key, part in
-               (("difference", "value"), ("low", "low"), ("high", "high"))}
-            | ({} if one.overall is None else {"overall_low": one.overall.low, "overall_high": one.overall.high})
-            for name, one in pair.metrics.items()
-        },
-    }  # fmt: skip
+        "metrics": _plain_metrics(pair.metrics),
+        "regret": _plain_metrics(pair.regret),
+    }
+
+
+def _plain_metrics(metrics: Mapping[str, MetricPair]) -> dict[str, dict[str, float | None]]:
+    found: dict[str, dict[str, float | None]] = {}
+    for name, one in metrics.items():
+        gap = one.difference
+        ends = (None, None, None) if gap is None else (gap.value, gap.low, gap.high)
+        found[name] = {
+            "first": one.first,
+            "second": one.second,
+            **dict(zip(("difference", "low", "high"), ends, strict=True)),
+        }
+        if one.overall is not None:
+            found[name] |= {"overall_low": one.overall.low, "overall_high": one.overall.high}
+    return found

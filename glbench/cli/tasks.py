@@ -210,24 +210,30 @@ def _checked(name: str, outcome: TaskSpec | str) -> dict[str, Any]:
 
 @app.command("references")
 def references_command(
-    write: Annotated[bool, typer.Option("--write", help="Write tasks/references.toml.")] = False,
+    write: Annotated[bool, typer.Option("--write", help="Write tasks/references.toml and tasks/best_known/.")] = False,
     out: Out = Path("reports/released"),
 ) -> None:
-    """Show what normalised scores are measured by: the reward of doing nothing, and the best known one.
+    """Show what scores are measured by: the reward of doing nothing, and that of the best known runs.
 
-    Both come from results: that of submissions/do_nothing.py, and the best of all agents.
+    Both come from results: that of submissions/do_nothing.py, and for each seed the best one of all agents that act through the task's
+    actuation.
     """
     from glbench.leaderboard import collect_results
     from glbench.leaderboard.collect import published_expectations
+    from glbench.leaderboard.regret import best_known_from
     from glbench.leaderboard.suites import references_from
+    from glbench.tasks.best_known import write_best_known
     from glbench.tasks.references import read_references, write_references
 
     if write:
-        found = references_from(collect_results([out / "results"]), published_expectations())
+        stored, expected = collect_results([out / "results"]), published_expectations()
+        found = references_from(stored, expected)
         if not found:
             msg = f"There is no complete result of do_nothing in {out / 'results'}. Evaluate submissions/do_nothing.py first."
             raise GlbenchError(msg)
         messages().print(f"Written: {write_references({**read_references(), **found})}", soft_wrap=True)
+        for known in best_known_from(stored, expected).values():
+            messages().print(f"Written: {write_best_known(known)}", soft_wrap=True)
     headings, numbers = ("Task", "Doing nothing", "Best known", "by"), ("Doing nothing", "Best known")
     view = table("Zero and one of normalised scores", *headings, right=numbers, folded=("Task", "by"))
     for task_id, one in read_references().items():

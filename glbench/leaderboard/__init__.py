@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from glbench.leaderboard.collect import Expectation, StoredResult, collect_readable, collect_results
-from glbench.leaderboard.ranking import Estimate, Row, TaskTable, estimate, estimates_of, rank
+from glbench.leaderboard.estimates import Estimate, estimate, estimates_of
+from glbench.leaderboard.ranking import Row, TaskTable, rank
 from glbench.leaderboard.statistics import bootstrap_interval, interquartile_mean, mean
 from glbench.leaderboard.tables import to_frame, to_markdown, write_leaderboard
 

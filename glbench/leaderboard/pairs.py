@@ -6,12 +6,13 @@ Of several trainings of one recipe the mean over them counts, run by run.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from glbench.errors import ResultError
 from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.comparisons import holm, paired_test, told_apart
 from glbench.leaderboard.entries import Entry, metric_of, resolution_of
+from glbench.leaderboard.regret import METRICS, PARTS, best_known_of, regrets_of
 from glbench.leaderboard.statistics import (
     Array,
     Ends,
@@ -66,6 +67,8 @@ class Pair:
     money: Mapping[str, float]
     words: Catalogue
     """What the task calls all of it."""
+    regret: Mapping[str, MetricPair] = field(default_factory=dict)
+    """Regret to the best known and its parts, see ``PARTS``; empty where a common run has no best known one."""
 
     def told_apart(self, corrected: float) -> bool:
         """Whether the values of what ranks differ beyond chance, at the p-value corrected for the number of tasks."""
@@ -147,8 +150,21 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
         favours=test.favours,
         improvement=probability_of_improvement({"": runs[0].ravel()}, {"": runs[1].ravel()}),
         words=words,
+        regret=_regret(one, other, seeds, clusters if groups > 1 else None),
         money={name: sign * gap.value for name, (gap, sign) in gaps.items() if gap is not None},
     )
+
+
+def _regret(one: Entry, other: Entry, seeds: list[int], clusters: list[str] | None) -> dict[str, MetricPair]:
+    """Regrets of both, of what each states, in the common runs."""
+    ours, theirs = (regrets_of([item.result for item in entry.trainings], seeds) for entry in (one, other))
+    known = best_known_of(one.first)
+    if ours is None or theirs is None or known is None:
+        return {}
+    return {
+        part: _metric(known.units[METRICS[part]], getattr(ours, part), getattr(theirs, part), clusters)
+        for part in PARTS
+    }
 
 
 def corrected_p_values(pairs: list[Pair]) -> list[float]:

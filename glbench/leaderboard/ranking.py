@@ -10,49 +10,21 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from pydantic import Field
 
-from glbench.evaluation import Result
 from glbench.leaderboard.budget import budget_of
 from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, refuse_mixed_digests
 from glbench.leaderboard.comparisons import tiers
 from glbench.leaderboard.entries import Entry, entries_by_task, expected_seeds, metric_of, resolution_of
+from glbench.leaderboard.estimates import Estimate, estimate_over_trainings, estimates_of, groups_of, worst_of
+from glbench.leaderboard.regret import BestKnownMeans, Regret, best_known_means, can_be_best_known, regret_of
 from glbench.leaderboard.seen import Seen, seen_by, what_it_should_not_have_seen
-from glbench.leaderboard.statistics import (
-    Array,
-    Ends,
-    Interval,
-    Published,
-    bootstrap_interval,
-    crossed_interval,
-    interquartile_mean,
-    mean,
-    worst_tenth,
-)
+from glbench.leaderboard.statistics import Interval, Published
 
 Sandbox = Literal["bubblewrap", "unsandboxed", "built-in"]
 SANDBOXES = ("unknown", "unsandboxed", "bubblewrap", "built-in")
 """How an agent ran; what says least comes first."""
 _SHORT = 6
 Number = TypeVar("Number", int, float)
-
-
-class Estimate(Published):
-    """A metric of one entry on one task, over the task's runs, in the unit that ``units`` names."""
-
-    mean: float = Field(description="arithmetic mean over the runs; of several trainings the mean over them")
-    iqm: float = Field(description="mean of the middle half of the runs; of several trainings the mean over them")
-    low: float = Field(
-        description="lower end of the 95 % bootstrap interval of the mean; of several trainings the lowest of their means"
-    )
-    high: float = Field(description="upper end of it; of several trainings the highest of their means")
-    deviation: float | None = Field(
-        default=None, description="of several trainings: standard deviation of their means (n - 1)"
-    )
-    overall: Ends | None = Field(
-        default=None,
-        description="95 % bootstrap interval of the mean over all that was drawn: groups of runs, where runs fall into groups, and "
-        "trainings, where there are several; null where runs are all there is",
-    )
 
 
 class Row(Published):
@@ -91,6 +63,9 @@ class Row(Published):
         description="what ranks, as the mean of the worst tenth of the runs (CVaR10) with its 95 % bootstrap interval; of several "
         "trainings the mean over them with the lowest and the highest; null where a result does not hold what ranks",
     )
+    regret: Regret | None = Field(
+        default=None, description="how far it stays below the best known runs; null where one of its runs has none"
+    )
     groups: int | None = Field(
         default=None, description="how many groups the runs fall into; null where they name none"
     )
@@ -110,6 +85,10 @@ class Row(Published):
     """Whether a submission ran with all rights of the evaluation, so that only a reader of its code knows what it saw."""
     units: dict[str, str] = Field(exclude=True)
     """Units of the metrics, as the result states them."""
+    path: str = Field(default="", exclude=True)
+    """The result's file."""
+    plan_counts: bool = Field(default=False, exclude=True)
+    """Whether its runs could be best known ones: it acts through the task's actuation."""
 
     @property
     def is_range(self) -> bool:
@@ -141,6 +120,10 @@ class TaskTable(Published):
     salt_commitment: str | None = Field(
         default=None, description="SHA-256 of the secret salt that entered the draws; null where all draws are public"
     )
+    best_known: BestKnownMeans | None = Field(
+        default=None,
+        description="means over the best known runs, which regrets are measured by; null where none are known",
+    )
     task: Any = Field(default=None, exclude=True)
     """The task's definition, where a result has it."""
 
@@ -171,60 +154,6 @@ class TaskTable(Published):
                 found.setdefault((row.kernel, row.build), []).append(row.agent)
         ordered = sorted(found.items(), key=lambda item: (-len(item[1]), item[0]))
         return {kernel: tuple(agents) for kernel, agents in ordered}
-
-
-def estimate(values: Iterable[float], clusters: Sequence[str] | None = None) -> Estimate:
-    """Mean, interquartile mean and 95 % interval of one metric over runs, and over the groups (``clusters``) that they fall into."""
-    sample = np.fromiter(values, dtype=np.float64)
-    low, high = bootstrap_interval(sample)
-    overall = None if _groups(clusters) < 2 else _ends(bootstrap_interval(sample, clusters=clusters))
-    center = float(mean(sample))
-    return Estimate(mean=center, iqm=float(interquartile_mean(sample)), low=low, high=high, overall=overall)
-
-
-def _groups(clusters: Sequence[str] | None) -> int:
-    return len(set(clusters or ()))
-
-
-def _ends(interval: tuple[float, float]) -> Ends:
-    return Ends(low=interval[0], high=interval[1])
-
-
-def estimates_of(result: Result) -> dict[str, Estimate]:
-    """Estimates of every metric that all runs of ``result`` hold."""
-    names = [name for name in result.runs[0].metrics if all(name in run.metrics for run in result.runs)]
-    return {name: estimate(result.values(name), result.clusters) for name in names}
-
-
-def estimate_over_trainings(
-    trainings: Sequence[Estimate], values: Array | None = None, clusters: Sequence[str] | None = None
-) -> Estimate:
-    """Mean over trainings, with the lowest and the highest of them; of one training its own estimate with its interval.
-
-    With the ``values`` ``(trainings, n)`` of the runs, and the groups that these fall into, it has an overall interval, too.
-    """
-    if len(trainings) == 1:
-        return trainings[0]
-    grouped = clusters if _groups(clusters) > 1 else None
-    means = [one.mean for one in trainings]
-    return Estimate(
-        mean=float(np.mean(means)),
-        iqm=float(np.mean([one.iqm for one in trainings])),
-        low=min(means),
-        high=max(means),
-        deviation=float(np.std(means, ddof=1)),
-        overall=None if values is None else _ends(crossed_interval(values, clusters=grouped)),
-    )
-
-
-def worst_of(values: Array) -> Interval:
-    """The worst tenth of the runs ``(n,)`` with its interval; of several trainings ``(trainings, n)`` as ``worst_tenth`` of a row."""
-    trainings = np.atleast_2d(values)
-    found = worst_tenth(trainings)
-    if len(trainings) > 1:
-        return Interval(value=float(found.mean()), low=float(found.min()), high=float(found.max()))
-    low, high = bootstrap_interval(trainings[0], worst_tenth)
-    return Interval(value=float(found[0]), low=low, high=high)
 
 
 def rank(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> tuple[TaskTable, ...]:
@@ -274,6 +203,7 @@ def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expect
         split=first.split,
         years=first.years or (),
         salt_commitment=first.salt_commitment,
+        best_known=best_known_means(entries[0].first),
         task=task,
     )
 
@@ -304,7 +234,8 @@ def _row(entry: Entry, rank_: int | None, remark: str, metric: str) -> Row:
             "agent": entry.name,
             "estimates": {name: _over_trainings(name, entry, rows) for name in known},
             "worst_tenth": worst_of(entry.by_training(metric)) if entry.states(metric) else None,
-            "groups": _groups(entry.clusters) or None,
+            "regret": regret_of([item.result for item in entry.trainings], entry.clusters),
+            "groups": groups_of(entry.clusters) or None,
             "trained_on": _seen_together([row.trained_on for row in rows]),
             "saw_scored": next((row.saw_scored for row in rows if row.saw_scored), ""),
             "unsandboxed": any(row.unsandboxed for row in rows),
@@ -374,7 +305,10 @@ def _row_of_result(item: StoredResult, origin: Origin, metric: str, **place: Any
         training_hours=budget.hours,
         sandbox=evaluation.sandbox,
         worst_tenth=worst_of(np.array(result.values(metric))) if metric in result.units else None,
-        groups=_groups(result.clusters) or None,
+        regret=regret_of([result], result.clusters),
+        groups=groups_of(result.clusters) or None,
+        path=str(item.path),
+        plan_counts=can_be_best_known(result.agent),
         trained_on=seen,
         saw_scored=what_it_should_not_have_seen(result, seen),
         **place,

@@ -8,10 +8,12 @@ from itertools import combinations
 import numpy as np
 from pydantic import Field
 
+from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard.collect import Expectation, Origin, StoredResult
 from glbench.leaderboard.comparisons import RESOLUTION, tiers
 from glbench.leaderboard.entries import entries_by_task, metric_of, resolution_of
 from glbench.leaderboard.ranking import Row, TaskTable, combined
+from glbench.leaderboard.regret import best_runs
 from glbench.leaderboard.statistics import (
     SCORES,
     Array,
@@ -25,6 +27,8 @@ from glbench.leaderboard.statistics import (
     probability_of_improvement,
 )
 from glbench.tasks import list_suites
+from glbench.tasks.best_known import SEVERAL, BestKnown, read_best_known
+from glbench.tasks.ledger import MONEY
 from glbench.tasks.references import References, read_references
 
 NOTHING = "do_nothing"
@@ -64,6 +68,11 @@ class SuiteRow(Published):
     mean: Interval
     median: Interval
     optimality_gap: Interval
+    regret: Interval | None = Field(
+        default=None,
+        description="mean over the tasks of the mean regret to the best known runs [EUR m-2]; null where it lacks tasks, or a task has "
+        "no best known runs or counts no money",
+    )
     trainings: tuple[int, int] = Field(description="fewest and most trainings on a task")
     missing: tuple[str, ...] = Field(serialization_alias="missing_tasks")
     figures: SuiteFigures | None = None
@@ -106,6 +115,7 @@ def suite_table(
     scores: Mapping[str, Mapping[str, Array]],
     references: Mapping[str, References],
     tables: Sequence[TaskTable] = (),
+    best_known: Mapping[str, BestKnown] | None = None,
 ) -> SuiteTable | None:
     """Aggregates of every agent over the tasks of a suite.
 
@@ -119,6 +129,8 @@ def suite_table(
         Zero and one of each task's normalised score.
     tables
         Ranked rows of the tasks, for what agents earned, grew and used.
+    best_known
+        Best known runs of the tasks, with the seeds of ``scores`` in their order, for regrets.
 
     Returns
     -------
@@ -139,10 +151,11 @@ def suite_table(
     means = {agent: [np.atleast_2d(by_task[task]).mean(axis=0) for task in usable] for agent, by_task in whole.items()}
     order = tiers(means, resolutions)
     shown = _rows_of_agents(usable, tables)
+    regrets = _regrets(usable, scores, best_known or {})
     rows: list[SuiteRow] = []
     for tier in order:
         shared = len(rows) + 1
-        rows += [_row(agent, shared, whole[agent], usable, shown.get(agent, ())) for agent in tier]
+        rows += [_row(agent, shared, whole[agent], usable, shown.get(agent, ()), regrets.get(agent)) for agent in tier]
     rows += [
         _row(agent, None, normalised[agent], usable, shown.get(agent, ()))
         for agent in sorted(set(normalised) - set(whole))
@@ -161,7 +174,14 @@ def suite_tables(
 ) -> tuple[SuiteTable, ...]:
     """Tables of all published suites that have results and references."""
     scores, references = scores_by_task(stored, expected), read_references()
-    found = [suite_table(name, tuple(ids), scores, references, tables) for name, ids in list_suites().items()]
+    known = {
+        task_id: best
+        for task_id in scores
+        if (best := read_best_known(task_id)) is not None
+        and (best.task_digest, best.seeds, RANKING_METRIC)
+        == (expected[task_id].digest, expected[task_id].seeds, expected[task_id].metric)
+    }
+    found = [suite_table(name, tuple(ids), scores, references, tables, known) for name, ids in list_suites().items()]
     return tuple(table for table in found if table is not None)
 
 
@@ -177,7 +197,12 @@ def _rows_of_agents(tasks: Sequence[str], tables: Sequence[TaskTable]) -> dict[s
 
 
 def _row(
-    agent: str, rank: int | None, scores: Mapping[str, Array], tasks: Sequence[str], shown: Sequence[Row]
+    agent: str,
+    rank: int | None,
+    scores: Mapping[str, Array],
+    tasks: Sequence[str],
+    shown: Sequence[Row],
+    regret: Interval | None = None,
 ) -> SuiteRow:
     arrays = [scores[task] for task in tasks if task in scores]
     counts = [len(np.atleast_2d(runs)) for runs in arrays]
@@ -186,12 +211,24 @@ def _row(
         rank=rank,
         agent=agent,
         **{score: aggregate(arrays, score) for score in SCORES},
+        regret=regret,
         trainings=(min(counts), max(counts)),
         missing=tuple(task for task in tasks if task not in scores),
         figures=SuiteFigures(metrics=_means(rows), **combined(rows)) if rows else None,
         tasks=len(arrays),
         runs=sum(runs.size for runs in arrays),
     )
+
+
+def _regrets(
+    tasks: Sequence[str], scores: Mapping[str, Mapping[str, Array]], known: Mapping[str, BestKnown]
+) -> dict[str, Interval]:
+    """Mean regret of the agents that have all tasks, where regrets of all tasks are money."""
+    if any(task not in known or known[task].units["reward"] != MONEY for task in tasks):
+        return {}
+    best = {task: np.array([run.reward for run in known[task].runs]) for task in tasks}
+    everywhere = set[str].intersection(*(set(scores[task]) for task in tasks))
+    return {agent: aggregate([best[task] - scores[task][agent] for task in tasks], "mean") for agent in everywhere}
 
 
 def _means(rows: Sequence[Row]) -> dict[str, float]:
@@ -229,24 +266,32 @@ def _profiles(whole: Mapping[str, Mapping[str, Array]], tasks: Sequence[str]) ->
 
 
 def references_from(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, References]:
-    """References of every published task that has a complete result of ``do_nothing`` and a better one, in the metric that ranks."""
-    by_task: dict[str, list[tuple[float, StoredResult]]] = {}
-    for item in stored:
-        task_id = item.result.task.id
-        if item.board in expected and item.result.evaluation.seeds == expected[task_id].seeds:
-            metric = metric_of(task_id, expected)
-            if all(metric in run.metrics for run in item.result.runs):
-                by_task.setdefault(task_id, []).append((float(np.mean(item.result.values(metric))), item))
+    """References of every published task that has a complete result of ``do_nothing`` and a better one, in the metric that ranks.
+
+    The best is the mean of the best known runs of all seeds, whichever agents they are of.
+    """
+    items = tuple(stored)
+    nothing = {
+        item.board: item.result
+        for item in items
+        if item.board in expected
+        and item.result.agent.name == NOTHING
+        and item.result.evaluation.seeds == expected[item.board].seeds
+    }
     found = {}
-    for task_id, results in by_task.items():
-        nothing = [pair for pair in results if pair[1].result.agent.name == NOTHING]
-        best = max(results, key=lambda pair: (pair[0], pair[1].result.agent.name))
-        if nothing and best[0] > nothing[0][0]:
+    for task_id, runs in best_runs(items, expected).items():
+        if task_id not in nothing:
+            continue
+        metric, owners = metric_of(task_id, expected), {one.agent.name: one.results_digest for one, _ in runs}
+        zero, best = (float(np.mean(values)) for values in (
+            nothing[task_id].values(metric), [run.metrics[metric] for _, run in runs]
+        ))  # fmt: skip
+        if best > zero:
             found[task_id] = References(
-                nothing=nothing[0][0],
-                nothing_results_digest=nothing[0][1].result.results_digest,
-                best=best[0],
-                best_agent=best[1].result.agent.name,
-                best_results_digest=best[1].result.results_digest,
+                nothing=zero,
+                nothing_results_digest=nothing[task_id].results_digest,
+                best=best,
+                best_agent=next(iter(owners)) if len(owners) == 1 else SEVERAL,
+                best_results_digest=" ".join(digest for _, digest in sorted(owners.items())),
             )
     return found

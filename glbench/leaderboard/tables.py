@@ -18,7 +18,9 @@ from pydantic import Field
 from glbench.leaderboard.catalogue import Catalogue, Metric, catalogue, of_published
 from glbench.leaderboard.comparisons import RESOLUTION
 from glbench.leaderboard.entries import resolution_of
-from glbench.leaderboard.ranking import Estimate, Row, TaskTable
+from glbench.leaderboard.estimates import Estimate
+from glbench.leaderboard.ranking import Row, TaskTable
+from glbench.leaderboard.regret import PARTS
 from glbench.leaderboard.statistics import SCORES, Interval, Published
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
 from glbench.resources import write_atomically
@@ -36,6 +38,11 @@ OVERALL_NOTE = (
     "covers the truth in about 60 of 100 cases, from three in about 80."
 )
 SEEN_NOTE = f"{SEEN_MARK} its training saw what it is judged by, as its card states: the test split, or weather of the years of that split."
+REGRET_NOTE = (
+    "Regret: reward of the best known run with the same seed minus that of the run, mean over the runs. Its parts are the profit that is "
+    "given away and the violations that are added. Who made a best known run may have known the whole season in advance. It is no bound: "
+    "a better one may exist, and who finds it has a negative regret."
+)
 FOOTNOTES = (
     "Mean over the task's seeded runs, with the 95 % bootstrap interval of the mean; IQM is the mean of the middle half of the runs. "
     "{units} {name} is {profit}. "
@@ -75,6 +82,7 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     name = "Profit" if priced == {True} else "EPI"
     rows = [row for table in tables for row in table.rows]
     extra = [OVERALL_NOTE] * any(map(_has_overall, rows)) + [SEEN_NOTE] * any(row.saw_scored for row in rows)
+    extra += [REGRET_NOTE] * any(map(has_regret, tables))
     profit = profit or (_PROFIT if name == "Profit" else f"the profit: {_PROFIT}")
     words = catalogue(*tasks)
     notes = [
@@ -89,6 +97,11 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
 def covers(words: Catalogue) -> str:
     """What an interval over the runs of one training covers, in tasks with these words."""
     return f"{words.draws}, and one training"
+
+
+def has_regret(table: TaskTable) -> bool:
+    """Whether one of its rows has a regret."""
+    return any(row.regret is not None for row in table.rows)
 
 
 def _has_overall(row: Row) -> bool:
@@ -206,6 +219,7 @@ def _task_columns(table: TaskTable) -> list[Column]:
         *map(with_interval, (first, *others)),
         Column(f"{first.heading}, IQM", lambda row: number_text(iqm_of(row, first), first.digits)),
         worst_column(first),
+        *(regret_columns(table) if has_regret(table) else []),
         *([overall_column(first)] if any(map(_has_overall, table.rows)) else []),
         *([deviation_column(first)] if any(row.is_range for row in table.rows) else []),
         DECISION,
@@ -224,6 +238,33 @@ def worst_column(metric: Metric, gives_way: int = 0) -> Column:
         return number_text(None if row.worst_tenth is None else row.worst_tenth.value, metric.digits)
 
     return Column("CVaR10", text, number=True, gives_way=gives_way)
+
+
+def regret_columns(
+    table: TaskTable, gives_way: tuple[int, int, int] = (0, 0, 0), *, spans: bool = True
+) -> list[Column]:
+    """Regret and its parts, profit and violations; with their intervals or ranges unless told otherwise."""
+    words = table.words
+    metrics = (words.score, words.profit, words.of_kind("penalty")[0])
+
+    def column(part: str, metric: Metric, gives_way: int) -> Column:
+        def text(row: Row) -> str:
+            found: Estimate | None = None if row.regret is None else getattr(row.regret, part)
+            if found is None:
+                return NONE
+            if not spans:
+                return signless(number_text(found.mean, metric.digits))
+            return format_estimate(found, metric.digits, is_range=row.is_range)
+
+        name = "Regret" if part == "total" else f"Regret, {part}"
+        return Column(replace(metric, heading=name).headed, text, number=not spans, gives_way=gives_way)
+
+    return [column(part, metric, way) for part, metric, way in zip(PARTS, metrics, gives_way, strict=True)]
+
+
+def signless(text: str) -> str:
+    """A number as it is, but for one that rounds to zero, which has no sign."""
+    return text.removeprefix("-") if not text.strip("-0.") else text
 
 
 def overall_column(metric: Metric, gives_way: int = 0) -> Column:
@@ -256,7 +297,7 @@ def iqm_of(row: Row, metric: Metric) -> float | None:
     return row.estimates[metric.name].iqm if metric.name in row.estimates else None
 
 
-def _score_columns() -> list[Column]:
+def _score_columns(table: SuiteTable) -> list[Column]:
     def score(name: str) -> Column:
         heading = "IQM" if name == "iqm" else name.replace("_", " ").capitalize()
         return Column(heading, lambda row: format_interval(getattr(row, name), is_range=row.trainings[1] > 1))
@@ -265,8 +306,25 @@ def _score_columns() -> list[Column]:
         Column("#", lambda row: NONE if row.rank is None else str(row.rank)),
         Column("Agent", suite_label, words=True, free=True),
         *map(score, SCORES),
+        *([suite_regret_column()] if any(row.regret is not None for row in table.rows) else []),
         Column("Runs", runs_of),
     ]
+
+
+def suite_regret_column(gives_way: int = 0, *, span: bool = True) -> Column:
+    """The mean regret over a suite whose tasks all count money, with its interval or range unless told otherwise."""
+
+    def text(row: SuiteRow) -> str:
+        if row.regret is None:
+            return NONE
+        mean, low, high = (
+            signless(number_text(part, 3)) for part in (row.regret.value, row.regret.low, row.regret.high)
+        )
+        if not span or not row.regret.low < row.regret.high:
+            return mean
+        return f"{mean} ({low} {RANGE_MARK} {high})" if row.trainings[1] > 1 else f"{mean} [{low}, {high}]"
+
+    return Column("Regret [EUR/m²]", text, gives_way=gives_way)
 
 
 def _figure_columns(words: Catalogue) -> list[Column]:
@@ -339,7 +397,10 @@ def to_markdown(
         parts += [f"## {markdown_text(table.title)}{draws}", "", f"`{name}`, digest `{table.digest[:12]}`", ""]
         parts += [*markdown(_task_columns(table), shown_rows(table, members=True)), ""]
         parts += [
-            line for note in [kernel_note(table), *seen_notes(table)] if note for line in (markdown_text(note), "")
+            line
+            for note in [kernel_note(table), *seen_notes(table), *regret_notes(table)]
+            if note
+            for line in (markdown_text(note), "")
         ]
     parts += [line for note in footnotes(tables) for line in (note, "")]
     return "\n".join(parts).rstrip() + "\n"
@@ -376,7 +437,7 @@ def suite_markdown(table: SuiteTable) -> list[str]:
         "",
         score_note(table.tasks),
         "",
-        *markdown(_score_columns(), table.rows),
+        *markdown(_score_columns(table), table.rows),
         "",
         "Means over the tasks:",
         "",
@@ -412,6 +473,7 @@ def to_latex(table: TaskTable) -> str:
         ),
         *map(with_interval, columns[:3]),
         worst_column(columns[0]),
+        *(regret_columns(table)[:1] if has_regret(table) else []),
         Column("Runs", runs_label),
     ]
     used = [
@@ -433,7 +495,7 @@ def suite_latex(table: SuiteTable) -> str:
     def agent(row: SuiteRow) -> str:
         return suite_label(row) + PRIVILEGED_MARK * bool(row.figures and row.figures.privileged)
 
-    columns = [replace(one, cell=agent) if one.heading == "Agent" else one for one in _score_columns()]
+    columns = [replace(one, cell=agent) if one.heading == "Agent" else one for one in _score_columns(table)]
     tasks = f"normalised scores over {len(table.tasks)} tasks; needs \\usepackage{{booktabs}}"
     return "\n".join([f"% suite {visible(table.suite)}, {tasks}", *latex(columns, table.rows), ""])
 
@@ -502,7 +564,23 @@ def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric]) -
             record[f"entry_{metric.name}_overall_{part} [{metric.unit}]"] = overall and getattr(overall, part)
     for part in ("value", "low", "high"):
         record[f"worst_tenth_{part}"] = row.worst_tenth and getattr(row.worst_tenth, part)
+    record |= _regret_record(entry, row)
     return {**record, "task_digest": row.task_digest, "results_digest": row.results_digest}
+
+
+def _regret_record(entry: Row, row: Row) -> dict[str, object]:
+    """Regret and its parts; the unit of all but the profit differs between tasks, so it has a column."""
+    own, of_all = row.regret, entry.regret
+    record: dict[str, object] = {"regret_unit": own and own.unit}
+    for part in PARTS:
+        found: Estimate | None = None if own is None else getattr(own, part)
+        name, unit = "regret" if part == "total" else f"regret_{part}", " [EUR m-2]" if part == "profit" else ""
+        for end in ("mean", "low", "high"):
+            record[f"{name}_{end}{unit}"] = None if found is None else getattr(found, end)
+    record["regret_runs_ahead"] = own and own.runs_ahead
+    for name, end in (("mean", "mean"), ("lowest", "low"), ("highest", "high")):
+        record[f"entry_regret_{name}"] = of_all and getattr(of_all.total, end if entry.is_range else "mean")
+    return record
 
 
 def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
@@ -520,6 +598,9 @@ def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
         for name in SCORES:
             interval = getattr(row, name)
             record |= {name: interval.value, f"{name}_low": interval.low, f"{name}_high": interval.high}
+        for part in ("value", "low", "high"):
+            heading = "regret" if part == "value" else f"regret_{part}"
+            record[f"{heading} [EUR m-2]"] = row.regret and getattr(row.regret, part)
         for metric in known.metrics.values():
             record[f"{metric.name}_mean [{metric.unit}]"] = figures and figures.metrics.get(metric.name)
         records.append(record | {
@@ -545,6 +626,7 @@ def _frame(records: Sequence[Mapping[str, object]]) -> pd.DataFrame:
         "training [steps]": "Int64",
         "training [h]": "Float64",
         "groups": "Int64",
+        "regret_runs_ahead": "Int64",
     }
     if "suite" in frame:
         types["failed_runs"] = "Int64"
@@ -643,6 +725,23 @@ def kernel_note(table: TaskTable) -> str:
 def seen_notes(table: TaskTable) -> list[str]:
     """Which agents were trained on what they are judged by, in words."""
     return [f"{SEEN_MARK} {row.agent} {row.saw_scored}, as its card states." for row in table.rows if row.saw_scored]
+
+
+def regret_notes(table: TaskTable) -> list[str]:
+    """Whose runs are better than the best known ones, and how to hand them in; of released results the best known ones are taken."""
+    return [
+        better_note(row.agent, row.regret.runs_ahead, row.runs, row.path)
+        for row in table.results
+        if row.origin != "released" and row.plan_counts and row.regret is not None and row.regret.runs_ahead
+    ]
+
+
+def better_note(agent: str, ahead: int, runs: int, path: str) -> str:
+    """What to do with a result that is above the best known run in some runs."""
+    return (
+        f"{agent} is above the best known run in {ahead} of its {runs} runs: a better plan than the best known. "
+        f"Hand it in: glbench bound --submit {path}"
+    )
 
 
 def entry_label(row: Row) -> str:

@@ -13,6 +13,8 @@ from glbench.evaluation.files import short_task_id
 from glbench.evaluation.profiles import Profile
 from glbench.leaderboard import Row, StoredResult, TaskTable
 from glbench.leaderboard.catalogue import Catalogue, Drawn, pretty_unit
+from glbench.leaderboard.estimates import Estimate
+from glbench.leaderboard.regret import PARTS
 from glbench.leaderboard.statistics import SCORES, Interval
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
 from glbench.report.task_words import clock_of, definition_in_words, figures
@@ -88,6 +90,7 @@ def task_facts(table: TaskTable, steps: int, step_seconds: float) -> dict[str, A
         "draws": table.draws,
         "steps": steps,
         "step_seconds": step_seconds,
+        "best_known": None if table.best_known is None else table.best_known.model_dump(),
         "published": table.task_id in lock and lock[table.task_id].digest == table.digest,
     }
     if spec is None:
@@ -151,6 +154,7 @@ def _suite_row(row: SuiteRow) -> dict[str, Any]:
         "trainings": list(row.trainings),
         "missing": list(row.missing),
         **{name: _interval(getattr(row, name)) for name in SCORES},
+        "regret": row.regret and _interval(row.regret),
         "figures": None
         if figures is None
         else {
@@ -279,6 +283,19 @@ def _told_of(row: Row) -> dict[str, Any]:
         "groups": row.groups,
         "trained_on": row.trained_on.words,
         "saw_scored": row.saw_scored,
+        "regret": _regret(row),
+    }
+
+
+def _regret(row: Row) -> dict[str, Any] | None:
+    """Regret and its parts, each with mean and ends; how many runs are above the best known ones, and whether that is worth a word."""
+    if row.regret is None:
+        return None
+    parts: dict[str, Estimate | None] = {part: getattr(row.regret, part) for part in PARTS}
+    return {
+        **{name: one and [_short(value) for value in (one.mean, one.low, one.high)] for name, one in parts.items()},
+        "ahead": row.regret.runs_ahead,
+        "better": bool(row.regret.runs_ahead) and row.plan_counts and row.origin != "released",
     }
 
 

@@ -1,4 +1,4 @@
-"""What scores of a task are measured by: the reward of doing nothing, and the best known one.
+"""Zero and one of normalised scores: the reward of doing nothing, and the mean over the best known runs (``best_known.py``).
 
 ``tasks/references.toml`` holds both for every published task. It stands beside the locked definitions and is no part of them: the
 best known result changes when somebody does better, the task does not.
@@ -18,7 +18,7 @@ from glbench.registration import REFERENCES_NAME
 from glbench.resources import data_folder, write_atomically
 
 _HEAD = """# Zero and one of normalised scores: the mean reward of doing nothing (submissions/do_nothing.py) and that of the best known
-# result of each task, over the task's runs. Written by `glbench tasks references --write` from reports/released.
+# run of each seed (tasks/best_known), over the task's runs. Written by `glbench tasks references --write` from reports/released.
 """
 
 
@@ -32,6 +32,7 @@ class References(BaseModel):
     best: float
     best_agent: str
     best_results_digest: str
+    """Digests of the results that the best known runs are taken from, with a space between two, by the agents' names."""
 
     @model_validator(mode="after")
     def _in_order(self) -> References:

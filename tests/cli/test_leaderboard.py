@@ -6,13 +6,19 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from glbench.cli import console
 from glbench.cli.app import app
 from glbench.errors import ResultError
-from glbench.evaluation.files import save_result
+from glbench.evaluation import load_result
+from glbench.evaluation.files import result_path, save_result
+from glbench.evaluation.records import results_digest, summarise
+from glbench.resources import data_folder
+from glbench.tasks import PAPER_TASK
+from glbench.tasks.best_known import read_best_known
 from tests.leaderboard.synthetic import make_result
 
 RUNNER = CliRunner()
@@ -48,6 +54,36 @@ def test_the_table_fits_80_columns_and_names_units_and_remarks(reports, monkeypa
     for words in ("better", "worse †", "[EUR/m²]", "[kWh/m²]", "hasty is not ranked: 1 of 4 runs", "Source"):
         assert words in result.stdout
     assert result.stdout.index("better") < result.stdout.index("worse")
+
+
+def test_regret_has_a_column_in_80_columns_and_who_is_ahead_is_told_what_to_do(reports, monkeypatch):
+    theirs = load_result(result_path(data_folder("reports/released/results").parent, PAPER_TASK, "rule_based_fair"))
+    runs = tuple(
+        run.model_copy(update={"metrics": run.metrics | {"reward": 3930.0 if run.seed < 669 else 3700.0}})
+        for run in theirs.runs
+    )
+    known = read_best_known(PAPER_TASK)
+    runs = (
+        runs[0].model_copy(update={"metrics": runs[0].metrics | {"reward": known.runs[0].reward + 50.0}}),
+        *runs[1:],
+    )
+    agent = theirs.agent.model_copy(update={"name": "anna", "kind": "submission"})
+    changes = {"runs": runs, "agent": agent, "summary": summarise(runs)}
+    changes["results_digest"] = results_digest(theirs.task.digest, agent, runs)
+    path = save_result(theirs.model_copy(update=changes), reports)
+    monkeypatch.setenv("COLUMNS", "80")
+    console.output.cache_clear()
+    shown = run("--out", reports, "--task", PAPER_TASK).stdout
+    assert max(len(line) for line in shown.splitlines()) <= 80
+    regret = np.mean([one.reward for one in known.runs]) - np.mean([one.metrics["reward"] for one in runs])
+    (line,) = [line for line in shown.splitlines() if re.search(r"\d +anna ", line)]
+    assert f" {regret:.1f} " in line
+    assert "Regret" in shown
+    assert "It is no bound" in " ".join(shown.split())
+    ahead = sum(one.metrics["reward"] > best.reward for one, best in zip(runs, known.runs, strict=True))
+    words = " ".join(shown.split())
+    assert f"anna is above the best known run in {ahead} of its 30 runs: a better plan than the best known." in words
+    assert "".join(f"glbench bound --submit {path}".split()) in "".join(shown.split()), "however it is wrapped"
 
 
 def test_every_row_says_its_source(reports, monkeypatch):

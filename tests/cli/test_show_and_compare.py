@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 
 from glbench.cli.results import sparkline
 from glbench.evaluation import load_result
 from glbench.resources import data_folder
+from glbench.tasks.best_known import read_best_known
 
 pytestmark = pytest.mark.usefixtures("few_released")
 TASK = "Schiphol2010-Delta10-v1"
@@ -33,6 +35,26 @@ def test_compare_says_who_earns_more_and_from_what(glbench):
     assert done.code == 0
     assert "rule_based earns" in done.out
     assert "EUR/m² more than rule_based_fair" in done.out
+
+
+def test_show_tells_regret_with_its_parts_and_whose_the_best_known_runs_are(glbench):
+    known = read_best_known(f"glbench/{TASK}")
+    result = load_result(RELEASED / TASK / "rule_based.json")
+    shown = glbench("show", "rule_based", "--task", TASK).out
+    mean = np.mean([run.reward for run in known.runs]) - result.summary.mean["reward"]
+    (line,) = [line for line in shown.splitlines() if "Regret to best known" in line]
+    assert f"{mean:,.2f}" in line
+    assert "profit given away" in shown
+    assert "violations added" in shown
+    assert "Best known runs of the task: by " in shown
+    assert "glbench bound" not in shown, "released results are what the best known runs are taken from"
+
+
+def test_compare_has_the_regrets_of_both_and_json_their_difference(glbench):
+    assert "Regret to best known" in glbench("compare", "rule_based", "rule_based_fair", "--task", TASK).out
+    (pair,) = json.loads(glbench("compare", "rule_based", "rule_based_fair", "--task", TASK, "--json").out)
+    assert pair["regret"].keys() == {"total", "profit", "violations"}
+    assert pair["regret"]["total"]["difference"] == pytest.approx(-pair["metrics"]["reward"]["difference"])
 
 
 def test_show_names_the_source_the_other_trainings_and_what_is_only_stated(glbench):

@@ -156,6 +156,28 @@ def test_the_leaderboard_shows_what_the_leaderboard_says(visit, made):
             assert shown[row.agent] == pytest.approx(row.estimates[metric].mean, abs=0.5 * 10**-decimals + 1e-9)
 
 
+def test_regret_is_a_column_and_a_figure_of_its_parts_where_best_known_runs_are_known(visit, made):
+    page = visit("#/Schiphol2010-Delta10-v1")
+    (table,) = [table for table in made.tables if table.task_id.endswith("Schiphol2010-Delta10-v1")]
+    shown = column(page, "Regret")
+    for row in table.rows:
+        assert shown[row.agent] == pytest.approx(row.regret.total.mean, abs=0.5)
+    says = page.locator(".chart").first.get_attribute("aria-label")
+    for row in table.rows:
+        total, violations = row.regret.total.mean, row.regret.violations.mean
+        assert f"{row.agent}: regret {total:,.1f}, of it profit {total - violations:,.1f}" in says
+    change_price(page, "cost_heat", 0.05)
+    page.wait_for_selector("details.prices.changed")
+    assert "How far from the best known?" not in page.locator("main").inner_text()
+    assert "–" in page.locator("table.ranks tbody tr").first.inner_text()
+
+
+def test_a_task_without_best_known_runs_has_no_regret(visit):
+    page = visit("#/Days-v1")
+    assert page.locator("button[data-sort=regret]").count() == 0
+    assert "best known" not in page.locator("main").inner_text()
+
+
 def test_columns_sort_with_the_keyboard_and_say_so(visit):
     page = visit("#/Days-v1")
     assert page.locator("th[aria-sort]").count() == 1

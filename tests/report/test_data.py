@@ -63,6 +63,21 @@ def test_values_of_the_runs_are_those_of_the_results(made):
             assert given == pytest.approx(item.result.values(name), rel=1e-6, abs=1e-12)
 
 
+def test_regret_and_its_parts_are_those_of_the_leaderboard(made):
+    shown = {(result["task"], result["agent"]): result["regret"] for result in embedded(made)["results"]}
+    seen = 0
+    for row in (row for table in made.tables for row in table.rows):
+        given = shown[row.task_id, row.agent]
+        assert (given is None) == row.task_id.startswith("test/")
+        if given is not None:
+            for part in ("total", "profit", "violations"):
+                one = getattr(row.regret, part)
+                assert given[part] == pytest.approx([one.mean, one.low, one.high], rel=1e-6)
+            assert not given["better"]
+            seen += 1
+    assert seen == 6
+
+
 def columns_of(document: dict) -> dict:
     """Packed columns of a profile, of its file or of the page, by part and name."""
     parts = {"day": document["day"]["columns"], "season": document["season"]["columns"]}

@@ -201,7 +201,7 @@ def test_a_result_of_another_version_has_its_place(visit, made, tmp_path, view):
     assert "undefined" not in words
     if view == f"#/{TASK}":
         row = page.locator("table.ranks tbody tr").filter(has_text="other")
-        assert [row.locator("td").nth(i).inner_text().split("\n")[0] for i in (2, 5)] == ["–", "–"], "profit and heat"
+        assert [row.locator("td").nth(i).inner_text().split("\n")[0] for i in (3, 6)] == ["–", "–"], "profit and heat"
         change_price(page, "revenue", 2.0)
         assert page.locator("table.ranks tbody tr").count() == 2
     if "compare" in view:

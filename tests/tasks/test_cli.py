@@ -16,7 +16,8 @@ from glbench.cli.console import messages, output
 from glbench.cli.tasks import app
 from glbench.errors import TaskError, UnknownNameError
 from glbench.model import GreenLightClimate, VanthoorTomato, compose, paper, register_model
-from glbench.tasks import DEFAULT_TASK, get_task, list_tasks
+from glbench.resources import data_folder
+from glbench.tasks import DEFAULT_TASK, best_known, get_task, list_tasks, references
 from tests.tasks.names import FILE, SHORT_ID
 
 Vary = Callable[..., Path]
@@ -303,3 +304,21 @@ def test_check_names_a_rate_that_is_not_finite_at_the_start(tmp_path: Path, monk
     assert result.exit_code == 1
     assert "[initial_state] At the start" in result.stdout
     assert "the equations of withered-1.0.0 give as rate of cFruit = " in result.stdout
+
+
+def test_references_are_written_again_as_they_are_shipped_with_the_best_known_runs(tmp_path, monkeypatch):
+    shipped = data_folder("tasks")
+    monkeypatch.setattr(references, "references_path", lambda: tmp_path / "references.toml")
+    monkeypatch.setattr(
+        best_known, "best_known_path", lambda task_id: tmp_path / "best_known" / f"{task_id.rpartition('/')[2]}.json"
+    )
+    references.read_references.cache_clear()
+    done = CliRunner().invoke(
+        app, ["references", "--write", "--out", str(data_folder("reports/released/results").parent)]
+    )
+    references.read_references.cache_clear()
+    assert done.exit_code == 0, done.output
+    names = ["references.toml", *(f"best_known/{path.name}" for path in (shipped / "best_known").iterdir())]
+    assert len(names) > 1
+    for name in names:
+        assert (tmp_path / name).read_bytes() == (shipped / name).read_bytes(), name

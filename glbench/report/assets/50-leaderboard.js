@@ -9,7 +9,7 @@ const hidden = new Set(ENTRIES.length > 2 ? [NOTHING] : []);
 const unfolded = new Set();
 
 const rankColumns = (task, rows, refill) => {
-  const hours = (task.steps * task.step_seconds) / 3600;
+  const hours = (task.steps * task.step_seconds) / 3600, [first, ...others] = wordsOf(task).columns;
   const metricColumn = (metric) => {
     const of = (row) => estimate(row.result, metric.name);
     const shown = rows.filter((row) => row.rank !== null);
@@ -37,7 +37,7 @@ const rankColumns = (task, rows, refill) => {
         row.result.members ? [" ", unfold(row.result, refill)] : row.result.trainings ? h("span", { class: "of" }, plural(row.result.trainings, "training")) : null,
         row.result.failed ? h("span", { class: "of loss" }, `${row.result.failed} of ${row.result.runs} runs failed`) : null, row.result.remark ? h("span", { class: "of" }, row.result.remark) : null,
         row.result.saw_scored ? h("span", { class: "of loss" }, `\u00a7 ${row.result.saw_scored}`) : null) },
-    ...wordsOf(task).columns.map(metricColumn),
+    metricColumn(first), regretColumn(task, rows), ...others.map(metricColumn),
     ...aboutColumns((row) => ({ ...row.result, steps: row.result.training?.steps, hours: trainingWords(row.result.training), name: row.result.agent })),
   ].filter(Boolean);
 };
@@ -127,6 +127,7 @@ const leaderboardPage = (short) => {
       table.element,
       h("p", { class: "small soft" }, STATED),
       h("p", { class: "small" }, h("a", { href: link("task", task.short) }, "What exactly is this task?"), " \u00b7 ", h("a", { href: link("guide") }, "How to read this page")),
+      regretFigure(task, rows),
       family ? familyFigure(family) : null,
     ],
   };

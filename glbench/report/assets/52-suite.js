@@ -17,6 +17,15 @@ const suiteAgent = (row) => agentHead(row.agent, [row.missing.length ? h("span",
 
 const SCORE_COLUMNS = [["mean", "Mean", "Score"], ["iqm", "IQM", "IQM"], ["median", "Median", "Median"], ["optimality_gap", "Optimality gap", "Optimality gap"]];
 
+// Of a suite whose tasks all count money; not at other prices, at which other runs may be the best.
+const suiteRegret = (rows) => {
+  const ends = ([center, low, high]) => ({ mean: center, low, high }), range = barRange(rows.map((row) => (row.regret ? ends(row.regret) : UNKNOWN)));
+  return {
+    key: "regret", label: "Regret", unit: "EUR/m\u00b2", value: (row) => row.regret?.[0] ?? null, start: "ascending", explain: otherWords("Regret"),
+    cell: (row) => (row.regret ? h("td", {}, number(row.regret[0], 2), bar(ends(row.regret), range, row.agent, row.trainings[1] > 1), h("span", { class: "of" }, row.regret[2] > row.regret[1] ? `${number(row.regret[1], 2)} ${row.trainings[1] > 1 ? "\u2194" : "to"} ${number(row.regret[2], 2)}` : "")) : h("td", {}, "\u2013")),
+  };
+};
+
 const scoreTable = (suite) => {
   const shown = suite.rows.filter((row) => row.rank !== null), rows = suite.rows;
   const column = ([key, label, word]) => {
@@ -35,6 +44,7 @@ const scoreTable = (suite) => {
       { key: "agent", label: "Agent", value: (row) => row.agent, left: true, start: "ascending", className: "agent", explain: [h("b", {}, "Agent"), ": open one to see its days, its season and its money."],
         cell: suiteAgent },
       ...SCORE_COLUMNS.map(column),
+      ...(rows.some((row) => row.regret) ? [suiteRegret(shown.length ? shown : rows)] : []),
       { key: "runs", label: "Runs", value: (row) => row.runs, explain: [h("b", {}, "Runs"), ": of all tasks together. Failed ones count."], cell: (row) => h("td", {}, number(row.runs, 0), row.figures?.failed ? h("span", { class: "of" }, `${row.figures.failed} failed`) : null) },
     ],
   });

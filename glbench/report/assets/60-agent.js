@@ -122,9 +122,9 @@ const earned = (result, task) => {
   const say = (names) => names.map((name) => `${METRICS[name].label} ${withUnit(of(name).mean, METRICS[name].decimals, METRICS[name].unit)}`).join(", ");
   return [
     h("h2", {}, "What it earned, and where"),
-    h("dl", { class: "tiles" }, tiles),
+    h("dl", { class: "tiles" }, tiles, regretTile(result, task)),
     h("p", { class: "small soft" }, result.members ? "Below each mean: the lowest and the highest training." : `Below each mean: its 95 % interval over the ${wordsOf(task).draws}, for this one training. ${capital(wordsOf(task).beyond)} or another training can lie far outside.`),
-    uncertaintyPart(result, task),
+    uncertaintyPart(result, task), betterNotes([result]),
     h("div", { class: "grid two" },
       chart(captionOf(`From ${sentence(sold.map((item) => lower(item.label))) || "cost"} to profit`, "EUR/m\u00b2, mean over the runs"), build, { height: 260, says: say([...items.map((item) => item.money), PROFIT]) }),
       violations.length ? chart(captionOf("Time outside each limit", "hours, mean over the runs"), hours, { height: 260, says: say(violations.map((metric) => metric.name)) }) : null),

@@ -1,0 +1,199 @@
+"""Regret: how far a run stays below the best known run of its scenario, and whether it gives away profit or breaks limits.
+
+The best known run of a seed is the one with the highest reward among the released results that act through the task's actuation
+(``tasks/best_known``). It knows the future, or had luck with it, so an agent that sees observations is not expected to reach it; and it is
+no bound: who does better in some run has a negative regret there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from pydantic import Field
+
+from glbench.agents.baselines import read_baseline
+from glbench.errors import SubmissionError
+from glbench.evaluation import Result
+from glbench.evaluation.records import RANKING_METRIC, AgentRecord, RunResult
+from glbench.leaderboard.collect import Expectation, StoredResult
+from glbench.leaderboard.estimates import Estimate, estimate, estimate_over_trainings
+from glbench.leaderboard.statistics import Array, Published
+from glbench.tasks.best_known import BestKnown, KnownRun, read_best_known
+
+PROFIT, PENALTY = "epi", "penalty"
+PARTS = ("total", "profit", "violations")
+"""Regret, and what it is made of."""
+METRICS = {"total": RANKING_METRIC, "profit": PROFIT, "violations": PENALTY}
+"""The metric that each is a difference of."""
+LINES = {"total": "Regret to best known", "profit": "  profit given away", "violations": "  violations added"}
+"""Their rows in tables of metrics."""
+ROUNDING = 1e-6
+"""A run that is above the best known one by less, in the unit of the reward, is not called better."""
+
+
+@dataclass(frozen=True)
+class Regrets:
+    """Regrets of runs, each ``(trainings, n)``: in the reward, and its parts; a part that a result does not state is ``None``.
+
+    ``profit`` is what less was earned [EUR m-2], ``violations`` what is more in the penalty, in its unit. Where the reward is the profit
+    minus the penalty, the parts add up to ``total``.
+    """
+
+    total: Array
+    profit: Array | None
+    violations: Array | None
+
+
+class Regret(Published):
+    """How far an entry stays below the best known runs: means over its runs, paired by seed. Negative where it is better."""
+
+    unit: str = Field(description="unit of the regret and of its part from violations; '-' for none")
+    total: Estimate = Field(description="reward of the best known run minus that of the run")
+    profit: Estimate | None = Field(
+        description="profit that is given away [EUR m-2]: EPI of the best known run minus its own"
+    )
+    violations: Estimate | None = Field(description="its penalty minus that of the best known run")
+    runs_ahead: int = Field(
+        description="runs with a higher reward than the best known run; of several trainings of all of them"
+    )
+
+
+class BestKnownMeans(Published):
+    """What regrets of a task are measured by: means over the best known runs of all seeds, in the units of the metrics."""
+
+    agent: str = Field(description="whose they are; 'several' where they are not all of one agent")
+    reward: float
+    epi: float
+    penalty: float
+
+
+def best_known_of(result: Result) -> BestKnown | None:
+    """The best known runs of the task of ``result``; ``None`` for other splits, secret salts and tasks of one's own."""
+    task = result.task
+    if task.split not in (None, "test") or task.salt_commitment is not None:
+        return None
+    known = read_best_known(task.id)
+    return known if known is not None and known.task_digest == task.digest else None
+
+
+def best_known_means(result: Result) -> BestKnownMeans | None:
+    """Means over all best known runs of the task of ``result``."""
+    known = best_known_of(result)
+    if known is None:
+        return None
+    means = {
+        name: float(np.mean([getattr(run, name) for run in known.runs])) for name in (RANKING_METRIC, PROFIT, PENALTY)
+    }
+    return BestKnownMeans(agent=known.agent, **means)
+
+
+def regrets_of(trainings: Sequence[Result], seeds: Sequence[int] | None = None) -> Regrets | None:
+    """Regrets of the runs of trainings that met the same runs, or of those with ``seeds``; ``None`` where one has no best known run."""
+    first = trainings[0]
+    known, wanted = best_known_of(first), tuple(first.evaluation.seeds if seeds is None else seeds)
+    best = known and known.of(wanted)
+    if not best:
+        return None
+    places = [first.evaluation.seeds.index(seed) for seed in wanted]
+    total, profit, penalty = (_gaps(trainings, name, best, places) for name in (RANKING_METRIC, PROFIT, PENALTY))
+    assert total is not None  # every result has a reward
+    return Regrets(total, profit, None if penalty is None else -penalty)
+
+
+def _gaps(trainings: Sequence[Result], metric: str, best: Sequence[KnownRun], places: Sequence[int]) -> Array | None:
+    """The best known minus the runs ``(trainings, n)`` of one metric; ``None`` where a run does not state it."""
+    if any(metric not in run.metrics for one in trainings for run in one.runs):
+        return None
+    values = np.array([one.values(metric) for one in trainings], dtype=np.float64)[:, places]
+    return np.asarray(np.array([getattr(run, metric) for run in best], dtype=np.float64) - values)
+
+
+def regret_of(trainings: Sequence[Result], clusters: Sequence[str] | None = None) -> Regret | None:
+    """Mean regret with its interval, over the runs of one result, or over trainings with the lowest and the highest of them.
+
+    ``clusters`` are the groups that the runs fall into, as for other estimates. ``None`` where a run has no best known one.
+    """
+    regrets, known = regrets_of(trainings), best_known_of(trainings[0])
+    if regrets is None or known is None:
+        return None
+    return Regret(
+        unit=known.units["reward"],
+        total=_estimate(regrets.total, trainings, clusters),
+        profit=None if regrets.profit is None else _estimate(regrets.profit, trainings, clusters),
+        violations=None if regrets.violations is None else _estimate(regrets.violations, trainings, clusters),
+        runs_ahead=int((regrets.total < -ROUNDING).sum()),
+    )
+
+
+def _estimate(values: Array, trainings: Sequence[Result], clusters: Sequence[str] | None) -> Estimate:
+    each = [estimate(runs, one.clusters) for runs, one in zip(values, trainings, strict=True)]
+    return estimate_over_trainings(each, values, clusters)
+
+
+def can_be_best_known(agent: AgentRecord) -> bool:
+    """Whether what the agent did could be done through the task's actuation: not where it set the controls directly.
+
+    Agents that see observations act through it; of the privileged ones only those controllers of glbench that know the scenario do.
+    """
+    return not agent.privileged or (agent.kind == "baseline" and _acts_through_actuation(agent.name))
+
+
+@lru_cache(maxsize=64)
+def _acts_through_actuation(name: str) -> bool:
+    try:
+        return read_baseline(name).sees != "state"
+    except SubmissionError:
+        return False
+
+
+def best_runs(
+    stored: Iterable[StoredResult], expected: Mapping[str, Expectation]
+) -> dict[str, list[tuple[Result, RunResult]]]:
+    """The best known run of every seed of the published tasks, with the result it is of, in the metric that ranks.
+
+    Only complete results of a task as it is published count, and only those of agents that act through the actuation.
+    """
+    by_task: dict[str, list[Result]] = {}
+    for item in stored:
+        result, asked = item.result, expected.get(item.board)
+        if asked is None or (result.task.digest, result.evaluation.seeds) != (asked.digest, asked.seeds):
+            continue
+        if can_be_best_known(result.agent) and all(asked.metric in run.metrics for run in result.runs):
+            by_task.setdefault(item.board, []).append(result)
+    found = {}
+    for task_id, results in by_task.items():
+        metric = expected[task_id].metric
+
+        def place(pair: tuple[Result, RunResult], metric: str = metric) -> tuple[float, str]:
+            return pair[1].metrics[metric], pair[0].agent.name
+
+        runs = zip(*([(one, run) for run in one.runs] for one in results), strict=True)
+        found[task_id] = [max(of_seed, key=place) for of_seed in runs]
+    return found
+
+
+def best_known_from(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, BestKnown]:
+    """The best known runs of every published task that is ranked by its reward, from results."""
+    found = {}
+    for task_id, best in best_runs(stored, expected).items():
+        stated = all({PROFIT, PENALTY} <= run.metrics.keys() for _, run in best)
+        if expected[task_id].metric != RANKING_METRIC or not stated:
+            continue
+        owners = {one.agent.name: one.results_digest for one, _ in best}
+        found[task_id] = BestKnown(
+            task=task_id,
+            task_digest=expected[task_id].digest,
+            units={name: best[0][0].units[name] for name in (RANKING_METRIC, PROFIT, PENALTY)},
+            agents=dict(sorted(owners.items())),
+            runs=tuple(
+                KnownRun(
+                    seed=run.seed, agent=one.agent.name, reward=run.metrics[RANKING_METRIC],
+                    epi=run.metrics[PROFIT], penalty=run.metrics[PENALTY],
+                )
+                for one, run in best
+            ),
+        )  # fmt: skip
+    return found
