@@ -38,7 +38,7 @@ Floats = NDArray[np.float64]
 UNSEEN = {"tSky": (3.0, 6.0)}
 """Standard deviation [its unit] of what ``Outlook`` says of a column of the weather that nobody sees, and the hours in which the error
 fades to 1/e."""
-MODEL_ERROR = 1e-4
+MODEL_ERROR = 3e-4
 """Standard deviation of the error that a step makes in each state, as a share of the state's size."""
 START_ERROR = 5e-3
 """The same of the start, for states whose start the task does not draw."""
