@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-UNSEEN = {"tSky": (3.0, 6.0)}
+UNSEEN = {"tSky": (6.0, 4.0)}
 """Standard deviation [its unit] of what ``Outlook`` says of a column of the weather that nobody sees, and the hours in which the error
 fades to 1/e."""
 MODEL_ERROR = 3e-4

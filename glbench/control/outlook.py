@@ -26,8 +26,7 @@ from glbench.control.climatology import (
     TEMPERATURE,
     WIND,
     Climatology,
-    no_clearness,
-    seen_clearness,
+    Seen,
 )
 from glbench.control.shown import checked_observations
 from glbench.env.forecast import HOUR
@@ -138,7 +137,7 @@ class Outlook:
         self._seen = np.zeros((self._n, 0))
         self._now = np.zeros((self._n, 0))
         self._begin = np.zeros(self._n)
-        self._recent = no_clearness(self._n)
+        self._deviations = Seen(self.climatology, self._n, self._step)
         self.past = np.zeros((self._n, 0))
 
     def update(self, observations: ArrayLike) -> None:
@@ -157,16 +156,8 @@ class Outlook:
         # With the timing "published" the weather shown is that of the step just past.
         self._lag = 1 if self._late and self._k > 0 else 0
         shown = self._begin + (self._k - self._lag) * self._step
-        climate = self.climatology
-        radiation = seen[:, self._weather[0]]
-        mean = climate.mean(shown)
-        if not (self._late and self._k == 1):  # the first row is shown twice
-            self._recent = seen_clearness(
-                self._recent, radiation, climate.clear(shown), mean[:, CLEARNESS], self._step
-            )
-        self._deviations = np.zeros_like(mean)
-        self._deviations[:, TEMPERATURE : WIND + 1] = seen[:, self._weather[1:]] - mean[:, TEMPERATURE : WIND + 1]
-        self._deviations[:, CLEARNESS] = self._recent[0] / self._recent[1] - 1.0
+        if not (self._late and self._k == 1):  # with "published" the first row is shown twice
+            self._deviations.add(shown, seen[:, self._weather])
         before = self._now
         self._now = self._rows(1 - self._lag)[:, 0]
         self.past = self._now if self._late or self._k == 0 else before
@@ -193,12 +184,12 @@ class Outlook:
         shown = self._begin + (self._k - self._lag) * self._step
         times = shown[:, None] + lags * self._step
         mean, weights = climate.mean(times), climate.weight(lags * self._step / HOUR)
-        now = self._deviations
-        told = np.zeros_like(mean)
+        now, lately = self._deviations.now[:, None], self._deviations.lately[:, None]
+        deviations = weights[..., 0] * now + weights[..., 1] * lately
         if self._forecast.size:
             issued = np.floor(shown / HOUR) * HOUR
-            told = climate.told(self._seen[:, self._forecast], issued, times, now)
-        deviations = weights[..., 0] * now[:, None] + weights[..., 1] * told
+            told = climate.told(self._seen[:, self._forecast], issued, times, lately[:, 0])
+            deviations = deviations + weights[..., 2] * told
         clear = climate.clear(times)
         values = np.empty((n, len(lags), len(_SHOWN)))
         share = np.maximum(1.0 + deviations[..., CLEARNESS], 0.0) * mean[..., CLEARNESS]
