@@ -35,7 +35,14 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-QUANTITIES = ("clearness", "outdoor_temperature", "outdoor_relative_humidity", "outdoor_co2", "wind_speed", "sky_depression")
+QUANTITIES = (
+    "clearness",
+    "outdoor_temperature",
+    "outdoor_relative_humidity",
+    "outdoor_co2",
+    "wind_speed",
+    "sky_depression",
+)
 """What has a mean: share of clear-sky radiation [-], [degC], [%], [ppm], [m s-1], air minus sky temperature [K]."""
 CLEARNESS, TEMPERATURE, HUMIDITY, CO2, WIND, SKY = range(6)
 LEADS = 25
@@ -119,7 +126,9 @@ class Climatology:
         seasons = [season for season in made.values() if season is not None]
         years = tuple(year for year, season in made.items() if season is not None)
         if not seasons:
-            msg = f"The weather record of {task.id} has no year that a climatology could be made of. Name some: years=..."
+            msg = (
+                f"The weather record of {task.id} has no year that a climatology could be made of. Name some: years=..."
+            )
             raise TaskError(msg)
         conserving = task.weather.preprocessing != "paper"
         bare = cls(
@@ -146,13 +155,19 @@ class Climatology:
                 values[name] = np.array(values[name], dtype=np.float64)
             values |= {name: tuple(values[name]) for name in ("years", "forecast_hours")}
             made = cls(**values)
-            shapes = made.means.shape[1:], made.weights.shape, made.sky.shape
-            if shapes != ((24, len(QUANTITIES)), (LEADS, len(QUANTITIES), 3), (3,)) or len(made.means) != len(made.days):
-                raise ValueError(f"its tables have other shapes: {shapes}")
         except (KeyError, TypeError, ValueError) as error:
             msg = f"These settings are no climatology: {error}. `Climatology.of(task).write(...)` makes one."
             raise TaskError(msg) from error
+        shapes = made.means.shape[1:], made.weights.shape, made.sky.shape
+        wanted = (24, len(QUANTITIES)), (LEADS, len(QUANTITIES), 3), (3,)
+        if shapes != wanted or len(made.means) != len(made.days):
+            msg = f"These settings are no climatology: its tables have the shapes {shapes} for {len(made.days)} days."
+            raise TaskError(msg)
         return made
+
+    def without_deviations(self) -> Climatology:
+        """The mean days alone: nothing that is seen or forecast changes what is expected after the row of now."""
+        return self._with(weights=np.zeros_like(self.weights))
 
     def settings(self) -> dict[str, Any]:
         """All of it as plain JSON values."""
@@ -197,7 +212,8 @@ class Climatology:
         def at(days: NDArray[np.int64]) -> Floats:
             return (1.0 - share) * self.means[days, left] + share * self.means[days, right]
 
-        return (1.0 - of_day) * at(early) + of_day * at(late)
+        found: Floats = (1.0 - of_day) * at(early) + of_day * at(late)
+        return found
 
     def weight(self, hours: Floats) -> Floats:
         """Weights ``(..., quantities, 3)`` so many hours ahead; 0 from two days on."""
@@ -243,7 +259,9 @@ class Climatology:
         hours = np.array(self.forecast_hours, dtype=np.float64)
         middles = issued[:, None] + HOUR * (hours - 0.5)
         mean = self.mean(middles - self.middle)
-        bright = np.mean([self.clear(middles - self.middle + HOUR * part) for part in (-0.375, -0.125, 0.125, 0.375)], axis=0)
+        bright = np.mean(
+            [self.clear(middles - self.middle + HOUR * part) for part in (-0.375, -0.125, 0.125, 0.375)], axis=0
+        )
         at = times + self.middle
         for row, quantity in enumerate(_FORECAST):
             if quantity == CLEARNESS:
@@ -391,7 +409,7 @@ def _means(bare: Climatology, task: TaskSpec, seasons: list[_Season]) -> dict[st
     for place, centre in enumerate(days):
         near = np.abs(day - centre) <= REACH
         if not near.any():
-            msg = f"The years {', '.join(map(str, bare.years))} have no weather {centre:.0f} days into the season of {task.id}. Name others."
+            msg = f"The years {bare.years} have no weather {centre:.0f} days into the season of {task.id}. Name others."
             raise TaskError(msg)
         light = near & (clear > BRIGHT)
         share = values[light, 0].sum() / max(clear[light].sum(), 1.0)
@@ -442,7 +460,8 @@ def _sky(of: list[_Deviations]) -> Floats:
         [np.stack([one.lately[:, CLEARNESS], one.now[:, TEMPERATURE], one.now[:, HUMIDITY]], axis=1) for one in of]
     )
     wanted = np.concatenate([one.true[:, SKY] for one in of])
-    return np.round(np.linalg.solve(known.T @ known + 1e-9 * np.eye(3), known.T @ wanted), _DIGITS)
+    found: Floats = np.linalg.solve(known.T @ known + _RIDGE * np.eye(3), known.T @ wanted)
+    return np.asarray(np.round(found, _DIGITS), np.float64)
 
 
 def _weights(made: Climatology, task: TaskSpec, seasons: list[_Season], of: list[_Deviations]) -> Floats:
@@ -469,7 +488,9 @@ def _weights(made: Climatology, task: TaskSpec, seasons: list[_Season], of: list
                 says = told[:, lead, quantity] if quantity in _FORECAST else np.zeros(len(begin))
                 # An error of clearness counts as one of radiation.
                 size = known.usual[then] if quantity == CLEARNESS else np.ones(len(begin))
-                given = np.stack([known.now[begin, quantity], known.lately[begin, quantity], says], axis=1) * size[:, None]
+                given = (
+                    np.stack([known.now[begin, quantity], known.lately[begin, quantity], says], axis=1) * size[:, None]
+                )
                 normal, right = normal + given.T @ given, right + given.T @ (known.true[then, quantity] * size)
             weights[lead, quantity] = np.linalg.solve(normal, right)
     weights[1:, CO2] = 0.0

@@ -108,8 +108,8 @@ class Outlook:
         hours = task.observation.forecast_hours
         if hours and hours != climatology.forecast_hours:
             msg = (
-                f"The climatology of {climatology.task} knows forecasts of the hours {climatology.forecast_hours}, and {task.id} has those of "
-                f"{hours}. Make one: Climatology.of(task)."
+                f"The climatology of {climatology.task} knows forecasts of the hours {climatology.forecast_hours}, "
+                f"and {task.id} has those of {hours}. Make one: Climatology.of(task)."
             )
             raise TaskError(msg)
         self._forecast = np.array(
@@ -127,7 +127,7 @@ class Outlook:
             msg = f"The outlook knows nothing of {', '.join(odd)}, which acts on {task.model_id}."
             raise TaskError(msg)
         self._late = task.observation.timing == "published"
-        self._step = task.step_seconds
+        self._step, self._columns = task.step_seconds, len(names)
         self.reset(1)
 
     def reset(self, n: int) -> None:
@@ -148,7 +148,7 @@ class Outlook:
         TaskError
             When the observations have the wrong shape.
         """
-        seen = checked_observations(self.task, observations, self._n)
+        seen = checked_observations(self.task, observations, self._n, self._columns)
         self._k += 1
         if self._k == 0:
             self._begin = _begin(self.task, self.climatology.clock, *self._clock(seen))
@@ -186,7 +186,7 @@ class Outlook:
         mean, weights = climate.mean(times), climate.weight(lags * self._step / HOUR)
         now, lately = self._deviations.now[:, None], self._deviations.lately[:, None]
         deviations = weights[..., 0] * now + weights[..., 1] * lately
-        if self._forecast.size:
+        if self._forecast.size and lags[-1] > 0:
             issued = np.floor(shown / HOUR) * HOUR
             told = climate.told(self._seen[:, self._forecast], issued, times, lately[:, 0])
             deviations = deviations + weights[..., 2] * told
@@ -225,11 +225,10 @@ class Outlook:
         local = utc if clock == "UTC" else utc + utc_offsets(utc, clock)
         hour = (local % 86400) / 3600.0
         begin = local.astype("datetime64[s]").astype("datetime64[Y]").astype("datetime64[s]").astype(np.int64)
-        columns = [hour, (local - begin) / 86400.0]
         moments = utc.astype("datetime64[s]").ravel()
-        for table in self.task.price_tables.values():
-            columns.append(table.values(moments, hour.ravel()).reshape(hour.shape))
-        return np.stack(columns, axis=-1)
+        tables = self.task.price_tables.values()
+        prices = [table.values(moments, hour.ravel()).reshape(hour.shape) for table in tables]
+        return np.stack([hour, (local - begin) / 86400.0, *prices], axis=-1)
 
 
 class _Clock:

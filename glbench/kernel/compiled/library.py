@@ -148,7 +148,10 @@ def built_files(model: Model, traits: Traits) -> dict[str, Path]:
         found = _intact(folder, name)
         if found is not None:
             path = Path(found.path)
-            files |= {path.name: path, f"{_lent_name(model, traits, sensitivities=sensitivities)}.json": folder / f"{name}.json"}
+            files |= {
+                path.name: path,
+                f"{_lent_name(model, traits, sensitivities=sensitivities)}.json": folder / f"{name}.json",
+            }
     return files
 
 

@@ -74,7 +74,9 @@ def test_an_agent_plans_with_its_task(write_agent: AgentWriter, needs_sandbox: N
     folder.mkdir()
     (folder / "agent.py").write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
     Climatology.of(task).write(folder / "climatology.json")
-    evaluation = prepare(task, folder, runs=1, out=None, sandbox="bubblewrap", limits=TimeLimits(start=300.0, step=60.0))
+    evaluation = prepare(
+        task, folder, runs=1, out=None, sandbox="bubblewrap", limits=TimeLimits(start=300.0, step=60.0)
+    )
     evaluation = dataclasses.replace(evaluation, prints=Prints(2**24))
     result = evaluation.run()
     assert result.summary.ok == 1, result.runs[0].reason
