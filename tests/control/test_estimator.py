@@ -73,8 +73,7 @@ def test_without_noise_it_finds_a_start_that_nobody_told() -> None:
     known.reset(2)
     known.update(given.seen[0], given.d[:, 0])
     first = known.states
-    for k in range(task.steps):
-        found.append(known.update(given.seen[k + 1], given.d[:, k]))
+    found += [known.update(given.seen[k + 1], given.d[:, k]) for k in range(task.steps)]
     leaf = task.scenario.start_groups[0].states[0]
     place = task.model_value.state_index(leaf)
     assert np.abs(np.log(first[:, place] / given.x[0][:, place])).min() > 0.02
@@ -183,7 +182,7 @@ def test_a_step_that_fails_leaves_its_run_where_it_is(monkeypatch: pytest.Monkey
 
     def fails(x: Floats, *others: Floats, **options: object) -> object:
         if (x[:, 0] == known.states[1, 0]).any():
-            raise StepError("too stiff")  # noqa: EM101, TRY003
+            raise StepError("too stiff")
         return linearise(x, *others, **options)  # type: ignore[arg-type]
 
     monkeypatch.setattr(known.kernel, "linearise", fails)

@@ -150,7 +150,7 @@ def test_a_climatology_is_a_small_file(tmp_path: Path) -> None:
         Climatology.read(file)
     with pytest.raises(TaskError, match="no climatology in"):
         Climatology.read(tmp_path / "none.json")
-    with pytest.raises(TaskError, match="other shapes|have the shapes"):
+    with pytest.raises(TaskError, match="have the shapes"):
         Climatology.of_settings({**made.settings(), "sky": [1.0]})
 
 

@@ -59,10 +59,10 @@ def watch(task: TaskSpec, runs: int) -> Watched:
     seeds = [10000 + run for run in range(runs)]
     simulation, rng = Simulation(task, runs, kernel="fast"), np.random.default_rng(5)
     seen, x, u = [simulation.reset(seeds)], [], []
-    wanted = np.array([0.3, 0.2, 0.5, 0.1, 0.3, 0.2])
+    usual = wanted = np.array([0.3, 0.2, 0.5, 0.15, 0.3, 0.2])
     for step in range(task.steps):
         if step % 24 == 0:
-            wanted = np.clip([0.3, 0.2, 0.5, 0.15, 0.3, 0.2] + rng.normal(0.0, 0.15, 6), 0.0, 1.0)
+            wanted = np.clip(usual + rng.normal(0.0, 0.15, 6), 0.0, 1.0)
         near = np.clip((wanted - simulation.u) / task.actuation.max_change, -1.0, 1.0)
         simulation.step(near)
         seen.append(simulation.observe())
