@@ -184,10 +184,10 @@ def typical_day(seasons: dict[str, Season]) -> Any:
         ("air temperature [°C]", lambda one: one.air[:, 0]),
         ("relative humidity [%]", lambda one: one.air[:, 2]),
         ("CO₂ [ppm]", lambda one: one.air[:, 1]),
-        ("boiler [% of capacity]", lambda one: one.control("uBoil")),
-        ("vents [% open]", lambda one: one.control("uVent")),
-        ("thermal screen [% closed]", lambda one: one.control("uThScr")),
-        ("CO₂ supply [% of capacity]", lambda one: one.control("uCo2")),
+        ("boiler [%]", lambda one: one.control("uBoil")),
+        ("vents [%]", lambda one: one.control("uVent")),
+        ("screen [%]", lambda one: one.control("uThScr")),
+        ("CO₂ supply [%]", lambda one: one.control("uCo2")),
     )
     figure, axes = plt.subplots(len(rows), 2, figsize=(8.0, 11.0), sharex=True, sharey="row")
     hours = np.arange(best.scenario.task.steps_per_day) * 24.0 / best.scenario.task.steps_per_day

@@ -7,18 +7,25 @@ given in a run. The steps themselves and their derivatives are in ``glbench.kern
 from __future__ import annotations
 
 from glbench.control.air import AirAlong, air_of
+from glbench.control.climatology import Climatology
+from glbench.control.estimator import StateEstimator
+from glbench.control.outlook import Ahead, Outlook
 from glbench.control.scenario import Scenario
 from glbench.control.season import Iteration, SeasonPlan, feasible, plan_season
 from glbench.control.stage import StageGradient, StageReward, StageValues
 
 __all__ = [
+    "Ahead",
     "AirAlong",
+    "Climatology",
     "Iteration",
+    "Outlook",
     "Scenario",
     "SeasonPlan",
     "StageGradient",
     "StageReward",
     "StageValues",
+    "StateEstimator",
     "air_of",
     "feasible",
     "plan_season",
