@@ -54,6 +54,8 @@ _LONGEST_REASON = 640
 _ERROR: Final = re.compile(r'(File ".*", line \d+ .*)?[\w.<>]+(: .*|\Z| \([^()]*:\d+ in [^()]*\)\Z)')
 """How an error of Python begins: its name alone, with words behind a colon, or with a place; reasons of the evaluation never do."""
 _SHOWN_LINES = 8
+_PLANNERS: Final = b"glbench.control"
+"""What a submission imports that needs the compiled derivatives of the model."""
 
 
 @dataclass(frozen=True)
@@ -311,7 +313,8 @@ class SandboxedAgent:
         walls: bool = True,
     ) -> SandboxedAgent:
         """A submission for ``runs`` runs of ``task``."""
-        libraries = built_libraries(task.model_value) if walls else {}
+        derivatives = any(_PLANNERS in file.read_bytes() for file in submission.all_files() if file.suffix == ".py")
+        libraries = built_libraries(task.model_value, derivatives=derivatives) if walls else {}
         told = public_definition(task)
         return SandboxedAgent(submission, task_card(task), runs, time, sizes, prints, walls, told, libraries)
 

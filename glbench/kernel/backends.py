@@ -102,17 +102,17 @@ def will_compile(model: Model = TOMATO) -> bool:
     return not is_built(model)
 
 
-@cache
-def built_libraries(model: Model) -> dict[str, Path]:
-    """Files of the compiled libraries of ``model`` that are in this user's cache; nothing is built.
+def built_libraries(model: Model, *, derivatives: bool = False) -> dict[str, Path]:
+    """Files of the compiled libraries of ``model`` that are in this user's cache; that for ``derivatives`` is built if it is wanted.
 
     By the names that they need in the folder that the variable ``GLBENCH_KERNELS`` names for another process, which then takes them.
     """
     from glbench.kernel.compiled.stepper import built_libraries
 
-    return built_libraries(model)
+    return built_libraries(model, derivatives=derivatives)
 
 
+@cache
 def why_not_compiled(model: Model = TOMATO) -> str | None:
     """None where the compiled backend works, else the reason in words. The first call may compile for some seconds."""
     from glbench.kernel.compiled.stepper import availability

@@ -412,10 +412,13 @@ def is_built(model: Model) -> bool:
         return True
 
 
-def built_libraries(model: Model) -> dict[str, Path]:
-    """The files of the libraries of ``model`` in the cache, for stepping and for derivatives, by the names for lending them."""
+def built_libraries(model: Model, *, derivatives: bool) -> dict[str, Path]:
+    """The files of the libraries of ``model`` in the cache, by the names for lending them; that for ``derivatives`` is built if wanted."""
+    traits = traits_of(model, absent_equipment(model))
     try:
-        return built_files(model, traits_of(model, absent_equipment(model)))
+        if derivatives:
+            build(model, traits, sensitivities=True)
+        return built_files(model, traits)
     except CompiledUnavailable:
         return {}
 
