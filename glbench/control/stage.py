@@ -206,3 +206,8 @@ def _rounded(width: float) -> Callable[[Value], Value]:
         return near * near / (2.0 * width) + (violation - near)
 
     return count
+
+
+def judged_at_the_end(task: TaskSpec) -> TaskSpec:
+    """The task, judged by the air at the end of each step: a limit is seen from within, which meters do not show."""
+    return task.replace(constraints={"judged": "end"}) if task.judges_means else task
