@@ -5,7 +5,7 @@ Both plan with ``glbench.control.PredictiveController`` and settings from a YAML
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 

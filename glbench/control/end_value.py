@@ -67,7 +67,9 @@ class EndValue:
         GlbenchError
             When there is no plan, or plans differ in model or length.
         """
-        kinds = {(plan.scenario.task.model_id, plan.scenario.task.steps, plan.scenario.task.step_seconds) for plan in plans}
+        kinds = {
+            (plan.scenario.task.model_id, plan.scenario.task.steps, plan.scenario.task.step_seconds) for plan in plans
+        }
         if len(kinds) != 1:
             msg = f"An end value is the mean over plans of one model and one length; got {len(plans)} plans of {len(kinds)} kinds."
             raise GlbenchError(msg)
@@ -183,7 +185,10 @@ def _worth(plan: SeasonPlan, preset: str) -> Floats:
 def _money(task: TaskSpec) -> float:
     """What 1 EUR m-2 is worth in the task's reward."""
     # The same step with all controls off and on: what that costs, and what it does to the reward. Its states do not matter.
-    states, controls = np.full((2, 2, len(task.model_value.states)), 10.0), np.zeros((2, 1, len(task.model_value.controls)))
+    states, controls = (
+        np.full((2, 2, len(task.model_value.states)), 10.0),
+        np.zeros((2, 1, len(task.model_value.controls))),
+    )
     controls[1] = 1.0
     calendar = np.ones((2, 2, 2 + len(task.price_tables)))
     stage = StageReward(task)(states, controls, calendar)

@@ -98,7 +98,10 @@ class PredictiveController:
         # parameters, without those of the meters at the end.
         self._judge = Kernel(judged.model_value, task.step_seconds, preset=preset)
         self._states, self._parameters = len(near.model_value.states), len(near.model_value.parameter_names)
-        self._meters, self._limits = len(judged.model_value.states) - self._states, judged.parameters()[self._parameters :]
+        self._meters, self._limits = (
+            len(judged.model_value.states) - self._states,
+            judged.parameters()[self._parameters :],
+        )
         self._end_value = end_value
         if end_value is not None:
             end_value(near, 0.0, 0.0)  # says now whether it fits
@@ -128,7 +131,11 @@ class PredictiveController:
         self._plan = np.zeros((self._runs, 0, len(self._high)))
         if controls is not None:
             given = np.asarray(controls, dtype=np.float64)
-            if given.ndim not in (2, 3) or given.shape[-1] != len(self._high) or given.shape[:-2] not in ((), (self._runs,)):
+            if (
+                given.ndim not in (2, 3)
+                or given.shape[-1] != len(self._high)
+                or given.shape[:-2] not in ((), (self._runs,))
+            ):
                 msg = f"The first controls are (steps, {len(self._high)}), for each run or for all {self._runs}; got {given.shape}."
                 raise ShapeError(msg)
             self._plan = np.array(np.broadcast_to(given, (self._runs, *given.shape[-2:])))
@@ -139,7 +146,13 @@ class PredictiveController:
         return self._plan[:, self._at :].copy()
 
     def decide(
-        self, x: ArrayLike, u_before: ArrayLike, d: ArrayLike, p: ArrayLike, calendar: ArrayLike, days_left: float = np.inf
+        self,
+        x: ArrayLike,
+        u_before: ArrayLike,
+        d: ArrayLike,
+        p: ArrayLike,
+        calendar: ArrayLike,
+        days_left: float = np.inf,
     ) -> Floats:
         """Plan anew, and give the controls of the coming step.
 
@@ -223,7 +236,14 @@ class PredictiveController:
         u, u0, dates, worth = plan[rows], before[rows], calendar[rows], end[rows]
         reach = self._radius[rows, None, None] * shares_of_reach(self._smooth, lines)
         move = improvement(
-            self._smooth, lines, u, dates, reach, lambda wanted: self._within_reach(wanted, u0), steps=self._ascent_steps, end=worth
+            self._smooth,
+            lines,
+            u,
+            dates,
+            reach,
+            lambda wanted: self._within_reach(wanted, u0),
+            steps=self._ascent_steps,
+            end=worth,
         )
         tried = np.stack([self._within_reach(u + share * move, u0) for share in LENGTHS], axis=1)
         ends = self._rolled(tried, x[rows], d[rows], _of(p, rows))
@@ -281,13 +301,19 @@ class PredictiveController:
     ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
         """The inputs of ``decide``, one row a run."""
         n = self._runs
-        states, before, weather, parameters, dates = (np.asarray(a, dtype=np.float64) for a in (x, u_before, d, p, calendar))
+        states, before, weather, parameters, dates = (
+            np.asarray(a, dtype=np.float64) for a in (x, u_before, d, p, calendar)
+        )
         wanted = len(self.task.model_value.states)
         if states.shape not in ((n, wanted), (n, self._states)):
             raise ShapeError(_wrong("states", states, f"({n}, {wanted})"))
         if before.shape != (n, len(self._high)):
             raise ShapeError(_wrong("controls in force", before, f"({n}, {len(self._high)})"))
-        if weather.ndim not in (2, 3) or weather.shape[:-2] not in ((), (n,)) or not 1 <= weather.shape[-2] <= self.horizon:
+        if (
+            weather.ndim not in (2, 3)
+            or weather.shape[:-2] not in ((), (n,))
+            or not 1 <= weather.shape[-2] <= self.horizon
+        ):
             raise ShapeError(_wrong("disturbances", weather, f"(T, d) or ({n}, T, d), with T from 1 to {self.horizon}"))
         weather = np.broadcast_to(weather, (n, *weather.shape[-2:]))
         if parameters.ndim not in (1, 2, 3) or parameters.shape[-1] < self._parameters:
@@ -331,7 +357,9 @@ def _within(task: TaskSpec, margin: dict[str, float]) -> TaskSpec:
             )
             raise ShapeError(msg)
     moved = {
-        f"constraints.{name}": {"low": limits[name].low + by, "high": limits[name].high - by} for name, by in margin.items() if by > 0.0
+        f"constraints.{name}": {"low": limits[name].low + by, "high": limits[name].high - by}
+        for name, by in margin.items()
+        if by > 0.0
     }
     return task.replace(moved) if moved else task
 

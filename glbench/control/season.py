@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.control.ascent import GROW, LENGTHS, LONG, SHORT, SHRINK, feasible, improvement, shares_of_reach
 from glbench.control.acting import actions_of
+from glbench.control.ascent import GROW, LENGTHS, LONG, SHORT, SHRINK, feasible, improvement, shares_of_reach
 from glbench.control.stage import StageReward, StageValues, judged_at_the_end
 from glbench.errors import ShapeError, whole_number
 from glbench.kernel import Kernel
@@ -32,6 +32,7 @@ _FIRST_SMOOTHING, _LAST_SMOOTHING = 0.01, 0.001
 """Width within which violations count quadratically, as a share of the distance between the limits."""
 _INNER = 60
 """Gradient steps on a linearised season."""
+
 
 @dataclass(frozen=True, eq=False)
 class SeasonPlan:
@@ -170,9 +171,7 @@ class _Search:
         worth = lines.pull(slopes.states).costates
         worth[1:] -= slopes.after
         reach = self.radius[self.days, None] * shares_of_reach(stage, lines)
-        move = improvement(
-            stage, lines, plan.controls, self.scenario.calendar, reach, self._feasible, steps=_INNER
-        )
+        move = improvement(stage, lines, plan.controls, self.scenario.calendar, reach, self._feasible, steps=_INNER)
         tried = self._simulated(np.array([self._feasible(plan.controls + share * move) for share in LENGTHS]))
         best = self._best_by_day(tried, worth)
         merged = self._simulated(self._feasible(plan.controls + LENGTHS[best][self.days, None] * move)[None])

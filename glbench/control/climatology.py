@@ -1,0 +1,460 @@
+"""The mean days of a task's training years, how fast deviations from them fade, and how far forecasts can be trusted.
+
+Of each time of the year and hour of the day (UTC) it has means: of the radiation as a share of that under a clear sky, of temperature,
+humidity, CO2 and wind outside, and of how much colder than the air the sky is. Deviations from these means now, and those that forecasts
+tell, are regressed on what came 1 to 24 hours later. All of it is made from the training years, and holds no weather of any one day.
+
+A task without splits has one season, in training and in scoring alike: its climatology is made of the other years of its record.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.control.sun import clear_sky
+from glbench.env.climate import read_air
+from glbench.env.forecast import HOUR, ForecastTable
+from glbench.env.generated import CO2_PERSISTENCE
+from glbench.env.spaces import the_task
+from glbench.errors import TaskError, WeatherError
+from glbench.resources import write_atomically
+from glbench.tasks.quantities import FORECAST
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+    from glbench.weather import WeatherRecord
+
+Floats = NDArray[np.float64]
+
+QUANTITIES = (
+    "clearness",
+    "outdoor_temperature",
+    "outdoor_relative_humidity",
+    "outdoor_co2",
+    "wind_speed",
+    "sky_depression",
+)
+"""What has a mean: share of clear-sky radiation [-], [degC], [%], [ppm], [m s-1], air minus sky temperature [K]."""
+CLEARNESS, TEMPERATURE, HUMIDITY, CO2, WIND, SKY = range(6)
+LEADS = 25
+"""Hours ahead that have a weight of their own, from 0; deviations then fade to nothing within a day."""
+APART, REACH = 7, 10
+"""Days between two mean days, and days before and after that count for each."""
+BRIGHT = 50.0
+"""Below this radiation of a clear sky [W m-2] a share of it says nothing."""
+RECENT = 3.0
+"""Hours in which the clearness that was seen is forgotten to 1/e; only daylight counts."""
+_DIGITS = 5
+_FORECAST = (CLEARNESS, TEMPERATURE, HUMIDITY, WIND)
+
+
+@dataclass(frozen=True, eq=False)
+class Climatology:
+    """The mean days of a task's training years, and how fast deviations from them fade.
+
+    Attributes
+    ----------
+    task
+        Id of the task.
+    years
+        The years that it was made of.
+    latitude, longitude, clock
+        Of the place [deg], and the time zone of the task's clock, "UTC" or an IANA name.
+    middle
+        Seconds from the beginning of a row of weather to the moment whose sun it has.
+    first
+        Day of the year that the days are counted from.
+    days
+        Days since ``first`` that have a mean day ``(days,)``.
+    means
+        ``(days, 24, quantities)`` in the order of ``QUANTITIES``, for the hours of the day in UTC.
+    weights
+        ``(leads, quantities, 2)``: shares of the deviation now and of the one that the forecast tells that are expected so many hours
+        ahead.
+    sky
+        Change of the sky's depression with the relative deviation of clearness, and the deviations of temperature and humidity ``(3,)``.
+    forecast_hours
+        Hours of the forecast that the second weights are for.
+    """
+
+    task: str
+    years: tuple[int, ...]
+    latitude: float
+    longitude: float
+    clock: str
+    middle: float
+    first: int
+    days: Floats
+    means: Floats
+    weights: Floats
+    sky: Floats
+    forecast_hours: tuple[int, ...]
+
+    @classmethod
+    def of(cls, task: TaskSpec | str, years: tuple[int, ...] | None = None) -> Climatology:
+        """The climatology of a task; needs the weather.
+
+        Parameters
+        ----------
+        task
+            The task, or its id.
+        years
+            Years of its record; those of its training split unless given, without splits all whole ones but those of its seasons.
+
+        Raises
+        ------
+        TaskError
+            When there are no such years.
+        """
+        task = the_task(task)
+        record = task.record()
+        years = _years(task, record) if years is None else tuple(years)
+        seasons = [season for season in (_Season.of(task, record, year) for year in years) if season is not None]
+        if not seasons:
+            msg = (
+                f"The weather record of {task.id} has no year that a climatology could be made of. Name some: years=..."
+            )
+            raise TaskError(msg)
+        conserving = task.weather.preprocessing != "paper"
+        bare = cls(
+            task.id, years, record.latitude, record.longitude, record.timezone if conserving else "UTC",
+            task.step_seconds / 2.0 if conserving else HOUR / 2.0, _day_of_year(task.weather.start), np.zeros(0), np.zeros((0, 24, 6)),
+            np.zeros((LEADS, len(QUANTITIES), 2)), np.zeros(3), task.observation.forecast_hours,
+        )  # fmt: skip
+        with_means = bare._with(**_means(bare, task, seasons))
+        sky = _sky(with_means, seasons)
+        return with_means._with(sky=sky, weights=_weights(with_means, task, seasons))
+
+    @classmethod
+    def of_settings(cls, settings: Mapping[str, Any]) -> Climatology:
+        """The climatology of which ``settings`` gave plain values.
+
+        Raises
+        ------
+        TaskError
+            When they are none.
+        """
+        try:
+            values = {field.name: settings[field.name] for field in fields(cls)}
+            for name in ("days", "means", "weights", "sky"):
+                values[name] = np.array(values[name], dtype=np.float64)
+            values |= {name: tuple(values[name]) for name in ("years", "forecast_hours")}
+            made = cls(**values)
+            shapes = made.means.shape[1:], made.weights.shape, made.sky.shape
+            if shapes != ((24, len(QUANTITIES)), (LEADS, len(QUANTITIES), 2), (3,)) or len(made.means) != len(
+                made.days
+            ):
+                raise ValueError(f"its tables have other shapes: {shapes}")
+        except (KeyError, TypeError, ValueError) as error:
+            msg = f"These settings are no climatology: {error}. `Climatology.of(task).write(...)` makes one."
+            raise TaskError(msg) from error
+        return made
+
+    def settings(self) -> dict[str, Any]:
+        """All of it as plain JSON values."""
+        plain = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in plain.items()}
+
+    def write(self, path: Path | str) -> None:
+        """Write it as JSON, some 40 kB."""
+        write_atomically(Path(path), json.dumps(self.settings()) + "\n")
+
+    @classmethod
+    def read(cls, path: Path | str) -> Climatology:
+        """Read what ``write`` wrote.
+
+        Raises
+        ------
+        TaskError
+            When the file is missing, or no climatology.
+        """
+        try:
+            return cls.of_settings(json.loads(Path(path).read_text(encoding="utf-8")))
+        except (OSError, ValueError) as error:
+            msg = f"There is no climatology in {path}: {error}."
+            raise TaskError(msg) from error
+
+    def clear(self, times: Floats) -> Floats:
+        """Radiation of a clear sky [W m-2] in rows of weather that begin at ``times``, seconds since 1970 UTC, of any shape."""
+        return clear_sky(times + self.middle, self.latitude, self.longitude)
+
+    def mean(self, times: Floats) -> Floats:
+        """Means ``(..., quantities)`` at ``times``, seconds since 1970 UTC ``(...)``; between hours and days linear."""
+        seconds = times + self.middle
+        hour = seconds / HOUR % 24.0 - 0.5
+        day = (day_of_year(seconds) - self.first + _BEFORE) % _YEAR - _BEFORE
+        place = np.clip((day - self.days[0]) / APART, 0.0, len(self.days) - 1.0)
+        early = np.minimum(place.astype(np.int64), max(len(self.days) - 2, 0))
+        late = np.minimum(early + 1, len(self.days) - 1)
+        left = np.floor(hour).astype(np.int64)
+        share, of_day = (hour - left)[..., None], (place - early)[..., None]
+        left, right = left % 24, (left + 1) % 24
+
+        def at(days: NDArray[np.int64]) -> Floats:
+            return (1.0 - share) * self.means[days, left] + share * self.means[days, right]
+
+        return (1.0 - of_day) * at(early) + of_day * at(late)
+
+    def weight(self, hours: Floats) -> Floats:
+        """Weights ``(..., quantities, 2)`` so many hours ahead; 0 from two days on."""
+        place = np.clip(hours, 0.0, LEADS - 1.0)
+        left = np.minimum(place.astype(np.int64), LEADS - 2)
+        share = (place - left)[..., None, None]
+        fading = np.clip(2.0 - hours / (LEADS - 1.0), 0.0, 1.0)[..., None, None]
+        found: Floats = ((1.0 - share) * self.weights[left] + share * self.weights[left + 1]) * fading
+        return found
+
+    def depression(self, mean: Floats, deviations: Floats) -> Floats:
+        """How much colder than the air the sky is [K], from means and deviations ``(..., quantities)``."""
+        by = self.sky
+        found: Floats = (
+            mean[..., SKY]
+            + by[0] * deviations[..., CLEARNESS]
+            + by[1] * deviations[..., TEMPERATURE]
+            + by[2] * deviations[..., HUMIDITY]
+        )
+        return found
+
+    def told(self, forecast: Floats, issued: Floats, times: Floats, otherwise: Floats) -> Floats:
+        """Deviations that a forecast tells of ``times``.
+
+        Parameters
+        ----------
+        forecast
+            Radiation, temperature, humidity and wind of the hours ``(n, 4, hours)``.
+        issued
+            When, seconds since 1970 UTC ``(n,)``.
+        times
+            Of the rows asked for ``(n, T)``.
+        otherwise
+            Deviations where the forecast says nothing ``(n, quantities)``.
+
+        Returns
+        -------
+        ndarray
+            ``(n, T, quantities)``; between the middles of the forecast hours linear.
+        """
+        n, rows = times.shape
+        found = np.repeat(otherwise[:, None], rows, axis=1)
+        hours = np.array(self.forecast_hours, dtype=np.float64)
+        middles = issued[:, None] + HOUR * (hours - 0.5)
+        mean = self.mean(middles - self.middle)
+        bright = np.mean(
+            [self.clear(middles - self.middle + HOUR * part) for part in (-0.375, -0.125, 0.125, 0.375)], axis=0
+        )
+        at = times + self.middle
+        for row, quantity in enumerate(_FORECAST):
+            if quantity == CLEARNESS:
+                says = bright > BRIGHT
+                told = forecast[:, row] / np.maximum(bright * mean[..., CLEARNESS], 1.0) - 1.0
+            else:
+                says = np.ones_like(middles, dtype=bool)
+                told = forecast[:, row] - mean[..., quantity]
+            left_at, left = np.full((n, rows), -np.inf), np.zeros((n, rows))
+            right_at, right = np.full((n, rows), np.inf), np.zeros((n, rows))
+            for place in range(len(hours)):
+                here, there = says[:, place, None] & (middles[:, place, None] <= at), middles[:, place, None]
+                left_at, left = np.where(here, there, left_at), np.where(here, told[:, place, None], left)
+            for place in reversed(range(len(hours))):
+                here, there = says[:, place, None] & (middles[:, place, None] > at), middles[:, place, None]
+                right_at, right = np.where(here, there, right_at), np.where(here, told[:, place, None], right)
+            has_left, has_right = np.isfinite(left_at), np.isfinite(right_at)
+            between = has_left & has_right
+            share = np.where(between, at - left_at, 0.0) / np.where(between, right_at - left_at, 1.0)
+            linear = left + share * (right - left)
+            value = np.where(between, linear, np.where(has_left, left, right))
+            found[..., quantity] = np.where(has_left | has_right, value, found[..., quantity])
+        return found
+
+    def _with(self, **changes: Any) -> Climatology:
+        return Climatology(**({field.name: getattr(self, field.name) for field in fields(self)} | changes))
+
+
+_YEAR = 365.25
+_BEFORE = 60.0
+"""Days before the first day that still belong to its season."""
+
+
+def day_of_year(seconds: Floats) -> Floats:
+    """Days since the start of the year, UTC, at ``seconds`` since 1970."""
+    moments = np.floor(seconds).astype(np.int64).astype("datetime64[s]")
+    begin = moments.astype("datetime64[Y]").astype("datetime64[s]").astype(np.int64)
+    found: Floats = (seconds - begin) / 86400.0
+    return found
+
+
+def seen_clearness(
+    state: tuple[Floats, Floats], radiation: Floats, clear: Floats, mean: Floats, step_seconds: float
+) -> tuple[Floats, Floats]:
+    """Energy of the recent daylight, and what the mean sky gives, with one more row: their ratio is the recent clearness."""
+    left = np.exp(-step_seconds / (RECENT * HOUR))
+    day = clear > BRIGHT
+    energy, usual = state
+    return (
+        np.where(day, left * energy + radiation, energy),
+        np.where(day, left * usual + clear * mean, usual),
+    )
+
+
+def no_clearness(n: int) -> tuple[Floats, Floats]:
+    """Before anything was seen: an hour or so of usual sky."""
+    return np.full(n, 300.0), np.full(n, 300.0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Season:
+    """Rows of one year: disturbances as measured, times, and forecasts ``(hours, 4, hours ahead)`` where the task has them."""
+
+    times: Floats
+    quantities: Floats  # radiation in the place of the clearness
+    forecast: Floats | None
+
+    @staticmethod
+    def of(task: TaskSpec, record: WeatherRecord, year: int) -> _Season | None:
+        from glbench.weather import disturbances
+
+        weather, day = task.weather, dt.timedelta(days=1)
+        forecast = ForecastTable.of(task)
+        start = weather.start.replace(year=year, day=min(weather.start.day, 28)) - REACH * day
+        days = weather.days + task.scenario.start_within_days + 2 * REACH + 2
+        first, last = record.first.date() + 2 * day, record.last.date() - 2 * day
+        begin, end = max(start, first), min(start + days * day, last)
+        if (end - begin).days < 2 * REACH:
+            return None
+        rows = (end - begin).days * task.steps_per_day
+        try:
+            made = disturbances(
+                record, start=begin, steps=rows, step_seconds=task.step_seconds, preprocessing=weather.preprocessing,
+                co2_ppm=weather.co2_ppm,
+            )  # fmt: skip
+        except WeatherError:
+            return None
+        values = made.values
+        air = read_air(*(np.ascontiguousarray(values[:, place]) for place in (1, 3, 2)))
+        quantities = np.stack([values[:, 0], air[0], air[2], air[1], values[:, 4], values[:, 1] - values[:, 5]], axis=1)
+        table: Floats | None = None
+        if forecast is not None:
+            kept = rows - forecast.reach
+            filled = np.zeros((kept // forecast.every, forecast.columns), np.float32)
+            measured = np.stack([values[:, 0], air[0], air[2], air[1], values[:, 4]], axis=1)
+            forecast.fill(filled, 0, kept, measured, made.times, year)
+            table = filled.astype(np.float64).reshape(len(filled), len(FORECAST), len(forecast.hours))
+        return _Season(made.times.astype("datetime64[s]").astype(np.float64), quantities, table)
+
+
+def _years(task: TaskSpec, record: WeatherRecord) -> tuple[int, ...]:
+    if task.splits is not None:
+        training = task.splits.training
+        if training is not None:
+            return tuple(training.years)
+        scored = set(task.in_split("test").season_years or ())
+    else:
+        scored = {season.start.year for season in task.scenario.seasons}
+    return tuple(year for year in range(record.first.year, record.last.year + 1) if year not in scored)
+
+
+def _day_of_year(day: dt.date) -> int:
+    return day.timetuple().tm_yday - 1
+
+
+def _means(bare: Climatology, task: TaskSpec, seasons: list[_Season]) -> dict[str, Floats]:
+    """Mean days of the season, a week apart."""
+    count = -(-(task.weather.days + task.scenario.start_within_days) // APART) + 1
+    days = APART * np.arange(min(count, -(-365 // APART)), dtype=np.float64)
+    times = np.concatenate([season.times for season in seasons])
+    values = np.concatenate([season.quantities for season in seasons])
+    clear = bare.clear(times)
+    middle = times + bare.middle
+    hour = (middle / HOUR % 24.0).astype(np.int64)
+    day = (day_of_year(middle) - bare.first + _BEFORE) % _YEAR - _BEFORE
+    means = np.zeros((len(days), 24, len(QUANTITIES)))
+    for place, centre in enumerate(days):
+        near = np.abs(day - centre) <= REACH
+        if not near.any():
+            msg = f"The years {', '.join(map(str, bare.years))} have no weather {centre:.0f} days into the season of {task.id}. Name others."
+            raise TaskError(msg)
+        light = near & (clear > BRIGHT)
+        share = values[light, 0].sum() / max(clear[light].sum(), 1.0)
+        for of_day in range(24):
+            rows = near & (hour == of_day)
+            means[place, of_day, 1:] = values[rows, 1:].mean(axis=0)
+            bright = rows & light
+            means[place, of_day, CLEARNESS] = values[bright, 0].sum() / clear[bright].sum() if bright.any() else share
+    between = getattr(task.scenario.generated, "co2_range", None)
+    means[..., CO2] = task.weather.co2_ppm if between is None else (between[0] + between[1]) / 2.0
+    return {"days": days, "means": np.round(means, _DIGITS)}
+
+
+@dataclass(frozen=True, eq=False)
+class _Deviations:
+    """Of the rows of a season: clear sky, means, true deviations and those that are known at the time."""
+
+    clear: Floats
+    mean: Floats
+    true: Floats
+    known: Floats
+
+    @staticmethod
+    def of(made: Climatology, season: _Season) -> _Deviations:
+        clear, mean = made.clear(season.times), made.mean(season.times)
+        true = season.quantities - mean
+        usual = clear * mean[:, CLEARNESS]
+        true[:, CLEARNESS] = np.where(clear > BRIGHT, season.quantities[:, 0] / np.maximum(usual, 1.0) - 1.0, 0.0)
+        known = true.copy()
+        state, step = no_clearness(1), season.times[1] - season.times[0]
+        for row in range(len(clear)):
+            state = seen_clearness(
+                state, season.quantities[row : row + 1, 0], clear[row : row + 1], mean[row : row + 1, CLEARNESS], step
+            )
+            known[row, CLEARNESS] = state[0][0] / state[1][0] - 1.0
+        return _Deviations(clear, mean, true, known)
+
+
+def _sky(made: Climatology, seasons: list[_Season]) -> Floats:
+    """How the sky's depression follows from recent clearness, temperature and humidity: least squares."""
+    of = [_Deviations.of(made, season) for season in seasons]
+    known = np.concatenate([one.known[:, [CLEARNESS, TEMPERATURE, HUMIDITY]] for one in of])
+    wanted = np.concatenate([one.true[:, SKY] for one in of])
+    normal = known.T @ known + 1e-9 * np.eye(3)
+    return np.round(np.linalg.solve(normal, known.T @ wanted), _DIGITS)
+
+
+def _weights(made: Climatology, task: TaskSpec, seasons: list[_Season]) -> Floats:
+    """Least squares of what came on what was known, by hours ahead."""
+    weights = np.zeros((LEADS, len(QUANTITIES), 2))
+    weights[0, :, 0] = 1.0
+    every = max(int(HOUR // task.step_seconds), 1)
+    lots: list[tuple[_Deviations, Floats | None, NDArray[np.int64]]] = []
+    ahead = (LEADS - 1) * every
+    for season in seasons:
+        of = _Deviations.of(made, season)
+        begin = np.arange(0, len(season.times) - ahead, every)
+        told = None
+        if season.forecast is not None:
+            begin = begin[: len(season.forecast)]
+            times = season.times[begin, None] + HOUR * np.arange(LEADS)
+            told = made.told(season.forecast[: len(begin)], season.times[begin], times, of.known[begin])
+        lots.append((of, told, begin))
+    for quantity in range(len(QUANTITIES)):
+        for lead in range(1, LEADS):
+            normal, right = 1e-9 * np.eye(2), np.zeros(2)
+            for of, told, begin in lots:
+                then = begin + lead * every
+                wanted = of.true[then, quantity]
+                now = of.known[begin, quantity]
+                says = np.zeros_like(now) if told is None or quantity not in _FORECAST else told[:, lead, quantity]
+                # An error of clearness counts as one of radiation.
+                size = (of.clear[then] * of.mean[then, CLEARNESS]) if quantity == CLEARNESS else np.ones_like(now)
+                given = np.stack([now, says], axis=1) * size[:, None]
+                normal, right = normal + given.T @ given, right + given.T @ (wanted * size)
+            weights[lead, quantity] = np.linalg.solve(normal, right)
+    weights[1:, CO2] = np.stack([CO2_PERSISTENCE ** np.arange(1, LEADS), np.zeros(LEADS - 1)], axis=1)
+    return np.round(weights, _DIGITS)

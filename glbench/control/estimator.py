@@ -1,0 +1,337 @@
+"""Where the greenhouse is, from what an agent sees: an extended Kalman filter of states, parameters and sensors.
+
+A run is not quite the nominal model, and its task says by how much: parameters and start are drawn, sensors are off. All of it is public,
+and makes the filter's covariances; nothing is left to tune but a small error of the model itself.
+
+The filter estimates, for every run,
+
+- the states x, stepped by the kernel with its Jacobians;
+- the relative deviation of every parameter that the task draws for the episode, constant, and of those that it draws daily, which are
+  forgotten within a day;
+- how far an unseen column of the weather is off (``UNSEEN``), which is forgotten within hours;
+- bias and drift of every sensor: a reading is truth + noise + bias + drift k / N in step k of N, as ``glbench.env.sensors`` makes it.
+
+Parameters drawn anew in each step are noise on the states along the derivatives of the step. A reading that is exactly the last one
+comes from a sensor that hangs, and is left out. Measured columns are taken one after the other in Joseph's form.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glbench.control.shown import ShownControls, ShownStates, checked_observations
+from glbench.env.sensors import Sensors
+from glbench.env.spaces import the_task
+from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters
+from glbench.errors import ShapeError, StepError, TaskError, whole_number
+from glbench.kernel import Kernel
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+    from glbench.tasks.scenario import ParameterGroup
+
+Floats = NDArray[np.float64]
+
+UNSEEN = {"tSky": (3.0, 6.0)}
+"""Standard deviation [its unit] of what ``Outlook`` says of a column of the weather that nobody sees, and the hours in which the error
+fades to 1/e."""
+MODEL_ERROR = 3e-4
+"""Standard deviation of the error that a step makes in each state, as a share of the state's size."""
+START_ERROR = 5e-3
+"""The same of the start, for states whose start the task does not draw."""
+ROUNDING = 2.0**-22
+"""Relative standard deviation of a column that is observed as it is: the rounding of float32, four times."""
+_A_DAY = 24.0
+"""Hours in which a parameter that is drawn daily is forgotten to 1/e."""
+_SMALL = 1e-4
+_GRID = (np.arange(4096) + 0.5) / 4096.0
+
+
+class StateEstimator:
+    """Estimates the states of runs of a task from their observations, step by step.
+
+    It knows what its agent knows: the task, observations and the weather of the step just past. It works inside the sandbox.
+
+        outlook, estimator = Outlook(task, climatology), StateEstimator(task)
+        outlook.reset(n), estimator.reset(n)
+        ... in every call of ``act(observations)``:
+        outlook.update(observations)
+        states = estimator.update(observations, outlook.past)
+
+    Parameters
+    ----------
+    task
+        The task, or its id.
+    preset
+        The kernel's preset.
+    parameters
+        Whether to estimate parameters that the task draws for the episode; without, their deviations act as noise of the states.
+
+    Attributes
+    ----------
+    states
+        Estimates ``(n, s)`` after the last update.
+    parameters
+        Parameters ``(n, p)`` as estimated, derived ones made to fit; nominal where the task draws none.
+    deviations
+        Standard deviations of ``states`` by the filter's own account ``(n, s)``.
+
+    Raises
+    ------
+    TaskError
+        When the task shows nothing of its states.
+    """
+
+    def __init__(self, task: TaskSpec | str, *, preset: str = "fast", parameters: bool = True) -> None:
+        self.task = task = the_task(task)
+        self._shown, self._controls = ShownStates(task), ShownControls.of_task(task)
+        if not self._shown.names:
+            msg = f"{task.id} shows nothing of the states of its model: there is nothing to estimate them from."
+            raise TaskError(msg)
+        model = task.model_value
+        self.kernel = Kernel(model, task.step_seconds, preset=preset)
+        self._s = len(model.states)
+        self._nominal = task.parameters()
+        groups = [group for group in task.scenario.groups if group.half_width > 0.0]
+        self._kept = _Drawn(task, [group for group in groups if parameters and group.redraw != "step"])
+        self._fresh = _Drawn(task, [group for group in groups if not parameters or group.redraw == "step"])
+        unseen = {name: UNSEEN[name] for name in model.disturbance_names if name in UNSEEN}
+        self._unseen = [model.disturbance_names.index(name) for name in unseen]
+        self._sensors = Sensors.of(task)
+        hours, count = task.step_seconds / 3600.0, len(self._sensors.sensors)
+        offsets = [(one.bias, one.drift / np.sqrt(3.0)) for one in self._sensors.sensors]
+        # Of everything but the states: standard deviation at the start, and what is left of it after a step.
+        self._first = np.array(
+            [
+                *self._kept.spread,
+                *(spread for spread, _ in unseen.values()),
+                *(size for pair in offsets for size in pair),
+            ]
+        )
+        self._fading = np.exp(
+            -hours
+            / np.array([*self._kept.hours, *(hours_left for _, hours_left in unseen.values()), *([np.inf] * 2 * count)])
+        )
+        self._places = np.cumsum([self._s, len(self._kept.spread), len(self._unseen), 2 * count])
+        self._start_spread = _start_spread(task)
+        self.reset(1)
+
+    def reset(self, n: int) -> None:
+        """Begin with ``n`` new runs."""
+        self._n, self._step = whole_number(n, "The number of runs"), 0
+        self._z = np.zeros((self._n, int(self._places[-1])))
+        self._covariance = np.zeros((self._n, 0, 0))
+        self._last = np.full((self._n, len(self._shown.names)), np.nan)
+
+    @property
+    def states(self) -> Floats:
+        """Estimates ``(n, s)`` after the last update."""
+        return self._z[:, : self._s].copy()
+
+    @property
+    def deviations(self) -> Floats:
+        """Standard deviations of the states by the filter's own account ``(n, s)``."""
+        spread: Floats = np.sqrt(np.maximum(np.diagonal(self._covariance, axis1=1, axis2=2)[:, : self._s], 0.0))
+        return spread * self._scale[:, : self._s]
+
+    @property
+    def parameters(self) -> Floats:
+        """Parameters as estimated ``(n, p)``: nominal where the task draws none, derived ones made to fit."""
+        return self._kept.complete(self._z[:, self._s : self._places[1]])
+
+    def update(self, observations: ArrayLike, d: ArrayLike, controls: ArrayLike | None = None) -> Floats:
+        """Take in what is observed now; once at the start, before the first action, and once after every step.
+
+        Parameters
+        ----------
+        observations
+            ``(n, columns)``, as an agent gets them.
+        d
+            Disturbances ``(n, d)`` of the step just past; at the first call those of the step to come, from which the start follows:
+            ``Outlook.past`` is both.
+        controls
+            Controls in force in the step just past ``(n, c)``, fractions; read from the observations where the task shows them.
+
+        Returns
+        -------
+        ndarray
+            States ``(n, s)``, a new array.
+
+        Raises
+        ------
+        TaskError
+            When observations have the wrong shape, or controls are neither given nor shown.
+        """
+        task, n = self.task, self._n
+        seen = checked_observations(task, observations, n)
+        d = np.array(d, dtype=np.float64)
+        if d.shape != (n, len(task.model_value.disturbance_names)):
+            msg = f"The disturbances of {n} runs of {task.id} have the shape {(n, len(task.model_value.disturbance_names))}; got {d.shape}."
+            raise ShapeError(msg)
+        if self._covariance.shape[1] == 0:
+            self._start(d)
+        else:
+            self._predict(d, self._in_force(seen, controls))
+            self._step += 1
+        self._correct(seen[:, self._shown.columns])
+        return self.states
+
+    def _in_force(self, seen: Floats, controls: ArrayLike | None) -> Floats:
+        if controls is not None:
+            return np.array(controls, dtype=np.float64)
+        if self._controls is None:
+            msg = f"{self.task.id} does not show its controls: say which were in force, controls=..."
+            raise TaskError(msg)
+        return self._controls.of(seen)
+
+    def _start(self, d: Floats) -> None:
+        """The nominal start, and how far a run may be from it."""
+        s = self._s
+        self._z[:, :s] = [self.task.start_state(row) for row in d]
+        size = np.abs(self._z[:, :s])
+        size = np.where(size > 0.0, size, 1.0)
+        self._scale = np.concatenate(
+            [size, np.tile(np.where(self._first > 0.0, self._first, 1.0), (self._n, 1))], axis=1
+        )
+        spread = np.concatenate(
+            [np.tile(self._start_spread, (self._n, 1)), (self._first > 0.0) * np.ones_like(self._scale[:, s:])], axis=1
+        )
+        self._covariance = spread[:, :, None] ** 2 * np.eye(spread.shape[1])
+
+    def _predict(self, d: Floats, u: Floats) -> None:
+        """A step of the model, and of the covariance along its derivatives; in units of ``self._scale``."""
+        s, (_, kept, unseen, _) = self._s, self._places.tolist()
+        p = self.parameters
+        d[:, self._unseen] += self._z[:, kept:unseen]
+        x_next, dx, dd, dp = self._linearised(self._z[:, :s], u, d, p)
+        forward = np.zeros((self._n, s, self._z.shape[1]))
+        forward[:, :, :s] = dx
+        forward[:, :, s:kept] = dp[:, :, : len(self._kept.names)] @ self._kept.chain
+        forward[:, :, kept:unseen] = dd[:, :, self._unseen]
+        forward *= self._scale[:, None, :] / self._scale[:, :s, None]
+        self._z[:, :s] = x_next
+        self._z[:, s:] *= self._fading
+        # The lower part of the transition is diagonal: what fades, and what stays.
+        old = self._covariance
+        upper = forward @ old
+        new = np.empty_like(old)
+        new[:, :s, :s] = upper @ forward.transpose(0, 2, 1)
+        new[:, :s, s:] = upper[:, :, s:] * self._fading
+        new[:, s:, :s] = new[:, :s, s:].transpose(0, 2, 1)
+        new[:, s:, s:] = old[:, s:, s:] * (self._fading[:, None] * self._fading)
+        if self._fresh.names:
+            gusts = dp[:, :, len(self._kept.names) :] @ (self._fresh.chain * self._fresh.spread)
+            gusts /= self._scale[:, :s, None]
+            new[:, :s, :s] += gusts @ gusts.transpose(0, 2, 1)
+        places = np.arange(new.shape[1])
+        new[:, places[:s], places[:s]] += MODEL_ERROR**2
+        new[:, places[s:], places[s:]] += (self._first > 0.0) * (1.0 - self._fading**2)
+        self._covariance = new
+
+    def _linearised(self, x: Floats, u: Floats, d: Floats, p: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """States after a step and their derivatives; a run whose step fails stays where it is."""
+        names = (*self._kept.names, *self._fresh.names)
+        inputs = ("x", "d") if self._unseen else ("x",)
+        try:
+            lines = self.kernel.linearise(x, u, d, p, inputs=inputs, parameters=names)
+            return lines.x_next, lines.dx, lines.dd, lines.dp
+        except StepError:
+            if len(x) > 1:
+                rows = [self._linearised(*(given[row : row + 1] for given in (x, u, d, p))) for row in range(len(x))]
+                x_next, dx, dd, dp = (np.concatenate(parts) for parts in zip(*rows, strict=True))
+                return x_next, dx, dd, dp
+            return (
+                x.copy(),
+                np.eye(self._s)[None],
+                np.zeros((1, self._s, d.shape[1])),
+                np.zeros((1, self._s, len(names))),
+            )
+
+    def _correct(self, readings: Floats) -> None:
+        """Take in the readings one after the other, around the prediction."""
+        s, first = self._s, int(self._places[2])
+        values, slopes = self._shown.of(self._z[:, :s])
+        gone = self._step / self.task.steps
+        predicted, cov = self._z.copy(), self._covariance
+        for place, sensor in enumerate(self._shown.sensor.tolist()):
+            reading, expected = readings[:, place], values[:, place]
+            row = np.zeros_like(self._z)
+            row[:, :s] = slopes[:, place]
+            noise = (ROUNDING * np.maximum(np.abs(reading), ROUNDING)) ** 2
+            use = np.ones(self._n)
+            if sensor >= 0:
+                noise = noise + self._sensors.sensors[sensor].noise ** 2
+                at = first + 2 * sensor
+                row[:, at], row[:, at + 1] = 1.0, gone
+                expected = expected + self._z_offset(predicted, at, gone)
+                if self._sensors.out > 0.0:  # what hangs shows its last reading, to the bit
+                    use = (reading != self._last[:, place]).astype(np.float64)
+            row *= self._scale
+            moved = (self._z - predicted) / self._scale
+            surprise = reading - expected - (row * moved).sum(axis=1)
+            along = (cov * row[:, None, :]).sum(axis=2)
+            total = (along * row).sum(axis=1) + noise
+            gain = along * (use / total)[:, None]
+            self._z += gain * surprise[:, None] * self._scale
+            # Joseph: (1 - K h) P (1 - K h)' + K R K'.
+            cov = cov - gain[:, :, None] * along[:, None, :]
+            after = (cov * row[:, None, :]).sum(axis=2)
+            cov = cov - after[:, :, None] * gain[:, None, :] + (noise[:, None] * gain)[:, :, None] * gain[:, None, :]
+        self._covariance = 0.5 * (cov + cov.transpose(0, 2, 1))
+        kept = slice(s, int(self._places[1]))
+        self._z[:, kept] = np.clip(self._z[:, kept], -self._kept.most, self._kept.most)
+        self._last = readings
+
+    def _z_offset(self, z: Floats, at: int, gone: float) -> Floats:
+        offset: Floats = z[:, at] + gone * z[:, at + 1]
+        return offset
+
+
+class _Drawn:
+    """Parameters that a task draws, as relative deviations with a spread.
+
+    Attributes
+    ----------
+    names
+        Parameters that change with them, derived ones among them.
+    chain
+        How: derivatives of the parameters by the deviations ``(names, deviations)``.
+    spread, most, hours
+        Standard deviation of each deviation, its largest size, and the hours in which it is forgotten to 1/e.
+    """
+
+    def __init__(self, task: TaskSpec, groups: list[ParameterGroup]) -> None:
+        model, self._nominal = task.model_value, task.parameters()
+        drawn = [(name, group) for group in groups for name in group.parameters]
+        self._places = [model.parameter_names.index(name) for name, _ in drawn]
+        self._derived = DerivedParameters(model, self._nominal, tuple(self._places))
+        spreads = {group.name: DISTRIBUTIONS[group.distribution](_GRID, group.half_width) for group in groups}
+        self.spread = np.array([np.std(spreads[group.name]) for _, group in drawn])
+        self.most = np.array([np.max(np.abs(spreads[group.name])) for _, group in drawn])
+        self.hours = [np.inf if group.redraw == "episode" else _A_DAY for _, group in drawn]
+        changed = sorted({*self._places, *self._derived.followers})
+        self.names = tuple(model.parameter_names[place] for place in changed)
+        steps = _SMALL * np.eye(len(drawn))
+        ahead, behind = self.complete(steps), self.complete(-steps)
+        self.chain: Floats = np.ascontiguousarray(((ahead - behind) / (2.0 * _SMALL))[:, changed].T)
+
+    def complete(self, deviations: Floats) -> Floats:
+        """All parameters ``(n, p)`` with ``deviations`` ``(n, deviations)``."""
+        found = np.tile(self._nominal, (len(deviations), 1))
+        if self._places:
+            found[:, self._places] *= 1.0 + deviations
+            self._derived.complete(found)
+        return found
+
+
+def _start_spread(task: TaskSpec) -> Floats:
+    """Relative standard deviations of the states at the start."""
+    spread = np.full(len(task.model_value.states), START_ERROR)
+    for group in task.scenario.start_groups:
+        of_group = float(np.std(DISTRIBUTIONS[group.distribution](_GRID, group.half_width)))
+        for name in group.states:
+            spread[task.model_value.state_index(name)] = np.hypot(of_group, START_ERROR)
+    return spread

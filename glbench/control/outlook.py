@@ -1,0 +1,273 @@
+"""What comes: from the observations so far to the weather of the coming steps, as the kernel takes it.
+
+What is observed now acts in the next step. From there on the outlook is the mean day of the time of the year (``Climatology``), plus a
+share of the deviation from it that is seen now, plus a share of the one that the forecast tells where the task shows one; the shares are
+those that served best in the training years, by quantity and hours ahead. Rows of coming weather that a task shows as they are
+(``forecast``) are taken as they are. Radiation deviates as a share of what a clear sky gives.
+
+Nobody observes the temperature of the sky. It follows from the means, the clearness of the recent daylight, temperature and humidity. The
+soil's is a sine of the time of the year. Columns that no equation of the model reads are 0.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glbench.control.climatology import (
+    CLEARNESS,
+    CO2,
+    HUMIDITY,
+    QUANTITIES,
+    TEMPERATURE,
+    WIND,
+    Climatology,
+    no_clearness,
+    seen_clearness,
+)
+from glbench.control.shown import checked_observations
+from glbench.env.forecast import HOUR
+from glbench.env.spaces import the_task
+from glbench.env.weather_pool import DAYS_A_YEAR, HOURS_A_DAY
+from glbench.errors import TaskError, whole_number
+from glbench.tasks.quantities import FORECAST
+from glbench.weather.preprocessing import (
+    co2_density,
+    seconds_into_year,
+    soil_temperature,
+    to_utc_seconds,
+    utc_offsets,
+    vapour_pressure,
+)
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+Floats = NDArray[np.float64]
+
+_SHOWN = ("global_radiation", *QUANTITIES[TEMPERATURE : WIND + 1])
+_UNREAD = ("dayRadSum", "isDay", "isDaySmooth")
+_BRIGHTEST = 1.1
+"""Radiation is at most so much of that under a clear sky."""
+_DRIEST = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Ahead:
+    """The coming T steps of n runs.
+
+    Attributes
+    ----------
+    d
+        Disturbances of each step as the kernel takes them ``(n, T, d)``; ``d[:, 0]`` act next.
+    calendar
+        Hour of day, day of year and prices at the start of each step and at the end of the last ``(n, T + 1, columns)``: what
+        ``StageReward`` takes.
+    """
+
+    d: Floats
+    calendar: Floats
+
+
+class Outlook:
+    """What comes in runs of a task, from their observations.
+
+    It knows what its agent knows: the task, observations and the climatology. It works inside the sandbox.
+
+    Parameters
+    ----------
+    task
+        The task, or its id.
+    climatology
+        Of its training years.
+
+    Attributes
+    ----------
+    past
+        Disturbances of the step just past ``(n, d)``; before the first step those of the step to come.
+
+    Raises
+    ------
+    TaskError
+        When the task does not show weather and time, the climatology is for other forecasts, or the model has disturbances of its own.
+    """
+
+    def __init__(self, task: TaskSpec | str, climatology: Climatology) -> None:
+        self.task, self.climatology = the_task(task), climatology
+        task = self.task
+        names = [column.name for column in task.observed()]
+        missing = [name for name in _SHOWN if name not in names]
+        if missing:
+            msg = f"{task.id} does not show {', '.join(missing)}: an outlook needs the weather of now."
+            raise TaskError(msg)
+        self._weather = [names.index(name) for name in _SHOWN]
+        self._clock = _Clock(task, names)
+        hours = task.observation.forecast_hours
+        if hours and hours != climatology.forecast_hours:
+            msg = (
+                f"The climatology of {climatology.task} knows forecasts of the hours {climatology.forecast_hours}, and {task.id} has those of "
+                f"{hours}. Make one: Climatology.of(task)."
+            )
+            raise TaskError(msg)
+        self._forecast = np.array(
+            [[names.index(f"{one.name}_in_{hour}h") for hour in hours] for one in FORECAST] if hours else [], np.intp
+        )
+        self._given = [
+            (ahead, quantity, names.index(f"{name}_ahead_{ahead}"))
+            for ahead in range(1, task.observation.forecast_steps + 1)
+            for quantity, name in enumerate(_SHOWN)
+            if f"{name}_ahead_{ahead}" in names
+        ]
+        known = ("iGlob", "tOut", "vpOut", "co2Out", "wind", "tSky", "tSoOut", *_UNREAD)
+        odd = [name for name in task.model_value.disturbance_names if name not in known]
+        if odd:
+            msg = f"The outlook knows nothing of {', '.join(odd)}, which acts on {task.model_id}."
+            raise TaskError(msg)
+        self._late = task.observation.timing == "published"
+        self._step = task.step_seconds
+        self.reset(1)
+
+    def reset(self, n: int) -> None:
+        """Begin with ``n`` new runs."""
+        self._n = whole_number(n, "The number of runs")
+        self._k = -1
+        self._seen = np.zeros((self._n, 0))
+        self._now = np.zeros((self._n, 0))
+        self._begin = np.zeros(self._n)
+        self._recent = no_clearness(self._n)
+        self.past = np.zeros((self._n, 0))
+
+    def update(self, observations: ArrayLike) -> None:
+        """Take in what is observed now: once before the first action, and once after every step.
+
+        Raises
+        ------
+        TaskError
+            When the observations have the wrong shape.
+        """
+        seen = checked_observations(self.task, observations, self._n)
+        self._k += 1
+        if self._k == 0:
+            self._begin = _begin(self.task, self.climatology.clock, *self._clock(seen))
+        self._seen = seen
+        # With the timing "published" the weather shown is that of the step just past.
+        self._lag = 1 if self._late and self._k > 0 else 0
+        shown = self._begin + (self._k - self._lag) * self._step
+        climate = self.climatology
+        radiation = seen[:, self._weather[0]]
+        mean = climate.mean(shown)
+        if not (self._late and self._k == 1):  # the first row is shown twice
+            self._recent = seen_clearness(self._recent, radiation, climate.clear(shown), mean[:, CLEARNESS], self._step)
+        self._deviations = np.zeros_like(mean)
+        self._deviations[:, TEMPERATURE : WIND + 1] = seen[:, self._weather[1:]] - mean[:, TEMPERATURE : WIND + 1]
+        self._deviations[:, CLEARNESS] = self._recent[0] / self._recent[1] - 1.0
+        before = self._now
+        self._now = self._rows(1 - self._lag)[:, 0]
+        self.past = self._now if self._late or self._k == 0 else before
+
+    def ahead(self, steps: int) -> Ahead:
+        """The coming ``steps`` steps, as expected now.
+
+        Raises
+        ------
+        TaskError
+            Before the first update.
+        """
+        steps = whole_number(steps, "The number of steps ahead")
+        if self._k < 0:
+            msg = "Nothing was observed yet: call update(observations) first."
+            raise TaskError(msg)
+        times = self._begin[:, None] + (self._k + np.arange(steps + 1)) * self._step
+        return Ahead(self._rows(steps), self._calendar(times))
+
+    def _rows(self, steps: int) -> Floats:
+        """Disturbances of ``steps`` steps from now on, with the row shown where that is one of them, or of that row if there are none."""
+        lags = np.arange(steps) + self._lag if steps > 0 else np.zeros(1, np.int64)
+        climate, n = self.climatology, self._n
+        shown = self._begin + (self._k - self._lag) * self._step
+        times = shown[:, None] + lags * self._step
+        mean, weights = climate.mean(times), climate.weight(lags * self._step / HOUR)
+        now = self._deviations
+        told = np.zeros_like(mean)
+        if self._forecast.size:
+            issued = np.floor(shown / HOUR) * HOUR
+            told = climate.told(self._seen[:, self._forecast], issued, times, now)
+        deviations = weights[..., 0] * now[:, None] + weights[..., 1] * told
+        clear = climate.clear(times)
+        values = np.empty((n, len(lags), len(_SHOWN)))
+        share = np.maximum(1.0 + deviations[..., CLEARNESS], 0.0) * mean[..., CLEARNESS]
+        values[..., 0] = np.minimum(clear * share, _BRIGHTEST * clear)
+        values[..., 1:] = mean[..., TEMPERATURE : WIND + 1] + deviations[..., TEMPERATURE : WIND + 1]
+        values[..., HUMIDITY] = np.clip(values[..., HUMIDITY], _DRIEST, 100.0)
+        values[..., CO2:] = np.maximum(values[..., CO2:], 0.0)
+        if lags[0] == 0:
+            values[:, 0] = self._seen[:, self._weather]
+        for ahead, quantity, column in self._given:
+            if lags[0] <= ahead <= lags[-1]:
+                values[:, ahead - lags[0], quantity] = self._seen[:, column]
+        radiation, temperature, humidity, co2, wind = np.moveaxis(values, -1, 0)
+        columns = {
+            "iGlob": radiation,
+            "tOut": temperature,
+            "vpOut": vapour_pressure(temperature, humidity),
+            "co2Out": co2_density(temperature, co2),  # type: ignore[arg-type]
+            "wind": wind,
+            "tSky": temperature - climate.depression(mean, deviations),
+            "tSoOut": soil_temperature(seconds_into_year(times + self._step / 2.0)),
+        }
+        found = np.zeros((n, len(lags), len(self.task.model_value.disturbance_names)))
+        for place, name in enumerate(self.task.model_value.disturbance_names):
+            if name in columns:
+                found[..., place] = columns[name]
+        return found
+
+    def _calendar(self, times: Floats) -> Floats:
+        """Rows of the calendar that begin at ``times`` ``(n, rows)``."""
+        utc = times.astype(np.int64)
+        clock = self.climatology.clock
+        local = utc if clock == "UTC" else utc + utc_offsets(utc, clock)
+        hour = (local % 86400) / 3600.0
+        begin = local.astype("datetime64[s]").astype("datetime64[Y]").astype("datetime64[s]").astype(np.int64)
+        columns = [hour, (local - begin) / 86400.0]
+        moments = utc.astype("datetime64[s]").ravel()
+        for table in self.task.price_tables.values():
+            columns.append(table.values(moments, hour.ravel()).reshape(hour.shape))
+        return np.stack(columns, axis=-1)
+
+
+class _Clock:
+    """Hour of day [h] and day of year [day] of observations, where the task shows them."""
+
+    def __init__(self, task: TaskSpec, names: list[str]) -> None:
+        plain = [("hour_of_day", "day_of_year")]
+        turned = [("sin_hour_of_day", "cos_hour_of_day", "sin_day_of_year", "cos_day_of_year")]
+        for wanted in (*plain, *turned):
+            if all(name in names for name in wanted):
+                self._columns = [names.index(name) for name in wanted]
+                return
+        msg = f"{task.id} shows neither the hour of day nor the day of year: an outlook needs them. Add the module 'time'."
+        raise TaskError(msg)
+
+    def __call__(self, seen: Floats) -> tuple[Floats, Floats]:
+        given = seen[:, self._columns].T
+        if len(given) == 2:
+            return given[0], given[1]
+        sines, cosines = given[::2], given[1::2]
+        shares = np.arctan2(sines, cosines) / (2.0 * np.pi) % 1.0
+        return shares[0] * HOURS_A_DAY, shares[1] * DAYS_A_YEAR
+
+
+def _begin(task: TaskSpec, clock: str, hour_of_day: Floats, day_of_year: Floats) -> Floats:
+    """When the runs begin, seconds since 1970 UTC ``(n,)``, in the year that names the task's dates."""
+    step, found = int(task.step_seconds), []
+    for hour, day in zip(hour_of_day.tolist(), day_of_year.tolist(), strict=True):
+        seconds = round(hour * 3600.0 / step) * step
+        # The day of year may be rounded down from its beginning.
+        whole = round(day - seconds / 86400.0)
+        moment = dt.datetime(task.weather.start.year, 1, 1) + dt.timedelta(days=whole, seconds=seconds)
+        found.append(float(to_utc_seconds(moment, clock)))
+    return np.array(found)

@@ -1,0 +1,139 @@
+"""What a task shows of states and controls, as functions that a filter can use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.env.climate import AIR, record_air
+from glbench.env.program import ByName
+from glbench.env.sensors import Sensors
+from glbench.errors import TaskError
+from glbench.kernel.tape import Recorder, Value
+from glbench.kernel.tape_gradient import Playback
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+Floats = NDArray[np.float64]
+
+
+class ShownStates:
+    """The observed columns of a task that are functions of its model's states, with their gradients.
+
+    These are the columns of the model's own modules, and ``full_state``. Columns that follow from the air as it is observed tell nothing
+    new, and sums since midnight are no function of the states: both are left out.
+
+    Attributes
+    ----------
+    columns
+        Their places in the observation.
+    names
+        Their names.
+    sensor
+        For each, the place among the task's erring sensors of the one that shows it; -1 where it is observed as it is.
+    """
+
+    def __init__(self, task: TaskSpec) -> None:
+        model = task.model_value
+        self._states = len(model.states)
+        recorder = Recorder()
+        states = _Asked(recorder)
+        by_name, nominal = ByName(model.states, states), model.Parameters(*task.parameters().tolist())
+        air: dict[str, Value] = {}
+        if model.air:
+            temperature, density, pressure = (states[model.state_index(name)] for name in model.air)
+            air = dict(zip(AIR, (temperature, *record_air(temperature, density, pressure, recorder)), strict=True))
+        erring = [sensor.name for sensor in Sensors.of(task).sensors]
+        columns, names, sensors, at = [], [], [], 0
+        for module in task.observation.modules:
+            shown = task.observed_by(module)
+            seen = model.observed(module, task.observation_context().horizon)
+            if seen is None:
+                sources: list[tuple[Any, int]] = [(None, -1)] * len(shown)
+                if module == "full_state":
+                    sources = [(states[place], -1) for place in range(len(shown))]
+            else:
+                sources = [(None, -1)] * len(shown)
+                for place, column in enumerate(seen):
+                    if column.of is not None:
+                        sources[place] = column.of(by_name, nominal), -1
+                    elif column.source in air:
+                        sensor = erring.index(column.source) if column.source in erring else -1
+                        sources[place] = air[column.source] * column.factor, sensor
+                    elif column.source in model.state_names:
+                        sources[place] = states[model.state_index(column.source)] * column.factor, -1
+            for place, (value, sensor) in enumerate(sources):
+                if value is not None:
+                    recorder.output("observation", len(columns), value)
+                    columns.append(at + place)
+                    names.append(shown[place].name)
+                    sensors.append(sensor)
+            at += len(shown)
+        self.columns, self.names = np.array(columns, np.intp), tuple(names)
+        self.sensor = np.array(sensors, np.intp)
+        self._tape = recorder.tape()
+
+    def of(self, states: Floats) -> tuple[Floats, Floats]:
+        """Values ``(n, columns)`` in ``states`` ``(n, s)``, and their gradients ``(n, columns, s)``."""
+        playback = Playback(self._tape, lambda source, index: states[:, index])
+        values = np.empty((len(states), len(self.columns)))
+        slopes = np.zeros((*values.shape, self._states))
+        for place in range(len(self.columns)):
+            values[:, place] = playback.value("observation", place)
+            for (_, state), slope in playback.gradient("observation", place, ("after",)).items():
+                slopes[:, place, state] = slope
+        return values, slopes
+
+
+class _Asked(dict[int, Value]):
+    """The states as a recorder's inputs, as far as they are asked for."""
+
+    def __init__(self, recorder: Recorder) -> None:
+        super().__init__()
+        self._recorder = recorder
+
+    def __missing__(self, place: int) -> Value:
+        self[place] = self._recorder.input("after", place)
+        return self[place]
+
+
+@dataclass(frozen=True, eq=False)
+class ShownControls:
+    """Where the controls in force stand in an observation, and what 1 of each is there."""
+
+    columns: NDArray[np.intp]
+    at_one: Floats
+
+    @staticmethod
+    def of_task(task: TaskSpec) -> ShownControls | None:
+        """Of a task that shows its controls; ``None`` of others."""
+        names, capacities = [column.name for column in task.observed()], task.capacities()
+        for ending, at_one in (("", [one.at_one for one in capacities]), ("_fraction", [1.0] * len(capacities))):
+            wanted = [f"{one.quantity}{ending}" for one in capacities]
+            if all(name in names for name in wanted):
+                return ShownControls(np.array([names.index(name) for name in wanted], np.intp), np.array(at_one))
+        return None
+
+    def of(self, observations: Floats) -> Floats:
+        """Controls in force ``(n, c)``, fractions."""
+        return np.clip(observations[:, self.columns] / np.where(self.at_one > 0.0, self.at_one, 1.0), 0.0, 1.0)
+
+
+def checked_observations(task: TaskSpec, observations: Any, n: int) -> Floats:
+    """Observations ``(n, columns)`` as float64.
+
+    Raises
+    ------
+    TaskError
+        When they have another shape.
+    """
+    found = np.asarray(observations, dtype=np.float64)
+    wanted = (n, len(task.observed()))
+    if found.shape != wanted:
+        msg = f"Observations of {n} runs of {task.id} have the shape {wanted}; got {found.shape}."
+        raise TaskError(msg)
+    return found
