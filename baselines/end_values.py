@@ -45,7 +45,7 @@ def controls_of(agent: str, task: TaskSpec, seed: int) -> NDArray[np.float64]:
     return np.array(found)
 
 
-def main() -> int:
+def main() -> None:
     """Plan the seasons, and print what their ends are worth."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("task")
@@ -54,24 +54,19 @@ def main() -> int:
     parser.add_argument("--iterations", type=int, default=20)
     asked = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    try:
-        task, plans = get_task(asked.task), []
-        task.check_training()
-        scored = range(task.evaluation.first_seed, task.evaluation.first_seed + task.evaluation.runs)
-        for seed in asked.seeds:
-            if task.splits is None and seed in scored:
-                msg = f"Seed {seed} of {task.id} is scored: no plan may be made of it."
-                raise GlbenchError(msg)
-            start = controls_of(asked.agent, task, seed)
-            plans.append(plan_season(Scenario.of(task, seed), start, iterations=asked.iterations))
-            log.info("%s, seed %d: a plan of %.2f", task.id, seed, plans[-1].reward)
-        written = {task.model_id: EndValue.of_plans(plans).written()}
-    except GlbenchError as error:
-        log.error("%s", error)
-        return 1
+    task, plans = get_task(asked.task), []
+    task.check_training()
+    scored = range(task.evaluation.first_seed, task.evaluation.first_seed + task.evaluation.runs)
+    known = [seed for seed in asked.seeds if task.splits is None and seed in scored]
+    if known:
+        parser.error(f"seed {known[0]} of {task.id} is scored: no plan may be made of it")
+    for seed in asked.seeds:
+        start = controls_of(asked.agent, task, seed)
+        plans.append(plan_season(Scenario.of(task, seed), start, iterations=asked.iterations))
+        log.info("%s, seed %d: a plan of %.2f", task.id, seed, plans[-1].reward)
+    written = {task.model_id: EndValue.of_plans(plans).written()}
     sys.stdout.write(yaml.safe_dump(written, default_flow_style=None, width=150, sort_keys=False))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

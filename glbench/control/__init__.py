@@ -1,8 +1,8 @@
 """Optimal control of a task: what an optimiser needs of it.
 
 ``StageReward`` is the reward of each step of a trajectory with its gradient, ``air_of`` the air along it, ``Scenario`` everything that is
-given in a run. ``plan_season`` plans a run in which everything is known, ``PredictiveController`` the hours ahead, again and again. The steps
-themselves and their derivatives are in ``glbench.kernel``.
+given in a run. ``plan_season`` plans a run in which everything is known, ``PredictiveController`` the hours ahead, again and again.
+The steps themselves and their derivatives are in ``glbench.kernel``.
 """
 
 from __future__ import annotations

@@ -34,14 +34,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-QUANTITIES = (
-    "clearness",
-    "outdoor_temperature",
-    "outdoor_relative_humidity",
-    "outdoor_co2",
-    "wind_speed",
-    "sky_depression",
-)
+QUANTITIES = ("clearness", "outdoor_temperature", "outdoor_relative_humidity", "outdoor_co2", "wind_speed", "sky_depression")
 """What has a mean: share of clear-sky radiation [-], [degC], [%], [ppm], [m s-1], air minus sky temperature [K]."""
 CLEARNESS, TEMPERATURE, HUMIDITY, CO2, WIND, SKY = range(6)
 LEADS = 25
@@ -119,9 +112,7 @@ class Climatology:
         years = _years(task, record) if years is None else tuple(years)
         seasons = [season for season in (_Season.of(task, record, year) for year in years) if season is not None]
         if not seasons:
-            msg = (
-                f"The weather record of {task.id} has no year that a climatology could be made of. Name some: years=..."
-            )
+            msg = f"The weather record of {task.id} has no year that a climatology could be made of. Name some: years=..."
             raise TaskError(msg)
         conserving = task.weather.preprocessing != "paper"
         bare = cls(
@@ -149,9 +140,7 @@ class Climatology:
             values |= {name: tuple(values[name]) for name in ("years", "forecast_hours")}
             made = cls(**values)
             shapes = made.means.shape[1:], made.weights.shape, made.sky.shape
-            if shapes != ((24, len(QUANTITIES)), (LEADS, len(QUANTITIES), 2), (3,)) or len(made.means) != len(
-                made.days
-            ):
+            if shapes != ((24, len(QUANTITIES)), (LEADS, len(QUANTITIES), 2), (3,)) or len(made.means) != len(made.days):
                 raise ValueError(f"its tables have other shapes: {shapes}")
         except (KeyError, TypeError, ValueError) as error:
             msg = f"These settings are no climatology: {error}. `Climatology.of(task).write(...)` makes one."
@@ -247,9 +236,7 @@ class Climatology:
         hours = np.array(self.forecast_hours, dtype=np.float64)
         middles = issued[:, None] + HOUR * (hours - 0.5)
         mean = self.mean(middles - self.middle)
-        bright = np.mean(
-            [self.clear(middles - self.middle + HOUR * part) for part in (-0.375, -0.125, 0.125, 0.375)], axis=0
-        )
+        bright = np.mean([self.clear(middles - self.middle + HOUR * part) for part in (-0.375, -0.125, 0.125, 0.375)], axis=0)
         at = times + self.middle
         for row, quantity in enumerate(_FORECAST):
             if quantity == CLEARNESS:

@@ -105,11 +105,7 @@ class StateEstimator:
         offsets = [(one.bias, one.drift / np.sqrt(3.0)) for one in self._sensors.sensors]
         # Of everything but the states: standard deviation at the start, and what is left of it after a step.
         self._first = np.array(
-            [
-                *self._kept.spread,
-                *(spread for spread, _ in unseen.values()),
-                *(size for pair in offsets for size in pair),
-            ]
+            [*self._kept.spread, *(spread for spread, _ in unseen.values()), *(size for pair in offsets for size in pair)]
         )
         self._fading = np.exp(
             -hours
@@ -193,12 +189,8 @@ class StateEstimator:
         self._z[:, :s] = [self.task.start_state(row) for row in d]
         size = np.abs(self._z[:, :s])
         size = np.where(size > 0.0, size, 1.0)
-        self._scale = np.concatenate(
-            [size, np.tile(np.where(self._first > 0.0, self._first, 1.0), (self._n, 1))], axis=1
-        )
-        spread = np.concatenate(
-            [np.tile(self._start_spread, (self._n, 1)), (self._first > 0.0) * np.ones_like(self._scale[:, s:])], axis=1
-        )
+        self._scale = np.concatenate([size, np.tile(np.where(self._first > 0.0, self._first, 1.0), (self._n, 1))], axis=1)
+        spread = np.concatenate([np.tile(self._start_spread, (self._n, 1)), (self._first > 0.0) * np.ones_like(self._scale[:, s:])], axis=1)
         self._covariance = spread[:, :, None] ** 2 * np.eye(spread.shape[1])
 
     def _predict(self, d: Floats, u: Floats) -> None:
@@ -243,12 +235,7 @@ class StateEstimator:
                 rows = [self._linearised(*(given[row : row + 1] for given in (x, u, d, p))) for row in range(len(x))]
                 x_next, dx, dd, dp = (np.concatenate(parts) for parts in zip(*rows, strict=True))
                 return x_next, dx, dd, dp
-            return (
-                x.copy(),
-                np.eye(self._s)[None],
-                np.zeros((1, self._s, d.shape[1])),
-                np.zeros((1, self._s, len(names))),
-            )
+            return x.copy(), np.eye(self._s)[None], np.zeros((1, self._s, d.shape[1])), np.zeros((1, self._s, len(names)))
 
     def _correct(self, readings: Floats) -> None:
         """Take in the readings one after the other, around the prediction."""

@@ -161,7 +161,9 @@ class Outlook:
         radiation = seen[:, self._weather[0]]
         mean = climate.mean(shown)
         if not (self._late and self._k == 1):  # the first row is shown twice
-            self._recent = seen_clearness(self._recent, radiation, climate.clear(shown), mean[:, CLEARNESS], self._step)
+            self._recent = seen_clearness(
+                self._recent, radiation, climate.clear(shown), mean[:, CLEARNESS], self._step
+            )
         self._deviations = np.zeros_like(mean)
         self._deviations[:, TEMPERATURE : WIND + 1] = seen[:, self._weather[1:]] - mean[:, TEMPERATURE : WIND + 1]
         self._deviations[:, CLEARNESS] = self._recent[0] / self._recent[1] - 1.0
