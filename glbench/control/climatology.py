@@ -4,7 +4,8 @@ Of each time of the year and hour of the day (UTC) it has means: of the radiatio
 humidity, CO2 and wind outside, and of how much colder than the air the sky is. Deviations from these means now, and those that forecasts
 tell, are regressed on what came 1 to 24 hours later. All of it is made from the training years, and holds no weather of any one day.
 
-A task without splits has one season, in training and in scoring alike: its climatology is made of the other years of its record.
+A task without a training split is scored in years of which nothing may be known: its climatology is made of the years of its record
+before them, or, where there are none, of the others.
 """
 
 from __future__ import annotations
@@ -34,7 +35,14 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-QUANTITIES = ("clearness", "outdoor_temperature", "outdoor_relative_humidity", "outdoor_co2", "wind_speed", "sky_depression")
+QUANTITIES = (
+    "clearness",
+    "outdoor_temperature",
+    "outdoor_relative_humidity",
+    "outdoor_co2",
+    "wind_speed",
+    "sky_depression",
+)
 """What has a mean: share of clear-sky radiation [-], [degC], [%], [ppm], [m s-1], air minus sky temperature [K]."""
 CLEARNESS, TEMPERATURE, HUMIDITY, CO2, WIND, SKY = range(6)
 LEADS = 25
@@ -44,8 +52,11 @@ APART, REACH = 7, 10
 BRIGHT = 50.0
 """Below this radiation of a clear sky [W m-2] a share of it says nothing."""
 RECENT = 3.0
-"""Hours in which the clearness that was seen is forgotten to 1/e; only daylight counts."""
+"""Hours of daylight in which the clearness that was seen is forgotten to 1/e."""
+LATELY = 24.0
+"""Hours in which other deviations are forgotten to 1/e."""
 _DIGITS = 5
+_RIDGE = 1e-6
 _FORECAST = (CLEARNESS, TEMPERATURE, HUMIDITY, WIND)
 
 
@@ -70,12 +81,13 @@ class Climatology:
     means
         ``(days, 24, quantities)`` in the order of ``QUANTITIES``, for the hours of the day in UTC.
     weights
-        ``(leads, quantities, 2)``: shares of the deviation now and of the one that the forecast tells that are expected so many hours
-        ahead.
+        ``(leads, quantities, 3)``: shares that are expected so many hours ahead of the deviation now, of that of late (``Seen``), and of
+        the one that the forecast tells.
     sky
-        Change of the sky's depression with the relative deviation of clearness, and the deviations of temperature and humidity ``(3,)``.
+        Change of the sky's depression with the relative deviation of clearness of late, and the deviations of temperature and humidity
+        ``(3,)``.
     forecast_hours
-        Hours of the forecast that the second weights are for.
+        Hours of the forecast that the last weights are for.
     """
 
     task: str
@@ -100,7 +112,7 @@ class Climatology:
         task
             The task, or its id.
         years
-            Years of its record; those of its training split unless given, without splits all whole ones but those of its seasons.
+            Years of its record; those of its training split unless given. Without one those before its seasons, or all others.
 
         Raises
         ------
@@ -110,19 +122,23 @@ class Climatology:
         task = the_task(task)
         record = task.record()
         years = _years(task, record) if years is None else tuple(years)
-        seasons = [season for season in (_Season.of(task, record, year) for year in years) if season is not None]
+        made = {year: _Season.of(task, record, year) for year in years}
+        seasons = [season for season in made.values() if season is not None]
+        years = tuple(year for year, season in made.items() if season is not None)
         if not seasons:
-            msg = f"The weather record of {task.id} has no year that a climatology could be made of. Name some: years=..."
+            msg = (
+                f"The weather record of {task.id} has no year that a climatology could be made of. Name some: years=..."
+            )
             raise TaskError(msg)
         conserving = task.weather.preprocessing != "paper"
         bare = cls(
             task.id, years, record.latitude, record.longitude, record.timezone if conserving else "UTC",
             task.step_seconds / 2.0 if conserving else HOUR / 2.0, _day_of_year(task.weather.start), np.zeros(0), np.zeros((0, 24, 6)),
-            np.zeros((LEADS, len(QUANTITIES), 2)), np.zeros(3), task.observation.forecast_hours,
+            np.zeros((LEADS, len(QUANTITIES), 3)), np.zeros(3), task.observation.forecast_hours,
         )  # fmt: skip
-        with_means = bare._with(**_means(bare, task, seasons))
-        sky = _sky(with_means, seasons)
-        return with_means._with(sky=sky, weights=_weights(with_means, task, seasons))
+        mean = bare._with(**_means(bare, task, seasons))
+        deviations = _Deviations.of(mean, task, seasons)
+        return mean._with(sky=_sky(deviations), weights=_weights(mean, task, seasons, deviations))
 
     @classmethod
     def of_settings(cls, settings: Mapping[str, Any]) -> Climatology:
@@ -139,13 +155,19 @@ class Climatology:
                 values[name] = np.array(values[name], dtype=np.float64)
             values |= {name: tuple(values[name]) for name in ("years", "forecast_hours")}
             made = cls(**values)
-            shapes = made.means.shape[1:], made.weights.shape, made.sky.shape
-            if shapes != ((24, len(QUANTITIES)), (LEADS, len(QUANTITIES), 2), (3,)) or len(made.means) != len(made.days):
-                raise ValueError(f"its tables have other shapes: {shapes}")
         except (KeyError, TypeError, ValueError) as error:
             msg = f"These settings are no climatology: {error}. `Climatology.of(task).write(...)` makes one."
             raise TaskError(msg) from error
+        shapes = made.means.shape[1:], made.weights.shape, made.sky.shape
+        wanted = (24, len(QUANTITIES)), (LEADS, len(QUANTITIES), 3), (3,)
+        if shapes != wanted or len(made.means) != len(made.days):
+            msg = f"These settings are no climatology: its tables have the shapes {shapes} for {len(made.days)} days."
+            raise TaskError(msg)
         return made
+
+    def without_deviations(self) -> Climatology:
+        """The mean days alone: nothing that is seen or forecast changes what is expected after the row of now."""
+        return self._with(weights=np.zeros_like(self.weights))
 
     def settings(self) -> dict[str, Any]:
         """All of it as plain JSON values."""
@@ -190,10 +212,11 @@ class Climatology:
         def at(days: NDArray[np.int64]) -> Floats:
             return (1.0 - share) * self.means[days, left] + share * self.means[days, right]
 
-        return (1.0 - of_day) * at(early) + of_day * at(late)
+        found: Floats = (1.0 - of_day) * at(early) + of_day * at(late)
+        return found
 
     def weight(self, hours: Floats) -> Floats:
-        """Weights ``(..., quantities, 2)`` so many hours ahead; 0 from two days on."""
+        """Weights ``(..., quantities, 3)`` so many hours ahead; 0 from two days on."""
         place = np.clip(hours, 0.0, LEADS - 1.0)
         left = np.minimum(place.astype(np.int64), LEADS - 2)
         share = (place - left)[..., None, None]
@@ -236,7 +259,9 @@ class Climatology:
         hours = np.array(self.forecast_hours, dtype=np.float64)
         middles = issued[:, None] + HOUR * (hours - 0.5)
         mean = self.mean(middles - self.middle)
-        bright = np.mean([self.clear(middles - self.middle + HOUR * part) for part in (-0.375, -0.125, 0.125, 0.375)], axis=0)
+        bright = np.mean(
+            [self.clear(middles - self.middle + HOUR * part) for part in (-0.375, -0.125, 0.125, 0.375)], axis=0
+        )
         at = times + self.middle
         for row, quantity in enumerate(_FORECAST):
             if quantity == CLEARNESS:
@@ -278,22 +303,39 @@ def day_of_year(seconds: Floats) -> Floats:
     return found
 
 
-def seen_clearness(
-    state: tuple[Floats, Floats], radiation: Floats, clear: Floats, mean: Floats, step_seconds: float
-) -> tuple[Floats, Floats]:
-    """Energy of the recent daylight, and what the mean sky gives, with one more row: their ratio is the recent clearness."""
-    left = np.exp(-step_seconds / (RECENT * HOUR))
-    day = clear > BRIGHT
-    energy, usual = state
-    return (
-        np.where(day, left * energy + radiation, energy),
-        np.where(day, left * usual + clear * mean, usual),
-    )
+class Seen:
+    """Deviations from the mean of what is seen, row after row.
 
+    Attributes
+    ----------
+    now
+        Of the last row ``(n, quantities)``; that of clearness is relative, and by night that of late.
+    lately
+        Mean of the rows so far, the older the lighter: of clearness in daylight and by energy.
+    """
 
-def no_clearness(n: int) -> tuple[Floats, Floats]:
-    """Before anything was seen: an hour or so of usual sky."""
-    return np.full(n, 300.0), np.full(n, 300.0)
+    def __init__(self, climatology: Climatology, n: int, step_seconds: float) -> None:
+        self._climatology, self._hours = climatology, step_seconds / HOUR
+        # An hour or so of the usual sky before anything was seen.
+        self._energy, self._usual = np.full(n, 300.0 / self._hours), np.full(n, 300.0 / self._hours)
+        self._count = 0.0
+        self.now = self.lately = np.zeros((n, len(QUANTITIES)))
+
+    def add(self, times: Floats, shown: Floats) -> None:
+        """Take in the rows that begin at ``times`` ``(n,)``: radiation, temperature, humidity, CO2, wind ``(n, 5)``."""
+        mean, clear = self._climatology.mean(times), self._climatology.clear(times)
+        usual, day = clear * mean[:, CLEARNESS], clear > BRIGHT
+        left = float(np.exp(-self._hours / RECENT))
+        self._energy = np.where(day, left * self._energy + shown[:, 0], self._energy)
+        self._usual = np.where(day, left * self._usual + usual, self._usual)
+        self.now, lately = np.zeros_like(mean), self.lately.copy()
+        self.now[:, TEMPERATURE:SKY] = shown[:, 1:] - mean[:, TEMPERATURE:SKY]
+        faded = float(np.exp(-self._hours / LATELY)) * self._count
+        self._count = faded + 1.0
+        lately[:, TEMPERATURE:SKY] = (faded * lately[:, TEMPERATURE:SKY] + self.now[:, TEMPERATURE:SKY]) / self._count
+        lately[:, CLEARNESS] = self._energy / self._usual - 1.0
+        self.now[:, CLEARNESS] = np.where(day, shown[:, 0] / np.maximum(usual, 1.0) - 1.0, lately[:, CLEARNESS])
+        self.lately = lately
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,7 +387,8 @@ def _years(task: TaskSpec, record: WeatherRecord) -> tuple[int, ...]:
         scored = set(task.in_split("test").season_years or ())
     else:
         scored = {season.start.year for season in task.scenario.seasons}
-    return tuple(year for year in range(record.first.year, record.last.year + 1) if year not in scored)
+    others = [year for year in range(record.first.year, record.last.year + 1) if year not in scored]
+    return tuple(year for year in others if year < min(scored)) or tuple(others)
 
 
 def _day_of_year(day: dt.date) -> int:
@@ -366,7 +409,7 @@ def _means(bare: Climatology, task: TaskSpec, seasons: list[_Season]) -> dict[st
     for place, centre in enumerate(days):
         near = np.abs(day - centre) <= REACH
         if not near.any():
-            msg = f"The years {', '.join(map(str, bare.years))} have no weather {centre:.0f} days into the season of {task.id}. Name others."
+            msg = f"The years {bare.years} have no weather {centre:.0f} days into the season of {task.id}. Name others."
             raise TaskError(msg)
         light = near & (clear > BRIGHT)
         share = values[light, 0].sum() / max(clear[light].sum(), 1.0)
@@ -382,66 +425,74 @@ def _means(bare: Climatology, task: TaskSpec, seasons: list[_Season]) -> dict[st
 
 @dataclass(frozen=True, eq=False)
 class _Deviations:
-    """Of the rows of a season: clear sky, means, true deviations and those that are known at the time."""
+    """Of the rows of a season: the usual radiation, true deviations, and those known then: now, of late."""
 
-    clear: Floats
-    mean: Floats
+    usual: Floats
     true: Floats
-    known: Floats
+    now: Floats
+    lately: Floats
 
     @staticmethod
-    def of(made: Climatology, season: _Season) -> _Deviations:
-        clear, mean = made.clear(season.times), made.mean(season.times)
-        true = season.quantities - mean
-        usual = clear * mean[:, CLEARNESS]
-        true[:, CLEARNESS] = np.where(clear > BRIGHT, season.quantities[:, 0] / np.maximum(usual, 1.0) - 1.0, 0.0)
-        known = true.copy()
-        state, step = no_clearness(1), season.times[1] - season.times[0]
-        for row in range(len(clear)):
-            state = seen_clearness(
-                state, season.quantities[row : row + 1, 0], clear[row : row + 1], mean[row : row + 1, CLEARNESS], step
-            )
-            known[row, CLEARNESS] = state[0][0] / state[1][0] - 1.0
-        return _Deviations(clear, mean, true, known)
+    def of(made: Climatology, task: TaskSpec, seasons: list[_Season]) -> list[_Deviations]:
+        lengths = [len(season.times) for season in seasons]
+        seen, now, lately = Seen(made, len(seasons), task.step_seconds), [], []
+        for row in range(max(lengths)):  # a season that is over is shown its last row again, which is cut off below
+            rows = [min(row, length - 1) for length in lengths]
+            times = np.array([season.times[at] for season, at in zip(seasons, rows, strict=True)])
+            shown = np.array([season.quantities[at, :SKY] for season, at in zip(seasons, rows, strict=True)])
+            seen.add(times, shown)
+            now.append(seen.now)
+            lately.append(seen.lately)
+        found = []
+        for place, season in enumerate(seasons):
+            clear, mean = made.clear(season.times), made.mean(season.times)
+            usual, true = clear * mean[:, CLEARNESS], season.quantities - mean
+            relative = season.quantities[:, 0] / np.maximum(usual, 1.0) - 1.0
+            true[:, CLEARNESS] = np.where(clear > BRIGHT, relative, 0.0)
+            known = (np.array([row[place] for row in part[: len(season.times)]]) for part in (now, lately))
+            found.append(_Deviations(usual, true, *known))
+        return found
 
 
-def _sky(made: Climatology, seasons: list[_Season]) -> Floats:
+def _sky(of: list[_Deviations]) -> Floats:
     """How the sky's depression follows from recent clearness, temperature and humidity: least squares."""
-    of = [_Deviations.of(made, season) for season in seasons]
-    known = np.concatenate([one.known[:, [CLEARNESS, TEMPERATURE, HUMIDITY]] for one in of])
+    known = np.concatenate(
+        [np.stack([one.lately[:, CLEARNESS], one.now[:, TEMPERATURE], one.now[:, HUMIDITY]], axis=1) for one in of]
+    )
     wanted = np.concatenate([one.true[:, SKY] for one in of])
-    normal = known.T @ known + 1e-9 * np.eye(3)
-    return np.round(np.linalg.solve(normal, known.T @ wanted), _DIGITS)
+    found: Floats = np.linalg.solve(known.T @ known + _RIDGE * np.eye(3), known.T @ wanted)
+    return np.asarray(np.round(found, _DIGITS), np.float64)
 
 
-def _weights(made: Climatology, task: TaskSpec, seasons: list[_Season]) -> Floats:
+def _weights(made: Climatology, task: TaskSpec, seasons: list[_Season], of: list[_Deviations]) -> Floats:
     """Least squares of what came on what was known, by hours ahead."""
-    weights = np.zeros((LEADS, len(QUANTITIES), 2))
+    weights = np.zeros((LEADS, len(QUANTITIES), 3))
     weights[0, :, 0] = 1.0
     every = max(int(HOUR // task.step_seconds), 1)
-    lots: list[tuple[_Deviations, Floats | None, NDArray[np.int64]]] = []
     ahead = (LEADS - 1) * every
-    for season in seasons:
-        of = _Deviations.of(made, season)
+    begins, forecasts = [], []
+    for season, known in zip(seasons, of, strict=True):
         begin = np.arange(0, len(season.times) - ahead, every)
-        told = None
+        told = np.zeros((len(begin), LEADS, len(QUANTITIES)))
         if season.forecast is not None:
             begin = begin[: len(season.forecast)]
             times = season.times[begin, None] + HOUR * np.arange(LEADS)
-            told = made.told(season.forecast[: len(begin)], season.times[begin], times, of.known[begin])
-        lots.append((of, told, begin))
-    for quantity in range(len(QUANTITIES)):
+            told = made.told(season.forecast[: len(begin)], season.times[begin], times, known.lately[begin])
+        begins.append(begin)
+        forecasts.append(told)
+    for quantity in range(SKY):
         for lead in range(1, LEADS):
-            normal, right = 1e-9 * np.eye(2), np.zeros(2)
-            for of, told, begin in lots:
+            normal, right = _RIDGE * np.eye(3), np.zeros(3)
+            for begin, told, known in zip(begins, forecasts, of, strict=True):
                 then = begin + lead * every
-                wanted = of.true[then, quantity]
-                now = of.known[begin, quantity]
-                says = np.zeros_like(now) if told is None or quantity not in _FORECAST else told[:, lead, quantity]
+                says = told[:, lead, quantity] if quantity in _FORECAST else np.zeros(len(begin))
                 # An error of clearness counts as one of radiation.
-                size = (of.clear[then] * of.mean[then, CLEARNESS]) if quantity == CLEARNESS else np.ones_like(now)
-                given = np.stack([now, says], axis=1) * size[:, None]
-                normal, right = normal + given.T @ given, right + given.T @ (wanted * size)
+                size = known.usual[then] if quantity == CLEARNESS else np.ones(len(begin))
+                given = (
+                    np.stack([known.now[begin, quantity], known.lately[begin, quantity], says], axis=1) * size[:, None]
+                )
+                normal, right = normal + given.T @ given, right + given.T @ (known.true[then, quantity] * size)
             weights[lead, quantity] = np.linalg.solve(normal, right)
-    weights[1:, CO2] = np.stack([CO2_PERSISTENCE ** np.arange(1, LEADS), np.zeros(LEADS - 1)], axis=1)
+    weights[1:, CO2] = 0.0
+    weights[1:, CO2, 0] = CO2_PERSISTENCE ** np.arange(1, LEADS)
     return np.round(weights, _DIGITS)

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-UNSEEN = {"tSky": (3.0, 6.0)}
+UNSEEN = {"tSky": (6.0, 4.0)}
 """Standard deviation [its unit] of what ``Outlook`` says of a column of the weather that nobody sees, and the hours in which the error
 fades to 1/e."""
 MODEL_ERROR = 3e-4
@@ -47,7 +47,7 @@ ROUNDING = 2.0**-22
 _A_DAY = 24.0
 """Hours in which a parameter that is drawn daily is forgotten to 1/e."""
 _SMALL = 1e-4
-_GRID = (np.arange(4096) + 0.5) / 4096.0
+_GRID: Floats = np.asarray((np.arange(4096) + 0.5) / 4096.0, np.float64)
 
 
 class StateEstimator:
@@ -93,7 +93,7 @@ class StateEstimator:
             raise TaskError(msg)
         model = task.model_value
         self.kernel = Kernel(model, task.step_seconds, preset=preset)
-        self._s = len(model.states)
+        self._s, self._columns = len(model.states), len(task.observed())
         self._nominal = task.parameters()
         groups = [group for group in task.scenario.groups if group.half_width > 0.0]
         self._kept = _Drawn(task, [group for group in groups if parameters and group.redraw != "step"])
@@ -105,7 +105,11 @@ class StateEstimator:
         offsets = [(one.bias, one.drift / np.sqrt(3.0)) for one in self._sensors.sensors]
         # Of everything but the states: standard deviation at the start, and what is left of it after a step.
         self._first = np.array(
-            [*self._kept.spread, *(spread for spread, _ in unseen.values()), *(size for pair in offsets for size in pair)]
+            [
+                *self._kept.spread,
+                *(spread for spread, _ in unseen.values()),
+                *(size for pair in offsets for size in pair),
+            ]
         )
         self._fading = np.exp(
             -hours
@@ -131,7 +135,8 @@ class StateEstimator:
     def deviations(self) -> Floats:
         """Standard deviations of the states by the filter's own account ``(n, s)``."""
         spread: Floats = np.sqrt(np.maximum(np.diagonal(self._covariance, axis1=1, axis2=2)[:, : self._s], 0.0))
-        return spread * self._scale[:, : self._s]
+        found: Floats = spread * self._scale[:, : self._s]
+        return found
 
     @property
     def parameters(self) -> Floats:
@@ -162,7 +167,7 @@ class StateEstimator:
             When observations have the wrong shape, or controls are neither given nor shown.
         """
         task, n = self.task, self._n
-        seen = checked_observations(task, observations, n)
+        seen = checked_observations(task, observations, n, self._columns)
         d = np.array(d, dtype=np.float64)
         if d.shape != (n, len(task.model_value.disturbance_names)):
             msg = f"The disturbances of {n} runs of {task.id} have the shape {(n, len(task.model_value.disturbance_names))}; got {d.shape}."
@@ -189,8 +194,12 @@ class StateEstimator:
         self._z[:, :s] = [self.task.start_state(row) for row in d]
         size = np.abs(self._z[:, :s])
         size = np.where(size > 0.0, size, 1.0)
-        self._scale = np.concatenate([size, np.tile(np.where(self._first > 0.0, self._first, 1.0), (self._n, 1))], axis=1)
-        spread = np.concatenate([np.tile(self._start_spread, (self._n, 1)), (self._first > 0.0) * np.ones_like(self._scale[:, s:])], axis=1)
+        self._scale = np.concatenate(
+            [size, np.tile(np.where(self._first > 0.0, self._first, 1.0), (self._n, 1))], axis=1
+        )
+        spread = np.concatenate(
+            [np.tile(self._start_spread, (self._n, 1)), (self._first > 0.0) * np.ones_like(self._scale[:, s:])], axis=1
+        )
         self._covariance = spread[:, :, None] ** 2 * np.eye(spread.shape[1])
 
     def _predict(self, d: Floats, u: Floats) -> None:
@@ -229,13 +238,14 @@ class StateEstimator:
         inputs = ("x", "d") if self._unseen else ("x",)
         try:
             lines = self.kernel.linearise(x, u, d, p, inputs=inputs, parameters=names)
-            return lines.x_next, lines.dx, lines.dd, lines.dp
         except StepError:
             if len(x) > 1:
                 rows = [self._linearised(*(given[row : row + 1] for given in (x, u, d, p))) for row in range(len(x))]
                 x_next, dx, dd, dp = (np.concatenate(parts) for parts in zip(*rows, strict=True))
                 return x_next, dx, dd, dp
-            return x.copy(), np.eye(self._s)[None], np.zeros((1, self._s, d.shape[1])), np.zeros((1, self._s, len(names)))
+            flat = np.zeros((1, self._s, d.shape[1] if self._unseen else 0)), np.zeros((1, self._s, len(names)))
+            return x.copy(), np.eye(self._s)[None], *flat
+        return lines.x_next, lines.dx, lines.dd, lines.dp
 
     def _correct(self, readings: Floats) -> None:
         """Take in the readings one after the other, around the prediction."""

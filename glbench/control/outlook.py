@@ -26,8 +26,7 @@ from glbench.control.climatology import (
     TEMPERATURE,
     WIND,
     Climatology,
-    no_clearness,
-    seen_clearness,
+    Seen,
 )
 from glbench.control.shown import checked_observations
 from glbench.env.forecast import HOUR
@@ -109,8 +108,8 @@ class Outlook:
         hours = task.observation.forecast_hours
         if hours and hours != climatology.forecast_hours:
             msg = (
-                f"The climatology of {climatology.task} knows forecasts of the hours {climatology.forecast_hours}, and {task.id} has those of "
-                f"{hours}. Make one: Climatology.of(task)."
+                f"The climatology of {climatology.task} knows forecasts of the hours {climatology.forecast_hours}, "
+                f"and {task.id} has those of {hours}. Make one: Climatology.of(task)."
             )
             raise TaskError(msg)
         self._forecast = np.array(
@@ -128,7 +127,7 @@ class Outlook:
             msg = f"The outlook knows nothing of {', '.join(odd)}, which acts on {task.model_id}."
             raise TaskError(msg)
         self._late = task.observation.timing == "published"
-        self._step = task.step_seconds
+        self._step, self._columns = task.step_seconds, len(names)
         self.reset(1)
 
     def reset(self, n: int) -> None:
@@ -138,7 +137,7 @@ class Outlook:
         self._seen = np.zeros((self._n, 0))
         self._now = np.zeros((self._n, 0))
         self._begin = np.zeros(self._n)
-        self._recent = no_clearness(self._n)
+        self._deviations = Seen(self.climatology, self._n, self._step)
         self.past = np.zeros((self._n, 0))
 
     def update(self, observations: ArrayLike) -> None:
@@ -149,7 +148,7 @@ class Outlook:
         TaskError
             When the observations have the wrong shape.
         """
-        seen = checked_observations(self.task, observations, self._n)
+        seen = checked_observations(self.task, observations, self._n, self._columns)
         self._k += 1
         if self._k == 0:
             self._begin = _begin(self.task, self.climatology.clock, *self._clock(seen))
@@ -157,16 +156,8 @@ class Outlook:
         # With the timing "published" the weather shown is that of the step just past.
         self._lag = 1 if self._late and self._k > 0 else 0
         shown = self._begin + (self._k - self._lag) * self._step
-        climate = self.climatology
-        radiation = seen[:, self._weather[0]]
-        mean = climate.mean(shown)
-        if not (self._late and self._k == 1):  # the first row is shown twice
-            self._recent = seen_clearness(
-                self._recent, radiation, climate.clear(shown), mean[:, CLEARNESS], self._step
-            )
-        self._deviations = np.zeros_like(mean)
-        self._deviations[:, TEMPERATURE : WIND + 1] = seen[:, self._weather[1:]] - mean[:, TEMPERATURE : WIND + 1]
-        self._deviations[:, CLEARNESS] = self._recent[0] / self._recent[1] - 1.0
+        if not (self._late and self._k == 1):  # with "published" the first row is shown twice
+            self._deviations.add(shown, seen[:, self._weather])
         before = self._now
         self._now = self._rows(1 - self._lag)[:, 0]
         self.past = self._now if self._late or self._k == 0 else before
@@ -193,12 +184,12 @@ class Outlook:
         shown = self._begin + (self._k - self._lag) * self._step
         times = shown[:, None] + lags * self._step
         mean, weights = climate.mean(times), climate.weight(lags * self._step / HOUR)
-        now = self._deviations
-        told = np.zeros_like(mean)
-        if self._forecast.size:
+        now, lately = self._deviations.now[:, None], self._deviations.lately[:, None]
+        deviations = weights[..., 0] * now + weights[..., 1] * lately
+        if self._forecast.size and lags[-1] > 0:
             issued = np.floor(shown / HOUR) * HOUR
-            told = climate.told(self._seen[:, self._forecast], issued, times, now)
-        deviations = weights[..., 0] * now[:, None] + weights[..., 1] * told
+            told = climate.told(self._seen[:, self._forecast], issued, times, lately[:, 0])
+            deviations = deviations + weights[..., 2] * told
         clear = climate.clear(times)
         values = np.empty((n, len(lags), len(_SHOWN)))
         share = np.maximum(1.0 + deviations[..., CLEARNESS], 0.0) * mean[..., CLEARNESS]
@@ -234,11 +225,10 @@ class Outlook:
         local = utc if clock == "UTC" else utc + utc_offsets(utc, clock)
         hour = (local % 86400) / 3600.0
         begin = local.astype("datetime64[s]").astype("datetime64[Y]").astype("datetime64[s]").astype(np.int64)
-        columns = [hour, (local - begin) / 86400.0]
         moments = utc.astype("datetime64[s]").ravel()
-        for table in self.task.price_tables.values():
-            columns.append(table.values(moments, hour.ravel()).reshape(hour.shape))
-        return np.stack(columns, axis=-1)
+        tables = self.task.price_tables.values()
+        prices = [table.values(moments, hour.ravel()).reshape(hour.shape) for table in tables]
+        return np.stack([hour, (local - begin) / 86400.0, *prices], axis=-1)
 
 
 class _Clock:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.accounts import ByName
 from glbench.env.climate import AIR, record_air
-from glbench.env.program import ByName
 from glbench.env.sensors import Sensors
 from glbench.errors import TaskError
 from glbench.kernel.tape import Recorder, Value
@@ -48,7 +48,10 @@ class ShownStates:
             temperature, density, pressure = (states[model.state_index(name)] for name in model.air)
             air = dict(zip(AIR, (temperature, *record_air(temperature, density, pressure, recorder)), strict=True))
         erring = [sensor.name for sensor in Sensors.of(task).sensors]
-        columns, names, sensors, at = [], [], [], 0
+        columns: list[int] = []
+        names: list[str] = []
+        sensors: list[int] = []
+        at = 0
         for module in task.observation.modules:
             shown = task.observed_by(module)
             seen = model.observed(module, task.observation_context().horizon)
@@ -123,7 +126,7 @@ class ShownControls:
         return np.clip(observations[:, self.columns] / np.where(self.at_one > 0.0, self.at_one, 1.0), 0.0, 1.0)
 
 
-def checked_observations(task: TaskSpec, observations: Any, n: int) -> Floats:
+def checked_observations(task: TaskSpec, observations: Any, n: int, columns: int) -> Floats:
     """Observations ``(n, columns)`` as float64.
 
     Raises
@@ -132,7 +135,7 @@ def checked_observations(task: TaskSpec, observations: Any, n: int) -> Floats:
         When they have another shape.
     """
     found = np.asarray(observations, dtype=np.float64)
-    wanted = (n, len(task.observed()))
+    wanted = (n, columns)
     if found.shape != wanted:
         msg = f"Observations of {n} runs of {task.id} have the shape {wanted}; got {found.shape}."
         raise TaskError(msg)

@@ -1,4 +1,7 @@
-"""The reward of every step of a trajectory, with its gradient: the arithmetic of the task's own program, played forward and back."""
+"""The reward of every step of a trajectory, with its gradient: the arithmetic of the task's own program, played forward and back.
+
+It needs no weather.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.env import REWARDS
-from glbench.env.program import info_columns, make_program
+from glbench.env.program import calendar_columns, info_columns, record_quantities
 from glbench.env.spaces import the_task
 from glbench.errors import ShapeError, TaskError
 from glbench.kernel.tape import Source, Target, Value
@@ -101,8 +104,8 @@ class StageReward:
     def __init__(self, task: TaskSpec | str, *, smoothing: float = 0.0) -> None:
         self.task = task = the_task(task)
         self.smoothing = smoothing
-        program, parts = make_program(task)
-        if parts.reward is not None:
+        tape = record_quantities(task)
+        if tape is None:
             registered = ", ".join(f"'{name}'" for name in task.reward.modules if not REWARDS.recorded(name))
             shipped = ", ".join(name for name in REWARDS if REWARDS.recorded(name))
             msg = f"The reward of {task.id} has no derivatives: {registered} is Python that somebody registered. Others have: {shipped}."
@@ -121,9 +124,9 @@ class StageReward:
         rounded: dict[tuple[Target, int], Callable[[Value], Value]] = {
             ("table", columns[name]): _rounded(width) for name, width in widths.items() if width > 0.0
         }
-        self._tape = program.outcome.part([("table", column) for column in self._columns.values()], rounded)
+        self._tape = tape.part([("table", column) for column in self._columns.values()], rounded)
         self._sizes = len(task.model_value.states), len(task.model_value.control_names)
-        self._calendar_columns = program.calendar.shape[1]
+        self._calendar_columns = calendar_columns(task)
 
     def __call__(self, x: ArrayLike, u: ArrayLike, calendar: ArrayLike | None = None) -> StageValues:
         """What the steps of a trajectory earn.

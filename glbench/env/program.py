@@ -58,6 +58,26 @@ def make_program(task: TaskSpec) -> tuple[Program, PythonParts]:
     return _shipped(task)[0] if _all_shipped(task) else _program(task, RunScenarios(task))
 
 
+def record_quantities(task: TaskSpec) -> Tape | None:
+    """The quantities of a step alone, to the columns of the table that they have in the program; ``None`` where the reward is Python.
+
+    Unlike the program this needs no weather.
+    """
+    recorder, count = Recorder(), len(task.model_value.control_names)
+    controls = [recorder.input("controls", index) for index in range(count)]
+    quantities, reward = _quantities(task, recorder, controls, _true_air(task, recorder))
+    if reward is not None:
+        return None
+    for column, value in enumerate(quantities, info_columns(task)):
+        recorder.output("table", column, value)
+    return recorder.tape()
+
+
+def calendar_columns(task: TaskSpec) -> int:
+    """Columns of a task's calendar: the clock, then its price tables."""
+    return len(CLOCK) + len(task.price_tables)
+
+
 def _all_shipped(task: TaskSpec) -> bool:
     return (
         recorded_actuation(task) is not None
@@ -207,10 +227,10 @@ def _quantities(
     task: TaskSpec, recorder: Recorder, controls: list[Value], air: list[Value]
 ) -> tuple[list[Any], tuple[int, Any] | None]:
     """In the order of ``task.quantities``; the reward as Python when a part of it is."""
-    accounts, pool = make_accounts(task), WeatherPool.of(task)
+    accounts, tables = make_accounts(task), list(task.price_tables)
     places = accounts.ledger_states()
     before, after = ({place: recorder.input(source, place) for place in places} for source in ("before", "after"))
-    columns = [pool.price_column(name) for name in accounts.price_tables]
+    columns = [len(CLOCK) + tables.index(name) for name in accounts.price_tables]
     prices, later = (
         [recorder.input(source, column) for column in columns] for source in ("calendar_before", "calendar")
     )

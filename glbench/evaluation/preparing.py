@@ -460,7 +460,9 @@ class Evaluation:
         if self.submission is None:
             runner = make_runner(self.agent, self.task, card, self.seeds, self.limits)
         else:
-            runner = sandboxed_runner(SandboxedAgent(self.submission, card, n, self.limits, self.sizes, self.prints))
+            runner = sandboxed_runner(
+                SandboxedAgent.of(self.submission, self.task, n, self.limits, self.sizes, self.prints)
+            )
         if self.is_part and not isinstance(runner, PerRunRunner | SandboxedRuns):
             runner.close()
             msg = f"'{self.agent.name}' decides for all runs at once: they cannot be computed apart."

@@ -16,8 +16,9 @@ import pickle
 import re
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Final, cast
 
 import numpy as np
@@ -39,8 +40,10 @@ from glbench.evaluation.sandbox.frames import (
     unpacked_problems,
 )
 from glbench.evaluation.sandbox.process import AgentProcess, LostError, Prints, plain
+from glbench.kernel import built_libraries
 from glbench.model import get_model
-from glbench.tasks import Action, TaskCard, TaskSpec
+from glbench.tasks import Action, TaskCard, TaskSpec, task_card
+from glbench.tasks.given import public_definition
 from glbench.tasks.quantities import PAPER_MODEL
 
 Inputs = NDArray[np.float32] | NDArray[np.float64]
@@ -280,7 +283,11 @@ def _invalid(problems: dict[int, str], alive: Mask) -> tuple[Failure, ...]:
 
 @dataclass(frozen=True)
 class SandboxedAgent:
-    """All that is needed to start the process of an agent; without ``walls`` it has all rights of the user."""
+    """All that is needed to start the process of an agent; without ``walls`` it has all rights of the user.
+
+    ``definition`` is the task's as its agents may know it, ``libraries`` are the compiled kernels that the process sees, by their
+    names there.
+    """
 
     submission: Identity
     card: TaskCard
@@ -289,6 +296,24 @@ class SandboxedAgent:
     sizes: SandboxLimits
     prints: Prints
     walls: bool = True
+    definition: str = ""
+    libraries: Mapping[str, Path] = field(default_factory=dict)
+
+    @staticmethod
+    def of(
+        submission: Identity,
+        task: TaskSpec,
+        runs: int,
+        time: TimeLimits,
+        sizes: SandboxLimits,
+        prints: Prints,
+        *,
+        walls: bool = True,
+    ) -> SandboxedAgent:
+        """A submission for ``runs`` runs of ``task``."""
+        libraries = built_libraries(task.model_value) if walls else {}
+        told = public_definition(task)
+        return SandboxedAgent(submission, task_card(task), runs, time, sizes, prints, walls, told, libraries)
 
     def started(self) -> tuple[AgentProcess, bool]:
         """A process with the agent made, and whether it is one agent a run.
@@ -317,7 +342,9 @@ class SandboxedAgent:
         """
         n, m = self.runs, len(self.card.actions)
         longest = n * (8 * m + ROW.size + LONGEST_TEXT)
-        return AgentProcess(self.submission, self.sizes, self.prints, longest, walls=self.walls)
+        return AgentProcess(
+            self.submission, self.sizes, self.prints, longest, walls=self.walls, libraries=self.libraries
+        )
 
     def made_in(self, process: AgentProcess) -> bool:
         """Load the submission in ``process`` and make the agent; whether it is one agent a run.
@@ -330,7 +357,7 @@ class SandboxedAgent:
         limit = self.time.start
         until = time.monotonic() + limit
         place = place_inside(self.submission) if self.walls else self.submission.path
-        order = Order(str(place), self.card, self.runs, self.time, self.sizes)
+        order = Order(str(place), self.card, self.runs, self.time, self.sizes, self.definition)
         doing = "loading it"
         try:
             process.ask(Kind.LOAD, 0, pickle.dumps(order), seconds=limit)

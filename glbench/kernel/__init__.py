@@ -6,7 +6,7 @@ on four cores, with the same bits. Method, accuracy and speed: docs/kernel.md.
 
 from __future__ import annotations
 
-from glbench.kernel.backends import BACKENDS, Backend, available, why_not_compiled, will_compile
+from glbench.kernel.backends import BACKENDS, Backend, available, built_libraries, why_not_compiled, will_compile
 from glbench.kernel.kernel import Kernel, make_kernel
 from glbench.kernel.records import BoundStep, Rows, StepFailure
 from glbench.kernel.reduced import state_scale
@@ -26,6 +26,7 @@ __all__ = [
     "Trajectory",
     "TrajectoryGradient",
     "available",
+    "built_libraries",
     "make_kernel",
     "state_scale",
     "why_not_compiled",

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from typing import Protocol
 
 from glbench.errors import UnknownNameError, did_you_mean
@@ -102,6 +103,16 @@ def will_compile(model: Model = TOMATO) -> bool:
 
 
 @cache
+def built_libraries(model: Model) -> dict[str, Path]:
+    """Files of the compiled libraries of ``model`` that are in this user's cache; nothing is built.
+
+    By the names that they need in the folder that the variable ``GLBENCH_KERNELS`` names for another process, which then takes them.
+    """
+    from glbench.kernel.compiled.stepper import built_libraries
+
+    return built_libraries(model)
+
+
 def why_not_compiled(model: Model = TOMATO) -> str | None:
     """None where the compiled backend works, else the reason in words. The first call may compile for some seconds."""
     from glbench.kernel.compiled.stepper import availability

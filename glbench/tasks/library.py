@@ -9,6 +9,7 @@ from pathlib import Path
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.registration import draft_files, task_files
 from glbench.tasks.bases import Written, read_written, shipped_file, shown_path
+from glbench.tasks.given import given_task
 from glbench.tasks.lock import LOCK_WORDS, LockEntry, canonical_sha256, lock_path, read_lock, write_lock
 from glbench.tasks.reading import read_task, task_of
 from glbench.tasks.spec import TaskSpec
@@ -33,7 +34,7 @@ def get_task(id_or_path: str | Path) -> TaskSpec:
     """Task with an id such as ``glbench/Schiphol2010-Delta10-v1`` (or its short form), or of a ``.toml`` file.
 
     A published task is compared with the lock, weather and model included, once a process. A file of your own is loaded as
-    it is; its ``locked`` is false.
+    it is; its ``locked`` is false. In a sandbox the agent's own task is there, without its weather, and no other.
 
     Raises
     ------
@@ -46,6 +47,9 @@ def get_task(id_or_path: str | Path) -> TaskSpec:
     if not isinstance(id_or_path, str | Path):
         msg = f"A task is asked for by its id, such as '{DEFAULT_TASK}', or by its file (.toml); got {id_or_path!r}."
         raise UnknownNameError(msg)
+    given = given_task(str(id_or_path))
+    if given is not None:
+        return given
     path = Path(id_or_path)
     if isinstance(id_or_path, Path) or path.suffix == ".toml":
         return _load(path)

@@ -1,6 +1,7 @@
 """The sandbox itself: how bubblewrap is called, what can be seen and called inside, and why it cannot be where it cannot.
 
-Nothing of the disk is visible that is not listed here: the agent's own files, Python with its libraries, glbench without its data. Of a
+Nothing of the disk is visible that is not listed here: the agent's own files, Python with its libraries, glbench without its data, the
+compiled kernels of the task's model as far as there are any. Of a
 submission it is copies of the files that its digest covers, made while the digest is computed again. Folders with weather, tasks (they
 hold the seeds), results and other submissions are covered wherever they would show through, as they do when glbench is installed among the
 libraries; a submission's folder that holds them is refused.
@@ -20,7 +21,7 @@ import socket
 import struct
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
@@ -49,6 +50,8 @@ CODE: Final = Path("/opt/glbench")
 """Where glbench is inside the sandbox: a place of its file system, on no machine."""
 SUBMISSION: Final = Path("/submission")
 """Where the submission is inside."""
+KERNELS: Final = CODE / "kernels"
+"""Where compiled kernels are inside."""
 _SYSTEM = ("usr", "bin", "sbin", "lib", "lib32", "lib64", "nix/store")
 _SETTINGS = ("ld.so.cache", "ld.so.conf", "ld.so.conf.d", "alternatives")
 _LIBRARIES = {"site-packages", "dist-packages"}
@@ -98,12 +101,17 @@ class Mode(Enum):
 
 
 def command(
-    submission: Identity, staging: Callable[[], Path], sizes: SandboxLimits, descriptors: tuple[int, int | None, int]
+    submission: Identity,
+    staging: Callable[[], Path],
+    sizes: SandboxLimits,
+    descriptors: tuple[int, int | None, int],
+    libraries: Mapping[str, Path] | None = None,
 ) -> tuple[list[str], list[str]]:
     """The program to start inside, and the arguments that bubblewrap reads from the file that ``--args`` is to name.
 
     ``staging`` makes a folder for copies, where some are needed. ``descriptors`` are those of the agent's socket, of the filter of system
-    calls (``None`` where there is none) and of the file for facts about the sandbox.
+    calls (``None`` where there is none) and of the file for facts about the sandbox. ``libraries`` are compiled kernels, by their
+    names inside.
 
     Raises
     ------
@@ -121,6 +129,7 @@ def command(
         # First, so that an interpreter or a library that lies in /tmp shows up in it.
         *_scratch("/dev/shm", sizes.shared), *_scratch("/tmp", sizes.scratch),
         *visible_files(submission, staging),
+        *_kernels(libraries or {}),
         "--remount-ro", "/dev", "--remount-ro", "/proc", "--remount-ro", "/", "--chdir", "/tmp",
     ]  # fmt: skip
     guest = in_package(Path(__file__).with_name("guest.py"))
@@ -243,7 +252,7 @@ def _environment() -> list[str]:
     variables = {
         "PATH": "/usr/bin:/bin", "HOME": "/tmp", "TMPDIR": "/tmp", "USER": "agent", "LOGNAME": "agent", "LANG": "C.UTF-8",
         "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONUNBUFFERED": "1", "PYTHONHASHSEED": "0",
-        "PYDANTIC_DISABLE_PLUGINS": "1",
+        "PYDANTIC_DISABLE_PLUGINS": "1", "GLBENCH_KERNELS": str(KERNELS),
         **dict.fromkeys(THREAD_VARIABLES, "1"),
     }  # fmt: skip
     return ["--clearenv", *(word for name, value in variables.items() for word in ("--setenv", name, value))]
@@ -284,6 +293,13 @@ def visible_files(submission: Identity, staging: Callable[[], Path]) -> list[str
     ]
     lines += [["--remount-ro", str(path)] for path in covered]
     return [word for line in lines for word in line]
+
+
+def _kernels(libraries: Mapping[str, Path]) -> Iterator[str]:
+    """Compiled kernels, file by file: the cache that they come from holds others, too."""
+    yield from ("--perms", "0755", "--dir", str(KERNELS))
+    for name, file in libraries.items():
+        yield from ("--ro-bind", str(file), str(KERNELS / name))
 
 
 def is_visible(file: Path, submission: Identity) -> bool:
@@ -327,9 +343,10 @@ def _python() -> Iterator[Bound]:
 
 
 def _data() -> Iterator[list[str]]:
-    """Of glbench's data the settings of the built-in controllers, and an empty folder of tasks."""
+    """Of glbench's data the settings of the built-in controllers, compiled kernels, and an empty folder of tasks."""
     if (_PACKAGE / "_data").is_dir():
         root = CODE / "glbench" / "_data"
+        yield ["--ro-bind-try", str(_PACKAGE / "_data" / "kernel"), str(root / "kernel")]
     else:
         root = CODE
         yield ["--ro-bind", str(_PACKAGE.parent / "pyproject.toml"), str(CODE / "pyproject.toml")]  # marks a checkout

@@ -68,13 +68,17 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True)
 class Order:
-    """What the process is to do: the path of the agent as seen from inside, its task, the number of runs, and its limits."""
+    """What the process is to do: the path of the agent as seen from inside, its task, the number of runs, and its limits.
+
+    ``definition`` is what ``get_task`` finds inside (``glbench.tasks.given``).
+    """
 
     path: str
     card: TaskCard
     runs: int
     time: TimeLimits
     sizes: SandboxLimits
+    definition: str = ""
 
 
 def encoded(text: str) -> bytes:

@@ -46,6 +46,7 @@ from glbench.evaluation.sandbox.frames import (
     encoded,
     packed_problems,
 )
+from glbench.tasks.given import give
 
 _CREATE_RULESET, _RESTRICT_SELF = 444, 446
 """Numbers of the system calls, on all processors the same."""
@@ -157,6 +158,7 @@ class Host:
         """Make the agent, or one adapter with its agent for each run."""
         self._order, self._agents = order, []
         limit_this_process(order.sizes)
+        give(order.definition)
         try:
             loaded = load_agent(Path(order.path))
             self._line.answer(Kind.LOADED)

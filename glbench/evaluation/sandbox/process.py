@@ -17,6 +17,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NoReturn
@@ -192,6 +193,8 @@ class AgentProcess:
         Bytes of the longest answer there can be.
     walls : bool
         Whether it runs in a sandbox; without, it has all rights of this process.
+    libraries : mapping
+        Compiled kernels that it sees, by their names inside.
 
     Raises
     ------
@@ -200,9 +203,17 @@ class AgentProcess:
     """
 
     def __init__(
-        self, submission: Identity, sizes: SandboxLimits, prints: Prints, largest_answer: int, *, walls: bool = True
+        self,
+        submission: Identity,
+        sizes: SandboxLimits,
+        prints: Prints,
+        largest_answer: int,
+        *,
+        walls: bool = True,
+        libraries: Mapping[str, Path] | None = None,
     ) -> None:
         self._walls = walls
+        self._libraries = libraries or {}
         self._prints = prints
         self._longest = max(largest_answer, 2 * LONGEST_TEXT)
         self._inbox = memoryview(bytearray(2 * (HEADER.size + self._longest)))
@@ -321,7 +332,11 @@ class AgentProcess:
                 call_filter, environment = system_call_filter(), ENVIRONMENT_OF_BUBBLEWRAP
                 filter_file = _readable(call_filter, stack) if call_filter is not None else None
                 inside, arguments = command(
-                    submission, self._staging.folder, sizes, (theirs.fileno(), filter_file, facts_writing)
+                    submission,
+                    self._staging.folder,
+                    sizes,
+                    (theirs.fileno(), filter_file, facts_writing),
+                    self._libraries,
                 )
                 words = _readable("\0".join(arguments).encode() + b"\0", stack)
                 inherited += [facts_writing, words, *([filter_file] if filter_file is not None else [])]

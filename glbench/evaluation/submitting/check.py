@@ -158,7 +158,7 @@ class _DryRun:
         self._limits = TimeLimits.of_table(task.evaluation.time_limits)
         self._prints = Prints(_SIZES.printed)
         sizes = _SIZES if walls else _SIZES_OF_THE_MACHINE
-        self._agent = SandboxedAgent(submission, task_card(task), 1, self._limits, sizes, self._prints, walls)
+        self._agent = SandboxedAgent.of(submission, task, 1, self._limits, sizes, self._prints, walls=walls)
         self._packages = findings.large_packages(submission)
         self._deadline = time.monotonic() + seconds
         self._dialogue: list[tuple[NDArray[np.float32], NDArray[np.float64]]] = []

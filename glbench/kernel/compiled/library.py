@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 import tempfile
 import time
@@ -30,6 +31,8 @@ from glbench.resources import cache_folder, write_atomically
 
 _HERE = Path(__file__).resolve().parent
 _NATIVE = _HERE / "native"
+LENT = "GLBENCH_KERNELS"
+"""Names a folder with libraries that another process of this machine built."""
 _LOCK_SECONDS = 600.0
 _GENERATOR = ("derivative", "emit", "generate", "graph", "importer", "lu", "regroup", "schedule")
 _SENSITIVITY_GENERATOR = ("reverse", "sensitivity_code", "substitution")
@@ -61,7 +64,7 @@ class Build:
 
 
 def build(model: Model, traits: Traits, width: int | None = None, *, sensitivities: bool = False) -> Build:
-    """The library of a model: from the installed wheel, from the cache, or built now.
+    """The library of a model: lent by another process, from the installed wheel, from the cache, or built now.
 
     Parameters
     ----------
@@ -80,6 +83,9 @@ def build(model: Model, traits: Traits, width: int | None = None, *, sensitiviti
         When it is not in the cache and cannot be built: no compiler, a failing one, a cache that cannot be written, equations with an
         operation that the generator does not know.
     """
+    lent = _lent(model, traits, width, sensitivities=sensitivities)
+    if lent is not None:
+        return lent
     if width is None and not sensitivities:
         carried = prebuilt.find(prebuilt_key(model, traits))
         if carried is not None:
@@ -120,10 +126,46 @@ def library_is_built(model: Model, traits: Traits, width: int | None = None) -> 
     CompiledUnavailable
         When there is no compiler.
     """
+    if _lent(model, traits, width, sensitivities=False) is not None:
+        return True
     if width is None and prebuilt.find(prebuilt_key(model, traits)) is not None:
         return True
     folder, name, _ = _place(model, traits, width)
     return _intact(folder, name) is not None
+
+
+def built_files(model: Model, traits: Traits) -> dict[str, Path]:
+    """The files in the cache that ``build`` would take for stepping and for derivatives, by the names that they need in a lent folder.
+
+    Raises
+    ------
+    CompiledUnavailable
+        When there is no compiler, by which libraries in the cache are named.
+    """
+    files: dict[str, Path] = {}
+    for sensitivities in (False, True):
+        folder, name, _ = _place(model, traits, None, sensitivities=sensitivities)
+        found = _intact(folder, name)
+        if found is not None:
+            path = Path(found.path)
+            files |= {
+                path.name: path,
+                f"{_lent_name(model, traits, sensitivities=sensitivities)}.json": folder / f"{name}.json",
+            }
+    return files
+
+
+def _lent(model: Model, traits: Traits, width: int | None, *, sensitivities: bool) -> Build | None:
+    """The library that another process of this machine lends in the folder that ``GLBENCH_KERNELS`` names, whatever compiled it."""
+    folder = os.environ.get(LENT)
+    if not folder or width is not None:
+        return None
+    return _intact(Path(folder), _lent_name(model, traits, sensitivities=sensitivities))
+
+
+def _lent_name(model: Model, traits: Traits, *, sensitivities: bool) -> str:
+    kind = "sensitivities" if sensitivities else "step"
+    return f"{_file_name(model)}-{kind}-{prebuilt_key(model, traits)[:20]}"
 
 
 def _place(

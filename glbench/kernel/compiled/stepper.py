@@ -7,6 +7,7 @@ import functools
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +18,7 @@ from glbench.kernel.compiled.binding import Failure, Library, RowPointers, expla
 from glbench.kernel.compiled.compiler import CompiledUnavailable
 from glbench.kernel.compiled.environment import CompiledEnvironments, fits
 from glbench.kernel.compiled.generate import Traits
-from glbench.kernel.compiled.library import Build, build, library_is_built
+from glbench.kernel.compiled.library import Build, build, built_files, library_is_built
 from glbench.kernel.compiled.tolerances import (
     LARGEST_SUBSTEPS,
     METHODS,
@@ -409,6 +410,14 @@ def is_built(model: Model) -> bool:
         return library_is_built(model, traits_of(model, absent_equipment(model)))
     except CompiledUnavailable:
         return True
+
+
+def built_libraries(model: Model) -> dict[str, Path]:
+    """The files of the libraries of ``model`` in the cache, for stepping and for derivatives, by the names for lending them."""
+    try:
+        return built_files(model, traits_of(model, absent_equipment(model)))
+    except CompiledUnavailable:
+        return {}
 
 
 def availability(model: Model = TOMATO) -> str | None:
