@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.control.ascent import GROW, LENGTHS, LONG, SHORT, SHRINK, feasible, improvement, shares_of_reach
-from glbench.control.stage import StageReward, judged_at_the_end
+from glbench.control.stage import StageReward, judged_at_the_end, with_constraints
 from glbench.env.climate import AIR
 from glbench.env.spaces import the_task
 from glbench.errors import ShapeError, StepError, UnknownNameError, did_you_mean, whole_number
@@ -357,11 +357,11 @@ def _within(task: TaskSpec, margin: dict[str, float]) -> TaskSpec:
             )
             raise ShapeError(msg)
     moved = {
-        f"constraints.{name}": {"low": limits[name].low + by, "high": limits[name].high - by}
+        name: limits[name].model_copy(update={"low": limits[name].low + by, "high": limits[name].high - by})
         for name, by in margin.items()
         if by > 0.0
     }
-    return task.replace(moved) if moved else task
+    return with_constraints(task, moved) if moved else task
 
 
 def _at_least_one(value: int, what: str) -> int:

@@ -1,4 +1,4 @@
-"""The task card: what an agent may know of its task. It holds no weather values, and no seeds but those that the public file names."""
+"""The task card: what an agent may know of its task. It holds no weather values and no seeds."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from glbench.errors import TaskError
 from glbench.tasks.actions import Action
+from glbench.tasks.given import public_definition
 from glbench.tasks.ledger import LIMITED, LedgerItem
 from glbench.tasks.quantities import PAPER_MODEL, Capacity, Quantity
 from glbench.tasks.tables import TaskFile1
@@ -69,8 +70,8 @@ class TaskCard:
     ``process_computer`` in [-1, 1] stands for a set point between ``lowest`` and ``highest`` in its own unit: ``Action.of`` turns set
     points into actions, ``Action.value`` actions into set points. ``delta`` and ``half_width`` say how widely the uncertain parameters are
     drawn.
-    ``ledger`` says what is earned and paid; ``prices`` are those of a task of schema 1. ``written`` is the task's file as JSON, which
-    ``task`` reads.
+    ``ledger`` says what is earned and paid; ``prices`` are those of a task of schema 1. ``written`` is the task's public definition,
+    which ``task`` reads.
     """
 
     id: str
@@ -98,7 +99,7 @@ class TaskCard:
     written: str = ""
 
     def task(self) -> TaskSpec:
-        """The task itself, for agents that compute with its model or its reward; in its training split, where it has splits.
+        """The task itself, without seeds and salts, for agents that compute with its model or its reward.
 
         Raises
         ------
@@ -156,15 +157,8 @@ def task_card(task: TaskSpec) -> TaskCard:
         redraw=task.uncertainty.redraw,
         model=task.model_id,
         ledger=task.ledger.items,
-        written=_written(task),
+        written=public_definition(task),
     )
-
-
-def _written(task: TaskSpec) -> str:
-    try:
-        return json.dumps(task.written())
-    except TaskError:
-        return ""
 
 
 def _constraint(task: TaskSpec, name: str, limits: Limits) -> Constraint:
