@@ -1,4 +1,6 @@
-"""How well an agent knows where its greenhouse is and what comes: ``python docs/estimator_table.py`` writes measurements/estimator.json.
+"""How well an agent knows where its greenhouse is and what comes: measured, and the tables of control.md.
+
+``python -m docs.estimator_table`` writes measurements/estimator.json and the tables; with ids of tasks it measures those alone.
 
 Validation splits; of a task without splits runs from seed 10000 on. Somebody else's controller, ``rule_based_fair``, works the greenhouse.
 """
@@ -7,12 +9,14 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from docs.speed_figure import between
 from glbench.agents import load_agent
 from glbench.control import Climatology, Outlook, StateEstimator, air_of
 from glbench.env import Simulation, run_weather
@@ -25,6 +29,7 @@ Floats = NDArray[np.float64]
 TASKS = ("Spring-v1", "SpringMismatch-v1", "Lettuce-v1", "Schiphol2010-Delta10-v1")
 RUNS, DAYS, SEED = 4, 30, 10000
 LEADS = (1, 2, 4, 12, 24, 48, 95)
+PAGE = Path(__file__).parent / "control.md"
 FILE = Path(__file__).parent / "measurements" / "estimator.json"
 
 
@@ -111,17 +116,55 @@ def rms(errors: Floats) -> float:
     return float(np.sqrt(np.mean(errors**2)))
 
 
-def shown(task_id: str, table: dict[str, Any]) -> str:
-    """A table in Markdown of the air."""
-    lines = [f"**{task_id}**", "", "| | estimate | nominal model, replayed | reading |", "|---|---:|---:|---:|"]
-    for name, row in table["air"].items():
-        lines.append(f"| {name} [{AIR[name]}] | {row['estimate']:.3g} | {row['replay']:.3g} | {row['reading']:.3g} |")
-    return "\n".join(lines) + "\n"
+def estimates(results: Mapping[str, Any]) -> str:
+    """A table in Markdown of the errors of the air, and of the states that were not shown."""
+    lines = ["| | | estimate | replay | reading |", "|---|---|---:|---:|---:|"]
+    for task, table in results.items():
+        for name, row in table["air"].items():
+            numbers = " | ".join(_number(row[who]) for who in ("estimate", "replay", "reading"))
+            lines.append(f"| `{task}` | {name.replace('_', ' ').replace('co2', 'CO2')} [{AIR[name]}] | {numbers} |")
+        shares = [f"{100.0 * _hidden(table, who):.2g} %" for who in ("estimate", "replay")]
+        lines.append(f"| | states, the middle one [of its size] | {' | '.join(shares)} | |")
+    return "\n".join(lines)
+
+
+def _hidden(table: Mapping[str, Any], who: str) -> float:
+    """The median of the relative errors of all states in which a replay errs."""
+    return float(np.median([row[who] for row in table["states"].values() if row["replay"] > 0.0]))
+
+
+def _number(value: float) -> str:
+    return f"{value:.2f}" if value >= 0.005 else "0.00"
+
+
+def outlooks(results: Mapping[str, Any]) -> str:
+    """A table in Markdown of the errors of what is expected, by hours ahead."""
+    hours = [4, 12, 24, 48, 95]
+    lines = [
+        "| | | | " + " | ".join(f"{round(steps / 4)} h" for steps in hours) + " |",
+        "|---|---|---|" + "---:|" * len(hours),
+    ]
+    for task in ("Spring-v1", "Schiphol2010-Delta10-v1"):
+        for name, words in _AHEAD.items():
+            for who, errors in results[task]["ahead"][name].items():
+                numbers = " | ".join(f"{errors[str(steps)]:.3g}" for steps in hours)
+                lines.append(f"| `{task}` | {words} | {who} | {numbers} |")
+    return "\n".join(lines)
+
+
+_AHEAD = {
+    "iGlob": "radiation [W m-2]", "tOut": "temperature [degC]", "vpOut": "vapour pressure [Pa]", "wind": "wind [m s-1]",
+    "tSky": "temperature of the sky [degC]",
+}  # fmt: skip
+
+
+def filled(page: str, results: Mapping[str, Any]) -> str:
+    """The page with the tables."""
+    return between(between(page, "estimates", estimates(results)), "outlook", outlooks(results))
 
 
 if __name__ == "__main__":
-    results = json.loads(FILE.read_text(encoding="utf-8")) if FILE.is_file() else {}
-    for wanted in sys.argv[1:] or TASKS:
-        results[wanted] = measured(wanted)
-        print(shown(wanted, results[wanted]), flush=True)  # noqa: T201
-        FILE.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    found = json.loads(FILE.read_text(encoding="utf-8")) if FILE.is_file() else {}
+    found |= {task: measured(task) for task in sys.argv[1:] or TASKS}
+    FILE.write_text(json.dumps({task: found[task] for task in TASKS}, indent=1) + "\n", encoding="utf-8")
+    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), found), encoding="utf-8")

@@ -311,7 +311,11 @@ class SandboxedAgent:
         walls: bool = True,
     ) -> SandboxedAgent:
         """A submission for ``runs`` runs of ``task``."""
-        libraries = built_libraries(task.model_value) if walls else {}
+        from glbench.control.stage import judged_at_the_end  # not at the top: only agents plan
+
+        # Those who plan leave out the meters of violations (docs/control.md), which makes it another model.
+        models = (task.model_value, judged_at_the_end(task).model_value) if walls else ()
+        libraries = {name: file for model in models for name, file in built_libraries(model).items()}
         told = public_definition(task)
         return SandboxedAgent(submission, task_card(task), runs, time, sizes, prints, walls, told, libraries)
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
-from docs import accuracy_table, speed_figure, uncertainty_figures, weather_table
+from docs import accuracy_table, estimator_table, speed_figure, uncertainty_figures, weather_table
 from glbench.env.generated import CO2_PERSISTENCE, GOLDEN
 from glbench.speed import read_record
 from glbench.tasks import get_task
@@ -38,6 +39,12 @@ def test_the_table_of_generated_seasons_holds_the_measurements() -> None:
     for name in ("training", "test"):
         assert measured[name]["accepted"], f"the generator misses a limit: {name}"
         assert measured[name]["digest"] == load_weather("schiphol").digest
+
+
+def test_the_tables_of_the_estimator_hold_the_measurements() -> None:
+    page = (DOCS / "control.md").read_text(encoding="utf-8")
+    measured = json.loads((MEASUREMENTS / "estimator.json").read_text(encoding="utf-8"))
+    assert estimator_table.filled(page, measured) == page
 
 
 def test_the_page_of_uncertainty_holds_the_sizes_of_its_task() -> None:

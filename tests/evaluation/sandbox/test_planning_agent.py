@@ -11,6 +11,7 @@ import pytest
 from glbench.agents.baselines import read_baseline
 from glbench.agents.predictive import PredictiveSettings
 from glbench.control import Climatology
+from glbench.control.stage import judged_at_the_end
 from glbench.evaluation import TimeLimits, prepare
 from glbench.kernel import Kernel, available
 from glbench.tasks import get_task
@@ -22,7 +23,8 @@ PAGE = Path(__file__).resolve().parents[3] / "docs" / "control.md"
 def test_the_agent_of_the_page_plans_inside(needs_sandbox: None, tmp_path: Path) -> None:
     task = get_task("Spring-v1").replace({"id": "my/OneDay-v1", "weather.days": 1, "weather.step_seconds": 1800})
     # Compiled outside: what is not there when the agent starts is not there for it.
-    Kernel(task.model_value, task.step_seconds, preset="fast").differentiator()
+    for model in (task.model_value, judged_at_the_end(task).model_value):
+        Kernel(model, task.step_seconds, preset="fast").differentiator()
     (agent,) = (
         text for text in re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL) if "make_agent" in text
     )

@@ -1,0 +1,217 @@
+"""The estimator is a Kalman filter where the model is linear, finds what is hidden, and is better than replay and readings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from glbench.control import StateEstimator, air_of, estimator
+from glbench.env import Simulation, scenario, weather_pool
+from glbench.env.climate import AIR
+from glbench.errors import ShapeError, StepError, TaskError
+from glbench.kernel import Kernel, available
+from glbench.model import paper, register_model
+from glbench.tasks import TaskSpec, get_task
+from tests.control.watched import Floats, Watched, climatology, estimates, short, watch, watched
+from tests.tasks.toy import TASK as TOY_TASK
+from tests.tasks.toy import Toy
+
+pytestmark = pytest.mark.skipif("compiled" not in available(), reason="no compiled kernel here")
+
+A_DAY = 96
+
+
+@pytest.fixture
+def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TaskSpec:
+    monkeypatch.setattr(paper, "_MODELS", dict(paper._MODELS))
+    register_model(Toy())
+    (tmp_path / "toy.toml").write_text(TOY_TASK, encoding="utf-8")
+    return get_task(tmp_path / "toy.toml")
+
+
+def test_with_a_linear_model_it_is_the_kalman_filter_of_the_textbook(
+    toy: TaskSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(estimator, "ROUNDING", 1e-2)
+    monkeypatch.setattr(estimator, "MODEL_ERROR", 2e-2)
+    monkeypatch.setattr(estimator, "START_ERROR", 0.3)
+    rng, names = np.random.default_rng(1), [column.name for column in toy.observed()]
+    weather, start = toy.disturbances().values, np.array([0.1, 5.0])
+    rate, tap = toy.parameters()
+    known = StateEstimator(toy)
+    x, mean, spread = start * [1.2, 0.7], start, np.diag((0.3 * start) ** 2)
+    h = np.array([[1000.0, 0.0]])
+    for k in range(40):
+        controls = np.array([[0.5 * (k % 3)]]) / 1.0
+        if k > 0:
+            d = weather[k - 1]
+            # dm/dt = a w, dw/dt = tap u - a w with a = rate iGlob / 500.
+            a, hour = rate * d[0] / 500.0, 3600.0
+            left = np.exp(-a * hour)
+            f = np.array([[1.0, 1.0 - left], [0.0, left]])
+            inflow = tap * controls[0, 0]
+            added = inflow * (1.0 - left) / a if a > 0.0 else inflow * hour
+            x, mean = (f @ before + [inflow * hour - added, added] for before in (x, mean))
+            spread = f @ spread @ f.T + np.diag((2e-2 * start) ** 2)
+        reading = h @ x * (1.0 + 0.01 * rng.normal())
+        noise = (1e-2 * reading) ** 2
+        gain = spread @ h.T @ np.linalg.inv(h @ spread @ h.T + noise)
+        mean, spread = mean + gain @ (reading - h @ mean), (np.eye(2) - gain @ h) @ spread
+        seen = np.zeros((1, len(names)))
+        seen[0, names.index("mass")] = reading[0]
+        found = known.update(seen, weather[max(k - 1, 0)][None], controls)
+        np.testing.assert_allclose(found[0], mean, rtol=2e-5)
+        np.testing.assert_allclose(known.deviations[0], np.sqrt(np.diag(spread)), rtol=2e-4)
+
+
+def test_without_noise_it_finds_a_start_that_nobody_told() -> None:
+    task = short("SpringMismatch-v1").replace({"id": "my/Known-v1", "scenario.parameters": []})
+    given = watch(task, 2)
+    known, found = StateEstimator(task), []
+    known.reset(2)
+    known.update(given.seen[0], given.d[:, 0])
+    first = known.states
+    found += [known.update(given.seen[k + 1], given.d[:, k]) for k in range(task.steps)]
+    leaf = task.scenario.start_groups[0].states[0]
+    place = task.model_value.state_index(leaf)
+    assert np.abs(np.log(first[:, place] / given.x[0][:, place])).min() > 0.02
+    assert np.abs(found[-1][:, place] / given.x[-1][:, place] - 1.0).max() < 0.005
+    true, ours = (air_of(task.model_value, x).values[-A_DAY:] for x in (given.x, np.array(found)))
+    assert (np.abs(true - ours).max(axis=(0, 1)) < [0.05, 2.0, 0.5]).all()
+
+
+def errors(given: Watched, states: Floats) -> Floats:
+    """Root mean square errors of the air after the first day ``(3,)``."""
+    true, ours = (air_of(given.task.model_value, x).values[A_DAY:] for x in (given.x, states))
+    return np.asarray(np.sqrt(np.mean((ours - true) ** 2, axis=(0, 1))))
+
+
+def replayed(given: Watched, past: Floats) -> Floats:
+    """The nominal model with the controls and the weather that the filter knew."""
+    kernel = Kernel(given.task.model_value, given.task.step_seconds, preset="fast")
+    x, found = np.array([given.task.start_state(row) for row in past[0]]), []
+    for u, d in zip(given.u, past, strict=True):
+        x = kernel.step(x, u, d, given.parameters)
+        found.append(x)
+    return np.array(found)
+
+
+@pytest.mark.parametrize(("task_id", "share"), [("Spring-v1", 0.5), ("Lettuce-v1", 0.8)])
+def test_where_sensors_err_it_is_better_than_replay_and_readings(task_id: str, share: float) -> None:
+    given = watched(task_id)
+    found, past = estimates(given, climatology(task_id))
+    names = [column.name for column in given.task.observed()]
+    true = air_of(given.task.model_value, given.x).values[A_DAY:]
+    readings = given.seen[1 + A_DAY :][..., [names.index(name) for name in AIR]]
+    raw = np.sqrt(np.mean((readings - true) ** 2, axis=(0, 1)))
+    ours, replay = errors(given, found), errors(given, replayed(given, past))
+    assert (ours < share * raw).all()
+    assert (ours < share * replay).all()
+
+
+@pytest.mark.parametrize("task_id", ["SpringMismatch-v1", "Schiphol2010-Delta10-v1"])
+def test_where_readings_are_right_it_finds_what_is_not_shown(task_id: str) -> None:
+    given = watched(task_id)
+    found, past = estimates(given, climatology(task_id))
+    hidden = [place for place in range(given.x.shape[2]) if not _meter(given, place)]
+    replay = replayed(given, past)
+    ours, theirs = (
+        np.sqrt(np.mean((x[A_DAY:, :, hidden] - given.x[A_DAY:, :, hidden]) ** 2, axis=(0, 1))) for x in (found, replay)
+    )
+    assert (ours <= theirs).mean() > 0.9
+    assert np.median(ours[theirs > 0.0] / theirs[theirs > 0.0]) < 0.3
+
+
+def _meter(given: Watched, place: int) -> bool:
+    """States that nothing depends on, or that stand still."""
+    return bool(given.x[0, 0, place] == 0.0 or np.ptp(given.x[:, 0, place]) == 0.0)
+
+
+def test_a_run_has_the_same_bits_alone_and_in_a_batch() -> None:
+    given = watched("Spring-v1", 2)
+    part = given._replace(seen=given.seen[:40], x=given.x[:39])
+    both, _ = estimates(part, climatology("Spring-v1"))
+    for run in range(2):
+        alone, _ = estimates(part, climatology("Spring-v1"), slice(run, run + 1))
+        assert alone[:, 0].tobytes() == both[:, run].tobytes()
+
+
+def test_it_never_looks_at_weather_or_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    given, climate = watched("Spring-v1"), climatology("Spring-v1")
+    part = given._replace(seen=given.seen[:30], x=given.x[:29])
+    expected, _ = estimates(part, climate)
+
+    def hidden(*_: object, **__: object) -> None:
+        pytest.fail("the truth was asked for")
+
+    monkeypatch.setattr(scenario.RunScenarios, "__init__", hidden)
+    monkeypatch.setattr(weather_pool, "_pool", hidden)
+    monkeypatch.setattr(weather_pool, "_recent", hidden)
+    monkeypatch.setattr(Simulation, "__init__", hidden)
+    monkeypatch.setattr(TaskSpec, "record", hidden)
+    monkeypatch.setattr(TaskSpec, "disturbances", hidden)
+    found, _ = estimates(part, climate)
+    assert found.tobytes() == expected.tobytes()
+
+
+def test_a_sensor_that_hangs_is_left_out() -> None:
+    given = watched("Spring-v1", 1)
+    place = [column.name for column in given.task.observed()].index("air_temperature")
+    hung = given.seen[:60].copy()
+    hung[40:, :, place] = hung[39, :, place]
+    climate = climatology("Spring-v1")
+    found, _ = estimates(given._replace(seen=hung), climate)
+    unseen = given.seen[:60].copy()
+    rng = np.random.default_rng(0)
+    unseen[40:, :, place] = 60.0 + rng.uniform(size=(20, 1))  # as wrong, and believed
+    misled, _ = estimates(given._replace(seen=unseen), climate)
+    true = air_of(given.task.model_value, given.x[:59]).values[..., 0]
+    ours, theirs = (np.abs(air_of(given.task.model_value, x).values[..., 0] - true)[40:].max() for x in (found, misled))
+    assert ours < 0.5 < theirs
+
+
+def test_a_step_that_fails_leaves_its_run_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = watched("Spring-v1")
+    known = StateEstimator(given.task)
+    known.reset(2)
+    for seen in given.seen[:3]:
+        known.update(seen, given.d[:, 0])
+    linearise = known.kernel.linearise
+
+    def fails(x: Floats, *others: Floats, **options: object) -> object:
+        if (x[:, 0] == known.states[1, 0]).any():
+            raise StepError("too stiff")
+        return linearise(x, *others, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(known.kernel, "linearise", fails)
+    before = known.states
+    after = known.update(given.seen[3], given.d[:, 2])
+    hidden = known.task.model_value.state_index("tSo3")
+    assert after[1, hidden] == pytest.approx(before[1, hidden], rel=1e-3)
+    assert np.isfinite(after).all()
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    given = watched("Spring-v1")
+    known = StateEstimator(given.task)
+    known.reset(2)
+    with pytest.raises(TaskError, match="Observations of 2 runs"):
+        known.update(given.seen[0, :1], given.d[:, 0])
+    with pytest.raises(ShapeError, match="disturbances of 2 runs"):
+        known.update(given.seen[0], given.d[:1, 0])
+    blind = short("Spring-v1").replace(
+        {"id": "my/Blind-v1", "sensors": None, "observation": {"modules": ["time"], "forecast": None}}
+    )
+    with pytest.raises(TaskError, match="nothing of the states"):
+        StateEstimator(blind)
+    idle = short("Spring-v1").replace(
+        {"id": "my/Idle-v1", "observation": {"modules": ["indoor_climate"], "forecast": None}}
+    )
+    known = StateEstimator(idle)
+    seen = given.seen[0, :1, : len(idle.observed())]
+    known.update(seen, given.d[:1, 0])
+    with pytest.raises(TaskError, match="does not show its controls"):
+        known.update(seen, given.d[:1, 0])
+    assert np.isfinite(known.update(seen, given.d[:1, 0], np.zeros((1, 6)))).all()

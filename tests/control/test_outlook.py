@@ -1,0 +1,206 @@
+"""The outlook knows what is shown, is better than persistence and the mean day, and goes with an agent as a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from glbench.control import Climatology, Outlook, Scenario
+from glbench.control.sun import sine_of_elevation
+from glbench.errors import TaskError
+from glbench.tasks import get_task
+from glbench.weather import conserving, load_weather
+from tests.control.watched import Floats, climatology, short, watch, watched
+
+SEEN = (0, 1, 2, 3, 4)
+"""Disturbances that follow from what is shown: radiation, temperature, vapour pressure, CO2, wind."""
+SOIL = 6
+AHEAD = (4, 12, 24, 48)
+"""A day ahead persistence wins now and then."""
+
+
+def ahead_of(task_id: str, climate: Climatology, every: int = 7) -> tuple[Floats, Floats]:
+    """Errors ``(rows, n, 96, d)`` of the outlook and of persistence."""
+    given = watched(task_id)
+    outlook = Outlook(given.task, climate)
+    outlook.reset(2)
+    ours, kept = [], []
+    for k, seen in enumerate(given.seen[: given.task.steps - 96]):
+        outlook.update(seen)
+        if k % every == 0:
+            true = given.d[:, k : k + 96]
+            ours.append(outlook.ahead(96).d - true)
+            kept.append(given.d[:, k, None] - true)
+    return np.array(ours), np.array(kept)
+
+
+def rms(errors: Floats) -> Floats:
+    """By steps ahead and disturbance."""
+    return np.asarray(np.sqrt(np.mean(errors**2, axis=(0, 1))))
+
+
+@pytest.mark.parametrize("task_id", ["Spring-v1", "Lettuce-v1", "Schiphol2010-Delta10-v1"])
+def test_what_is_shown_is_what_acts_next_and_what_has_acted(task_id: str) -> None:
+    given = watched(task_id)
+    outlook = Outlook(given.task, climatology(task_id))
+    outlook.reset(2)
+    outlook.update(given.seen[0])
+    assert outlook.past.tobytes() == outlook.ahead(1).d[:, 0].tobytes()
+    for k in range(1, 50):
+        outlook.update(given.seen[k])
+        shown = [*SEEN, SOIL]
+        np.testing.assert_allclose(outlook.ahead(2).d[:, 0, shown], given.d[:, k, shown], rtol=1e-3, atol=1e-3)
+        np.testing.assert_allclose(outlook.past[:, shown], given.d[:, k - 1, shown], rtol=1e-3, atol=1e-3)
+
+
+def test_where_weather_is_shown_late_the_row_that_acts_next_is_expected() -> None:
+    given = watched("Schiphol2010Code-Delta10-v1")
+    outlook = Outlook(given.task, climatology("Schiphol2010Code-Delta10-v1"))
+    outlook.reset(2)
+    for k, seen in enumerate(given.seen[:60]):
+        outlook.update(seen)
+        expected = given.d[:, max(k - 1, 0)]
+        np.testing.assert_allclose(outlook.past[:, SEEN], expected[:, SEEN], rtol=1e-3, atol=1e-3)
+        temperature = outlook.ahead(3).d[:, :, 1]
+        assert np.abs(temperature - given.d[:, k : k + 3, 1]).max() < 2.5
+
+
+@pytest.mark.parametrize("task_id", ["Spring-v1", "Lettuce-v1", "Schiphol2010-Delta10-v1"])
+def test_the_calendar_is_that_of_the_run(task_id: str) -> None:
+    given = watched(task_id)
+    outlook = Outlook(given.task, climatology(task_id))
+    outlook.reset(2)
+    calendars = [Scenario.of(given.task, seed).calendar for seed in given.seeds]
+    for k in range(30):
+        outlook.update(given.seen[k])
+        found = outlook.ahead(96).calendar
+        for run in range(2):
+            np.testing.assert_allclose(found[run], calendars[run][k : k + 97], rtol=0, atol=1e-9)
+
+
+def test_summer_time_begins_in_the_calendar_too() -> None:
+    task = get_task("SpringMismatch-v1").replace(
+        {"id": "my/March-v1", "weather.start": "2010-03-26", "weather.days": 4, "scenario.start_within_days": 0}
+    )
+    given = watch(task, 1)
+    outlook = Outlook(task, climatology("SpringMismatch-v1"))
+    expected = Scenario.of(task, given.seeds[0]).calendar
+    for k in range(200):
+        outlook.update(given.seen[k])
+        np.testing.assert_allclose(outlook.ahead(96).calendar[0], expected[k : k + 97], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("task_id", ["Spring-v1", "Schiphol2010-Delta10-v1"])
+def test_it_is_better_than_persistence_and_the_mean_day(task_id: str) -> None:
+    climate = climatology(task_id)
+    ours, kept = (rms(part) for part in ahead_of(task_id, climate))
+    mean, _ = (rms(part) for part in ahead_of(task_id, climate.without_deviations()))
+    for lead in AHEAD:
+        better = (ours[lead] <= 1.05 * kept[lead]) & (ours[lead] <= 1.05 * mean[lead])
+        assert better[list(SEEN)].sum() >= 4, f"{lead} steps ahead"
+    assert ours[48, 0] < 0.5 * kept[48, 0]  # the sun sets
+
+
+def test_a_forecast_is_used() -> None:
+    task_id = "Spring-v1"
+    climate = climatology(task_id)
+    weights = climate.weights.copy()
+    weights[..., 2] = 0.0
+    blind = climate.of_settings({**climate.settings(), "weights": weights.tolist()})
+    with_it, without = (rms(ahead_of(task_id, one)[0]) for one in (climate, blind))
+    assert (with_it[[12, 24, 48, 95]][:, [0, 1, 4]] < without[[12, 24, 48, 95]][:, [0, 1, 4]]).all()
+
+
+def test_rows_that_are_shown_ahead_are_taken_as_they_are() -> None:
+    task = short("Schiphol2010-Delta10-v1").replace(
+        {"id": "my/Ahead-v1", "weather.days": 2, "observation.forecast": {"steps": 8},
+         "observation.modules": ["indoor_climate", "time", "controls", "weather", "forecast"]}
+    )  # fmt: skip
+    given = watch(task, 1)
+    outlook = Outlook(task, climatology("Schiphol2010-Delta10-v1"))
+    for k in range(20):
+        outlook.update(given.seen[k])
+    found = outlook.ahead(9).d[0]
+    np.testing.assert_allclose(found[:, SEEN], given.d[0, 19:28][:, SEEN], rtol=1e-3, atol=1e-3)
+
+
+def test_a_run_has_the_same_bits_alone_and_in_a_batch() -> None:
+    given, climate = watched("Spring-v1"), climatology("Spring-v1")
+    both = Outlook(given.task, climate)
+    alone = [Outlook(given.task, climate) for _ in given.seeds]
+    both.reset(2)
+    for k in range(60):
+        both.update(given.seen[k])
+        for run, one in enumerate(alone):
+            one.update(given.seen[k, run : run + 1])
+    for run, one in enumerate(alone):
+        assert one.ahead(96).d[0].tobytes() == both.ahead(96).d[run].tobytes()
+
+
+def test_a_climatology_is_a_small_file(tmp_path: Path) -> None:
+    made, file = climatology("Spring-v1"), tmp_path / "climatology.json"
+    made.write(file)
+    read = Climatology.read(file)
+    assert file.stat().st_size < 50_000
+    assert read.settings() == made.settings()
+    file.write_text("{}", encoding="utf-8")
+    with pytest.raises(TaskError, match="no climatology"):
+        Climatology.read(file)
+    with pytest.raises(TaskError, match="no climatology in"):
+        Climatology.read(tmp_path / "none.json")
+    with pytest.raises(TaskError, match="have the shapes"):
+        Climatology.of_settings({**made.settings(), "sky": [1.0]})
+
+
+def test_a_climatology_is_of_the_training_years_or_of_years_before() -> None:
+    assert climatology("Spring-v1").years == (2008, 2009, 2010)
+    assert climatology("Schiphol2010-Delta10-v1").years == (2008, 2009)
+
+
+def test_a_year_that_is_not_named_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No hour of another year than the training's is in it."""
+    from glbench import weather
+
+    asked: list[int] = []
+    disturbances = weather.disturbances
+
+    def watching(record: object, **options: object) -> object:
+        asked.append(options["start"].year)  # type: ignore[attr-defined]
+        return disturbances(record, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(weather, "disturbances", watching)
+    task = short("Spring-v1").replace({"id": "my/Two-v1", "scenario.start_within_days": 0})
+    Climatology.of(task)
+    assert sorted(asked) == [2008, 2009, 2010]
+
+
+def test_the_sun_stands_where_a_better_formula_has_it() -> None:
+    place = load_weather("schiphol").place
+    times = 1.26e9 + 3600.0 * np.arange(8760.0)
+    expected = conserving.sine_of_elevation(times, place)
+    assert np.abs(sine_of_elevation(times, place.latitude, place.longitude) - expected).max() < 0.01
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    task, climate = short("Spring-v1"), climatology("Spring-v1")
+    with pytest.raises(TaskError, match="needs the weather of now"):
+        Outlook(
+            task.replace({"id": "my/A-v1", "observation": {"modules": ["indoor_climate", "time"], "forecast": None}}),
+            climate,
+        )
+    with pytest.raises(TaskError, match="hour of day"):
+        Outlook(
+            task.replace(
+                {"id": "my/B-v1", "observation": {"modules": ["indoor_climate", "weather"], "forecast": None}}
+            ),
+            climate,
+        )
+    with pytest.raises(TaskError, match="forecasts of the hours"):
+        Outlook(task, climatology("SpringMismatch-v1"))
+    outlook = Outlook(task, climate)
+    with pytest.raises(TaskError, match="Nothing was observed"):
+        outlook.ahead(4)
+    with pytest.raises(TaskError, match="Observations of 1 runs"):
+        outlook.update(np.zeros((2, 3)))
