@@ -165,6 +165,8 @@ def filled(page: str, results: Mapping[str, Any]) -> str:
 
 if __name__ == "__main__":
     found = json.loads(FILE.read_text(encoding="utf-8")) if FILE.is_file() else {}
-    found |= {task: measured(task) for task in sys.argv[1:] or TASKS}
-    FILE.write_text(json.dumps({task: found[task] for task in TASKS}, indent=1) + "\n", encoding="utf-8")
+    for wanted in sys.argv[1:] or TASKS:
+        found[wanted] = measured(wanted)
+        ordered = {task: found[task] for task in TASKS if task in found}
+        FILE.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
     PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), found), encoding="utf-8")

@@ -175,7 +175,7 @@ class Climatology:
         return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in plain.items()}
 
     def write(self, path: Path | str) -> None:
-        """Write it as JSON, some 40 kB."""
+        """Write it as JSON, some 20 kB."""
         write_atomically(Path(path), json.dumps(self.settings()) + "\n")
 
     @classmethod

@@ -6,8 +6,8 @@ and makes the filter's covariances; nothing is left to tune but a small error of
 The filter estimates, for every run,
 
 - the states x, stepped by the kernel with its Jacobians;
-- the relative deviation of every parameter that the task draws for the episode, constant, and of those that it draws daily, which are
-  forgotten within a day;
+- the relative deviation of every parameter that the task draws for the episode, and of those that it draws daily, which are forgotten
+  within a day;
 - how far an unseen column of the weather is off (``UNSEEN``), which is forgotten within hours;
 - bias and drift of every sensor: a reading is truth + noise + bias + drift k / N in step k of N, as ``glbench.env.sensors`` makes it.
 
@@ -46,6 +46,8 @@ ROUNDING = 2.0**-22
 """Relative standard deviation of a column that is observed as it is: the rounding of float32, four times."""
 _A_DAY = 24.0
 """Hours in which a parameter that is drawn daily is forgotten to 1/e."""
+_EVER = 1e4
+"""Hours in which a parameter that is drawn for the episode is forgotten to 1/e: what was learned wrongly is not believed for ever."""
 _SMALL = 1e-4
 _GRID: Floats = np.asarray((np.arange(4096) + 0.5) / 4096.0, np.float64)
 
@@ -248,14 +250,14 @@ class StateEstimator:
         return lines.x_next, lines.dx, lines.dd, lines.dp
 
     def _correct(self, readings: Floats) -> None:
-        """Take in the readings one after the other, around the prediction."""
-        s, first = self._s, int(self._places[2])
-        values, slopes = self._shown.of(self._z[:, :s])
+        """Take in the readings one after the other, as functions of the states linearised around the prediction."""
+        around = z = self._z
+        cov, s, first = self._covariance, self._s, int(self._places[2])
+        values, slopes = self._shown.of(around[:, :s])
         gone = self._step / self.task.steps
-        predicted, cov = self._z.copy(), self._covariance
         for place, sensor in enumerate(self._shown.sensor.tolist()):
             reading, expected = readings[:, place], values[:, place]
-            row = np.zeros_like(self._z)
+            row = np.zeros_like(z)
             row[:, :s] = slopes[:, place]
             noise = (ROUNDING * np.maximum(np.abs(reading), ROUNDING)) ** 2
             use = np.ones(self._n)
@@ -263,28 +265,22 @@ class StateEstimator:
                 noise = noise + self._sensors.sensors[sensor].noise ** 2
                 at = first + 2 * sensor
                 row[:, at], row[:, at + 1] = 1.0, gone
-                expected = expected + self._z_offset(predicted, at, gone)
+                expected = expected + around[:, at] + gone * around[:, at + 1]
                 if self._sensors.out > 0.0:  # what hangs shows its last reading, to the bit
                     use = (reading != self._last[:, place]).astype(np.float64)
+            surprise = reading - expected - (row * (z - around)).sum(axis=1)
             row *= self._scale
-            moved = (self._z - predicted) / self._scale
-            surprise = reading - expected - (row * moved).sum(axis=1)
             along = (cov * row[:, None, :]).sum(axis=2)
-            total = (along * row).sum(axis=1) + noise
-            gain = along * (use / total)[:, None]
-            self._z += gain * surprise[:, None] * self._scale
+            gain = along * (use / ((along * row).sum(axis=1) + noise))[:, None]
+            z = z + gain * surprise[:, None] * self._scale
             # Joseph: (1 - K h) P (1 - K h)' + K R K'.
             cov = cov - gain[:, :, None] * along[:, None, :]
             after = (cov * row[:, None, :]).sum(axis=2)
             cov = cov - after[:, :, None] * gain[:, None, :] + (noise[:, None] * gain)[:, :, None] * gain[:, None, :]
         self._covariance = 0.5 * (cov + cov.transpose(0, 2, 1))
         kept = slice(s, int(self._places[1]))
-        self._z[:, kept] = np.clip(self._z[:, kept], -self._kept.most, self._kept.most)
-        self._last = readings
-
-    def _z_offset(self, z: Floats, at: int, gone: float) -> Floats:
-        offset: Floats = z[:, at] + gone * z[:, at + 1]
-        return offset
+        z[:, kept] = np.clip(z[:, kept], -self._kept.most, self._kept.most)
+        self._z, self._last = z, readings
 
 
 class _Drawn:
@@ -308,7 +304,7 @@ class _Drawn:
         spreads = {group.name: DISTRIBUTIONS[group.distribution](_GRID, group.half_width) for group in groups}
         self.spread = np.array([np.std(spreads[group.name]) for _, group in drawn])
         self.most = np.array([np.max(np.abs(spreads[group.name])) for _, group in drawn])
-        self.hours = [np.inf if group.redraw == "episode" else _A_DAY for _, group in drawn]
+        self.hours = [_EVER if group.redraw == "episode" else _A_DAY for _, group in drawn]
         changed = sorted({*self._places, *self._derived.followers})
         self.names = tuple(model.parameter_names[place] for place in changed)
         steps = _SMALL * np.eye(len(drawn))
