@@ -1,7 +1,6 @@
 """Print the end value of predictive control for the model of a task, as ``baselines/mpc*/settings.yml`` hold it.
 
     python baselines/end_values.py Spring-v1 my_agent --seeds 20001 20002 20003
-    python baselines/end_values.py Schiphol2010-Delta10-v1 ppo_tuned --seeds 10000 10001 --iterations 25
 
 Each seed is a season that an agent may be trained on: of a task with splits the training split is taken, and of others a seed that is
 scored is refused. The seasons are planned from what the agent does in them, with everything known; one takes a minute or two.
