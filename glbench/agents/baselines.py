@@ -31,11 +31,12 @@ if TYPE_CHECKING:
     from glbench.agents.grower import GrowerSettings
     from glbench.agents.network_agent import PolicyFiles
     from glbench.agents.plans import PlanFolder
+    from glbench.agents.predictive import PredictiveSettings
     from glbench.agents.recording import Recording
     from glbench.agents.rule_settings import RuleSettings
     from glbench.tasks import TaskCard
 
-    Settings = RuleSettings | GrowerSettings | PolicyFiles | Recording | PlanFolder
+    Settings = RuleSettings | GrowerSettings | PolicyFiles | PredictiveSettings | Recording | PlanFolder
 
 _HERE = Path(__file__).resolve().parent
 LARGEST_ARCHIVE = 256 * MIB
@@ -56,6 +57,8 @@ class _Controller:
     reader: tuple[str, str]
     maker: tuple[str, str]
     modules: tuple[str, ...]
+    elsewhere: tuple[str, ...] = ()
+    """Modules of other rooms that decide as well, such as "control/mpc.py"."""
 
     def read(self, place: Path) -> Settings:
         """Read what the card calls the controller's settings: rules, a grower's page, trained policies, or recorded actions."""
@@ -95,6 +98,7 @@ def _found(place: tuple[str, str]) -> Callable[..., Any]:
 
 
 _RULE_SETTINGS = ("rule_settings", "read_rule_settings")
+_PLANNING = tuple(f"control/{name}.py" for name in ("acting", "air", "ascent", "end_value", "mpc", "stage"))
 
 
 _CONTROLLERS = {
@@ -143,6 +147,25 @@ _CONTROLLERS = {
         maker=("plans", "PlanController"),
         modules=("plans.py",),
     ),
+    "mpc_true_state": _Controller(
+        sees="scenario",
+        information=(
+            "privileged: true states, all weather to come, the parameters of the run in every step to come; acts through the task's "
+            "actuation"
+        ),
+        reader=("predictive", "read_predictive_settings"),
+        maker=("predictive", "TrueStateController"),
+        modules=("predictive.py",),
+        elsewhere=(*_PLANNING, "control/scenario.py"),
+    ),
+    "mpc": _Controller(
+        sees="observations",
+        information="observations, the public definition of the task, and the mean days of its training years",
+        reader=("predictive", "read_predictive_settings"),
+        maker=("predictive", "PredictiveAgent"),
+        modules=("predictive.py",),
+        elsewhere=(*_PLANNING, "control/estimator.py", "control/outlook.py", "control/shown.py"),
+    ),
 }
 
 
@@ -155,7 +178,9 @@ class Card(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     title: str
-    controller: Literal["rule_based", "rule_based_fair", "grower", "network", "recording", "plans"]
+    controller: Literal[
+        "rule_based", "rule_based_fair", "grower", "network", "recording", "plans", "mpc_true_state", "mpc"
+    ]
     settings: str
     description: str
     made: str
@@ -262,7 +287,10 @@ def _check_place(place: Path, folder: Path) -> None:
 
 
 def _digest(controller: str, place: Path, settings: Any) -> str:
-    code = sha256_of_files(_HERE, [_HERE / module for module in _CONTROLLERS[controller].modules])
+    own = _CONTROLLERS[controller]
+    code = sha256_of_files(_HERE, [_HERE / module for module in own.modules])
+    if own.elsewhere:
+        code += f" {sha256_of_files(_HERE.parent, [_HERE.parent / module for module in own.elsewhere])}"
     folder_of_policies = place.is_dir()
     data = (
         sha256_of_files(place, list(settings.files))

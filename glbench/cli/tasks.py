@@ -306,6 +306,7 @@ def _explained(task: TaskSpec) -> dict[str, Any]:
 
     card = dataclasses.asdict(task_card(task))
     card["start"] = card["start"].isoformat()
+    del card["written"]  # the definition is told below
     return {
         "id": task.id,
         "title": task.title,

@@ -1,31 +1,39 @@
 """Optimal control of a task: what an optimiser needs of it.
 
 ``StageReward`` is the reward of each step of a trajectory with its gradient, ``air_of`` the air along it, ``Scenario`` everything that is
-given in a run. The steps themselves and their derivatives are in ``glbench.kernel``.
+given in a run. ``plan_season`` plans a run in which everything is known, ``PredictiveController`` the hours ahead, again and again.
+The steps themselves and their derivatives are in ``glbench.kernel``.
 """
 
 from __future__ import annotations
 
+from glbench.control.acting import actions_of
 from glbench.control.air import AirAlong, air_of
+from glbench.control.ascent import feasible
 from glbench.control.climatology import Climatology
+from glbench.control.end_value import EndValue
 from glbench.control.estimator import StateEstimator
+from glbench.control.mpc import PredictiveController
 from glbench.control.outlook import Ahead, Outlook
 from glbench.control.scenario import Scenario
-from glbench.control.season import Iteration, SeasonPlan, feasible, plan_season
+from glbench.control.season import Iteration, SeasonPlan, plan_season
 from glbench.control.stage import StageGradient, StageReward, StageValues
 
 __all__ = [
     "Ahead",
     "AirAlong",
     "Climatology",
+    "EndValue",
     "Iteration",
     "Outlook",
+    "PredictiveController",
     "Scenario",
     "SeasonPlan",
     "StageGradient",
     "StageReward",
     "StageValues",
     "StateEstimator",
+    "actions_of",
     "air_of",
     "feasible",
     "plan_season",

@@ -16,36 +16,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.control.air import air_of
-from glbench.control.stage import StageReward, StageValues
-from glbench.env.climate import AIR
-from glbench.errors import ShapeError, TaskError, whole_number
+from glbench.control.acting import actions_of
+from glbench.control.ascent import GROW, LENGTHS, LONG, SHORT, SHRINK, feasible, improvement, shares_of_reach
+from glbench.control.stage import StageReward, StageValues, judged_at_the_end
+from glbench.errors import ShapeError, whole_number
 from glbench.kernel import Kernel
 
 if TYPE_CHECKING:
     from glbench.control.scenario import Scenario
     from glbench.kernel.trajectories import Trajectory
-    from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 
-_LENGTHS = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.25])
-"""Shares of an improvement that are simulated."""
-_SHORT, _LONG = 1, 4
-"""Up to this place of ``_LENGTHS`` a day's trust region shrinks, from this one on it grows."""
-_SHRINK, _GROW = 0.85, 1.3
 _FIRST_RADIUS, _LARGEST_RADIUS = 0.1, 0.3
 """Trust region of a day: how far a control may move."""
 _FIRST_SMOOTHING, _LAST_SMOOTHING = 0.01, 0.001
 """Width within which violations count quadratically, as a share of the distance between the limits."""
 _INNER, _CORRECTING = 60, 30
 """Gradient steps on a linearised season: to improve it, and to correct the improvement."""
-_FIRST_RATE, _CORRECTING_RATE, _LAST_RATE = 0.2, 0.1, 0.005
-"""Length of these steps in trust regions, from the first of either kind to the last."""
-_MOMENTUM, _MEMORY = 0.9, 0.97
-"""Weights of the past in the mean of gradients and in that of their squares."""
-_FLAT = 1e-3
-"""Gradients of less than this share of the root mean square count as flat."""
+_CORRECTING_RATE = 0.1
+"""Length of the first of the latter in trust regions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,17 +72,7 @@ class SeasonPlan:
         TaskError
             When the task's actions are not about single controls: set points of a process computer.
         """
-        task = self.scenario.task
-        names = task.model_value.control_names
-        granted = [names.index(name) for name in task.actuation.controls]
-        wanted = self.controls[:, granted]
-        if task.actuation.kind == "set_point":
-            return wanted
-        if task.actuation.kind != "rate":
-            msg = f"A plan gives controls, and the actions of {task.id} are of the kind '{task.actuation.kind}'."
-            raise TaskError(msg)
-        before = np.vstack([self.scenario.u_before[granted], wanted[:-1]])
-        return np.clip((wanted - before) / self.scenario.max_change, -1.0, 1.0)
+        return actions_of(self.scenario.task, np.vstack([self.scenario.u_before, self.controls[:-1]]), self.controls)
 
 
 @dataclass(frozen=True)
@@ -164,33 +144,6 @@ def plan_season(
     return search.plan
 
 
-def feasible(controls: ArrayLike, before: Floats, high: Floats, max_change: float) -> Floats:
-    """The controls nearest to those wanted, in the middle of what is possible, that keep bounds and change little enough.
-
-    Parameters
-    ----------
-    controls
-        Wanted ``(T, c)``.
-    before, high
-        In force before the first step, and upper bounds ``(c,)``; the lower ones are 0.
-    max_change
-        The largest change in a step.
-    """
-    wanted = np.clip(np.asarray(controls, dtype=np.float64), 0.0, high)
-    reach = int(np.ceil(1.0 / max_change))
-    padded = np.pad(wanted, ((reach, reach), (0, 0)), mode="edge")
-    steps = len(wanted)
-    lowest, highest = wanted.copy(), wanted.copy()
-    for shift in range(-reach, reach + 1):
-        there, change = padded[reach + shift : reach + shift + steps], max_change * abs(shift)
-        np.minimum(highest, there + change, out=highest)
-        np.maximum(lowest, there - change, out=lowest)
-    moved: Floats = 0.5 * (lowest + highest)
-    first = max_change * np.arange(1, min(steps, reach) + 1)[:, None]
-    moved[: len(first)] = np.clip(moved[: len(first)], before - first, before + first)
-    return np.clip(moved, 0.0, high)
-
-
 class _Search:
     """A plan, and what is needed to improve it."""
 
@@ -200,7 +153,7 @@ class _Search:
         if controls.shape != shape or not np.isfinite(controls).all():
             msg = f"The controls to begin with are finite and have the shape {shape}; got {controls.shape}."
             raise ShapeError(msg)
-        self.task, self.near = task, _judged_at_the_end(task)
+        self.task, self.near = task, judged_at_the_end(task)
         self.reward = StageReward(task)
         self.kernel = Kernel(task.model_value, task.step_seconds, preset=preset)
         self.plain = Kernel(self.near.model_value, task.step_seconds, preset=preset)
@@ -221,66 +174,39 @@ class _Search:
         # What the rest of the season makes of a state: without the end of the step that led there.
         worth = lines.pull(slopes.states).costates
         worth[1:] -= slopes.after
-        reach = self.radius[self.days, None] * self._scale(lines)
-        move = self._better(stage, lines, reach)
+        reach = self.radius[self.days, None] * shares_of_reach(stage, lines)
+        move = improvement(stage, lines, plan.controls, self.scenario.calendar, reach, self._feasible, steps=_INNER)
         bend = self._corrected(stage, lines, reach, move) - move
 
         def at(length: float | Floats) -> Floats:
             return self._feasible(plan.controls + length * move + length**2 * bend)
 
-        tried = self._simulated(np.array([at(length) for length in _LENGTHS]))
+        tried = self._simulated(np.array([at(length) for length in LENGTHS]))
         best = self._best_by_day(tried, worth)
-        merged = self._simulated(at(_LENGTHS[best][self.days, None])[None])
+        merged = self._simulated(at(LENGTHS[best][self.days, None])[None])
         self.plan = max([plan, *tried, *merged], key=lambda one: one.reward)
-        self.radius = np.where(best <= _SHORT, self.radius * _SHRINK, self.radius)
-        self.radius = np.where(best >= _LONG, np.minimum(self.radius * _GROW, _LARGEST_RADIUS), self.radius)
+        self.radius = np.where(best <= SHORT, self.radius * SHRINK, self.radius)
+        self.radius = np.where(best >= LONG, np.minimum(self.radius * GROW, _LARGEST_RADIUS), self.radius)
         return self.plan.reward - plan.reward
-
-    def _better(self, stage: StageReward, lines: Trajectory, reach: Floats) -> Floats:
-        """Changes of the controls, at most ``reach`` each, that improve the rewards of the linearised season."""
-        nothing = np.zeros_like(self.plan.controls)
-        return self._ascended(stage, lines, reach, lines.x, nothing, _INNER, _FIRST_RATE)
 
     def _corrected(self, stage: StageReward, lines: Trajectory, reach: Floats, move: Floats) -> Floats:
         """``move``, improved again where the states are that it really leads to (second-order correction)."""
-        controls = self._feasible(self.plan.controls + move)
-        p = self.p if self.p.ndim == 1 else self.p[None]
-        there = self.plain.rollout(lines.x[:1], controls[None], self.scenario.d, p)[0]
-        move = controls - self.plan.controls
-        return self._ascended(stage, lines, reach, there - lines.push(move), move, _CORRECTING, _CORRECTING_RATE)
-
-    def _ascended(
-        self, stage: StageReward, lines: Trajectory, reach: Floats, x: Floats, move: Floats, count: int, rate: float
-    ) -> Floats:
-        """The best move that so many gradient steps find from ``move``, with states ``x`` where nothing moves."""
-        u, calendar = self.plan.controls, self.scenario.calendar
-        best, most = move, -np.inf
-        mean, square, flat = np.zeros_like(u), np.zeros_like(u), 0.0
-        for number in range(1, count + 1):
-            values, slopes = stage.gradient(x + lines.push(move), u + move, calendar)
-            total = float(values.reward.sum())
-            if total > most:
-                best, most = move, total
-            gradient = slopes.controls + lines.pull(slopes.states).u
-            if number == 1:
-                flat = _FLAT * float(np.sqrt(np.mean(gradient**2))) or 1.0
-            mean = _MOMENTUM * mean + (1.0 - _MOMENTUM) * gradient
-            square = _MEMORY * square + (1.0 - _MEMORY) * gradient**2
-            direction = mean / (1.0 - _MOMENTUM**number) / (np.sqrt(square / (1.0 - _MEMORY**number)) + flat)
-            length = rate * (1.0 - number / count) ** 2 + _LAST_RATE
-            move = np.clip(move + length * reach * direction, -reach, reach)
-            move = self._feasible(u + move) - u
-        return best
-
-    def _scale(self, lines: Trajectory) -> Floats:
-        """Shares of a trust region ``(T, c)``, so small that no control alone moves the air by more than from one limit to the other."""
-        limits = dict(self.near.constraints.items())
-        if self.near.model_value.air is None or not limits:
-            return np.ones_like(self.plan.controls)
-        slopes = np.abs(air_of(self.near.model_value, lines.x[1:]).gradient @ lines.du)
-        spans = np.array([limits[name].high - limits[name].low if name in limits else np.inf for name in AIR])
-        scale: Floats = np.minimum(1.0, 1.0 / ((slopes / spans[:, None]).sum(axis=1) + 1e-9))
-        return scale
+        u = self.plan.controls
+        there = self.plain.rollout(
+            lines.x[:1], (u + move)[None], self.scenario.d, self.p if self.p.ndim == 1 else self.p[None]
+        )[0]
+        return improvement(
+            stage,
+            lines,
+            u,
+            self.scenario.calendar,
+            reach,
+            self._feasible,
+            steps=_CORRECTING,
+            rate=_CORRECTING_RATE,
+            start=move,
+            x=there - lines.push(move),
+        )
 
     def _best_by_day(self, tried: list[SeasonPlan], worth: Floats) -> NDArray[np.intp]:
         """Place of the length that serves each day best, by what it earns and what its last state is worth to the days after."""
@@ -303,8 +229,3 @@ class _Search:
 
     def _feasible(self, controls: Floats) -> Floats:
         return feasible(controls, self.scenario.u_before, self.scenario.high, self.scenario.max_change)
-
-
-def _judged_at_the_end(task: TaskSpec) -> TaskSpec:
-    """The task, judged by the air at the end of each step: a limit is seen from within, which meters do not show."""
-    return task.replace(constraints={"judged": "end"}) if task.judges_means else task

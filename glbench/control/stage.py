@@ -209,3 +209,13 @@ def _rounded(width: float) -> Callable[[Value], Value]:
         return near * near / (2.0 * width) + (violation - near)
 
     return count
+
+
+def judged_at_the_end(task: TaskSpec) -> TaskSpec:
+    """The task, judged by the air at the end of each step: a limit is seen from within, which meters do not show."""
+    return with_constraints(task, {"judged": "end"}) if task.judges_means else task
+
+
+def with_constraints(task: TaskSpec, changes: Mapping[str, Any]) -> TaskSpec:
+    """The task with other entries of its table of constraints, for planning; unlike ``task.replace`` this needs no weather."""
+    return task.model_copy({"constraints": task.constraints.model_copy(update=dict(changes))})

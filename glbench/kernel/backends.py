@@ -102,14 +102,14 @@ def will_compile(model: Model = TOMATO) -> bool:
     return not is_built(model)
 
 
-def built_libraries(model: Model, *, derivatives: bool = False) -> dict[str, Path]:
-    """Files of the compiled libraries of ``model`` that are in this user's cache; that for ``derivatives`` is built if it is wanted.
+def built_libraries(model: Model, *, for_plans: bool = False) -> dict[str, Path]:
+    """Files of the compiled libraries of ``model`` that are in this user's cache; those for stepping and derivatives are built if they are ``for_plans``.
 
     By the names that they need in the folder that the variable ``GLBENCH_KERNELS`` names for another process, which then takes them.
     """
     from glbench.kernel.compiled.stepper import built_libraries
 
-    return built_libraries(model, derivatives=derivatives)
+    return built_libraries(model, for_plans=for_plans)
 
 
 @cache

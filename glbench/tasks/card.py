@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import json
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -10,7 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from glbench.errors import TaskError
 from glbench.tasks.actions import Action
+from glbench.tasks.given import public_definition
 from glbench.tasks.ledger import LIMITED, LedgerItem
 from glbench.tasks.quantities import PAPER_MODEL, Capacity, Quantity
 from glbench.tasks.tables import TaskFile1
@@ -67,7 +70,8 @@ class TaskCard:
     ``process_computer`` in [-1, 1] stands for a set point between ``lowest`` and ``highest`` in its own unit: ``Action.of`` turns set
     points into actions, ``Action.value`` actions into set points. ``delta`` and ``half_width`` say how widely the uncertain parameters are
     drawn.
-    ``ledger`` says what is earned and paid; ``prices`` are those of a task of schema 1.
+    ``ledger`` says what is earned and paid; ``prices`` are those of a task of schema 1. ``written`` is the task's public definition,
+    which ``task`` reads.
     """
 
     id: str
@@ -92,6 +96,22 @@ class TaskCard:
     redraw: str
     model: str = PAPER_MODEL
     ledger: tuple[LedgerItem, ...] = ()
+    written: str = ""
+
+    def task(self) -> TaskSpec:
+        """The task itself, without seeds and salts, for agents that compute with its model or its reward.
+
+        Raises
+        ------
+        TaskError
+            When the card was made of a task that no file can say.
+        """
+        from glbench.tasks.spec import TaskSpec  # a card is read without the model
+
+        if not self.written:
+            msg = f"The card of {self.id} does not hold its task: it was changed in a way that no file can say."
+            raise TaskError(msg)
+        return TaskSpec.of_written(json.loads(self.written))
 
     @cached_property
     def action_bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -137,6 +157,7 @@ def task_card(task: TaskSpec) -> TaskCard:
         redraw=task.uncertainty.redraw,
         model=task.model_id,
         ledger=task.ledger.items,
+        written=public_definition(task),
     )
 
 

@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from glbench.control import StageReward
+from glbench.env import Simulation
 from glbench.kernel import available
 from glbench.model import limit_parameter, violation_meter
+from glbench.tasks import task_card
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "control.md"
 EXAMPLES = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
 
 
 @pytest.fixture(scope="module")
-def names() -> dict[str, Any]:
+def names(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """What the page's examples define."""
     if "compiled" not in available():
         pytest.skip("no compiled kernel here")
-    found: dict[str, Any] = {}
-    for example in EXAMPLES:
-        exec(compile(example, str(PAGE), "exec"), found)
+    folder = tmp_path_factory.mktemp("page")
+    found: dict[str, Any] = {"__file__": str(folder / "planner" / "agent.py")}
+    with contextlib.chdir(folder):
+        for example in EXAMPLES:
+            exec(compile(example, str(PAGE), "exec"), found)
     return found
 
 
@@ -51,3 +57,20 @@ def test_an_exact_and_a_smoothed_reward_agree_far_from_limits(names: dict[str, A
     kept = exact.penalty == 0.0
     assert kept.any()
     assert exact.reward[kept].tobytes() == smoothed.reward[kept].tobytes()
+
+
+def test_the_agent_of_the_page_plays_a_task(names: dict[str, Any]) -> None:
+    """Better than doing nothing, in two runs."""
+    task = names["short"].replace(id="my/OneDay-v1", weather={"days": 1})
+    card, rewards = task_card(task), []
+    for acts in (True, False):
+        agent, simulation = names["make_agent"](card), Simulation(task, 2)
+        observations, earned = simulation.reset([7, 8]), np.zeros(2)
+        agent.reset(card, 2)
+        for _ in range(task.steps):
+            result = simulation.step(agent.act(observations) if acts else np.zeros((2, 6)))
+            observations, earned = result.observations, earned + result.rewards
+        rewards.append(earned)
+        assert not acts or simulation.u == pytest.approx(agent.controls, abs=1e-12)
+    assert (rewards[0] > rewards[1]).all()
+    assert names["wanted"].shape == (1, 6)

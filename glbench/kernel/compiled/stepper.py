@@ -412,11 +412,12 @@ def is_built(model: Model) -> bool:
         return True
 
 
-def built_libraries(model: Model, *, derivatives: bool) -> dict[str, Path]:
-    """The files of the libraries of ``model`` in the cache, by the names for lending them; that for ``derivatives`` is built if wanted."""
+def built_libraries(model: Model, *, for_plans: bool) -> dict[str, Path]:
+    """The files of the libraries of ``model`` in the cache, by the names for lending them; built if they are ``for_plans``."""
     traits = traits_of(model, absent_equipment(model))
     try:
-        if derivatives:
+        if for_plans:
+            build(model, traits)
             build(model, traits, sensitivities=True)
         return built_files(model, traits)
     except CompiledUnavailable:

@@ -1,0 +1,202 @@
+"""Predictive control as baselines: one that is told the truth, and one that estimates it from what a task shows.
+
+Both plan with ``glbench.control.PredictiveController`` and settings from a YAML file, and act through the task's actuation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from glbench.control import Climatology, EndValue, Outlook, PredictiveController, Scenario, StateEstimator, actions_of
+from glbench.env.actuation import make_actuation
+from glbench.errors import GlbenchError, ShapeError, SubmissionError, did_you_mean
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskCard, TaskSpec
+
+Floats = NDArray[np.float64]
+
+_Count = Annotated[int, Field(ge=1, le=10_000)]
+_Margin = Annotated[float, Field(ge=0.0)]
+
+
+class PredictiveSettings(BaseModel):
+    """What ``baselines/mpc_true_state/settings.yml`` explains: how far, how often and how carefully is planned."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    horizon_hours: Annotated[float, Field(gt=0.0, le=240.0)]
+    plan_every: _Count
+    iterations: _Count
+    first_iterations: _Count
+    ascent_steps: _Count
+    margin: dict[str, _Margin]
+    end_values: dict[str, dict[str, Any]]
+
+    def controller(self, task: TaskSpec) -> PredictiveController:
+        """A controller for a task.
+
+        Raises
+        ------
+        SubmissionError
+            When there is no end value for the task's model, or it cannot be planned for.
+        """
+        if task.model_id not in self.end_values:
+            msg = (
+                f"There is no end value for the model of {task.id}, {task.model_id}.{did_you_mean(task.model_id, self.end_values)} "
+                f"There are some for {', '.join(self.end_values)}."
+            )
+            raise SubmissionError(msg)
+        limited = dict(task.constraints.items())
+        try:
+            return PredictiveController(
+                task,
+                horizon=max(round(self.horizon_hours * 3600.0 / task.step_seconds), self.plan_every),
+                iterations=self.iterations,
+                first_iterations=self.first_iterations,
+                end_value=EndValue.read(self.end_values[task.model_id]),
+                margin={name: margin for name, margin in self.margin.items() if name in limited},
+                ascent_steps=self.ascent_steps,
+            )
+        except GlbenchError as error:
+            msg = f"{task.id} cannot be planned for: {error}"
+            raise SubmissionError(msg) from error
+
+
+def read_predictive_settings(path: Path) -> PredictiveSettings:
+    """Read the settings.
+
+    Raises
+    ------
+    SubmissionError
+        When the file cannot be read, lacks a setting, or has an unknown or impossible one.
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        settings = PredictiveSettings.model_validate(content)
+        for value in settings.end_values.values():
+            EndValue.read(value)
+    except ValidationError as error:
+        problems = "; ".join(f"'{'.'.join(map(str, p['loc'])) or 'file'}': {p['msg']}" for p in error.errors())
+        msg = f"The settings of predictive control in {path} cannot be used: {problems}."
+        raise SubmissionError(msg) from error
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, GlbenchError) as error:
+        msg = f"The settings of predictive control in {path} cannot be used: {error}"
+        raise SubmissionError(msg) from error
+    return settings
+
+
+class _Actor:
+    """The controls in force in some runs, as they follow from the actions that were taken."""
+
+    def __init__(self, task: TaskSpec, runs: int) -> None:
+        self._task, self._move = task, make_actuation(task)
+        self.controls = np.zeros((runs, len(task.model_value.controls)))
+
+    def acted(self, wanted: Floats) -> Floats:
+        """Actions that bring about the controls that are wanted."""
+        actions = actions_of(self._task, self.controls, wanted)
+        self.controls = np.clip(self._move(self.controls, actions), 0.0, 1.0)
+        return actions
+
+
+class TrueStateController:
+    """Predictive control that is told everything: a ``ScenarioController``."""
+
+    def __init__(self, settings: PredictiveSettings) -> None:
+        self.settings = settings
+
+    def reset(self, task: TaskSpec, seeds: Sequence[int], /) -> None:
+        """Learn everything about the runs that begin.
+
+        Raises
+        ------
+        SubmissionError
+            When the task cannot be planned for.
+        """
+        self._task, self._step = task, 0
+        self._scenarios = [Scenario.of(task, seed) for seed in seeds]
+        self._controller = self.settings.controller(task)
+        self._controller.reset(len(seeds))
+        self._actor = _Actor(task, len(seeds))
+
+    def act(self, x: Floats, /) -> Floats:
+        """Actions for the coming step.
+
+        Raises
+        ------
+        ShapeError
+            When there are not as many rows as runs.
+        """
+        if len(x) != len(self._scenarios):
+            msg = f"act got states of {len(x)} runs, reset was told of {len(self._scenarios)}. Call reset first."
+            raise ShapeError(msg)
+        k = self._step
+        self._step += 1
+        if k % self.settings.plan_every:
+            return self._actor.acted(self._controller.follow())
+        ahead = slice(k, min(k + self._controller.horizon, self._task.steps))
+        given = self._scenarios
+        wanted = self._controller.decide(
+            x,
+            self._actor.controls,
+            np.stack([one.d[ahead] for one in given]),
+            np.stack([one.p if one.p.ndim == 1 else one.p[ahead] for one in given]),
+            np.stack([one.calendar[ahead.start : ahead.stop + 1] for one in given]),
+            (self._task.steps - k) / self._task.steps_per_day,
+        )
+        return self._actor.acted(wanted)
+
+
+class PredictiveAgent:
+    """Predictive control that knows what an agent knows; an ``Agent``.
+
+    States and parameters are estimated from what is observed, and the weather to come is what the forecast and the time of the year say.
+    """
+
+    def __init__(self, settings: PredictiveSettings) -> None:
+        self.settings = settings
+
+    def reset(self, task: TaskCard, n_runs: int, /) -> None:
+        """``n_runs`` runs of ``task`` begin.
+
+        Raises
+        ------
+        SubmissionError
+            When the task cannot be planned for.
+        """
+        spec = task.task()
+        self._controller = self.settings.controller(spec)
+        self._controller.reset(n_runs)
+        self._outlook, self._estimator = Outlook(spec, Climatology.of(spec)), StateEstimator(spec)
+        self._outlook.reset(n_runs)
+        self._estimator.reset(n_runs)
+        self._actor = _Actor(spec, n_runs)
+        self._task, self._step = spec, 0
+
+    def act(self, observations: NDArray[np.float32], /) -> Floats:
+        """Actions for the coming step.
+
+        Raises
+        ------
+        TaskError
+            When there are not as many rows as runs, or other columns than the task shows.
+        """
+        k, controls = self._step, self._actor.controls
+        self._step += 1
+        self._outlook.update(observations)
+        states = self._estimator.update(observations, self._outlook.past, controls)
+        if k % self.settings.plan_every:
+            return self._actor.acted(self._controller.follow())
+        ahead = self._outlook.ahead(min(self._controller.horizon, self._task.steps - k))
+        left = (self._task.steps - k) / self._task.steps_per_day
+        return self._actor.acted(
+            self._controller.decide(states, controls, ahead.d, self._estimator.parameters, ahead.calendar, left)
+        )

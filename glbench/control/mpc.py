@@ -1,0 +1,376 @@
+"""Predictive control: in every step a plan for the hours ahead, of which the first step is taken.
+
+A plan is made from the one before, a step later, by the iterations that plan a season (``glbench.control.ascent``): linearise, improve
+within a trust region, simulate several lengths of the improvement, keep the best. What the state at the end of the horizon is worth is
+given by an ``EndValue``. Reasons and figures: docs/adr/0020-predictive-control.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glbench.control.ascent import GROW, LENGTHS, LONG, SHORT, SHRINK, feasible, improvement, shares_of_reach
+from glbench.control.stage import StageReward, judged_at_the_end, with_constraints
+from glbench.env.climate import AIR
+from glbench.env.spaces import the_task
+from glbench.errors import ShapeError, StepError, UnknownNameError, did_you_mean, whole_number
+from glbench.kernel import Kernel
+from glbench.kernel.trajectories import RolloutError
+
+if TYPE_CHECKING:
+    from glbench.control.end_value import EndValue
+    from glbench.kernel.trajectories import Trajectory
+    from glbench.tasks import TaskSpec
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+_Found = TypeVar("_Found")
+
+_FIRST_RADIUS, _LEAST_RADIUS, _LARGEST_RADIUS = 0.1, 0.02, 0.3
+"""Trust region of a run: how far a control may move in an iteration."""
+_SMOOTHING = 0.003
+"""Width within which violations count quadratically, as a share of the distance between the limits."""
+_TOGETHER = 8
+"""Runs whose plans are improved together: as many as the processor's cache and its vectors hold."""
+
+
+class PredictiveController:
+    """Plans the controls of some runs of a task over a receding horizon.
+
+    It knows no more than each call tells: state, weather, parameters and prices may be true, estimated or guessed. Rows do not know of each
+    other, and each has the bits that it has alone.
+
+    Parameters
+    ----------
+    task
+        The task, or its id: its model, its reward, its limits. The reward needs derivatives (``StageReward``).
+    horizon
+        Steps that are planned ahead. At the end of a season it ends with it.
+    iterations, first_iterations
+        Of each plan, and of the first one, which has no plan before it.
+    end_value
+        What the state at the end of a horizon is worth. Without one only the horizon counts: fruit is not yet ripe, the
+        soil cools, and carbohydrate in store is wasted.
+    margin
+        How far the limits are moved inwards, by quantity, in its unit: ``{"relative_humidity": 1.0}`` plans for 84 % where 85 % is the
+        limit. For what is known roughly.
+    ascent_steps
+        Gradient steps in an iteration.
+    preset
+        Of the kernel that plans.
+
+    Raises
+    ------
+    TaskError
+        When the reward has no derivatives, the limits leave no room for the margin, or the end value is for another model.
+    UnknownNameError
+        When a margin is for a quantity that has no limits.
+    ShapeError
+        When a number is none, or too small.
+    """
+
+    def __init__(
+        self,
+        task: TaskSpec | str,
+        *,
+        horizon: int = 96,
+        iterations: int = 1,
+        first_iterations: int = 12,
+        end_value: EndValue | None = None,
+        margin: Mapping[str, float] | None = None,
+        ascent_steps: int = 30,
+        preset: str = "fast",
+    ) -> None:
+        self.task = task = the_task(task)
+        self.horizon = _at_least_one(horizon, "The horizon")
+        self._iterations = _at_least_one(iterations, "The number of iterations")
+        self._first_iterations = _at_least_one(first_iterations, "The number of first iterations")
+        self._ascent_steps = _at_least_one(ascent_steps, "The number of gradient steps")
+        judged = _within(task, dict(margin or {}))
+        near = judged_at_the_end(judged)
+        self._stage, self._smooth = StageReward(judged), StageReward(near, smoothing=_SMOOTHING)
+        self._kernel = Kernel(near.model_value, task.step_seconds, preset=preset)
+        # What is tried is judged as the task judges, by meters where it judges means. The model without meters has the same states and
+        # parameters, without those of the meters at the end.
+        self._judge = Kernel(judged.model_value, task.step_seconds, preset=preset)
+        self._states, self._parameters = len(near.model_value.states), len(near.model_value.parameter_names)
+        self._meters, self._limits = (
+            len(judged.model_value.states) - self._states,
+            judged.parameters()[self._parameters :],
+        )
+        self._end_value = end_value
+        if end_value is not None:
+            end_value(near, 0.0, 0.0)  # says now whether it fits
+        names = task.model_value.control_names
+        self._high = np.array([float(name in task.actuation.controls) for name in names])
+        self._near = near
+        self.reset(1)
+
+    def reset(self, runs: int, controls: ArrayLike | None = None) -> None:
+        """``runs`` runs begin.
+
+        Parameters
+        ----------
+        runs
+            How many rows there are.
+        controls
+            Where the first plan begins, fractions: ``(T, c)`` or ``(runs, T, c)``. Without any it begins with the controls in force.
+
+        Raises
+        ------
+        ShapeError
+            When the number is none, or the controls have another shape.
+        """
+        self._runs = _at_least_one(runs, "The number of runs")
+        self._radius = np.full(self._runs, _FIRST_RADIUS)
+        self._at, self._planned = 0, False
+        self._plan = np.zeros((self._runs, 0, len(self._high)))
+        if controls is not None:
+            given = np.asarray(controls, dtype=np.float64)
+            if (
+                given.ndim not in (2, 3)
+                or given.shape[-1] != len(self._high)
+                or given.shape[:-2] not in ((), (self._runs,))
+            ):
+                msg = f"The first controls are (steps, {len(self._high)}), for each run or for all {self._runs}; got {given.shape}."
+                raise ShapeError(msg)
+            self._plan = np.array(np.broadcast_to(given, (self._runs, *given.shape[-2:])))
+
+    @property
+    def plan(self) -> Floats:
+        """Controls of the steps to come as they are planned now ``(runs, T, c)``; those that were taken are gone."""
+        return self._plan[:, self._at :].copy()
+
+    def decide(
+        self,
+        x: ArrayLike,
+        u_before: ArrayLike,
+        d: ArrayLike,
+        p: ArrayLike,
+        calendar: ArrayLike,
+        days_left: float = np.inf,
+    ) -> Floats:
+        """Plan anew, and give the controls of the coming step.
+
+        A run whose plan cannot be improved, because its state is not finite or a step ahead cannot be integrated, goes on with the plan
+        that it has.
+
+        Parameters
+        ----------
+        x
+            States now ``(runs, s)``; those of meters may be missing.
+        u_before
+            Controls in force ``(runs, c)``.
+        d
+            Disturbances of the steps ahead ``(T, disturbances)``, for each run or for all. T is how far is planned: ``horizon``, or
+            less near the end of the season.
+        p
+            Parameters: ``(p,)``, ``(runs, p)``, or ``(runs, T, p)`` where they differ by step.
+        calendar
+            Hour of day [h], day of year and prices at the start of each step and at the end of the last ``(T + 1, columns)``, for each
+            run or for all, as in ``Scenario.calendar``.
+        days_left
+            From now to the end of the season, for the end value.
+
+        Returns
+        -------
+        ndarray
+            Fractions ``(runs, c)``. They change by at most ``max_change``.
+
+        Raises
+        ------
+        ShapeError
+            When a shape does not fit.
+        """
+        states, before, weather, parameters, dates = self._checked(x, u_before, d, p, calendar)
+        steps = weather.shape[1]
+        plan = self._within_reach(self._warm(steps, before), before)
+        end = self._worth(dates[:, -1, 0], days_left - steps * self.task.step_seconds / 86400.0)
+        count = self._iterations if self._planned else self._first_iterations
+        known = np.isfinite(states).all(axis=1) & np.isfinite(before).all(axis=1)
+        rows = np.flatnonzero(known)
+        for first in range(0, len(rows), _TOGETHER):
+            some = rows[first : first + _TOGETHER]
+            for _ in range(count):
+                some = self._improve(plan, some, states, before, weather, parameters, dates, end)
+        self._plan, self._at, self._planned = plan, 0, True
+        return self.follow()
+
+    def follow(self) -> Floats:
+        """Take the next step of the plan as it stands ``(runs, c)``: cheaper than planning anew in every step.
+
+        Raises
+        ------
+        ShapeError
+            When the plan is over.
+        """
+        if self._at >= self._plan.shape[1]:
+            msg = f"The plan has {self._plan.shape[1]} steps, and all are taken: decide makes another one."
+            raise ShapeError(msg)
+        self._at += 1
+        return self._plan[:, self._at - 1].copy()
+
+    def _improve(
+        self,
+        plan: Floats,
+        rows: Rows,
+        x: Floats,
+        before: Floats,
+        d: Floats,
+        p: Floats,
+        calendar: Floats,
+        end: Floats,
+    ) -> Rows:
+        """One iteration on some rows of ``plan``, in place; gives those that can be improved further."""
+
+        def linearised(some: Rows) -> Trajectory:
+            return self._kernel.linearise_trajectory(x[some], plan[some], d[some], _of(p, some))
+
+        lines, rows = _of_those_that_can(linearised, rows)
+        if lines is None:
+            return rows
+        u, u0, dates, worth = plan[rows], before[rows], calendar[rows], end[rows]
+        reach = self._radius[rows, None, None] * shares_of_reach(self._smooth, lines)
+        move = improvement(
+            self._smooth,
+            lines,
+            u,
+            dates,
+            reach,
+            lambda wanted: self._within_reach(wanted, u0),
+            steps=self._ascent_steps,
+            end=worth,
+        )
+        tried = np.stack([self._within_reach(u + share * move, u0) for share in LENGTHS], axis=1)
+        ends = self._rolled(tried, x[rows], d[rows], _of(p, rows))
+        earned = self._stage(ends, tried, np.repeat(dates[:, None], len(LENGTHS), axis=1)).reward.sum(axis=-1)
+        # Relative to where the plan leads, so that what the whole plants are worth does not hide what differs.
+        last = ends[:, :, -1, : self._states]
+        ahead = ((last - lines.x[:, None, -1]) * worth[:, None]).sum(axis=-1)
+        best = np.where(np.isfinite(earned + ahead), earned + ahead, -np.inf).argmax(axis=1)
+        plan[rows] = tried[np.arange(len(rows)), best]
+        radius = self._radius[rows]
+        radius = np.where(best <= SHORT, np.maximum(radius * SHRINK, _LEAST_RADIUS), radius)
+        self._radius[rows] = np.where(best >= LONG, np.minimum(radius * GROW, _LARGEST_RADIUS), radius)
+        return rows
+
+    def _rolled(self, tried: Floats, x: Floats, d: Floats, p: Floats) -> Floats:
+        """States ``(rows, lengths, T + 1, s)``, with meters where there are some; NaN where a step fails."""
+        n, lengths, steps, _ = tried.shape
+        start = np.concatenate([x, np.zeros((n, self._meters))], axis=1)
+        limits = np.broadcast_to(self._limits, (*p.shape[:-1], len(self._limits)))
+        known = np.concatenate([p, limits], axis=-1)
+        found = np.full((n, lengths, steps + 1, start.shape[1]), np.nan)
+        row, length = (part.ravel() for part in np.meshgrid(np.arange(n), np.arange(lengths), indexing="ij"))
+        while len(row):
+            try:
+                found[row, length] = self._judge.rollout(start[row], tried[row, length], d[row], _of(known, row))
+                break
+            except RolloutError as failed:
+                row, length = np.delete(row, failed.horizon), np.delete(length, failed.horizon)
+        return found
+
+    def _warm(self, steps: int, before: Floats) -> Floats:
+        """Where the search begins ``(runs, steps, c)``: what is left of the plan, and behind it what was planned a day before."""
+        plan, at, day = self._plan, self._at, self.task.steps_per_day
+        found = np.repeat(before[:, None], steps, axis=1)
+        for step in range(steps):
+            place = at + step
+            while place >= plan.shape[1] and place >= day:
+                place -= day
+            if plan.shape[1]:
+                found[:, step] = plan[:, min(place, plan.shape[1] - 1)]
+        return found
+
+    def _within_reach(self, wanted: Floats, before: Floats) -> Floats:
+        return feasible(wanted, before, self._high, self.task.actuation.max_change)
+
+    def _worth(self, hour: Floats, days_left: float) -> Floats:
+        """What a unit of each state is worth at the end of the horizons ``(runs, s)``."""
+        # Horizons that end with the season end without a value: nothing comes after them.
+        if self._end_value is None or days_left <= 1e-9:
+            return np.zeros((self._runs, self._states))
+        return self._end_value(self._near, hour, days_left)
+
+    def _checked(
+        self, x: ArrayLike, u_before: ArrayLike, d: ArrayLike, p: ArrayLike, calendar: ArrayLike
+    ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """The inputs of ``decide``, one row a run."""
+        n = self._runs
+        states, before, weather, parameters, dates = (
+            np.asarray(a, dtype=np.float64) for a in (x, u_before, d, p, calendar)
+        )
+        wanted = len(self.task.model_value.states)
+        if states.shape not in ((n, wanted), (n, self._states)):
+            raise ShapeError(_wrong("states", states, f"({n}, {wanted})"))
+        if before.shape != (n, len(self._high)):
+            raise ShapeError(_wrong("controls in force", before, f"({n}, {len(self._high)})"))
+        if (
+            weather.ndim not in (2, 3)
+            or weather.shape[:-2] not in ((), (n,))
+            or not 1 <= weather.shape[-2] <= self.horizon
+        ):
+            raise ShapeError(_wrong("disturbances", weather, f"(T, d) or ({n}, T, d), with T from 1 to {self.horizon}"))
+        weather = np.broadcast_to(weather, (n, *weather.shape[-2:]))
+        if parameters.ndim not in (1, 2, 3) or parameters.shape[-1] < self._parameters:
+            raise ShapeError(_wrong("parameters", parameters, "(p,), (runs, p) or (runs, T, p)"))
+        if parameters.ndim > 1 and len(parameters) != n:
+            raise ShapeError(_wrong("parameters", parameters, f"(p,), or one row for each of {n} runs"))
+        steps = weather.shape[1]
+        if dates.ndim not in (2, 3) or dates.shape[:-2] not in ((), (n,)) or dates.shape[-2] != steps + 1:
+            raise ShapeError(_wrong("calendar", dates, f"({steps + 1}, columns) or ({n}, {steps + 1}, columns)"))
+        dates = np.broadcast_to(dates, (n, *dates.shape[-2:]))
+        return states[:, : self._states], before, weather, parameters[..., : self._parameters], dates
+
+
+def _of_those_that_can(make: Callable[[Rows], _Found], rows: Rows) -> tuple[_Found | None, Rows]:
+    """What ``make`` gives for those rows for which it does not fail, and these rows."""
+    try:
+        return (make(rows) if len(rows) else None), rows
+    except StepError:
+        if len(rows) == 1:
+            return None, rows[:0]
+    able = np.concatenate([_of_those_that_can(make, rows[i : i + 1])[1] for i in range(len(rows))])
+    return _of_those_that_can(make, able)
+
+
+def _of(p: Floats, rows: Rows) -> Floats:
+    """Parameters of some rows."""
+    return p if p.ndim == 1 else p[rows]
+
+
+def _within(task: TaskSpec, margin: dict[str, float]) -> TaskSpec:
+    """The task with limits moved inwards."""
+    limits = dict(task.constraints.items())
+    for name in margin:
+        if name not in limits:
+            msg = f"{task.id} has no limits of '{name}', which a margin is for.{did_you_mean(name, limits)} Quantities: {', '.join(AIR)}."
+            raise UnknownNameError(msg)
+        if not (np.isfinite(margin[name]) and 0.0 <= margin[name] < (limits[name].high - limits[name].low) / 2.0):
+            msg = (
+                f"The margin of {name} is 0 or more, and less than half the distance between {limits[name].low:g} and "
+                f"{limits[name].high:g}; got {margin[name]!r}."
+            )
+            raise ShapeError(msg)
+    moved = {
+        name: limits[name].model_copy(update={"low": limits[name].low + by, "high": limits[name].high - by})
+        for name, by in margin.items()
+        if by > 0.0
+    }
+    return with_constraints(task, moved) if moved else task
+
+
+def _at_least_one(value: int, what: str) -> int:
+    number = whole_number(value, what)
+    if number < 1:
+        msg = f"{what} is 1 or more; got {number}."
+        raise ShapeError(msg)
+    return number
+
+
+def _wrong(what: str, found: Floats, wanted: str) -> str:
+    return f"The {what} have the shape {found.shape}; expected {wanted}."

@@ -1,0 +1,319 @@
+"""Predictive control: better than where it began, the same alone and in a batch, and not stopped by a step that fails."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from glbench.agents.baselines import read_baseline
+from glbench.agents.predictive import PredictiveAgent, PredictiveSettings, TrueStateController
+from glbench.control import EndValue, PredictiveController, Scenario, StageReward, plan_season
+from glbench.control.end_value import _worth
+from glbench.env import Simulation
+from glbench.errors import GlbenchError, ShapeError, StepError, SubmissionError, TaskError, UnknownNameError
+from glbench.kernel import Kernel
+from glbench.kernel.trajectories import RolloutError
+from glbench.tasks import TaskSpec, get_task, task_card
+
+Floats = NDArray[np.float64]
+
+SEED = 10_000_000_007  # no scenario of a shipped task
+START = [0.2, 0.1, 0.5, 0.05, 0.0, 0.0]
+
+
+def short(task_id: str = "Spring-v1", days: int = 1) -> TaskSpec:
+    """Some days of a task in steps of half an hour."""
+    return get_task(task_id).replace(id=f"test/{task_id}", weather={"days": days, "step_seconds": 1800})
+
+
+def settings(name: str = "mpc_true_state", **changes: object) -> PredictiveSettings:
+    found = read_baseline(name).settings
+    assert isinstance(found, PredictiveSettings)
+    return found.model_copy(update=changes)
+
+
+def end_value(task: TaskSpec) -> EndValue:
+    return EndValue.read(settings().end_values[task.model_id])
+
+
+def run(task: TaskSpec, controller: PredictiveController, seeds: list[int], steps: int) -> tuple[Floats, Floats]:
+    """Rewards ``(n,)`` and controls ``(steps, n, c)`` of a controller that is told everything, planning anew in every other step."""
+    scenarios = [Scenario.of(task, seed) for seed in seeds]
+    simulation, n = Simulation(task, len(seeds)), len(seeds)
+    simulation.reset(seeds)
+    rewards, controls = np.zeros(n), []
+    for k in range(steps):
+        if k % 2:
+            wanted = controller.follow()
+        else:
+            to = min(k + controller.horizon, task.steps)
+            d, calendar = (
+                np.stack(rows) for rows in zip(*((s.d[k:to], s.calendar[k : to + 1]) for s in scenarios), strict=True)
+            )
+            p = np.stack([s.p if s.p.ndim == 1 else s.p[k:to] for s in scenarios])
+            wanted = controller.decide(
+                simulation.x, simulation.u, d, p, calendar, (task.steps - k) / task.steps_per_day
+            )
+        rewards += simulation.step_controls(wanted).rewards
+        controls.append(wanted)
+    return rewards, np.array(controls)
+
+
+@pytest.mark.parametrize("task_id", ["Spring-v1", "Schiphol2010-Delta10-v1"])
+def test_it_earns_more_than_the_controls_that_it_begins_with(task_id: str) -> None:
+    task = short(task_id)
+    steady = np.tile(START, (task.steps, 1))
+    controller = PredictiveController(task, horizon=24, end_value=end_value(task))
+    controller.reset(1, steady)
+    rewards, controls = run(task, controller, [SEED], task.steps)
+    begun = plan_season(Scenario.of(task, SEED), steady, iterations=0)
+    assert rewards[0] > begun.reward + 0.3 * begun.values.penalty.sum()
+    moves = np.diff(np.concatenate([np.zeros((1, 1, 6)), controls]), axis=0)
+    assert np.abs(moves).max() <= task.actuation.max_change + 1e-12
+
+
+def test_a_run_has_the_same_bits_alone_and_in_a_batch() -> None:
+    """More rows than are improved together."""
+    task, seeds = short(), [SEED + i for i in range(10)]
+    made = [PredictiveController(task, horizon=12, end_value=end_value(task)) for _ in range(2)]
+    made[0].reset(len(seeds))
+    together, alone = run(task, made[0], seeds, 6)[1], run(task, made[1], seeds[8:9], 6)[1]
+    assert together[:, 8].tobytes() == alone[:, 0].tobytes()
+    assert together[:, 7].tobytes() != alone[:, 0].tobytes()
+
+
+def test_with_a_long_horizon_it_comes_close_to_a_plan() -> None:
+    task = short(days=3)
+    scenario = Scenario.of(task, SEED)
+    steady = np.tile(START, (task.steps, 1))
+    begun, planned = (plan_season(scenario, steady, iterations=count) for count in (0, 25))
+    controller = PredictiveController(task, horizon=task.steps, first_iterations=25)
+    controller.reset(1, steady)
+    rewards, _ = run(task, controller, [SEED], task.steps)
+    assert rewards[0] > begun.reward + 0.9 * (planned.reward - begun.reward)
+
+
+def test_an_end_value_serves_a_short_horizon() -> None:
+    """Over three days, of which six hours at a time are planned."""
+    task = short(days=3)
+    rewards = []
+    for value in (None, end_value(task)):
+        controller = PredictiveController(task, horizon=12, end_value=value)
+        controller.reset(1, START * np.ones((1, 6)))
+        rewards.append(run(task, controller, [SEED], task.steps)[0][0])
+    assert rewards[1] > rewards[0]
+
+
+def test_a_margin_keeps_further_from_the_limit() -> None:
+    """From six hours on: before that, the plants' own vapour is too much."""
+    task, scenario = short(), Scenario.of(short(), SEED)
+    violated = []
+    for margin in (0.0, 4.0):
+        controller = PredictiveController(
+            task, horizon=16, end_value=end_value(task), margin={"relative_humidity": margin}
+        )
+        simulation, humid = Simulation(task, 1), []
+        simulation.reset([SEED])
+        for k in range(0, task.steps - 16, 2):
+            ahead = slice(k, k + 16)
+            calendar = scenario.calendar[k : k + 17]
+            wanted = controller.decide(simulation.x, simulation.u, scenario.d[ahead], scenario.p, calendar)
+            for controls in (wanted, controller.follow()):
+                quantities = simulation.step_controls(controls).quantities
+                humid.append(float(quantities["violation_relative_humidity_high"][0]))
+        violated.append(sum(humid[12:]))
+    assert violated[1] < 0.5 * violated[0]
+
+
+def test_a_run_that_cannot_be_stepped_goes_on_with_its_plan_and_leaves_the_others_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    task = short()
+    scenario = Scenario.of(task, SEED)
+    d, p, calendar = scenario.d[:8], scenario.p, scenario.calendar[:9]
+    start = np.tile([0.05, 0.0, 0.05, 0.0, 0.0, 0.0], (8, 1))
+
+    def first(states: Floats) -> tuple[Floats, Floats]:
+        controller = PredictiveController(task, horizon=8, first_iterations=2)
+        controller.reset(len(states), start)
+        return controller.decide(states, np.zeros((len(states), 6)), d, p, calendar), controller.plan
+
+    good, _ = first(scenario.x0[None])
+    lost, hot = scenario.x0.copy(), scenario.x0.copy()
+    lost[3], hot[task.model_value.state_index("tAir")] = np.nan, 1e200
+    controller = PredictiveController(task, horizon=8)
+    with pytest.raises(StepError):
+        controller._kernel.rollout(hot[: controller._states], start, d, p[: controller._parameters])
+    found, plan = first(np.array([lost, scenario.x0, hot]))
+    assert found[1].tobytes() == good[0].tobytes()
+    assert found[0] == pytest.approx(start[0])
+    assert found[2] == pytest.approx(start[0])
+    assert plan.shape == (3, 7, 6)
+
+    # A length of the improvement that fails is not taken, and the others are.
+    controller.reset(1, start)
+    rollout = controller._judge.rollout
+
+    def fails_at_the_longest(x: Floats, u: Floats, d: Floats, p: Floats) -> Floats:
+        if len(x) == 8:
+            error = RolloutError("the last of eight lengths failed")
+            error.horizon, error.step, error.states = 7, 0, x
+            raise error
+        return rollout(x, u, d, p)
+
+    monkeypatch.setattr(controller._judge, "rollout", fails_at_the_longest)
+    decided = controller.decide(scenario.x0[None], np.zeros((1, 6)), d, p, calendar)
+    assert np.isfinite(decided).all()
+    assert decided[0] != pytest.approx(start[0])
+
+
+def test_an_end_value_is_that_of_its_plans_and_survives_a_file() -> None:
+    task = short(days=3)
+    plan = plan_season(Scenario.of(task, SEED), np.tile(START, (task.steps, 1)), iterations=3)
+    value = EndValue.of_plans([plan])
+    again = EndValue.read(value.written())
+    now = value(task, 6.0, 2.0)
+    assert again(task, 6.0, 2.0).tobytes() == now.tobytes()
+    assert now[0, task.model_value.state_index("cBuf")] > 0.0  # carbohydrate in store becomes fruit
+    assert not value(task, 6.0, 0.0).any()
+    assert now.shape == (1, len(task.model_value.states))
+    paper = get_task("Schiphol2010-Delta00-v1")
+    assert value(paper, 6.0, 2.0)[0, :28] == pytest.approx(49.4035 * now[0, :28], rel=1e-5)  # 1 EUR m-2 in reward
+    with pytest.raises(TaskError, match="is not for glbench/Lettuce-v1"):
+        value("Lettuce-v1", 6.0, 2.0)
+    with pytest.raises(GlbenchError, match="0 plans of 0 kinds"):
+        EndValue.of_plans([])
+    with pytest.raises(GlbenchError, match="no end value"):
+        EndValue.read({"days_left": [1.0], "states": {}})
+
+
+def test_the_costate_of_a_state_is_what_a_little_more_of_it_earns() -> None:
+    """Against the simulation of the plan from a start with more carbohydrate in store; of a task that judges the end of a step."""
+    task = short("Schiphol2010-Delta00-v1", days=2)
+    scenario = Scenario.of(task, SEED)
+    plan = plan_season(scenario, np.tile(START, (task.steps, 1)), iterations=3)
+    kernel, stage, place = (
+        Kernel(task.model_value, task.step_seconds),
+        StageReward(task),
+        task.model_value.state_index("cBuf"),
+    )
+    rewards = []
+    for more in (-5.0, 5.0):
+        x0 = scenario.x0.copy()
+        x0[place] += more
+        x = kernel.rollout(x0, plan.controls, scenario.d, scenario.p)
+        rewards.append(stage(x, plan.controls).reward.sum())
+    assert _worth(plan, "fast")[0, place] == pytest.approx((rewards[1] - rewards[0]) / 10.0, rel=0.02)
+
+
+def test_wrong_inputs_are_refused() -> None:
+    task = short()
+    controller = PredictiveController(task, horizon=4)
+    given = Scenario.of(task, SEED)
+    good = (given.x0[None], np.zeros((1, 6)), given.d[:4], given.p, given.calendar[:5])
+    for place, bad in (
+        (0, given.x0),
+        (1, np.zeros((1, 5))),
+        (2, given.d[:5]),
+        (3, given.p[:9]),
+        (4, given.calendar[:4]),
+    ):
+        with pytest.raises(ShapeError, match="have the shape"):
+            controller.decide(*(bad if i == place else one for i, one in enumerate(good)))  # type: ignore[arg-type]
+    controller.decide(*good)
+    for _ in range(3):
+        controller.follow()
+    with pytest.raises(ShapeError, match="all are taken"):
+        controller.follow()
+    with pytest.raises(ShapeError, match="1 or more"):
+        PredictiveController(task, horizon=0)
+    with pytest.raises(UnknownNameError, match="relative_humidity"):
+        PredictiveController(task, margin={"humidity": 1.0})
+    with pytest.raises(ShapeError, match="less than half"):
+        PredictiveController(task, margin={"relative_humidity": 20.0})
+    with pytest.raises(ShapeError, match="first controls"):
+        controller.reset(2, np.zeros((3, 5, 6)))
+
+
+@cache
+def quick(name: str) -> PredictiveSettings:
+    return settings(name, horizon_hours=6.0, first_iterations=4)
+
+
+def played(
+    task: TaskSpec, agent: PredictiveAgent | TrueStateController, seeds: list[int], steps: int
+) -> tuple[Floats, Simulation]:
+    """Actions ``(steps, n, c)`` of a baseline, and where they led."""
+    simulation, found = Simulation(task, len(seeds)), []
+    observations = simulation.reset(seeds)
+    if isinstance(agent, TrueStateController):
+        agent.reset(task, seeds)
+    else:
+        agent.reset(task_card(task), len(seeds))
+    for _ in range(steps):
+        action = agent.act(simulation.x) if isinstance(agent, TrueStateController) else agent.act(observations)
+        found.append(action)
+        observations = simulation.step(action).observations
+        assert simulation.u == pytest.approx(agent._actor.controls, abs=1e-15)
+    return np.array(found), simulation
+
+
+@pytest.mark.parametrize("task_id", ["Spring-v1", "Schiphol2010-Delta10-v1"])
+@pytest.mark.parametrize("name", ["mpc", "mpc_true_state"])
+def test_the_baselines_act_the_same_alone_and_in_a_batch(name: str, task_id: str) -> None:
+    """With sensors that are off and forecasts that err; with parameters by step."""
+    task, kind = short(task_id), {"mpc": PredictiveAgent, "mpc_true_state": TrueStateController}[name]
+    together, _ = played(task, kind(quick(name)), [SEED, SEED + 1, SEED + 2], 7)
+    alone, _ = played(task, kind(quick(name)), [SEED + 1], 7)
+    assert together[:, 1].tobytes() == alone[:, 0].tobytes()
+    if task_id == "Spring-v1":  # runs of the other begin almost alike
+        assert together[:, 0].tobytes() != alone[:, 0].tobytes()
+
+
+def test_the_agent_survives_sensors_that_hang() -> None:
+    task = short().replace(
+        {"id": "test/Hanging-v1", "sensors.dropouts.days_between": 0.2, "sensors.dropouts.hours": 3.0}
+    )
+    agent = PredictiveAgent(quick("mpc"))
+    _, simulation = played(task, agent, [SEED], task.steps)
+    assert np.isfinite(simulation.x).all()
+    assert agent._controller.plan.shape[0] == 1
+
+
+def test_a_task_that_cannot_be_planned_for_says_why() -> None:
+    agent = PredictiveAgent(settings("mpc"))
+    with pytest.raises(SubmissionError, match="no end value for the model of glbench/Lettuce-v1"):
+        agent.reset(task_card(get_task("Lettuce-v1")), 1)
+
+
+def test_settings_that_are_none_are_refused(tmp_path: Path) -> None:
+    from glbench.agents.predictive import read_predictive_settings
+
+    text = (Path(__file__).parents[2] / "baselines" / "mpc" / "settings.yml").read_text(encoding="utf-8")
+    file = tmp_path / "settings.yml"
+    for old, new, reason in (
+        ("iterations: 1 ", "iterations: 0 ", "iterations"),
+        ("horizon_hours: ", "horizon: ", "horizon_hours"),
+        ("days_left: [0.0,", "days_left: [1.0,", "no end value"),
+    ):
+        assert old in text
+        file.write_text(text.replace(old, new, 1), encoding="utf-8")
+        with pytest.raises(SubmissionError, match=reason):
+            read_predictive_settings(file)
+
+
+def test_the_digest_of_a_baseline_covers_what_plans(monkeypatch: pytest.MonkeyPatch) -> None:
+    from dataclasses import replace
+
+    from glbench.agents import baselines
+
+    before = read_baseline("mpc").digest
+    assert read_baseline("mpc_true_state").digest != before
+    controller = baselines._CONTROLLERS["mpc"]
+    fewer = controller.elsewhere[1:]
+    monkeypatch.setitem(baselines._CONTROLLERS, "mpc", replace(controller, elsewhere=fewer))
+    assert read_baseline("mpc").digest != before

@@ -1,0 +1,42 @@
+"""The agent of docs/control.md plans inside the sandbox."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from glbench.agents.baselines import read_baseline
+from glbench.agents.predictive import PredictiveSettings
+from glbench.control import Climatology
+from glbench.control.stage import judged_at_the_end
+from glbench.evaluation import TimeLimits, prepare
+from glbench.kernel import Kernel, available
+from glbench.tasks import get_task
+
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "control.md"
+
+
+@pytest.mark.skipif("compiled" not in available(), reason="no compiled kernel here")
+def test_the_agent_of_the_page_plans_inside(needs_sandbox: None, tmp_path: Path) -> None:
+    task = get_task("Spring-v1").replace({"id": "my/OneDay-v1", "weather.days": 1, "weather.step_seconds": 1800})
+    # Compiled outside: what is not there when the agent starts is not there for it.
+    for model in (task.model_value, judged_at_the_end(task).model_value):
+        Kernel(model, task.step_seconds, preset="fast").differentiator()
+    (agent,) = (
+        text for text in re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL) if "make_agent" in text
+    )
+    settings = read_baseline("mpc").settings
+    assert isinstance(settings, PredictiveSettings)
+    folder = tmp_path / "planner"
+    folder.mkdir()
+    (folder / "agent.py").write_text(agent, encoding="utf-8")
+    (folder / "end_value.json").write_text(json.dumps(settings.end_values[task.model_id]), encoding="utf-8")
+    Climatology.of(task).write(folder / "climatology.json")
+    evaluation = prepare(
+        task, folder, runs=2, out=None, sandbox="bubblewrap", limits=TimeLimits(start=300.0, step=60.0)
+    )
+    result = evaluation.run()
+    assert result.summary.ok == 2, result.runs[0].reason
