@@ -32,9 +32,10 @@ if TYPE_CHECKING:
     from glbench.agents.network_agent import PolicyFiles
     from glbench.agents.recording import Recording
     from glbench.agents.rule_settings import RuleSettings
+    from glbench.agents.tuned_rule_settings import RulePages
     from glbench.tasks import TaskCard
 
-    Settings = RuleSettings | GrowerSettings | PolicyFiles | Recording
+    Settings = RuleSettings | RulePages | GrowerSettings | PolicyFiles | Recording
 
 _HERE = Path(__file__).resolve().parent
 LARGEST_ARCHIVE = 256 * MIB
@@ -114,6 +115,13 @@ _CONTROLLERS = {
         maker=("rule_based_fair", "FairRuleBasedAgent"),
         modules=("rules.py", "rule_settings.py", "rule_based_fair.py", "daylight.py"),
     ),
+    "rule_based_tuned": _Controller(
+        sees="observations",
+        information="observations and the public task card",
+        reader=("tuned_rule_settings", "read_rule_pages"),
+        maker=("tuned_rules", "TunedRulesAgent"),
+        modules=("tuned_rules.py", "tuned_rule_settings.py", "rule_based_fair.py", "grower.py"),
+    ),
     "network": _Controller(
         sees="observations",
         information="observations and the public task card",
@@ -147,7 +155,7 @@ class Card(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     title: str
-    controller: Literal["rule_based", "rule_based_fair", "grower", "network", "recording"]
+    controller: Literal["rule_based", "rule_based_fair", "rule_based_tuned", "grower", "network", "recording"]
     settings: str
     description: str
     made: str
@@ -255,10 +263,9 @@ def _check_place(place: Path, folder: Path) -> None:
 
 def _digest(controller: str, place: Path, settings: Any) -> str:
     code = sha256_of_files(_HERE, [_HERE / module for module in _CONTROLLERS[controller].modules])
-    folder_of_policies = place.is_dir()
     data = (
         sha256_of_files(place, list(settings.files))
-        if folder_of_policies
+        if place.is_dir()
         else hashlib.sha256(place.read_bytes()).hexdigest()
     )
     return hashlib.sha256(f"{controller} {code} {data}".encode()).hexdigest()
