@@ -219,7 +219,8 @@ def _heating(n: Any, s: _Shares) -> Array:
     dark = n.heating_evening + s.night * (n.heating_night - n.heating_evening)
     dark = dark + s.morning * (n.heating_morning - dark)
     afternoon_left = 1.0 - s.evening * (1.0 - s.morning)
-    return dark + (s.daylight * (n.heating_day - dark) + n.heating_light_raise * s.sunny) * afternoon_left
+    wanted: Array = dark + (s.daylight * (n.heating_day - dark) + n.heating_light_raise * s.sunny) * afternoon_left
+    return wanted
 
 
 def _boiler(
@@ -229,7 +230,8 @@ def _boiler(
     power = (heating - temperature) / n.boiler_band + n.boiler_outside * (heating - outdoor)
     power = power + n.boiler_daylight * s.daylight - n.boiler_trend * warming
     power = power + n.boiler_humidity * np.maximum(above - n.boiler_humidity_above, 0.0)
-    return np.minimum(np.maximum(power, 0.0), 1.0)
+    share: Array = np.minimum(np.maximum(power, 0.0), 1.0)
+    return share
 
 
 def _co2(n: Any, s: _Shares, radiation: Array, vents: Array, co2: Array) -> Array:
@@ -244,13 +246,16 @@ def _vents(n: Any, s: _Shares, vents: Array, temperature: Array, above: Array, r
     change = n.vents_gain * step * (above - wanted) + n.vents_trend * rising
     change = change * (1.0 - n.vents_cold_less * s.cold) * (1.0 - n.vents_wind_less * s.windy)
     humid = np.minimum(np.maximum(vents + change, 0.0), n.vents_most) * s.warm_enough
-    return np.maximum(humid, _share(temperature - n.vents_temperature - n.vents_light_raise * s.sunny, n.vents_band))
+    hot = _share(temperature - n.vents_temperature - n.vents_light_raise * s.sunny, n.vents_band)
+    wider: Array = np.maximum(humid, hot)
+    return wider
 
 
 def _screen(n: Any, s: _Shares, above: Array) -> Array:
     """Closed in the dark when it is cold outside, but for a gap against humidity."""
     gap = np.minimum(np.maximum(n.screen_gap * (above - n.screen_humidity), 0.0), n.screen_gap_most)
-    return (1.0 - s.bright) * (1.0 - s.mild) * (1.0 - gap)
+    closed: Array = (1.0 - s.bright) * (1.0 - s.mild) * (1.0 - gap)
+    return closed
 
 
 def _lamps(n: Any, hour: Array, radiation: Array) -> Array:

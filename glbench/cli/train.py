@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.box import HEAVY_HEAD
@@ -18,8 +18,6 @@ from glbench.errors import TrainingError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from click import Context
 
     from glbench.leaderboard.catalogue import Catalogue, Metric
     from glbench.tasks import TaskSpec
@@ -80,7 +78,7 @@ def train(
 class _PolicyUnlessNamed(TyperGroup):
     """``glbench tune POLICY`` is ``glbench tune policy POLICY``."""
 
-    def parse_args(self, ctx: Context, args: list[str]) -> list[str]:
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the name of the command first where it is left out."""
         if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
             args = ["policy", *args]
@@ -128,10 +126,10 @@ def tune_rules(
     """
     with needs_the_extra("train"):
         from glbench.training import rule_search as r
-    tasks = [the_task(name) for name in task or [None]]
+    tasks = [the_task(name) for name in task] if task else [the_task(None)]
     start = r.start_for(tasks, config)
     given = {"seasons": seasons, "population": population, "sigma": sigma}
-    settings = r.RuleSearchSettings(**{name: value for name, value in given.items() if value is not None})
+    settings = r.RuleSearchSettings.model_validate({name: value for name, value in given.items() if value is not None})
     names = ", ".join(one.id for one in tasks)
     folder = out or Path("runs") / f"rules-{'-'.join(one.short_id for one in tasks)}-seed{seed}"
     generations = settings.generations(tasks)
