@@ -127,7 +127,7 @@ def tune_rules(
     with needs_the_extra("train"):
         from glbench.training import rule_search as r
     tasks = [the_task(name) for name in task] if task else [the_task(None)]
-    start = r.start_for(tasks, config)
+    start = config or r.shipped_start(tasks)
     given = {"seasons": seasons, "population": population, "sigma": sigma}
     settings = r.RuleSearchSettings.model_validate({name: value for name, value in given.items() if value is not None})
     names = ", ".join(one.id for one in tasks)

@@ -27,6 +27,7 @@ from glbench.resources import data_folder, write_atomically
 from glbench.tasks import task_card
 from glbench.training.card import CARD, Making, digest_of_tasks, note_session, write_card
 from glbench.training.checkpoint import SEARCH, SETTINGS, claim, folder_lock, open_folder
+from glbench.training.export import start_of
 from glbench.training.probe import Act, CurvePoint, History, Listener, Pace, Probe, ProbeResult, Progress, season_sums
 from glbench.training.run import Trained
 from glbench.training.settings import FIRST_TRAINING_SEED, EvaluationPlan, FrozenSettings, TrainingSeed
@@ -78,16 +79,33 @@ class RuleSearchSettings(FrozenSettings):
         return sha256(content.encode()).hexdigest()
 
 
-def start_for(tasks: Sequence[TaskSpec], file: Path | None = None) -> RulePage:
-    """The page to begin with: the one in ``file``, or the shipped one for the reward of ``tasks``.
+def shipped_start(tasks: Sequence[TaskSpec]) -> Path:
+    """File of the shipped page for the reward of ``tasks``.
 
     Raises
     ------
     TrainingError
-        When the tasks have several rewards, whose sums say nothing, a task is named twice, or no page is shipped for theirs.
-    SubmissionError
-        When the file cannot be read.
+        When none is shipped, or as for ``reward_of``.
     """
+    reward = reward_of(tasks)
+    for file in sorted((data_folder("baselines") / CONTROLLER / "rules").glob("*.yml")):
+        if read_rule_page(file).reward == reward:
+            return file
+    msg = f"No rules are shipped for the reward {', '.join(reward)}. Give a page to begin with: --config START.yml."
+    raise TrainingError(msg)
+
+
+def reward_of(tasks: Sequence[TaskSpec]) -> tuple[str, ...]:
+    """Reward modules that all ``tasks`` share.
+
+    Raises
+    ------
+    TrainingError
+        When there is no task, one is named twice, or they have several rewards, whose sums say nothing.
+    """
+    if not tasks:
+        msg = "Rules are tuned for a task: name one with --task."
+        raise TrainingError(msg)
     rewards = {task.id: tuple(task.reward.modules) for task in tasks}
     if len(rewards) < len(tasks):
         msg = f"A task is named twice: {', '.join(task.id for task in tasks)}. Name each once."
@@ -96,15 +114,7 @@ def start_for(tasks: Sequence[TaskSpec], file: Path | None = None) -> RulePage:
         known = "; ".join(f"{name}: {', '.join(modules)}" for name, modules in rewards.items())
         msg = f"Tasks with different rewards cannot be added up ({known}). Tune rules for each kind of reward."
         raise TrainingError(msg)
-    reward = next(iter(rewards.values()))
-    if file is not None:
-        return RulePage(reward, read_rule_page(file).numbers)
-    shipped = sorted((data_folder("baselines") / CONTROLLER / "rules").glob("*.yml"))
-    for page in map(read_rule_page, shipped):
-        if page.reward == reward:
-            return page
-    msg = f"No rules are shipped for the reward {', '.join(reward)}. Give a page to begin with: --config START.yml."
-    raise TrainingError(msg)
+    return next(iter(rewards.values()))
 
 
 class Candidates:
@@ -204,7 +214,7 @@ class _Search:
 
 def tune_rules(
     tasks: Sequence[TaskSpec],
-    start: RulePage,
+    start: Path,
     settings: RuleSearchSettings,
     folder: Path,
     *,
@@ -220,7 +230,7 @@ def tune_rules(
     tasks
         What is tuned for, in their training split where they have splits: the mean of their rewards counts.
     start
-        The page to begin with.
+        File of the page to begin with; the reward that it names does not matter.
     settings, seed
         How; the seed is the strategy's.
     folder
@@ -231,14 +241,15 @@ def tune_rules(
     Raises
     ------
     TrainingError
-        When no task is given, one is in another split than that of training, or ``folder`` holds another search.
+        When a task is in another split than that of training, ``folder`` holds another search, or as for ``reward_of``.
     TaskError
         When a task has a test alone.
     SubmissionError
-        When the rules do not fit a task.
+        When the page cannot be read, or the rules do not fit a task.
     """
     _check(tasks)
-    digest = settings.digest(start)
+    begun = RulePage(reward_of(tasks), read_rule_page(start).numbers)
+    digest = settings.digest(begun)
     identity = {"task_digest": digest_of_tasks(tasks), "settings_digest": digest, "seed": seed}
     with folder_lock(folder):
         state = folder / SEARCH if (folder / SEARCH).is_file() else None
@@ -246,7 +257,7 @@ def tune_rules(
         card = claim(folder, identity, state, start=None, wanted={"generations": generations}, resume=True)
         if card is not None:
             return Trained.of(folder, card, already_done=True)
-        candidates = Candidates(start)
+        candidates = Candidates(begun)
         strategy = Strategy(
             candidates.mean, settings.sigma, population=settings.population, seed=seed, bounds=candidates.bounds
         )
@@ -256,17 +267,14 @@ def tune_rules(
             search.history = strategy.go_on(state, identity)
         note_session(search.history, tasks[0], search.steps)
         open_folder(folder, settings.model_dump(mode="json"))
-        write_atomically(folder / _START, settings_text(start))
+        facts = start_of(start)  # before the folder's own rules may take the place of those that it starts from
+        write_atomically(folder / _START, settings_text(begun))
         _run(search, folder, generations, listeners, identity)
-        facts = {"file": _START, "digest": sha256(settings_text(start).encode()).hexdigest()}
         card = write_card(folder, tasks, _making(search, identity), settings.evaluation, search.history, facts)
     return Trained.of(folder, card, already_done=False)
 
 
 def _check(tasks: Sequence[TaskSpec]) -> None:
-    if not tasks:
-        msg = "Rules are tuned for a task: name one with --task."
-        raise TrainingError(msg)
     for task in tasks:
         task.check_training()
         if task.splits is not None and task.split != "training":

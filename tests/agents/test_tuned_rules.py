@@ -118,7 +118,13 @@ def test_lamps_burn_in_their_hours_unless_it_is_bright(card: TaskCard, observe: 
     lit = PLAIN.model_copy(update={"lamps_radiation": 200.0})
     agent = TunedRulesAgent([lit])
     direct = dataclasses.replace(card, actuation="set_point")
-    for hour, radiation, lamps, blackout in ((1.5, 0, 0, 0), (3.0, 0, 1, 1), (12.0, 150, 1, 0), (12.0, 250, 0, 0), (18.0, 0, 0, 0)):
+    for hour, radiation, lamps, blackout in (
+        (1.5, 0, 0, 0),
+        (3.0, 0, 1, 1),
+        (12.0, 150, 1, 0),
+        (12.0, 250, 0, 0),
+        (18.0, 0, 0, 0),
+    ):
         agent.reset(direct, 1)
         actions = agent.act(observe(1, hour, global_radiation=float(radiation)))[0]
         assert (actions[4], actions[5]) == (lamps, blackout)
@@ -186,10 +192,18 @@ def test_the_page_is_chosen_by_what_is_rewarded() -> None:
     pages = read_rule_pages(RULES)
     chosen = {
         task: pages.page_for(task_card(get_task(task)).reward_modules)
-        for task in ("Schiphol2010-Delta00-v1", "Schiphol2010Code-Delta30-v1", "Spring-v1", "Transfer-Miami-v1", "Lettuce-v1")
+        for task in (
+            "Schiphol2010-Delta00-v1",
+            "Schiphol2010Code-Delta30-v1",
+            "Spring-v1",
+            "Transfer-Miami-v1",
+            "Lettuce-v1",
+        )
     }
     assert [file.name for file in chosen.values() if file is not None] == ["paper.yml"] * 2 + ["spring.yml"] * 3
-    with pytest.raises(SubmissionError, match=r"No page .* is for test/Other, whose reward is profit \(paper.yml: scaled_epi"):
+    with pytest.raises(
+        SubmissionError, match=r"No page .* is for test/Other, whose reward is profit \(paper.yml: scaled_epi"
+    ):
         pages.numbers_for(("profit",), "test/Other")
     one = RulePages({RULES / "paper.yml": pages.pages[RULES / "paper.yml"]})
     assert one.numbers_for(("profit",), "test/Other") == one.pages[RULES / "paper.yml"].numbers
@@ -198,7 +212,9 @@ def test_the_page_is_chosen_by_what_is_rewarded() -> None:
 @pytest.mark.parametrize("file", sorted(RULES.glob("*.yml")), ids=lambda file: file.stem)
 def test_a_shipped_page_says_of_each_number_what_the_settings_say(file: Path) -> None:
     lines = file.read_text(encoding="utf-8").splitlines()
-    heading = [line.removeprefix("#").strip() for line in lines[: next(i for i, line in enumerate(lines) if line[:1] != "#")]]
+    heading = [
+        line.removeprefix("#").strip() for line in lines[: next(i for i, line in enumerate(lines) if line[:1] != "#")]
+    ]
     assert settings_text(read_rule_page(file), heading) == "\n".join(lines) + "\n"
 
 
@@ -246,7 +262,7 @@ def test_folders_without_a_page_or_with_two_for_one_reward_are_refused(tmp_path:
         read_rule_pages(tmp_path)
     for name in "ab":
         (tmp_path / f"{name}.yml").write_text(settings_text(RulePage(("epi",), PLAIN)), encoding="utf-8")
-    with pytest.raises(SubmissionError, match="Two pages of rules .* are for the same reward, epi"):
+    with pytest.raises(SubmissionError, match=r"Two pages of rules .* are for the same reward, epi"):
         read_rule_pages(tmp_path)
     with pytest.raises(SubmissionError, match="Cannot read the rules"):
         read_rule_pages(tmp_path / "c.yml")
