@@ -21,6 +21,7 @@ from glbench.agents.grower import sun_hours
 from glbench.agents.rule_based_fair import clock_from
 from glbench.agents.tuned_rule_settings import RulePages, TunedRuleSettings
 from glbench.errors import ShapeError, SubmissionError
+from glbench.tasks.set_points import BLACKOUT, BOILER, DOSING, LAMPS, SCREEN, VENTS, WORKED
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
@@ -115,12 +116,12 @@ class TunedRulesAgent:
         lamps = _lamps(n, hour, radiation)
         above = humidity - self._limits[1]
         return {
-            "uBoil": _boiler(n, shares, heating, temperature, warming / self._step_hours, outdoor, above),
-            "uCo2": _co2(n, shares, radiation, vents, seen["co2"]) if "co2" in seen else self._calm,
-            "uThScr": _screen(n, shares, above),
-            "uVent": _vents(n, shares, vents, temperature, above, rising, self._step_hours),
-            "uLamp": lamps,
-            "uBlScr": np.where(radiation <= 0.0, lamps, 0.0),
+            BOILER: _boiler(n, shares, heating, temperature, warming / self._step_hours, outdoor, above),
+            DOSING: _co2(n, shares, radiation, vents, seen["co2"]) if "co2" in seen else self._calm,
+            SCREEN: _screen(n, shares, above),
+            VENTS: _vents(n, shares, vents, temperature, above, rising, self._step_hours),
+            LAMPS: lamps,
+            BLACKOUT: np.where(radiation <= 0.0, lamps, 0.0),
         }
 
     def _shares(
@@ -286,8 +287,14 @@ def _plan(task: TaskCard) -> _Plan:
         )
         raise SubmissionError(msg)
     controls = {control.name: control for control in task.controls}
+    unknown = [name for name in (VENTS, *task.action_names) if name not in WORKED or name not in controls]
+    if unknown:
+        msg = (
+            f"The tuned rules work {', '.join(WORKED)}; {task.id} is another kind of greenhouse ({', '.join(unknown)})."
+        )
+        raise SubmissionError(msg)
     rate = task.actuation == "rate"
-    moved = [controls["uVent"], *(controls[name] for name in task.action_names if rate)]
+    moved = [controls[VENTS], *(controls[name] for name in task.action_names if rate)]
     columns = {name: index for index, name in enumerate(task.observation_names)}
     missing = [name for name in dict.fromkeys([*_NEEDED, *(one.quantity for one in moved)]) if name not in columns]
     if missing:

@@ -279,6 +279,12 @@ def test_what_a_task_does_not_show_is_named_or_done_without(card: TaskCard, obse
     assert actions[0, 1] == -1.0  # no CO2 is dosed without a sensor
 
 
+def test_another_kind_of_greenhouse_is_refused(card: TaskCard) -> None:
+    pump = dataclasses.replace(card.actions[0], name="pump")
+    with pytest.raises(SubmissionError, match=r"is another kind of greenhouse \(pump\)"):
+        TunedRulesAgent([PLAIN]).reset(dataclasses.replace(card, actions=(pump, *card.actions[1:])), 1)
+
+
 def test_numbers_and_rows_must_fit_the_runs(card: TaskCard, observe: Observe) -> None:
     agent = TunedRulesAgent([PLAIN, PLAIN])
     with pytest.raises(ShapeError, match="numbers for 2 runs, and 3 begin"):
