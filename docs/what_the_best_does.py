@@ -75,7 +75,9 @@ class Season:
             msg = f"the plan does not fit: {reason}"
             raise ValueError(msg)
         given = Scenario.of(task, SEED)
-        return cls(given, np.clip(given.u_before + given.max_change * np.cumsum(book.plan(SEED), axis=0), 0.0, given.high))
+        return cls(
+            given, np.clip(given.u_before + given.max_change * np.cumsum(book.plan(SEED), axis=0), 0.0, given.high)
+        )
 
     @cached_property
     def states(self) -> Floats:
@@ -163,15 +165,15 @@ def all_seasons() -> dict[str, Season]:
 
 
 def plan_cheap() -> None:
-    """Search for a plan, from the best known one with the lamps lit from midnight to six in the evening; keep the better one."""
+    """Search for a plan, from the best known one at the paper's price, or from the one that is there."""
     task, paper = cheap_task(), paper_task()
     book = best_known().book(paper)
     assert book is not None
-    given, controls = Scenario.of(task, SEED), Season.of_book(paper, book).controls.copy()
     if CHEAP_PLAN.is_file():
-        controls = Season.of_book(task, read_book(CHEAP_PLAN)).controls.copy()
+        controls = Season.of_book(task, read_book(CHEAP_PLAN)).controls
     else:
-        controls[:, task.model_value.control_names.index("uLamp")] = given.calendar[:-1, 0] < 18.0
+        controls = Season.of_book(paper, book).controls
+    given = Scenario.of(task, SEED)
     plan = plan_season(given, controls, iterations=ITERATIONS)
     about = {"method": "sequential convex programming", "iterations": ITERATIONS, "reward": plan.reward}
     PlanBook.of(task, [SEED], plan.actions(), about).save(CHEAP_PLAN)
@@ -194,7 +196,13 @@ def typical_day(seasons: dict[str, Season]) -> Any:
     for row, (label, series) in enumerate(rows):
         for column, (month, days) in enumerate(MONTHS.items()):
             axis = axes[row, column]
-            axis.plot(hours, policy.daily(series(policy), days), color=ORANGE, lw=1.2, label=f"{POLICY}, the best trained policy")
+            axis.plot(
+                hours,
+                policy.daily(series(policy), days),
+                color=ORANGE,
+                lw=1.2,
+                label=f"{POLICY}, the best trained policy",
+            )
             axis.plot(hours, best.daily(series(best), days), color=BLUE, lw=1.8, label="best known plan")
             if row == 0:
                 axis.set_title(month)
@@ -228,7 +236,9 @@ def lamps(seasons: dict[str, Season]) -> Any:
     hours = np.arange(day) * 24.0 / day
     for colour, (month, days) in zip((BLUE, GREEN), MONTHS.items(), strict=True):
         right.plot(hours, cheap.control("uLamp").reshape(-1, day)[days].mean(axis=0), color=colour, label=month)
-    right.set(xlabel="hour of the day (UTC)", ylabel="lamps, mean [%]", xlim=(0, 24), xticks=range(0, 25, 6), ylim=(0, None))
+    right.set(
+        xlabel="hour of the day (UTC)", ylabel="lamps, mean [%]", xlim=(0, 24), xticks=range(0, 25, 6), ylim=(0, None)
+    )
     right.legend()
     return figure
 
@@ -272,13 +282,21 @@ def climate_table(seasons: dict[str, Season]) -> list[str]:
         steps = np.zeros(len(next(iter(seasons.values())).controls), bool)
         day = paper_task().steps_per_day
         steps[days.start * day : days.stop * day] = True
-        rows[f"{month}: air in the dark [°C]"] = [mean(one.air[:, 0], steps & (one.light < DARK), "") for one in in_order(seasons)]
+        rows[f"{month}: air in the dark [°C]"] = [
+            mean(one.air[:, 0], steps & (one.light < DARK), "") for one in in_order(seasons)
+        ]
         noon = (one_hour := paper_hours()) >= 11.0
         noon &= one_hour < 15.0
-        rows[f"{month}: air from 11 to 15 h [°C]"] = [mean(one.air[:, 0], steps & noon, "") for one in in_order(seasons)]
+        rows[f"{month}: air from 11 to 15 h [°C]"] = [
+            mean(one.air[:, 0], steps & noon, "") for one in in_order(seasons)
+        ]
         rows[f"{month}: mean of 24 h [°C]"] = [mean(one.air[:, 0], steps, "") for one in in_order(seasons)]
-        rows[f"{month}: CO2 by day [ppm]"] = [mean(one.air[:, 1], steps & (one.light > 50.0), "ppm") for one in in_order(seasons)]
-        rows[f"{month}: vents from 11 to 15 h [%]"] = [mean(one.control("uVent"), steps & noon, "") for one in in_order(seasons)]
+        rows[f"{month}: CO2 by day [ppm]"] = [
+            mean(one.air[:, 1], steps & (one.light > 50.0), "ppm") for one in in_order(seasons)
+        ]
+        rows[f"{month}: vents from 11 to 15 h [%]"] = [
+            mean(one.control("uVent"), steps & noon, "") for one in in_order(seasons)
+        ]
     rows["steps with humidity from 84.5 to 85.5 % [%]"] = [
         f"{100.0 * np.mean(np.abs(one.air[:, 2] - 85.0) <= 0.5):.0f}" for one in in_order(seasons)
     ]

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from glbench.agents.rule_based_fair import FairRuleBasedAgent
     from glbench.agents.rule_settings import RuleSettings, read_rule_settings
     from glbench.agents.rules import RuleInputs, rule_controls
+    from glbench.agents.tuned_rules import TunedRulesAgent
 else:
     __getattr__ = late_names(
         __name__,
@@ -35,6 +36,7 @@ else:
             "rule_based_fair": ("FairRuleBasedAgent",),
             "rule_settings": ("RuleSettings", "read_rule_settings"),
             "rules": ("RuleInputs", "rule_controls"),
+            "tuned_rules": ("TunedRulesAgent",),
         },
     )
 
@@ -52,6 +54,7 @@ __all__ = [
     "ScenarioController",
     "SingleRunAgent",
     "SubmissionCard",
+    "TunedRulesAgent",
     "action_problems",
     "baseline_names",
     "identify",

@@ -34,9 +34,10 @@ if TYPE_CHECKING:
     from glbench.agents.predictive import PredictiveSettings
     from glbench.agents.recording import Recording
     from glbench.agents.rule_settings import RuleSettings
+    from glbench.agents.tuned_rule_settings import RulePages
     from glbench.tasks import TaskCard
 
-    Settings = RuleSettings | GrowerSettings | PolicyFiles | PredictiveSettings | Recording | PlanFolder
+    Settings = RuleSettings | RulePages | GrowerSettings | PolicyFiles | PredictiveSettings | Recording | PlanFolder
 
 _HERE = Path(__file__).resolve().parent
 LARGEST_ARCHIVE = 256 * MIB
@@ -119,6 +120,13 @@ _CONTROLLERS = {
         maker=("rule_based_fair", "FairRuleBasedAgent"),
         modules=("rules.py", "rule_settings.py", "rule_based_fair.py", "daylight.py"),
     ),
+    "rule_based_tuned": _Controller(
+        sees="observations",
+        information="observations and the public task card",
+        reader=("tuned_rule_settings", "read_rule_pages"),
+        maker=("tuned_rules", "TunedRulesAgent"),
+        modules=("tuned_rules.py", "tuned_rule_settings.py", "rule_based_fair.py", "grower.py"),
+    ),
     "network": _Controller(
         sees="observations",
         information="observations and the public task card",
@@ -179,7 +187,15 @@ class Card(BaseModel):
 
     title: str
     controller: Literal[
-        "rule_based", "rule_based_fair", "grower", "network", "recording", "plans", "mpc_true_state", "mpc"
+        "rule_based",
+        "rule_based_fair",
+        "rule_based_tuned",
+        "grower",
+        "network",
+        "recording",
+        "plans",
+        "mpc_true_state",
+        "mpc",
     ]
     settings: str
     description: str
@@ -291,10 +307,9 @@ def _digest(controller: str, place: Path, settings: Any) -> str:
     code = sha256_of_files(_HERE, [_HERE / module for module in own.modules])
     if own.elsewhere:
         code += f" {sha256_of_files(_HERE.parent, [_HERE.parent / module for module in own.elsewhere])}"
-    folder_of_policies = place.is_dir()
     data = (
         sha256_of_files(place, list(settings.files))
-        if folder_of_policies
+        if place.is_dir()
         else hashlib.sha256(place.read_bytes()).hexdigest()
     )
     return hashlib.sha256(f"{controller} {code} {data}".encode()).hexdigest()

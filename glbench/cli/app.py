@@ -37,8 +37,9 @@ for _command in (evaluate, leaderboard, show, compare, badge, report, verify, vi
     app.command(_command.__name__)(_command)
 app.add_typer(submit.app, name="submit")
 app.add_typer(rounds.app, name="round")
-for _training in (train, tune, export, sweep):
+for _training in (train, export, sweep):
     app.command(_training.__name__)(_training)
+app.add_typer(tune, name="tune")
 for _group in (episodes, tasks, weather):
     app.add_typer(_group.app, name=_group.__name__.rpartition(".")[2])
 

@@ -1,13 +1,14 @@
-"""``glbench train``, ``tune``, ``export`` and ``sweep``: agents that learn."""
+"""``glbench train``, ``tune``, ``export`` and ``sweep``: agents that learn, and rules whose numbers are tuned."""
 
 from __future__ import annotations
 
 import contextlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.box import HEAVY_HEAD
+from typer.core import TyperGroup
 
 from glbench.cli.console import messages, output, say, table, tell
 from glbench.cli.leaving import INTERRUPTED, tell_interrupted
@@ -74,7 +75,83 @@ def train(
     _say_what_came_out(trained, chosen, task)
 
 
-def tune(
+class _PolicyUnlessNamed(TyperGroup):
+    """``glbench tune POLICY`` is ``glbench tune policy POLICY``."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put the name of the command first where it is left out."""
+        if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
+            args = ["policy", *args]
+        return super().parse_args(ctx, args)
+
+
+tune = typer.Typer(
+    cls=_PolicyUnlessNamed,
+    help="Tune what is there on whole seasons (CMA-ES): the last layer of a policy (glbench tune POLICY), or the numbers of rules.",
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+@tune.command("rules")
+def tune_rules(
+    task: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--task", "-t", help="Task id or file; several for the mean of their rewards. Default: the benchmark's."
+        ),
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", "-c", help="Rules to begin with (YAML). Default: the shipped ones.")
+    ] = None,
+    seed: Seed = 0,
+    seasons: Annotated[
+        int | None,
+        typer.Option("--seasons", "-n", min=1, help="Seasons in all, rounded up to whole generations. Default: 6,400."),
+    ] = None,
+    population: Annotated[
+        int | None, typer.Option("--population", "-p", min=4, help="Candidates a generation. Default: 64.")
+    ] = None,
+    sigma: Annotated[
+        float | None,
+        typer.Option(
+            "--sigma", min=1e-6, max=1.0, help="First spread, in widths of the numbers' bounds. Default: 0.1."
+        ),
+    ] = None,
+    out: TrainingFolder = None,
+) -> None:
+    """Tune the numbers of rules for one task or several; the same command goes on with what was interrupted.
+
+    The folder then holds the rules (rules.yml), the learning curve and card.toml, and is an agent itself: glbench evaluate FOLDER.
+    """
+    with needs_the_extra("train"):
+        from glbench.training import rule_search as r
+    tasks = [the_task(name) for name in task] if task else [the_task(None)]
+    start = config or r.shipped_start(tasks)
+    given = {"seasons": seasons, "population": population, "sigma": sigma}
+    settings = r.RuleSearchSettings.model_validate({name: value for name, value in given.items() if value is not None})
+    names = ", ".join(one.id for one in tasks)
+    folder = out or Path("runs") / f"rules-{'-'.join(one.short_id for one in tasks)}-seed{seed}"
+    generations = settings.generations(tasks)
+    messages().print(
+        f"Tuning rules for [bold]{names}[/bold]: {generations} generations of {settings.population} candidates, "
+        f"a season of each task for each, seed {seed}, in {folder}",
+        soft_wrap=True,
+    )
+    bar = _TrainingBar(generations * settings.population * sum(one.steps for one in tasks), tasks[0])
+    try:
+        with bar:
+            found = r.tune_rules(tasks, start, settings, folder, seed=seed, listeners=[bar])
+    except KeyboardInterrupt:
+        tell_interrupted("The same command goes on from the last generation.")
+        raise typer.Exit(INTERRUPTED) from None
+    if found.already_done:
+        messages().print("Already tuned with these settings. More: --seasons N.")
+    _say_what_came_out(found, tasks[0], task[0] if task else None, "rules")
+
+
+@tune.command("policy")
+def tune_policy(
     policy: Annotated[
         Path, typer.Argument(metavar="POLICY", help="Policy file (policy.npz), or a folder of glbench train.")
     ],
@@ -283,8 +360,8 @@ def needs_the_extra(extra: str) -> Iterator[None]:
         raise TrainingError(msg) from error
 
 
-def _say_what_came_out(trained: Trained, task: TaskSpec, named: str | None) -> None:
-    """The best policy of a training, and what to do with it.
+def _say_what_came_out(trained: Trained, task: TaskSpec, named: str | None, what: str = "policy") -> None:
+    """The best policy of a training, or the best of ``what`` else was sought, and what to do with it.
 
     Raises
     ------
@@ -292,16 +369,17 @@ def _say_what_came_out(trained: Trained, task: TaskSpec, named: str | None) -> N
         With code 3 when nothing was learnt.
     """
     score = _words(task).score
+    more = "more seasons (--seasons N)" if what == "rules" else "more steps (--resume)"
     if not trained.learnt:
         messages().print(
-            f"[bold yellow]Nothing was learnt.[/bold yellow] The training never beat the policy that it began with: "
+            f"[bold yellow]Nothing was learnt.[/bold yellow] The training never beat the {what} that it began with: "
             f"{score.said(trained.best_reward)} at step 0, {score.number(trained.last_reward)} after {trained.steps:,} steps. "
-            f"Train for more steps (--resume), or with other settings. {trained.folder} holds the policy of step 0.",
+            f"Train for {more}, or with other settings. {trained.folder} holds the {what} of step 0.",
             soft_wrap=True,
         )
         raise typer.Exit(NOTHING_LEARNT)
     output().print(
-        f"Best policy: {score.said(trained.best_reward)} after {trained.best_steps:,} of {trained.steps:,} steps; "
+        f"Best {what}: {score.said(trained.best_reward)} after {trained.best_steps:,} of {trained.steps:,} steps; "
         f"the last one: {score.number(trained.last_reward)}.",
         soft_wrap=True,
     )

@@ -103,7 +103,7 @@ def will_compile(model: Model = TOMATO) -> bool:
 
 
 def built_libraries(model: Model, *, for_plans: bool = False) -> dict[str, Path]:
-    """Files of the compiled libraries of ``model`` that are in this user's cache; those for stepping and derivatives are built if they are ``for_plans``.
+    """Files of the compiled libraries of ``model`` in this user's cache; ``for_plans`` they are built first, derivatives included.
 
     By the names that they need in the folder that the variable ``GLBENCH_KERNELS`` names for another process, which then takes them.
     """

@@ -1,7 +1,7 @@
 """What a result's agent was trained for: from the card of a submission, or from the trainings that a shipped baseline keeps.
 
-A baseline that ships several policies acts with the one trained under the nearest uncertainty, so that one's training counts. What
-is not stated is ``None`` and not 0.
+A baseline that ships several policies acts with the one trained under the nearest uncertainty, so that one's training counts; of
+tuned rules that of the page for the task's reward. What is not stated is ``None`` and not 0.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import Any
 from glbench.agents.baselines import read_baseline
 from glbench.agents.identity import baseline_names
 from glbench.agents.recording import Recording
+from glbench.agents.tuned_rule_settings import RulePages
 from glbench.errors import GlbenchError
 from glbench.evaluation import Result
 from glbench.resources import data_folder
@@ -47,6 +48,9 @@ def budget_of(result: Result) -> Budget:
         return Budget(agent.card.training.steps, agent.card.training.wall_hours)
     if agent.kind != "baseline" or _digest_of_baseline(agent.name) != agent.digest:
         return UNKNOWN
+    settings = read_baseline(agent.name).settings
+    if isinstance(settings, RulePages):
+        return _tuned(settings, result.task.id)
     trained = _trainings(data_folder("baselines") / _trained(agent.name) / "training")
     if not trained:
         return Budget(0, 0.0)
@@ -58,6 +62,16 @@ def _trained(name: str) -> str:
     """Baseline whose training made ``name`` what it is: for a recording the agent that was recorded."""
     settings = read_baseline(name).settings
     return str(settings.about["agent"]) if isinstance(settings, Recording) else name
+
+
+def _tuned(pages: RulePages, task_id: str) -> Budget:
+    """Of rules, the tuning of the page that a published task is played by."""
+    reward = _rewards().get(task_id)
+    page = None if reward is None else pages.page_for(reward)
+    if page is None:
+        return UNKNOWN
+    record = page.parent.parent / "training" / f"{page.stem}.toml"
+    return _spent(tomllib.loads(record.read_text(encoding="utf-8")))
 
 
 @cache
@@ -77,6 +91,11 @@ def _deltas() -> Mapping[str, float]:
 
 
 @cache
+def _rewards() -> Mapping[str, tuple[str, ...]]:
+    return {task.id: tuple(task.reward.modules) for task in list_tasks()}
+
+
+@cache
 def _years() -> Mapping[str, tuple[int, ...]]:
     """Years of the weather of published tasks that have one season."""
     found = {}
@@ -93,7 +112,7 @@ def _trainings(folder: Path) -> Mapping[float, Budget]:
     found = {}
     for path in sorted(folder.glob("*.toml")):
         card = tomllib.loads(path.read_text(encoding="utf-8"))
-        delta = _deltas().get(card["task"]["id"])
+        delta = _deltas().get(card["task"].get("id", ""))
         if delta is not None:
             found[delta] = _spent(card)
     return found
@@ -103,8 +122,9 @@ def _spent(card: Mapping[str, Any]) -> Budget:
     """Steps and time of a training, with those of the policy that it started from, if it did."""
     steps, seconds = int(card["training"]["steps"]), float(card["wall_seconds"]["total"])
     start = card.get("start")
-    task_id, training = str(card["task"]["id"]), card["training"]
-    data = (task_id,), training.get("split"), tuple(training.get("years") or _years().get(task_id, ()))
+    task, training = card["task"], card["training"]
+    tasks = tuple(map(str, task["ids"] if "ids" in task else (task["id"],)))
+    data = tasks, training.get("split"), tuple(training.get("years") or _years().get(tasks[0], ()))
     if start is None:
         return Budget(steps, seconds / 3600.0, *data)
     if "steps" not in start:

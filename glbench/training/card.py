@@ -44,6 +44,7 @@ class Making:
     """How an agent was made, in words and in figures.
 
     ``training`` is the card's table of that name: algorithm, seed, steps, settings and whatever else its kind of training has to tell.
+    ``controller`` is what acts, with the settings in ``acts_with``.
     """
 
     title: str
@@ -51,6 +52,15 @@ class Making:
     made: str
     sources: tuple[str, ...]
     training: Mapping[str, Any]
+    controller: str = "network"
+    acts_with: str = POLICY
+
+
+def digest_of_tasks(tasks: Sequence[TaskSpec]) -> str:
+    """The task's digest; of several tasks SHA-256 (hex) over theirs."""
+    if len(tasks) == 1:
+        return tasks[0].digest
+    return sha256(" ".join(task.digest for task in tasks).encode()).hexdigest()
 
 
 def note_session(history: History, task: TaskSpec, steps: int) -> None:
@@ -89,7 +99,7 @@ def making_of(
 
 def write_card(
     folder: Path,
-    task: TaskSpec,
+    tasks: TaskSpec | Sequence[TaskSpec],
     making: Making,
     evaluation: EvaluationPlan,
     history: History,
@@ -97,8 +107,11 @@ def write_card(
 ) -> dict[str, Any]:
     """Write the card of a finished training to ``folder/card.toml``, with which the folder can be evaluated as an agent; its content.
 
-    ``start`` tells of the policy that it started from.
+    ``start`` tells of what it started from.
     """
+    seen = tasks if isinstance(tasks, Sequence) else (tasks,)
+    task = seen[0]
+    ids = {"id": task.id} if len(seen) == 1 else {"ids": [one.id for one in seen]}
     spent = history.time
     shares = {name: round(seconds / spent.training, 4) for name, seconds in asdict(spent).items() if name in _SHARED}
     learnt = history.best_steps > 0
@@ -106,12 +119,12 @@ def write_card(
     git = git_state()
     content: dict[str, Any] = {
         "title": making.title,
-        "controller": "network",
-        "settings": POLICY,
+        "controller": making.controller,
+        "settings": making.acts_with,
         "description": making.description if learnt else _NOT_LEARNT.format(making.training["steps"]),
         "made": making.made,
         "sources": list(making.sources),
-        "task": {"id": task.id, "digest": task.digest, "model": task.model_id},
+        "task": {**ids, "digest": digest_of_tasks(seen), "model": task.model_id},
         "training": {
             **making.training,
             **_seasons_seen(task),

@@ -11,17 +11,15 @@ varies over a season, and scales it: ``directions + 2`` numbers for each action.
 
 from __future__ import annotations
 
-import io
 import json
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from cmaes import CMA
 from numpy.typing import NDArray
 from pydantic import Field
 
@@ -31,7 +29,7 @@ from glbench.errors import TrainingError, did_you_mean
 from glbench.kernel import make_kernel
 from glbench.resources import write_atomically
 from glbench.training.card import POLICY, Making, note_session, write_card
-from glbench.training.checkpoint import DAMAGED, SEARCH, SETTINGS, altered, claim, folder_lock, open_folder
+from glbench.training.checkpoint import SEARCH, SETTINGS, claim, folder_lock, open_folder
 from glbench.training.export import policy_in, start_of
 from glbench.training.probe import CurvePoint, History, Listener, Pace, Probe, Progress, season_sums
 from glbench.training.run import Trained
@@ -44,6 +42,7 @@ from glbench.training.settings import (
     in_words,
     section,
 )
+from glbench.training.strategy import Strategy
 from glbench.training.vec_env import varies, without_steady_columns
 
 if TYPE_CHECKING:
@@ -227,46 +226,40 @@ class _Search:
         start = _begun_anew(settings, task)
         self._batched = BatchedPolicy(start)
         self.variations = Variations(start, self._hidden_of_a_season(start), settings.directions)
-        self._strategy = CMA(
-            mean=np.zeros(self.variations.size), sigma=settings.sigma, population_size=settings.population, seed=seed
+        self.strategy = Strategy(
+            np.zeros(self.variations.size), settings.sigma, population=settings.population, seed=seed
         )
-        self.rewards: list[Floats] = []
-        """Of each generation so far."""
         self.history = History()
 
     @property
     def steps(self) -> int:
         """Environment steps so far."""
-        return len(self.rewards) * self.settings.population * self.task.steps
+        return self.generations * self.settings.population * self.task.steps
+
+    @property
+    def generations(self) -> int:
+        """Generations so far."""
+        return len(self.strategy.rewards)
 
     @property
     def mean(self) -> Floats:
         """The middle of the variations."""
-        mean: Floats = self._strategy.mean
-        return mean
-
-    def repeat(self, rewards: Floats, history: History) -> None:
-        """Go on after generations with these rewards: the strategy asks for the same variations again."""
-        for given in rewards:
-            self._strategy.tell([(self._strategy.ask(), -float(reward)) for reward in given])
-            self.rewards.append(given)
-        self.history = history
+        return self.strategy.mean
 
     def generation(self) -> None:
         """Ask the strategy for variations, reward each with a season, and tell it the rewards."""
         clock, batched = self.history.time, self._batched
         with clock.spend("learning"):
-            asked = [self._strategy.ask() for _ in range(self.settings.population)]
+            asked = self.strategy.ask()
             batched.take([self.variations.layer(numbers) for numbers in asked])
         before = batched.seconds
         with clock.spend("simulator"):
-            seeds = [self.settings.first_seed + len(self.rewards)] * self.settings.population
+            seeds = [self.settings.first_seed + self.generations] * self.settings.population
             rewards = season_sums(self._simulation, seeds, batched.act)["reward"]
         clock.policy += batched.seconds - before
         clock.simulator -= batched.seconds - before
         with clock.spend("learning"):
-            self._strategy.tell([(numbers, -float(reward)) for numbers, reward in zip(asked, rewards, strict=True)])
-            self.rewards.append(rewards)
+            self.strategy.tell(asked, rewards)
 
     def evaluate(self) -> CurvePoint:
         """A point of the learning curve: the middle of the variations."""
@@ -339,7 +332,7 @@ def search(
         start = start_of(settings.start_from)
         under_way = _Search(task, settings, seed)
         if state is not None:
-            _continue(under_way, state, identity)
+            under_way.history = under_way.strategy.go_on(state, identity)
         note_session(under_way.history, task, under_way.steps)
         open_folder(folder, settings.model_dump(mode="json"))
         _run(under_way, folder, listeners, identity)
@@ -352,11 +345,11 @@ def _run(under_way: _Search, folder: Path, listeners: Sequence[Listener], identi
     settings = under_way.settings
     total = settings.generations * settings.population * under_way.task.steps
     pace = Pace(under_way.steps)
-    while len(under_way.rewards) < settings.generations:
+    while under_way.generations < settings.generations:
         if under_way.steps >= under_way.history.next_evaluation:
             _evaluate(under_way, folder, listeners, identity)
         under_way.generation()
-        mean = float(under_way.rewards[-1].mean())
+        mean = float(under_way.strategy.rewards[-1].mean())
         for listener in listeners:
             listener.on_progress(Progress(under_way.steps, total, pace.rate(under_way.steps), mean))
     curve = under_way.history.curve
@@ -376,40 +369,10 @@ def _evaluate(under_way: _Search, folder: Path, listeners: Sequence[Listener], i
             replace(policy, task_id=under_way.task.id, delta=under_way.task.uncertainty.delta).to_bytes(),
         )
     under_way.history.write_curve(folder)
-    _keep(under_way, folder / SEARCH, identity)
+    under_way.strategy.keep(folder / SEARCH, identity, under_way.history)
     for listener in listeners:
         listener.on_evaluation(point)
         listener.on_saved(under_way.steps)
-
-
-def _keep(under_way: _Search, file: Path, identity: dict[str, Any]) -> None:
-    """The rewards are all it takes: asked again, the strategy says the same."""
-    content = io.BytesIO()
-    rewards = np.array(under_way.rewards).reshape(len(under_way.rewards), under_way.settings.population)
-    known = {"identity": identity, "history": asdict(under_way.history)}
-    facts = json.dumps({**known, "digest": _digest(known, rewards)})
-    np.savez(content, allow_pickle=False, rewards=rewards, facts=np.frombuffer(facts.encode(), dtype=np.uint8))
-    write_atomically(file, content.getvalue())
-
-
-def _continue(under_way: _Search, file: Path, identity: dict[str, Any]) -> None:
-    try:
-        with np.load(file, allow_pickle=False) as kept:
-            rewards, facts = kept["rewards"], json.loads(kept["facts"].tobytes())
-    except DAMAGED as error:
-        msg = f"The state of the search {file} cannot be read: {error}. Remove it to begin the search anew."
-        raise TrainingError(msg) from error
-    if facts["identity"] != identity:
-        msg = f"{file.parent} holds another search: task, settings, policy or seed differ. Choose another folder."
-        raise TrainingError(msg)
-    if facts.pop("digest", None) != _digest(facts, rewards):
-        raise altered(file)
-    under_way.repeat(rewards, History.from_dict(facts["history"]))
-
-
-def _digest(facts: dict[str, Any], rewards: Floats) -> str:
-    """SHA-256 (hex) over what is kept of a search."""
-    return sha256(json.dumps(facts, sort_keys=True).encode() + rewards.astype("<f8").tobytes()).hexdigest()
 
 
 def _begun_anew(settings: SearchSettings, task: TaskSpec) -> NetworkPolicy:
@@ -432,14 +395,14 @@ def _making(under_way: _Search, identity: dict[str, Any]) -> Making:
     settings, steps = under_way.settings, under_way.steps
     return Making(
         title=f"The last layer of {settings.start_from.name} adapted to {under_way.task.id} by CMA-ES, seed {identity['seed']}",
-        description=f"The best mean of {len(under_way.rewards)} generations of {settings.population} seasons, {steps:,} steps.",
+        description=f"The best mean of {under_way.generations} generations of {settings.population} seasons, {steps:,} steps.",
         made="glbench tune; the tables below tell the rest.",
         sources=("Hansen (2016). The CMA evolution strategy: a tutorial. arXiv:1604.00772",),
         training={
             "algorithm": "CMA-ES",
             "seed": identity["seed"],
             "steps": steps,
-            "generations": len(under_way.rewards),
+            "generations": under_way.generations,
             "population": settings.population,
             "kernel_preset": settings.kernel_preset,
             "settings": SETTINGS,

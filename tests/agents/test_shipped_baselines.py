@@ -8,16 +8,21 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
 from glbench.agents.baselines import read_baseline
 from glbench.agents.rule_settings import RuleSettings
+from glbench.agents.tuned_rule_settings import read_rule_page
 from glbench.tasks import get_task
-from glbench.training.card import settings_digest
+from glbench.training.card import digest_of_tasks, settings_digest
+from glbench.training.rule_search import RuleSearchSettings, reward_of
 from glbench.training.season_search import read_season_search
-from glbench.training.settings import PAPER, read_settings
+from glbench.training.settings import FIRST_TRAINING_SEED, PAPER, read_settings
 
 ROOT = Path(__file__).resolve().parents[2]
-TRAININGS = sorted((ROOT / "baselines").glob("*/training/*.toml"))
+RECORDS = sorted((ROOT / "baselines").glob("*/training/*.toml"))
+TUNED_RULES = [file for file in RECORDS if file.parts[-3] == "rule_based_tuned"]
+TRAININGS = [file for file in RECORDS if file not in TUNED_RULES]
 
 
 def test_the_unlit_grower_is_the_published_one_without_lamps() -> None:
@@ -67,3 +72,33 @@ def test_every_shipped_policy_has_a_training_that_is_told() -> None:
     policies = {file.relative_to(ROOT) for file in (ROOT / "baselines").glob("*/weights/*.npz")}
     told = {(file.parent.parent / "weights" / f"{file.stem}.npz").relative_to(ROOT) for file in TRAININGS}
     assert policies == told
+
+
+@pytest.mark.parametrize("file", TUNED_RULES, ids=lambda file: file.stem)
+def test_a_page_of_tuned_rules_is_of_the_search_that_is_told(file: Path) -> None:
+    card = tomllib.loads(file.read_text(encoding="utf-8"))
+    task, training = card["task"], card["training"]
+    tasks = [get_task(name) for name in task.get("ids", [task.get("id")])]
+    assert task["digest"] == digest_of_tasks(tasks)
+    page, start = file.parent.parent / "rules" / f"{file.stem}.yml", file.parent / f"{file.stem}-start.yml"
+    assert (file.parent / card["settings"]).resolve() == page
+    assert read_rule_page(page).reward == read_rule_page(start).reward == reward_of(tasks)
+    settings = RuleSearchSettings.model_validate(
+        yaml.safe_load((file.parent / training["settings"]).read_text("utf-8"))["default"]
+    )
+    assert training["settings_digest"] == settings.digest(read_rule_page(start))
+    assert training["season_seeds"][0] == settings.first_seed >= FIRST_TRAINING_SEED
+    assert training.get("split", "training") == "training"
+    with (file.parent / training["learning_curve"]).open(encoding="utf-8", newline="") as curve:
+        points = list(csv.DictReader(curve))
+    best = max(points, key=lambda point: float(point["reward"]))
+    assert (int(best["steps"]), float(best["reward"])) == (
+        card["best"]["steps"],
+        pytest.approx(card["best"]["reward"], rel=1e-9),
+    )
+    assert f"after {card['best']['steps']:,} steps" in page.read_text(encoding="utf-8").splitlines()[0]
+
+
+def test_every_page_of_tuned_rules_has_a_search_that_is_told() -> None:
+    pages = {file.stem for file in (ROOT / "baselines" / "rule_based_tuned" / "rules").glob("*.yml")}
+    assert pages == {file.stem for file in TUNED_RULES} == {"paper", "spring"}

@@ -144,6 +144,22 @@ def test_a_tuned_folder_is_an_agent(glbench: Command, settings: Path) -> None:
 
 
 @pytest.mark.train
+def test_a_folder_of_tuned_rules_is_an_agent(glbench: Command, settings: Path) -> None:
+    command = ("tune", "rules", "--task", "day.toml", "--seasons", "12", "--population", "4", "--seed", "1")
+    tuned = glbench(*command)
+    assert tuned.code in (0, 3), tuned.err  # 3: nothing better was found so soon
+    assert "3 generations of 4 candidates" in tuned.err
+    folder = settings / "runs" / "rules-Day-v1-seed1"
+    card = tomllib.loads((folder / "card.toml").read_text(encoding="utf-8"))
+    assert (card["training"]["seasons"], card["training"]["seed"]) == (12, 1)
+    scored = glbench("evaluate", "runs/rules-Day-v1-seed1", "--task", "day.toml")
+    assert scored.code == 0, scored.err
+    assert "Already tuned" in glbench(*command).err
+    other = glbench("tune", "rules", "--task", "day.toml", "--config", "none.yml")
+    assert (other.code, "Cannot read the rules none.yml" in other.err) == (1, True)
+
+
+@pytest.mark.train
 def test_a_search_is_continued_and_its_best_trial_shown_first(glbench: Command, settings: Path) -> None:
     first = glbench("sweep", "--config", "sweep.yml")
     assert first.code == 0, first.err

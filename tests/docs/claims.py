@@ -941,6 +941,8 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("| `sigma` | 0.08 |", "definition: glbench/training/season_search.py"),
         ("| `first_seed` | 30,000,000,000 |", "definition: glbench/training/season_search.py"),
         ("| 4,000,000; 4; 20,000,000,000 |", "definition: glbench/training/season_search.py"),
+        ("| `--seasons` | 6,400 |", "definition: glbench/training/rule_search.py"),
+        ("| `--sigma` | 0.1 |", "definition: glbench/training/rule_search.py"),
     ],
     "docs/verification.md": [
         *(

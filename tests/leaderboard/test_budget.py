@@ -66,3 +66,19 @@ def test_a_recording_counts_with_the_training_of_the_agent_that_was_recorded():
         update={"agent": tuned.agent.model_copy(update={"name": "recording", "digest": digest})}
     )
     assert budget_of(replayed) == budget_of(tuned)
+
+
+@pytest.mark.parametrize(("task", "page"), [("Schiphol2010-Delta00-v1", "paper"), ("Spring-v1", "spring")])
+def test_of_tuned_rules_the_page_for_the_tasks_reward_counts(task: str, page: str):
+    other, digest = released("rule_based_fair", task), read_baseline("rule_based_tuned").digest
+    agent = other.agent.model_copy(update={"name": "rule_based_tuned", "digest": digest})
+    budget = budget_of(other.model_copy(update={"agent": agent}))
+    record = data_folder("baselines") / f"rule_based_tuned/training/{page}.toml"
+    card = tomllib.loads(record.read_text(encoding="utf-8"))
+    assert budget.steps == card["training"]["steps"] + card["start"]["steps"]
+    if page == "spring":
+        assert budget.tasks == ("glbench/SpringYears-v1", "glbench/SpringMismatch-v1", "glbench/Spring-v1")
+        assert (budget.split, budget.years) == ("training", (2008, 2009, 2010))
+    else:
+        assert budget.tasks == ("glbench/Schiphol2010-Delta10-v1",)
+        assert (budget.split, budget.years) == (None, (2010,))

@@ -1,0 +1,352 @@
+"""Tuning the numbers of rules by the rewards of whole seasons.
+
+The rules are those of ``glbench.agents.tuned_rules``; a page of settings says where to begin, and the bounds of its numbers how far to go.
+CMA-ES varies the numbers, all candidates of a generation have the same seasons, and all of them run side by side, one a row. What is
+kept is the middle of a generation that earned most in seasons of the validation split, or in seeds apart where a task has no splits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from glbench.agents.tuned_rule_settings import RulePage, TunedRuleSettings, read_rule_page, rounded, settings_text
+from glbench.agents.tuned_rules import TunedRulesAgent
+from glbench.env import Simulation
+from glbench.errors import TrainingError
+from glbench.kernel import make_kernel
+from glbench.resources import data_folder, write_atomically
+from glbench.tasks import task_card
+from glbench.training.card import CARD, Making, digest_of_tasks, note_session, write_card
+from glbench.training.checkpoint import SEARCH, SETTINGS, claim, folder_lock, open_folder
+from glbench.training.export import start_of
+from glbench.training.probe import Act, CurvePoint, History, Listener, Pace, Probe, ProbeResult, Progress, season_sums
+from glbench.training.run import Trained
+from glbench.training.settings import FIRST_TRAINING_SEED, EvaluationPlan, FrozenSettings, TrainingSeed
+from glbench.training.strategy import Strategy
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskCard, TaskSpec
+
+Floats = NDArray[np.float64]
+
+RULES = "rules.yml"
+"""The page of the best rules, in the folder of a search."""
+CONTROLLER = "rule_based_tuned"
+_START = "start.yml"
+"""The page that a search in the folder began with."""
+
+
+class RuleSearchSettings(FrozenSettings):
+    """Settings of a search for numbers of rules.
+
+    Attributes
+    ----------
+    population
+        Candidates a generation. Each has one season of every task, the same for all.
+    seasons
+        Seasons in all, rounded up to whole generations.
+    sigma
+        Standard deviation of the first generation, in widths of each number's bounds.
+    first_seed
+        Seed of the first generation's season; the following ones have the next.
+    evaluation
+        When the middle of the generations is evaluated, ``every`` in environment steps, and in how many seasons of each task.
+    """
+
+    population: int = Field(default=64, ge=4)
+    seasons: int = Field(default=6400, gt=0)
+    sigma: float = Field(default=0.1, gt=0, le=1)
+    first_seed: TrainingSeed = 3 * FIRST_TRAINING_SEED
+    evaluation: EvaluationPlan = EvaluationPlan(every=4_000_000, runs=16)
+    kernel_preset: Literal["fast", "reference"] = "fast"
+
+    def generations(self, tasks: Sequence[TaskSpec]) -> int:
+        """Generations that the seasons are enough for, rounded up."""
+        return math.ceil(self.seasons / (self.population * len(tasks)))
+
+    def digest(self, start: RulePage) -> str:
+        """SHA-256 (hex) over all settings but the number of seasons, and over the page that the search begins with."""
+        content = self.model_dump_json(exclude={"seasons"}) + settings_text(start)
+        return sha256(content.encode()).hexdigest()
+
+
+def shipped_start(tasks: Sequence[TaskSpec]) -> Path:
+    """File of the shipped page for the reward of ``tasks``.
+
+    Raises
+    ------
+    TrainingError
+        When none is shipped, or as for ``reward_of``.
+    """
+    reward = reward_of(tasks)
+    for file in sorted((data_folder("baselines") / CONTROLLER / "rules").glob("*.yml")):
+        if read_rule_page(file).reward == reward:
+            return file
+    msg = f"No rules are shipped for the reward {', '.join(reward)}. Give a page to begin with: --config START.yml."
+    raise TrainingError(msg)
+
+
+def reward_of(tasks: Sequence[TaskSpec]) -> tuple[str, ...]:
+    """Reward modules that all ``tasks`` share.
+
+    Raises
+    ------
+    TrainingError
+        When there is no task, one is named twice, or they have several rewards, whose sums say nothing.
+    """
+    if not tasks:
+        msg = "Rules are tuned for a task: name one with --task."
+        raise TrainingError(msg)
+    rewards = {task.id: tuple(task.reward.modules) for task in tasks}
+    if len(rewards) < len(tasks):
+        msg = f"A task is named twice: {', '.join(task.id for task in tasks)}. Name each once."
+        raise TrainingError(msg)
+    if len(set(rewards.values())) > 1:
+        known = "; ".join(f"{name}: {', '.join(modules)}" for name, modules in rewards.items())
+        msg = f"Tasks with different rewards cannot be added up ({known}). Tune rules for each kind of reward."
+        raise TrainingError(msg)
+    return next(iter(rewards.values()))
+
+
+class Candidates:
+    """Numbers of a page as the strategy varies them: each from 0 to 1 between its bounds, those that are not tuned left out."""
+
+    def __init__(self, start: RulePage) -> None:
+        self._start = start
+        self._names = TunedRuleSettings.tuned_names()
+        self._low, high = np.array([TunedRuleSettings.bounds(name) for name in self._names]).T
+        self._width = high - self._low
+        given = np.array([getattr(start.numbers, name) for name in self._names])
+        self.mean: Floats = (given - self._low) / self._width
+        self.bounds: Floats = np.tile([0.0, 1.0], (len(self._names), 1))
+
+    def numbers(self, candidate: Floats) -> TunedRuleSettings:
+        """The rules of a candidate."""
+        values = self._low + np.clip(candidate, 0.0, 1.0) * self._width
+        return self._start.numbers.model_copy(update=dict(zip(self._names, values.tolist(), strict=True)))
+
+    def page(self, candidate: Floats) -> RulePage:
+        """The same as a page shows it, in four digits."""
+        numbers = {name: rounded(value) for name, value in self.numbers(candidate).model_dump().items()}
+        return RulePage(self._start.reward, TunedRuleSettings(**numbers))
+
+
+class _TaskRuns:
+    """One task of a search: a row for every candidate, and its seasons to choose by."""
+
+    def __init__(self, task: TaskSpec, settings: RuleSearchSettings) -> None:
+        kernel = make_kernel(task.model_value, task.step_seconds, preset=settings.kernel_preset)
+        self.card: TaskCard = task_card(task)
+        self._simulation = Simulation(task, settings.population, kernel)
+        self._probe = Probe(task.chosen_on, settings.evaluation, settings.kernel_preset)
+
+    def rewards(self, candidates: Sequence[TunedRuleSettings], seed: int) -> Floats:
+        """Reward of a season for every candidate."""
+        seeds = [seed] * len(candidates)
+        return season_sums(self._simulation, seeds, self._act(candidates))["reward"]
+
+    def evaluate(self, numbers: TunedRuleSettings) -> ProbeResult:
+        """Mean sums over the seasons to choose by."""
+        return self._probe.of(self._act([numbers] * len(self._probe.seeds)))
+
+    def _act(self, numbers: Sequence[TunedRuleSettings]) -> Act:
+        agent = TunedRulesAgent(numbers)
+        agent.reset(self.card, len(numbers))
+        return agent.act
+
+
+@dataclass
+class _Search:
+    """A search under way."""
+
+    tasks: Sequence[TaskSpec]
+    settings: RuleSearchSettings
+    candidates: Candidates
+    strategy: Strategy
+    runs: list[_TaskRuns]
+    history: History
+
+    @property
+    def generations(self) -> int:
+        """Generations so far."""
+        return len(self.strategy.rewards)
+
+    @property
+    def steps_a_generation(self) -> int:
+        """Environment steps of a generation."""
+        return self.settings.population * sum(task.steps for task in self.tasks)
+
+    @property
+    def steps(self) -> int:
+        """Environment steps so far."""
+        return self.generations * self.steps_a_generation
+
+    def generation(self) -> None:
+        """Ask the strategy for numbers, reward each with a season of every task, and tell it the mean."""
+        clock = self.history.time
+        with clock.spend("learning"):
+            asked = self.strategy.ask()
+            numbers = [self.candidates.numbers(one) for one in asked]
+        with clock.spend("simulator"):
+            seed = self.settings.first_seed + self.generations
+            rewards = sum((runs.rewards(numbers, seed) for runs in self.runs), np.zeros(len(asked))) / len(self.runs)
+        with clock.spend("learning"):
+            self.strategy.tell(asked, rewards)
+
+    def evaluate(self) -> tuple[CurvePoint, RulePage]:
+        """A point of the learning curve, the mean over the tasks, and the page that it belongs to."""
+        page = self.candidates.page(self.strategy.mean)
+        with self.history.time.spend("evaluation"):
+            result = _mean([runs.evaluate(page.numbers) for runs in self.runs])
+        if self.steps >= self.history.next_evaluation:  # an end between two evaluations moves none
+            self.history.next_evaluation = self.steps + self.settings.evaluation.every
+        return self.history.add(self.steps, result), page
+
+
+def tune_rules(
+    tasks: Sequence[TaskSpec],
+    start: Path,
+    settings: RuleSearchSettings,
+    folder: Path,
+    *,
+    seed: int = 0,
+    listeners: Sequence[Listener] = (),
+) -> Trained:
+    """Tune rules in ``folder``; the same tasks, start, settings and seed give the same rules on the same machine.
+
+    A search that was interrupted goes on, to the same numbers; one that is done is left as it is, unless more seasons are asked for.
+
+    Parameters
+    ----------
+    tasks
+        What is tuned for, in their training split where they have splits: the mean of their rewards counts.
+    start
+        File of the page to begin with; the reward that it names does not matter.
+    settings, seed
+        How; the seed is the strategy's.
+    folder
+        Where it is kept: the best page, rewards so far, learning curve and card.
+    listeners
+        Receive progress, evaluations and saves.
+
+    Raises
+    ------
+    TrainingError
+        When a task is in another split than that of training, ``folder`` holds another search, or as for ``reward_of``.
+    TaskError
+        When a task has a test alone.
+    SubmissionError
+        When the page cannot be read, or the rules do not fit a task.
+    """
+    _check(tasks)
+    begun = RulePage(reward_of(tasks), read_rule_page(start).numbers)
+    digest = settings.digest(begun)
+    identity = {"task_digest": digest_of_tasks(tasks), "settings_digest": digest, "seed": seed}
+    with folder_lock(folder):
+        state = folder / SEARCH if (folder / SEARCH).is_file() else None
+        generations = settings.generations(tasks)
+        card = claim(folder, identity, state, start=None, wanted={"generations": generations}, resume=True)
+        if card is not None:
+            return Trained.of(folder, card, already_done=True)
+        candidates = Candidates(begun)
+        strategy = Strategy(
+            candidates.mean, settings.sigma, population=settings.population, seed=seed, bounds=candidates.bounds
+        )
+        runs = [_TaskRuns(task, settings) for task in tasks]
+        search = _Search(tasks, settings, candidates, strategy, runs, History())
+        if state is not None:
+            search.history = strategy.go_on(state, identity)
+        note_session(search.history, tasks[0], search.steps)
+        open_folder(folder, settings.model_dump(mode="json"))
+        facts = start_of(start)  # before the folder's own rules may take the place of those that it starts from
+        write_atomically(folder / _START, settings_text(begun))
+        _run(search, folder, generations, listeners, identity)
+        card = write_card(folder, tasks, _making(search, identity), settings.evaluation, search.history, facts)
+    return Trained.of(folder, card, already_done=False)
+
+
+def _check(tasks: Sequence[TaskSpec]) -> None:
+    for task in tasks:
+        task.check_training()
+        if task.splits is not None and task.split != "training":
+            msg = f"Rules are tuned in the training split, and {task.id} was given in its split '{task.split}'."
+            raise TrainingError(msg)
+
+
+def _run(
+    search: _Search, folder: Path, generations: int, listeners: Sequence[Listener], identity: dict[str, Any]
+) -> None:
+    total, pace = generations * search.steps_a_generation, Pace(search.steps)
+    while search.generations < generations:
+        if search.steps >= search.history.next_evaluation:
+            _evaluate(search, folder, listeners, identity)
+        search.generation()
+        search.strategy.keep(folder / SEARCH, identity, search.history)
+        mean = float(search.strategy.rewards[-1].mean())
+        for listener in listeners:
+            listener.on_progress(Progress(search.steps, total, pace.rate(search.steps), mean))
+    curve = search.history.curve
+    if not curve or curve[-1]["steps"] < search.steps:
+        _evaluate(search, folder, listeners, identity)
+
+
+def _evaluate(search: _Search, folder: Path, listeners: Sequence[Listener], identity: dict[str, Any]) -> None:
+    point, page = search.evaluate()
+    if point.is_best:
+        names = ", ".join(task.id for task in search.tasks)
+        heading = (
+            f"Numbers of the tuned rules for {names}, after {point.steps:,} steps of glbench tune rules, seed {identity['seed']}.",
+            f"{CARD} tells how they were found, docs/training.md how to tune others.",
+        )
+        write_atomically(folder / RULES, settings_text(page, heading))
+    search.history.write_curve(folder)
+    search.strategy.keep(folder / SEARCH, identity, search.history)
+    for listener in listeners:
+        listener.on_evaluation(point)
+        listener.on_saved(search.steps)
+
+
+def _mean(results: Sequence[ProbeResult]) -> ProbeResult:
+    """The mean of what all results have."""
+    first, *others = (result.sums for result in results)
+    names = [name for name in first if all(name in other for other in others)]
+    return ProbeResult({name: float(np.mean([result.sums[name] for result in results])) for name in names})
+
+
+def _making(search: _Search, identity: Mapping[str, Any]) -> Making:
+    settings, tasks = search.settings, search.tasks
+    last = settings.first_seed + search.generations - 1
+    return Making(
+        title=f"Rules tuned for {', '.join(task.id for task in tasks)} by CMA-ES, seed {identity['seed']}",
+        description=(
+            f"The best mean of {search.generations} generations of {settings.population} candidates, {search.steps:,} steps. "
+            "Set points by the sun and by light, humidity just below its limit; it sees observations only and acts through the "
+            "task's actuation."
+        ),
+        made="glbench tune rules; the tables below tell the rest.",
+        sources=("Hansen (2016). The CMA evolution strategy: a tutorial. arXiv:1604.00772",),
+        training={
+            "algorithm": "CMA-ES",
+            "seed": identity["seed"],
+            "steps": search.steps,
+            "generations": search.generations,
+            "population": settings.population,
+            "seasons": search.generations * settings.population * len(tasks),
+            "season_seeds": [settings.first_seed, last],
+            "kernel_preset": settings.kernel_preset,
+            "settings": SETTINGS,
+            "settings_digest": identity["settings_digest"],
+            "learning_curve": "learning_curve.csv",
+        },
+        controller=CONTROLLER,
+        acts_with=RULES,
+    )
