@@ -169,10 +169,8 @@ def plan_cheap() -> None:
     task, paper = cheap_task(), paper_task()
     book = best_known().book(paper)
     assert book is not None
-    if CHEAP_PLAN.is_file():
-        controls = Season.of_book(task, read_book(CHEAP_PLAN)).controls
-    else:
-        controls = Season.of_book(paper, book).controls
+    before = (task, read_book(CHEAP_PLAN)) if CHEAP_PLAN.is_file() else (paper, book)
+    controls = Season.of_book(*before).controls
     given = Scenario.of(task, SEED)
     plan = plan_season(given, controls, iterations=ITERATIONS)
     about = {"method": "sequential convex programming", "iterations": ITERATIONS, "reward": plan.reward}
