@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from docs import accuracy_table, estimator_table, speed_figure, uncertainty_figures, weather_table
+from docs import accuracy_table, estimator_table, speed_figure, uncertainty_figures, weather_table, what_the_best_does
 from glbench.env.generated import CO2_PERSISTENCE, GOLDEN
 from glbench.speed import read_record
 from glbench.tasks import get_task
@@ -54,4 +54,11 @@ def test_the_page_of_uncertainty_holds_the_sizes_of_its_task() -> None:
     assert f"(u + {GOLDEN:.6f} n)" in page
     assert f"blocks of {Blocks().shortest} to {Blocks().longest} days" in page
     for picture in (DOCS / "images").glob("uncertainty-*.png"):
+        assert f"(images/{picture.name})" in page
+
+
+def test_the_page_of_the_best_plan_tells_what_the_plans_do() -> None:
+    page = (DOCS / "what-the-best-does.md").read_text(encoding="utf-8")
+    assert what_the_best_does.filled(page, what_the_best_does.all_seasons()) == page
+    for picture in (DOCS / "images").glob("best-*.png"):
         assert f"(images/{picture.name})" in page
