@@ -1,7 +1,7 @@
-"""Best known plans: the search for plans of scenarios in which everything is known, and the proof that one is better than another.
+"""Best known plans: search for plans for scenarios in which everything is known, and check by replay whether one beats another.
 
-``search`` plans scenarios and keeps each in a small file, ``submit`` replays plans and takes those into the best known ones that earn
-more. docs/best-known.md tells the whole story.
+``search`` plans scenarios and saves each plan in a small file; ``submit`` replays plans and adopts those that earn more than the best
+known ones. See docs/best-known.md.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What plans earn: they are carried out in the ordinary simulation, all at once."""
+"""What plans earn when replayed in the ordinary simulation, all in one batch."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Earned(NamedTuple):
-    """Sums over a run, as an evaluation gives them; ``epi`` is the profit [EUR m-2], ``penalty`` that of the violations."""
+    """Sums over a run, as in an evaluation; ``epi`` is the profit [EUR m-2], ``penalty`` the penalty for violations."""
 
     reward: float
     epi: float
@@ -24,7 +24,7 @@ class Earned(NamedTuple):
 
 
 def replayed(task: TaskSpec, book: PlanBook, seeds: Sequence[int]) -> dict[int, Earned]:
-    """What the plans of ``book`` earn in the runs of ``task`` with ``seeds``, to the bits of an evaluation.
+    """What the plans of ``book`` earn in the runs of ``task`` with ``seeds``, with the same bits as an evaluation.
 
     Raises
     ------

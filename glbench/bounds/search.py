@@ -1,4 +1,4 @@
-"""The search for plans: scenario by scenario, on the cores of this machine or of a Ray cluster, each kept as soon as it is found."""
+"""The search for plans: one scenario at a time, on this machine's cores or a Ray cluster; each plan is saved as soon as it is found."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _ENGINES = ("local", "ray")
 
 @dataclass(frozen=True)
 class Found:
-    """A plan that was found now or, when it was ``stored``, earlier; ``reason`` says why there is none."""
+    """A plan found now or, if ``stored``, in an earlier search; ``reason`` says why there is none."""
 
     seeds: tuple[int, ...]
     earned: Earned | None
@@ -41,22 +41,22 @@ class Found:
 
 @dataclass(frozen=True)
 class Search:
-    """Plans for runs of a task, with everything known.
+    """A search for plans for runs of a task, with everything known.
 
     Attributes
     ----------
     task
-        In the split whose runs are to be planned.
+        The task, in the split whose runs are to be planned.
     seeds
-        Of the runs.
+        Seeds of the runs.
     start
-        The agent whose controls a plan begins with.
+        The agent whose controls each plan starts from.
     folder
-        Where each plan is kept, as ``<seed>.npz``. What is there already is not searched for again.
+        Where each plan is saved, as ``<seed>.npz``. Finished plans are skipped.
     iterations
-        Of ``glbench.control.plan_season``.
+        Iterations of ``glbench.control.plan_season``.
     workers
-        Processes.
+        Number of processes.
     """
 
     task: TaskSpec
@@ -66,22 +66,22 @@ class Search:
     iterations: int = 35
     workers: int = 1
     groups: tuple[tuple[int, ...], ...] = field(init=False)
-    """The runs, those together in which the same is given."""
+    """Seeds of the runs; runs with identical conditions are grouped together."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "groups", alike(self.task, self.seeds))
 
     def place(self, seeds: Sequence[int]) -> Path:
-        """Where the plan of a group is kept."""
+        """Where the plan of a group is saved."""
         return self.folder / f"{seeds[0]}.npz"
 
     def stored(self) -> list[Found]:
-        """The plans that are there already.
+        """The plans found earlier.
 
         Raises
         ------
         GlbenchError
-            When one was made for another version of the task, or its file is damaged.
+            When a plan was made for another version of the task, or its file is damaged.
         """
         found = []
         for seeds in self.groups:
@@ -97,7 +97,7 @@ class Search:
         return found
 
     def orders(self, progress: Callable[[Progress], None] | None = None) -> list[Order]:
-        """What is left to plan, with the controls of the agent to begin with: it is evaluated in these runs."""
+        """The remaining plans to search for, each with the controls of the starting agent, which is evaluated in these runs."""
         done = {found.seeds for found in self.stored()}
         left = [seeds for seeds in self.groups if seeds not in done]
         if not left:
@@ -112,12 +112,12 @@ class Search:
     def run(
         self, orders: Sequence[Order], *, engine: str = "local", listener: Listener | None = None
     ) -> Iterator[Found]:
-        """Plan, and keep each plan as soon as it is found.
+        """Search for plans, and save each one as soon as it is found.
 
         Raises
         ------
         GlbenchError
-            When there is no such engine, or a plan cannot be written.
+            When the engine does not exist, or a plan cannot be written.
         """
         if engine not in _ENGINES:
             msg = f"There is no engine '{engine}'. It is one of {', '.join(_ENGINES)}."
@@ -133,7 +133,7 @@ class Search:
 
 
 def alike(task: TaskSpec, seeds: Sequence[int]) -> tuple[tuple[int, ...], ...]:
-    """The seeds in groups: in the runs of one the same is given, so that a plan for one of them is a plan for all."""
+    """The seeds, grouped so that the runs of a group have identical conditions and one plan serves them all."""
     groups: dict[str, list[int]] = {}
     for seed in seeds:
         given, digest = Scenario.of(task, seed), hashlib.sha256()
@@ -144,13 +144,13 @@ def alike(task: TaskSpec, seeds: Sequence[int]) -> tuple[tuple[int, ...], ...]:
 
 
 class _Controls:
-    """Looks on while an agent acts, and writes down the controls."""
+    """Observes an agent's steps and records the controls."""
 
     def __init__(self) -> None:
         self.taken: list[Floats] = []
 
     def add(self, simulation: Simulation, outcome: StepResult) -> None:
-        """The controls of a step."""
+        """Record the controls of a step."""
         self.taken.append(np.array(simulation.u))
 
 

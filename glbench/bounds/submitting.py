@@ -1,4 +1,4 @@
-"""Better plans: they are replayed, and those that earn more than the best known ones take their places."""
+"""Hand in plans: each is replayed, and replaces the best known plan if it earns more."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
 BASELINE = "best_known"
-"""Name of the baseline that carries the best known plans out."""
+"""Name of the baseline that carries out the best known plans."""
 
 
 @dataclass(frozen=True)
 class Better:
-    """What became of the plan for a run: what it earns, and what the best known one earns, ``None`` where there is none."""
+    """A plan for a run compared with the best known one: what each earns; ``known`` is ``None`` if there is no best known plan."""
 
     task: TaskSpec
     seed: int
@@ -34,7 +34,7 @@ class Better:
 
     @property
     def is_better(self) -> bool:
-        """Whether it takes the place of the best known one."""
+        """Whether the plan replaces the best known one."""
         return self.known is None or self.earned.reward > self.known.reward
 
 
@@ -46,19 +46,19 @@ def best_known() -> PlanFolder:
 
 
 def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[Better]:
-    """Replay plans, and put those that earn more than the best known ones in their places.
+    """Replay plans, and replace the best known ones with those that earn more.
 
     Parameters
     ----------
     files
-        Books of plans (``.npz``), folders of them, or results (``.json``) with recorded actions beside them.
+        Books of plans (``.npz``), folders of such books, or results (``.json``) with recorded actions beside them.
     folder
-        Where the best known plans stand; by default those of the baseline ``best_known``.
+        Where the best known plans are stored; by default the folder of the baseline ``best_known``.
 
     Yields
     ------
     Better
-        For each run what its plan earns, when the books are written.
+        The comparison for each run, once the books are written.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[
 
 
 def _batches(files: Sequence[Path]) -> Iterator[tuple[TaskSpec, PlanBook]]:
-    """The plans in the files, as many of a task together as are for different runs: they are replayed at once."""
+    """The plans in the files, in batches of one task and different runs, so that each batch is replayed at once."""
     batch: tuple[TaskSpec, PlanBook] | None = None
     for file in _files(files):
         for task, book in candidates(file):
@@ -105,7 +105,7 @@ def candidates(file: Path) -> Iterator[tuple[TaskSpec, PlanBook]]:
     Raises
     ------
     GlbenchError
-        When there are none that could be replayed.
+        When the file has no plans that can be replayed.
     """
     if file.suffix == ".json":
         yield _of_result(file)

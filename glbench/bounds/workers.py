@@ -1,4 +1,4 @@
-"""Those who plan: this process, several of them, or the workers of a Ray cluster."""
+"""Where plans are made: in this process, in several processes, or on the workers of a Ray cluster."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ METHOD = "sequential convex programming"
 _LOOK_SECONDS = 0.5
 
 Listener = Callable[[int, Iteration], None]
-"""Told of every iteration of the plan for a seed."""
+"""Called after every iteration, with the seed of the plan."""
 
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """All that a worker needs to plan the runs with ``seeds``, in which the same is given."""
+    """Everything a worker needs to plan the runs with ``seeds``, which have identical conditions."""
 
     definition: bytes
     split: str
@@ -43,7 +43,7 @@ class Order:
 
 
 def planned(order: Order, listener: Listener | None = None) -> PlanBook | str:
-    """A book with the plan that was ordered, or why there is none, in words."""
+    """A book with the ordered plan, or a message saying why there is none."""
     try:
         task = task_of(order.definition)
         task = task.in_split(order.split) if order.split else task
@@ -63,7 +63,7 @@ def planned(order: Order, listener: Listener | None = None) -> PlanBook | str:
 
 
 def here(orders: Sequence[Order], workers: int, listener: Listener | None) -> Iterator[tuple[Order, PlanBook | str]]:
-    """Plan on this machine, in this process or in so many others; what is done comes at once."""
+    """Plan on this machine, in this process or in ``workers`` others; each plan is yielded as soon as it is done."""
     if min(workers, len(orders)) <= 1:
         yield from ((order, planned(order, listener)) for order in orders)
         return
@@ -86,7 +86,7 @@ def here(orders: Sequence[Order], workers: int, listener: Listener | None) -> It
 
 
 def on_ray(orders: Sequence[Order], workers: int) -> Iterator[tuple[Order, PlanBook | str]]:
-    """Plan on a Ray cluster that is started on this machine with so many cores, or on that of ``RAY_ADDRESS``."""
+    """Plan on a Ray cluster started on this machine with ``workers`` cores, or on the cluster at ``RAY_ADDRESS``."""
     if not orders:
         return
     with RayEngine(cores=workers).cluster() as ray:
@@ -103,7 +103,7 @@ def on_ray(orders: Sequence[Order], workers: int) -> Iterator[tuple[Order, PlanB
 
 
 _TOLD: list[Any] = []
-"""In a process of the pool: the queue to the one that listens."""
+"""In a process of the pool: the queue to the listener."""
 
 
 def _tell(told: Any) -> None:

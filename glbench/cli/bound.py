@@ -1,4 +1,4 @@
-"""``glbench bound``: search for better plans of a task's runs with everything known, and take better ones into the best known."""
+"""``glbench bound``: search for better plans for a task's runs with everything known, and hand in those that beat the best known."""
 
 from __future__ import annotations
 
@@ -25,33 +25,34 @@ _EXAMPLE = "my_agent.py"
 def bound(
     task: Annotated[str | None, typer.Argument(metavar="[TASK]", help="Task id or task file (.toml).")] = None,
     scenario: Annotated[
-        list[int] | None, typer.Option("--scenario", help="Seed of a run; repeatable. Default: all that are scored.")
+        list[int] | None, typer.Option("--scenario", help="Seed of a run; repeatable. Default: all scored runs.")
     ] = None,
     split: Annotated[
-        str, typer.Option("--split", help="Split whose runs are planned, of a task that has some.")
+        str, typer.Option("--split", help="Split whose runs are planned, if the task has splits.")
     ] = "test",
     start: Annotated[
         str | None,
         typer.Option(
             "--start",
-            help="Agent whose controls a plan begins with. Default: the best known plans, where there are some, or the example my_agent.",
+            help="Agent whose controls each plan starts from. Default: best_known if every run has a plan, else the example my_agent.",
         ),
     ] = None,
     iterations: Annotated[
-        int, typer.Option("--iterations", "-n", min=1, help="Of a plan; one takes about 3 s of a core for 60 days.")
+        int,
+        typer.Option(
+            "--iterations", "-n", min=1, help="Iterations per plan; one takes about 3 s on one core for 60 days."
+        ),
     ] = 35,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out", "-o", help="Folder for the plans. Default: runs/bound/TASK. What is there is not planned again."
-        ),
+        typer.Option("--out", "-o", help="Folder for the plans. Default: runs/bound/TASK. Finished plans are skipped."),
     ] = None,
     submit: Annotated[
         list[Path] | None,
         typer.Option(
             "--submit",
             metavar="FILE",
-            help="Take better plans into the best known: a folder or file of this command, or any agent's result (.json); repeatable.",
+            help="Hand in plans that beat the best known: a folder or file of this command, or any agent's result (.json); repeatable.",
         ),
     ] = None,
     sandbox: SandboxChoice = Sandbox.AUTO,
@@ -60,10 +61,10 @@ def bound(
     ] = EngineName.LOCAL,
     workers: Workers = None,
 ) -> None:
-    """Search for the best plan of each run of a task, with everything known: draws and weather to come.
+    """Search for the best plan for each run of a task, with everything known: draws and weather to come.
 
-    A plan says what could be reached. It is the best known one, and no proof that there is none better. Stop the command whenever you
-    like; it goes on with the runs that are left.
+    A plan shows what could be reached. It is the best found so far, not proven optimal. Stop the command whenever you like; run it
+    again to continue with the remaining runs.
     """
     if (task is None) == (not submit):
         msg = "Name the task to plan for (glbench bound Spring-v1), or plans to hand in (glbench bound --submit FILE)."
@@ -139,7 +140,7 @@ def _search(search: Search, engine: EngineName) -> None:
 
 
 def _planned(search: Search, engine: EngineName, left: int) -> Iterator[Found]:
-    """Plan what is left, below a bar."""
+    """Plan the remaining runs, with a progress bar."""
     if not left:
         return
     steps = search.task.steps
