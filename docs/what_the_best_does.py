@@ -259,7 +259,9 @@ COLUMNS = {"policy": f"`{POLICY}`", "best": "best known plan", "cheap": "electri
 def season_table(seasons: dict[str, Season]) -> list[str]:
     """What the 60 days yield and use."""
     rows = {
-        "reward, at the paper's prices": [f"{seasons[name].reward:,.1f}" if name != "cheap" else "" for name in COLUMNS],
+        "reward, at the paper's prices": [
+            f"{seasons[name].reward:,.1f}" if name != "cheap" else "" for name in COLUMNS
+        ],
         "profit [EUR/m2]": [f"{one.profit:.2f}" for one in in_order(seasons)],
         "fruit [kg/m2]": [f"{one.used('fruit_fresh'):.2f}" for one in in_order(seasons)],
         "heat [kWh/m2]": [f"{one.used('heat'):.1f}" for one in in_order(seasons)],

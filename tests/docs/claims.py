@@ -740,6 +740,11 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
             )
         ),
     ],
+    "docs/what-the-best-does.md": [
+        ("the humidity limit, 85 %", "definition: the task's"),
+        ("At the paper's price of 0.30 EUR/kWh", "definition: the task's price"),
+        ("with electricity at 0.10 EUR/kWh", "definition: docs/what_the_best_does.py"),
+    ],
     "README.md": [
         ("every 15 minutes", "definition: the control step"),
         ("Predictive control in 40 lines", "docs/control.md has the agent"),

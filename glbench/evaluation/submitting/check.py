@@ -39,6 +39,8 @@ _SHARE_RUN, _SHARE_REPEAT, _SHARE_ALONE = 0.5, 0.4, 0.4
 _PACKAGES_SECONDS = 60.0
 _PRINTED_NOTE, _SHOWN = 4096, 160
 _ANY = 2**62
+_SHORTEST_STEP = 1.0
+"""Seconds that a decision gets, however little time the check has left: a deadline of its own making says nothing of the agent."""
 _SIZES = SandboxLimits()
 _SIZES_OF_THE_MACHINE = SandboxLimits(scratch=_ANY, shared=_ANY, tasks=_ANY, files=_ANY, open_files=_ANY, made=_ANY)
 """Without a sandbox only memory has a limit."""
@@ -199,7 +201,7 @@ class _DryRun:
         hasty = replace(
             self._limits,
             start=min(self._limits.start, round(left, 1)),
-            step=min(self._limits.step, round(left / runs, 1)),
+            step=min(self._limits.step, max(round(left / runs, 1), _SHORTEST_STEP)),
         )
         agent = replace(self._agent, runs=runs, time=hasty)
         when = " a second time" if again else ""
