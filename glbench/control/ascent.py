@@ -22,9 +22,6 @@ Floats = NDArray[np.float64]
 
 LENGTHS = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.25])
 """Shares of an improvement that are simulated."""
-SHORT, LONG = 1, 4
-"""Up to this place of ``LENGTHS`` a trust region shrinks, from this one on it grows."""
-SHRINK, GROW = 0.85, 1.3
 _FIRST_RATE, _LAST_RATE = 0.2, 0.005
 """Length of the gradient steps in trust regions, from the first to the last."""
 _MOMENTUM, _MEMORY = 0.9, 0.97

@@ -29,6 +29,9 @@ _HOURS = 3.0
 """and over so many hours of the day."""
 _LEAST = 1e-4
 """What a state has to be worth as it changes from day to day, to be kept [EUR m-2]."""
+_SMOOTHING = 0.15
+"""Width within which violations count quadratically, as a share of the distance between the limits: a plan runs along a limit, where the
+derivative of a violation is all or nothing, and a controller that comes there again gives way."""
 _DIGITS = 3
 """Significant digits of what is kept: more than plans of two seasons agree on."""
 
@@ -169,14 +172,14 @@ class EndValue:
         return worth
 
 
-def _worth(plan: SeasonPlan, preset: str) -> Floats:
+def _worth(plan: SeasonPlan, preset: str, smoothing: float = _SMOOTHING) -> Floats:
     """What a unit of each state is worth to the steps after it ``(T, s)``, in the unit of the reward."""
     given, near = plan.scenario, judged_at_the_end(plan.scenario.task)
     model = near.model_value
     kernel = Kernel(model, near.step_seconds, preset=preset)
     p = given.p[..., : len(model.parameter_names)]
     lines = kernel.linearise_trajectory(given.x0[: len(model.states)], plan.controls, given.d, p)
-    _, slopes = StageReward(near).gradient(lines.x, plan.controls, given.calendar)
+    _, slopes = StageReward(near, smoothing=smoothing).gradient(lines.x, plan.controls, given.calendar)
     costates = lines.pull(slopes.states).costates
     costates[1:] -= slopes.after  # what the step before earned by leading there is no matter of the days after
     return costates[:-1]

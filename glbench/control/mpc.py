@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.control.ascent import GROW, LENGTHS, LONG, SHORT, SHRINK, feasible, improvement, shares_of_reach
+from glbench.control.ascent import LENGTHS, feasible, improvement, shares_of_reach
 from glbench.control.stage import StageReward, judged_at_the_end, with_constraints
 from glbench.env.climate import AIR
 from glbench.env.spaces import the_task
@@ -32,6 +32,9 @@ _Found = TypeVar("_Found")
 
 _FIRST_RADIUS, _LEAST_RADIUS, _LARGEST_RADIUS = 0.1, 0.02, 0.3
 """Trust region of a run: how far a control may move in an iteration."""
+_SHORT, _LONG = 1, 5
+"""Up to this place of ``LENGTHS`` a trust region shrinks, from this one on it grows."""
+_SHRINK, _GROW = 0.75, 1.3
 _SMOOTHING = 0.003
 """Width within which violations count quadratically, as a share of the distance between the limits."""
 _TOGETHER = 8
@@ -254,8 +257,8 @@ class PredictiveController:
         best = np.where(np.isfinite(earned + ahead), earned + ahead, -np.inf).argmax(axis=1)
         plan[rows] = tried[np.arange(len(rows)), best]
         radius = self._radius[rows]
-        radius = np.where(best <= SHORT, np.maximum(radius * SHRINK, _LEAST_RADIUS), radius)
-        self._radius[rows] = np.where(best >= LONG, np.minimum(radius * GROW, _LARGEST_RADIUS), radius)
+        radius = np.where(best <= _SHORT, np.maximum(radius * _SHRINK, _LEAST_RADIUS), radius)
+        self._radius[rows] = np.where(best >= _LONG, np.minimum(radius * _GROW, _LARGEST_RADIUS), radius)
         return rows
 
     def _rolled(self, tried: Floats, x: Floats, d: Floats, p: Floats) -> Floats:

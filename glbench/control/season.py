@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.control.acting import actions_of
-from glbench.control.ascent import GROW, LENGTHS, LONG, SHORT, SHRINK, feasible, improvement, shares_of_reach
+from glbench.control.ascent import LENGTHS, feasible, improvement, shares_of_reach
 from glbench.control.stage import StageReward, StageValues, judged_at_the_end
 from glbench.errors import ShapeError, whole_number
 from glbench.kernel import Kernel
@@ -30,6 +30,9 @@ Floats = NDArray[np.float64]
 
 _FIRST_RADIUS, _LARGEST_RADIUS = 0.1, 0.3
 """Trust region of a day: how far a control may move."""
+_SHORT, _LONG = 1, 4
+"""Up to this place of ``LENGTHS`` a trust region shrinks, from this one on it grows."""
+_SHRINK, _GROW = 0.85, 1.3
 _FIRST_SMOOTHING, _LAST_SMOOTHING = 0.01, 0.001
 """Width within which violations count quadratically, as a share of the distance between the limits."""
 _INNER, _CORRECTING = 60, 30
@@ -185,8 +188,8 @@ class _Search:
         best = self._best_by_day(tried, worth)
         merged = self._simulated(at(LENGTHS[best][self.days, None])[None])
         self.plan = max([plan, *tried, *merged], key=lambda one: one.reward)
-        self.radius = np.where(best <= SHORT, self.radius * SHRINK, self.radius)
-        self.radius = np.where(best >= LONG, np.minimum(self.radius * GROW, _LARGEST_RADIUS), self.radius)
+        self.radius = np.where(best <= _SHORT, self.radius * _SHRINK, self.radius)
+        self.radius = np.where(best >= _LONG, np.minimum(self.radius * _GROW, _LARGEST_RADIUS), self.radius)
         return self.plan.reward - plan.reward
 
     def _corrected(self, stage: StageReward, lines: Trajectory, reach: Floats, move: Floats) -> Floats:

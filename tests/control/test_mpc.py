@@ -207,7 +207,7 @@ def test_the_costate_of_a_state_is_what_a_little_more_of_it_earns() -> None:
         x0[place] += more
         x = kernel.rollout(x0, plan.controls, scenario.d, scenario.p)
         rewards.append(stage(x, plan.controls).reward.sum())
-    assert _worth(plan, "fast")[0, place] == pytest.approx((rewards[1] - rewards[0]) / 10.0, rel=0.02)
+    assert _worth(plan, "fast", 0.0)[0, place] == pytest.approx((rewards[1] - rewards[0]) / 10.0, rel=0.02)
 
 
 def test_wrong_inputs_are_refused() -> None:
