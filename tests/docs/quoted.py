@@ -1,9 +1,11 @@
-"""Figures that a Markdown page quotes: numbers that somebody must have measured, computed or defined."""
+"""Figures that a page quotes, or a notebook in its text: numbers that somebody must have measured, computed or defined."""
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import dataclass
+from pathlib import Path
 
 NUMBER = r"(?<![\w.,-])[-−]?\d+(?:,\d{3})*(?:\.\d+)?(?:e-?\d+)?(?![\w]|[.,]\d)"
 _UNIT = re.compile(
@@ -23,6 +25,15 @@ class Quoted:
     text: str
     start: int
     line: int
+
+
+def text_of(file: Path) -> str:
+    """Text of a Markdown page, or of a notebook's text cells."""
+    text = file.read_text(encoding="utf-8")
+    if file.suffix != ".ipynb":
+        return text
+    cells = json.loads(text)["cells"]
+    return "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
 
 
 def prose(page: str) -> str:

@@ -11,10 +11,11 @@ from pathlib import Path
 import pytest
 
 from tests.docs.claims import ALLOWED, CLAIMS, EVERYWHERE, NotReleasedError, UncheckedError
-from tests.docs.quoted import as_quoted, found_words, line_of, places, prose, quoted
+from tests.docs.quoted import as_quoted, found_words, line_of, places, prose, quoted, text_of
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = ["README.md", *sorted(f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md")), *sorted(CLAIMS)]
+WRITTEN = [*(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("notebooks/*.ipynb")]
+PAGES = ["README.md", *sorted(page.relative_to(ROOT).as_posix() for page in WRITTEN), *sorted(CLAIMS)]
 PAGES = list(dict.fromkeys(PAGES))
 
 
@@ -58,7 +59,7 @@ def allowed(page: str, text: str) -> set[int]:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_every_figure_of_a_page_is_backed(page: str) -> None:
-    text = (ROOT / page).read_text(encoding="utf-8")
+    text = text_of(ROOT / page)
     problems: list[str] = []
     backed = covered_by_claims(page, text, problems) | allowed(page, text)
     lines = text.splitlines()
@@ -73,7 +74,7 @@ def test_every_figure_of_a_page_is_backed(page: str) -> None:
 
 @pytest.mark.parametrize("page", sorted(ALLOWED))
 def test_every_allowance_is_used(page: str) -> None:
-    text = (ROOT / page).read_text(encoding="utf-8")
+    text = text_of(ROOT / page)
     unused = [words for words, _ in ALLOWED[page] if not found_words(text, words)]
     assert not unused, f"{page} no longer says {unused}: remove them from ALLOWED in tests/docs/claims.py."
 

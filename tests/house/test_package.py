@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import glbench
+from tests.docs.quoted import text_of
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -31,9 +32,13 @@ def test_the_version_is_that_of_the_project_file_and_the_citation():
 
 
 @pytest.mark.parametrize(
-    "document", sorted(p.relative_to(ROOT).as_posix() for p in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+    "document",
+    sorted(
+        p.relative_to(ROOT).as_posix()
+        for p in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("docs/**/*.ipynb")]
+    ),
 )
 def test_links_between_documents_lead_somewhere(document):
-    text = (ROOT / document).read_text()
+    text = text_of(ROOT / document)
     for target in re.findall(r"\]\((?!https?:|mailto:|#)([^)#\s]+)", text):
         assert ((ROOT / document).parent / target).exists(), f"{document} points to {target}"
