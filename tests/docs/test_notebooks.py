@@ -36,6 +36,7 @@ def executed(name: str) -> dict[str, Any]:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)  # a minute of a core, and more on one that others use, too
 @pytest.mark.skipif("compiled" not in available(), reason="no compiled kernel here")
 def test_predictive_control_runs_and_says_what_holds() -> None:
     names = executed("predictive_control.ipynb")
