@@ -303,10 +303,10 @@ class _DryRun:
         )
         half = taken[len(taken) // 2 :]  # the first half warms up
         growth = max(0.0, (half[-1] - half[0]) / (len(half) - 1)) if len(half) > 1 else 0.0
-        later = taken[-1] + growth * steps
-        if later > _SIZES.memory:
+        reached = taken[-1] + growth * steps
+        if reached > _SIZES.memory:
             text = (
-                f"Memory grows by {growth / MIB:.2f} MiB a step and would reach {later / GIB:,.1f} GiB by the end of a run; the limit is "
+                f"Memory grows by {growth / MIB:.2f} MiB a step and would reach {reached / GIB:,.1f} GiB by the end of a run; the limit is "
                 f"{_SIZES.memory / GIB:,.0f} GiB. Keep only what the next decision needs."
             )
             found.append(problem("memory", text))
