@@ -5,11 +5,27 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, get_task
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+
+def examples_of(page: str) -> list[str]:
+    """The Python examples of a page of docs/, in their order."""
+    return re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL)
+
+
+def run_examples(page: str, examples: Iterable[str], names: dict[str, Any]) -> dict[str, Any]:
+    """Run examples of a page one after the other; what they define joins ``names``."""
+    for example in examples:
+        exec(compile(example, str(DOCS / page), "exec"), names)
+    return names
 
 
 def write_day_task(folder: Path) -> Path:

@@ -40,7 +40,7 @@ def bound(
     iterations: Annotated[
         int,
         typer.Option(
-            "--iterations", "-n", min=1, help="Iterations per plan; one takes about 3 s on one core for 60 days."
+            "--iterations", "-n", min=1, help="Iterations per plan; one takes about 3 s of one core for 5,760 steps."
         ),
     ] = 35,
     out: Annotated[

@@ -19,7 +19,7 @@ from rich.table import Table
 
 from glbench.cli.console import harmless, messages, output, print_warning, tell
 from glbench.cli.options import REPORTS, AsJson, Out
-from glbench.cli.stored import check_folder, tables_by_name, warn_of
+from glbench.cli.stored import check_folder, tables_by_name, task_ids, warn_of
 from glbench.errors import ResultError, did_you_mean
 from glbench.untrusted import visible
 
@@ -41,7 +41,9 @@ _SPAN = "95 % interval\nor range ↔"
 def leaderboard(
     task: Annotated[
         list[str] | None,
-        typer.Option("--task", "-t", help="Show this task (repeatable). Default: the one evaluated last."),
+        typer.Option(
+            "--task", "-t", help="Show this task: id or file (.toml); repeatable. Default: the one evaluated last."
+        ),
     ] = None,
     suite: Annotated[
         list[str] | None,
@@ -72,6 +74,7 @@ def leaderboard(
     from glbench.tasks import list_suites
 
     check_folder(out)
+    task = task_ids(task or [])
     stored, problems = own_and_released_results(out)
     warn_of(problems)
     if not stored:
@@ -85,8 +88,8 @@ def leaderboard(
             msg = f"There is no suite '{name}'.{did_you_mean(name, suites)} There are: {', '.join(suites)}."
             raise ResultError(msg)
     boards = len({item.board for item in stored})
-    tables = rank(stored if write or show_all or suite else _of_boards(stored, task or []), expected)
-    shown = _chosen(tables, stored, task or [], show_all) if task or show_all or not suite else []
+    tables = rank(stored if write or show_all or suite else _of_boards(stored, task), expected)
+    shown = _chosen(tables, stored, task, show_all) if task or show_all or not suite else []
     aggregated = suite_tables(stored, expected, tables) if write or suite or show_all else ()
     suites_shown = aggregated if show_all else [table for table in aggregated if table.suite in (suite or [])]
     for name in suite or []:
@@ -113,7 +116,10 @@ def leaderboard(
 def badge(
     agent: Annotated[str, typer.Argument(help="Name of an agent that has a result.")],
     task: Annotated[
-        str | None, typer.Option("--task", "-t", help="Of this task. Default: the default task, if it has results.")
+        str | None,
+        typer.Option(
+            "--task", "-t", help="Of this task: id or file (.toml). Default: the default task, if it has results."
+        ),
     ] = None,
     out: Out = REPORTS,
     file: Annotated[Path, typer.Option("--file", "-f", help="Where the picture goes.")] = Path("badge.svg"),
@@ -130,7 +136,7 @@ def badge(
     warn_of(problems)
     tables = rank(stored, published_expectations())
     has = [table.task_id for table in tables if any(row.agent == agent for row in table.rows)]
-    (table,) = _by_names(tables, [task or usual_task(has) or next(iter(has), DEFAULT_TASK)])
+    (table,) = _by_names(tables, task_ids([task]) if task else [usual_task(has) or next(iter(has), DEFAULT_TASK)])
     write_atomically(file, draw(table, agent))
     tell(f"Written: {file}")
 

@@ -38,16 +38,18 @@ def show(
     result: Annotated[str, typer.Argument(metavar="RESULT|AGENT", help="A result file, or the name of an agent.")],
     task: Annotated[
         list[str] | None,
-        typer.Option("--task", "-t", help="Of an agent: this task (repeatable). Default: the default task."),
+        typer.Option(
+            "--task", "-t", help="Of an agent: this task, id or file (.toml); repeatable. Default: the default task."
+        ),
     ] = None,
     show_all: Annotated[bool, typer.Option("--all", help="Of an agent: all its tasks.")] = False,
     out: Out = REPORTS,
 ) -> None:
     """Show a result: every metric with its unit and interval, where the money went, how the runs differ."""
-    from glbench.cli.stored import find_results
+    from glbench.cli.stored import find_results, task_ids
     from glbench.tasks import usual_task
 
-    found = find_results(result, task or [], out)
+    found = find_results(result, task_ids(task or []), out)
     latest = max(found, key=lambda one: one.result.created)
     known = usual_task(one.result.task.id for one in found)
     usual = next((one for one in found if one.result.task.id == known), latest)
@@ -271,7 +273,8 @@ def compare(
     first: Annotated[str, typer.Argument(metavar="A", help="A result file, or the name of an agent.")],
     second: Annotated[str, typer.Argument(metavar="B", help="The same of the other one.")],
     task: Annotated[
-        list[str] | None, typer.Option("--task", "-t", help="This task (repeatable). Default: all that both have.")
+        list[str] | None,
+        typer.Option("--task", "-t", help="This task: id or file (.toml); repeatable. Default: all that both have."),
     ] = None,
     out: Out = REPORTS,
     as_json: AsJson = False,
@@ -282,11 +285,13 @@ def compare(
     tasks the p-values are corrected for their number). Of an agent with several trainings (NAME, NAME_seed1, ...) the mean over them
     counts, run by run; NAME_seed1 or a result file means one training.
     """
+    from glbench.cli.stored import task_ids
     from glbench.leaderboard.catalogue import together
     from glbench.leaderboard.pairs import compare_entries, corrected_p_values
     from glbench.leaderboard.tables import OVERALL_NOTE, covers
 
-    ours, theirs = _entries(first, task or [], out), _entries(second, task or [], out)
+    tasks = task_ids(task or [])
+    ours, theirs = _entries(first, tasks, out), _entries(second, tasks, out)
     common = [task_id for task_id in ours if task_id in theirs]
     if not common:
         msg = f"'{first}' has results on {', '.join(ours)}; '{second}' on {', '.join(theirs)}: none in common. Evaluate both on one task."

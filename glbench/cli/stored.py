@@ -15,6 +15,13 @@ if TYPE_CHECKING:
     from glbench.leaderboard import StoredResult, TaskTable
 
 
+def task_ids(names: Sequence[str]) -> list[str]:
+    """The tasks that ``--task`` names, each file (.toml) by the id in it. Errors as for ``glbench.tasks.get_task``."""
+    from glbench.tasks import get_task
+
+    return [get_task(name).id if name.endswith(".toml") else name for name in names]
+
+
 def find_results(wanted: str, tasks: Sequence[str], reports: Path) -> list[StoredResult]:
     """Results that ``wanted`` means: a result file, or all of an agent's below ``reports`` and of the released ones.
 

@@ -40,8 +40,8 @@ def check(
 ) -> None:
     """Find everything that will be wrong in an evaluation, within 20 seconds.
 
-    The files are read, then the agent runs for a day, in the sandbox as in an evaluation. Leaves with 0 when nothing has to be
-    mended, else with 1.
+    The files are read, then the agent runs for a day, in the sandbox as in an evaluation. First decisions have their own time: an agent
+    that plans takes longer for them, and the check as much longer. Leaves with 0 when nothing has to be mended, else with 1.
     """
     from glbench.evaluation.submitting import check_submission
     from glbench.tasks import DEFAULT_TASK

@@ -68,6 +68,8 @@ class Climatology:
     ----------
     task
         Id of the task.
+    source, preprocessing
+        Weather record of the task, and how it is prepared.
     years
         The years that it was made of.
     latitude, longitude, clock
@@ -91,6 +93,8 @@ class Climatology:
     """
 
     task: str
+    source: str
+    preprocessing: str
     years: tuple[int, ...]
     latitude: float
     longitude: float
@@ -130,10 +134,10 @@ class Climatology:
                 f"The weather record of {task.id} has no year that a climatology could be made of. Name some: years=..."
             )
             raise TaskError(msg)
-        conserving = task.weather.preprocessing != "paper"
+        weather = task.weather
         bare = cls(
-            task.id, years, record.latitude, record.longitude, record.timezone if conserving else "UTC",
-            task.step_seconds / 2.0 if conserving else HOUR / 2.0, _day_of_year(task.weather.start), np.zeros(0), np.zeros((0, 24, 6)),
+            task.id, weather.source, weather.preprocessing, years, record.latitude, record.longitude,
+            record.timezone if _conserving(task) else "UTC", _middle(task), _day_of_year(weather.start), np.zeros(0), np.zeros((0, 24, 6)),
             np.zeros((LEADS, len(QUANTITIES), 3)), np.zeros(3), task.observation.forecast_hours,
         )  # fmt: skip
         mean = bare._with(**_means(bare, task, seasons))
@@ -164,6 +168,38 @@ class Climatology:
             msg = f"These settings are no climatology: its tables have the shapes {shapes} for {len(made.days)} days."
             raise TaskError(msg)
         return made
+
+    def check_for(self, task: TaskSpec) -> None:
+        """Refuse a task of other weather. It needs no weather to find out.
+
+        Raises
+        ------
+        TaskError
+            When the task's weather is of another record, prepared in another way or in steps of another length, when it is of another time
+            of the year, or when the task scores a year that is in the climatology of another task.
+        """
+        weather, scored = task.weather, sorted(_scored(task) & set(self.years))
+        begin = (_day_of_year(weather.start) - self.first + _BEFORE) % _YEAR - _BEFORE
+        end = begin + weather.days + task.scenario.start_within_days
+        reasons = []
+        if weather.source != self.source:
+            reasons.append(f"it is of the weather '{self.source}', and the task has '{weather.source}'")
+        if weather.preprocessing != self.preprocessing:
+            reasons.append(
+                f"it is of weather prepared as '{self.preprocessing}', and the task has '{weather.preprocessing}'"
+            )
+        elif _middle(task) != self.middle:
+            reasons.append(f"its steps are {2.0 * self.middle:g} s long, and those of the task {task.step_seconds:g} s")
+        if not (self.days[0] - REACH <= begin and end <= self.days[-1] + REACH):
+            own, needed = (
+                " to ".join(_date(self.first + day) for day in days) for days in (self.days[[0, -1]], (begin, end))
+            )
+            reasons.append(f"it has the days from {own}, and the task needs {needed}")
+        if scored and self.task != task.id:
+            reasons.append(f"it knows {', '.join(map(str, scored))}, which the task scores")
+        if reasons:
+            msg = f"The climatology of {self.task} is not for {task.id}: {'; '.join(reasons)}. Make one: Climatology.of(task)."
+            raise TaskError(msg)
 
     def without_deviations(self) -> Climatology:
         """The mean days alone: nothing that is seen or forecast changes what is expected after the row of now."""
@@ -241,7 +277,7 @@ class Climatology:
         Parameters
         ----------
         forecast
-            Radiation, temperature, humidity and wind of the hours ``(n, 4, hours)``.
+            Radiation, temperature, humidity and wind of the hours ``(n, 4, hours)``; NaN says nothing.
         issued
             When, seconds since 1970 UTC ``(n,)``.
         times
@@ -270,6 +306,7 @@ class Climatology:
             else:
                 says = np.ones_like(middles, dtype=bool)
                 told = forecast[:, row] - mean[..., quantity]
+            says = says & ~np.isnan(told)
             left_at, left = np.full((n, rows), -np.inf), np.zeros((n, rows))
             right_at, right = np.full((n, rows), np.inf), np.zeros((n, rows))
             for place in range(len(hours)):
@@ -379,20 +416,36 @@ class _Season:
         return _Season(made.times.astype("datetime64[s]").astype(np.float64), quantities, table)
 
 
-def _years(task: TaskSpec, record: WeatherRecord) -> tuple[int, ...]:
+def _conserving(task: TaskSpec) -> bool:
+    return task.weather.preprocessing != "paper"
+
+
+def _middle(task: TaskSpec) -> float:
+    return task.step_seconds / 2.0 if _conserving(task) else HOUR / 2.0
+
+
+def _scored(task: TaskSpec) -> set[int]:
+    """Years of which nothing may be known."""
     if task.splits is not None:
-        training = task.splits.training
-        if training is not None:
-            return tuple(training.years)
-        scored = set(task.in_split("test").season_years or ())
-    else:
-        scored = {season.start.year for season in task.scenario.seasons}
+        return set(task.splits.test.years)
+    return {season.start.year for season in task.scenario.seasons}
+
+
+def _years(task: TaskSpec, record: WeatherRecord) -> tuple[int, ...]:
+    if task.splits is not None and task.splits.training is not None:
+        return tuple(task.splits.training.years)
+    scored = _scored(task)
     others = [year for year in range(record.first.year, record.last.year + 1) if year not in scored]
     return tuple(year for year in others if year < min(scored)) or tuple(others)
 
 
 def _day_of_year(day: dt.date) -> int:
     return day.timetuple().tm_yday - 1
+
+
+def _date(day_of_year: float) -> str:
+    day = dt.date(2001, 1, 1) + dt.timedelta(days=int(day_of_year))
+    return f"{day.day} {day:%B}"
 
 
 def _means(bare: Climatology, task: TaskSpec, seasons: list[_Season]) -> dict[str, Floats]:

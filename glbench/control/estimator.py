@@ -12,7 +12,8 @@ The filter estimates, for every run,
 - bias and drift of every sensor: a reading is truth + noise + bias + drift k / N in step k of N, as ``glbench.env.sensors`` makes it.
 
 Parameters drawn anew in each step are noise on the states along the derivatives of the step. A reading that is exactly the last one
-comes from a sensor that hangs, and is left out. Measured columns are taken one after the other in Joseph's form.
+comes from a sensor that hangs, and is left out; so is one that is missing (NaN). Measured columns are taken one after the other in
+Joseph's form.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.control.shown import ShownControls, ShownStates, checked_observations
+from glbench.control.shown import ShownControls, ShownStates, checked_observations, refuse_missing
 from glbench.env.sensors import Sensors
 from glbench.env.spaces import the_task
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters
@@ -55,7 +56,8 @@ _GRID: Floats = np.asarray((np.arange(4096) + 0.5) / 4096.0, np.float64)
 class StateEstimator:
     """Estimates the states of runs of a task from their observations, step by step.
 
-    It knows what its agent knows: the task, observations and the weather of the step just past. It works inside the sandbox.
+    It knows what its agent knows: the task, observations and the weather of the step just past. It works inside the sandbox. A new one
+    is ready for one run, as after ``reset(1)``.
 
         outlook, estimator = Outlook(task, climatology), StateEstimator(task)
         outlook.reset(n), estimator.reset(n)
@@ -95,7 +97,7 @@ class StateEstimator:
             raise TaskError(msg)
         model = task.model_value
         self.kernel = Kernel(model, task.step_seconds, preset=preset)
-        self._s, self._columns = len(model.states), len(task.observed())
+        self._s, self._names = len(model.states), [column.name for column in task.observed()]
         self._nominal = task.parameters()
         groups = [group for group in task.scenario.groups if group.half_width > 0.0]
         self._kept = _Drawn(task, [group for group in groups if parameters and group.redraw != "step"])
@@ -151,7 +153,7 @@ class StateEstimator:
         Parameters
         ----------
         observations
-            ``(n, columns)``, as an agent gets them.
+            ``(n, columns)``, as an agent gets them. A reading that is NaN is missing: it is left out for its run.
         d
             Disturbances ``(n, d)`` of the step just past; at the first call those of the step to come, from which the start follows:
             ``Outlook.past`` is both.
@@ -166,13 +168,16 @@ class StateEstimator:
         Raises
         ------
         TaskError
-            When observations have the wrong shape, or controls are neither given nor shown.
+            When observations have the wrong shape, a reading is infinite, or controls are neither given nor shown.
+        ShapeError
+            When the disturbances have the wrong shape, as ``Outlook.past`` has before its first update.
         """
         task, n = self.task, self._n
-        seen = checked_observations(task, observations, n, self._columns)
-        d = np.array(d, dtype=np.float64)
-        if d.shape != (n, len(task.model_value.disturbance_names)):
-            msg = f"The disturbances of {n} runs of {task.id} have the shape {(n, len(task.model_value.disturbance_names))}; got {d.shape}."
+        seen = checked_observations(task, observations, n, self._names)
+        d, wanted = np.array(d, dtype=np.float64), (n, len(task.model_value.disturbance_names))
+        if d.shape != wanted:
+            first = "call outlook.update(observations) first" if d.size == 0 else "a row for each run"
+            msg = f"Wrong shape of the disturbances of {task.id}: expected {wanted}, got {d.shape}; {first}."
             raise ShapeError(msg)
         if self._covariance.shape[1] == 0:
             self._start(d)
@@ -188,6 +193,9 @@ class StateEstimator:
         if self._controls is None:
             msg = f"{self.task.id} does not show its controls: say which were in force, controls=..."
             raise TaskError(msg)
+        refuse_missing(
+            seen, self._controls.columns, self.task, self._names, "Say which controls were in force: controls=..."
+        )
         return self._controls.of(seen)
 
     def _start(self, d: Floats) -> None:
@@ -254,20 +262,21 @@ class StateEstimator:
         around = z = self._z
         cov, s, first = self._covariance, self._s, int(self._places[2])
         values, slopes = self._shown.of(around[:, :s])
-        gone = self._step / self.task.steps
+        gone, gaps = self._step / self.task.steps, np.isnan(readings)
         for place, sensor in enumerate(self._shown.sensor.tolist()):
-            reading, expected = readings[:, place], values[:, place]
+            reading, expected, missing = readings[:, place], values[:, place], gaps[:, place]
             row = np.zeros_like(z)
             row[:, :s] = slopes[:, place]
+            reading = np.where(missing, expected, reading)
             noise = (ROUNDING * np.maximum(np.abs(reading), ROUNDING)) ** 2
-            use = np.ones(self._n)
+            use = (~missing).astype(np.float64)
             if sensor >= 0:
                 noise = noise + self._sensors.sensors[sensor].noise ** 2
                 at = first + 2 * sensor
                 row[:, at], row[:, at + 1] = 1.0, gone
                 expected = expected + around[:, at] + gone * around[:, at + 1]
                 if self._sensors.out > 0.0:  # what hangs shows its last reading, to the bit
-                    use = (reading != self._last[:, place]).astype(np.float64)
+                    use *= reading != self._last[:, place]
             surprise = reading - expected - (row * (z - around)).sum(axis=1)
             row *= self._scale
             along = (cov * row[:, None, :]).sum(axis=2)
@@ -280,7 +289,7 @@ class StateEstimator:
         self._covariance = 0.5 * (cov + cov.transpose(0, 2, 1))
         kept = slice(s, int(self._places[1]))
         z[:, kept] = np.clip(z[:, kept], -self._kept.most, self._kept.most)
-        self._z, self._last = z, readings
+        self._z, self._last = z, np.where(gaps, self._last, readings)
 
 
 class _Drawn:

@@ -14,15 +14,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.control.ascent import LENGTHS, feasible, improvement, shares_of_reach
+from glbench.control.end_value import EndValue
 from glbench.control.stage import StageReward, judged_at_the_end, with_constraints
 from glbench.env.climate import AIR
 from glbench.env.spaces import the_task
-from glbench.errors import ShapeError, StepError, UnknownNameError, did_you_mean, whole_number
+from glbench.errors import ShapeError, StepError, TaskError, UnknownNameError, did_you_mean, whole_number
 from glbench.kernel import Kernel
 from glbench.kernel.trajectories import RolloutError
+from glbench.untrusted import quoted
 
 if TYPE_CHECKING:
-    from glbench.control.end_value import EndValue
     from glbench.kernel.trajectories import Trajectory
     from glbench.tasks import TaskSpec
 
@@ -45,7 +46,7 @@ class PredictiveController:
     """Plans the controls of some runs of a task over a receding horizon.
 
     It knows no more than each call tells: state, weather, parameters and prices may be true, estimated or guessed. Rows do not know of each
-    other, and each has the bits that it has alone.
+    other, and each has the bits that it has alone. A new one is ready for one run, as after ``reset(1)``.
 
     Parameters
     ----------
@@ -69,7 +70,7 @@ class PredictiveController:
     Raises
     ------
     TaskError
-        When the reward has no derivatives, the limits leave no room for the margin, or the end value is for another model.
+        When the reward has no derivatives, the limits leave no room for the margin, or the end value is none, or for another model.
     UnknownNameError
         When a margin is for a quantity that has no limits.
     ShapeError
@@ -107,6 +108,12 @@ class PredictiveController:
         )
         self._end_value = end_value
         if end_value is not None:
+            if not isinstance(end_value, EndValue):
+                msg = (
+                    f"The end value of a PredictiveController is an EndValue; got {quoted(end_value)}. Make one of plans, "
+                    "EndValue.of_plans(plans), or of the content of a file, EndValue.read(json.loads(path.read_text()))."
+                )
+                raise TaskError(msg)
             end_value(near, 0.0, 0.0)  # says now whether it fits
         names = task.model_value.control_names
         self._high = np.array([float(name in task.actuation.controls) for name in names])
@@ -155,7 +162,7 @@ class PredictiveController:
         d: ArrayLike,
         p: ArrayLike,
         calendar: ArrayLike,
-        days_left: float = np.inf,
+        days_left: float | None = None,
     ) -> Floats:
         """Plan anew, and give the controls of the coming step.
 
@@ -177,7 +184,7 @@ class PredictiveController:
             Hour of day [h], day of year and prices at the start of each step and at the end of the last ``(T + 1, columns)``, for each
             run or for all, as in ``Scenario.calendar``.
         days_left
-            From now to the end of the season, for the end value.
+            From now to the end of the season, which an end value needs.
 
         Returns
         -------
@@ -187,12 +194,18 @@ class PredictiveController:
         Raises
         ------
         ShapeError
-            When a shape does not fit.
+            When a shape does not fit, or the controller has an end value and is not told the days left.
         """
+        if self._end_value is not None and (days_left is None or np.isnan(days_left)):
+            msg = (
+                f"The end value needs the days from now to the end of the season; got days_left={days_left}. In step k they are "
+                "(task.steps - k) / task.steps_per_day."
+            )
+            raise ShapeError(msg)
         states, before, weather, parameters, dates = self._checked(x, u_before, d, p, calendar)
         steps = weather.shape[1]
         plan = self._within_reach(self._warm(steps, before), before)
-        end = self._worth(dates[:, -1, 0], days_left - steps * self.task.step_seconds / 86400.0)
+        end = self._worth(dates[:, -1, 0], days_left, steps)
         count = self._iterations if self._planned else self._first_iterations
         known = np.isfinite(states).all(axis=1) & np.isfinite(before).all(axis=1)
         rows = np.flatnonzero(known)
@@ -292,12 +305,14 @@ class PredictiveController:
     def _within_reach(self, wanted: Floats, before: Floats) -> Floats:
         return feasible(wanted, before, self._high, self.task.actuation.max_change)
 
-    def _worth(self, hour: Floats, days_left: float) -> Floats:
-        """What a unit of each state is worth at the end of the horizons ``(runs, s)``."""
+    def _worth(self, hour: Floats, days_left: float | None, steps: int) -> Floats:
+        """What a unit of each state is worth at the end of horizons of ``steps`` ``(runs, s)``."""
         # Horizons that end with the season end without a value: nothing comes after them.
-        if self._end_value is None or days_left <= 1e-9:
-            return np.zeros((self._runs, self._states))
-        return self._end_value(self._near, hour, days_left)
+        if self._end_value is not None and days_left is not None:
+            after = days_left - steps * self.task.step_seconds / 86400.0
+            if after > 1e-9:
+                return self._end_value(self._near, hour, after)
+        return np.zeros((self._runs, self._states))
 
     def _checked(
         self, x: ArrayLike, u_before: ArrayLike, d: ArrayLike, p: ArrayLike, calendar: ArrayLike
@@ -322,7 +337,7 @@ class PredictiveController:
         if parameters.ndim not in (1, 2, 3) or parameters.shape[-1] < self._parameters:
             raise ShapeError(_wrong("parameters", parameters, "(p,), (runs, p) or (runs, T, p)"))
         if parameters.ndim > 1 and len(parameters) != n:
-            raise ShapeError(_wrong("parameters", parameters, f"(p,), or one row for each of {n} runs"))
+            raise ShapeError(_wrong("parameters", parameters, f"(p,) or a row for each run, ({n}, ...)"))
         steps = weather.shape[1]
         if dates.ndim not in (2, 3) or dates.shape[:-2] not in ((), (n,)) or dates.shape[-2] != steps + 1:
             raise ShapeError(_wrong("calendar", dates, f"({steps + 1}, columns) or ({n}, {steps + 1}, columns)"))
@@ -376,4 +391,4 @@ def _at_least_one(value: int, what: str) -> int:
 
 
 def _wrong(what: str, found: Floats, wanted: str) -> str:
-    return f"The {what} have the shape {found.shape}; expected {wanted}."
+    return f"Wrong shape of the {what}: got {found.shape}, expected {wanted}."

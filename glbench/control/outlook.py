@@ -7,6 +7,8 @@ those that served best in the training years, by quantity and hours ahead. Rows 
 
 Nobody observes the temperature of the sky. It follows from the means, the clearness of the recent daylight, temperature and humidity. The
 soil's is a sine of the time of the year. Columns that no equation of the model reads are 0.
+
+A reading that is missing (NaN) is taken to be what the outlook expected it to be.
 """
 
 from __future__ import annotations
@@ -28,12 +30,13 @@ from glbench.control.climatology import (
     Climatology,
     Seen,
 )
-from glbench.control.shown import checked_observations
+from glbench.control.shown import checked_observations, refuse_missing
 from glbench.env.forecast import HOUR
 from glbench.env.spaces import the_task
 from glbench.env.weather_pool import DAYS_A_YEAR, HOURS_A_DAY
 from glbench.errors import TaskError, whole_number
 from glbench.tasks.quantities import FORECAST
+from glbench.untrusted import quoted
 from glbench.weather.preprocessing import (
     co2_density,
     seconds_into_year,
@@ -75,14 +78,15 @@ class Ahead:
 class Outlook:
     """What comes in runs of a task, from their observations.
 
-    It knows what its agent knows: the task, observations and the climatology. It works inside the sandbox.
+    It knows what its agent knows: the task, observations and the climatology. It works inside the sandbox. A new one is ready for one run,
+    as after ``reset(1)``.
 
     Parameters
     ----------
     task
         The task, or its id.
     climatology
-        Of its training years.
+        Of its training years, or of another task with the same weather.
 
     Attributes
     ----------
@@ -92,19 +96,27 @@ class Outlook:
     Raises
     ------
     TaskError
-        When the task does not show weather and time, the climatology is for other forecasts, or the model has disturbances of its own.
+        When the task does not show weather and time, the climatology is for other weather or other forecasts, or the model has disturbances
+        of its own.
     """
 
     def __init__(self, task: TaskSpec | str, climatology: Climatology) -> None:
         self.task, self.climatology = the_task(task), climatology
         task = self.task
-        names = [column.name for column in task.observed()]
+        if not isinstance(climatology, Climatology):
+            msg = (
+                f"The climatology of an Outlook is a Climatology; got {quoted(climatology)}. Make one, Climatology.of(task), or read one "
+                "from a file, Climatology.read(path)."
+            )
+            raise TaskError(msg)
+        self._names = names = [column.name for column in task.observed()]
         missing = [name for name in _SHOWN if name not in names]
         if missing:
             msg = f"{task.id} does not show {', '.join(missing)}: an outlook needs the weather of now."
             raise TaskError(msg)
         self._weather = [names.index(name) for name in _SHOWN]
         self._clock = _Clock(task, names)
+        climatology.check_for(task)
         hours = task.observation.forecast_hours
         if hours and hours != climatology.forecast_hours:
             msg = (
@@ -127,13 +139,13 @@ class Outlook:
             msg = f"The outlook knows nothing of {', '.join(odd)}, which acts on {task.model_id}."
             raise TaskError(msg)
         self._late = task.observation.timing == "published"
-        self._step, self._columns = task.step_seconds, len(names)
+        self._step = task.step_seconds
         self.reset(1)
 
     def reset(self, n: int) -> None:
         """Begin with ``n`` new runs."""
         self._n = whole_number(n, "The number of runs")
-        self._k = -1
+        self._k, self._lag = -1, 0
         self._seen = np.zeros((self._n, 0))
         self._now = np.zeros((self._n, 0))
         self._begin = np.zeros(self._n)
@@ -143,18 +155,25 @@ class Outlook:
     def update(self, observations: ArrayLike) -> None:
         """Take in what is observed now: once before the first action, and once after every step.
 
+        Weather that is missing (NaN) is taken to be as expected: at first the mean day, then what the outlook said one step ahead. Hours of
+        a forecast that are missing say nothing. The time has to be in the first observation, and is not looked at again.
+
         Raises
         ------
         TaskError
-            When the observations have the wrong shape.
+            When the observations have the wrong shape, a reading is infinite, or the first ones lack the time.
         """
-        seen = checked_observations(self.task, observations, self._n, self._columns)
-        self._k += 1
-        if self._k == 0:
+        seen = checked_observations(self.task, observations, self._n, self._names)
+        first = self._k < 0
+        if first:
             self._begin = _begin(self.task, self.climatology.clock, *self._clock(seen))
-        self._seen = seen
+            self._k, self._seen = 0, seen
         # With the timing "published" the weather shown is that of the step just past.
-        self._lag = 1 if self._late and self._k > 0 else 0
+        lag = 1 if self._late and not first else 0
+        if np.isnan(seen[:, self._weather]).any():
+            since = 0 if first else 1 + self._lag - lag
+            seen[:, self._weather] = _known(seen[:, self._weather], self._values(np.array([since]))[0][:, 0])
+        self._k, self._lag, self._seen = self._k + (not first), lag, seen
         shown = self._begin + (self._k - self._lag) * self._step
         if not (self._late and self._k == 1):  # with "published" the first row is shown twice
             self._deviations.add(shown, seen[:, self._weather])
@@ -180,6 +199,28 @@ class Outlook:
     def _rows(self, steps: int) -> Floats:
         """Disturbances of ``steps`` steps from now on, with the row shown where that is one of them, or of that row if there are none."""
         lags = np.arange(steps) + self._lag if steps > 0 else np.zeros(1, np.int64)
+        values, times, sky = self._values(lags)
+        radiation, temperature, humidity, co2, wind = np.moveaxis(values, -1, 0)
+        columns = {
+            "iGlob": radiation,
+            "tOut": temperature,
+            "vpOut": vapour_pressure(temperature, humidity),
+            "co2Out": co2_density(temperature, co2),
+            "wind": wind,
+            "tSky": temperature - sky,
+            "tSoOut": soil_temperature(seconds_into_year(times + self._step / 2.0)),
+        }
+        found = np.zeros((self._n, len(lags), len(self.task.model_value.disturbance_names)))
+        for place, name in enumerate(self.task.model_value.disturbance_names):
+            if name in columns:
+                found[..., place] = columns[name]
+        return found
+
+    def _values(self, lags: NDArray[np.int64]) -> tuple[Floats, Floats, Floats]:
+        """Weather in the columns that are shown, so many steps after the last row shown; its times, and the sky's depression.
+
+        Shapes are ``(n, lags, columns)`` and ``(n, lags)``.
+        """
         climate, n = self.climatology, self._n
         shown = self._begin + (self._k - self._lag) * self._step
         times = shown[:, None] + lags * self._step
@@ -198,25 +239,12 @@ class Outlook:
         values[..., HUMIDITY] = np.clip(values[..., HUMIDITY], _DRIEST, 100.0)
         values[..., CO2:] = np.maximum(values[..., CO2:], 0.0)
         if lags[0] == 0:
-            values[:, 0] = self._seen[:, self._weather]
+            values[:, 0] = _known(self._seen[:, self._weather], values[:, 0])
         for ahead, quantity, column in self._given:
             if lags[0] <= ahead <= lags[-1]:
-                values[:, ahead - lags[0], quantity] = self._seen[:, column]
-        radiation, temperature, humidity, co2, wind = np.moveaxis(values, -1, 0)
-        columns = {
-            "iGlob": radiation,
-            "tOut": temperature,
-            "vpOut": vapour_pressure(temperature, humidity),
-            "co2Out": co2_density(temperature, co2),  # type: ignore[arg-type]
-            "wind": wind,
-            "tSky": temperature - climate.depression(mean, deviations),
-            "tSoOut": soil_temperature(seconds_into_year(times + self._step / 2.0)),
-        }
-        found = np.zeros((n, len(lags), len(self.task.model_value.disturbance_names)))
-        for place, name in enumerate(self.task.model_value.disturbance_names):
-            if name in columns:
-                found[..., place] = columns[name]
-        return found
+                at = ahead - lags[0]
+                values[:, at, quantity] = _known(self._seen[:, column], values[:, at, quantity])
+        return values, times, climate.depression(mean, deviations)
 
     def _calendar(self, times: Floats) -> Floats:
         """Rows of the calendar that begin at ``times`` ``(n, rows)``."""
@@ -231,10 +259,16 @@ class Outlook:
         return np.stack([hour, (local - begin) / 86400.0, *prices], axis=-1)
 
 
+def _known(readings: Floats, expected: Floats) -> Floats:
+    """Readings, and what is expected where they are missing."""
+    return np.where(np.isnan(readings), expected, readings)
+
+
 class _Clock:
     """Hour of day [h] and day of year [day] of observations, where the task shows them."""
 
     def __init__(self, task: TaskSpec, names: list[str]) -> None:
+        self._task, self._names = task, names
         plain = [("hour_of_day", "day_of_year")]
         turned = [("sin_hour_of_day", "cos_hour_of_day", "sin_day_of_year", "cos_day_of_year")]
         for wanted in (*plain, *turned):
@@ -245,6 +279,8 @@ class _Clock:
         raise TaskError(msg)
 
     def __call__(self, seen: Floats) -> tuple[Floats, Floats]:
+        why = "An outlook needs the time in the first observation of each run: fill it in."
+        refuse_missing(seen, self._columns, self._task, self._names, why)
         given = seen[:, self._columns].T
         if len(given) == 2:
             return given[0], given[1]

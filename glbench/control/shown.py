@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -126,17 +127,37 @@ class ShownControls:
         return np.clip(observations[:, self.columns] / np.where(self.at_one > 0.0, self.at_one, 1.0), 0.0, 1.0)
 
 
-def checked_observations(task: TaskSpec, observations: Any, n: int, columns: int) -> Floats:
-    """Observations ``(n, columns)`` as float64.
+def checked_observations(task: TaskSpec, observations: Any, n: int, names: Sequence[str]) -> Floats:
+    """Observations ``(n, columns)`` as float64, a new array, of the columns with these names. NaN is a reading that is missing.
 
     Raises
     ------
     TaskError
-        When they have another shape.
+        When they have another shape, or a reading is infinite.
     """
-    found = np.asarray(observations, dtype=np.float64)
-    wanted = (n, columns)
+    found = np.array(observations, dtype=np.float64)
+    wanted = (n, len(names))
     if found.shape != wanted:
-        msg = f"Observations of {n} runs of {task.id} have the shape {wanted}; got {found.shape}."
+        msg = f"Wrong shape of the observations of {task.id}: expected {wanted}, a row for each run; got {found.shape}."
         raise TaskError(msg)
+    _refuse(np.isinf(found), task, names, "is infinite. If it is missing, pass NaN.")
     return found
+
+
+def refuse_missing(
+    observations: Floats, columns: Sequence[int] | NDArray[np.intp], task: TaskSpec, names: Sequence[str], why: str
+) -> None:
+    """Refuse observations that lack a reading (NaN) of these columns, and say ``why``.
+
+    Raises
+    ------
+    TaskError
+        When one is missing.
+    """
+    _refuse(np.isnan(observations[:, columns]), task, [names[column] for column in columns], f"is missing (NaN). {why}")
+
+
+def _refuse(wrong: NDArray[np.bool_], task: TaskSpec, names: Sequence[str], what: str) -> None:
+    for run, column in np.argwhere(wrong).tolist():
+        msg = f"The reading of '{names[column]}' in row {run} of the observations of {task.id} {what}"
+        raise TaskError(msg)

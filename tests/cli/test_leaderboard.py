@@ -20,6 +20,7 @@ from glbench.resources import data_folder
 from glbench.tasks import PAPER_TASK
 from glbench.tasks.best_known import read_best_known
 from tests.leaderboard.synthetic import make_result
+from tests.support import write_day_task
 
 RUNNER = CliRunner()
 
@@ -167,6 +168,28 @@ def test_an_unknown_task_is_answered_with_the_nearest(reports):
     result = run("--out", reports, "--task", "glbench/Meadwo-v1")
     assert isinstance(result.exception, ResultError)
     assert "Did you mean 'glbench/Meadow-v1'?" in str(result.exception)
+
+
+def test_results_of_a_task_of_ones_own_are_found_by_its_file(reports, tmp_path, monkeypatch):
+    """As ``evaluate`` finds the task; in all commands that show results."""
+    file = write_day_task(tmp_path)
+    made = {
+        name: make_result(name, [mean, mean + 1.0], task_id="test/Day-v1")
+        for name, mean in (("fast", 5.0), ("slow", 1.0))
+    }
+    for one in made.values():
+        save_result(one, reports)
+    monkeypatch.setenv("COLUMNS", "200")
+    console.output.cache_clear()
+    shown = run("--out", reports, "--task", file)
+    assert shown.exit_code == 0, shown.output
+    assert "test/Day-v1" in shown.stdout
+    assert "Meadow" not in shown.stdout
+    for command in (("compare", "fast", "slow"), ("show", "fast"), ("badge", "fast", "--file", tmp_path / "badge.svg")):
+        done = RUNNER.invoke(app, [str(part) for part in (*command, "--out", reports, "--task", file)])
+        assert done.exit_code == 0, (command, done.output, done.exception)
+    missing = run("--out", reports, "--task", tmp_path / "none.toml")
+    assert "none.toml" in str(missing.exception)
 
 
 def test_spoiled_result_files_are_listed_and_the_others_ranked(reports):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glbench.control import StateEstimator, air_of, estimator
+from glbench.control import Outlook, StateEstimator, air_of, estimator
 from glbench.env import Simulation, scenario, weather_pool
 from glbench.env.climate import AIR
 from glbench.errors import ShapeError, StepError, TaskError
@@ -172,6 +172,43 @@ def test_a_sensor_that_hangs_is_left_out() -> None:
     assert ours < 0.5 < theirs
 
 
+def test_a_missing_reading_is_left_out_for_its_run() -> None:
+    """As one of a sensor that hangs, to the bit; the other run does not notice."""
+    given, climate = watched("Spring-v1"), climatology("Spring-v1")
+    names = [column.name for column in given.task.observed()]
+    place = names.index("air_temperature")
+    hung, gone = given.seen[:60].copy(), given.seen[:60].copy()
+    hung[40:50, 1, place], gone[40:50, 1, place] = hung[39, 1, place], np.nan
+    whole, as_hung, found = (estimates(given._replace(seen=seen), climate)[0] for seen in (given.seen[:60], hung, gone))
+    assert found[:, 0].tobytes() == whole[:, 0].tobytes()
+    assert found[:, 1].tobytes() == as_hung[:, 1].tobytes() != whole[:, 1].tobytes()
+
+    # A column without a sensor, and all of them: the model goes on by itself.
+    for columns in ([names.index("fruit_dry_mass")], list(range(names.index("sin_hour_of_day")))):
+        gone = given.seen[:60].copy()
+        gone[40:, 1, columns] = np.nan
+        found, _ = estimates(given._replace(seen=gone), climate)
+        assert found[:, 0].tobytes() == whole[:, 0].tobytes()
+        assert np.isfinite(found).all()
+        true, ours = (air_of(given.task.model_value, x[39:59, 1]).values for x in (given.x, found))
+        assert np.abs(true - ours)[:, 0].max() < 2.0
+
+
+def test_a_reading_that_cannot_be_used_is_named() -> None:
+    given = watched("Spring-v1", 2)
+    names = [column.name for column in given.task.observed()]
+    known, seen = StateEstimator(given.task), given.seen[1].copy()
+    known.reset(2)
+    known.update(given.seen[0], given.d[:, 0])
+    seen[1, names.index("vents")] = np.nan
+    with pytest.raises(TaskError, match=r"'vents' in row 1 .* is missing \(NaN\)\. Say .* controls=\.\.\."):
+        known.update(seen, given.d[:, 0])
+    assert np.isfinite(known.update(seen, given.d[:, 0], given.u[0])).all()
+    seen[0, names.index("co2")] = -np.inf
+    with pytest.raises(TaskError, match=r"'co2' in row 0 .* is infinite"):
+        known.update(seen, given.d[:, 0], given.u[0])
+
+
 def test_a_step_that_fails_leaves_its_run_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     given = watched("Spring-v1")
     known = StateEstimator(given.task)
@@ -197,10 +234,18 @@ def test_what_does_not_fit_is_refused() -> None:
     given = watched("Spring-v1")
     known = StateEstimator(given.task)
     known.reset(2)
-    with pytest.raises(TaskError, match="Observations of 2 runs"):
+    with pytest.raises(
+        TaskError, match=r"shape of the observations of my/Short-v1: expected \(2, 50\), .* got \(1, 50\)"
+    ):
         known.update(given.seen[0, :1], given.d[:, 0])
-    with pytest.raises(ShapeError, match="disturbances of 2 runs"):
+    with pytest.raises(
+        ShapeError, match=r"shape of the disturbances of my/Short-v1: expected \(2, 10\), got \(1, 10\)"
+    ):
         known.update(given.seen[0], given.d[:1, 0])
+    outlook = Outlook(given.task, climatology("Spring-v1"))
+    outlook.reset(2)
+    with pytest.raises(ShapeError, match=r"got \(2, 0\); call outlook\.update\(observations\) first"):
+        known.update(given.seen[0], outlook.past)
     blind = short("Spring-v1").replace(
         {"id": "my/Blind-v1", "sensors": None, "observation": {"modules": ["time"], "forecast": None}}
     )

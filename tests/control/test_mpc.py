@@ -121,7 +121,8 @@ def test_a_margin_keeps_further_from_the_limit() -> None:
         for k in range(0, task.steps - 16, 2):
             ahead = slice(k, k + 16)
             calendar = scenario.calendar[k : k + 17]
-            wanted = controller.decide(simulation.x, simulation.u, scenario.d[ahead], scenario.p, calendar)
+            left = (task.steps - k) / task.steps_per_day
+            wanted = controller.decide(simulation.x, simulation.u, scenario.d[ahead], scenario.p, calendar, left)
             for controls in (wanted, controller.follow()):
                 quantities = simulation.step_controls(controls).quantities
                 humid.append(float(quantities["violation_relative_humidity_high"][0]))
@@ -215,14 +216,14 @@ def test_wrong_inputs_are_refused() -> None:
     controller = PredictiveController(task, horizon=4)
     given = Scenario.of(task, SEED)
     good = (given.x0[None], np.zeros((1, 6)), given.d[:4], given.p, given.calendar[:5])
-    for place, bad in (
-        (0, given.x0),
-        (1, np.zeros((1, 5))),
-        (2, given.d[:5]),
-        (3, given.p[:9]),
-        (4, given.calendar[:4]),
+    for place, bad, what in (
+        (0, given.x0, r"states: got \(35,\), expected \(1, 35\)"),
+        (1, np.zeros((1, 5)), "controls in force"),
+        (2, given.d[:5], "disturbances"),
+        (3, given.p[:9], "parameters"),
+        (4, given.calendar[:4], r"calendar: got \(4, 2\), expected \(5, columns\)"),
     ):
-        with pytest.raises(ShapeError, match="have the shape"):
+        with pytest.raises(ShapeError, match=f"Wrong shape of the {what}"):
             controller.decide(*(bad if i == place else one for i, one in enumerate(good)))  # type: ignore[arg-type]
     controller.decide(*good)
     for _ in range(3):
@@ -237,6 +238,34 @@ def test_wrong_inputs_are_refused() -> None:
         PredictiveController(task, margin={"relative_humidity": 20.0})
     with pytest.raises(ShapeError, match="first controls"):
         controller.reset(2, np.zeros((3, 5, 6)))
+
+
+@pytest.mark.parametrize("value", [Path("end_value.json"), {"days_left": [0.0]}, EndValue])
+def test_an_end_value_that_is_none_is_refused(value: object) -> None:
+    with pytest.raises(TaskError, match=r"is an EndValue; got .*EndValue\.read\("):
+        PredictiveController(short(), end_value=value)  # type: ignore[arg-type]
+
+
+def test_an_end_value_needs_the_days_left() -> None:
+    task = short()
+    given = Scenario.of(task, SEED)
+    now = (given.x0[None], np.zeros((1, 6)), given.d[:4], given.p, given.calendar[:5])
+    controller = PredictiveController(task, horizon=4, first_iterations=1, end_value=end_value(task))
+    for left in (None, float("nan")):
+        with pytest.raises(ShapeError, match=rf"days from now .* got days_left={left}\..*steps_per_day"):
+            controller.decide(*now, left)
+    assert np.isfinite(controller.decide(*now, days_left=1.0)).all()
+
+
+def test_a_new_controller_is_ready_for_one_run() -> None:
+    task = short()
+    given = Scenario.of(task, SEED)
+    now = (np.zeros((1, 6)), given.d[:4], given.p, given.calendar[:5])
+    new, begun = (PredictiveController(task, horizon=4, first_iterations=1) for _ in range(2))
+    begun.reset(1)
+    assert new.decide(given.x0[None], *now).tobytes() == begun.decide(given.x0[None], *now).tobytes()
+    with pytest.raises(ShapeError, match=r"got \(2, 35\), expected \(1, 35\)"):
+        new.decide(np.tile(given.x0, (2, 1)), *now)
 
 
 @cache

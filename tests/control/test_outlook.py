@@ -202,5 +202,118 @@ def test_what_does_not_fit_is_refused() -> None:
     outlook = Outlook(task, climate)
     with pytest.raises(TaskError, match="Nothing was observed"):
         outlook.ahead(4)
-    with pytest.raises(TaskError, match="Observations of 1 runs"):
+    with pytest.raises(
+        TaskError, match=r"shape of the observations of my/Short-v1: expected \(1, 50\), .* got \(2, 3\)"
+    ):
         outlook.update(np.zeros((2, 3)))
+    with pytest.raises(TaskError, match=r"got PosixPath.*Climatology\.of\(task\).*Climatology\.read\(path\)"):
+        Outlook(task, Path("climatology.json"))  # type: ignore[arg-type]
+
+
+def test_a_climatology_of_other_weather_is_refused() -> None:
+    spring, paper = climatology("Spring-v1"), short("Schiphol2010-Delta10-v1").replace(id="my/Paper-v1")
+    with pytest.raises(
+        TaskError, match=r"prepared as 'conserving', and the task has 'paper'; it knows 2010, which the"
+    ):
+        Outlook(paper, spring)
+    with pytest.raises(TaskError, match="it is of the weather 'schiphol', and the task has 'miami'"):
+        Outlook("Transfer-Miami-v1", spring)
+    for changes, reason in (
+        ({"weather.start": "2010-07-01"}, "days from 15 February to 22 March, and the task needs 1 July to 4 August"),
+        ({"weather.start": "2010-02-01"}, "the task needs 1 February to 7 March"),
+        ({"weather.step_seconds": 1800}, "its steps are 900 s long, and those of the task 1800 s"),
+    ):
+        other = short("Spring-v1").replace({"id": "my/Other-v1", **changes})
+        with pytest.raises(TaskError, match=f"of my/Short-v1 is not for my/Other-v1: .*{reason}"):
+            Outlook(other, spring)
+    knowing = Climatology.of_settings({**spring.settings(), "years": [2008, 2012], "task": "my/Knowing-v1"})
+    with pytest.raises(TaskError, match="it knows 2012, which the task scores"):
+        Outlook(short("Spring-v1"), knowing)
+
+
+def test_a_climatology_serves_other_tasks_with_its_weather() -> None:
+    spring = climatology("Spring-v1")
+    for task_id in ("Lettuce-v1", "SpringMismatch-v1", "Transfer-House-LED2021-v1"):
+        Outlook(get_task(task_id).replace({"id": "my/Variant-v1", "weather.days": 6}), spring)
+    Outlook(short("Spring-v1").replace({"id": "my/Later-v1", "weather.start": "2010-03-01", "weather.days": 1}), spring)
+
+
+LATE = "Schiphol2010Code-Delta10-v1"
+WEATHER = ("global_radiation", "outdoor_temperature", "outdoor_relative_humidity", "outdoor_co2", "wind_speed")
+
+
+def with_gaps(task_id: str, rows: slice, ending: str = "", run: int = 1) -> Floats:
+    """Observations without the outdoor columns of a run, or without their forecast."""
+    given = watched(task_id)
+    columns = [i for i, column in enumerate(given.task.observed()) if column.name.startswith(WEATHER)]
+    kept = [i for i in columns if ("_in_" in given.task.observed()[i].name) == bool(ending)]
+    seen = given.seen.astype(np.float64)
+    seen[rows, run, np.array(kept)[:, None]] = np.nan
+    return seen
+
+
+@pytest.mark.parametrize("task_id", ["Spring-v1", "Schiphol2010-Delta10-v1", LATE])
+def test_missing_weather_is_what_was_expected(task_id: str) -> None:
+    given, gaps = watched(task_id), with_gaps(task_id, slice(30, 40))
+    outlook, whole = (Outlook(given.task, climatology(task_id)) for _ in range(2))
+    outlook.reset(2)
+    whole.reset(2)
+    for k in range(45):
+        expected = outlook.ahead(2).d[1, 1, SEEN] if k else None
+        outlook.update(gaps[k])
+        whole.update(given.seen[k])
+        assert outlook.past[0].tobytes() == whole.past[0].tobytes()
+        assert outlook.ahead(9).d[0].tobytes() == whole.ahead(9).d[0].tobytes()
+        if 30 <= k < 40:
+            assert expected is not None
+            if task_id != LATE:  # what is shown there acted in the step before
+                np.testing.assert_allclose(outlook.ahead(1).d[1, 0, SEEN], expected, rtol=1e-12)
+            assert np.isfinite(outlook.ahead(96).d).all()
+            assert np.abs(outlook.past[1, 1] - given.d[1, k - 1, 1]) < 3.0
+    assert outlook.past[1, SEEN].tobytes() == whole.past[1, SEEN].tobytes()
+
+
+def test_before_anything_is_seen_missing_weather_is_the_mean_day() -> None:
+    task_id = "Spring-v1"
+    for other in (task_id, LATE):
+        given = watched(other)
+        outlook = Outlook(given.task, climatology(other))
+        outlook.reset(2)
+        outlook.update(with_gaps(other, slice(0, 1))[0])
+        mean = climatology(other).mean(outlook._begin)[1]
+        assert outlook.ahead(1).d[1, 0, [1, 4]] == pytest.approx(mean[[1, 4]], abs=1e-9)
+        assert outlook.past[1, 1] == pytest.approx(mean[1], abs=1e-9)
+
+
+def test_a_forecast_that_is_missing_says_nothing() -> None:
+    task_id = "Spring-v1"
+    given, gaps = watched(task_id), with_gaps(task_id, slice(None), "_in_")
+    weights = climatology(task_id).weights
+    outlook, told = (Outlook(given.task, climatology(task_id)) for _ in range(2))
+    outlook.reset(2)
+    told.reset(2)
+    for k in range(40):
+        outlook.update(gaps[k])
+        told.update(given.seen[k])
+    assert outlook.ahead(96).d[0].tobytes() == told.ahead(96).d[0].tobytes()
+    # In its place stands what was seen of late.
+    lead, lately, now = 12, outlook._deviations.lately[1, 1], outlook._deviations.now[1, 1]
+    shares = weights[3, 1]  # three hours
+    mean = climatology(task_id).mean(outlook._begin + (39 + lead) * 900.0)[1, 1]
+    expected = mean + shares[0] * now + (shares[1] + shares[2]) * lately
+    assert outlook.ahead(96).d[1, lead, 1] == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_reading_that_cannot_be_missing_is_named() -> None:
+    given, climate = watched("Spring-v1"), climatology("Spring-v1")
+    names = [column.name for column in given.task.observed()]
+    outlook, seen = Outlook(given.task, climate), given.seen[:2].copy()
+    outlook.reset(2)
+    seen[:, 1, names.index("cos_hour_of_day")] = np.nan
+    with pytest.raises(TaskError, match=r"'cos_hour_of_day' in row 1 .* is missing \(NaN\)\. .* the time in the first"):
+        outlook.update(seen[0])
+    outlook.update(given.seen[0])
+    outlook.update(seen[1])  # known by then
+    seen[1, 0, names.index("wind_speed")] = np.inf
+    with pytest.raises(TaskError, match=r"'wind_speed' in row 0 of the observations of my/Short-v1 is infinite"):
+        outlook.update(seen[1])

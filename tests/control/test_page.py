@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +13,9 @@ from glbench.env import Simulation
 from glbench.kernel import available
 from glbench.model import limit_parameter, violation_meter
 from glbench.tasks import task_card
+from tests.support import examples_of, run_examples
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "control.md"
-EXAMPLES = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+EXAMPLES = examples_of("control.md")
 
 
 @pytest.fixture(scope="module")
@@ -26,11 +24,8 @@ def names(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     if "compiled" not in available():
         pytest.skip("no compiled kernel here")
     folder = tmp_path_factory.mktemp("page")
-    found: dict[str, Any] = {"__file__": str(folder / "planner" / "agent.py")}
     with contextlib.chdir(folder):
-        for example in EXAMPLES:
-            exec(compile(example, str(PAGE), "exec"), found)
-    return found
+        return run_examples("control.md", EXAMPLES, {"__file__": str(folder / "planner" / "agent.py")})
 
 
 def test_the_gradient_of_a_day_is_that_of_differences(names: dict[str, Any]) -> None:

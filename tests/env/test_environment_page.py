@@ -5,15 +5,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from glbench.env import QUANTITIES, REWARDS, info_quantities
 from glbench.tasks import get_task
 from glbench.tasks.vocabulary import OBSERVATION_MODULES
+from tests.support import DOCS, examples_of, run_examples
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = (DOCS / "environment.md").read_text(encoding="utf-8")
 README = (DOCS.parent / "README.md").read_text(encoding="utf-8")
 
@@ -28,9 +27,7 @@ def rows() -> Iterator[tuple[list[str], str]]:
 
 @pytest.mark.usefixtures("own_words")
 def test_the_examples_run_one_after_the_other(capsys: pytest.CaptureFixture[str]) -> None:
-    names: dict[str, object] = {}
-    for example in re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL):
-        exec(compile(example, "docs/environment.md", "exec"), names)
+    run_examples("environment.md", examples_of("environment.md"), {})
     assert "(3, 28)" in capsys.readouterr().out
     assert "warm_feet" in list(REWARDS)
 

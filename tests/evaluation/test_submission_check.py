@@ -9,9 +9,11 @@ import pytest
 
 from glbench.agents.templates import new_submission
 from glbench.errors import SubmissionError
+from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.sandbox import bubblewrap
 from glbench.evaluation.sandbox.bubblewrap import why_no_sandbox
 from glbench.evaluation.submitting import CHECKS, Report, check_submission
+from glbench.evaluation.submitting.check import _no_answer
 
 pytestmark = pytest.mark.slow
 
@@ -108,6 +110,36 @@ def test_an_agent_that_hangs_costs_its_time_and_no_more(tmp_path: Path, day_task
     assert [finding.subject for finding in report.problems] == ["time"]
     assert "It did not come back while its file was loaded" in report.problems[0].text
     assert time.monotonic() - began < 240
+
+
+@pytest.mark.parametrize(("first", "later", "ok"), [(5.0, 0.01, True), (0.0, 4.4, False)], ids=["plans first", "slow"])
+def test_the_pace_is_that_of_later_decisions(
+    tmp_path: Path, day_task_file: Path, first: float, later: float, ok: bool
+) -> None:
+    """In a season of 9,600 steps, for all four runs of which decisions are made at once."""
+    task = tmp_path / "season.toml"
+    text = day_task_file.read_text(encoding="utf-8")
+    task.write_text(text.replace("days = 1", "days = 400").replace("Day-v1", "Season-v1"), encoding="utf-8")
+    act = f"time.sleep({first} if self.calls == 1 else {later})"
+    report = looked_at(tmp_path, task, act, "none", seconds=4.0)
+    assert report.ok is ok, report.findings
+    if ok:
+        assert "ms a decision of one run, the first one 1.2" in report.facts["time"]
+    else:
+        (finding,) = report.problems
+        assert "All decisions of a run would take 2.9 h: " in finding.text
+        assert "s for the first one and 1.1 s for each other one, the mean of" in finding.text
+
+
+def test_a_decision_that_the_check_cannot_wait_for_is_judged_by_the_limits_and_the_pace() -> None:
+    """40 s for four runs, in tasks that allow 60 s and 10 s a decision."""
+    for before, steps, limit, level in (
+        ([], 9600, 60.0, "note"),  # the first one says nothing of the others
+        ([0.1, 0.1], 9600, 60.0, "problem"),
+        ([0.1, 0.1], 960, 60.0, "note"),
+        ([], 960, 10.0, "problem"),
+    ):
+        assert _no_answer(40.0, 4, before, steps, TimeLimits(step=limit)).level == level, (before, steps, limit)
 
 
 def test_findings_of_all_files_come_together(tmp_path: Path, day_task_file: Path) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,9 +10,10 @@ import pytest
 from glbench.env.quantities import EPI
 from glbench.kernel import available
 from glbench.model import PARAMETER_NAMES
+from tests.support import examples_of, run_examples
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "sensitivities.md"
-EXAMPLES = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+PAGE = "sensitivities.md"
+EXAMPLES = examples_of(PAGE)
 
 
 @pytest.fixture(scope="module")
@@ -22,10 +21,7 @@ def names() -> dict[str, Any]:
     """What the page's examples define, up to the one for PyTorch."""
     if "compiled" not in available():
         pytest.skip("no compiled kernel here")
-    found: dict[str, Any] = {}
-    for example in EXAMPLES[:2]:
-        exec(compile(example, str(PAGE), "exec"), found)
-    return found
+    return run_examples(PAGE, EXAMPLES[:2], {})
 
 
 def test_the_gradient_of_a_day_is_that_of_finite_differences(names: dict[str, Any]) -> None:
@@ -46,16 +42,14 @@ def test_the_profit_of_the_page_is_the_epi_of_the_accounts(names: dict[str, Any]
 
 
 def test_steps_along_the_gradient_raise_the_profit(names: dict[str, Any]) -> None:
-    after = dict(names)
-    exec(compile(EXAMPLES[2], str(PAGE), "exec"), after)
+    after = run_examples(PAGE, EXAMPLES[2:3], dict(names))
     assert f"# {after['epi']:.4f} EUR m-2 in the end" in EXAMPLES[2]
     assert after["epi"] > names["epi"] + 0.4
 
 
 def test_torch_differentiates_through_a_step(names: dict[str, Any]) -> None:
     torch = pytest.importorskip("torch")
-    after = dict(names)
-    exec(compile(EXAMPLES[3], str(PAGE), "exec"), after)
+    after = run_examples(PAGE, EXAMPLES[3:4], dict(names))
     gradient = after["policy"][0].weight.grad
     assert gradient.shape == (6, 28)
     assert bool(torch.isfinite(gradient).all())
@@ -72,8 +66,7 @@ def test_torch_differentiates_through_a_step(names: dict[str, Any]) -> None:
 
 
 def test_the_trajectory_calls_give_the_gradient_of_the_day(names: dict[str, Any]) -> None:
-    after = dict(names)
-    exec(compile(EXAMPLES[4], str(PAGE), "exec"), after)
+    after = run_examples(PAGE, EXAMPLES[4:5], dict(names))
     assert after["epi"] == pytest.approx(names["epi"], rel=1e-12)
     np.testing.assert_allclose(after["slopes"], names["gradient"], rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(after["path"].pull(after["weights"]).u, after["gradient"].u, rtol=1e-9, atol=1e-12)

@@ -14,9 +14,9 @@ from glbench.env import Simulation
 from glbench.errors import TaskError, TrainingError
 from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, get_task
-from glbench.training import CurvePoint, Progress
 from glbench.training.rule_search import Candidates, RuleSearchSettings, reward_of, shipped_start, tune_rules
 from glbench.training.settings import FIRST_TRAINING_SEED, EvaluationPlan
+from tests.training.watching import PowerCutError, Watching
 
 pytestmark = pytest.mark.train
 
@@ -24,29 +24,6 @@ SETTINGS = RuleSearchSettings(
     population=6, seasons=36, sigma=0.1, evaluation=EvaluationPlan(every=288, runs=2, first_seed=20_000_000_000)
 )
 """Six generations of a day, evaluated after every second one."""
-
-
-class PowerCutError(Exception):
-    """Stands for the power cut."""
-
-
-class Watching:
-    """Keeps what it is told, and pulls the plug after some generations."""
-
-    def __init__(self, generations: int | None = None) -> None:
-        self.points: list[CurvePoint] = []
-        self.told: list[Progress] = []
-        self._left = generations
-
-    def on_progress(self, progress: Progress) -> None:
-        self.told.append(progress)
-        if len(self.told) == self._left:
-            raise PowerCutError
-
-    def on_evaluation(self, point: CurvePoint) -> None:
-        self.points.append(point)
-
-    def on_saved(self, steps: int) -> None: ...
 
 
 @pytest.fixture(scope="module")

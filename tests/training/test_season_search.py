@@ -14,9 +14,10 @@ from glbench.agents import load_agent
 from glbench.agents.network_policy import read_policy
 from glbench.errors import TrainingError
 from glbench.tasks import TaskSpec
-from glbench.training import CurvePoint, Progress, read_settings, train
+from glbench.training import read_settings, train
 from glbench.training.season_search import BatchedPolicy, SearchSettings, read_season_search, search
 from tests.training.conftest import PPO, SAC
+from tests.training.watching import PowerCutError, Watching
 
 pytestmark = pytest.mark.train
 
@@ -29,29 +30,6 @@ default:
   first_seed: 30_000_000_000
   evaluation: {{every: 400, runs: 2, first_seed: 20_000_000_000}}
 """
-
-
-class PowerCutError(Exception):
-    """Stands for the power cut."""
-
-
-class Watching:
-    """Keeps what it is told, and pulls the plug after some generations."""
-
-    def __init__(self, generations: int | None = None) -> None:
-        self.points: list[CurvePoint] = []
-        self.told: list[Progress] = []
-        self._left = generations
-
-    def on_progress(self, progress: Progress) -> None:
-        self.told.append(progress)
-        if len(self.told) == self._left:
-            raise PowerCutError
-
-    def on_evaluation(self, point: CurvePoint) -> None:
-        self.points.append(point)
-
-    def on_saved(self, steps: int) -> None: ...
 
 
 @pytest.fixture(scope="module", params=["ppo", "sac"])

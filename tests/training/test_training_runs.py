@@ -22,12 +22,9 @@ from glbench.training.algorithms import algorithm_class, rollout_steps
 from glbench.training.checkpoint import find_checkpoint, replaced
 from glbench.training.probe import Probe, ProbeResult
 from tests.episodes.day import write_lettuce_task
+from tests.training.watching import PowerCutError
 
 pytestmark = pytest.mark.train
-
-
-class PowerCutError(Exception):
-    """Stands for the power cut."""
 
 
 class Listening:

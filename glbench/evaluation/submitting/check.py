@@ -28,7 +28,7 @@ from glbench.evaluation.submitting.findings import Finding, Report, Subject, not
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task, task_card
 
 SECONDS = 15.0
-"""Time for the whole check [s], besides what large packages take to be imported."""
+"""Time for the whole check [s], besides what large packages take to be imported, and first decisions to be made."""
 STEPS = 96
 """Steps of the short run: a day in steps of a quarter of an hour, with its night."""
 RUNS = 4
@@ -39,8 +39,8 @@ _SHARE_RUN, _SHARE_REPEAT, _SHARE_ALONE = 0.5, 0.4, 0.4
 _PACKAGES_SECONDS = 60.0
 _PRINTED_NOTE, _SHOWN = 4096, 160
 _ANY = 2**62
-_SHORTEST_STEP = 1.0
-"""Seconds that a decision gets, however little time the check has left: a deadline of its own making says nothing of the agent."""
+_SHORTEST_STEP = 10.0
+"""Seconds that a decision of a run gets, however little time the check has left: a deadline of its own making says nothing of the agent."""
 _SIZES = SandboxLimits()
 _SIZES_OF_THE_MACHINE = SandboxLimits(scratch=_ANY, shared=_ANY, tasks=_ANY, files=_ANY, open_files=_ANY, made=_ANY)
 """Without a sandbox only memory has a limit."""
@@ -66,7 +66,7 @@ def check_submission(
     task
         Task, its id, or the path of a task file.
     seconds
-        Time for the whole check.
+        Time for the whole check. First decisions come on top: an agent that plans takes longer for them than for all others.
     sandbox
         Where the agent runs, as for ``glbench.evaluation.evaluate``. Where it wants a sandbox and there can be none, only files are
         looked at, and the report says so.
@@ -219,24 +219,29 @@ class _DryRun:
             self._book.add([problem("loading", f"The agent cannot be made{when}: {failure.reason.rstrip('.')}.")])
         return failure is None
 
-    def _ask(self, shown: NDArray[np.float32]) -> tuple[Decision, float]:
-        """What it decides for the rows, and the seconds that this took."""
+    def _ask(self, shown: NDArray[np.float32], step: int) -> tuple[Decision, float]:
+        """What it decides for the rows, and the seconds that this took; those of the first decision are not the check's."""
         began = time.perf_counter()
         decision = self._runner.decide(0, shown, np.ones(len(shown), dtype=np.bool_))
-        return decision, time.perf_counter() - began
+        took = time.perf_counter() - began
+        if step == 1:
+            self._deadline += took
+        return decision, took
 
     def _short_run(self) -> bool:
         """Run a day in closed loop; false when it ends early, after which nothing can be compared."""
         simulation = Simulation(self._task, RUNS)
         first, steps = self._task.evaluation.first_seed, min(STEPS, self._task.steps)
         observations = simulation.reset(range(first, first + RUNS))
-        began, until = time.monotonic(), time.monotonic() + _SHARE_RUN * self._left()
+        began = until = time.monotonic()
         seconds, memory = list[float](), list[int]()
         for step in range(1, steps + 1):
             shown = observations.astype(np.float32)
-            decision, took = self._ask(shown)
-            if not self._accepted(decision, took, step):
+            decision, took = self._ask(shown, step)
+            if not self._accepted(decision, took, seconds):
                 return False
+            if step == 1:
+                until = time.monotonic() + _SHARE_RUN * self._left()
             self._dialogue.append((shown, decision.actions))
             seconds.append(took / RUNS)
             memory.append(self._process.memory())
@@ -254,13 +259,13 @@ class _DryRun:
             self._book.add([note("time", f"{done}; what goes wrong later was not seen.")])
         return True
 
-    def _accepted(self, decision: Decision, took: float, step: int) -> bool:
-        """Whether there are actions for all runs; why there are none is told."""
-        failure = _worst(decision)
+    def _accepted(self, decision: Decision, took: float, before: list[float]) -> bool:
+        """Whether there are actions for all runs after decisions that took so long a run; why there are none is told."""
+        failure, step = _worst(decision), len(before) + 1
         if failure is not None and failure.status == "timed_out":
             # Agents for single runs have one clock each; what the others took does not matter.
             together, took = (RUNS, took) if failure.row is None else (1, min(took, self._runner.limits.step))
-            self._book.add([_no_answer(took, together, step, self._task.steps, self._limits)])
+            self._book.add([_no_answer(took, together, before, self._task.steps, self._limits)])
             return False
         self._book.checked.add("decisions")
         if failure is None:
@@ -277,26 +282,31 @@ class _DryRun:
 
     def _measured(self, seconds: list[float], taken: list[int]) -> None:
         """What decisions of one run took [s], and what memory was taken after each step [bytes]."""
-        each, steps, runs = sum(seconds) / len(seconds), self._task.steps, self._task.evaluation.runs
+        steps, runs = self._task.steps, self._task.evaluation.runs
         limits, found = self._limits, list[Finding]()
+        first, later = seconds[0], seconds[1:]
+        each, whole = _pace(seconds, steps)
         if max(seconds) > limits.step:
             text = f"One decision took {max(seconds):.1f} s a run; the limit is {limits.step:g} s."
             found.append(problem("time", text))
-        if each * steps > limits.run:
+        if later and whole > limits.run:
             text = (
-                f"All decisions of a run would take {_duration(each * steps)}, and the limit is {_duration(limits.run)}"
+                f"All decisions of a run would take {_duration(whole)}: {_duration(first)} for the first one and {_duration(each)} for "
+                f"each other one, the mean of {len(later)}. The limit is {_duration(limits.run)}: runs would end early."
             )
-            found.append(problem("time", f"{text}: runs would end early."))
-        whole = _duration(each * steps * runs)
+            found.append(problem("time", text))
+        measured = (
+            f"the first one {1e3 * first:.3g} ms" if later else "the first one alone, which may take longer than others"
+        )
         self._book.facts["time"] = (
-            f"{1e3 * each:.3g} ms a decision of one run; {whole} for {runs} runs of {steps} steps"
+            f"{1e3 * each:.3g} ms a decision of one run, {measured}; {_duration(whole * runs)} for {runs} runs of {steps} steps"
         )
         half = taken[len(taken) // 2 :]  # the first half warms up
         growth = max(0.0, (half[-1] - half[0]) / (len(half) - 1)) if len(half) > 1 else 0.0
-        later = taken[-1] + growth * steps
-        if later > _SIZES.memory:
+        reached = taken[-1] + growth * steps
+        if reached > _SIZES.memory:
             text = (
-                f"Memory grows by {growth / MIB:.2f} MiB a step and would reach {later / GIB:,.1f} GiB by the end of a run; the limit is "
+                f"Memory grows by {growth / MIB:.2f} MiB a step and would reach {reached / GIB:,.1f} GiB by the end of a run; the limit is "
                 f"{_SIZES.memory / GIB:,.0f} GiB. Keep only what the next decision needs."
             )
             found.append(problem("memory", text))
@@ -308,9 +318,11 @@ class _DryRun:
         if not self._made(RUNS, again=True):
             return False
         self._book.checked.add("repeatable")
-        until = time.monotonic() + _SHARE_REPEAT * self._left()
+        until = time.monotonic()
         for step, (shown, before) in enumerate(self._dialogue, start=1):
-            decision, _ = self._ask(shown)
+            decision, _ = self._ask(shown, step)
+            if step == 1:
+                until = time.monotonic() + _SHARE_REPEAT * self._left()
             failure = _worst(decision)
             if failure is not None and (failure.row is None or failure.status != "invalid_action"):
                 self._book.add([_unrepeatable(step, None, failure.reason)])
@@ -328,9 +340,11 @@ class _DryRun:
             if not self._made(1, again=True):
                 return
             self._book.checked.add("rows")
-            until = time.monotonic() + _SHARE_ALONE * self._left()
+            until = time.monotonic()
             for step, (shown, together) in enumerate(self._dialogue, start=1):
-                decision, _ = self._ask(shown[row : row + 1])
+                decision, _ = self._ask(shown[row : row + 1], step)
+                if step == 1:
+                    until = time.monotonic() + _SHARE_ALONE * self._left()
                 failure = _worst(decision)
                 if failure is not None:
                     who = f"With one run instead of {RUNS} the agent"
@@ -414,17 +428,29 @@ def _unrepeatable(step: int, difference: float | None, reason: str) -> Finding:
     return problem("repeatable", text)
 
 
-def _no_answer(seconds: float, runs: int, step: int, steps: int, limits: TimeLimits) -> Finding:
-    """``act`` was stopped after so many ``seconds`` for that many runs."""
+def _pace(seconds: Sequence[float], steps: int) -> tuple[float, float]:
+    """What a decision of a run takes after the first one, and all ``steps`` of them, from the ``seconds`` of the first ones.
+
+    Agents that plan take long for their first decision, and shorter for all others.
+    """
+    first, later = seconds[0], seconds[1:] or seconds
+    each = sum(later) / len(later)
+    return each, first + (steps - 1) * each
+
+
+def _no_answer(seconds: float, runs: int, before: Sequence[float], steps: int, limits: TimeLimits) -> Finding:
+    """``act`` was stopped after so many ``seconds`` for that many runs; the decisions ``before`` took so long a run."""
     whom = "one run" if runs == 1 else f"{runs} runs"
-    began = f"act did not come back within {_duration(seconds)} for {whom} in step {step}"
-    each, whole = seconds / runs, seconds / runs * steps
+    began = f"act did not come back within {_duration(seconds)} for {whom} in step {len(before) + 1}"
+    each = seconds / runs
     if each >= limits.step:
         return problem("time", f"{began}. The limit is {limits.step:g} s for one decision of one run.")
-    if whole > limits.run:
+    _, whole = _pace([*before, each], steps)
+    if before and whole > limits.run:
         text = f"{began}. At that pace all decisions of a run take {_duration(whole)} or more, and the limit is {_duration(limits.run)}."
         return problem("time", text)
-    return note("time", f"{began}, which is too slow for this check, though not for an evaluation: more was not seen.")
+    may = "not for an evaluation" if before else "the first decision of an evaluation may take that long"
+    return note("time", f"{began}, which is too slow for this check, though {may}: more was not seen.")
 
 
 def _duration(seconds: float) -> str:

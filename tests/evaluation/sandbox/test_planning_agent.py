@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 
 import pytest
@@ -15,8 +14,7 @@ from glbench.control.stage import judged_at_the_end
 from glbench.evaluation import TimeLimits, prepare
 from glbench.kernel import Kernel, available
 from glbench.tasks import get_task
-
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "control.md"
+from tests.support import examples_of
 
 
 @pytest.mark.skipif("compiled" not in available(), reason="no compiled kernel here")
@@ -25,9 +23,7 @@ def test_the_agent_of_the_page_plans_inside(needs_sandbox: None, tmp_path: Path)
     # Compiled outside: what is not there when the agent starts is not there for it.
     for model in (task.model_value, judged_at_the_end(task).model_value):
         Kernel(model, task.step_seconds, preset="fast").differentiator()
-    (agent,) = (
-        text for text in re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL) if "make_agent" in text
-    )
+    (agent,) = (example for example in examples_of("control.md") if "make_agent" in example)
     settings = read_baseline("mpc").settings
     assert isinstance(settings, PredictiveSettings)
     folder = tmp_path / "planner"
