@@ -172,7 +172,10 @@ _CONTROLLERS = {
         reader=("predictive", "read_predictive_settings"),
         maker=("predictive", "PredictiveAgent"),
         modules=("predictive.py",),
-        elsewhere=(*_PLANNING, "control/estimator.py", "control/outlook.py", "control/shown.py"),
+        elsewhere=(
+            *_PLANNING,
+            *(f"control/{name}.py" for name in ("climatology", "estimator", "outlook", "shown", "sun")),
+        ),
     ),
 }
 

@@ -37,6 +37,7 @@ class PredictiveSettings(BaseModel):
     iterations: _Count
     first_iterations: _Count
     ascent_steps: _Count
+    renew_every: _Count
     margin: dict[str, _Margin]
     end_values: dict[str, dict[str, Any]]
 
@@ -64,6 +65,7 @@ class PredictiveSettings(BaseModel):
                 end_value=EndValue.read(self.end_values[task.model_id]),
                 margin={name: margin for name, margin in self.margin.items() if name in limited},
                 ascent_steps=self.ascent_steps,
+                renew_every=self.renew_every,
             )
         except GlbenchError as error:
             msg = f"{task.id} cannot be planned for: {error}"
@@ -195,8 +197,9 @@ class PredictiveAgent:
         states = self._estimator.update(observations, self._outlook.past, controls)
         if k % self.settings.plan_every:
             return self._actor.acted(self._controller.follow())
-        ahead = self._outlook.ahead(min(self._controller.horizon, self._task.steps - k))
+        steps = min(self._controller.horizon, self._task.steps - k)
+        ahead, off = self._outlook.ahead(steps), self._estimator.weather_errors(steps)
         left = (self._task.steps - k) / self._task.steps_per_day
         return self._actor.acted(
-            self._controller.decide(states, controls, ahead.d, self._estimator.parameters, ahead.calendar, left)
+            self._controller.decide(states, controls, ahead.d + off, self._estimator.parameters, ahead.calendar, left)
         )

@@ -78,10 +78,11 @@ class EndValue:
             raise GlbenchError(msg)
         task = plans[0].scenario.task
         model = judged_at_the_end(task).model_value
+        money = _money(task)
         worth, days, hours = [], [], []
         changes = np.zeros(len(model.states))
         for plan in plans:
-            worth.append(_worth(plan, preset))
+            worth.append(_worth(plan, preset) / money)
             days.append(np.arange(task.steps, 0, -1) / task.steps_per_day)
             hours.append(plan.scenario.calendar[:-1, 0])
             daily = plan.states[:: task.steps_per_day, : len(changes)]
@@ -98,7 +99,7 @@ class EndValue:
         return cls(
             tuple(name for name, own in zip(model.state_names, counts, strict=True) if own),
             np.concatenate([[0.0], (blocks + ends) / 2.0]),
-            _rounded(np.vstack([np.zeros(counts.sum()), by_days[:, counts] / _money(task)])),
+            _rounded(np.vstack([np.zeros(counts.sum()), by_days[:, counts]])),
             _rounded(factors),
         )
 

@@ -147,6 +147,18 @@ class StateEstimator:
         """Parameters as estimated ``(n, p)``: nominal where the task draws none, derived ones made to fit."""
         return self._kept.complete(self._z[:, self._s : self._places[1]])
 
+    def weather_errors(self, steps: int) -> Floats:
+        """How far the weather of the coming steps is expected to be off ``(n, steps, d)``; to be added to ``Outlook.ahead(steps).d``.
+
+        Only columns that nobody sees are (``UNSEEN``): by as much as is estimated now, and less with every hour.
+        """
+        count = whole_number(steps, "The number of steps ahead")
+        kept, unseen = int(self._places[1]), int(self._places[2])
+        found = np.zeros((self._n, count, len(self.task.model_value.disturbances)))
+        left = self._fading[kept - self._s : unseen - self._s] ** np.arange(count)[:, None]
+        found[:, :, self._unseen] = self._z[:, None, kept:unseen] * left
+        return found
+
     def update(self, observations: ArrayLike, d: ArrayLike, controls: ArrayLike | None = None) -> Floats:
         """Take in what is observed now; once at the start, before the first action, and once after every step.
 

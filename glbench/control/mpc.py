@@ -20,11 +20,10 @@ from glbench.env.climate import AIR
 from glbench.env.spaces import the_task
 from glbench.errors import ShapeError, StepError, TaskError, UnknownNameError, did_you_mean, whole_number
 from glbench.kernel import Kernel
-from glbench.kernel.trajectories import RolloutError
+from glbench.kernel.trajectories import RolloutError, Trajectory
 from glbench.untrusted import quoted
 
 if TYPE_CHECKING:
-    from glbench.kernel.trajectories import Trajectory
     from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
@@ -38,6 +37,8 @@ _SHORT, _LONG = 1, 5
 _SHRINK, _GROW = 0.75, 1.3
 _SMOOTHING = 0.003
 """Width within which violations count quadratically, as a share of the distance between the limits."""
+_NEXT = 8
+"""Coming steps whose derivatives every decision makes anew."""
 _TOGETHER = 8
 """Runs whose plans are improved together: as many as the processor's cache and its vectors hold."""
 
@@ -64,6 +65,9 @@ class PredictiveController:
         limit. For what is known roughly.
     ascent_steps
         Gradient steps in an iteration.
+    renew_every
+        The derivatives of a step ahead are made anew once in so many decisions, and those of the coming steps always. 1 makes all of them
+        anew; more is faster, and no plan gets worse by it, because what is tried is simulated.
     preset
         Of the kernel that plans.
 
@@ -87,6 +91,7 @@ class PredictiveController:
         end_value: EndValue | None = None,
         margin: Mapping[str, float] | None = None,
         ascent_steps: int = 30,
+        renew_every: int = 1,
         preset: str = "fast",
     ) -> None:
         self.task = task = the_task(task)
@@ -94,6 +99,7 @@ class PredictiveController:
         self._iterations = _at_least_one(iterations, "The number of iterations")
         self._first_iterations = _at_least_one(first_iterations, "The number of first iterations")
         self._ascent_steps = _at_least_one(ascent_steps, "The number of gradient steps")
+        self._renew_every = _at_least_one(renew_every, "The number of decisions after which derivatives are made anew")
         judged = _within(task, dict(margin or {}))
         near = judged_at_the_end(judged)
         self._stage, self._smooth = StageReward(judged), StageReward(near, smoothing=_SMOOTHING)
@@ -137,7 +143,8 @@ class PredictiveController:
         """
         self._runs = _at_least_one(runs, "The number of runs")
         self._radius = np.full(self._runs, _FIRST_RADIUS)
-        self._at, self._planned = 0, False
+        self._at, self._taken, self._decisions = 0, 0, 0
+        self._jacobians, self._renewed = np.zeros((self._runs, 0)), np.zeros(self._runs, dtype=np.bool_)
         self._plan = np.zeros((self._runs, 0, len(self._high)))
         if controls is not None:
             given = np.asarray(controls, dtype=np.float64)
@@ -206,14 +213,16 @@ class PredictiveController:
         steps = weather.shape[1]
         plan = self._within_reach(self._warm(steps, before), before)
         end = self._worth(dates[:, -1, 0], days_left, steps)
-        count = self._iterations if self._planned else self._first_iterations
+        count = self._iterations if self._decisions else self._first_iterations
+        self._shift(steps)
         known = np.isfinite(states).all(axis=1) & np.isfinite(before).all(axis=1)
         rows = np.flatnonzero(known)
         for first in range(0, len(rows), _TOGETHER):
             some = rows[first : first + _TOGETHER]
             for _ in range(count):
                 some = self._improve(plan, some, states, before, weather, parameters, dates, end)
-        self._plan, self._at, self._planned = plan, 0, True
+            self._renewed[some] = True
+        self._plan, self._at, self._decisions = plan, 0, self._decisions + 1
         return self.follow()
 
     def follow(self) -> Floats:
@@ -227,7 +236,7 @@ class PredictiveController:
         if self._at >= self._plan.shape[1]:
             msg = f"The plan has {self._plan.shape[1]} steps, and all are taken: decide makes another one."
             raise ShapeError(msg)
-        self._at += 1
+        self._at, self._taken = self._at + 1, self._taken + 1
         return self._plan[:, self._at - 1].copy()
 
     def _improve(
@@ -244,7 +253,7 @@ class PredictiveController:
         """One iteration on some rows of ``plan``, in place; gives those that can be improved further."""
 
         def linearised(some: Rows) -> Trajectory:
-            return self._kernel.linearise_trajectory(x[some], plan[some], d[some], _of(p, some))
+            return self._lines(some, x[some], plan[some], d[some], _of(p, some))
 
         lines, rows = _of_those_that_can(linearised, rows)
         if lines is None:
@@ -273,6 +282,39 @@ class PredictiveController:
         radius = np.where(best <= _SHORT, np.maximum(radius * _SHRINK, _LEAST_RADIUS), radius)
         self._radius[rows] = np.where(best >= _LONG, np.minimum(radius * _GROW, _LARGEST_RADIUS), radius)
         return rows
+
+    def _shift(self, steps: int) -> None:
+        """Bring the derivatives of the last decision to the steps that are ahead now, and mark those to be made anew."""
+        old = self._jacobians[:, self._at :][:, :steps]
+        self._jacobians = np.zeros((self._runs, steps, *old.shape[2:]))
+        self._jacobians[:, : old.shape[1]] = old
+        turn = (self._taken + np.arange(steps) - self._decisions) % self._renew_every == 0
+        self._anew = np.tile(turn, (self._runs, 1))
+        self._anew[:, :_NEXT] = self._anew[:, old.shape[1] :] = True
+        self._anew[~self._renewed] = True
+        self._renewed[:] = False
+
+    def _lines(self, rows: Rows, x: Floats, u: Floats, d: Floats, p: Floats) -> Trajectory:
+        """The plans of some rows, simulated, with the derivatives that are kept and those that are made anew."""
+        kernel, anew = self._kernel, self._anew[rows]
+        if anew.all():
+            lines = kernel.linearise_trajectory(x, u, d, p)
+            if self._renew_every > 1:
+                if self._jacobians.ndim == 2:
+                    self._jacobians = np.zeros((*self._jacobians.shape, *lines.jacobians.shape[2:]))
+                self._jacobians[rows] = lines.jacobians
+            return lines
+        states = kernel.rollout(x, u, d, p)
+        run, step = np.nonzero(anew)
+        made = kernel.linearise(
+            states[run, step],
+            u[run, step],
+            d[run, step],
+            p[run, step] if p.ndim == 3 else _of(p, run),
+            inputs=("x", "u"),
+        )
+        self._jacobians[rows[run], step] = np.concatenate([made.du, made.dx], axis=2).swapaxes(1, 2)
+        return Trajectory(states, ("x", "u"), self._jacobians[rows], kernel)
 
     def _rolled(self, tried: Floats, x: Floats, d: Floats, p: Floats) -> Floats:
         """States ``(rows, lengths, T + 1, s)``, with meters where there are some; NaN where a step fails."""

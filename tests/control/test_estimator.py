@@ -260,3 +260,24 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(TaskError, match="does not show its controls"):
         known.update(seen, given.d[:1, 0])
     assert np.isfinite(known.update(seen, given.d[:1, 0], np.zeros((1, 6)))).all()
+
+
+def test_what_it_finds_of_the_sky_improves_the_outlook() -> None:
+    """The temperature of the sky is seen by nobody. The error fades from hour to hour, and columns that are seen are left alone."""
+    task = short("Schiphol2010-Delta10-v1")
+    given, sky = watched("Schiphol2010-Delta10-v1"), task.model_value.disturbance_names.index("tSky")
+    outlook, known = Outlook(task, climatology("Schiphol2010-Delta10-v1")), StateEstimator(task)
+    outlook.reset(2)
+    known.reset(2)
+    errors = []
+    for k in range(task.steps - 8):
+        outlook.update(given.seen[k])
+        known.update(given.seen[k], outlook.past)
+        off = known.weather_errors(8)
+        assert not np.delete(off, sky, axis=2).any()
+        assert np.abs(off[:, 1:, sky]).max() <= np.abs(off[:, 0, sky]).max()
+        told = outlook.ahead(8).d[:, :, sky] - given.d[:, k : k + 8, sky]
+        errors.append([told, told + off[:, :, sky]])
+    without, corrected = np.sqrt(np.mean(np.square(errors[24:]), axis=(0, 2)))
+    assert corrected[0] < 0.6 * without[0]
+    assert (corrected < without).all()

@@ -76,14 +76,33 @@ def test_it_earns_more_than_the_controls_that_it_begins_with(task_id: str) -> No
     assert np.abs(moves).max() <= task.actuation.max_change + 1e-12
 
 
-def test_a_run_has_the_same_bits_alone_and_in_a_batch() -> None:
+@pytest.mark.parametrize("renew_every", [1, 3])
+def test_a_run_has_the_same_bits_alone_and_in_a_batch(renew_every: int) -> None:
     """More rows than are improved together."""
     task, seeds = short(), [SEED + i for i in range(10)]
-    made = [PredictiveController(task, horizon=12, end_value=end_value(task)) for _ in range(2)]
+    made = [
+        PredictiveController(task, horizon=12, end_value=end_value(task), renew_every=renew_every) for _ in range(2)
+    ]
     made[0].reset(len(seeds))
     together, alone = run(task, made[0], seeds, 6)[1], run(task, made[1], seeds[8:9], 6)[1]
     assert together[:, 8].tobytes() == alone[:, 0].tobytes()
     assert together[:, 7].tobytes() != alone[:, 0].tobytes()
+
+
+def test_derivatives_are_kept_for_some_decisions_and_made_anew_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each step ahead is differentiated once in four decisions and in the last eight steps before its turn, and little is lost by it."""
+    task, made = short(days=2), [PredictiveController(short(days=2), horizon=40, renew_every=every) for every in (1, 4)]
+    steps: list[int] = []
+    linearise = made[1]._kernel.linearise
+    monkeypatch.setattr(
+        made[1]._kernel, "linearise", lambda x, *rest, **more: steps.append(len(x)) or linearise(x, *rest, **more)
+    )
+    rewards, controls = zip(*(run(task, controller, [SEED], 60) for controller in made), strict=True)
+    assert controls[0].tobytes() != controls[1].tobytes()
+    assert rewards[1][0] == pytest.approx(rewards[0][0], abs=0.1 * abs(rewards[0][0]))
+    # 40 steps: 8 of the next, 2 new ones at the end, and a quarter of the 30 between; the first plan makes all in one call.
+    assert {16, 17, 18} >= set(steps[: 20 // 2 - 1]) != set()
+    assert max(steps) < 20
 
 
 def test_with_a_long_horizon_it_comes_close_to_a_plan() -> None:
