@@ -126,7 +126,10 @@ class StageReward:
         }
         self._tape = tape.part([("table", column) for column in self._columns.values()], rounded)
         if self._tape.reads("controls_before"):
-            msg = f"The reward of {task.id} depends on changes of controls (a ledger line prices starts), which an optimiser here does not see."
+            msg = (
+                f"The reward of {task.id} depends on what controls were before a step (a line of its ledger prices starts), and has no "
+                "derivatives there. Plan for the task without that line."
+            )
             raise TaskError(msg)
         self._sizes = len(task.model_value.states), len(task.model_value.control_names)
         self._calendar_columns = calendar_columns(task)

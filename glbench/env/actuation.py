@@ -257,7 +257,9 @@ def _computed(task: TaskSpec, given: ActuationInputs) -> tuple[Mapping[str, Any]
 
 
 def _only_recorded(task: TaskSpec) -> Actuation:
-    what = f"of {', '.join(task.on_off)} remembers" if task.on_off else f"'{task.actuation.kind}' remembers and measures"
+    what = (
+        f"of {', '.join(task.on_off)} remembers" if task.on_off else f"'{task.actuation.kind}' remembers and measures"
+    )
     msg = f"The actuation {what}: it works in the step of a Simulation only."
     raise TaskError(msg)
 

@@ -306,7 +306,9 @@ def _observation(
                 at += 1
             elif isinstance(shown, Locked):
                 place = slots.of(ACTUATION)[hold_clock(shown.control)]
-                recorder.output("observation", at, _minutes_locked(task, shown.control, recorder.input("memory", place)))
+                recorder.output(
+                    "observation", at, _minutes_locked(task, shown.control, recorder.input("memory", place))
+                )
                 at += 1
             else:
                 at = _numbers(shown, at, recorder, controls, air)
@@ -323,7 +325,7 @@ def _of_air(shown: AirFormula, air: list[Value], recorder: Recorder) -> Value:
 
 def _minutes_locked(task: TaskSpec, control: str, steps: Value) -> Any:
     """How long a control that has been on or off for so many steps still stays so [min]."""
-    left = hold_steps(task, task.on_off[control]) - steps
+    left: Any = hold_steps(task, task.on_off[control]) - steps
     return np.maximum(left, 0.0) * (task.step_seconds / 60.0)
 
 

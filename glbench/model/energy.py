@@ -124,7 +124,7 @@ def plant(u: Record, p: Record) -> Plant:
 
 
 def to_pipes(x: EnergyState, u: Record, p: EnergyParameters) -> Expr:
-    """Heat of the buffer to the rail pipes [W m-2]: what the valve lets through, less from an almost empty buffer, none from an empty one."""
+    """Heat of the buffer to the rail pipes [W m-2]: what the valve asks for, less from an almost empty buffer, none from an empty one."""
     return u.u_pipe * p.p_pipe * (1 - exp(-x.e_buf / p.e_buf_edge))
 
 
@@ -198,7 +198,10 @@ class ChpBoilerBuffer(Addition):
             ("co2_bought", "CO2 bought to be dosed", "CO₂ bought", _co2_bought),
         )
         return (
-            *(Flow(name, "kWh m-2", words, label, _summed(of, 1 / JOULES_PER_KWH)) for name, words, label, of in energies),
+            *(
+                Flow(name, "kWh m-2", words, label, _summed(of, 1 / JOULES_PER_KWH))
+                for name, words, label, of in energies
+            ),
             *(Flow(name, "kg m-2", words, label, _summed(of, KG_PER_MG)) for name, words, label, of in masses),
             Flow("engine_hours", "h", "time that the engine runs", "Engine", _engine_hours),
             Flow("engine_starts", "-", "starts of the engine", "Starts of the engine", _engine_starts),

@@ -2,7 +2,8 @@
 
 ``greenlight-tomato-1.0.0`` is the GreenLight greenhouse with its tomato crop: 28 states, 6 controls, 10 disturbances, 208
 parameters. ``greenlight-tomato-harvest-1.0.0`` also has a meter on the harvest, ``greenlight-tomato-harvest-energy-1.0.0`` an
-engine and a hot-water buffer besides, ``greenlight-lettuce-1.0.0`` lettuce as its crop. ``STATES``, ``rhs`` and the other names and functions here are those of the first; code that serves any model asks the model.
+engine and a hot-water buffer besides; ``greenlight-lettuce-1.0.0`` has lettuce as its crop.
+``STATES``, ``rhs`` and the other names and functions here are those of the first; code that serves any model asks the model.
 """
 
 from __future__ import annotations
