@@ -156,7 +156,7 @@ _Move = Callable[["TaskSpec", Any, Any, int], Any]
 """The new value of one control from that in force, the action and its column: arithmetic on arrays or on recorded values."""
 
 _Goal = Callable[["TaskSpec", Any, Any, int, "OnOffTable"], Any]
-"""The same for a machine that is switched, on an axis on which off lies one ``max_change`` below the lowest load (``off_position``)."""
+"""The same for a machine that is switched, on an axis on which off lies near its lowest load (``off_position``)."""
 
 
 def _moved(task: TaskSpec, control: Any, action: Any, column: int) -> Any:
@@ -192,8 +192,8 @@ def _asked(task: TaskSpec, action: Any, column: int) -> Any:
 
 
 def off_position(task: TaskSpec, machine: OnOffTable) -> float:
-    """Where off lies when loads between 0 and the lowest are left out: one ``max_change`` below the lowest."""
-    return machine.lowest - task.actuation.max_change
+    """Where off lies when loads that there are not are left out: one ``max_change`` below the lowest load, at 0 where that is nearer."""
+    return max(machine.lowest - task.actuation.max_change, 0.0)
 
 
 def hold_steps(task: TaskSpec, machine: OnOffTable) -> float:
@@ -217,7 +217,7 @@ def _switched(
     runs = np.sign(control)
     off, lowest = off_position(task, machine), machine.lowest
     there = goal(task, select(runs, control, off), action, column, machine)
-    wanted = at_least(there, lowest - 0.5 * task.actuation.max_change - _TIE)
+    wanted = at_least(there, 0.5 * (off + lowest) - _TIE)
     runs, steps = held_switch(runs, steps, wanted, hold_steps(task, machine) - _TIE)
     return runs * within(there, lowest, 1.0), steps
 
