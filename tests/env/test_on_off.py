@@ -27,6 +27,7 @@ KINDS = {
     "any set_point": {},
 }
 LOWEST, HOLD = 0.7, 4  # steps
+MODULES = ("switches",)
 
 
 @pytest.fixture(params=KINDS)
