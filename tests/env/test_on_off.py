@@ -188,6 +188,19 @@ def test_a_machine_without_a_hold_is_switched_in_every_step() -> None:
     assert loads == [0.0, 0.7, 0.9, 0.0, 1.0]
 
 
+def test_small_changes_cross_the_gap_from_its_middle_on() -> None:
+    task = energy_task(
+        {**KINDS["rate"], "actuation.on_off.uChp.hold_minutes": None, "observation.modules": ["indoor_climate"]}
+    )
+    simulation = Simulation(task, 1, StillKernel())
+    simulation.reset([1])
+    loads = []
+    for action in (0.49, 0.5, 0.2, -0.6, -0.49, -0.5, -0.51):
+        simulation.step(np.eye(8)[[1]] * action)
+        loads.append(float(simulation.u[0, engine(task)]))
+    assert loads == pytest.approx([0.0, 0.7, 0.72, 0.7, 0.7, 0.7, 0.0])
+
+
 def test_other_controls_move_as_they_do_without_machines() -> None:
     task = energy_task(KINDS["rate"])
     plain = task.replace({"actuation.on_off": None, "observation.modules": ["indoor_climate", "energy"]})
