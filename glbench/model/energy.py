@@ -129,7 +129,7 @@ def to_pipes(x: EnergyState, u: Record, p: EnergyParameters) -> Expr:
 
 
 def refused(x: EnergyState, p: EnergyParameters) -> Expr:
-    """Share of the heat made that the buffer does not take [-]: all when it is full, almost none at one edge's width below that.
+    """Share of the heat made that the buffer does not take [-]: all when it is full, 0.37 with room for one edge's width, soon none.
 
     No buffer fills beyond its limit; one that starts there takes nothing.
     """

@@ -16,7 +16,7 @@ from glbench.env.actuation import make_actuation
 from glbench.env.snapshot import Snapshot
 from glbench.errors import TaskError
 from glbench.report.task_words import definition_in_words
-from glbench.tasks import TaskSpec, get_task
+from glbench.tasks import TaskSpec, get_task, task_card
 from tests.energy import energy_task
 from tests.env.stepping import Floats, StillKernel
 
@@ -250,6 +250,10 @@ def test_machines_are_part_of_a_task_s_digest_and_tasks_without_them_keep_theirs
     assert "on_off" not in get_task("Spring-v1").definition()["actuation"]
     assert get_task("Spring-v1").locked
     assert get_task("Schiphol2010-Delta10-v1").on_off == {}
+
+
+def test_a_submission_s_card_tells_of_machines() -> None:
+    assert task_card(energy_task()).task().on_off == energy_task().on_off
 
 
 def test_a_task_is_told_in_words() -> None:

@@ -142,11 +142,14 @@ def test_a_row_has_the_same_bits_alone_and_in_a_batch(steps_900: KnownSteps, bac
     assert kernel_of(backend, preset, threads=2).step(*rows).tobytes() == whole.tobytes()
 
 
-@pytest.mark.parametrize("backend", ["casadi", "cvodes"])
-def test_the_backends_agree(steps_900: KnownSteps, backend: str) -> None:
+@pytest.mark.parametrize(
+    ("backend", "preset", "limit"),
+    [("casadi", "reference", 1e-6), ("cvodes", "reference", 1e-6), ("cvodes", "standard", 2e-4)],
+)
+def test_the_backends_agree(steps_900: KnownSteps, backend: str, preset: str, limit: float) -> None:
     rows = rows_of(steps_900, 8)
-    ours, theirs = (kernel_of(name).step(*rows) for name in ("compiled", backend))
-    assert np.abs((ours - theirs) / state_scale(MODEL)).max() < 1e-6
+    ours, theirs = kernel_of("compiled", preset).step(*rows), kernel_of(backend).step(*rows)
+    assert np.abs((ours - theirs) / state_scale(MODEL)).max() < limit
 
 
 def test_derivatives_of_a_step_are_those_of_finite_differences(steps_900: KnownSteps) -> None:
