@@ -10,8 +10,9 @@ buffer is a flux: heat into it, out of it, lost and dumped.
 Sources. Buffer and shared use of CO2 and heat: Seginer, van Straten and van Beveren (2017), Day-to-night heat storage in greenhouses: 2,
 Biosystems Engineering 161, 188-199. Equipment: van Beveren, Bontsema, van Straten and van Henten (2019), Optimal utilization of a boiler,
 combined heat and power installation, and heat buffers in horticultural greenhouses, Computers and Electronics in Agriculture 162,
-1035-1048. The equations are the simplest that keep energy and carbon; the papers were at hand as abstracts only. That the engine cannot run at part load below a limit, and not for
-some minutes only, belongs to a task's actuation (docs/energy.md).
+1035-1048. The equations are the simplest that keep energy and carbon; the papers were at hand as abstracts only.
+
+That the engine does not run at low loads, nor for a few minutes, belongs to a task's actuation (docs/energy.md).
 """
 
 from __future__ import annotations

@@ -30,6 +30,7 @@ def test_the_page_has_the_values_of_the_table_and_every_flow() -> None:
     assert engine in PAGE
     assert f"to the rail pipes: {p.p_pipe:g} W m-2" in PAGE
     assert f"`eBufEdge` is {p.e_buf_edge:g} MJ m-2, {100 * p.e_buf_edge / p.e_buf_max:.1f} % of the buffer" in PAGE
+    assert f"(`etaLampCool`: {p.eta_lamp_cool:g} of their electricity in the benchmark)" in PAGE
     assert f"flue = {p.co2_gas:g} * {boiler:.1f} / {p.eta_boil:g}" in PAGE
     for flow in TOMATO_ENERGY.flows():
         if flow.name not in {"fruit_growth", "fruit_harvested"}:
