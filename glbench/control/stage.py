@@ -96,7 +96,7 @@ class StageReward:
     Raises
     ------
     TaskError
-        When a part of the reward was registered: it is Python, which has no derivatives.
+        When a part of the reward was registered: it is Python, which has no derivatives. When it depends on changes of controls.
     ShapeError
         When the smoothing is negative or no finite number.
     """
@@ -125,6 +125,12 @@ class StageReward:
             ("table", columns[name]): _rounded(width) for name, width in widths.items() if width > 0.0
         }
         self._tape = tape.part([("table", column) for column in self._columns.values()], rounded)
+        if self._tape.reads("controls_before"):
+            msg = (
+                f"The reward of {task.id} depends on what controls were before a step (a line of its ledger prices starts), and has no "
+                "derivatives there. Plan for the task without that line."
+            )
+            raise TaskError(msg)
         self._sizes = len(task.model_value.states), len(task.model_value.control_names)
         self._calendar_columns = calendar_columns(task)
 

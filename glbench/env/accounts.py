@@ -198,7 +198,7 @@ class Accounts:
         ``before``, ``after`` and ``controls`` are indexed by the places of the model's states and controls, and only where the ledger needs
         one; ``prices`` (of this step) and ``later`` (of the next) by those of ``price_tables``.
         """
-        step = self._made(before, after, controls)
+        step = self._made(before, after, controls, controls if controls_before is None else controls_before)
         money: dict[str, Any] = {}
         amounts: dict[str, Any] = {}
         profit: Any = None
@@ -238,16 +238,16 @@ class Accounts:
         limited = [(name, side) for name, *_ in self.limits for side in SIDES]
         return {(name, side): self.model.state_index(violation_meter(name, side)) for name, side in limited}
 
-    def _made(self, before: Values, after: Values, controls: Values) -> Step:
-        states = self.model.states
+    def _made(self, before: Values, after: Values, controls: Values, held: Values) -> Step:
+        states, names = self.model.states, self.model.controls
         return Step(
-            ByName(states, before), ByName(states, after), ByName(self.model.controls, controls), self.parameters,
-            self.step_seconds,
+            ByName(states, before), ByName(states, after), ByName(names, controls), self.parameters, self.step_seconds,
+            ByName(names, held),
         )  # fmt: skip
 
     def _step(self, state: float, control: float) -> Step:
-        states = [state] * len(self.model.states)
-        return self._made(states, states, [control] * len(self.model.controls))
+        states, controls = [state] * len(self.model.states), [control] * len(self.model.controls)
+        return self._made(states, states, controls, controls)
 
     def _amount(self, item: LedgerItem, step: Step) -> Any:
         if item.valued == STOCK:

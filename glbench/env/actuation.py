@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from glbench.env import process_computer
 from glbench.env.factories import Factories
+from glbench.env.logic import at_least, held_switch, select, within
 from glbench.env.process_computer import Measured
 from glbench.errors import ActionError, TaskError
 from glbench.kernel.environment import ActionBounds
@@ -27,6 +28,7 @@ from glbench.tasks.vocabulary import ACTUATION_KINDS, ActuationKind
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
+    from glbench.tasks.tables import OnOffTable
 
 Floats = NDArray[np.float64]
 
@@ -42,6 +44,12 @@ PART = "actuation"
 
 ROUNDING = 1e-6
 """How far an action may lie outside its bounds: what float32 arithmetic and scaling lose. Taken as the bound itself."""
+
+LONG_AGO = 1e6
+"""Steps since a machine was switched that never was."""
+
+_TIE = 1e-9
+"""What a sum of fractions, or a time counted in steps, may lose by rounding."""
 
 
 def register_actuation(
@@ -137,7 +145,7 @@ class RecordedActuation:
     work
         From a task and the inputs to the controls that the task grants, and what is remembered.
     memory
-        Names and start values of what is remembered (``glbench.env.slots``).
+        Names and start values of what is remembered (``glbench.env.slots``), besides the clocks of machines that are switched.
     """
 
     work: Callable[[TaskSpec, ActuationInputs], tuple[Mapping[str, Any], Mapping[str, Any]]]
@@ -147,10 +155,18 @@ class RecordedActuation:
 _Move = Callable[["TaskSpec", Any, Any, int], Any]
 """The new value of one control from that in force, the action and its column: arithmetic on arrays or on recorded values."""
 
+_Goal = Callable[["TaskSpec", Any, Any, int, "OnOffTable"], Any]
+"""The same for a machine that is switched, on an axis on which off lies near its lowest load (``off_position``)."""
+
 
 def _moved(task: TaskSpec, control: Any, action: Any, column: int) -> Any:
     """Control plus max_change times action, kept within 0 and 1 (a valve that is fully open stays open)."""
     return np.minimum(np.maximum(action * task.actuation.max_change + control, 0.0), 1.0)
+
+
+def _moved_on_axis(task: TaskSpec, control: Any, action: Any, column: int, machine: OnOffTable) -> Any:
+    """The machine's position plus max_change times action."""
+    return action * task.actuation.max_change + control
 
 
 def _approached(task: TaskSpec, control: Any, action: Any, column: int) -> Any:
@@ -158,23 +174,76 @@ def _approached(task: TaskSpec, control: Any, action: Any, column: int) -> Any:
 
     The lower bound of the action asks for 0, the upper one for 1.
     """
-    low, high = (float(bound[column]) for bound in action_bounds(task))
-    wanted, max_change = (action - low) / (high - low), task.actuation.max_change
+    wanted, max_change = _asked(task, action, column), task.actuation.max_change
     return np.minimum(np.maximum(wanted, control - max_change), control + max_change)
 
 
-def _provide(name: str, move: _Move) -> None:
+def _approached_on_axis(task: TaskSpec, control: Any, action: Any, column: int, machine: OnOffTable) -> Any:
+    """Towards the load asked for, by at most max_change; less than half of the lowest load asks for off."""
+    asked, max_change = _asked(task, action, column), task.actuation.max_change
+    runs = at_least(asked, 0.5 * machine.lowest)
+    wanted = select(runs, np.maximum(asked, machine.lowest), off_position(task, machine))
+    return np.minimum(np.maximum(wanted, control - max_change), control + max_change)
+
+
+def _asked(task: TaskSpec, action: Any, column: int) -> Any:
+    low, high = (float(bound[column]) for bound in action_bounds(task))
+    return (action - low) / (high - low)
+
+
+def off_position(task: TaskSpec, machine: OnOffTable) -> float:
+    """Where off lies when loads that there are not are left out: one ``max_change`` below the lowest load, at 0 where that is nearer."""
+    return max(machine.lowest - task.actuation.max_change, 0.0)
+
+
+def hold_steps(task: TaskSpec, machine: OnOffTable) -> float:
+    """Steps for which the machine stays on or off; no whole number where the time is none of steps."""
+    return machine.hold_minutes * 60.0 / task.step_seconds
+
+
+def hold_clock(control: str) -> str:
+    """Name in memory of the steps that a control has been on or off."""
+    return f"{control}_steps"
+
+
+def _switched(
+    task: TaskSpec, goal: _Goal, control: Any, action: Any, column: int, machine: OnOffTable, steps: Any
+) -> tuple[Any, Any]:
+    """A machine that is off, or runs between its lowest load and 1: its control, and for how many steps it will have been on or off.
+
+    It is switched where its position passes the middle between off and the lowest load, unless it was switched too short a time ago.
+    Then it stays off, or at the load nearest to what was asked for.
+    """
+    runs = np.sign(control)
+    off, lowest = off_position(task, machine), machine.lowest
+    there = goal(task, select(runs, control, off), action, column, machine)
+    wanted = at_least(there, 0.5 * (off + lowest) - _TIE)
+    runs, steps = held_switch(runs, steps, wanted, hold_steps(task, machine) - _TIE)
+    return runs * within(there, lowest, 1.0), steps
+
+
+def _provide(name: str, move: _Move, goal: _Goal) -> None:
     """A kind of actuation that moves each control by itself, and can be recorded."""
 
     def make(task: TaskSpec) -> Actuation:
+        if task.on_off:
+            return _only_recorded(task)
         return lambda controls, actions: np.stack(
             [move(task, controls[:, column], actions[:, column], column) for column in range(actions.shape[1])], axis=1
         )
 
     def work(task: TaskSpec, given: ActuationInputs) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
-        names = task.actuation.controls
-        moved = {name: move(task, given.controls[name], given.actions[name], place) for place, name in enumerate(names)}
-        return moved, {}
+        moved, kept = {}, {}
+        for place, name in enumerate(task.actuation.controls):
+            control, action = given.controls[name], given.actions[name]
+            if name in task.on_off:
+                clock = hold_clock(name)
+                moved[name], kept[clock] = _switched(
+                    task, goal, control, action, place, task.on_off[name], given.memory[clock]
+                )
+            else:
+                moved[name] = move(task, control, action, place)
+        return moved, kept
 
     ACTUATIONS.provide(name, make, recorded=RecordedActuation(work))
 
@@ -188,12 +257,15 @@ def _computed(task: TaskSpec, given: ActuationInputs) -> tuple[Mapping[str, Any]
 
 
 def _only_recorded(task: TaskSpec) -> Actuation:
-    msg = f"The actuation '{task.actuation.kind}' remembers and measures: it works in the step of a Simulation only."
+    what = (
+        f"of {', '.join(task.on_off)} remembers" if task.on_off else f"'{task.actuation.kind}' remembers and measures"
+    )
+    msg = f"The actuation {what}: it works in the step of a Simulation only."
     raise TaskError(msg)
 
 
-_provide("rate", _moved)
-_provide("set_point", _approached)
+_provide("rate", _moved, _moved_on_axis)
+_provide("set_point", _approached, _approached_on_axis)
 ACTUATIONS.provide("process_computer", _only_recorded, recorded=RecordedActuation(_computed, process_computer.MEMORY))
 
 
@@ -212,7 +284,7 @@ def recorded_actuation(task: TaskSpec) -> RecordedActuation | None:
 def actuation_memory(task: TaskSpec) -> Mapping[str, float]:
     """What the actuation of a task remembers from step to step, with start values (``glbench.env.slots``)."""
     recorded = recorded_actuation(task)
-    return {} if recorded is None else recorded.memory
+    return {} if recorded is None else {**recorded.memory, **{hold_clock(name): LONG_AGO for name in task.on_off}}
 
 
 def action_bounds(task: TaskSpec) -> tuple[Floats, Floats]:

@@ -82,7 +82,14 @@ class Today:
     rate: Callable[[Any, Any, Any], Any]
 
 
-Shown = Numbers | TableRows | Formula | AirFormula | Today
+@dataclass(frozen=True)
+class Locked:
+    """A column that says for how many minutes a control still stays on or off."""
+
+    control: str
+
+
+Shown = Numbers | TableRows | Formula | AirFormula | Today | Locked
 
 ObservationPart = Callable[[ObservationInputs], NDArray[np.floating]]
 """Columns of one module, ``(n, columns)``, finite numbers. Row i may depend on row i of the inputs only."""
@@ -203,6 +210,7 @@ _SHOWN: dict[str, Callable[[TaskSpec, WeatherTables], tuple[Shown, ...]]] = {
     "full_state": lambda task, tables: _plain("states", len(task.model_value.state_names)),
     # The published code counts the step just taken, hence the step whose weather is shown and not the number of steps.
     "step_counter": lambda task, tables: (Numbers("counter", (1,), (1.0,)),),
+    "switches": lambda task, tables: tuple(Locked(name) for name, _ in task.observation_context().holds),
     "control_fractions": lambda task, tables: _plain("controls", len(task.model_value.control_names)),
     "published_time": lambda task, tables: (
         TableRows(np.ascontiguousarray(tables.clock[:, [2, 3, 0, 1]]), clocked=True),

@@ -14,10 +14,28 @@ from numpy.typing import NDArray
 
 from glbench.env.accounts import ByName, make_accounts
 from glbench.env.actuation import PART as ACTUATION
-from glbench.env.actuation import ActionReader, ActuationInputs, RecordedActuation, make_actuation, recorded_actuation
+from glbench.env.actuation import (
+    ActionReader,
+    ActuationInputs,
+    RecordedActuation,
+    hold_clock,
+    hold_steps,
+    make_actuation,
+    recorded_actuation,
+)
 from glbench.env.climate import AIR, record_air
 from glbench.env.formulas import record_formula
-from glbench.env.observations import AirFormula, Formula, Numbers, TableRows, Today, checked_part, python_part, shown_by
+from glbench.env.observations import (
+    AirFormula,
+    Formula,
+    Locked,
+    Numbers,
+    TableRows,
+    Today,
+    checked_part,
+    python_part,
+    shown_by,
+)
 from glbench.env.process_computer import Measured
 from glbench.env.quantities import REWARD
 from glbench.env.reference import NO_PARTS, PythonParts
@@ -286,6 +304,12 @@ def _observation(
                 update.output("memory", place, _sum_of_today(task, shown, update, place))
                 recorder.output("observation", at, recorder.input("memory", place))
                 at += 1
+            elif isinstance(shown, Locked):
+                place = slots.of(ACTUATION)[hold_clock(shown.control)]
+                recorder.output(
+                    "observation", at, _minutes_locked(task, shown.control, recorder.input("memory", place))
+                )
+                at += 1
             else:
                 at = _numbers(shown, at, recorder, controls, air)
     if at != len(task.observed()):
@@ -297,6 +321,12 @@ def _observation(
 def _of_air(shown: AirFormula, air: list[Value], recorder: Recorder) -> Value:
     """A column that follows from the air as observed."""
     return record_formula(lambda *values: shown.of_air(Air(*values)), air, recorder)
+
+
+def _minutes_locked(task: TaskSpec, control: str, steps: Value) -> Any:
+    """How long a control that has been on or off for so many steps still stays so [min]."""
+    left: Any = hold_steps(task, task.on_off[control]) - steps
+    return np.maximum(left, 0.0) * (task.step_seconds / 60.0)
 
 
 def _sum_of_today(task: TaskSpec, shown: Today, recorder: Recorder, place: int) -> Value:

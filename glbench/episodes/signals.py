@@ -581,7 +581,7 @@ def _overview(task: TaskSpec, paths: list[str]) -> tuple[tuple[str, ...], ...]:
 
 def _price(task: TaskSpec, item: LedgerItem) -> str:
     """As in ``heat 0.09 EUR/kWh``; a price that changes with the calendar from its lowest to its highest."""
-    unit = item.amount_unit.removesuffix("m-2").strip()
+    unit = item.amount_unit.removesuffix("m-2").strip(" -")
     price = f"{item.price:g}" if not isinstance(item.price, str) else _range(task.price_tables[item.price].all_values)
     return f"{item.goods or _within(item.label or item.name)} {price} EUR{f'/{unit}' if unit else ' each'}"
 
@@ -593,7 +593,7 @@ def _range(values: tuple[float, ...]) -> str:
 
 def _harvest(item: LedgerItem) -> str:
     """As in ``kg/m² of fruit grown``."""
-    unit = item.amount_unit.removesuffix("m-2").strip()
+    unit = item.amount_unit.removesuffix("m-2").strip(" -")
     what = _within(_amount_title(item).partition(",")[0])
     return f"{unit}/m² of {what}" if unit else f"{what} per m²"
 

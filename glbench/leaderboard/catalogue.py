@@ -295,7 +295,7 @@ def _item(item: LedgerItem, place: int, label: str, known: Mapping[str, Any], am
 
 def unit_sold(item: LedgerItem) -> str:
     """What a price is for: ``kg`` where amounts are in kg m-2; empty where they are counted."""
-    return item.amount_unit.removesuffix("m-2").strip()
+    return item.amount_unit.removesuffix("m-2").strip(" -")
 
 
 def together(found: Sequence[Catalogue]) -> Catalogue:

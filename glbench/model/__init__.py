@@ -22,6 +22,7 @@ from glbench.model.air import (
 from glbench.model.bounds import Horizon
 from glbench.model.crop.lettuce import VanHentenLettuce
 from glbench.model.crop.tomato import VanthoorTomato
+from glbench.model.energy import ChpBoilerBuffer
 from glbench.model.expressions import Expr
 from glbench.model.greenhouse import Meter, compose
 from glbench.model.greenlight import GreenLightClimate
@@ -40,6 +41,7 @@ from glbench.model.paper import (
     STATE_NAMES,
     STATES,
     TOMATO,
+    TOMATO_ENERGY,
     auxiliaries,
     build_rhs,
     crop_parameter_set,
@@ -78,12 +80,14 @@ __all__ = [
     "STATES",
     "STATE_NAMES",
     "TOMATO",
+    "TOMATO_ENERGY",
     "VARIANTS",
     "Actuators",
     "Addition",
     "Air",
     "Around",
     "Capacity",
+    "ChpBoilerBuffer",
     "Climate",
     "Crop",
     "CropExchange",

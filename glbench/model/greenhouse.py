@@ -208,7 +208,8 @@ class Greenhouse(Model):
         return tuple(chain.from_iterable(part.stocks() for part in self.parts))
 
     def signals(self) -> tuple[Signal, ...]:
-        return tuple(chain.from_iterable(part.signals() for part in self.parts))
+        """Those of the parts; one of a path that an earlier part has takes its place."""
+        return tuple({signal.path: signal for part in self.parts for signal in part.signals()}.values())
 
     def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
         found: dict[str, tuple[float, float]] = {"time": (0.0, horizon.days * (1.0 + 1e-6))}

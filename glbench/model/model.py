@@ -57,6 +57,8 @@ class Step(NamedTuple):
     """Nominal values."""
     seconds: float
     """Length of the step [s]."""
+    held: Record = None
+    """Controls of the step before, 0 before the first: for what a change of controls brings, such as a start."""
 
 
 @dataclass(frozen=True)

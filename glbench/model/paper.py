@@ -1,8 +1,9 @@
 """The greenhouse of the benchmark's paper, and the models that tasks can name.
 
 ``greenlight-tomato-1.0.0`` is the GreenLight greenhouse with its tomato crop: 28 states, 6 controls, 10 disturbances, 208
-parameters. ``greenlight-tomato-harvest-1.0.0`` also has a meter on the harvest, ``greenlight-lettuce-1.0.0`` lettuce as
-its crop. ``STATES``, ``rhs`` and the other names and functions here are those of the first; code that serves any model asks the model.
+parameters. ``greenlight-tomato-harvest-1.0.0`` also has a meter on the harvest, ``greenlight-tomato-harvest-energy-1.0.0`` an
+engine and a hot-water buffer besides; ``greenlight-lettuce-1.0.0`` has lettuce as its crop.
+``STATES``, ``rhs`` and the other names and functions here are those of the first; code that serves any model asks the model.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from glbench.errors import UnknownNameError, did_you_mean
 from glbench.model.crop.lettuce import VanHentenLettuce
 from glbench.model.crop.tomato import VanthoorTomato
+from glbench.model.energy import DUMPED, PIPE_HEAT, ChpBoilerBuffer
 from glbench.model.greenhouse import Greenhouse, Meter, compose
 from glbench.model.greenlight import GreenLightClimate
 from glbench.model.model import Evaluation, Model, Symbolic
@@ -72,6 +74,15 @@ TOMATO = tomato()
 
 LETTUCE = compose(GreenLightClimate(), VanHentenLettuce())
 """The same greenhouse with lettuce in it."""
+
+TOMATO_ENERGY = compose(
+    GreenLightClimate(),
+    VanthoorTomato(),
+    ChpBoilerBuffer(),
+    meters=(HARVEST, PIPE_HEAT, DUMPED),
+    name="greenlight-tomato-harvest-energy",
+)
+"""The tomato greenhouse with boiler, engine and hot-water buffer, and meters on harvest, heat to the pipes and heat dumped."""
 
 STATES, CONTROLS, DISTURBANCES, PARAMETERS = TOMATO.states, TOMATO.controls, TOMATO.disturbances, TOMATO.table
 STATE_NAMES, CONTROL_NAMES = TOMATO.state_names, TOMATO.control_names
@@ -224,4 +235,5 @@ for _variant in VARIANTS:
     register_model(tomato(_variant))
     register_model(tomato_harvest(_variant))
 register_model(LETTUCE)
+register_model(TOMATO_ENERGY)
 _SHIPPED = frozenset(_MODELS)

@@ -70,7 +70,7 @@ class Submodel(ABC):
         return ()
 
     def signals(self) -> tuple[Signal, ...]:
-        """What the viewer draws."""
+        """What the viewer draws. A signal of the path of an earlier part's replaces that, as capacities do."""
         return ()
 
     def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:

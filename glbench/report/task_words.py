@@ -65,7 +65,7 @@ def definition_in_words(task: TaskSpec) -> Iterator[Section]:
         yield Section("Sensors inside; what is judged is the truth", list(_sensors(task.sensors)))
     if card is not None:
         yield _observations(card, _forecast(task))
-        yield _actions(card)
+        yield _actions(task, card)
         if card.constraints:
             yield _constraints(task, card, catalogue(task).limits)
     yield _prices(task)
@@ -330,7 +330,7 @@ def _observations(card: TaskCard, lines: Sequence[str]) -> Section:
     )
 
 
-def _actions(card: TaskCard) -> Section:
+def _actions(task: TaskSpec, card: TaskCard) -> Section:
     by_name = {capacity.name: capacity for capacity in card.controls}
     words = f"{len(card.actions)} numbers a step, in this order: {ACTUATION_KINDS[card.actuation].meaning}."
     heading = "What the agent does"
@@ -350,7 +350,16 @@ def _actions(card: TaskCard) -> Section:
         rows.append((str(i), one.name, one.meaning, f"{action.low:g} to {action.high:g}", at_one, most))
     rows += [("", name, by_name[name].meaning, "stays at 0", "", "") for name in sorted(by_name.keys() - set(driven))]
     columns = ("", "Control", "Drives", "Action", "At 1", "Most a step")
-    return Section(heading, (words,), columns, ("", "At 1", "Most a step"), rows)
+    return Section(heading, (words, *_switched(task)), columns, ("", "At 1", "Most a step"), rows)
+
+
+def _switched(task: TaskSpec) -> list[str]:
+    """Machines that are off or on, one line each."""
+    return [
+        f"{name} is 0 or {one.lowest:g} to 1"
+        + (f", and stays on or off for at least {one.hold_minutes:g} minutes." if one.hold_minutes else ".")
+        for name, one in task.on_off.items()
+    ]
 
 
 def _delivers(capacity: Capacity, fraction: float) -> str:

@@ -67,6 +67,8 @@ class ObservationContext:
     """The model whose quantities are shown."""
     forecast_hours: tuple[int, ...] = ()
     """Hours ahead of the forecast by the hour."""
+    holds: tuple[tuple[str, float], ...] = ()
+    """Controls that stay on or off for a while, and for how long [min]."""
 
     @property
     def days(self) -> float:
@@ -139,6 +141,28 @@ def control_fractions(context: ObservationContext) -> tuple[Quantity, ...]:
     return tuple(
         Quantity(f"{c.quantity}_fraction", "-", 0.0, 1.0, f"{c.meaning}, share of capacity")
         for c in capacities(context.model, context.parameters)
+    )
+
+
+def switches(context: ObservationContext) -> tuple[Quantity, ...]:
+    """For each control that stays on or off for a while, how long it still does; UnknownNameError where there is none."""
+    if not context.holds:
+        msg = (
+            "'switches' shows for how long machines stay on or off, and there is none: add [actuation.on_off.<control>] with "
+            "hold_minutes."
+        )
+        raise UnknownNameError(msg)
+    known = {c.name: c for c in capacities(context.model, context.parameters)}
+    return tuple(
+        Quantity(
+            f"{known[name].quantity}_locked",
+            "min",
+            0.0,
+            minutes,
+            f"time until it may be switched: {known[name].meaning}",
+        )
+        for name, minutes in context.holds
+        if name in known  # else the task says that there is no such control
     )
 
 

@@ -46,6 +46,7 @@ from glbench.tasks.tables import (
     ModelTable,
     ObservationTable,
     OfTheAir,
+    OnOffTable,
     PricesTable,
     RewardTable,
     SensorsTable,
@@ -544,6 +545,14 @@ class TaskSpec:
         with self._asked_by("actuation"):
             return ACTUATION_KINDS[self.actuation.kind].actions(self.actuation.controls)
 
+    @property
+    def on_off(self) -> Mapping[str, OnOffTable]:
+        """Controls that are off or run between a lowest load and 1, in the order of the task's controls."""
+        table = self.actuation
+        if not isinstance(table, AnyActuationTable):
+            return {}
+        return {name: table.on_off[name] for name in table.controls if name in table.on_off}
+
     def observed(self) -> tuple[Quantity, ...]:
         """Columns of the observation, in order, with units and finite bounds.
 
@@ -589,6 +598,7 @@ class TaskSpec:
             self.parameters_by_name(),
             self.model_value,
             self.observation.forecast_hours,
+            tuple((name, one.hold_minutes) for name, one in self.on_off.items() if one.hold_minutes > 0.0),
         )
 
     # What a step earns and costs.

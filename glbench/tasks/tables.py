@@ -481,6 +481,8 @@ class AnyObservationTable(ObservationTable):
 
 PROCESS_COMPUTER = "process_computer"
 """The kind of actuation that has a table of its own."""
+SWITCHING = ("rate", "set_point")
+"""The kinds that can work machines that are off or on."""
 
 
 def _setting(default: float, unit: str, about: str, *, above: float | None = None) -> Any:
@@ -545,16 +547,35 @@ class ProcessComputerTable(Table):
         return self
 
 
+class OnOffTable(Table):
+    """``[actuation.on_off.<control>]``: a machine that is off or runs between ``lowest`` and 1, and stays on or off for a while."""
+
+    lowest: float = Field(gt=0.0, le=1.0, description="a fraction above 0, up to 1")
+    hold_minutes: float = Field(default=0.0, ge=0.0, le=1440.0, description="a number of minutes, 0 to 1440")
+
+
 class AnyActuationTable(ActuationTable):
-    """``[actuation]``: as in schema 1, and the settings of a process computer."""
+    """``[actuation]``: as in schema 1, and the settings of a process computer, and machines that are switched."""
 
     process_computer: ProcessComputerTable = ProcessComputerTable()
+    on_off: dict[str, OnOffTable] = Field(default={}, description="tables [actuation.on_off.<control>]")
 
     @model_validator(mode="after")
     def _settings_are_used(self) -> Self:
         if "process_computer" in self.model_fields_set and self.kind != PROCESS_COMPUTER:
             msg = f'There is a table [actuation.process_computer], but the kind is "{self.kind}". Take one of them out.'
             raise ValueError(msg)
+        return self
+
+    @model_validator(mode="after")
+    def _machines_can_be_switched(self) -> Self:
+        if self.on_off and self.kind not in SWITCHING:
+            msg = f'There are tables [actuation.on_off], but the kind is "{self.kind}". It must be {" or ".join(SWITCHING)}.'
+            raise ValueError(msg)
+        for name in self.on_off:
+            if name not in self.controls:
+                msg = f"[actuation.on_off.{name}] is about a control that the task does not grant.{did_you_mean(name, self.controls)}"
+                raise ValueError(msg)
         return self
 
 

@@ -172,6 +172,7 @@ for _module in (
     ObservationModule(
         "published_crop", "as crop, temperature first, fruit in mg m-2", tables.of_model("published_crop")
     ),
+    ObservationModule("switches", "minutes until machines that are on or off may be switched again", tables.switches),
     ObservationModule("control_fractions", "the controls in force, as fractions of capacity", tables.control_fractions),
     ObservationModule("published_time", "as time, day of year first", tables.published_time),
     ObservationModule(

@@ -823,6 +823,14 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ),
         ("a profit of 0.16 EUR", "tests/kernel/test_sensitivities_page.py computes it"),
     ],
+    "docs/energy.md": [
+        ("and 62.5 W m-2 of heat", "tests/docs/test_energy.py holds it"),
+        ("is 0.05 MJ m-2, 1.5 % of the buffer", "tests/docs/test_energy.py holds it"),
+        ("(`etaLampCool`: 0.63 of their electricity", "tests/docs/test_energy.py holds it"),
+        ("*Computers and Electronics in Agriculture* 162, 1035-1048", "source: pages of an article"),
+        ("an action is 0.5 or more", "definition: tests/env/test_on_off.py holds it"),
+        ("stops when it is below -0.5", "definition: tests/env/test_on_off.py holds it"),
+    ],
     "docs/process-computer.md": [
         *(
             (f"| `{name}` | {value:g} |", "tests/env/test_process_computer_page.py holds it")

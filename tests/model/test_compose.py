@@ -14,6 +14,8 @@ from glbench.errors import GlbenchError, ShapeError, UnknownNameError
 from glbench.model import (
     LETTUCE,
     TOMATO,
+    TOMATO_ENERGY,
+    ChpBoilerBuffer,
     Horizon,
     Meter,
     compose,
@@ -191,7 +193,9 @@ def test_the_start_of_a_composed_model_is_that_of_its_submodels() -> None:
         model.start("mature", first, 18.0, model.parameters.default())
 
 
-@pytest.mark.parametrize("model", [TOMATO, LETTUCE], ids=str)
+@pytest.mark.parametrize(
+    "model", [TOMATO, LETTUCE, compose(GreenLightClimate(), VanthoorTomato(), ChpBoilerBuffer())], ids=str
+)
 def test_every_state_and_observed_column_has_finite_bounds_in_order(model: Model) -> None:
     bounds: Mapping[str, tuple[float, float]] = model.bounds(horizon(model))
 
@@ -311,7 +315,7 @@ def test_models_are_known_by_id_and_variant_and_an_id_means_one_model() -> None:
         register_model(compose(GreenLightClimate(), VanthoorTomato(), WaterTank(), name="greenlight-tomato"))
 
 
-@pytest.mark.parametrize("model", [TOMATO, LETTUCE], ids=str)
+@pytest.mark.parametrize("model", [TOMATO, LETTUCE, TOMATO_ENERGY], ids=str)
 def test_what_is_drawn_exists(model: Model) -> None:
     known = {*model.state_names, *model.control_names, *model.disturbance_names}
     assert {signal.source for signal in model.signals() if signal.of is None and signal.today is None} <= known

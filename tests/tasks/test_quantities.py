@@ -38,9 +38,14 @@ PAPER_COLUMNS = [
 ]  # fmt: skip
 
 
-def context(days: int = 60, forecast_steps: int = 0, forecast_hours: tuple[int, ...] = ()) -> q.ObservationContext:
+def context(
+    days: int = 60,
+    forecast_steps: int = 0,
+    forecast_hours: tuple[int, ...] = (),
+    holds: tuple[tuple[str, float], ...] = (),
+) -> q.ObservationContext:
     parameters = get_task(PAPER_TASK).parameters_by_name()
-    return q.ObservationContext(days * 96, 900.0, forecast_steps, parameters, TOMATO, forecast_hours)
+    return q.ObservationContext(days * 96, 900.0, forecast_steps, parameters, TOMATO, forecast_hours, holds)
 
 
 def test_the_papers_22_values_come_in_its_order_and_units() -> None:
@@ -57,7 +62,9 @@ def test_the_controls_reach_the_papers_capacities() -> None:
 
 def test_every_module_has_finite_bounds_units_and_different_names(shipped_words: dict[str, list[str]]) -> None:
     for name in shipped_words["observation module"]:
-        columns = OBSERVATION_MODULES[name].quantities(context(forecast_steps=3, forecast_hours=(1, 24)))
+        columns = OBSERVATION_MODULES[name].quantities(
+            context(forecast_steps=3, forecast_hours=(1, 24), holds=(("uLamp", 30.0),))
+        )
         assert columns
         assert len({column.name for column in columns}) == len(columns)
         for column in columns:
