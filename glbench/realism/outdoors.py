@@ -1,4 +1,4 @@
-"""The measured weather as the model's disturbances, one row in five minutes, and the days and hours that the archive's clock shows."""
+"""The measured weather as the model's disturbances, a row a quarter of an hour, and the days and hours that the archive's clock shows."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ from glbench.weather.preprocessing import (
 )
 from glbench.weather.record import FloatArray, IntArray
 
-STEP_SECONDS = 300
-"""Length of a step [s]: the archive's own."""
+STEP_SECONDS = 900
+"""Length of a step [s]: that of the benchmark's tasks."""
+_ROW_SECONDS = 86400 // ROWS_A_DAY
 LONGEST_GAP_HOURS = 3
 """Weather that may be missing at once [h]."""
 _EPOCH = (dt.date(1970, 1, 1) - DAY_ZERO).days
@@ -64,8 +65,8 @@ class Outdoors:
 def outdoors(archive: Archive, clock: str, co2_ppm: float) -> Outdoors:
     """Weather over the days of the archive, from midnight to midnight on ``clock``, with ``co2_ppm`` outside.
 
-    What was read at a time holds for the five minutes after it. Gaps are filled linearly. The hour that summer time skips does not exist,
-    whatever the archive has in its rows; the hour that comes twice is read twice.
+    What was read at a time holds for the five minutes after it; a step has their means. Gaps are filled linearly. The hour
+    that summer time skips does not exist, whatever the archive has in its rows; the hour that comes twice is read twice.
 
     The sky's temperature follows from the net long-wave radiation of the pyrgeometer, whose own temperature is the air's:
     sigma Tsky^4 = sigma Tout^4 + Pyrgeo.
@@ -76,24 +77,29 @@ def outdoors(archive: Archive, clock: str, co2_ppm: float) -> Outdoors:
         When more than ``LONGEST_GAP_HOURS`` are missing at once, or the weather does not reach over all days.
     """
     begin, end = (to_utc_seconds(archive.first + dt.timedelta(days=days), clock) for days in (0, archive.days))
-    times = np.arange(begin, end, STEP_SECONDS, dtype=np.int64)
-    local = times + utc_offsets(times, clock)
-    numbers = local // STEP_SECONDS + _EPOCH * ROWS_A_DAY
+    readings = np.arange(begin, end, _ROW_SECONDS, dtype=np.int64)
+    numbers = (readings + utc_offsets(readings, clock)) // _ROW_SECONDS + _EPOCH * ROWS_A_DAY
     radiation, temperature, humidity, wind, net = (_read(archive.weather, name, numbers) for name in WEATHER)
     missing = np.isnan(radiation + temperature + humidity + wind + net)
     notes = _check(archive.weather, missing, numbers)
     radiation, temperature, humidity, wind, net = (
         _filled(values, missing) for values in (radiation, temperature, humidity, wind, net)
     )
-    radiation = np.maximum(radiation, 0.0)
+    sky = STEFAN_BOLTZMANN * (temperature + KELVIN) ** 4 + net
+    vapour = vapour_pressure(temperature, np.minimum(humidity, 100.0))
+    radiation, temperature, vapour, wind, sky = (
+        values.reshape(-1, STEP_SECONDS // _ROW_SECONDS).mean(axis=1)
+        for values in (np.maximum(radiation, 0.0), temperature, vapour, wind, sky)
+    )
+    times = np.arange(begin, end, STEP_SECONDS, dtype=np.int64)
+    local = times + utc_offsets(times, clock)
     day = local // _DAY_SECONDS - int(local[0] // _DAY_SECONDS)
     sums = np.bincount(day, weights=radiation) * STEP_SECONDS * 1e-6
-    sky = STEFAN_BOLTZMANN * (temperature + KELVIN) ** 4 + net
     light = (radiation > 0.0).astype(np.float64)
     columns = {
         "iGlob": radiation,
         "tOut": temperature,
-        "vpOut": vapour_pressure(temperature, np.minimum(humidity, 100.0)),
+        "vpOut": vapour,
         "co2Out": co2_density(temperature, co2_ppm),
         "wind": wind,
         "tSky": (sky / STEFAN_BOLTZMANN) ** 0.25 - KELVIN,
@@ -118,7 +124,7 @@ def _check(weather: Weather, missing: np.ndarray[tuple[int], np.dtype[np.bool_]]
     if not missing.any():
         return ()
     begin, length = longest(missing)
-    hours = length * STEP_SECONDS / 3600.0
+    hours = length * _ROW_SECONDS / 3600.0
     if hours > LONGEST_GAP_HOURS:
         msg = (
             f"{weather.source}: the weather of {hours:.1f} h is missing from {moment(int(numbers[begin]))}; at most "

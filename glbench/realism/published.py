@@ -1,9 +1,9 @@
-"""Reads the archive of the second Autonomous Greenhouse Challenge as it was published (doi 10.4121/uuid:88d22c60-21b3-4ea8-90db-20249a5be2a7).
+"""Reads the archive of the second Autonomous Greenhouse Challenge as published: doi 10.4121/uuid:88d22c60-21b3-4ea8-90db-20249a5be2a7.
 
-A folder holds the weather (``Weather.csv`` or ``Weather.parquet``, also in a folder ``Weather``) and for each compartment ``Resources.csv``,
-``Production.csv`` and ``TomQuality.csv``: in a folder of its name, or with its name in front (``AICU_Resources.csv``). Dates are days since
-30 December 1899 on the local clock. Columns may stand in any order and beside others; commas and tabs separate them, ``%`` may precede
-the first. What is missing is filled when it is little, and noted.
+A folder holds the weather (``Weather.csv`` or ``Weather.parquet``, also in a folder ``Weather``) and for each compartment
+``Resources.csv``, ``Production.csv`` and ``TomQuality.csv``: in a folder of its name, or with its name in front (``AICU_Resources.csv``).
+Dates are days since 30 December 1899 on the local clock. Columns may stand in any order and beside others; commas and tabs separate
+them, ``%`` may precede the first. What is missing is filled when it is little, and noted.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ def read_archive(folder: Path) -> Archive:
         When files or columns are missing, a value is none or impossible, or too much is missing; it names file, column and day.
     """
     if not folder.is_dir():
-        msg = f"There is no folder {folder}. Unpack the archive of the Autonomous Greenhouse Challenge (docs/realism.md) and name its folder."
+        msg = f"There is no folder {folder}. Unpack the archive (docs/realism.md says which) and name the folder."
         raise ArchiveError(msg)
     weather = _weather(folder)
     notes: list[str] = []
@@ -140,7 +140,9 @@ def read_archive(folder: Path) -> Archive:
         msg = f"The compartments in {folder} have no day in common ({spans}). Leave one of them out."
         raise ArchiveError(msg)
     if any((one.first, one.last) != (first, last) for one in used.values()):
-        notes.append(f"The compartments cover different days; compared are those of all, {_date(first)} to {_date(last)}.")
+        notes.append(
+            f"The compartments cover different days; compared are those of all, {_date(first)} to {_date(last)}."
+        )
     compartments = tuple(one.compartment(first, last, notes) for one in used.values())
     return Archive(_date(first), last - first + 1, weather, compartments, tuple(notes))
 
@@ -303,7 +305,7 @@ def _values(table: pd.DataFrame, name: str, path: Path) -> FloatArray:
     low, high = _LIMITS[name]
     wrong = np.flatnonzero((values < low) | (values > high))
     if wrong.size:
-        msg = f"{path}, row {int(wrong[0]) + 2}: {name} is {values[wrong[0]]:g}, outside {low:g} to {high:g}. Correct it, or leave it empty."
+        msg = f"{path}, row {int(wrong[0]) + 2}: {name} is {values[wrong[0]]:g}, outside {low:g} to {high:g}. Correct or empty it."
         raise ArchiveError(msg)
     return values
 
@@ -362,11 +364,11 @@ def _harvest(path: Path, first: int, last: int, notes: list[str]) -> FloatArray:
         counted = day
         if day < first:
             counted = next((later for later in days[place + 1 :].tolist() if later >= first), first)
-            notes.append(f"{path.name}: {weight:g} kg/m2 are dated {_date(day)}, before the season; counted on {_date(counted)}.")
+            notes.append(
+                f"{path.name}: {weight:g} kg/m2 are dated {_date(day)}, before the season; counted on {_date(counted)}."
+            )
         if counted > last:
             notes.append(f"{path.name}: {weight:g} kg/m2 of {_date(day)}, after the last day, are left out.")
         else:
             harvest[counted - first] += weight
     return harvest
-
-

@@ -22,7 +22,7 @@ from glbench.weather.record import FloatArray
 
 AIR_AT_START = 18.0
 """Temperature of air and surfaces when the season begins [degC]."""
-MOST_CHANGE = 0.1
+MOST_CHANGE = 0.3
 """Most that a control moves in a step."""
 _BASE = "glbench/SpringYears-v1"
 _ALWAYS = 2000.0  # W m-2: no sun is brighter
@@ -85,7 +85,10 @@ def simulate(
     """
     greenhouse, p, count = model(), parameters(house, settings), len(archive.compartments)
     computer = _computer(house)
-    installed = {one.name: one.capacity for one in greenhouse.capacities(dict(zip(greenhouse.parameter_names, p.tolist(), strict=True)))}
+    installed = {
+        one.name: one.capacity
+        for one in greenhouse.capacities(dict(zip(greenhouse.parameter_names, p.tolist(), strict=True)))
+    }
     given = schedule(archive.compartments, outside, settings, most_co2=installed[names.DOSING], warmer=warmer)
     kernel = Kernel(greenhouse, STEP_SECONDS)
     place = {name: greenhouse.state_index(name) for name in ("tAir", "vpAir", "co2Air", "sumMcFruitHar")}
@@ -93,7 +96,9 @@ def simulate(
     x = np.repeat(_planted(outside, p, settings)[None], count, axis=0)
     u = np.zeros((count, len(column)))
     memory: dict[str, Any] = {name: np.full(count, value) for name, value in MEMORY.items()}
-    sums = {name: np.zeros((archive.days, count)) for name in ("heat", "lamps", "co2", "harvest", "air", "humid", "ppm")}
+    sums = {
+        name: np.zeros((archive.days, count)) for name in ("heat", "lamps", "co2", "harvest", "air", "humid", "ppm")
+    }
     p_rows = np.repeat(p[None], count, axis=0)
     for step in range(outside.steps):
         day, d = int(outside.day[step]), outside.values[step]
@@ -114,9 +119,7 @@ def simulate(
             names.SCREEN_RADIATION: settings.screen.radiation_limit,
             names.SCREEN_OUTDOOR: given.outdoor[step],
         }
-        seen = Measured(
-            air, ppm, humidity_deficit(air, humidity), d[0], d[1], d[4], hour_of_day=12.0
-        )
+        seen = Measured(air, ppm, humidity_deficit(air, humidity), d[0], d[1], d[4], hour_of_day=12.0)
         now = {name: u[:, column[name]] for name in _STEERED}
         moved, memory = work(computer, wanted, now, seen, memory)
         for name, position in moved.items():
@@ -139,7 +142,7 @@ def simulate(
 
 
 def _computer(house: House) -> TaskSpec:
-    """A task whose process computer has its defaults, in steps of the archive: what the rules need to know of the house."""
+    """A task whose process computer has its defaults: what the rules need to know of the house."""
     return get_task(_BASE).replace(
         {
             "id": f"realism/{house.name}-v1",

@@ -97,7 +97,7 @@ def read_settings(path: Path = SHIPPED) -> Settings:
     try:
         return Settings.model_validate(read_toml(path))
     except SubmissionError as error:
-        msg = f"The settings {path} cannot be read: {error}. Copy {SHIPPED} and change it."
+        msg = f"The settings {path} cannot be used: {error}. Copy {SHIPPED} and change it."
         raise ArchiveError(msg) from error
     except ValidationError as error:
         problems = "; ".join(f"'{'.'.join(map(str, p['loc'])) or 'file'}': {p['msg']}" for p in error.errors())
