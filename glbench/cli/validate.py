@@ -163,7 +163,7 @@ def _months(comparison: Comparison) -> Table:
     view = table("Simulated minus measured", "", "", *months, right=months, padding=(0, 1))
     for house in comparison.houses:
         heat = (f"{house.heat_bias(month):+.2f}" for month in months)
-        fruit = (f"{house.mean(lambda one, month=month: one.harvest.bias_by_month[month]):+.2f}" for month in months)
+        fruit = (f"{house.harvest_bias(month):+.2f}" for month in months)
         view.add_row(house.name, "heat, MJ/m2 a day", *heat)
         view.add_row("", "fruit, kg/m2 a month", *fruit)
     return view

@@ -137,6 +137,10 @@ class HouseCompared(_Frozen):
         """Simulated minus measured heat, mean over the compartments, of the season or a month [MJ m-2 d-1]."""
         return self.mean(lambda one: one.heat.bias if month is None else one.heat.bias_by_month[month])
 
+    def harvest_bias(self, month: str) -> float:
+        """Simulated minus measured harvest of a month, mean over the compartments [kg m-2]."""
+        return self.mean(lambda one: one.harvest.bias_by_month[month])
+
 
 class Comparison(_Frozen):
     """Houses against the measured season.

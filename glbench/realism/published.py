@@ -365,10 +365,10 @@ def _harvest(path: Path, first: int, last: int, notes: list[str]) -> FloatArray:
         if day < first:
             counted = next((later for later in days[place + 1 :].tolist() if later >= first), first)
             notes.append(
-                f"{path.name}: {weight:g} kg/m2 are dated {_date(day)}, before the season; counted on {_date(counted)}."
+                f"{path.name}: a harvest is dated {_date(day)}, before the season; it is counted on {_date(counted)}."
             )
         if counted > last:
-            notes.append(f"{path.name}: {weight:g} kg/m2 of {_date(day)}, after the last day, are left out.")
+            notes.append(f"{path.name}: the harvest of {_date(day)}, after the last day, is left out.")
         else:
             harvest[counted - first] += weight
     return harvest

@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from docs import accuracy_table, weather_table
+from docs import accuracy_table, realism_figure, weather_table
 from glbench.env.accounts import make_accounts
 from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
@@ -39,6 +39,7 @@ from glbench.model import (
     vapour_pressure_deficit,
 )
 from glbench.model.air import humidity_deficit
+from glbench.realism import HouseCompared
 from glbench.speed import SpeedRecord, read_record
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task
 from glbench.tasks.tables import ProcessComputerTable
@@ -354,6 +355,20 @@ def found_again() -> float:
     """How well a judge who has seen the same nights finds the joined ones, training years (area under the curve)."""
     figures = weather_table.read()["training"]["figures"]
     return next(float(one["value"]) for one in figures if one["name"].startswith("the same, having seen"))
+
+
+# Against the measured season.
+
+
+@cache
+def compared() -> dict[str, HouseCompared]:
+    """The parameter sets of docs/measurements/realism.json."""
+    return {house.name: house for house in realism_figure.measured().houses}
+
+
+def heat_ratios(*names: str) -> tuple[float, ...]:
+    """Simulated over measured heat of the season."""
+    return tuple(compared()[name].heat_ratio for name in names)
 
 
 CLAIMS: dict[str, list[Claim]] = {

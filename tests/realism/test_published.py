@@ -86,8 +86,8 @@ def test_a_harvest_dated_before_the_season_counts_on_the_next_date(tmp_path: Pat
     archive = read_archive(made.write(tmp_path))
     assert archive.compartments[0].harvest.tolist() == pytest.approx([0.0, 0.6, 0.0])
     before, after = archive.notes
-    assert "0.2 kg/m2 are dated 2019-02-15, before the season; counted on 2020-02-11" in before
-    assert "0.9 kg/m2 of 2020-02-13, after the last day, are left out" in after
+    assert "a harvest is dated 2019-02-15, before the season; it is counted on 2020-02-11" in before
+    assert "the harvest of 2020-02-13, after the last day, is left out" in after
 
 
 def test_compartments_of_different_days_are_cut_to_what_they_share(tmp_path: Path) -> None:
