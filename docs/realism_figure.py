@@ -1,15 +1,14 @@
 """Fills the tables of docs/realism.md and draws docs/images/realism-months.png: ``python docs/realism_figure.py``.
 
-Everything comes from docs/measurements/realism*.json, which ``glbench validate`` wrote. They hold sums of the season and statistics, no
+Everything comes from docs/measurements/realism.json, which ``glbench validate`` wrote. It holds sums of the season and statistics, no
 measured day. The picture needs matplotlib (``glbench[video]``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
-from glbench.realism import Comparison, HouseCompared, read_comparison
+from glbench.realism import Comparison, read_comparison
 
 DOCS = Path(__file__).parent
 PAGE, PICTURE = DOCS / "realism.md", DOCS / "images" / "realism-months.png"
@@ -24,11 +23,6 @@ INK, EDGE = "#1f2933", "#b8c2cc"
 def measured() -> Comparison:
     """All sets under the page's set points."""
     return read_comparison(MEASUREMENTS / "realism.json")
-
-
-def shifted() -> tuple[Comparison, ...]:
-    """The same with cooler and with warmer set points; some of the sets."""
-    return tuple(read_comparison(MEASUREMENTS / f"realism-{word}.json") for word in ("cooler", "warmer"))
 
 
 def sets(comparison: Comparison) -> str:
@@ -82,33 +76,12 @@ def months(comparison: Comparison) -> str:
     return "\n".join(lines)
 
 
-def set_points(comparison: Comparison, others: Sequence[Comparison]) -> str:
-    """What warmer and cooler set points change."""
-    cooler, warmer = others
-    lines = [
-        f"| parameter set | heat, {cooler.warmer:+g} K | page | {warmer.warmer:+g} K | fruit, {cooler.warmer:+g} K | page | "
-        f"{warmer.warmer:+g} K |",
-        "|---|---:|---:|---:|---:|---:|---:|",
-    ]
-    for house in cooler.houses:
-        three = [_of(one, house.name) for one in (cooler, comparison, warmer)]
-        heat = " | ".join(f"{one.heat_ratio:.2f}" for one in three)
-        fruit = " | ".join(f"{one.harvest_ratio:.2f}" for one in three)
-        lines.append(f"| `{house.name}` | {heat} | {fruit} |")
-    return "\n".join(lines)
-
-
-def _of(comparison: Comparison, name: str) -> HouseCompared:
-    return next(house for house in comparison.houses if house.name == name)
-
-
-def filled(page: str, comparison: Comparison, others: Sequence[Comparison]) -> str:
+def filled(page: str, comparison: Comparison) -> str:
     """The page with its tables."""
     tables = {
         "sets": sets(comparison),
         "compartments": compartments(comparison),
         "months": months(comparison),
-        "setpoints": set_points(comparison, others),
     }
     for mark, content in tables.items():
         before, rest = page.split(f"<!-- {mark} -->\n", 1)
@@ -143,5 +116,5 @@ def draw(comparison: Comparison, path: Path) -> None:
 
 if __name__ == "__main__":
     found = measured()
-    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), found, shifted()), encoding="utf-8")
+    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), found), encoding="utf-8")
     draw(found, PICTURE)

@@ -389,6 +389,21 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: tuple(1e3 * trajectory_seconds(name, 5760) for name in ("push-60", "pull-60")),
         ),
     ],
+    "docs/realism.md": [
+        (
+            "`paper` needs {} times the measured heat, and {} times without the cooling",
+            lambda: heat_ratios("paper", "paper_uncooled"),
+        ),
+        (
+            "2020 needs {} times the measured heat with its LEDs, {} with HPS lamps and {} with both",
+            lambda: heat_ratios("paper_uncooled", "hps_2020", "mixed_2020"),
+        ),
+        ("{} with HPS lamps, {} with LEDs and {} with both", lambda: heat_ratios("hps_2021", "led_2021", "mixed_2021")),
+        (
+            "than was picked ({} to {} times)",
+            lambda: low_high([house.harvest_ratio for house in compared().values()]),
+        ),
+    ],
     "docs/speed.md": [("changed by more than {} %", largest_change)],
     "README.md": [
         ("(`recording`), earn {} on", lambda: mean("recording", 10)),
@@ -741,6 +756,12 @@ EVERYWHERE = [
 """Phrases that are made of a task and right wherever they stand."""
 
 ALLOWED: dict[str, list[tuple[str, str]]] = {
+    "docs/realism.md": [
+        ("doi 10.4121/uuid", "the name of a publication"),
+        ("which carries 63 % of", "definition: glbench/model/parameters.csv"),
+        ("with 6.24 g of dry mass", "definition: glbench/realism/settings.toml"),
+        ("62.5 are grown", "source: the archive"),
+    ],
     "docs/benchmark-design.md": [
         ("every 15 minutes", "definition: the control step"),
         ("replacement, 4000 times", "definition: docs/benchmark_design_figures.py"),

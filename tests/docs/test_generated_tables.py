@@ -59,7 +59,7 @@ def test_the_tables_of_the_estimator_hold_the_measurements() -> None:
 
 def test_the_page_of_realism_holds_what_was_compared() -> None:
     page, comparison = (DOCS / "realism.md").read_text(encoding="utf-8"), realism_figure.measured()
-    assert realism_figure.filled(page, comparison, realism_figure.shifted()) == page
+    assert realism_figure.filled(page, comparison) == page
     assert comparison.digest == realism.model().digest, "the model has changed: compare anew"
     assert comparison.settings == read_settings()
 
