@@ -63,6 +63,10 @@ class EpisodeError(GlbenchError):
     """An episode record is missing, damaged, or of another kind than expected."""
 
 
+class ArchiveError(GlbenchError):
+    """A published archive of measurements cannot be used: files, columns or days are missing."""
+
+
 def whole_number(value: object, what: str) -> int:
     """``value`` as an int.
 

@@ -20,6 +20,7 @@ from glbench.cli.leaving import INTERRUPTED, interruptible, leave
 from glbench.cli.report import report
 from glbench.cli.results import compare, show
 from glbench.cli.train import export, sweep, train, tune
+from glbench.cli.validate import validate
 from glbench.cli.verify import verify
 from glbench.cli.view import view
 from glbench.errors import GlbenchError
@@ -33,7 +34,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _command in (evaluate, leaderboard, show, compare, badge, report, verify, view, bound, bench):
+for _command in (evaluate, leaderboard, show, compare, badge, report, verify, view, bound, bench, validate):
     app.command(_command.__name__)(_command)
 app.add_typer(submit.app, name="submit")
 app.add_typer(rounds.app, name="round")

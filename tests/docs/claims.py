@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from docs import accuracy_table, weather_table
+from docs import accuracy_table, realism_figure, weather_table
 from glbench.env.accounts import make_accounts
 from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
@@ -39,6 +39,7 @@ from glbench.model import (
     vapour_pressure_deficit,
 )
 from glbench.model.air import humidity_deficit
+from glbench.realism import HouseCompared
 from glbench.speed import SpeedRecord, read_record
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task
 from glbench.tasks.tables import ProcessComputerTable
@@ -356,6 +357,20 @@ def found_again() -> float:
     return next(float(one["value"]) for one in figures if one["name"].startswith("the same, having seen"))
 
 
+# Against the measured season.
+
+
+@cache
+def compared() -> dict[str, HouseCompared]:
+    """The parameter sets of docs/measurements/realism.json."""
+    return {house.name: house for house in realism_figure.measured().houses}
+
+
+def heat_ratios(*names: str) -> tuple[float, ...]:
+    """Simulated over measured heat of the season."""
+    return tuple(compared()[name].heat_ratio for name in names)
+
+
 CLAIMS: dict[str, list[Claim]] = {
     "docs/benchmark-design.md": [
         ("best agent, {} numbers, replayed", lambda: TASK.steps * len(TASK.actuation.controls)),
@@ -372,6 +387,21 @@ CLAIMS: dict[str, list[Claim]] = {
         (
             "{} ms forward and {} ms back",
             lambda: tuple(1e3 * trajectory_seconds(name, 5760) for name in ("push-60", "pull-60")),
+        ),
+    ],
+    "docs/realism.md": [
+        (
+            "`paper` needs {} times the measured heat, and {} times without the cooling",
+            lambda: heat_ratios("paper", "paper_uncooled"),
+        ),
+        (
+            "2020 needs {} times the measured heat with its LEDs, {} with HPS lamps and {} with both",
+            lambda: heat_ratios("paper_uncooled", "hps_2020", "mixed_2020"),
+        ),
+        ("{} with HPS lamps, {} with LEDs and {} with both", lambda: heat_ratios("hps_2021", "led_2021", "mixed_2021")),
+        (
+            "than was picked ({} to {} times)",
+            lambda: low_high([house.harvest_ratio for house in compared().values()]),
         ),
     ],
     "docs/speed.md": [("changed by more than {} %", largest_change)],
@@ -730,6 +760,12 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         page: [("An iteration takes about 3 s of one core", "measured by docs/season_plan_table.py")]
         for page in ("docs/best-known.md", "docs/control.md")
     },
+    "docs/realism.md": [
+        ("doi 10.4121/uuid", "the name of a publication"),
+        ("which carries 63 % of", "definition: glbench/model/parameters.csv"),
+        ("with 6.24 g of dry mass", "definition: glbench/realism/settings.toml"),
+        ("62.5 are grown", "source: the archive"),
+    ],
     "docs/benchmark-design.md": [
         ("every 15 minutes", "definition: the control step"),
         ("replacement, 4000 times", "definition: docs/benchmark_design_figures.py"),

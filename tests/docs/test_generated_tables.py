@@ -5,8 +5,18 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from docs import accuracy_table, estimator_table, speed_figure, uncertainty_figures, weather_table, what_the_best_does
+from docs import (
+    accuracy_table,
+    estimator_table,
+    realism_figure,
+    speed_figure,
+    uncertainty_figures,
+    weather_table,
+    what_the_best_does,
+)
 from glbench.env.generated import CO2_PERSISTENCE, GOLDEN
+from glbench.realism import houses as realism
+from glbench.realism import read_settings
 from glbench.speed import read_record
 from glbench.tasks import get_task
 from glbench.weather import Blocks, load_weather
@@ -45,6 +55,13 @@ def test_the_tables_of_the_estimator_hold_the_measurements() -> None:
     page = (DOCS / "control.md").read_text(encoding="utf-8")
     measured = json.loads((MEASUREMENTS / "estimator.json").read_text(encoding="utf-8"))
     assert estimator_table.filled(page, measured) == page
+
+
+def test_the_page_of_realism_holds_what_was_compared() -> None:
+    page, comparison = (DOCS / "realism.md").read_text(encoding="utf-8"), realism_figure.measured()
+    assert realism_figure.filled(page, comparison) == page
+    assert comparison.digest == realism.model().digest, "the model has changed: compare anew"
+    assert comparison.settings == read_settings()
 
 
 def test_the_page_of_uncertainty_holds_the_sizes_of_its_task() -> None:

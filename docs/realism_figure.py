@@ -1,0 +1,120 @@
+"""Fills the tables of docs/realism.md and draws docs/images/realism-months.png: ``python docs/realism_figure.py``.
+
+Everything comes from docs/measurements/realism.json, which ``glbench validate`` wrote. It holds sums of the season and statistics, no
+measured day. The picture needs matplotlib (``glbench[video]``).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from glbench.realism import Comparison, read_comparison
+
+DOCS = Path(__file__).parent
+PAGE, PICTURE = DOCS / "realism.md", DOCS / "images" / "realism-months.png"
+MEASUREMENTS = DOCS / "measurements"
+COLOURS = {
+    "paper": "#c23b22", "paper_uncooled": "#e2a23b", "hps_2020": "#7a6a58", "mixed_2020": "#3a8f5c", "hps_2021": "#a44a8c",
+    "led_2021": "#1d5fa8", "mixed_2021": "#4aa3a8",
+}  # fmt: skip
+INK, EDGE = "#1f2933", "#b8c2cc"
+
+
+def measured() -> Comparison:
+    """All sets under the page's set points."""
+    return read_comparison(MEASUREMENTS / "realism.json")
+
+
+def sets(comparison: Comparison) -> str:
+    """A row a parameter set."""
+    lines = [
+        "| parameter set | heat, MJ m⁻² | simulated / measured | of single compartments | bias a day | RMSE a day | fruit, kg m⁻² | "
+        "simulated / measured | mean air temperature, °C |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|---:|",
+    ]
+    first = comparison.houses[0]
+    lines.append(
+        f"| *measured* | {first.mean(lambda one: one.heat.measured):.0f} | | | | {comparison.heat_spread:.2f} | "
+        f"{first.mean(lambda one: one.harvest.measured):.1f} | | |"
+    )
+    for house in comparison.houses:
+        single = sorted(one.heat.simulated / one.heat.measured for one in house.compartments)
+        lines.append(
+            f"| `{house.name}`: {house.description} | {house.mean(lambda one: one.heat.simulated):.0f} | {house.heat_ratio:.2f} | "
+            f"{single[0]:.2f} to {single[-1]:.2f} | {house.heat_bias():+.2f} | {house.heat_rmse:.2f} | "
+            f"{house.mean(lambda one: one.harvest.simulated):.1f} | {house.harvest_ratio:.2f} | "
+            f"{house.mean(lambda one: one.air_temperature):.1f} |"
+        )
+    return "\n".join(lines)
+
+
+def compartments(comparison: Comparison) -> str:
+    """Heat and fruit of every compartment, measured and in each set."""
+    names = [house.name for house in comparison.houses]
+    lines = [
+        f"| | measured | {' | '.join(f'`{name}`' for name in names)} |",
+        f"|---|{'---:|' * (1 + len(names))}",
+    ]
+    first = comparison.houses[0]
+    for kind, words, digits in (("heat", "heat, MJ m⁻²", 0), ("harvest", "fruit, kg m⁻²", 1)):
+        for place, one in enumerate(first.compartments):
+            values = [getattr(one, kind).measured]
+            values += [getattr(house.compartments[place], kind).simulated for house in comparison.houses]
+            lines.append(f"| {one.name}, {words} | {' | '.join(f'{value:.{digits}f}' for value in values)} |")
+    return "\n".join(lines)
+
+
+def months(comparison: Comparison) -> str:
+    """What is off in which month."""
+    names = comparison.months
+    lines = [f"| simulated minus measured | | {' | '.join(names)} |", f"|---|---|{'---:|' * len(names)}"]
+    for house in comparison.houses:
+        heat = " | ".join(f"{house.heat_bias(month):+.2f}" for month in names)
+        fruit = " | ".join(f"{house.harvest_bias(month):+.1f}" for month in names)
+        lines.append(f"| `{house.name}` | heat, MJ m⁻² d⁻¹ | {heat} |")
+        lines.append(f"| | fruit, kg m⁻² | {fruit} |")
+    return "\n".join(lines)
+
+
+def filled(page: str, comparison: Comparison) -> str:
+    """The page with its tables."""
+    tables = {
+        "sets": sets(comparison),
+        "compartments": compartments(comparison),
+        "months": months(comparison),
+    }
+    for mark, content in tables.items():
+        before, rest = page.split(f"<!-- {mark} -->\n", 1)
+        _, after = rest.split("<!-- end -->", 1)
+        page = f"{before}<!-- {mark} -->\n{content}\n<!-- end -->{after}"
+    return page
+
+
+def draw(comparison: Comparison, path: Path) -> None:
+    """Differences by month, means over the compartments: no measured day."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 3.8), dpi=110, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    heat, fruit = figure.subplots(1, 2)
+    names = [f"{month[5:]}/{month[2:4]}" for month in comparison.months]
+    for house in comparison.houses:
+        look = {"color": COLOURS[house.name], "lw": 1.6, "marker": "o", "ms": 3.5, "label": house.name}
+        heat.plot(names, [house.heat_bias(month) for month in comparison.months], **look)
+        fruit.plot(names, [house.harvest_bias(month) for month in comparison.months], **look)
+    for axes, title in ((heat, "heat [MJ m⁻² d⁻¹]"), (fruit, "fruit [kg m⁻² a month]")):
+        axes.axhline(0.0, color=INK, lw=1.2)
+        axes.set_title(f"simulated minus measured: {title}", loc="left", fontsize=10, color=INK)
+        axes.tick_params(labelsize=8.5)
+        axes.grid(color=EDGE, lw=0.5, alpha=0.6)
+        for side in ("top", "right"):
+            axes.spines[side].set_visible(False)
+    figure.legend(*heat.get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False, fontsize=9)
+    figure.savefig(path)
+
+
+if __name__ == "__main__":
+    found = measured()
+    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), found), encoding="utf-8")
+    draw(found, PICTURE)

@@ -1,0 +1,36 @@
+"""Simulated against measured: a published season of six compartments, in houses of the model's parameter sets (docs/realism.md).
+
+``read_archive`` reads what was published, ``compare`` simulates it with the measured weather, light and CO2, under a grower's set points,
+and tells how heat and harvest differ.
+"""
+
+from __future__ import annotations
+
+from glbench.realism.comparison import Comparison, HouseCompared, compare, read_comparison, save_comparison
+from glbench.realism.houses import HOUSES, House, choose_houses
+from glbench.realism.picture import check_pictures, write_picture
+from glbench.realism.published import Archive, Compartment, Weather, read_archive
+from glbench.realism.season import Season, simulate
+from glbench.realism.settings import SHIPPED, Settings, read_settings
+
+__all__ = [
+    "HOUSES",
+    "SHIPPED",
+    "Archive",
+    "Comparison",
+    "Compartment",
+    "House",
+    "HouseCompared",
+    "Season",
+    "Settings",
+    "Weather",
+    "check_pictures",
+    "choose_houses",
+    "compare",
+    "read_archive",
+    "read_comparison",
+    "read_settings",
+    "save_comparison",
+    "simulate",
+    "write_picture",
+]

@@ -1,0 +1,324 @@
+"""How simulated seasons compare with the measured one: sums, days and months. What is stored holds no measured day."""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from glbench.errors import ResultError
+from glbench.realism.houses import MODEL, House, model
+from glbench.realism.outdoors import Outdoors, outdoors
+from glbench.realism.published import Archive, Compartment
+from glbench.realism.season import Season, simulate
+from glbench.realism.settings import Settings
+from glbench.resources import write_atomically
+from glbench.weather.record import FloatArray
+
+FIRST_FRUIT = 0.05
+"""Fresh fruit after which the harvest counts as begun [kg m-2]."""
+
+
+class _Frozen(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Heat(_Frozen):
+    """Heat of a compartment.
+
+    Attributes
+    ----------
+    measured, simulated
+        Sums of the season [MJ m-2].
+    bias, rmse
+        Mean, and root mean square, of simulated minus measured days [MJ m-2 d-1].
+    correlation
+        Between simulated and measured days; ``None`` where one of them does not vary.
+    bias_by_month
+        Mean of the days of a month, such as ``2020-03`` [MJ m-2 d-1].
+    """
+
+    measured: float
+    simulated: float
+    bias: float
+    rmse: float
+    correlation: float | None
+    bias_by_month: dict[str, float]
+
+
+class Harvest(_Frozen):
+    """Fresh fruit of a compartment, both classes.
+
+    Attributes
+    ----------
+    measured, simulated
+        Sums of the season [kg m-2].
+    dry_matter
+        Dry matter content that turns simulated dry into fresh mass [kg kg-1].
+    measured_from, simulated_from
+        When so much as ``FIRST_FRUIT`` was harvested; ``None`` if it never was.
+    bias_by_month
+        Simulated minus measured [kg m-2 a month].
+    """
+
+    measured: float
+    simulated: float
+    dry_matter: float
+    measured_from: dt.date | None
+    simulated_from: dt.date | None
+    bias_by_month: dict[str, float]
+
+
+class Given(_Frozen):
+    """Something that the simulation was given, in the season: measured, and used in the simulation."""
+
+    measured: float
+    simulated: float
+
+
+class Compared(_Frozen):
+    """A compartment in a house.
+
+    Attributes
+    ----------
+    lamps, co2
+        Electricity of the lamps [kWh m-2] and CO2 [kg m-2]: what the simulation used is what was measured, or all that is installed.
+    air_temperature, humidity, co2_air
+        Means of the simulated season [degC, %, ppm].
+    """
+
+    name: str
+    heat: Heat
+    harvest: Harvest
+    lamps: Given
+    co2: Given
+    air_temperature: float
+    humidity: float
+    co2_air: float
+
+
+class HouseCompared(_Frozen):
+    """All compartments in a house.
+
+    Attributes
+    ----------
+    heat_rmse
+        Of all days of all compartments [MJ m-2 d-1].
+    heat_rmse_of_mean
+        Of the days, means over the compartments [MJ m-2 d-1].
+    """
+
+    name: str
+    description: str
+    compartments: tuple[Compared, ...]
+    heat_rmse: float
+    heat_rmse_of_mean: float
+
+    def mean(self, of: Callable[[Compared], float]) -> float:
+        """Mean over the compartments."""
+        return sum(map(of, self.compartments)) / len(self.compartments)
+
+    @property
+    def heat_ratio(self) -> float:
+        """Simulated over measured heat, all compartments together; NaN where none was measured."""
+        return _ratio(self.mean(lambda one: one.heat.simulated), self.mean(lambda one: one.heat.measured))
+
+    @property
+    def harvest_ratio(self) -> float:
+        """Simulated over measured harvest, all compartments together; NaN where there was none."""
+        return _ratio(self.mean(lambda one: one.harvest.simulated), self.mean(lambda one: one.harvest.measured))
+
+    def heat_bias(self, month: str | None = None) -> float:
+        """Simulated minus measured heat, mean over the compartments, of the season or a month [MJ m-2 d-1]."""
+        return self.mean(lambda one: one.heat.bias if month is None else one.heat.bias_by_month[month])
+
+    def harvest_bias(self, month: str) -> float:
+        """Simulated minus measured harvest of a month, mean over the compartments [kg m-2]."""
+        return self.mean(lambda one: one.harvest.bias_by_month[month])
+
+
+class Comparison(_Frozen):
+    """Houses against the measured season.
+
+    Attributes
+    ----------
+    first, last
+        First and last day.
+    model, digest
+        What was simulated.
+    warmer
+        What was added to the settings' temperatures [K].
+    settings
+        The page that was assumed.
+    notes
+        What was filled, moved or left out of what was read.
+    heat_spread
+        Root mean square of how far a compartment's measured day is from the mean of all compartments on that day [MJ m-2 d-1]: what growers
+        differ by in one weather. A simulation that is given nothing of them cannot come closer.
+    """
+
+    first: dt.date
+    last: dt.date
+    model: str
+    digest: str
+    warmer: float
+    settings: Settings
+    notes: tuple[str, ...]
+    heat_spread: float
+    houses: tuple[HouseCompared, ...]
+
+    @property
+    def months(self) -> tuple[str, ...]:
+        """The months, in order."""
+        return tuple(self.houses[0].compartments[0].heat.bias_by_month)
+
+
+Progress = Callable[[House, int, int], None]
+"""Is told the house, days done and days in all."""
+
+
+def compare(
+    archive: Archive,
+    houses: Sequence[House],
+    settings: Settings,
+    *,
+    warmer: float = 0.0,
+    progress: Progress | None = None,
+) -> tuple[Comparison, tuple[Season, ...]]:
+    """Simulate ``archive`` in each of ``houses`` and compare. Errors as for ``outdoors`` and ``simulate``.
+
+    Returns
+    -------
+    comparison, seasons
+        What can be stored and passed on; and the simulated days.
+    """
+    outside = outdoors(archive, settings.place.clock, settings.place.co2)
+    seasons = tuple(_simulated(archive, outside, house, settings, warmer, progress) for house in houses)
+    heat = np.column_stack([one.heat for one in archive.compartments])
+    compared = Comparison(
+        first=archive.first,
+        last=archive.first + dt.timedelta(days=archive.days - 1),
+        model=MODEL,
+        digest=model().digest,
+        warmer=warmer,
+        settings=settings,
+        notes=(*archive.notes, *outside.notes),
+        heat_spread=_rms(heat - heat.mean(axis=1, keepdims=True)),
+        houses=tuple(_compared(archive, season, heat, settings) for season in seasons),
+    )
+    return compared, seasons
+
+
+def _simulated(
+    archive: Archive, outside: Outdoors, house: House, settings: Settings, warmer: float, progress: Progress | None
+) -> Season:
+    def tell(done: int, days: int) -> None:
+        if progress is not None:
+            progress(house, done, days)
+
+    return simulate(archive, outside, house, settings, warmer=warmer, progress=tell)
+
+
+def _compared(archive: Archive, season: Season, heat: FloatArray, settings: Settings) -> HouseCompared:
+    return HouseCompared(
+        name=season.house.name,
+        description=season.house.description,
+        compartments=tuple(_compartment(archive, season, i, settings) for i in range(len(archive.compartments))),
+        heat_rmse=_rms(season.heat - heat),
+        heat_rmse_of_mean=_rms((season.heat - heat).mean(axis=1)),
+    )
+
+
+def _compartment(archive: Archive, season: Season, place: int, settings: Settings) -> Compared:
+    measured = archive.compartments[place]
+    heat = season.heat[:, place]
+    fruit, content = fresh(season, place, measured, settings)
+    by_month = _months(archive.dates)
+    return Compared(
+        name=measured.name,
+        heat=Heat(
+            measured=float(measured.heat.sum()),
+            simulated=float(heat.sum()),
+            bias=float((heat - measured.heat).mean()),
+            rmse=_rms(heat - measured.heat),
+            correlation=_correlation(heat, measured.heat),
+            bias_by_month={name: float((heat - measured.heat)[days].mean()) for name, days in by_month.items()},
+        ),
+        harvest=Harvest(
+            measured=float(measured.harvest.sum()),
+            simulated=float(fruit.sum()),
+            dry_matter=content,
+            measured_from=_begun(archive, measured.harvest),
+            simulated_from=_begun(archive, fruit),
+            bias_by_month={name: float((fruit - measured.harvest)[days].sum()) for name, days in by_month.items()},
+        ),
+        lamps=Given(
+            measured=float((measured.high + measured.low).sum()), simulated=float(season.lamps[:, place].sum())
+        ),
+        co2=Given(measured=float(measured.co2.sum()), simulated=float(season.co2[:, place].sum())),
+        air_temperature=float(season.air_temperature[:, place].mean()),
+        humidity=float(season.humidity[:, place].mean()),
+        co2_air=float(season.co2_air[:, place].mean()),
+    )
+
+
+def fresh(season: Season, place: int, measured: Compartment, settings: Settings) -> tuple[FloatArray, float]:
+    """Fresh fruit harvested on each day of a simulated season [kg m-2] (days,), and the dry matter content used [kg kg-1]."""
+    content = settings.plants.dry_matter if measured.dry_matter is None else measured.dry_matter
+    return season.harvest[:, place] / content, content
+
+
+def _months(dates: NDArray[np.datetime64]) -> dict[str, NDArray[np.bool_]]:
+    """Which days belong to each month, in order."""
+    months = dates.astype("datetime64[M]")
+    return {str(month): months == month for month in np.unique(months)}
+
+
+def _begun(archive: Archive, fruit: FloatArray) -> dt.date | None:
+    enough = np.flatnonzero(np.cumsum(fruit) >= FIRST_FRUIT)
+    return archive.first + dt.timedelta(days=int(enough[0])) if enough.size else None
+
+
+def _rms(values: FloatArray) -> float:
+    return math.sqrt(float(np.mean(values**2)))
+
+
+def _correlation(one: FloatArray, other: FloatArray) -> float | None:
+    if np.ptp(one) == 0.0 or np.ptp(other) == 0.0:
+        return None
+    return float(np.corrcoef(one, other)[0, 1])
+
+
+def _ratio(simulated: float, measured: float) -> float:
+    return simulated / measured if measured else math.nan
+
+
+def save_comparison(comparison: Comparison, path: Path) -> None:
+    """Write it as JSON.
+
+    Raises
+    ------
+    GlbenchError
+        When the file cannot be written.
+    """
+    write_atomically(path, comparison.model_dump_json(indent=1) + "\n")
+
+
+def read_comparison(path: Path) -> Comparison:
+    """Read what ``save_comparison`` wrote.
+
+    Raises
+    ------
+    ResultError
+        When it cannot be read.
+    """
+    try:
+        return Comparison.model_validate_json(path.read_text(encoding="utf-8"))
+    except (OSError, ValidationError) as error:
+        msg = f"{path} is no comparison with measurements: {error}. `glbench validate FOLDER --out` writes one."
+        raise ResultError(msg) from error

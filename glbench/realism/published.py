@@ -1,0 +1,374 @@
+"""Reads the archive of the second Autonomous Greenhouse Challenge as published: doi 10.4121/uuid:88d22c60-21b3-4ea8-90db-20249a5be2a7.
+
+A folder holds the weather (``Weather.csv`` or ``Weather.parquet``, also in a folder ``Weather``) and for each compartment
+``Resources.csv``, ``Production.csv`` and ``TomQuality.csv``: in a folder of its name, or with its name in front (``AICU_Resources.csv``).
+Dates are days since 30 December 1899 on the local clock. Columns may stand in any order and beside others; commas and tabs separate
+them, ``%`` may precede the first. What is missing is filled when it is little, and noted.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import io
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.errors import ArchiveError, did_you_mean
+from glbench.weather.record import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+DAY_ZERO = dt.date(1899, 12, 30)
+"""Day 0 of a spreadsheet's dates."""
+ROWS_A_DAY = 288
+"""Rows of the weather: one in five minutes."""
+MOST_DAYS_FILLED = 3
+"""Days in a row that may be missing of what a compartment used."""
+
+WEATHER = ("Iglob", "Tout", "Rhout", "Windsp", "Pyrgeo")
+"""Global radiation [W m-2], temperature [degC], relative humidity [%], wind [m s-1], net long-wave radiation of the sky [W m-2]."""
+RESOURCES = ("Heat_cons", "ElecHigh", "ElecLow", "CO2_cons")
+"""Of a day: heat [MJ m-2], the lamps' electricity at high and low tariff [kWh m-2], CO2 [kg m-2]."""
+_LIMITS: Mapping[str, tuple[float, float]] = {
+    "Iglob": (-20.0, 2000.0), "Tout": (-60.0, 60.0), "Rhout": (0.0, 105.0), "Windsp": (0.0, 75.0), "Pyrgeo": (-300.0, 100.0),
+    "Heat_cons": (0.0, 50.0), "ElecHigh": (0.0, 10.0), "ElecLow": (0.0, 10.0), "CO2_cons": (0.0, 2.0),
+    "ProdA": (0.0, 20.0), "ProdB": (0.0, 20.0), "DMC_fruit": (1.0, 50.0),
+}  # fmt: skip
+"""What a value can be."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weather:
+    """Measured weather.
+
+    Attributes
+    ----------
+    rows
+        Numbers of the five minutes, counted on the local clock from 30 December 1899, rising (rows,).
+    columns
+        The columns ``WEATHER`` (rows,), NaN where nothing was measured.
+    source
+        The file.
+    """
+
+    rows: IntArray
+    columns: Mapping[str, FloatArray]
+    source: Path
+
+
+@dataclass(frozen=True, eq=False)
+class Compartment:
+    """What a compartment used and gave, day by day.
+
+    Attributes
+    ----------
+    name
+        As its files are called.
+    heat
+        [MJ m-2] (days,).
+    high, low
+        Electricity of the lamps at the two tariffs [kWh m-2] (days,).
+    co2
+        [kg m-2] (days,).
+    harvest
+        Fruit of class A and B, fresh [kg m-2] (days,).
+    dry_matter
+        Mean dry matter content of the fruit [kg kg-1]; ``None`` where it was not measured.
+    """
+
+    name: str
+    heat: FloatArray
+    high: FloatArray
+    low: FloatArray
+    co2: FloatArray
+    harvest: FloatArray
+    dry_matter: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Archive:
+    """Weather and compartments over the same days.
+
+    Attributes
+    ----------
+    first
+        First day.
+    days
+        Their number.
+    weather, compartments
+        What was measured; compartments in alphabetical order.
+    notes
+        What was filled, moved or left out, in words.
+    """
+
+    first: dt.date
+    days: int
+    weather: Weather
+    compartments: tuple[Compartment, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def dates(self) -> NDArray[np.datetime64]:
+        """The days (days,)."""
+        return np.datetime64(self.first, "D") + np.arange(self.days)
+
+
+def read_archive(folder: Path) -> Archive:
+    """Read the archive in ``folder``.
+
+    Raises
+    ------
+    ArchiveError
+        When files or columns are missing, a value is none or impossible, or too much is missing; it names file, column and day.
+    """
+    if not folder.is_dir():
+        msg = f"There is no folder {folder}. Unpack the archive (docs/realism.md says which) and name the folder."
+        raise ArchiveError(msg)
+    weather = _weather(folder)
+    notes: list[str] = []
+    used = {name: _Resources.read(name, path, notes) for name, path in _compartments(folder).items()}
+    first, last = max(one.first for one in used.values()), min(one.last for one in used.values())
+    if first > last:
+        spans = "; ".join(f"{name}: {_date(one.first)} to {_date(one.last)}" for name, one in used.items())
+        msg = f"The compartments in {folder} have no day in common ({spans}). Leave one of them out."
+        raise ArchiveError(msg)
+    if any((one.first, one.last) != (first, last) for one in used.values()):
+        notes.append(
+            f"The compartments cover different days; compared are those of all, {_date(first)} to {_date(last)}."
+        )
+    compartments = tuple(one.compartment(first, last, notes) for one in used.values())
+    return Archive(_date(first), last - first + 1, weather, compartments, tuple(notes))
+
+
+@dataclass(frozen=True, eq=False)
+class _Resources:
+    """What a compartment used, and where its other files are."""
+
+    name: str
+    path: Path
+    first: int
+    columns: Mapping[str, FloatArray]
+
+    @property
+    def last(self) -> int:
+        return self.first + self.columns[RESOURCES[0]].size - 1
+
+    @classmethod
+    def read(cls, name: str, path: Path, notes: list[str]) -> _Resources:
+        table = _table(path)
+        days = _days(table, path)
+        order = np.argsort(days, kind="stable")
+        days = days[order]
+        if np.any(np.diff(days) == 0):
+            twice = int(days[np.flatnonzero(np.diff(days) == 0)[0]])
+            msg = f"{path} has {_date(twice)} (day {twice}) twice. Keep one row a day."
+            raise ArchiveError(msg)
+        first, count = int(days[0]), int(days[-1] - days[0]) + 1
+        columns = {}
+        for column in RESOURCES:
+            values = np.full(count, np.nan)
+            values[days - first] = _values(table, column, path)[order]
+            columns[column] = _filled(values, column, path, first, notes)
+        return cls(name, path, first, columns)
+
+    def compartment(self, first: int, last: int, notes: list[str]) -> Compartment:
+        """With harvest and quality, of the days from ``first`` to ``last``."""
+        chosen = slice(first - self.first, last - self.first + 1)
+        heat, high, low, co2 = (self.columns[name][chosen] for name in RESOURCES)
+        harvest = _harvest(self._beside("Production"), first, last, notes)
+        return Compartment(self.name, heat, high, low, co2, harvest, self._dry_matter(notes))
+
+    def _beside(self, what: str) -> Path:
+        name = self.path.name
+        at = name.lower().rindex("resources")
+        path = self.path.with_name(name[:at] + what + name[at + len("resources") :])
+        if not path.is_file():
+            msg = f"There is no {path.name} beside {self.path}. The archive has one for each compartment; add it."
+            raise ArchiveError(msg)
+        return path
+
+    def _dry_matter(self, notes: list[str]) -> float | None:
+        """Mean of the measured contents [kg kg-1]; ``None`` where there is no file, no column or no value."""
+        try:
+            path = self._beside("TomQuality")
+        except ArchiveError:
+            path = None
+        if path is not None:
+            table = _table(path)
+            if "DMC_fruit" in table:
+                values = _values(table, "DMC_fruit", path)
+                if np.any(np.isfinite(values)):
+                    return float(np.nanmean(values)) / 100.0
+        notes.append(f"{self.name}: no dry matter content was measured; the settings' value is used.")
+        return None
+
+
+def _compartments(folder: Path) -> dict[str, Path]:
+    """Files ``Resources.csv`` by the name of their compartment."""
+    found: dict[str, Path] = {}
+    for path in sorted((*folder.glob("*.csv"), *folder.glob("*/*.csv"))):
+        match = re.fullmatch(r"(?i)(?:(.+?)_)?resources\.csv", path.name)
+        if match is None or (match[1] is None and path.parent == folder):
+            continue
+        name = match[1] or path.parent.name
+        if name in found:
+            msg = f"Compartment '{name}' has two files: {found[name]} and {path}. Keep one."
+            raise ArchiveError(msg)
+        found[name] = path
+    if not found:
+        msg = (
+            f"{folder} has no compartment: no NAME/Resources.csv and no NAME_Resources.csv. "
+            "Name the folder that the archive was unpacked to."
+        )
+        raise ArchiveError(msg)
+    return dict(sorted(found.items()))
+
+
+def _weather(folder: Path) -> Weather:
+    places = [folder / part / f"Weather.{suffix}" for part in ("", "Weather") for suffix in ("parquet", "csv")]
+    path = next((place for place in places if place.is_file()), None)
+    if path is None:
+        msg = f"{folder} has no weather: expected Weather.csv or Weather.parquet there, or in a folder Weather."
+        raise ArchiveError(msg)
+    table = _table(path)
+    numbers = np.rint(_moments(table, path) * ROWS_A_DAY).astype(np.int64)
+    order = np.argsort(numbers, kind="stable")
+    if np.any(np.diff(numbers[order]) == 0):
+        twice = int(numbers[order][np.flatnonzero(np.diff(numbers[order]) == 0)[0]])
+        msg = f"{path} has two rows for the five minutes at {moment(twice)}. Keep one."
+        raise ArchiveError(msg)
+    columns = {name: _values(table, name, path)[order] for name in WEATHER}
+    return Weather(numbers[order], columns, path)
+
+
+def moment(row: int) -> str:
+    """``2020-03-29 01:50`` for the number of five minutes."""
+    day, part = divmod(row, ROWS_A_DAY)
+    return f"{_date(day)} {part // 12:02d}:{part % 12 * 5:02d}"
+
+
+def _date(day: int) -> dt.date:
+    return DAY_ZERO + dt.timedelta(days=int(day))
+
+
+def _table(path: Path) -> pd.DataFrame:
+    """A file as text or numbers, column names without blanks and ``%``."""
+    import pandas as pd
+
+    try:
+        if path.suffix == ".parquet":
+            table = pd.read_parquet(path)
+        else:
+            text = re.sub(r"[ \t]*[,\t][ \t]*", ",", path.read_text(encoding="utf-8-sig"))
+            table = pd.read_csv(io.StringIO(text), skipinitialspace=True, index_col=False)
+    except (OSError, ValueError, pd.errors.ParserError) as error:
+        msg = f"Cannot read {path}: {error}. Is the file whole?"
+        raise ArchiveError(msg) from error
+    table.columns = [str(name).strip().lstrip("%").strip() for name in table.columns]
+    if table.empty:
+        msg = f"{path} has no rows. Is the file whole?"
+        raise ArchiveError(msg)
+    return table
+
+
+def _moments(table: pd.DataFrame, path: Path) -> FloatArray:
+    """Dates and times [d] since 30 December 1899."""
+    name = next((name for name in table.columns if name.lower() == "time"), None)
+    if name is None:
+        msg = f"{path} has no column 'time' (days since 30 December 1899). It has {', '.join(table.columns[:8])}."
+        raise ArchiveError(msg)
+    moments = _numbers(table, name, path)
+    if not np.all(np.isfinite(moments)):
+        msg = f"{path}, row {int(np.flatnonzero(~np.isfinite(moments))[0]) + 2}: there is no time. Give each row one, or take it out."
+        raise ArchiveError(msg)
+    return moments
+
+
+def _days(table: pd.DataFrame, path: Path) -> IntArray:
+    return np.floor(_moments(table, path) + 1e-6).astype(np.int64)
+
+
+def _values(table: pd.DataFrame, name: str, path: Path) -> FloatArray:
+    """A column, NaN where it has no value."""
+    if name not in table:
+        near = did_you_mean(name, table.columns)
+        msg = f"{path} has no column '{name}'.{near} The archive's files have it; docs/realism.md lists the columns that are read."
+        raise ArchiveError(msg)
+    values = _numbers(table, name, path)
+    low, high = _LIMITS[name]
+    wrong = np.flatnonzero((values < low) | (values > high))
+    if wrong.size:
+        msg = f"{path}, row {int(wrong[0]) + 2}: {name} is {values[wrong[0]]:g}, outside {low:g} to {high:g}. Correct or empty it."
+        raise ArchiveError(msg)
+    return values
+
+
+def _numbers(table: pd.DataFrame, name: str, path: Path) -> FloatArray:
+    import pandas as pd
+
+    column = table[name]
+    numbers = pd.to_numeric(column, errors="coerce")
+    empty = column.isna() | column.astype(str).str.strip().str.lower().isin(["nan", ""])
+    wrong = np.flatnonzero(numbers.isna() & ~empty)
+    if wrong.size:
+        msg = f"{path}, row {int(wrong[0]) + 2}: {name} is '{column.iloc[wrong[0]]}', which is no number."
+        raise ArchiveError(msg)
+    return np.asarray(numbers, dtype=np.float64)
+
+
+def _filled(values: FloatArray, name: str, path: Path, first: int, notes: list[str]) -> FloatArray:
+    """A column of days with its gaps filled linearly."""
+    missing = ~np.isfinite(values)
+    if not missing.any():
+        return values
+    begin, length = longest(missing)
+    if length > MOST_DAYS_FILLED or missing[0] or missing[-1]:
+        msg = (
+            f"{path}: {name} is missing on {length} days in a row from {_date(first + begin)}. "
+            f"At most {MOST_DAYS_FILLED} between two known days are filled; complete the file, or take out its first or last rows."
+        )
+        raise ArchiveError(msg)
+    notes.append(f"{path.name}: {name} of {missing.sum()} of {values.size} days filled linearly.")
+    known = np.flatnonzero(~missing)
+    return np.interp(np.arange(values.size), known, values[known])
+
+
+def longest(missing: NDArray[np.bool_]) -> tuple[int, int]:
+    """Begin and length of the longest run of what is missing; 0 and 0 where nothing is."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], missing, [False])).astype(np.int8)))
+    begins, ends = edges[::2], edges[1::2]
+    if not begins.size:
+        return 0, 0
+    place = int(np.argmax(ends - begins))
+    return int(begins[place]), int(ends[place] - begins[place])
+
+
+def _harvest(path: Path, first: int, last: int, notes: list[str]) -> FloatArray:
+    """Fresh fruit of both classes [kg m-2] on each day.
+
+    A date before the one above it, or before the season, is a slip of the pen (the published file of the reference has one): the fruit
+    counts on the date of the next row.
+    """
+    table = _table(path)
+    days = _days(table, path)
+    fruit = np.nan_to_num(_values(table, "ProdA", path)) + np.nan_to_num(_values(table, "ProdB", path))
+    harvest = np.zeros(last - first + 1)
+    for place, (day, weight) in enumerate(zip(days.tolist(), fruit.tolist(), strict=True)):
+        counted = day
+        if day < first:
+            counted = next((later for later in days[place + 1 :].tolist() if later >= first), first)
+            notes.append(
+                f"{path.name}: a harvest is dated {_date(day)}, before the season; it is counted on {_date(counted)}."
+            )
+        if counted > last:
+            notes.append(f"{path.name}: the harvest of {_date(day)}, after the last day, is left out.")
+        else:
+            harvest[counted - first] += weight
+    return harvest

@@ -1,0 +1,169 @@
+"""Simulates a season of the compartments in a house: given weather, light and CO2, heat and vents by the process computer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from glbench.env.process_computer import MEMORY, Measured, work
+from glbench.kernel import Kernel
+from glbench.model import co2_ppm, humidity_deficit, relative_humidity
+from glbench.realism.houses import House, model, parameters
+from glbench.realism.outdoors import STEP_SECONDS, Outdoors
+from glbench.realism.published import Archive
+from glbench.realism.schedule import schedule
+from glbench.realism.settings import Settings
+from glbench.tasks import TaskSpec, get_task
+from glbench.tasks import set_points as names
+from glbench.weather.record import FloatArray
+
+AIR_AT_START = 18.0
+"""Temperature of air and surfaces when the season begins [degC]."""
+MOST_CHANGE = 0.3
+"""Most that a control moves in a step."""
+_BASE = "glbench/SpringYears-v1"
+_ALWAYS = 2000.0  # W m-2: no sun is brighter
+_STEERED = (names.BOILER, names.VENTS, names.LAMPS, names.SCREEN, names.BLACKOUT)
+
+Progress = Callable[[int, int], None]
+"""Is told days done and days in all."""
+
+
+@dataclass(frozen=True, eq=False)
+class Season:
+    """A simulated season, day by day; every array is (days, compartments).
+
+    Attributes
+    ----------
+    heat
+        [MJ m-2].
+    lamps
+        Electricity of the lamps [kWh m-2].
+    co2
+        Dosed [kg m-2].
+    harvest
+        Dry mass of the fruit harvested [kg m-2].
+    air_temperature, humidity, co2_air
+        Means of the day [degC, %, ppm].
+    """
+
+    house: House
+    heat: FloatArray
+    lamps: FloatArray
+    co2: FloatArray
+    harvest: FloatArray
+    air_temperature: FloatArray
+    humidity: FloatArray
+    co2_air: FloatArray
+
+
+def simulate(
+    archive: Archive,
+    outside: Outdoors,
+    house: House,
+    settings: Settings,
+    *,
+    warmer: float = 0.0,
+    progress: Progress | None = None,
+) -> Season:
+    """Simulate all compartments of ``archive`` in ``house``.
+
+    Parameters
+    ----------
+    outside
+        Its weather.
+    warmer
+        Added to all temperatures of heating and ventilation [K].
+
+    Raises
+    ------
+    StepError
+        When a step cannot be integrated.
+    """
+    greenhouse, p, count = model(), parameters(house, settings), len(archive.compartments)
+    computer = _computer(house)
+    installed = {
+        one.name: one.capacity
+        for one in greenhouse.capacities(dict(zip(greenhouse.parameter_names, p.tolist(), strict=True)))
+    }
+    given = schedule(archive.compartments, outside, settings, most_co2=installed[names.DOSING], warmer=warmer)
+    kernel = Kernel(greenhouse, STEP_SECONDS)
+    place = {name: greenhouse.state_index(name) for name in ("tAir", "vpAir", "co2Air", "sumMcFruitHar")}
+    column = {name: number for number, name in enumerate(greenhouse.control_names)}
+    x = np.repeat(_planted(outside, p, settings)[None], count, axis=0)
+    u = np.zeros((count, len(column)))
+    memory: dict[str, Any] = {name: np.full(count, value) for name, value in MEMORY.items()}
+    sums = {
+        name: np.zeros((archive.days, count)) for name in ("heat", "lamps", "co2", "harvest", "air", "humid", "ppm")
+    }
+    p_rows = np.repeat(p[None], count, axis=0)
+    for step in range(outside.steps):
+        day, d = int(outside.day[step]), outside.values[step]
+        air, vapour, carbon = (x[:, place[name]] for name in ("tAir", "vpAir", "co2Air"))
+        humidity, ppm = relative_humidity(air, vapour), co2_ppm(air, carbon)
+        sums["air"][day] += air
+        sums["humid"][day] += humidity
+        sums["ppm"][day] += ppm
+        burning = given.lamps[step]
+        wanted = {
+            names.HEATING: given.heating[step],
+            names.VENTILATION: given.ventilation[step],
+            names.HUMIDITY: given.humidity_deficit[step],
+            # The computer closes the blackout screen over burning lamps; how much they burn is given.
+            names.LAMPS_FROM: 0.0,
+            names.LAMPS_UNTIL: np.where(burning > 0.0, 24.0, 0.0),
+            names.LAMP_RADIATION: _ALWAYS,
+            names.SCREEN_RADIATION: settings.screen.radiation_limit,
+            names.SCREEN_OUTDOOR: given.outdoor[step],
+        }
+        seen = Measured(air, ppm, humidity_deficit(air, humidity), d[0], d[1], d[4], hour_of_day=12.0)
+        now = {name: u[:, column[name]] for name in _STEERED}
+        moved, memory = work(computer, wanted, now, seen, memory)
+        for name, position in moved.items():
+            u[:, column[name]] = position
+        u[:, column[names.LAMPS]] = burning
+        u[:, column[names.DOSING]] = given.dose[step] / installed[names.DOSING]
+        before = x[:, place["sumMcFruitHar"]].copy()
+        x = kernel.step(x, u, np.repeat(d[None], count, axis=0), p_rows)
+        sums["harvest"][day] += 1e-6 * (x[:, place["sumMcFruitHar"]] - before)
+        sums["heat"][day] += 1e-6 * STEP_SECONDS * installed[names.BOILER] * u[:, column[names.BOILER]]
+        sums["lamps"][day] += STEP_SECONDS / 3.6e6 * installed[names.LAMPS] * burning
+        sums["co2"][day] += 1e-6 * STEP_SECONDS * given.dose[step]
+        if progress is not None and (step + 1 == outside.steps or outside.day[step + 1] != day):
+            progress(day + 1, archive.days)
+    steps = np.bincount(outside.day, minlength=archive.days)[:, None]
+    return Season(
+        house, sums["heat"], sums["lamps"], sums["co2"], sums["harvest"],
+        sums["air"] / steps, sums["humid"] / steps, sums["ppm"] / steps,
+    )  # fmt: skip
+
+
+def _computer(house: House) -> TaskSpec:
+    """A task whose process computer has its defaults: what the rules need to know of the house."""
+    return get_task(_BASE).replace(
+        {
+            "id": f"realism/{house.name}-v1",
+            "title": f"The process computer of {house.name}",
+            "actuation.kind": "process_computer",
+            "actuation.max_change": MOST_CHANGE,
+            "weather.step_seconds": STEP_SECONDS,
+            "model.parameters": house.parameters,
+        }
+    )
+
+
+def _planted(outside: Outdoors, p: FloatArray, settings: Settings) -> FloatArray:
+    """State when the young plants have been planted (states,); the rest is that of any start."""
+    greenhouse, plants = model(), settings.plants
+    x = np.array(greenhouse.start("mature_crop", outside.values[0], AIR_AT_START, p))
+    mass = 1e3 * plants.dry_mass  # mg m-2
+    own = {
+        "tCan": AIR_AT_START, "tCan24": AIR_AT_START, "cBuf": 0.0, "cLeaf": mass * plants.leaves, "cStem": mass * plants.stems,
+        "cFruit": mass * plants.fruit, "tCanSum": 0.0,
+    }  # fmt: skip
+    for name, value in own.items():
+        x[greenhouse.state_index(name)] = value
+    return x

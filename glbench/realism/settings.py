@@ -1,0 +1,105 @@
+"""The page of what is assumed about compartments, plants and their grower: ``settings.toml``, which explains each entry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from glbench.agents.card import read_toml
+from glbench.agents.grower import Heating, HumidityDeficit, Screen, Ventilation
+from glbench.errors import ArchiveError, SubmissionError
+
+SHIPPED = Path(__file__).with_name("settings.toml")
+
+_Positive = Annotated[float, Field(gt=0.0)]
+_NotNegative = Annotated[float, Field(ge=0.0)]
+_Hour = Annotated[float, Field(ge=0.0, le=24.0)]
+_Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Place(_Table):
+    """Clock of the archive (IANA zone) and CO2 outside [ppm]."""
+
+    clock: str
+    co2: float = Field(ge=100.0, le=2000.0)
+
+
+class Lamps(_Table):
+    """Installed electric power [W m-2], hours of the high tariff [h], and the radiation [W m-2] below which lamps burn first."""
+
+    hps: _NotNegative
+    led: _NotNegative
+    high_from: _Hour
+    high_until: _Hour
+    radiation_limit: _NotNegative
+
+    @model_validator(mode="after")
+    def _can_burn(self) -> Lamps:
+        if self.power <= 0.0:
+            msg = "hps and led cannot both be 0"
+            raise ValueError(msg)
+        if self.high_from >= self.high_until:
+            msg = f"high_from = {self.high_from:g} must be below high_until = {self.high_until:g}"
+            raise ValueError(msg)
+        return self
+
+    @property
+    def power(self) -> float:
+        """Both kinds of lamps together [W m-2]."""
+        return self.hps + self.led
+
+
+class Plants(_Table):
+    """Dry mass when planted [g m-2] and its shares, the fruit load that is kept [g m-2], and the fruit's dry matter content [kg kg-1]."""
+
+    dry_mass: _Positive
+    leaves: _Share
+    stems: _Share
+    fruit: _Share
+    fruit_load: _Positive
+    dry_matter: float = Field(gt=0.0, le=1.0)
+
+
+class Periods(_Table):
+    """Radiation below which it is dark without lamps [W m-2], and length of the pre-night [h]."""
+
+    dark_below: _NotNegative
+    pre_night: float = Field(ge=0.0, le=24.0)
+
+
+class Settings(_Table):
+    """The page, one table a heading."""
+
+    place: Place
+    lamps: Lamps
+    plants: Plants
+    periods: Periods
+    heating: Heating
+    ventilation: Ventilation
+    humidity_deficit: HumidityDeficit
+    screen: Screen
+
+
+def read_settings(path: Path = SHIPPED) -> Settings:
+    """Read the page from a TOML file.
+
+    Raises
+    ------
+    ArchiveError
+        When the file cannot be read, lacks an entry, or has an unknown or impossible one.
+    """
+    try:
+        return Settings.model_validate(read_toml(path))
+    except SubmissionError as error:
+        msg = f"The settings {path} cannot be used: {error}. Copy {SHIPPED} and change it."
+        raise ArchiveError(msg) from error
+    except ValidationError as error:
+        problems = "; ".join(f"'{'.'.join(map(str, p['loc'])) or 'file'}': {p['msg']}" for p in error.errors())
+        msg = f"The settings {path} cannot be used: {problems}. {SHIPPED} explains each entry."
+        raise ArchiveError(msg) from error

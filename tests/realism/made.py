@@ -1,0 +1,91 @@
+"""A made archive in the form of the published one: a few days of smooth weather, two compartments."""
+
+from __future__ import annotations
+
+import datetime as dt
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from glbench.realism.published import DAY_ZERO, ROWS_A_DAY
+
+FIRST = dt.date(2020, 2, 10)
+
+
+@dataclass
+class Made:
+    """Tables of an archive, to be changed by a test and written in one of the two layouts."""
+
+    days: int = 3
+    first: dt.date = FIRST
+    weather: pd.DataFrame = field(init=False)
+    resources: dict[str, pd.DataFrame] = field(init=False)
+    production: dict[str, pd.DataFrame] = field(init=False)
+    quality: dict[str, pd.DataFrame] = field(init=False)
+
+    def __post_init__(self) -> None:
+        number = (self.first - DAY_ZERO).days
+        rows = np.arange(self.days * ROWS_A_DAY + 1)
+        hour = rows % ROWS_A_DAY / 12.0
+        self.weather = pd.DataFrame(
+            {
+                "time": np.round(number + rows / ROWS_A_DAY, 5),
+                "Iglob": np.round(np.maximum(400.0 * np.sin(np.pi * (hour - 8.0) / 10.0), 0.0), 1),
+                "Tout": np.round(6.0 + 3.0 * np.sin(np.pi * (hour - 9.0) / 12.0), 2),
+                "Rhout": 80.0,
+                "Windsp": 4.0,
+                "Pyrgeo": -50.0,
+                "Rain": 0,
+            }
+        )
+        days = number + np.arange(self.days)
+        used = {"Heat_cons": 2.0, "ElecHigh": 1.2, "ElecLow": 0.5, "CO2_cons": 0.05, "Irr": 1.0}
+        self.resources = {
+            name: pd.DataFrame({"Time": days, **{key: value * factor for key, value in used.items()}})
+            for name, factor in (("Anna", 1.0), ("Bert", 1.5))
+        }
+        self.production = {
+            name: pd.DataFrame({"time": [days[0], days[-1]], "ProdA": [0.3, 0.4], "ProdB": [0.0, 0.1]})
+            for name in self.resources
+        }
+        self.quality = {
+            name: pd.DataFrame({"time": [days[0], days[-1]], "Flavour": 70.0, "DMC_fruit": [8.0, 9.0]})
+            for name in self.resources
+        }
+
+    def write(self, folder: Path) -> Path:
+        """As in the folder of the README: a Parquet file, and files with the compartment's name in front."""
+        folder.mkdir(exist_ok=True)
+        self.weather.to_parquet(folder / "Weather.parquet")
+        for name, tables in self._of_compartments().items():
+            for kind, table in tables.items():
+                _write(table, folder / f"{name}_{kind}.csv")
+        return folder
+
+    def write_as_published(self, folder: Path) -> Path:
+        """As the archive itself: folders, and ``%`` before the first column."""
+        (folder / "Weather").mkdir(parents=True)
+        _write(self.weather, folder / "Weather" / "Weather.csv")
+        for name, tables in self._of_compartments().items():
+            (folder / name).mkdir()
+            for kind, table in tables.items():
+                _write(table, folder / name / f"{kind}.csv")
+        return folder
+
+    def _of_compartments(self) -> dict[str, dict[str, pd.DataFrame]]:
+        return {
+            name: {
+                "Resources": self.resources[name],
+                "Production": self.production[name],
+                **({"TomQuality": self.quality[name]} if name in self.quality else {}),
+            }
+            for name in self.resources
+        }
+
+
+def _write(table: pd.DataFrame, path: Path) -> None:
+    text: Any = table.to_csv(index=False, na_rep="NaN")
+    path.write_text("%" + text, encoding="utf-8")
