@@ -418,7 +418,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ("`ppo_tuned`, earns {}, and a", lambda: mean("ppo_tuned", 0)),
         ("(`rule_based_tuned`) earn {}. On", lambda: mean("rule_based_tuned", 0)),
         ("plans earn {} EUR/m2 on the test", lambda: score("best_known", "Spring-v1")),
-        ("best agent so far, {}; a part", lambda: score("rule_based_tuned", "Spring-v1")),
+        ("best agent so far, {}; part", lambda: score("rule_based_tuned", "Spring-v1")),
         ("rewards closer than {} count as equal", lambda: RESOLUTION),
         ("compiled model: {} times as fast", lambda: us("env/reference") / us("vector/512")),
         ("{} states, {} controls", lambda: (len(STATE_NAMES), len(CONTROL_NAMES))),
