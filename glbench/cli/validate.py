@@ -108,22 +108,12 @@ def _print(comparison: Comparison) -> None:
 
 def _season(comparison: Comparison) -> Table:
     """Sums and days: a block a parameter set, a row a compartment."""
-    numbers = (
-        "heat",
-        "simulated",
-        "ratio",
-        "bias/d",
-        "RMSE/d",
-        "fruit",
-        "simulated",
-        "ratio",
-        "picked from",
-        "simulated",
-    )
+    numbers = ("heat", "sim.", "ratio", "bias", "RMSE", "fruit", "sim.", "ratio")
     warmer = f", {comparison.warmer:+g} K" if comparison.warmer else ""
     view = table(
         f"{comparison.first} to {comparison.last}{warmer}: heat in MJ/m2, fruit in kg/m2",
-        "", *numbers, right=numbers, padding=(0, 1), caption="Bias and RMSE: simulated minus measured heat of a day, in MJ/m2.",
+        "", *numbers, right=numbers, padding=(0, 1),
+        caption="Bold: mean of all compartments; sim.: simulated. Bias and RMSE: simulated minus measured heat of a day, in MJ/m2.",
     )  # fmt: skip
     for house in comparison.houses:
         heat, fruit = (
@@ -131,21 +121,19 @@ def _season(comparison: Comparison) -> Table:
             (house.mean(lambda one: one.harvest.measured), house.mean(lambda one: one.harvest.simulated)),
         )
         view.add_row(
-            f"[bold]{house.name}[/], mean",
+            f"[bold]{house.name}[/]",
             *(
                 f"[bold]{text}[/]"
                 for text in (*_pair(*heat, 0), f"{house.heat_bias():+.2f}", f"{house.heat_rmse:.2f}", *_pair(*fruit, 1))
             ),
         )
         for one in house.compartments:
-            begun = (str(day or "-") for day in (one.harvest.measured_from, one.harvest.simulated_from))
             view.add_row(
                 f"  {one.name}",
                 *_pair(one.heat.measured, one.heat.simulated, 0),
                 f"{one.heat.bias:+.2f}",
                 f"{one.heat.rmse:.2f}",
                 *_pair(one.harvest.measured, one.harvest.simulated, 1),
-                *begun,
             )
         view.add_section()
     return view
@@ -160,12 +148,14 @@ def _pair(measured: float, simulated: float, digits: int) -> tuple[str, str, str
 def _months(comparison: Comparison) -> Table:
     """What is off in which month, means over the compartments."""
     months = comparison.months
-    view = table("Simulated minus measured", "", "", *months, right=months, padding=(0, 1))
+    shown = [f"{month[5:]}/{month[2:4]}" for month in months]
+    title = "Simulated minus measured: heat in MJ/m2 a day, fruit in kg/m2 a month"
+    view = table(title, "", "", *shown, right=shown, padding=(0, 1))
     for house in comparison.houses:
         heat = (f"{house.heat_bias(month):+.2f}" for month in months)
         fruit = (f"{house.harvest_bias(month):+.2f}" for month in months)
-        view.add_row(house.name, "heat, MJ/m2 a day", *heat)
-        view.add_row("", "fruit, kg/m2 a month", *fruit)
+        view.add_row(house.name, "heat", *heat)
+        view.add_row("", "fruit", *fruit)
     return view
 
 
