@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from glbench.errors import TaskError
 from glbench.model import SIDES, Flow, Model, Side, Step, Stock, violation_meter
-from glbench.tasks.ledger import LIMITED, STOCK, TRAVEL, Ledger, LedgerItem, price_rows
+from glbench.tasks.ledger import LIMITED, STOCK, TRAVEL, Ledger, LedgerItem
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
-    from glbench.weather import Disturbances
 
 Values = Sequence[Any] | Mapping[int, Any] | NDArray[np.float64]
 """A number, an array or a recorded value for each place; a mapping where only some are needed (``Accounts.ledger_states``)."""
@@ -145,10 +144,6 @@ class Accounts:
             return self.stated_bounds[1]
         return float(sum(self._worth(self.ledger.earned, self.full_growth)))
 
-    def prices(self, calendar: Disturbances, task: TaskSpec) -> NDArray[np.float64]:
-        """Prices at each row of a calendar ``(rows, price_tables)``."""
-        return price_rows(task.price_tables, self.price_tables, calendar.times, calendar.hour_of_day)
-
     def quantities(
         self,
         before: NDArray[np.float64],
@@ -210,6 +205,8 @@ class Accounts:
                 worth = kept * then - held * now
             else:
                 worth = amount * now
+            if item.beyond is not None:
+                worth = worth + self._more(item, step) * (item.beyond.price - now)
             money[item.name] = worth
             if profit is None:
                 profit = worth if item.sign > 0 else -worth
@@ -253,6 +250,16 @@ class Accounts:
         if item.valued == STOCK:
             return _times(self._stock(item, step.after) - self._stock(item, step.before), item.factor)
         return _times(self.flows[item.flow].amount(step), item.factor)
+
+    def _more(self, item: LedgerItem, step: Step) -> Any:
+        """The part of a step's amount that is beyond what its price holds for."""
+        total, beyond = self.flows[item.flow].total, item.beyond
+        assert total is not None
+        assert beyond is not None
+        start, end = (
+            np.maximum(_times(total(record), item.factor) - beyond.amount, 0.0) for record in (step.before, step.after)
+        )
+        return end - start
 
     def _stock(self, item: LedgerItem, record: ByName) -> Any:
         return self.stocks[item.flow].amount(record, self.parameters)

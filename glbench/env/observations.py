@@ -211,6 +211,8 @@ _SHOWN: dict[str, Callable[[TaskSpec, WeatherTables], tuple[Shown, ...]]] = {
     # The published code counts the step just taken, hence the step whose weather is shown and not the number of steps.
     "step_counter": lambda task, tables: (Numbers("counter", (1,), (1.0,)),),
     "switches": lambda task, tables: tuple(Locked(name) for name, _ in task.observation_context().holds),
+    "prices": lambda task, tables: (TableRows(tables.prices, clocked=True),),
+    "day_ahead_prices": lambda task, tables: (TableRows(tables.day_ahead, clocked=True),),
     "control_fractions": lambda task, tables: _plain("controls", len(task.model_value.control_names)),
     "published_time": lambda task, tables: (
         TableRows(np.ascontiguousarray(tables.clock[:, [2, 3, 0, 1]]), clocked=True),

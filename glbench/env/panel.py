@@ -9,7 +9,8 @@ import numpy as np
 
 from glbench.env.climate import AIR
 from glbench.model import Air
-from glbench.tasks.ledger import LIMITED, local_times
+from glbench.tasks.ledger import LIMITED
+from glbench.tasks.prices import local_times
 
 if TYPE_CHECKING:
     from glbench.env.simulation import Simulation

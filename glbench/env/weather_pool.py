@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from glbench.env.climate import read_air
 from glbench.env.forecast import ForecastTable
 from glbench.env.generated import SeasonMaker
+from glbench.env.prices import SeasonPrices
 from glbench.weather import COLUMNS
 
 if TYPE_CHECKING:
@@ -47,12 +48,15 @@ class WeatherTables:
     ``published``: the same with vapour pressure [Pa] and CO2 density [mg m-3].
     ``clock``: sine and cosine of the hour of day, then of the day of year, by row of the calendar.
     ``forecast``: the forecast by the hour, a row for each hour of the pool; without columns where a task has none.
+    ``prices``, ``day_ahead``: prices of now and of coming hours, by row of the calendar; without rows where nobody sees them.
     """
 
     measured: NDArray[np.float32]
     published: NDArray[np.float32]
     clock: NDArray[np.float32]
     forecast: NDArray[np.float32]
+    prices: NDArray[np.float32]
+    day_ahead: NDArray[np.float32]
 
     @staticmethod
     def of(task: TaskSpec) -> WeatherTables:
@@ -71,8 +75,8 @@ class WeatherPool:
     times
         Start of every row of the calendar, UTC.
     calendar
-        Hour of day, day of year, then the prices of ``prices``. Its rows are those of ``values``, but for generated seasons, which
-        share one calendar.
+        Hour of day, day of year, then the prices of ``prices``. Its rows are those of ``values``, but for generated seasons whose
+        prices follow from the clock alone: these share one calendar.
     prices
         Names of the price tables, in the order of their columns.
     seasons
@@ -95,6 +99,7 @@ class WeatherPool:
     tables: WeatherTables
     _maker: SeasonMaker | None = None
     _forecast: ForecastTable | None = None
+    _season_prices: SeasonPrices | None = None
     _made: set[int] = field(default_factory=set)
 
     def price_column(self, name: str) -> int:
@@ -118,9 +123,13 @@ class WeatherPool:
             self.tables.published[ahead] = made.values[:rows, _PUBLISHED]
             if self._forecast is not None:
                 self._forecast.fill(self.tables.forecast, number * rows, rows, measured, made.times, number)
+            if self._season_prices is not None:
+                _price_season(self, self._season_prices, number, ahead)
             self._made.add(number)
-        late = maker.start_days(np.array(numbers, np.int64))
-        return late * self.day, np.array(numbers, np.int64) * rows
+        slots = np.array(numbers, np.int64) * rows
+        return slots if self._season_prices is not None else maker.start_days(
+            np.array(numbers, np.int64)
+        ) * self.day, slots
 
 
 _ALIVE: WeakValueDictionary[TaskSpec, WeatherPool] = WeakValueDictionary()
@@ -146,28 +155,34 @@ def _pool(task: TaskSpec) -> WeatherPool:
     if forecast is not None:  # whole days, so that every season begins with a full hour
         extra = days * day - task.steps - 1 + forecast.reach
     seasons = [task.season(season, extra) for season in scenario.seasons]
-    tables = task.price_tables
-    prices = [
-        np.concatenate([table.values(season.times, season.hour_of_day) for season in seasons])
-        for table in tables.values()
-    ]
+    generated, priced = scenario.generated, SeasonPrices.of(task)
     clock = [np.concatenate([getattr(season, name) for season in seasons]) for name in CLOCK]
-    calendar, times = np.stack([*clock, *prices], axis=1), np.concatenate([season.times for season in seasons])
-    for array in (calendar, times):
-        array.flags.writeable = False
+    times = np.concatenate([season.times for season in seasons])
     turns = _frozen(np.array([(*_turn(h / HOURS_A_DAY), *_turn(d / DAYS_A_YEAR)) for h, d in zip(*clock, strict=True)]))
-    generated = scenario.generated
+    tables = tuple(task.price_tables)
+    of_seasons = priced if generated is not None and priced.by_season else None
     if generated is not None:
         rows = generated.seasons * days * day
         values = np.zeros((rows, len(COLUMNS)))  # the operating system gives memory to what is written
         measured, published = (np.zeros((rows, 5), np.float32) for _ in range(2))
         maker = SeasonMaker(task, times[0])
-        shown = WeatherTables(measured, published, turns, _room(forecast, rows))
-        return WeatherPool(values, times, calendar, tuple(tables), (0,), day, days, shown, maker, forecast)
+        if of_seasons is not None:  # a calendar for each season, whose prices come with its weather
+            starts = maker.start_days(np.arange(generated.seasons)) * day
+            of_pool = (starts[:, None] + np.arange(days * day)).ravel()
+            times, turns, clock = times[of_pool], _frozen(turns[of_pool]), [column[of_pool] for column in clock]
+            calendar, seen_prices = _calendar(clock, np.zeros((rows, len(tables)))), priced.room(rows)
+        else:
+            calendar, seen_prices = _priced(priced, times, clock, [(0, len(times))], np.zeros((len(times), 5)))
+        shown = WeatherTables(measured, published, turns, _room(forecast, rows), *seen_prices)
+        return WeatherPool(values, times, calendar, tables, (0,), day, days, shown, maker, forecast, of_seasons)
     values = seasons[0].values if len(seasons) == 1 else np.concatenate([season.values for season in seasons])
     firsts = tuple(int(row) for row in np.cumsum([0, *(len(season.values) for season in seasons[:-1])]))
     seen = _measured(values)
-    shown = WeatherTables(_frozen(seen), _frozen(values[:, _PUBLISHED]), turns, _room(forecast, len(values)))
+    spans = [(first, first + len(season.values)) for first, season in zip(firsts, seasons, strict=True)]
+    calendar, seen_prices = _priced(priced, times, clock, spans, seen)
+    shown = WeatherTables(
+        _frozen(seen), _frozen(values[:, _PUBLISHED]), turns, _room(forecast, len(values)), *seen_prices
+    )
     if forecast is not None:
         for number, (first, season) in enumerate(zip(firsts, seasons, strict=True)):
             rows = len(season.values) - forecast.reach
@@ -175,7 +190,38 @@ def _pool(task: TaskSpec) -> WeatherPool:
             forecast.fill(shown.forecast, first, rows, own, season.times, number)
     for array in (values, shown.forecast):
         array.flags.writeable = False
-    return WeatherPool(values, times, calendar, tuple(tables), firsts, day, days, shown)
+    return WeatherPool(values, times, calendar, tables, firsts, day, days, shown)
+
+
+def _calendar(clock: list[Floats], prices: Floats) -> Floats:
+    return np.concatenate([np.stack(clock, axis=1), prices], axis=1)
+
+
+def _priced(
+    priced: SeasonPrices,
+    times: NDArray[np.datetime64],
+    clock: list[Floats],
+    spans: list[tuple[int, int]],
+    measured: Floats,
+) -> tuple[Floats, tuple[NDArray[np.float32], NDArray[np.float32]]]:
+    """Calendar and tables of prices of seasons that take up the rows ``spans``, with the weather as measured of all rows."""
+    prices, shown = np.zeros((len(times), len(priced.task.price_tables))), priced.room(len(times))
+    for number, (first, end) in enumerate(spans):
+        at = slice(first, end)
+        prices[at] = priced.rows(number, times[at], clock[0][at], measured[at])
+        priced.show(shown, at, prices[at], times[at], clock[0][at])
+    calendar = _calendar(clock, prices)
+    for array in (calendar, times, *shown):
+        array.flags.writeable = False
+    return calendar, shown
+
+
+def _price_season(pool: WeatherPool, priced: SeasonPrices, number: int, at: slice) -> None:
+    """The prices of a season that has just been made."""
+    times, hours = pool.times[at], pool.calendar[at, 0]
+    prices = priced.rows(number, times, hours, pool.tables.measured[at])
+    pool.calendar[at, len(CLOCK) :] = prices
+    priced.show((pool.tables.prices, pool.tables.day_ahead), at, prices, times, hours)
 
 
 def _room(forecast: ForecastTable | None, rows: int) -> NDArray[np.float32]:

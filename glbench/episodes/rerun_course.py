@@ -13,7 +13,7 @@ from glbench.episodes.episode import Episode
 from glbench.episodes.signals import Curve, Floats, Signals, signals_of
 from glbench.errors import GlbenchError
 from glbench.tasks import TaskSpec, task_card
-from glbench.tasks.ledger import local_times
+from glbench.tasks.prices import local_times
 
 Times = NDArray[np.datetime64]
 HOURS_PER_DAY = 24

@@ -582,7 +582,7 @@ def _overview(task: TaskSpec, paths: list[str]) -> tuple[tuple[str, ...], ...]:
 def _price(task: TaskSpec, item: LedgerItem) -> str:
     """As in ``heat 0.09 EUR/kWh``; a price that changes with the calendar from its lowest to its highest."""
     unit = item.amount_unit.removesuffix("m-2").strip(" -")
-    price = f"{item.price:g}" if not isinstance(item.price, str) else _range(task.price_tables[item.price].all_values)
+    price = f"{item.price:g}" if not isinstance(item.price, str) else _range(task.price_tables[item.price].limits)
     return f"{item.goods or _within(item.label or item.name)} {price} EUR{f'/{unit}' if unit else ' each'}"
 
 

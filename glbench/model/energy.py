@@ -30,7 +30,7 @@ from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr, exp, fmax, fmin
 from glbench.model.greenhouse import Meter
 from glbench.model.greenlight import JOULES_PER_KWH, KG_PER_MG
-from glbench.model.model import Capacity, Flow, Record, Seen, Signal, Step
+from glbench.model.model import Capacity, Flow, Record, Seen, Signal, Step, Stock
 from glbench.model.parameter_checks import Order, Shares
 from glbench.model.parameter_table import read_table
 from glbench.model.quantities import Quantity, Variable
@@ -207,6 +207,9 @@ class ChpBoilerBuffer(Addition):
             Flow("engine_hours", "h", "time that the engine runs", "Engine", _engine_hours),
             Flow("engine_starts", "-", "starts of the engine", "Starts of the engine", _engine_starts),
         )
+
+    def stocks(self) -> tuple[Stock, ...]:
+        return (Stock("buffer_heat", "MJ m-2", "heat in the buffer", "Heat in the buffer", lambda x, p: x.e_buf),)
 
     def signals(self) -> tuple[Signal, ...]:
         daily = (

@@ -55,7 +55,11 @@ class Meter:
 
     def amount(self, step: Step) -> Expr:
         """What flowed in a step."""
-        return getattr(step.after, self.attribute) - getattr(step.before, self.attribute)
+        return self.total(step.after) - self.total(step.before)
+
+    def total(self, states: Record) -> Expr:
+        """What has flowed since the start."""
+        return getattr(states, self.attribute)
 
 
 @dataclass(frozen=True)
@@ -201,7 +205,7 @@ class Greenhouse(Model):
         return tuple(found.values())
 
     def flows(self) -> tuple[Flow, ...]:
-        metered = (Flow(m.flow, m.unit, m.meaning, m.label, m.amount) for m in self.meters)
+        metered = (Flow(m.flow, m.unit, m.meaning, m.label, m.amount, total=m.total) for m in self.meters)
         return (*chain.from_iterable(part.flows() for part in self.parts), *metered)
 
     def stocks(self) -> tuple[Stock, ...]:

@@ -75,6 +75,8 @@ class Flow:
         The amount of a step. Arithmetic, ``np.minimum``, ``np.maximum`` and ``np.sign`` only: it is recorded for the kernel.
     potential
         The amount at the rate that the parameters allow at best, where there is one: what a profit can be scaled by.
+    total
+        The amount since the start from the states, where a meter counts it: what a price can depend on.
     """
 
     name: str
@@ -83,6 +85,7 @@ class Flow:
     label: str
     amount: Callable[[Step], Expr]
     potential: Callable[[Step], Expr] | None = None
+    total: Callable[[Record], Expr] | None = None
 
 
 @dataclass(frozen=True)

@@ -54,6 +54,12 @@ HARVEST = Meter(
 """The harvest of a control step: what is picked can be paid when it is picked."""
 
 
+CO2_DOSED = Meter(
+    "mc_ext_air", "co2_metered", "mg m-2", "CO2 dosed, metered since the start", "CO₂", scale=1e6, small=1e3
+)
+"""The CO2 dosed: what has flowed since the start can decide what more of it costs."""
+
+
 @cache
 def tomato_harvest(variant: str = "author") -> Greenhouse:
     """The tomato greenhouse with a meter on its harvest: ``greenlight-tomato-harvest-1.0.0``.
@@ -74,6 +80,11 @@ TOMATO = tomato()
 
 LETTUCE = compose(GreenLightClimate(), VanHentenLettuce())
 """The same greenhouse with lettuce in it."""
+
+TOMATO_SEASON = compose(
+    GreenLightClimate(), VanthoorTomato(), meters=(HARVEST, CO2_DOSED), name="greenlight-tomato-season"
+)
+"""The tomato greenhouse with meters on harvest and CO2."""
 
 TOMATO_ENERGY = compose(
     GreenLightClimate(),
@@ -236,4 +247,5 @@ for _variant in VARIANTS:
     register_model(tomato_harvest(_variant))
 register_model(LETTUCE)
 register_model(TOMATO_ENERGY)
+register_model(TOMATO_SEASON)
 _SHIPPED = frozenset(_MODELS)

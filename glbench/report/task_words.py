@@ -404,7 +404,21 @@ _MOST_POINTS = 12
 
 
 def _price_words(table: PriceTable) -> str:
-    """A price that changes with the calendar: hours of equal price as ranges, days, moments; a long series from where to where."""
+    """A price that changes with time, and what is done with it."""
+    times = f"{table.times:g} times " if table.times != 1.0 else ""
+    plus = f", {'plus' if table.plus > 0 else 'minus'} {abs(table.plus):g}" if table.plus else ""
+    what = f"that of '{table.source}'" if table.source else _entries_of_prices(table)
+    return f"{times}{what}{plus}"
+
+
+def _entries_of_prices(table: PriceTable) -> str:
+    """Hours of equal price as ranges, days, moments; a long series from where to where; a market by what moves it."""
+    if table.market is not None:
+        market = table.market
+        return (
+            f"a market around {market.level:g} that sun and wind make cheaper, by {100 * market.sun:g} % of that at 1000 W m-2 and by "
+            f"{100 * market.wind:g} % for 5 m s-1, from {market.lowest:g} to {market.highest:g}"
+        )
     if table.hourly:
         ranges, hour = [], 0
         for price, hours in groupby(table.hourly):
@@ -427,8 +441,8 @@ def _price_words(table: PriceTable) -> str:
 def _price_span(task: TaskSpec, name: str) -> str:
     """From where to where a price of the calendar goes, and by what it changes."""
     table = task.price_tables[name]
-    when = "hour of the day" if table.hourly else "date"
-    low, high = min(table.all_values), max(table.all_values)
+    when = "hour of the day" if table.hourly else "hour, with sun and wind" if table.market is not None else "date"
+    low, high = table.limits
     return f"'{name}', {low:g} to {high:g} {table.unit} by {when}"
 
 

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from glbench.tasks.card import task_card as task_card
     from glbench.tasks.ledger import Ledger as Ledger
     from glbench.tasks.ledger import LedgerItem as LedgerItem
-    from glbench.tasks.ledger import PriceTable as PriceTable
     from glbench.tasks.ledger import StepQuantity as StepQuantity
     from glbench.tasks.library import DEFAULT_TASK as DEFAULT_TASK
     from glbench.tasks.library import PAPER_TASK as PAPER_TASK
@@ -34,6 +33,8 @@ if TYPE_CHECKING:
     from glbench.tasks.lock import Fingerprint as Fingerprint
     from glbench.tasks.lock import LockEntry as LockEntry
     from glbench.tasks.lock import read_lock as read_lock
+    from glbench.tasks.prices import Market as Market
+    from glbench.tasks.prices import PriceTable as PriceTable
     from glbench.tasks.quantities import Capacity as Capacity
     from glbench.tasks.quantities import ObservationContext as ObservationContext
     from glbench.tasks.quantities import Quantity as Quantity
@@ -67,7 +68,8 @@ else:
             "glbench.registration": ("register_tasks",),
             "actions": ("Action",),
             "card": ("Constraint", "Place", "Prices", "TaskCard", "task_card"),
-            "ledger": ("Ledger", "LedgerItem", "PriceTable", "StepQuantity"),
+            "ledger": ("Ledger", "LedgerItem", "StepQuantity"),
+            "prices": ("Market", "PriceTable"),
             "scenario": ("ParameterGroup", "Scenario", "Season", "StartGroup"),
             "tables": ("TaskFile1", "TaskFile2"),
             "library": (

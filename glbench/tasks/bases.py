@@ -185,6 +185,10 @@ def as_schema_2(content: Mapping[str, Any]) -> dict[str, Any]:
     return {**kept, "schema": 2, "model": pinned, "ledger": ledger, "scenario": scenario}
 
 
+_PRICE_FACTORS = {("EUR/MWh", "EUR kWh-1"): 1e-3, ("EUR/kWh", "EUR kWh-1"): 1.0}
+"""From a column of prices with this title to a table in that unit."""
+
+
 def take_over_prices(content: Mapping[str, Any], folder: Path, shown: str) -> tuple[Path, ...]:
     """Replace ``file = "gas.csv"`` of a price table by the series in that file of ``folder``; the files of prices.
 
@@ -203,15 +207,23 @@ def take_over_prices(content: Mapping[str, Any], folder: Path, shown: str) -> tu
         try:
             rows = list(csv.reader(io.StringIO(read_regular(folder / str(file), _LARGEST_FILE).decode())))
             header, points = rows[0], [row for row in rows[1:] if row]
-            time, price = (["time", "price"].index(title.strip()) for title in header)
+            titles = [title.strip() for title in header]
+            time = titles.index("hour" if "hour" in titles else "time")
+            price = 1 - time
+            title, unit = titles[price], str(table.get("unit"))
+            factor = 1.0 if title == "price" else _PRICE_FACTORS[title, unit]
             table["series"] = [
-                {"time": dt.datetime.fromisoformat(row[time].strip()), "price": float(row[price])} for row in points
+                {"time": dt.datetime.fromisoformat(row[time].strip()), "price": float(row[price]) * factor}
+                for row in points
             ]
         except (OSError, UnicodeDecodeError) as error:
             msg = f"{where}: it cannot be read: {error}."
             raise TaskError(msg) from error
-        except (ValueError, IndexError, csv.Error) as error:
-            msg = f"{where}: it must be a CSV file with the header time,price and lines such as 2010-03-01T00:00,0.09."
+        except (ValueError, LookupError, csv.Error) as error:
+            msg = (
+                f"{where}: it must be a CSV file with the header time,price and lines such as 2010-03-01T00:00,0.09, or with the "
+                "header hour,EUR/MWh and lines such as 2023-03-01T00:00+01:00,87.5 for a table in EUR kWh-1."
+            )
             raise TaskError(msg) from error
     return tuple(files)
 

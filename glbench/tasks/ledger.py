@@ -7,13 +7,9 @@ cost is one item.
 
 from __future__ import annotations
 
-import datetime as dt
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
-
-import numpy as np
-from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from glbench.tasks.tables import PricesTable
@@ -43,6 +39,14 @@ class StepQuantity:
     name: str
     unit: str
     meaning: str
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """Another price for what flows when ``amount`` has flowed since the start, both in the units of the item."""
+
+    amount: float
+    price: float
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,8 @@ class LedgerItem:
         Heading of the amount in plots, where it is not ``label``.
     goods
         What the price is of, in words, where it is not ``label``.
+    beyond
+        Price of the rest when much has flowed; only with a flow that is metered and a price that is a number.
     """
 
     name: str
@@ -92,6 +98,7 @@ class LedgerItem:
     amount_meaning: str = ""
     amount_label: str = ""
     goods: str = ""
+    beyond: Beyond | None = None
 
 
 @dataclass(frozen=True)
@@ -116,6 +123,7 @@ class Ledger:
         return tuple(
             f"{'+' if item.sign > 0 else '-'} {item.name}: {item.amount_meaning or item.label} [{item.amount_unit}] x "
             + (f"the price '{item.price}'" if isinstance(item.price, str) else f"{item.price:g} EUR")
+            + (f", {item.beyond.price:g} EUR beyond {item.beyond.amount:g} {item.amount_unit}" if item.beyond else "")
             + (", valued at the end minus at the start" if item.valued == STOCK else "")
             for item in (*self.earned, *self.paid)
         )
@@ -216,74 +224,3 @@ def _money_words(item: LedgerItem) -> str:
     if item.valued == STOCK:
         return f"value gained: {item.label}"
     return f"{'paid for' if item.sign < 0 else 'earned with'}: {item.label}"
-
-
-@dataclass(frozen=True)
-class PriceTable:
-    """A price that changes with the calendar: exactly one of the three is not empty.
-
-    Attributes
-    ----------
-    unit
-        Such as ``EUR kWh-1``.
-    hourly
-        24 prices, one an hour of the task's clock.
-    dated
-        Month, day, and the price from that day on, until the next entry, over the turn of the year.
-    series
-        Moments [UTC] in order, and the price from each on. Before the first the first holds.
-    """
-
-    unit: str
-    hourly: tuple[float, ...] = ()
-    dated: tuple[tuple[int, int, float], ...] = ()
-    series: tuple[tuple[dt.datetime, float], ...] = ()
-
-    @property
-    def all_values(self) -> tuple[float, ...]:
-        """Every price that there can be."""
-        return (*self.hourly, *(price for _, _, price in self.dated), *(price for _, price in self.series))
-
-    def values(self, times: NDArray[np.datetime64], hour_of_day: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The price at each row of a calendar ``(rows,)``, from its moments [UTC] and the hours of day of the task's clock."""
-        if self.hourly:
-            hourly: NDArray[np.float64] = np.array(self.hourly)
-            return hourly[np.floor(hour_of_day + 1e-9).astype(np.int64) % 24]
-        if self.series:
-            starts = np.array([moment.replace(tzinfo=None) for moment, _ in self.series], dtype="datetime64[s]")
-            places = np.searchsorted(starts, times.astype("datetime64[s]"), side="right") - 1
-            series: NDArray[np.float64] = np.array([price for _, price in self.series])
-            return series[np.maximum(places, 0)]
-        days = local_times(times, hour_of_day).astype("datetime64[D]")
-        year = days.astype("datetime64[Y]")
-        month = days.astype("datetime64[M]")
-        numbers = ((month - year.astype("datetime64[M]")).astype(np.int64) + 1) * 100
-        numbers += (days - month.astype("datetime64[D]")).astype(np.int64) + 1
-        ordered = sorted(self.dated)
-        places = np.searchsorted([100 * m + d for m, d, _ in ordered], numbers, side="right") - 1
-        prices: NDArray[np.float64] = np.array([price for _, _, price in ordered])
-        dated: NDArray[np.float64] = prices[places]  # place -1, before the first: the last of the year before
-        return dated
-
-
-def local_times(times: NDArray[np.datetime64], hour_of_day: NDArray[np.float64]) -> NDArray[np.datetime64]:
-    """The moments on the clock that ``hour_of_day`` shows."""
-    seconds = times.astype("datetime64[s]")
-    utc = (seconds - seconds.astype("datetime64[D]")).astype(np.int64)
-    ahead = (np.rint(hour_of_day * 3600.0).astype(np.int64) - utc + 43200) % 86400 - 43200
-    local: NDArray[np.datetime64] = seconds + ahead.astype("timedelta64[s]")
-    return local
-
-
-def price_rows(
-    tables: Mapping[str, PriceTable],
-    names: Iterable[str],
-    times: NDArray[np.datetime64],
-    hour_of_day: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Prices of the tables ``names`` at each row of a calendar, ``(rows, names)``."""
-    names = tuple(names)
-    rows = np.zeros((len(times), len(names)))
-    for column, name in enumerate(names):
-        rows[:, column] = tables[name].values(times, hour_of_day)
-    return rows

@@ -69,6 +69,12 @@ class ObservationContext:
     """Hours ahead of the forecast by the hour."""
     holds: tuple[tuple[str, float], ...] = ()
     """Controls that stay on or off for a while, and for how long [min]."""
+    prices: tuple[tuple[str, str, float, float], ...] = ()
+    """Name, unit, lowest and highest price of each price table."""
+    day_ahead: tuple[str, ...] = ()
+    """Price tables of which coming hours are shown."""
+    day_ahead_hours: tuple[int, ...] = ()
+    """Hours ahead of their prices."""
 
     @property
     def days(self) -> float:
@@ -163,6 +169,30 @@ def switches(context: ObservationContext) -> tuple[Quantity, ...]:
         )
         for name, minutes in context.holds
         if name in known  # else the task says that there is no such control
+    )
+
+
+def prices(context: ObservationContext) -> tuple[Quantity, ...]:
+    """The price of now of every price table; UnknownNameError where there is none."""
+    if not context.prices:
+        msg = "'prices' shows prices that change with time, and there is none: add [price_tables.<name>]."
+        raise UnknownNameError(msg)
+    return tuple(
+        Quantity(f"price_{name}", unit, low, high, f"price '{name}' of now") for name, unit, low, high in context.prices
+    )
+
+
+def day_ahead_prices(context: ObservationContext) -> tuple[Quantity, ...]:
+    """Prices of coming hours, each table for all hours ahead: until midnight as they will be, then as in the same hour of today."""
+    known = {name: (unit, low, high) for name, unit, low, high in context.prices}
+    return tuple(
+        Quantity(
+            f"price_{name}_in_{hour}h",
+            *known[name],
+            f"price '{name}' {hour} h ahead; after midnight that of 24 h before",
+        )
+        for name in context.day_ahead
+        for hour in context.day_ahead_hours
     )
 
 

@@ -25,14 +25,15 @@ from glbench.tasks.ledger import (
     FLOW,
     MONEY,
     STOCK,
+    Beyond,
     Ledger,
     LedgerItem,
-    PriceTable,
     StepQuantity,
     paper_v1,
     step_quantities,
 )
 from glbench.tasks.lock import Fingerprint, canonical_sha256, read_lock
+from glbench.tasks.prices import PriceTable
 from glbench.tasks.quantities import PAPER_MODEL, Capacity, ObservationContext, Quantity, capacities, of_model
 from glbench.tasks.scenario import Generated, ParameterGroup, Scenario, Season, StartGroup
 from glbench.tasks.sealed import commitment_of, weather_of
@@ -40,6 +41,9 @@ from glbench.tasks.tables import (
     PROCESS_COMPUTER,
     ActuationTable,
     AnyActuationTable,
+    AnyObservationTable,
+    BeyondTable,
+    DayAheadTable,
     EvaluationTable,
     InitialStateTable,
     ItemTable,
@@ -599,7 +603,15 @@ class TaskSpec:
             self.model_value,
             self.observation.forecast_hours,
             tuple((name, one.hold_minutes) for name, one in self.on_off.items() if one.hold_minutes > 0.0),
+            tuple((name, table.unit, *table.limits) for name, table in self.price_tables.items()),
+            () if self.day_ahead is None else self.day_ahead.prices,
+            () if self.day_ahead is None else self.day_ahead.hours,
         )
+
+    @property
+    def day_ahead(self) -> DayAheadTable | None:
+        """Of which prices the coming hours are shown; ``None`` where none are."""
+        return self.observation.day_ahead if isinstance(self.observation, AnyObservationTable) else None
 
     # What a step earns and costs.
 
@@ -608,7 +620,8 @@ class TaskSpec:
         """Prices that change with the calendar, by name."""
         if isinstance(self.file, TaskFile1):
             return MappingProxyType({})
-        return MappingProxyType({name: table.value() for name, table in self.file.price_tables.items()})
+        tables = self.file.price_tables
+        return MappingProxyType({name: table.value(tables) for name, table in tables.items()})
 
     @cached_property
     def ledger(self) -> Ledger:
@@ -656,10 +669,34 @@ class TaskSpec:
         if table.factor == 1.0 and parse_unit(amount_unit) != parse_unit(unit):
             msg = f"'{source}' is in {unit}, the amount in {amount_unit}: give the factor between them."
             raise ParameterError(msg)
+        beyond = (
+            None if table.beyond is None else self._beyond(table, table.beyond, amount_unit, str(price_unit), entry)
+        )
         return LedgerItem(
             name, source, amount, amount_unit, table.factor, table.price, 1 if table.side == "earned" else -1,
-            label=table.label or entry.label, valued=FLOW if kind == "flow" else STOCK, amount_meaning=entry.meaning,
+            label=table.label or entry.label, valued=FLOW if kind == "flow" else STOCK, amount_meaning=entry.meaning, beyond=beyond,
         )  # fmt: skip
+
+    def _beyond(self, item: ItemTable, beyond: BeyondTable, amount_unit: str, price_unit: str, entry: Any) -> Beyond:
+        """A price that changes with the amount since the start."""
+        if isinstance(item.price, str):
+            msg = f"beyond needs a price that is a number, and this one is the table '{item.price}'. Leave one of them out."
+            raise ParameterError(msg)
+        if getattr(entry, "total", None) is None:
+            metered = [flow.name for flow in self.model_value.flows() if flow.total is not None]
+            msg = (
+                f"beyond counts what has flowed since the start, and {self.model_id} has no meter on '{entry.name}'. "
+                f"It has {', '.join(metered) or 'none'}."
+            )
+            raise ParameterError(msg)
+        for what, given, wanted in (
+            ("amount", beyond.amount_unit, amount_unit),
+            ("price", beyond.price_unit, price_unit),
+        ):
+            if given != wanted:
+                msg = f"beyond: its {what} is in {given}, that of the item in {wanted}. Write both in one unit."
+                raise ParameterError(msg)
+        return Beyond(beyond.amount, beyond.price)
 
     @cached_property
     def quantities(self) -> tuple[StepQuantity, ...]:

@@ -14,12 +14,13 @@ from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
 from glbench.errors import did_you_mean
 from glbench.tasks import vocabulary as words
 from glbench.tasks.bases import as_written
-from glbench.tasks.ledger import LIMITED, VIOLATION_PRICES, PriceTable
+from glbench.tasks.ledger import LIMITED, VIOLATION_PRICES
+from glbench.tasks.prices import HOURS_A_DAY, SHAPE, Market, PriceTable
 
 SECONDS_A_DAY = 86400
 LONGEST_FORECAST = 72
@@ -399,6 +400,12 @@ class TaskFile1(TaskFile):
         return self
 
 
+def _check_hours(hours: tuple[int, ...], longest: int) -> None:
+    if any(not 1 <= hour <= longest for hour in hours) or any(later <= earlier for earlier, later in pairwise(hours)):
+        msg = f"hours = {list(hours)} must be different whole hours from 1 to {longest}, the nearest first."
+        raise ValueError(msg)
+
+
 # Schema 2: any model, a ledger, a scenario. Everything with a default may be left out; what is left out stays out of the digest.
 
 
@@ -429,13 +436,24 @@ class AnyForecastTable(Table):
 
     @model_validator(mode="after")
     def _hours_rise(self) -> Self:
-        wrong = next((hour for hour in self.hours if not 1 <= hour <= LONGEST_FORECAST), None)
-        if wrong is not None or any(later <= earlier for earlier, later in pairwise(self.hours)):
-            msg = f"hours = {list(self.hours)} must be different whole hours from 1 to {LONGEST_FORECAST}, the nearest first."
-            raise ValueError(msg)
+        _check_hours(self.hours, LONGEST_FORECAST)
         if self.error != PERFECT and not self.hours:
             msg = f'error = "{self.error}" belongs to a forecast by the hour: add hours = [1, 2, 3, 6, 12, 18, 24].'
             raise ValueError(msg)
+        return self
+
+
+class DayAheadTable(Table):
+    """``[observation.day_ahead]``: of which prices the coming hours are shown, as far as they are known."""
+
+    prices: Annotated[tuple[str, ...], list_of("price table", "power")] = Field(description="a list of price tables")
+    hours: Annotated[tuple[int, ...], BeforeValidator(_listed)] = Field(
+        min_length=1, description="a list of whole hours ahead, such as [1, 2, 3, 6, 12]"
+    )
+
+    @model_validator(mode="after")
+    def _hours_rise(self) -> Self:
+        _check_hours(self.hours, HOURS_A_DAY)
         return self
 
 
@@ -446,6 +464,7 @@ class AnyObservationTable(ObservationTable):
         description="a list of observation modules"
     )
     forecast: AnyForecastTable | None = None  # type: ignore[assignment]
+    day_ahead: DayAheadTable | None = None
 
     @model_validator(mode="after")
     def _forecast_is_granted_and_shown(self) -> Self:
@@ -465,6 +484,20 @@ class AnyObservationTable(ObservationTable):
                 raise ValueError(msg)
         if forecast is not None and not by_row and not by_hour:
             msg = f'There is a table [observation.forecast], but no forecast among the modules: add "{words.WEATHER_FORECAST}" to them.'
+            raise ValueError(msg)
+        return self
+
+    @model_validator(mode="after")
+    def _day_ahead_is_granted_and_shown(self) -> Self:
+        shown = words.DAY_AHEAD in self.modules
+        if shown and self.day_ahead is None:
+            msg = (
+                f"'{words.DAY_AHEAD}' is among the modules, so say of which prices and how far ahead: add [observation.day_ahead] "
+                'with prices = ["power"] and hours = [1, 2, 3, 6, 12].'
+            )
+            raise ValueError(msg)
+        if self.day_ahead is not None and not shown:
+            msg = f'There is a table [observation.day_ahead]: add "{words.DAY_AHEAD}" to the modules, or leave it out.'
             raise ValueError(msg)
         return self
 
@@ -629,6 +662,32 @@ class AnyRewardTable(Table):
     epi_scale: Annotated[ProfitScale | None, _limits_in("EUR m-2")] = None
 
 
+class BeyondTable(Table):
+    """``[ledger.<column>.beyond]``: what the rest costs when more than an amount has flowed since the start."""
+
+    amount: float = Field(gt=0.0, description='above 0, as in { value = 12.0, unit = "kg m-2" }')
+    amount_unit: str = Field(default="", exclude=True)
+    price: float = Field(description='{ value = 0.20, unit = "EUR kg-1" }')
+    price_unit: str = Field(default="", exclude=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_units(cls, given: object) -> object:
+        if not isinstance(given, Mapping):
+            return given
+        read = dict(given)
+        for key in ("amount", "price"):
+            entry = given.get(key)
+            if not isinstance(entry, Mapping) or set(entry) != {"value", "unit"} or not isinstance(entry["unit"], str):
+                msg = (
+                    'Write amount and price with their units: beyond = { amount = { value = 12.0, unit = "kg m-2" }, '
+                    'price = { value = 0.20, unit = "EUR kg-1" } }.'
+                )
+                raise ValueError(msg)
+            read |= {key: entry["value"], f"{key}_unit": entry["unit"]}
+        return read
+
+
 class ItemTable(Table):
     """``[ledger.<column>]``: what is earned or paid, and at which price."""
 
@@ -641,6 +700,7 @@ class ItemTable(Table):
     unit: str | None = Field(default=None, description='the unit of the amount in quotes, such as "kg m-2"')
     factor: float = Field(default=1.0, gt=0.0, description="from the unit of the flow to that of the amount, above 0")
     label: str = Field(default="", description="a heading in quotes")
+    beyond: BeyondTable | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -676,13 +736,52 @@ class SeriesPoint(Table):
 _DAY = re.compile(r"(\d\d)-(\d\d)")
 
 
+def _hours_of_a_day(shares: tuple[float, ...]) -> tuple[float, ...]:
+    if len(shares) != HOURS_A_DAY:
+        msg = f"There must be {HOURS_A_DAY} numbers, one an hour; there are {len(shares)}."
+        raise ValueError(msg)
+    return shares
+
+
+class MarketTable(Table):
+    """``[price_tables.<name>.market]``: prices by the hour like those of a power market; ``glbench.tasks.prices`` has the formula."""
+
+    level: float = Field(gt=0.0, description="a price above 0, in the unit of the table")
+    shape: Annotated[tuple[float, ...], BeforeValidator(_listed), AfterValidator(_hours_of_a_day)] | None = Field(
+        default=None, description="24 shares of the level, one an hour"
+    )
+    weekend: float = Field(ge=-1.0, le=1.0, description="a share of the level, -1 to 1")
+    sun: float = Field(ge=0.0, le=10.0, description="a share of the level, 0 to 10")
+    wind: float = Field(ge=0.0, le=10.0, description="a share of the level, 0 to 10")
+    spread: float = Field(ge=0.0, le=10.0, description="a share of the level, 0 to 10")
+    persistence: float = Field(ge=0.0, lt=1.0, description="a fraction from 0 to below 1")
+    lowest: float = Field(description="a price, in the unit of the table")
+    highest: float = Field(description="a price, in the unit of the table")
+
+    @model_validator(mode="after")
+    def _limits_are_in_order(self) -> Self:
+        if self.lowest >= self.highest:
+            msg = f"lowest = {self.lowest:g} must be below highest = {self.highest:g}."
+            raise ValueError(msg)
+        return self
+
+    def value(self) -> Market:
+        """The market."""
+        return Market(**{**self.model_dump(), "shape": self.shape or SHAPE})
+
+
 class PriceTableTable(Table):
-    """``[price_tables.<name>]``: a price that changes with the calendar, in one of three ways."""
+    """``[price_tables.<name>]``: a price that changes with time, in one of several ways."""
 
     unit: str = Field(min_length=1, description='the unit in quotes, such as "EUR kWh-1"')
     hourly: tuple[float, ...] | None = Field(default=None, description="24 numbers, one an hour")
     from_day: dict[str, float] | None = Field(default=None, description='prices by day, such as { "01-15" = 3.5 }')
     series: tuple[SeriesPoint, ...] | None = Field(default=None, description="a list of { time = ..., price = ... }")
+    yearly: bool = Field(default=False, description="true or false")
+    market: MarketTable | None = Field(default=None, description="a table [price_tables.<name>.market]")
+    of: str | None = Field(default=None, min_length=1, description="the name of another price table, in quotes")
+    times: float = Field(default=1.0, description="a factor")
+    plus: float = Field(default=0.0, description="a price, in the unit of the table")
 
     @model_validator(mode="before")
     @classmethod
@@ -693,8 +792,15 @@ class PriceTableTable(Table):
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
-        if sum(way is not None for way in (self.hourly, self.from_day, self.series)) != 1:
-            msg = "It must have exactly one of hourly (24 prices), from_day (prices by day) and series (or file)."
+        ways = (self.hourly, self.from_day, self.series, self.market, self.of)
+        if sum(way is not None for way in ways) != 1:
+            msg = (
+                "It must have exactly one of hourly (24 prices), from_day (prices by day), series (or file), market (prices by "
+                "sun and wind) and of (another table)."
+            )
+            raise ValueError(msg)
+        if self.yearly and self.series is None:
+            msg = "yearly = true belongs to a series, which then holds for every year. Leave it out."
             raise ValueError(msg)
         if self.hourly is not None and len(self.hourly) != 24:
             msg = f"hourly must have 24 prices, one an hour; it has {len(self.hourly)}."
@@ -709,15 +815,27 @@ class PriceTableTable(Table):
             if not moments or any(later <= earlier for earlier, later in pairwise(moments)):
                 msg = "series must have moments, each later than the one before."
                 raise ValueError(msg)
+            if self.yearly and _utc(moments[0]).year != _utc(moments[-1]).year:
+                msg = (
+                    f"With yearly = true the series must lie in one calendar year (UTC); it goes from {moments[0]:%Y-%m-%d} to "
+                    f"{moments[-1]:%Y-%m-%d}. Keep one year of it."
+                )
+                raise ValueError(msg)
         return self
 
-    def value(self) -> PriceTable:
-        """The prices."""
+    def value(self, others: Mapping[str, PriceTableTable]) -> PriceTable:
+        """The prices; ``others`` are the tables that this one may follow."""
+        if self.of is not None:
+            return others[self.of].value(others).following(self.of, unit=self.unit, times=self.times, plus=self.plus)
         return PriceTable(
             self.unit,
             self.hourly or (),
             tuple((*_month_and_day(day), price) for day, price in sorted((self.from_day or {}).items())),
             tuple((_utc(point.time), point.price) for point in self.series or ()),
+            self.yearly,
+            None if self.market is None else self.market.value(),
+            times=self.times,
+            plus=self.plus,
         )
 
 
@@ -910,6 +1028,34 @@ class TaskFile2(TaskFile):
     reward: AnyRewardTable
 
     _written: Mapping[str, Any] | None = PrivateAttr(default=None)
+
+    @model_validator(mode="after")
+    def _prices_follow_each_other(self) -> Self:
+        for name, table in self.price_tables.items():
+            if table.of is None:
+                continue
+            followed = self.price_tables.get(table.of)
+            if followed is None:
+                msg = f"[price_tables.{name}] of = '{table.of}': there is no such table.{did_you_mean(table.of, self.price_tables)}"
+                raise ValueError(msg)
+            if followed.of is not None:
+                msg = f"[price_tables.{name}] of = '{table.of}', which follows '{followed.of}' itself. Name that one."
+                raise ValueError(msg)
+            if followed.unit != table.unit:
+                msg = (
+                    f"[price_tables.{name}] is in {table.unit}, and '{table.of}', which it follows, in {followed.unit}."
+                )
+                raise ValueError(msg)
+        return self
+
+    @model_validator(mode="after")
+    def _day_ahead_prices_are_there(self) -> Self:
+        shown = self.observation.day_ahead
+        for name in shown.prices if shown is not None else ():
+            if name not in self.price_tables:
+                msg = f"[observation.day_ahead] prices: there is no price table '{name}'.{did_you_mean(name, self.price_tables)}"
+                raise ValueError(msg)
+        return self
 
     @model_validator(mode="after")
     def _seasons_are_told_once(self) -> Self:

@@ -139,6 +139,10 @@ FORECAST_ERRORS: Registry[Word] = Registry("level of forecast errors")
 
 WEATHER_FORECAST = "weather_forecast"
 """The observation module that forecasts by the hour, with errors."""
+PRICES = "prices"
+"""The observation module that shows prices of now."""
+DAY_AHEAD = "day_ahead_prices"
+"""The observation module that shows prices of coming hours."""
 
 for _module in (
     ObservationModule(
@@ -173,6 +177,8 @@ for _module in (
         "published_crop", "as crop, temperature first, fruit in mg m-2", tables.of_model("published_crop")
     ),
     ObservationModule("switches", "minutes until machines that are on or off may be switched again", tables.switches),
+    ObservationModule(PRICES, "the prices of now that change with time", tables.prices),
+    ObservationModule(DAY_AHEAD, "prices of coming hours, known until midnight", tables.day_ahead_prices),
     ObservationModule("control_fractions", "the controls in force, as fractions of capacity", tables.control_fractions),
     ObservationModule("published_time", "as time, day of year first", tables.published_time),
     ObservationModule(

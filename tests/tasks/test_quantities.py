@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -43,9 +44,10 @@ def context(
     forecast_steps: int = 0,
     forecast_hours: tuple[int, ...] = (),
     holds: tuple[tuple[str, float], ...] = (),
+    **prices: Any,
 ) -> q.ObservationContext:
     parameters = get_task(PAPER_TASK).parameters_by_name()
-    return q.ObservationContext(days * 96, 900.0, forecast_steps, parameters, TOMATO, forecast_hours, holds)
+    return q.ObservationContext(days * 96, 900.0, forecast_steps, parameters, TOMATO, forecast_hours, holds, **prices)
 
 
 def test_the_papers_22_values_come_in_its_order_and_units() -> None:
@@ -63,7 +65,14 @@ def test_the_controls_reach_the_papers_capacities() -> None:
 def test_every_module_has_finite_bounds_units_and_different_names(shipped_words: dict[str, list[str]]) -> None:
     for name in shipped_words["observation module"]:
         columns = OBSERVATION_MODULES[name].quantities(
-            context(forecast_steps=3, forecast_hours=(1, 24), holds=(("uLamp", 30.0),))
+            context(
+                forecast_steps=3,
+                forecast_hours=(1, 24),
+                holds=(("uLamp", 30.0),),
+                prices=(("power", "EUR kWh-1", -0.1, 0.4),),
+                day_ahead=("power",),
+                day_ahead_hours=(1, 12),
+            )
         )
         assert columns
         assert len({column.name for column in columns}) == len(columns)

@@ -97,7 +97,8 @@ def test_a_stock_gains_what_it_is_worth_at_the_end_minus_at_the_start(toys: Call
     assert step["cost_water"] == pytest.approx(1.8 * 0.01)
     assert step["epi"] == pytest.approx(0.4 - 0.018)
     assert step["penalty"] == 0.0
-    prices = accounts.prices(task.disturbances(), task)[:, 0]
+    calendar = task.disturbances()
+    prices = task.price_tables[task.ledger.price_tables[0]].values(calendar.times, calendar.hour_of_day)
     assert prices.shape == (73,)
     assert set(prices[8:20]) == {2.0}
     masses = np.linspace(0.1, 0.7, 73)

@@ -140,7 +140,9 @@ def test_a_list_of_tasks_needs_neither_weather_nor_digest(monkeypatch: pytest.Mo
 def test_drafts_can_be_used_and_are_not_published() -> None:
     drafts = list_drafts()
 
-    assert {task.id for task in drafts} == {"glbench/SpringSetpoints-v1"}
+    assert {task.id for task in drafts} == {
+        f"glbench/{name}-v1" for name in ("SpringEnergy", "SpringSetpoints", "WinterLED")
+    }
     for task in drafts:
         assert get_task(task.short_id).digest == task.digest
         assert not task.locked

@@ -38,6 +38,12 @@ FRUIT = 55338.0
 TEMPERATURE_SUM = 3097.8
 """Temperature sum of the mature crop [°C day], far beyond the start of fruit growth."""
 
+YOUNG_LEAF_AREA = 0.3
+"""Leaf area index of a crop that has just been planted; chosen: 2.5 plants m-2 with 0.12 m2 of leaves each."""
+
+YOUNG_STEMS = 0.36
+"""Carbohydrates in stems and roots of a young crop, as a share of those in its leaves: 25 to 70, as GreenLight starts a crop."""
+
 _OLD_CROP_SUM = 4000.0  # degC day; above every temperature sum an episode can start with
 # Growth at three times the rate at 20 degC, with every crop parameter at its most favourable:
 _FASTEST_FRUIT_GROWTH = 0.25  # kg m-2 a day; 0.328 mg m-2 s-1 is 0.028 kg m-2 a day, times 2^3 for the best parameters
@@ -91,7 +97,7 @@ class VanthoorTomato(Crop):
         return derived_tomato(p)
 
     def starts(self) -> Mapping[str, CropStart]:
-        return {"mature_crop": _mature}
+        return {"mature_crop": _mature, "young_crop": _young}
 
     def flows(self) -> tuple[Flow, ...]:
         return (
@@ -157,6 +163,18 @@ def _mature(air_temperature: float, p: TomatoParameters) -> TomatoState:
         c_stem=STEMS,
         c_fruit=FRUIT,
         t_can_sum=TEMPERATURE_SUM,
+    )
+
+
+def _young(air_temperature: float, p: TomatoParameters) -> TomatoState:
+    """Plants as a nursery delivers them, none of them in fruit."""
+    return TomatoState(
+        t_can24=air_temperature + CANOPY_EXCESS,
+        c_buf=0.0,
+        c_leaf=YOUNG_LEAF_AREA / p.sla,
+        c_stem=YOUNG_STEMS * (YOUNG_LEAF_AREA / p.sla),
+        c_fruit=0.0,
+        t_can_sum=0.0,
     )
 
 

@@ -1,0 +1,272 @@
+"""Prices that change with time: by hour, by date, as a series, or like those of a power market that sun and wind make cheap.
+
+A market's price of an hour is
+
+    level (shape(h) + weekend W - sun G / 1000 - wind (v - 5) / 5 + spread a)
+
+with the hour h of the task's clock, W = 1 on Saturday and Sunday, the means over the hour of global radiation G [W m-2] and wind v
+[m s-1] of the run's own weather, and a path a with mean 0 and standard deviation 1 that hangs together from hour to hour
+(``glbench.env.wandering``). It is kept within ``lowest`` and ``highest``. This is a generator of plausible prices and no model of a
+market: its form and its defaults are chosen, docs/prices.md shows what comes out.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+HOURS_A_DAY = 24
+DAY = 86400
+SHAPE = (
+    0.84, 0.80, 0.77, 0.76, 0.78, 0.84, 0.96, 1.10, 1.18, 1.13, 1.06, 1.02,
+    0.99, 0.96, 0.95, 0.97, 1.03, 1.14, 1.25, 1.28, 1.20, 1.08, 0.99, 0.92,
+)  # fmt: skip
+"""Price of each hour of a working day without sun and at 5 m s-1 of wind, as a share of the level: a peak in the morning and one in
+the evening; their mean is 1."""
+
+RADIATION, WIND = 1000.0, 5.0
+"""Radiation [W m-2] and wind [m s-1] by which a market's influences are counted."""
+
+
+@dataclass(frozen=True)
+class Market:
+    """A power market; all shares are of ``level``.
+
+    Attributes
+    ----------
+    level
+        Mean price of a working day without sun and at 5 m s-1 of wind, in the unit of the table.
+    shape
+        24 shares, one an hour of the task's clock.
+    weekend
+        Added on Saturday and Sunday, mostly negative.
+    sun, wind
+        By how much 1000 W m-2 of radiation, and 5 m s-1 more wind, make it cheaper.
+    spread, persistence
+        Standard deviation of what nothing explains, and how much of it is left an hour later.
+    lowest, highest
+        Limits of the price, in the unit of the table.
+    """
+
+    level: float
+    shape: tuple[float, ...]
+    weekend: float
+    sun: float
+    wind: float
+    spread: float
+    persistence: float
+    lowest: float
+    highest: float
+
+    def price(
+        self, hour: NDArray[np.int64], weekend: NDArray[np.bool_], sun: Floats, wind: Floats, path: Floats
+    ) -> Floats:
+        """Prices of hours, all arguments ``(hours,)``: hour of day, whether a weekend, W m-2, m s-1, the unexplained part."""
+        share = np.array(self.shape)[hour] + np.where(weekend, self.weekend, 0.0)
+        share = share - self.sun * (sun / RADIATION) - self.wind * ((wind - WIND) / WIND) + self.spread * path
+        return np.minimum(np.maximum(self.level * share, self.lowest), self.highest)
+
+
+@dataclass(frozen=True)
+class SeasonOfPrices:
+    """What a market's prices of a season depend on, a row for each row of its calendar.
+
+    Attributes
+    ----------
+    every
+        Rows an hour.
+    radiation, wind
+        Of the season's weather ``(rows,)`` [W m-2, m s-1].
+    paths
+        The unexplained part of each market by the name of its table ``(hours,)``.
+    """
+
+    every: int
+    radiation: Floats
+    wind: Floats
+    paths: Mapping[str, Floats]
+
+
+@dataclass(frozen=True)
+class PriceTable:
+    """A price that changes with time: exactly one of ``hourly``, ``dated``, ``series`` and ``market`` is there.
+
+    Attributes
+    ----------
+    unit
+        Such as ``EUR kWh-1``.
+    hourly
+        24 prices, one an hour of the task's clock.
+    dated
+        Month, day, and the price from that day on, until the next entry, over the turn of the year.
+    series
+        Moments [UTC] in order, and the price from each on. Before the first the first holds.
+    yearly
+        Whether the series, which is then of one year at most, holds for the same days and hours of every year.
+    market
+        A market's prices.
+    source
+        Name of the table that it follows, where it is another one plus or times something; else empty.
+    times, plus
+        The price is that of the source (or of the entries above) times ``times``, plus ``plus``.
+    """
+
+    unit: str
+    hourly: tuple[float, ...] = ()
+    dated: tuple[tuple[int, int, float], ...] = ()
+    series: tuple[tuple[dt.datetime, float], ...] = ()
+    yearly: bool = False
+    market: Market | None = None
+    source: str = ""
+    times: float = 1.0
+    plus: float = 0.0
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Lowest and highest price that there can be."""
+        if self.market is not None:
+            ends = [self.market.lowest, self.market.highest]
+        else:
+            ends = [*self.hourly, *(price for _, _, price in self.dated), *(price for _, price in self.series)]
+        ends = [self._finished(end) for end in ends]
+        return min(ends), max(ends)
+
+    def following(self, source: str, *, unit: str, times: float, plus: float) -> PriceTable:
+        """The table that is this one, called ``source``, times ``times`` plus ``plus``."""
+        return replace(
+            self, unit=unit, source=self.source or source, times=self.times * times, plus=self.plus * times + plus
+        )
+
+    def values(
+        self,
+        times: NDArray[np.datetime64],
+        hour_of_day: Floats,
+        season: SeasonOfPrices | None = None,
+        name: str = "",
+    ) -> Floats:
+        """The price at each row of a calendar ``(rows,)``, from its moments [UTC] and the hours of day of the task's clock.
+
+        ``season`` is that of a market's prices, and ``name`` of the table there. Without it they are those of a day without sun and at
+        5 m s-1 of wind: what can be expected of a market by the clock alone.
+        """
+        if self.market is not None:
+            found = self._of_market(self.market, times, hour_of_day, season, self.source or name)
+        elif self.hourly:
+            found = np.array(self.hourly)[_hours(hour_of_day)]
+        elif self.series:
+            found = self._of_series(times)
+        else:
+            found = self._of_dates(times, hour_of_day)
+        return found if (self.times, self.plus) == (1.0, 0.0) else self._finished(found)
+
+    def _finished(self, price: Any) -> Any:
+        return price * self.times + self.plus
+
+    def _of_market(
+        self,
+        market: Market,
+        times: NDArray[np.datetime64],
+        hour_of_day: Floats,
+        season: SeasonOfPrices | None,
+        name: str,
+    ) -> Floats:
+        days = local_times(times, hour_of_day).astype("datetime64[D]").astype(np.int64)
+        weekend, hour = (days + 3) % 7 >= 5, _hours(hour_of_day)  # day 0 was a Thursday
+        if season is None:
+            nothing = np.zeros(len(hour))
+            return market.price(hour, weekend, nothing, nothing + WIND, nothing)
+        every, hours = season.every, -(-len(hour) // season.every)
+        first = np.arange(hours) * every
+        sun, wind = (
+            np.add.reduceat(values, first) / np.diff([*first, len(hour)]) for values in (season.radiation, season.wind)
+        )
+        prices = market.price(hour[first], weekend[first], sun, wind, season.paths[name][:hours])
+        return np.repeat(prices, every)[: len(hour)]
+
+    def _of_series(self, times: NDArray[np.datetime64]) -> Floats:
+        starts = np.array([moment.replace(tzinfo=None) for moment, _ in self.series], dtype="datetime64[s]")
+        prices: Floats = np.array([price for _, price in self.series])
+        moments = times.astype("datetime64[s]")
+        if not self.yearly:
+            return prices[np.maximum(np.searchsorted(starts, moments, side="right") - 1, 0)]
+        place = np.searchsorted(_in_year(starts), _in_year(moments), side="right") - 1
+        return prices[place]  # place -1, before the first: the last of the year before
+
+    def _of_dates(self, times: NDArray[np.datetime64], hour_of_day: Floats) -> Floats:
+        days = _in_year(local_times(times, hour_of_day)) // DAY
+        ordered = sorted(self.dated)
+        place = np.searchsorted([100 * month + day for month, day, _ in ordered], days, side="right") - 1
+        prices: Floats = np.array([price for _, _, price in ordered])
+        return prices[place]  # place -1 as above
+
+
+def _hours(hour_of_day: Floats) -> NDArray[np.int64]:
+    return np.floor(hour_of_day + 1e-9).astype(np.int64) % HOURS_A_DAY
+
+
+def _in_year(times: NDArray[np.datetime64]) -> NDArray[np.int64]:
+    """Moments by month, day and second, in one number that rises through every year: (100 month + day) 86400 + second."""
+    days = times.astype("datetime64[D]")
+    month = days.astype("datetime64[M]")
+    number = ((month - days.astype("datetime64[Y]").astype("datetime64[M]")).astype(np.int64) + 1) * 100
+    number += (days - month.astype("datetime64[D]")).astype(np.int64) + 1
+    seconds = (times.astype("datetime64[s]") - days.astype("datetime64[s]")).astype(np.int64)
+    found: NDArray[np.int64] = number * DAY + seconds
+    return found
+
+
+def local_times(times: NDArray[np.datetime64], hour_of_day: Floats) -> NDArray[np.datetime64]:
+    """The moments on the clock that ``hour_of_day`` shows."""
+    seconds = times.astype("datetime64[s]")
+    utc = (seconds - seconds.astype("datetime64[D]")).astype(np.int64)
+    ahead = (np.rint(hour_of_day * 3600.0).astype(np.int64) - utc + 43200) % DAY - 43200
+    local: NDArray[np.datetime64] = seconds + ahead.astype("timedelta64[s]")
+    return local
+
+
+def price_rows(
+    tables: Mapping[str, PriceTable],
+    names: Iterable[str],
+    times: NDArray[np.datetime64],
+    hour_of_day: Floats,
+    season: SeasonOfPrices | None = None,
+) -> Floats:
+    """Prices of the tables ``names`` at each row of a calendar, ``(rows, names)``; ``season`` as for ``PriceTable.values``."""
+    names = tuple(names)
+    rows = np.zeros((len(times), len(names)))
+    for column, name in enumerate(names):
+        rows[:, column] = tables[name].values(times, hour_of_day, season, name)
+    return rows
+
+
+def day_ahead(
+    prices: Floats, times: NDArray[np.datetime64], hour_of_day: Floats, every: int, hours: Iterable[int]
+) -> Floats:
+    """What a day-ahead market lets know of coming prices, ``(rows, hours)``: those until midnight.
+
+    For an hour after midnight the price of the same hour today stands in.
+
+    Parameters
+    ----------
+    prices, times, hour_of_day
+        Price, moment [UTC] and hour of day of each row of a calendar that begins at midnight, ``(rows,)``.
+    every
+        Rows an hour.
+    hours
+        Hours ahead, 1 to 24.
+    """
+    day = local_times(times, hour_of_day).astype("datetime64[D]")[::every]
+    now = np.arange(len(day))
+    hourly, columns = prices[::every], []
+    for ahead in hours:
+        then = np.minimum(now + ahead, len(day) - 1)
+        known = (now + ahead < len(day)) & (day[then] == day)
+        columns.append(hourly[np.where(known, then, np.maximum(now + ahead - HOURS_A_DAY, 0))])
+    return np.repeat(np.stack(columns, axis=1), every, axis=0)[: len(prices)]
