@@ -32,3 +32,33 @@ def whole_task() -> TaskSpec:
 def energy_task(changes: Mapping[str, Any] | None = None) -> TaskSpec:
     """The task of the page, cut to one day, with further changes."""
     return whole_task().replace({"weather.days": 1, **(changes or {})})
+
+
+_AGENT = """
+import numpy as np
+
+{flue}
+
+{rules}
+
+class Agent:
+    def reset(self, card, n_runs):
+        global task, columns
+        task, columns = card, [column.name for column in card.observations]
+
+    def act(self, observations):
+        return rules(observations, stores={stores}, engine={engine})
+
+
+def make_agent(card):
+    return Agent()
+"""
+
+
+def write_rules(folder: Path, name: str, *, stores: bool, engine: bool) -> Path:
+    """The rules of the page as an agent, in the file ``name.py``."""
+    (flue,) = re.findall(r"^flue = .*$", PAGE, flags=re.MULTILINE)
+    (rules,) = re.findall(r"^def rules.*?\n\n\n", PAGE, flags=re.DOTALL | re.MULTILINE)
+    path = folder / f"{name}.py"
+    path.write_text(_AGENT.format(flue=flue, rules=rules, stores=stores, engine=engine), encoding="utf-8")
+    return path
