@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.control import Scenario
+from glbench.env.flows import BUFFER, flow_amounts, lacks_energy
 from glbench.env.weather_pool import WeatherPool
 from glbench.errors import EpisodeError, GlbenchError
-from glbench.model import Step
 from glbench.tasks.ledger import FLOW
 
 if TYPE_CHECKING:
@@ -43,7 +43,6 @@ _SECONDS_AN_HOUR = 3600.0
 _FINE = 1000.0
 """The solver counts in Wh and g: its tolerances are absolute."""
 _INFEASIBLE = 2
-_STORE = "eBuf"
 _CHOSEN = ("boiler", "engine", "bought", "sold", "co2", "dumped", "stored")
 """What a dispatch chooses in each step: heat of the boiler, electricity of the engine, electricity bought and sold [kWh m-2], CO2 bought
 [kg m-2], heat let off, and heat in the buffer at the end of the step [kWh m-2]."""
@@ -157,24 +156,9 @@ class Asked:
             When the prices are not those that the run paid: the task has other draws.
         """
         _check(task)
-        model = task.model_value
-        x, u = episode.states, np.stack([episode[name] for name in model.control_names], axis=1)
-        held = np.concatenate([np.zeros_like(u[:1]), u[:-1]])
-        step = Step(
-            model.State(*x[:-1].T),
-            model.State(*x[1:].T),
-            model.Controls(*u.T),
-            model.Parameters(*task.parameters().tolist()),
-            task.step_seconds,
-            model.Controls(*held.T),
-        )
-        names = (*_priceable(task), *_ASKED)
-        flows = {
-            flow.name: np.broadcast_to(np.asarray(flow.amount(step), dtype=np.float64), len(u))
-            for flow in model.flows()
-            if flow.name in names
-        }
-        store = model.state_index(_STORE)
+        x, u = episode.states, np.stack([episode[name] for name in task.model_value.control_names], axis=1)
+        flows = flow_amounts(task, (*_KNOWN, *_ASKED), x, u)
+        store = task.model_value.state_index(BUFFER)
         asked = cls(task.step_seconds, flows, _prices(task, episode), float(x[0, store]), float(x[-1, store]))
         paid = -sum(
             item.sign * episode[item.name].sum()
@@ -328,12 +312,8 @@ def _marginal(chosen: str, prices: Flows, made: Mapping[str, Mapping[str, float]
     return sum(parts, np.zeros(steps))
 
 
-def _priceable(task: TaskSpec) -> tuple[str, ...]:
-    """Flows of the task's model that a dispatch decides or a run asks for."""
-    return tuple(flow.name for flow in task.model_value.flows() if flow.name in {*_KNOWN, *_ASKED})
-
-
 _KNOWN = tuple(Equipment(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0).makes())
+"""Flows that depend on a dispatch."""
 
 
 def _prices(task: TaskSpec, episode: Episode) -> Flows:
@@ -341,7 +321,7 @@ def _prices(task: TaskSpec, episode: Episode) -> Flows:
     calendar = Scenario.of(task, episode.run.seed).calendar[: episode.steps]
     pool, prices = WeatherPool.of(task), dict[str, Floats]()
     for item in task.ledger.items:
-        if item.valued == FLOW and item.flow in _priceable(task):
+        if item.valued == FLOW and item.flow in {*_KNOWN, *_ASKED}:
             price = calendar[:, pool.price_column(item.price)] if isinstance(item.price, str) else item.price
             prices[item.flow] = prices.get(item.flow, np.zeros(episode.steps)) - item.sign * item.factor * price
     if not prices:
@@ -351,13 +331,10 @@ def _prices(task: TaskSpec, episode: Episode) -> Flows:
 
 
 def _check(task: TaskSpec) -> None:
-    model = task.model_value
-    missing = {*_KNOWN, *_ASKED} - {flow.name for flow in model.flows()}
-    if _STORE in model.state_names and not missing:
-        return
-    lacks = f" ({sorted(missing)[0]} is missing)" if _STORE in model.state_names else ""
-    msg = (
-        f"{task.id} has no boiler, engine and buffer to dispatch: its model {model.id} has no energy system with all of its "
-        f"meters{lacks}. See docs/energy.md."
-    )
-    raise GlbenchError(msg)
+    lacking = lacks_energy(task.model_value)
+    if lacking:
+        msg = (
+            f"{task.id} has no boiler, engine and buffer to dispatch: its model {task.model_value.id} has no energy system with all of its "
+            f"meters ('{lacking[0]}' is missing). See docs/energy.md."
+        )
+        raise GlbenchError(msg)
