@@ -34,6 +34,17 @@ def energy_task(changes: Mapping[str, Any] | None = None) -> TaskSpec:
     return whole_task().replace({"weather.days": 1, **(changes or {})})
 
 
+def dated_task(folder: Path) -> Path:
+    """A file with the task of the page, cut to two days and two runs, with power at 0.05 on the first day and at 0.08 on the second."""
+    text = re.sub(r"hourly = \[[^]]*\]", 'from_day = { "04-01" = 0.05, "04-16" = 0.08 }', written())
+    for old, new in {"mylab/Energy-v1": "test/Dated-v1", "days = 10": "days = 2", "runs = 4": "runs = 2"}.items():
+        assert old in text, old
+        text = text.replace(old, new)
+    path = folder / "dated.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
 _AGENT = """
 import numpy as np
 

@@ -19,7 +19,7 @@ from glbench.evaluation import evaluate, load_result
 from glbench.evaluation.episodes import recorded_actions, task_of_result
 from glbench.tasks import PAPER_TASK, get_task
 from tests.cli.conftest import glbench
-from tests.energy import energy_task, write_rules
+from tests.energy import dated_task, energy_task, write_rules
 
 __all__ = ["glbench"]
 PLAIN = Equipment(
@@ -292,6 +292,13 @@ def test_one_run_or_another_buffer_can_be_asked_for(results):
     assert none.least == one.without_buffer == none.without_buffer
     with pytest.raises(GlbenchError, match=r"no run with seed 7. Its seeds: 1000, 1001"):
         next(costs_of_result(results["engine"], [7]))
+
+
+def test_prices_by_day_are_those_of_the_run_s_days(tmp_path):
+    evaluate(dated_task(tmp_path), write_rules(tmp_path, "engine", stores=True, engine=True), out=tmp_path)
+    for episode in recorded(tmp_path / "results" / "Dated-v1" / "engine.json").values():
+        prices = Asked.of(episode, episode.task()).prices
+        assert prices["electricity_sold"].tolist() == [-0.05] * 96 + [-0.08] * 96
 
 
 def test_other_prices_than_those_paid_are_refused(results):

@@ -12,7 +12,7 @@ from glbench.evaluation import Result, evaluate
 from glbench.leaderboard import collect_results, rank
 from glbench.report import build_report
 from glbench.tasks import TaskSpec
-from tests.energy import energy_task, write_rules
+from tests.energy import dated_task, energy_task, write_rules
 from tests.report.conftest import Made
 from tests.report.test_browser import CHROMIUM, PHONE, browser, change_price, column, draw_everything, visit
 from tests.report.test_data import blocks_of, embedded, unpacked
@@ -41,11 +41,12 @@ TASKS = {
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
-    """Two agents that do not look at prices, on three tasks that differ in the price of power alone."""
+    """Two agents that do not look at prices, on three tasks that differ in the price of power alone, and one on a fourth."""
     folder: Path = tmp_path_factory.mktemp("energy")
     for task in TASKS.values():
         for name, engine in (("stores", False), ("engine", True)):
             evaluate(task, write_rules(folder, name, stores=True, engine=engine), out=folder)
+    evaluate(dated_task(folder), write_rules(folder, "engine", stores=True, engine=True), out=folder)
     stored = collect_results([folder / "results"])
     report = build_report(stored)
     (folder / "index.html").write_text(report.html, encoding="utf-8")
@@ -108,6 +109,22 @@ def test_a_flat_price_is_what_an_evaluation_at_the_mean_gives(visit, made):
     gap = truth["epi"] - results(made, "Flat")["stores"].summary.mean["epi"]
     assert f"{abs(gap):.2f}" in page.locator(".story").inner_text()
     assert "NaN" not in page.locator("main").inner_text()
+
+
+@needs_browser
+def test_where_a_price_has_no_hours_flat_is_what_the_runs_met(visit, made):
+    mean = results(made, "Dated")["engine"].summary.mean
+    met = mean["revenue_power"] / mean["electricity_sold"]
+    assert 0.051 < met < 0.079
+    page = visit("#/Dated-v1")
+    page.locator("#prices summary").click()
+    assert "for electricity sold the mean price that the runs here met" in page.locator("#prices").inner_text()
+    page.select_option("#price-revenue_power-flat", "1")
+    page.wait_for_selector("details.prices.changed")
+    assert f"flat at {met:.4f} EUR/kWh" in page.locator("#prices summary").inner_text()
+    change_price(page, "revenue_power", 2)
+    shown = column(page, "Profit (EPI)")["engine"]
+    assert shown == pytest.approx(mean["epi"] + mean["revenue_power"], abs=0.0051)
 
 
 @needs_browser

@@ -50,7 +50,7 @@ const energyPart = (profile, task) => {
     h("details", { class: "data" }, h("summary", {}, "This figure as a table"), plainTable("Flows of energy on the mean day", ["", unit], flows.map(([from, to, amount]) => [`${from} \u2192 ${lower(to)}`, number(amount, 3)]))),
     h("div", { class: "grid two" },
       figure("Heat made, and heat to the pipes", "kWh/m\u00b2 an hour", () => [bars(hourly.heat, "boiler", BOILER), bars(hourly.engine_heat, "engine", ENGINE), over(hourly.heat_to_pipes, "to the pipes", variable("ink"))]),
-      figure("Heat in the buffer", "kWh/m\u00b2 at the end of the hour", () => [{ ...over(hourly.stored, "stored", colourAt(BOILER)), fill: "tozeroy", fillcolor: faded(colourAt(BOILER), 0.18) }], { rangemode: "tozero" }),
+      figure("Heat in the buffer", "kWh/m\u00b2 at the end of the hour", () => [{ ...over(hourly.stored, "stored", colourAt(BOILER)), x: hours.map((hour) => hour + 0.5), fill: "tozeroy", fillcolor: faded(colourAt(BOILER), 0.18) }], { rangemode: "tozero" }),
       figure("Power: made for the lamps, bought for them, and sold", "kWh/m\u00b2 an hour", () => [bars(own, "own", OWN), bars(hourly.electricity_bought, "bought", BOUGHT), bars(hourly.electricity_sold, "sold", SOLD)]),
       prices.length ? figure("Prices that change, where something was traded", `EUR/kWh${pricesDiffer(task) ? " at the task\u2019s prices" : ""}`, () => prices.map(({ label, values, ink }) => line(hours, values, colourAt(ink), { name: plain(label), mode: "lines+markers", line: { shape: "hvh" }, hovertemplate: "%{y:,.4f}" })), { rangemode: "tozero" }) : null));
 };
