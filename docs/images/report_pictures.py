@@ -35,6 +35,7 @@ SCROLL = """(down) => {
 
 
 def take(browser: Browser, page_file: str, name: str, picture: Picture) -> None:
+    """Take one picture of a page."""
     view, (width, height), colours, down = picture
     page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=colours)
     page.goto(page_file + view)

@@ -23,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.control import Scenario
-from glbench.env.flows import BUFFER, flow_amounts, lacks_energy
+from glbench.env.flows import flow_amounts
 from glbench.env.weather_pool import WeatherPool
 from glbench.errors import EpisodeError, GlbenchError
+from glbench.model.equipment import BUFFER, Equipment, lacks_energy
 from glbench.tasks.ledger import FLOW
 
 if TYPE_CHECKING:
@@ -48,74 +49,22 @@ _CHOSEN = ("boiler", "engine", "bought", "sold", "co2", "dumped", "stored")
 [kg m-2], heat let off, and heat in the buffer at the end of the step [kWh m-2]."""
 
 
-@dataclass(frozen=True)
-class Equipment:
-    """What can make, store and trade. Names, units and meanings of the parameters are those of ``glbench/model/energy.csv``.
+def equipment_of(task: TaskSpec) -> Equipment:
+    """The equipment of a task, at its nominal parameters.
 
-    Attributes
-    ----------
-    boiler, engine
-        Most heat of the boiler and most electricity of the engine [W m-2].
-    eta_boiler, eta_engine, eta_engine_heat
-        Heat of the boiler, electricity and heat of the engine per gas burnt.
-    buffer
-        Heat in a full buffer [MJ m-2]; 0: there is none.
-    tau
-        Time in which an idle buffer loses all but 1/e of its heat [day].
-    co2_of_gas
-        CO2 per gas burnt [kg kWh-1].
+    Raises
+    ------
+    GlbenchError
+        When the task's model has no energy system.
     """
-
-    boiler: float
-    engine: float
-    eta_boiler: float
-    eta_engine: float
-    eta_engine_heat: float
-    buffer: float
-    tau: float
-    co2_of_gas: float
-
-    @classmethod
-    def of(cls, task: TaskSpec) -> Self:
-        """The equipment of a task, at its nominal parameters.
-
-        Raises
-        ------
-        GlbenchError
-            When the task's model has no energy system.
-        """
-        _check(task)
-        p = task.parameters_by_name()
-        return cls(
-            boiler=p["pBoil"] / p["aFlr"],
-            engine=p["pChpEl"],
-            eta_boiler=p["etaBoil"],
-            eta_engine=p["etaChpEl"],
-            eta_engine_heat=p["etaChpHeat"],
-            buffer=p["eBufMax"],
-            tau=p["tauBuf"],
-            co2_of_gas=p["co2Gas"] * JOULES_PER_KWH / 1e6,
+    lacking = lacks_energy(task.model_value)
+    if lacking:
+        msg = (
+            f"{task.id} has no boiler, engine and buffer to dispatch: its model {task.model_value.id} has no energy system with all of its "
+            f"meters ('{lacking[0]}' is missing). See docs/energy.md."
         )
-
-    def makes(self) -> Mapping[str, Mapping[str, float]]:
-        """Each flow that depends on the dispatch, in its own unit, per unit of what is chosen."""
-        gas = {"boiler": 1 / self.eta_boiler, "engine": 1 / self.eta_engine}
-        co2 = {name: self.co2_of_gas * burnt for name, burnt in gas.items()}
-        return {
-            "gas": gas,
-            "heat": {"boiler": 1.0},
-            "engine_heat": {"engine": self.eta_engine_heat / self.eta_engine},
-            "electricity_made": {"engine": 1.0},
-            "electricity_bought": {"bought": 1.0},
-            "electricity_sold": {"sold": 1.0},
-            "co2_made": co2,
-            "co2_from_flue": {"co2": -1.0},
-            "co2_vented": {**co2, "co2": 1.0},
-            "co2_bought": {"co2": 1.0},
-            "heat_dumped": {"dumped": JOULES_PER_KWH},
-            "engine_hours": {"engine": 1000.0 / self.engine} if self.engine else {},
-            "engine_starts": {},
-        }
+        raise GlbenchError(msg)
+    return Equipment.of(task.model_value, task.parameters_by_name())
 
 
 _ASKED = ("electricity", "co2_dosed", "heat_to_pipes")
@@ -155,7 +104,7 @@ class Asked:
         EpisodeError
             When the prices are not those that the run paid: the task has other draws.
         """
-        _check(task)
+        equipment_of(task)  # or there is nothing to ask of
         x, u = episode.states, np.stack([episode[name] for name in task.model_value.control_names], axis=1)
         flows = flow_amounts(task, (*_KNOWN, *_ASKED), x, u)
         store = task.model_value.state_index(BUFFER)
@@ -328,13 +277,3 @@ def _prices(task: TaskSpec, episode: Episode) -> Flows:
         msg = f"The ledger of {task.id} prices neither energy nor CO2: there is no cost to compare."
         raise GlbenchError(msg)
     return prices
-
-
-def _check(task: TaskSpec) -> None:
-    lacking = lacks_energy(task.model_value)
-    if lacking:
-        msg = (
-            f"{task.id} has no boiler, engine and buffer to dispatch: its model {task.model_value.id} has no energy system with all of its "
-            f"meters ('{lacking[0]}' is missing). See docs/energy.md."
-        )
-        raise GlbenchError(msg)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from glbench.bounds.dispatch import MJ_PER_KWH, Asked, Equipment, cost, dispatch
+from glbench.bounds.dispatch import MJ_PER_KWH, Asked, cost, dispatch, equipment_of
 from glbench.episodes import replayed_episodes
 from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
 from glbench.errors import GlbenchError
@@ -17,6 +17,7 @@ from glbench.evaluation.episodes import recorded_actions, task_of_result
 from glbench.evaluation.files import load_result
 
 if TYPE_CHECKING:
+    from glbench.model.equipment import Equipment
     from glbench.tasks import Round
 
 
@@ -106,7 +107,7 @@ def costs_of_result(
     """
     loaded = load_result(result)
     task, log = task_of_result(loaded, result, sealed), recorded_actions(loaded, result)
-    equipment = Equipment.of(task)
+    equipment = equipment_of(task)
     unknown = set(seeds) - set(log.seeds)
     if unknown:
         msg = f"{result} has no run with seed {min(unknown)}. Its seeds: {', '.join(map(str, log.seeds))}."

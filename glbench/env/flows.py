@@ -11,27 +11,9 @@ from numpy.typing import NDArray
 from glbench.model import Step
 
 if TYPE_CHECKING:
-    from glbench.model import Model
     from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.floating]
-
-BUFFER = "eBuf"
-"""The state that holds the heat in the buffer [MJ m-2]."""
-ENERGY_FLOWS = (
-    "gas", "heat", "engine_heat", "heat_to_pipes", "heat_dumped", "electricity_made", "electricity_bought", "electricity_sold",
-    "co2_made", "co2_from_flue", "co2_bought",
-)  # fmt: skip
-"""What an energy system's balances are made of (docs/energy.md)."""
-
-
-def lacks_energy(model: Model) -> tuple[str, ...]:
-    """What a model lacks of an energy system with a buffer whose balances are known: nothing if it has one."""
-    flows = {flow.name for flow in model.flows()}
-    return (
-        *(() if BUFFER in model.state_names else (BUFFER,)),
-        *(name for name in ENERGY_FLOWS if name not in flows),
-    )
 
 
 def flow_amounts(task: TaskSpec, names: Collection[str], x: Floats, u: Floats) -> dict[str, NDArray[np.float64]]:

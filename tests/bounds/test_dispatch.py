@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glbench.bounds.dispatch import MJ_PER_KWH, Asked, Dispatch, Equipment, cost, dispatch
+from glbench.bounds.dispatch import MJ_PER_KWH, Asked, Dispatch, cost, dispatch, equipment_of
 from glbench.bounds.energy_costs import costs, costs_of_result, mean_costs
 from glbench.episodes import Episode, replayed_episodes
 from glbench.errors import EpisodeError, GlbenchError
 from glbench.evaluation import evaluate, load_result
 from glbench.evaluation.episodes import recorded_actions, task_of_result
+from glbench.model.equipment import Equipment
 from glbench.tasks import PAPER_TASK, get_task
 from tests.cli.conftest import glbench
 from tests.energy import dated_task, energy_task, write_rules
@@ -257,7 +258,7 @@ def recorded(result: Path) -> dict[int, Episode]:
 def test_the_run_itself_is_a_way_to_run_the_equipment(results):
     # What the run did, put into the relaxed equations: its levels follow from its flows, its demands are met, its limits are kept.
     episode = recorded(results["engine"])[1000]
-    asked, equipment = Asked.of(episode, episode.task()), Equipment.of(episode.task())
+    asked, equipment = Asked.of(episode, episode.task()), equipment_of(episode.task())
     flows, hours = asked.flows, asked.seconds / HOUR
     made = flows["heat"] + flows["engine_heat"] - flows["heat_dumped"] / 3.6e6
     slow = 24 * equipment.tau / hours
@@ -312,7 +313,7 @@ def test_a_task_without_an_energy_system_says_so():
     with pytest.raises(
         GlbenchError, match=r"no boiler, engine and buffer to dispatch: its model greenlight-tomato-1.0.0"
     ):
-        Equipment.of(get_task(PAPER_TASK))
+        equipment_of(get_task(PAPER_TASK))
 
 
 def test_the_command_shows_the_costs(results, glbench):

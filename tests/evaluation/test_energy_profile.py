@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glbench.env.flows import ENERGY_FLOWS
 from glbench.errors import ResultError
 from glbench.evaluation import Result, evaluate, load_result
 from glbench.evaluation.episodes import recorded_actions
 from glbench.evaluation.profiles import Profile, load_profile, make_profile, profile_path
 from glbench.evaluation.profiles.tables import unpack
+from glbench.model.equipment import ENERGY_FLOWS
 from tests.energy import energy_task, write_rules
 
 DAYS = 2

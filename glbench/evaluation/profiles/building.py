@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.climate import read_air
-from glbench.env.flows import BUFFER, ENERGY_FLOWS, flow_amounts, lacks_energy
+from glbench.env.flows import flow_amounts
 from glbench.env.scenario import RunScenarios
 from glbench.episodes import ActionLog, Replay, Trace, chosen_rows
 from glbench.episodes.definition import definition_json, task_of
@@ -28,6 +28,7 @@ from glbench.evaluation.profiles import tables
 from glbench.evaluation.profiles.record import SCHEMA, VERSION, Profile, profile_path, read_profile
 from glbench.evaluation.records import RecordReference, Result
 from glbench.model import Air, Horizon
+from glbench.model.equipment import BUFFER, ENERGY_FLOWS, Equipment, lacks_energy
 from glbench.registration import task_ids
 from glbench.tasks import get_task
 from glbench.tasks.ledger import FLOW, LedgerItem
@@ -247,13 +248,14 @@ def _energy(task: TaskSpec, trace: Trace) -> dict[str, Floats]:
         name: amount * _KWH[units[name]] for name, amount in flow_amounts(task, ENERGY_FLOWS, trace.x, trace.u).items()
     }
     level = trace.x[..., task.model_value.state_index(BUFFER)] * _KWH["MJ m-2"]
-    p, days = task.parameters_by_name(), task.step_seconds / tables.SECONDS_A_DAY
+    equipment = Equipment.of(task.model_value, task.parameters_by_name())
+    days = task.step_seconds / tables.SECONDS_A_DAY
     rows = {quantity.name: row for row, quantity in enumerate(task.quantities)}
     money = {item.name: trace.quantities[:, rows[item.name]] for item in _changing(task)}
     return {
         **flows,
-        _BURNT: flows["electricity_made"] / p["etaChpEl"],
-        _LOST: (level[:-1] + level[1:]) / 2 * days / p["tauBuf"],
+        _BURNT: flows["electricity_made"] / equipment.eta_engine,
+        _LOST: (level[:-1] + level[1:]) / 2 * days / equipment.tau,
         _LEVEL: level[1:],
         **money,
     }
