@@ -209,10 +209,8 @@ def _programme(equipment: Equipment, asked: Asked, start: float, end: float) -> 
 
     steps, hours, made = len(asked.heat), asked.seconds / _SECONDS_AN_HOUR, equipment.makes()
     slow = _HOURS_A_DAY * equipment.tau / hours
-    kept, taken = (
-        np.exp(-1 / slow),
-        -np.expm1(-1 / slow) * slow,
-    )  # of heat that was there, of what flows in: at a step's end
+    kept = np.exp(-1 / slow)  # of the heat in the buffer, what is left after a step
+    taken = -np.expm1(-1 / slow) * slow  # of the heat that flows in during a step, likewise
     used, dosed = asked.electricity, asked.flows["co2_dosed"]
     most = equipment.engine * hours / 1000.0
     one: Any = sparse.identity(steps)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, output, put, put_json, table
+from glbench.cli.console import messages, output, print_warning, put, put_json, table
 from glbench.cli.options import AsJson, RoundFile, round_of
 
 if TYPE_CHECKING:
@@ -54,7 +54,11 @@ def dispatch(
     all prices known beforehand. The engine may run at any load and start at any time, so that no real control is cheaper.
     """
     from glbench.bounds.energy_costs import costs_of_result, mean_costs
+    from glbench.evaluation import load_result
 
+    failed = [one.seed for one in load_result(result).failed if not run or one.seed in run]
+    if failed:
+        print_warning(f"Failed runs are left out: {', '.join(map(str, failed))}.")
     with messages().status("simulating the runs again, and dispatching them"):
         found = dict(costs_of_result(result, run or (), buffer, round_of(round_file)))
     if as_json:

@@ -18,7 +18,7 @@ from glbench.errors import EpisodeError, GlbenchError
 from glbench.evaluation import evaluate, load_result
 from glbench.evaluation.episodes import recorded_actions, task_of_result
 from glbench.model.equipment import Equipment
-from glbench.tasks import PAPER_TASK, get_task
+from glbench.tasks import PAPER_TASK, TaskSpec, get_task
 from tests.cli.conftest import glbench
 from tests.energy import dated_task, energy_task, write_rules
 
@@ -307,6 +307,51 @@ def test_other_prices_than_those_paid_are_refused(results):
     dear = episode.task().replace({"price_tables.power.hourly": [0.2] * 24})
     with pytest.raises(EpisodeError, match=r"paid .* EUR m-2 for its energy and CO2, and at the prices"):
         Asked.of(episode, dear)
+
+
+def test_a_ledger_that_prices_no_energy_has_no_cost_to_compare(results):
+    episode = recorded(results["engine"])[1000]
+    free = replace_ledger(episode.task())
+    with pytest.raises(GlbenchError, match=r"prices neither energy nor CO2"):
+        Asked.of(episode, free)
+
+
+def replace_ledger(task: TaskSpec) -> TaskSpec:
+    """The task with fruit alone in its ledger."""
+    gone = [item.name for item in task.ledger.items if item.name != "revenue"]
+    return task.replace({f"ledger.{name}": None for name in gone})
+
+
+def test_failed_runs_are_left_out_and_named(glbench, tmp_path):
+    task = energy_task({"id": "test/Energy-v1", "evaluation.runs": 2})
+    (tmp_path / "fails.py").write_text(FAILS, encoding="utf-8")
+    evaluate(task, tmp_path / "fails.py", out=tmp_path)
+    path = tmp_path / "results" / "Energy-v1" / "fails.json"
+    answer = glbench("episodes", "dispatch", path)
+    assert answer.code == 0
+    assert "Failed runs are left out: 1001." in answer.err
+    assert "one run" in answer.out
+    answer = glbench("episodes", "dispatch", path, "--run", "1001")
+    assert answer.code == 1
+    assert "there is no whole run to dispatch" in answer.err
+
+
+FAILS = """
+import numpy as np
+
+class Agent:
+    def reset(self, card, n_runs):
+        self.step, self.actions = 0, np.zeros((n_runs, len(card.actions)))
+
+    def act(self, observations):
+        self.step += 1
+        if self.step == 5:
+            self.actions[1] = np.nan
+        return self.actions
+
+def make_agent(card):
+    return Agent()
+"""
 
 
 def test_a_task_without_an_energy_system_says_so():

@@ -18,12 +18,19 @@ from tests.report.test_browser import CHROMIUM, PHONE, browser, change_price, co
 from tests.report.test_data import blocks_of, embedded, unpacked
 
 __all__ = ["browser", "visit"]
+pytestmark = pytest.mark.slow
 HOURLY = energy_task().price_tables["power"].hourly
 TIMES, PLUS = 1.5, 0.02
 VIEW = "#/agent/engine/Energy-v1"
 needs_browser = pytest.mark.skipif(
     CHROMIUM is None, reason="there is no chromium on this machine to look at the page with"
 )
+
+
+SCALED = {
+    "reward.modules": ["scaled_epi", "scaled_penalty"],
+    "reward.epi_scale": {"low": -0.01, "high": 0.02, "unit": "EUR m-2"},
+}
 
 
 def two_days(name: str, hourly: list[float] | None = None, changes: dict[str, object] | None = None) -> TaskSpec:
@@ -36,12 +43,14 @@ TASKS = {
     "Energy": two_days("Energy"),
     "Dear": two_days("Dear", [TIMES * price + PLUS for price in HOURLY]),
     "Flat": two_days("Flat", [sum(HOURLY) / 24] * 24),
+    "Scaled": two_days("Scaled", None, SCALED),
+    "DearScaled": two_days("DearScaled", [TIMES * price + PLUS for price in HOURLY], SCALED),
 }
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
-    """Two agents that do not look at prices, on three tasks that differ in the price of power alone, and one on a fourth."""
+    """Two agents that do not look at prices, on tasks that differ in price and reward, and one of them at prices by day."""
     folder: Path = tmp_path_factory.mktemp("energy")
     for task in TASKS.values():
         for name, engine in (("stores", False), ("engine", True)):
@@ -83,6 +92,19 @@ def test_a_price_table_times_and_plus_is_what_an_evaluation_at_these_prices_give
     assert "electricity sold × 1.5 + 0.02 EUR/kWh" in page.locator("#prices summary").inner_text()
     page.locator("#reset-prices").click()
     assert column(page, "Profit (EPI)") == before
+
+
+@needs_browser
+def test_a_reward_that_is_scaled_between_stated_profits_stays_so_at_other_prices(visit, made):
+    (task,) = (task for task in embedded(made)["tasks"] if task["short"] == "Scaled-v1")
+    assert task["stated_scale"] == [-0.01, 0.02]
+    page = visit("#/Scaled-v1")
+    change_price(page, "revenue_power", TIMES)
+    change_price(page, "revenue_power-plus", PLUS)
+    assert "The scale of the reward moves" not in page.locator("#prices").inner_text()
+    shown = column(page, "Reward")
+    for name, result in results(made, "DearScaled").items():
+        assert shown[name] == pytest.approx(result.summary.mean["reward"], abs=0.51), name
 
 
 @needs_browser
