@@ -27,6 +27,7 @@ from glbench.env.flows import flow_amounts
 from glbench.env.weather_pool import WeatherPool
 from glbench.errors import EpisodeError, GlbenchError
 from glbench.model.equipment import BUFFER, Equipment, lacks_energy
+from glbench.model.greenlight import JOULES_PER_KWH
 from glbench.tasks.ledger import FLOW
 
 if TYPE_CHECKING:
@@ -37,7 +38,6 @@ Floats: TypeAlias = "NDArray[np.float64]"
 Flows = Mapping[str, Floats]
 """Amounts of a model's flows in every step ``(steps,)``, or their prices, by name."""
 
-JOULES_PER_KWH = 3.6e6
 MJ_PER_KWH = 3.6
 _HOURS_A_DAY = 24.0
 _SECONDS_AN_HOUR = 3600.0

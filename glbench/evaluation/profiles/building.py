@@ -29,6 +29,7 @@ from glbench.evaluation.profiles.record import SCHEMA, VERSION, Profile, profile
 from glbench.evaluation.records import RecordReference, Result
 from glbench.model import Air, Horizon
 from glbench.model.equipment import BUFFER, ENERGY_FLOWS, Equipment, lacks_energy
+from glbench.model.greenlight import JOULES_PER_KWH
 from glbench.registration import task_ids
 from glbench.tasks import get_task
 from glbench.tasks.ledger import FLOW, LedgerItem
@@ -224,7 +225,7 @@ _ENERGY = "energy/"
 _BURNT, _LOST, _LEVEL = "engine_gas", "heat_lost", "stored"
 """Gas of the engine, heat that the buffer loses, and heat in it at the end of a step."""
 _AMOUNTS = (*ENERGY_FLOWS, _BURNT, _LOST)
-_KWH = {"kWh m-2": 1.0, "J m-2": 1 / 3.6e6, "MJ m-2": 1 / 3.6, "kg m-2": 1.0}
+_KWH = {"kWh m-2": 1.0, "J m-2": 1 / JOULES_PER_KWH, "MJ m-2": 1e6 / JOULES_PER_KWH, "kg m-2": 1.0}
 """From the unit of a flow to kWh; CO2 stays in kg."""
 
 
