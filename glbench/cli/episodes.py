@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from glbench.cli.console import messages, output, put, table, tell
+from glbench.cli.dispatch import dispatch
 from glbench.cli.options import Episodes, RoundFile, round_of
 from glbench.errors import EpisodeError
 
@@ -114,6 +115,9 @@ def recording(
     made = write_recording(result, run, out)
     put(out)
     tell(f"{len(made.actions)} steps of {made.about['agent']}. Next: glbench evaluate {out}")
+
+
+app.command()(dispatch)
 
 
 def _show_episode(episode: Episode, file: Path) -> None:

@@ -277,7 +277,6 @@ def _amount_words(item: LedgerItem, label: str) -> dict[str, Any]:
 
 
 def _item(item: LedgerItem, place: int, label: str, known: Mapping[str, Any], amount: str) -> Item:
-    table = isinstance(item.price, str)
     return Item(
         money=item.name,
         amount=amount,
@@ -286,10 +285,10 @@ def _item(item: LedgerItem, place: int, label: str, known: Mapping[str, Any], am
         label=label,
         short=known.get("short", in_sentence(label)),
         words=known.get("words", in_sentence(label)),
-        unit="× its price table" if table else f"EUR/{unit_sold(item) or 'piece'}",
+        unit=f"EUR/{unit_sold(item) or 'piece'}",
         colour=known.get("colour", place % _COLOURS),
         least=known.get("least", 0.0),
-        table=table,
+        table=isinstance(item.price, str),
     )
 
 

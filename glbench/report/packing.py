@@ -20,7 +20,15 @@ from glbench.leaderboard.catalogue import catalogue, drawn
 from glbench.report.collecting import Known
 from glbench.tasks import TaskSpec
 
-LEVELS: Mapping[str, int] = {"day": 400, "season": 1000, "worst": 160, "hours": 3000, "calendar": 120, "weather": 400}
+LEVELS: Mapping[str, int] = {
+    "day": 400,
+    "season": 1000,
+    "worst": 160,
+    "hours": 3000,
+    "calendar": 120,
+    "weather": 400,
+    "energy": 4000,
+}
 """Steps between 0 and the largest value of a column: charts of a day are 140 pixels high, sums by hour of the day are money."""
 
 
@@ -81,7 +89,12 @@ def profile_blocks(
 def embedded_profile(profile: Profile, task: TaskSpec | None) -> dict[str, Any]:
     """What the page holds of a profile."""
     document, drawn_of = profile.document, drawn_columns(task)
+    energy = {
+        part: {name: _coarse(one, LEVELS["energy"]) for name, one in columns.items()}
+        for part, columns in document.get("energy", {}).items()
+    }
     return {
+        **({"energy": energy} if energy else {}),
         "seeds": document["seeds"],
         "day": {
             "slot_seconds": document["day"]["slot_seconds"],

@@ -31,7 +31,7 @@ from glbench.tasks import (
     task_card,
 )
 from glbench.tasks.bases import Change
-from glbench.tasks.ledger import LIMITED, VIOLATION_PRICES
+from glbench.tasks.ledger import FLOW, LIMITED, VIOLATION_PRICES
 from glbench.tasks.tables import AnyForecastTable, SensorsTable, SplitsTable, SplitTable
 from glbench.tasks.vocabulary import FORECAST_ERRORS
 
@@ -82,7 +82,8 @@ def _change(change: Change) -> str:
 def figures(task: TaskSpec) -> dict[str, Any]:
     """What charts need of a task, and what the reward needs to be computed again at other prices.
 
-    A price that is a table stands as the factor 1 of that table, with its hourly prices where it has them.
+    A price that is a table stands as the factor 1 of that table, with its hourly prices and their mean where it has them. The mean is
+    null where it can be taken from what runs sold and bought, and missing where an item is valued as a stock.
     """
     accounts, labels = make_accounts(task), catalogue(task).limits
     scale = task.penalty_scales
@@ -98,6 +99,11 @@ def figures(task: TaskSpec) -> dict[str, Any]:
         "hourly_prices": {
             item.name: list(task.price_tables[item.price].hourly) for item in task.ledger.items if isinstance(item.price, str)
         },
+        "mean_prices": {
+            item.name: fmean(hourly) if (hourly := task.price_tables[item.price].hourly) else None
+            for item in task.ledger.items
+            if isinstance(item.price, str) and (item.valued == FLOW or task.price_tables[item.price].hourly)
+        },
         "reward_modules": list(task.reward.modules),
         **_scaled(task, accounts),
         "failed_step": task.evaluation.failed_step.model_dump(),
@@ -108,6 +114,8 @@ def _scaled(task: TaskSpec, accounts: Accounts) -> dict[str, Any]:
     """What ``scaled_epi`` is made of at other prices, in tasks that have it."""
     if "scaled_epi" not in task.reward.modules:
         return {}
+    if accounts.stated_bounds is not None:
+        return {"stated_scale": list(accounts.stated_bounds)}
     paid = [item.name for item in accounts.ledger.paid]
     earned = [item.name for item in accounts.ledger.earned]
     return {

@@ -8,8 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from glbench.evaluation import evaluate
 from glbench.model import TOMATO_ENERGY
-from tests.energy import PAGE, written
+from tests.cli.command_line import Command
+from tests.cli.conftest import glbench
+from tests.energy import PAGE, write_rules, written
+
+__all__ = ["glbench"]
 
 
 def test_the_rules_give_what_the_page_shows(
@@ -17,9 +22,25 @@ def test_the_rules_give_what_the_page_shows(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("energy.toml").write_text(written(), encoding="utf-8")
-    ((example,), (shown,)) = (re.findall(rf"```{kind}\n(.*?)```", PAGE, flags=re.DOTALL) for kind in ("python", "text"))
-    exec(compile(example, "docs/energy.md", "exec", dont_inherit=True), {})
-    assert capsys.readouterr().out == shown
+    (rules, buffers), (shown, _, costs) = (blocks(kind) for kind in ("python", "text"))
+    for example, output in ((rules, shown), (buffers, costs)):
+        exec(compile(example, "docs/energy.md", "exec", dont_inherit=True), {})
+        assert capsys.readouterr().out == output
+
+
+def blocks(kind: str) -> list[str]:
+    return re.findall(rf"```{kind}\n(.*?)```", PAGE, flags=re.DOTALL)
+
+
+def test_what_the_rules_cost_is_what_the_page_shows(tmp_path: Path, glbench: Command) -> None:
+    task = tmp_path / "energy.toml"
+    task.write_text(written(), encoding="utf-8")
+    evaluate(task, write_rules(tmp_path, "engine", stores=True, engine=True), out=tmp_path)
+    answer = glbench("episodes", "dispatch", tmp_path / "results" / "Energy-v1" / "engine.json")
+    printed = [line.rstrip() for line in answer.out.splitlines() if line.strip()]
+    shown = [line.rstrip() for line in blocks("text")[1].splitlines() if line.strip()]
+    assert "mean of 4 runs" in printed[-2]
+    assert [*printed[1:-2], printed[-1]] == shown
 
 
 def test_the_page_has_the_values_of_the_table_and_every_flow() -> None:

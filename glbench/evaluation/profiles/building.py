@@ -9,7 +9,7 @@ import datetime as dt
 import json
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.climate import read_air
+from glbench.env.flows import flow_amounts
 from glbench.env.scenario import RunScenarios
 from glbench.episodes import ActionLog, Replay, Trace, chosen_rows
 from glbench.episodes.definition import definition_json, task_of
@@ -27,8 +28,11 @@ from glbench.evaluation.profiles import tables
 from glbench.evaluation.profiles.record import SCHEMA, VERSION, Profile, profile_path, read_profile
 from glbench.evaluation.records import RecordReference, Result
 from glbench.model import Air, Horizon
+from glbench.model.equipment import BUFFER, ENERGY_FLOWS, Equipment, lacks_energy
+from glbench.model.greenlight import JOULES_PER_KWH
 from glbench.registration import task_ids
 from glbench.tasks import get_task
+from glbench.tasks.ledger import FLOW, LedgerItem
 from glbench.weather import COLUMNS as WEATHER
 
 if TYPE_CHECKING:
@@ -140,7 +144,7 @@ class Course:
     """Columns ``(steps, n)`` float32 of ``n`` runs; what lies behind a run's ``lengths`` ``(n,)`` was not simulated.
 
     ``outside`` holds, by limit, whether it was broken ``(steps, n)``; ``weather`` columns are ``(steps, n)``, or ``(steps, 1)`` where all
-    runs have the same. ``starts`` are the runs' first days, where they differ.
+    runs have the same. ``starts`` are the runs' first days, where they differ. ``energy`` are further columns of an energy system.
     """
 
     columns: Mapping[str, Floats]
@@ -148,6 +152,7 @@ class Course:
     weather: Mapping[str, Floats]
     lengths: NDArray[np.int64]
     starts: tuple[str, ...] = ()
+    energy: Mapping[str, Floats] = field(default_factory=dict)
 
 
 def course_of(task: TaskSpec, log: ActionLog, trace: Trace | None, kernel: Stepper | None = None) -> Course:
@@ -170,6 +175,7 @@ def course_of(task: TaskSpec, log: ActionLog, trace: Trace | None, kernel: Stepp
         weather=weather,
         lengths=lengths,
         starts=starts,
+        energy={name: joined[_ENERGY + name] for name in energy_columns(task)},
     )
 
 
@@ -208,8 +214,52 @@ def _read(task: TaskSpec, trace: Trace, lengths: NDArray[np.int64], acting: Floa
     rows = {quantity.name: row for row, quantity in enumerate(task.quantities)}
     quantities = (*(column.name for column in columns.amounts), *columns.limits)
     named |= {name: trace.quantities[:, rows[name]] for name in quantities}
+    if energy_columns(task):
+        named |= {_ENERGY + name: values for name, values in _energy(task, trace).items()}
     taken = np.arange(len(trace.u))[:, None] < lengths
     return {name: np.where(taken, values, 0.0).astype(np.float32) for name, values in named.items()}
+
+
+_ENERGY = "energy/"
+"""What columns of ``Course.energy`` are called before they are apart."""
+_BURNT, _LOST, _LEVEL = "engine_gas", "heat_lost", "stored"
+"""Gas of the engine, heat that the buffer loses, and heat in it at the end of a step."""
+_AMOUNTS = (*ENERGY_FLOWS, _BURNT, _LOST)
+_KWH = {"kWh m-2": 1.0, "J m-2": 1 / JOULES_PER_KWH, "MJ m-2": 1e6 / JOULES_PER_KWH, "kg m-2": 1.0}
+"""From the unit of a flow to kWh; CO2 stays in kg."""
+
+
+def energy_columns(task: TaskSpec) -> tuple[str, ...]:
+    """Of an energy system its flows and its level [kWh m-2; kg m-2], and the money of prices that change. Nothing where there is none."""
+    if lacks_energy(task.model_value):
+        return ()
+    return (*_AMOUNTS, _LEVEL, *(item.name for item in _changing(task)))
+
+
+def _changing(task: TaskSpec) -> list[LedgerItem]:
+    """Items of the energy system whose prices change."""
+    items = task.ledger.items
+    return [item for item in items if isinstance(item.price, str) and item.valued == FLOW and item.flow in ENERGY_FLOWS]
+
+
+def _energy(task: TaskSpec, trace: Trace) -> dict[str, Floats]:
+    """The columns of the energy system ``(steps, n)``."""
+    units = {flow.name: flow.unit for flow in task.model_value.flows()}
+    flows = {
+        name: amount * _KWH[units[name]] for name, amount in flow_amounts(task, ENERGY_FLOWS, trace.x, trace.u).items()
+    }
+    level = trace.x[..., task.model_value.state_index(BUFFER)] * _KWH["MJ m-2"]
+    equipment = Equipment.of(task.model_value, task.parameters_by_name())
+    days = task.step_seconds / tables.SECONDS_A_DAY
+    rows = {quantity.name: row for row, quantity in enumerate(task.quantities)}
+    money = {item.name: trace.quantities[:, rows[item.name]] for item in _changing(task)}
+    return {
+        **flows,
+        _BURNT: flows["electricity_made"] / equipment.eta_engine,
+        _LOST: (level[:-1] + level[1:]) / 2 * days / equipment.tau,
+        _LEVEL: level[1:],
+        **money,
+    }
 
 
 def _nominal(task: TaskSpec) -> Any:
@@ -281,6 +331,7 @@ def make_profile(
             "calendar": made.calendar(),
             "worst": made.worst(worst),
             "hours": made.hours(),
+            **made.energy(task),
         }
     )
 
@@ -357,6 +408,10 @@ def _misfit(result: Result, profile: Profile) -> str:
         "weather of the season": (outside["season"]["columns"], weather, (3, days)),
         "weather by hour": (outside["hours"], weather, (hours,)),
     }
+    if "energy" in document:  # profiles of earlier versions have none
+        held = document["energy"]
+        parts["energy"] = (held["columns"], {*_AMOUNTS, _LEVEL} & {*energy_columns(spec)}, (of_day,))
+        parts["prices of the energy"] = (held["prices"], {item.name for item in _changing(spec)}, (of_day,))
     for name, (held, names, shape) in parts.items():
         if set(held) != names or any(not _has_shape(one["values"], shape) for one in held.values()):
             return f"its '{name}' has other columns, days or hours"
@@ -421,6 +476,34 @@ class _Made:
             for name in self.columns.by_hour
         }
         return {name: tables.pack(values, _HOUR_DIGITS) for name, values in sums.items()}
+
+    def energy(self, task: TaskSpec) -> dict[str, Any]:
+        """Of an energy system by hour of day, mean over days and runs: amounts, and prices that change, null where nothing flowed."""
+        columns = self._course.energy
+        if not columns:
+            return {}
+        steps = next(iter(columns.values())).shape[0]
+        taken = (np.arange(steps)[:, None] < self._lengths).astype(np.float64)
+        counts = self._of_day(taken)
+        an_hour = 3600.0 / self._seconds
+        flows = {
+            name: self._of_day(columns[name]) / counts * (1.0 if name == _LEVEL else an_hour)
+            for name in (*_AMOUNTS, _LEVEL)
+        }
+        prices = {}
+        for item in _changing(task):
+            amount = self._of_day(self._course.columns[item.amount])
+            prices[item.name] = self._of_day(columns[item.name]) / np.where(amount == 0.0, np.nan, amount)
+        return {
+            "energy": {
+                "columns": {name: tables.pack(values, _HOUR_DIGITS) for name, values in flows.items()},
+                "prices": {name: tables.pack(values, _HOUR_DIGITS) for name, values in prices.items()},
+            }
+        }
+
+    def _of_day(self, values: Floats) -> Floats:
+        """Sums by hour of day over all days and runs ``(hours,)``."""
+        return np.asarray(tables.by_hour_of_day(values, self._a_day, self._seconds).sum(axis=1))
 
     def weather(self, run: int) -> dict[str, Any]:
         """Weather by time of day and by day (mean, lowest, highest) of all runs, and by hour of one ``run``."""

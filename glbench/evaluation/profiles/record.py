@@ -94,6 +94,11 @@ class _Weather(_Part):
     hours: dict[Word, _Line]
 
 
+class _Energy(_Part):
+    columns: dict[Word, _Line]
+    prices: dict[Word, _Line]
+
+
 class _Document(_Part):
     """What a profile holds: nothing else is handed to pages."""
 
@@ -109,6 +114,7 @@ class _Document(_Part):
     calendar: dict[Word, _Lines]
     worst: dict[Word, _Line]
     hours: dict[Word, _Lines]
+    energy: _Energy | None = None
 
 
 @dataclass(frozen=True, eq=False)

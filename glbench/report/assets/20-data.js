@@ -44,13 +44,32 @@ const labelOf = (result) => (result.trainings ? `${result.agent} (${plural(resul
 const resultOf = (taskId, agent) => D.results.find((result) => result.task === taskId && result.agent === agent);
 const familyOf = (taskId) => D.families.find((family) => family.tasks.includes(taskId));
 
-// Prices that the reader chose, for all tasks with the same words. Where a price changes with the calendar it is the factor 1 of its table.
+// Prices that the reader chose, for all tasks with the same words. Where a price changes with the calendar it is the factor 1 of its table, and two
+// more numbers: what is added to it, and whether it stays at its mean.
 const chosenPrices = {};
-const pricesOf = (task) => (task.prices ? { ...task.prices, ...chosenPrices[task.words_of] } : null);
-const pricesDiffer = (task) => Boolean(chosenPrices[task.words_of] && task.prices && Object.keys(task.prices).some((name) => pricesOf(task)[name] !== task.prices[name]));
+const addedTo = (money) => `${money}-plus`, flatOf = (money) => `${money}-flat`;
+const taskPrices = (task) => ({ ...task.prices, ...Object.fromEntries(wordsOf(task).items.filter((item) => item.table).flatMap(({ money }) => [[addedTo(money), 0], [flatOf(money), 0]])) });
+const pricesOf = (task) => (task.prices ? { ...taskPrices(task), ...chosenPrices[task.words_of] } : null);
+const differing = (task) => (chosenPrices[task.words_of] && task.prices ? Object.entries(taskPrices(task)).filter(([name, price]) => pricesOf(task)[name] !== price).map(([name]) => name) : []);
+const pricesDiffer = (task) => differing(task).length > 0;
 
-// The scale of the reward's profit: 0 at full use without growth, 1 at full growth without use.
+// The mean of a price that changes: of the day where it has hours, else of what was sold or bought here. Null where there is none.
+const meanPrice = (task, { money, amount }) => {
+  const known = task.mean_prices[money];
+  if (known !== null) return known ?? null;
+  const runs = resultsOf(task.id).map((result) => result.values).filter((values) => values[money] && values[amount]), of = (name) => sum(runs.map((values) => sum(values[name])));
+  return of(amount) ? of(money) / of(amount) : null;
+};
+// What an item earned or cost in run i. Exact: it is linear in the amount, and in the money at the task's prices, and results hold both.
+const moneyAt = (task, prices, item, run, i) => {
+  const { money, amount, table } = item;
+  if (!table) return prices[money] * run[amount][i];
+  return prices[money] * (prices[flatOf(money)] ? meanPrice(task, item) * run[amount][i] : run[money][i]) + prices[addedTo(money)] * run[amount][i];
+};
+
+// The scale of the reward's profit: 0 at full use without growth, 1 at full growth without use, unless the task states both.
 const scaleAt = (task, prices) => {
+  if (task.stated_scale) return { lowest: task.stated_scale[0], span: task.stated_scale[1] - task.stated_scale[0] };
   const { sold, bought } = wordsOf(task), lowest = -sum(bought.map(({ money }) => task.full_use[money] * prices[money]));
   return { lowest, span: sum(sold.map(({ money }) => task.full_growth[money] * prices[money])) - lowest };
 };
@@ -61,14 +80,14 @@ const valuesOf = (result, metric) => {
   const task = TASKS[result.task], stored = result.values[metric];
   if (!pricesDiffer(task) || !stored) return stored;
   const prices = pricesOf(task), run = result.values, failed = task.failed_step[PROFIT], { items } = wordsOf(task), item = items.find((one) => one.money === metric);
-  const priced = ({ money, amount, table }) => table ? money : amount; // what the price of an item is multiplied with
-  if (item) return run[priced(item)]?.map((amount) => amount * prices[item.money]);
+  const held = ({ money, amount, table }) => run[amount] && (!table || run[money]); // what follows from prices
+  if (item) return held(item) ? stored.map((_, i) => moneyAt(task, prices, item, run, i)) : undefined;
   if (metric !== PROFIT && metric !== SCORE) return stored;
-  if (!items.every((one) => run[priced(one)]) || !run[PROFIT]) return undefined;
+  if (!items.every(held) || !run[PROFIT]) return undefined;
   const steps = (i) => (result.steps ? result.steps[i] : task.steps);
-  const profit = (i) => sum(items.map((one) => one.sign * prices[one.money] * run[priced(one)][i]));
+  const profit = (i) => sum(items.map((one) => one.sign * moneyAt(task, prices, one, run, i)));
   if (metric === PROFIT) return stored.map((_, i) => profit(i) + (task.steps - steps(i)) * failed);
-  const isScaled = task.reward_modules.includes("scaled_epi"), [before, now] = isScaled ? [scaleAt(task, task.prices), scaleAt(task, prices)] : [];
+  const isScaled = task.reward_modules.includes("scaled_epi"), [before, now] = isScaled ? [scaleAt(task, taskPrices(task)), scaleAt(task, prices)] : [];
   return stored.map((reward, i) => {
     const earned = run[PROFIT][i] - (task.steps - steps(i)) * failed;
     let changed = reward;

@@ -167,6 +167,7 @@ const profileParts = (result, task) => later(2400, async () => {
     h("p", { class: "soft" }, `Median over all days and runs, with 50 % and 90 % bands; dotted lines are limits. Hours are ${task.clock}.`),
     day(charts.day), h("h3", {}, "Controls, share of capacity"), day(controls),
     h("details", { class: "data" }, h("summary", {}, `More of the day: growth, pipes, what was used, ${lower(wordsOf(task).metric[PENALTY].label)}`), h("div", {}, day(charts.more))),
+    energyPart(profile, task),
     h("h2", {}, "The season"),
     h("p", { class: "soft" }, "Day by day: the median over the runs; the best run (dashed) and the worst run (dotted) where they can be told apart from it."),
     h("div", { class: "grid" }, charts.season.filter(has("season")).map((name) => season(name, { add: Boolean(series[name].money) }))),

@@ -77,10 +77,11 @@ const byHour = (one, two, task) => later(1500, async () => {
     return p.map((row, hour) => (pairs ? pairs.map(([i, j]) => factorAt(hour) * (row[i] - q[hour][j])) : [factorAt(hour) * (mean(row) - mean(q[hour]))]));
   };
   // A price that changes by the hour is that of its hour; one that changes otherwise is what A paid on average.
-  const paid = (one, name) => sum(one.values[name]), priceAt = ({ money, amount, table }) => {
+  const paid = (one, name) => sum(one.values[name]), priceAt = (item) => {
+    const { money, amount, table } = item;
     if (!table) return () => prices[money];
     const hourly = task.hourly_prices[money], average = paid(one, money) / (paid(one, amount) || 1);
-    return (hour) => prices[money] * (hourly.length ? hourly[hour] : average);
+    return (hour) => prices[money] * (prices[flatOf(money)] ? meanPrice(task, item) : hourly.length ? hourly[hour] : average) + prices[addedTo(money)];
   };
   const { items, charts, controls } = wordsOf(task), shown = items.filter(({ column }) => x.hours[column] && y.hours[column]), atEnd = items.filter((item) => !shown.includes(item)), averaged = shown.filter(({ money, table }) => table && !task.hourly_prices[money].length);
   const parts = shown.map((item) => ({ label: item.label, runs: gap(item.column, (hour) => item.sign * priceAt(item)(hour)), ink: item.colour }));

@@ -1,0 +1,277 @@
+"""What boiler, engine, buffer and prices earn: the least cost at which an energy system can give what a run asked for.
+
+A run asks for heat in the pipes, electricity for the lamps and CO2, step by step, and pays the prices of its task's ledger. A linear
+programme over its control steps finds when boiler and engine should have run, and what should have been stored, sold and bought, with all
+prices and demands known beforehand. Solving it again without the buffer, without the engine, or blind to how prices change says what each
+of them is worth to that run.
+
+The programme is a relaxation: the engine runs at any load from 0 to 1, may be switched at any step, and starts cost nothing. An almost
+empty or almost full buffer gives and takes like any other, and may let off heat. So no control of the equipment is cheaper, and a part of
+the gap to the run is what no real machine can close. The greenhouse does not answer: what it asks for stays as it was.
+
+Heat that the run took from the buffer, or left in it, counts at what the boiler's gas for it costs on average.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.control import Scenario
+from glbench.env.flows import flow_amounts
+from glbench.env.weather_pool import WeatherPool
+from glbench.errors import EpisodeError, GlbenchError
+from glbench.model.equipment import BUFFER, Equipment, lacks_energy
+from glbench.model.greenlight import JOULES_PER_KWH
+from glbench.tasks.ledger import FLOW
+
+if TYPE_CHECKING:
+    from glbench.episodes import Episode
+    from glbench.tasks import TaskSpec
+
+Floats: TypeAlias = "NDArray[np.float64]"
+Flows = Mapping[str, Floats]
+"""Amounts of a model's flows in every step ``(steps,)``, or their prices, by name."""
+
+MJ_PER_KWH = 3.6
+_HOURS_A_DAY = 24.0
+_SECONDS_AN_HOUR = 3600.0
+_FINE = 1000.0
+"""The solver counts in Wh and g: its tolerances are absolute."""
+_INFEASIBLE = 2
+_CHOSEN = ("boiler", "engine", "bought", "sold", "co2", "dumped", "stored")
+"""What a dispatch chooses in each step: heat of the boiler, electricity of the engine, electricity bought and sold [kWh m-2], CO2 bought
+[kg m-2], heat let off, and heat in the buffer at the end of the step [kWh m-2]."""
+
+
+def equipment_of(task: TaskSpec) -> Equipment:
+    """The equipment of a task, at its nominal parameters.
+
+    Raises
+    ------
+    GlbenchError
+        When the task's model has no energy system.
+    """
+    lacking = lacks_energy(task.model_value)
+    if lacking:
+        msg = (
+            f"{task.id} has no boiler, engine and buffer to dispatch: its model {task.model_value.id} has no energy system with all of its "
+            f"meters ('{lacking[0]}' is missing). See docs/energy.md."
+        )
+        raise GlbenchError(msg)
+    return Equipment.of(task.model_value, task.parameters_by_name())
+
+
+_ASKED = ("electricity", "co2_dosed", "heat_to_pipes")
+"""Flows that a run asks for, and no dispatch changes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What a run asked for and paid.
+
+    Attributes
+    ----------
+    seconds
+        Length of a step [s].
+    flows
+        What flowed in each step, in the units of the flows.
+    prices
+        What each flow cost in each step, EUR per unit of the flow; below 0 where it was earned with. Only flows that the ledger prices.
+    start, end
+        Heat in the buffer at the start and at the end [MJ m-2].
+    """
+
+    seconds: float
+    flows: Flows
+    prices: Flows
+    start: float
+    end: float
+
+    @classmethod
+    def of(cls, episode: Episode, task: TaskSpec) -> Self:
+        """What the run of ``episode`` asked for, at the prices of its moments.
+
+        Raises
+        ------
+        GlbenchError
+            When the model of ``task`` has no energy system, or its ledger prices nothing of it.
+        EpisodeError
+            When the prices are not those that the run paid: the task has other draws.
+        """
+        equipment_of(task)  # or there is nothing to ask of
+        x, u = episode.states, np.stack([episode[name] for name in task.model_value.control_names], axis=1)
+        flows = flow_amounts(task, (*_KNOWN, *_ASKED), x, u)
+        store = task.model_value.state_index(BUFFER)
+        asked = cls(task.step_seconds, flows, _prices(task, episode), float(x[0, store]), float(x[-1, store]))
+        paid = -sum(
+            item.sign * episode[item.name].sum()
+            for item in task.ledger.items
+            if item.valued == FLOW and item.flow in flows
+        )
+        if not np.isclose(cost(asked.flows, asked.prices), paid, rtol=1e-6, atol=1e-9):
+            msg = (
+                f"The run with seed {episode.run.seed} paid {paid:.6f} EUR m-2 for its energy and CO2, and at the prices of "
+                f"{task.id} it is {cost(asked.flows, asked.prices):.6f}. Give the task that it was evaluated on, with the same draws."
+            )
+            raise EpisodeError(msg)
+        return asked
+
+    @property
+    def heat(self) -> Floats:
+        """Heat into the pipes [kWh m-2]."""
+        return self.flows["heat_to_pipes"] / JOULES_PER_KWH
+
+    @property
+    def electricity(self) -> Floats:
+        """Electricity used [kWh m-2]."""
+        return self.flows["electricity_made"] + self.flows["electricity_bought"] - self.flows["electricity_sold"]
+
+    def flat(self) -> Self:
+        """The same at prices that stay at their mean over the steps."""
+        means = {name: np.full_like(price, price.mean()) for name, price in self.prices.items()}
+        return replace(self, prices=MappingProxyType(means))
+
+    def worth(self, equipment: Equipment) -> float:
+        """What heat in the buffer counts at [EUR kWh-1]: what the boiler pays for it, mean over the steps."""
+        made = equipment.makes()
+        return sum(
+            float(self.prices[name].mean()) * made[name]["boiler"] for name in ("gas", "heat") if name in self.prices
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Dispatch:
+    """A way to run the equipment.
+
+    Attributes
+    ----------
+    flows
+        As those of a run.
+    stored
+        Heat in the buffer at the end of each step [MJ m-2].
+    lent
+        Worth of the heat that the buffer had at the start and has no more at the end [EUR m-2].
+    """
+
+    flows: Flows
+    stored: Floats
+    lent: float
+
+    def cost(self, prices: Flows) -> float:
+        """Money paid minus money earned, and what was taken from the buffer [EUR m-2]."""
+        return cost(self.flows, prices) + self.lent
+
+
+def cost(flows: Flows, prices: Flows) -> float:
+    """What the flows cost in all steps, minus what they earn [EUR m-2]."""
+    return sum(float(flows[name] @ price) for name, price in prices.items())
+
+
+def dispatch(equipment: Equipment, asked: Asked) -> Dispatch | None:
+    """The cheapest way to give a run what it asked for; ``None`` where ``equipment`` cannot.
+
+    A buffer starts with the heat that the run started with, and ends with what the run ended with at least; a smaller one is full then.
+
+    Raises
+    ------
+    GlbenchError
+        When the solver gives up.
+    """
+    from scipy.optimize import linprog
+
+    start, end = (min(heat, equipment.buffer) / MJ_PER_KWH for heat in (asked.start, asked.end))
+    found: Any = linprog(**_programme(equipment, asked, start, end), method="highs")
+    if found.status == _INFEASIBLE:
+        return None
+    if found.status:
+        msg = f"The least cost of {len(asked.heat)} steps could not be found: {found.message}"
+        raise GlbenchError(msg)
+    chosen = dict(zip(_CHOSEN, found.x.reshape(len(_CHOSEN), -1) / _FINE, strict=True))
+    dosed, nothing = asked.flows["co2_dosed"], np.zeros_like(asked.heat)
+    fixed = {"co2_from_flue": dosed, "co2_vented": -dosed}
+    flows = {
+        name: sum((per * chosen[choice] for choice, per in parts.items()), fixed.get(name, nothing))
+        for name, parts in equipment.makes().items()
+    }
+    flows |= {name: asked.flows[name] for name in _ASKED}
+    return Dispatch(flows, MJ_PER_KWH * chosen["stored"], asked.worth(equipment) * (start - end))
+
+
+def _programme(equipment: Equipment, asked: Asked, start: float, end: float) -> dict[str, Any]:
+    """The linear programme; ``start`` and ``end`` are what is in the buffer then, at the end at least [kWh m-2]."""
+    from scipy import sparse
+
+    steps, hours, made = len(asked.heat), asked.seconds / _SECONDS_AN_HOUR, equipment.makes()
+    slow = _HOURS_A_DAY * equipment.tau / hours
+    kept = np.exp(-1 / slow)  # of the heat in the buffer, what is left after a step
+    taken = -np.expm1(-1 / slow) * slow  # of the heat that flows in during a step, likewise
+    used, dosed = asked.electricity, asked.flows["co2_dosed"]
+    most = equipment.engine * hours / 1000.0
+    one: Any = sparse.identity(steps)
+
+    def rows(**parts: Any) -> Any:
+        """A row for each step: the factor, or the matrix, of each thing that is chosen."""
+        blocks = (parts.get(name, 0.0) for name in _CHOSEN)
+        joined: list[Any] = [block if sparse.issparse(block) else block * one for block in blocks]
+        return sparse.hstack(joined)
+
+    into = -taken * asked.heat
+    into[0] += kept * start
+    balance = rows(
+        boiler=-taken,
+        engine=-taken * made["engine_heat"]["engine"],
+        dumped=taken,
+        stored=one - sparse.diags([kept], [-1], shape=(steps, steps)),
+    )
+    flue = rows(co2=-1.0, **{name: -per for name, per in made["co2_made"].items()})
+    # No more is sold than on the line from nothing at no load to all that is left at full load: else, where selling pays more than buying
+    # costs, what is bought would be sold on.
+    left = np.maximum(1.0 - used / most, 0.0) if most else np.zeros(steps)
+    at_most: dict[str, Any] = {
+        "boiler": equipment.boiler * hours / 1000.0,
+        "engine": most,
+        "co2": dosed,
+        "stored": equipment.buffer / MJ_PER_KWH,
+    }
+    bounds = np.zeros((2, len(_CHOSEN), steps))
+    for place, name in enumerate(_CHOSEN):
+        bounds[1, place] = at_most.get(name, np.inf)
+    bounds[0, -1, -1] = end
+    return {
+        "c": np.concatenate([_marginal(name, asked.prices, made, steps) for name in _CHOSEN]),
+        "A_eq": sparse.vstack([balance, rows(engine=1.0, bought=1.0, sold=-1.0)]),
+        "b_eq": _FINE * np.concatenate([into, used]),
+        "A_ub": sparse.vstack([flue, rows(sold=1.0, engine=-sparse.diags(left))]),
+        "b_ub": _FINE * np.concatenate([-dosed, np.zeros(steps)]),
+        "bounds": _FINE * bounds.reshape(2, -1).T,
+    }
+
+
+def _marginal(chosen: str, prices: Flows, made: Mapping[str, Mapping[str, float]], steps: int) -> Floats:
+    """What one unit more of what is chosen costs in each step [EUR]."""
+    parts = [price * made[name][chosen] for name, price in prices.items() if chosen in made.get(name, {})]
+    return sum(parts, np.zeros(steps))
+
+
+_KNOWN = tuple(Equipment(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0).makes())
+"""Flows that depend on a dispatch."""
+
+
+def _prices(task: TaskSpec, episode: Episode) -> Flows:
+    """What each flow costs in each step."""
+    calendar = Scenario.of(task, episode.run.seed).calendar[: episode.steps]
+    pool, prices = WeatherPool.of(task), dict[str, Floats]()
+    for item in task.ledger.items:
+        if item.valued == FLOW and item.flow in {*_KNOWN, *_ASKED}:
+            price = calendar[:, pool.price_column(item.price)] if isinstance(item.price, str) else item.price
+            prices[item.flow] = prices.get(item.flow, np.zeros(episode.steps)) - item.sign * item.factor * price
+    if not prices:
+        msg = f"The ledger of {task.id} prices neither energy nor CO2: there is no cost to compare."
+        raise GlbenchError(msg)
+    return prices
