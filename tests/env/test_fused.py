@@ -62,7 +62,7 @@ def step_both(pair: tuple[Simulation, Simulation], steps: int, seed: int = 4) ->
     rng = np.random.default_rng(seed)
     for number in range(steps):
         if number % 5 == 4:
-            controls = rng.uniform(0.0, 1.0, (pair[0].n, 6))
+            controls = rng.uniform(0.0, 1.0, pair[0].u.shape)
             results = [simulation.step_controls(controls) for simulation in pair]
         else:
             low = [action.low for action in pair[0].task.actions]
