@@ -141,7 +141,8 @@ def test_drafts_can_be_used_and_are_not_published() -> None:
     drafts = list_drafts()
 
     assert {task.id for task in drafts} == {
-        f"glbench/{name}-v1" for name in ("SpringEnergy", "SpringSetpoints", "WinterLED")
+        f"glbench/{name}-v1"
+        for name in ("FullSeason", "FullSeasonEnergy", "SpringEnergy", "SpringSetpoints", "WinterLED")
     }
     for task in drafts:
         assert get_task(task.short_id).digest == task.digest
