@@ -26,6 +26,7 @@ from glbench.model.energy import ChpBoilerBuffer
 from glbench.model.expressions import Expr
 from glbench.model.greenhouse import Meter, compose
 from glbench.model.greenlight import GreenLightClimate
+from glbench.model.heat_harvesting import HARVEST_METERS, HeatHarvesting
 from glbench.model.judging import NO_LIMIT, SIDES, Side, judged, limit_parameter, violation_meter
 from glbench.model.model import Capacity, Evaluation, Flow, Model, Seen, Signal, Step, Stock
 from glbench.model.paper import (
@@ -42,6 +43,7 @@ from glbench.model.paper import (
     STATES,
     TOMATO,
     TOMATO_ENERGY,
+    TOMATO_HEAT_PUMP,
     auxiliaries,
     build_rhs,
     crop_parameter_set,
@@ -61,7 +63,7 @@ from glbench.model.parameter_sets import PARAMETER_SETS
 from glbench.model.parameter_table import Parameter
 from glbench.model.quantities import Quantity, Variable
 from glbench.model.submodels import Addition, Around, Climate, Crop, Nothing
-from glbench.model.surroundings import CropExchange, Surroundings
+from glbench.model.surroundings import AirExchange, CropExchange, Surroundings
 from glbench.model.variants import VARIANTS
 
 __all__ = [
@@ -70,6 +72,7 @@ __all__ = [
     "CONTROL_NAMES",
     "DISTURBANCES",
     "DISTURBANCE_NAMES",
+    "HARVEST_METERS",
     "LETTUCE",
     "MODEL_VERSION",
     "NO_LIMIT",
@@ -81,10 +84,12 @@ __all__ = [
     "STATE_NAMES",
     "TOMATO",
     "TOMATO_ENERGY",
+    "TOMATO_HEAT_PUMP",
     "VARIANTS",
     "Actuators",
     "Addition",
     "Air",
+    "AirExchange",
     "Around",
     "Capacity",
     "ChpBoilerBuffer",
@@ -95,6 +100,7 @@ __all__ = [
     "Expr",
     "Flow",
     "GreenLightClimate",
+    "HeatHarvesting",
     "Horizon",
     "Meter",
     "Model",
