@@ -41,6 +41,13 @@ def rows_of(steps: KnownSteps, n: int, **overrides: float) -> Rows:
     return Rows(x, u, steps.d[:n], p[None])
 
 
+def warm(steps: KnownSteps) -> KnownSteps:
+    """The steps that start in air from which the cooler can take heat, the warmest first."""
+    air = steps.x[:, MODEL.state_index("tAir")]
+    pick = np.argsort(-air, kind="stable")[: (air > 15.0).sum()]
+    return KnownSteps(*(rows[pick] for rows in steps[:4]), [steps.labels[k] for k in pick])
+
+
 def control(**loads: float) -> Array:
     u = np.zeros(len(MODEL.controls))
     for name, load in loads.items():
@@ -52,18 +59,17 @@ def control(**loads: float) -> Array:
 def test_heat_harvested_and_electricity_are_heat_delivered_and_stored_over_hours(
     steps_900: KnownSteps, preset: str
 ) -> None:
-    rows, kernel = rows_of(steps_900, 24), kernel_of("compiled", preset)
+    rows, kernel = rows_of(warm(steps_900), 20), kernel_of("compiled", preset)
     x, generator = rows.x.copy(), np.random.default_rng(5)
     for _ in range(24):
         u = rows.u.copy()
-        u[:, 6:] = generator.choice([0.0, 0.3, 0.7, 1.0], (24, 3))
+        u[:, 6:] = generator.choice([0.0, 0.3, 0.7, 1.0], (20, 3))
         x = kernel.step(x, u, rows.d, rows.p)
     cold, hot = (1e6 * (x - rows.x)[:, place] for place in (COLD, HOT))
     size = 1e6 * FULL.sum()
     np.testing.assert_allclose(cold + (COP - 1) * x[:, PUMPED], x[:, HARVESTED], rtol=1e-9, atol=1e-9 * size)
     np.testing.assert_allclose(hot + x[:, DELIVERED], COP * x[:, PUMPED], rtol=1e-9, atol=1e-9 * size)
-    assert np.median(x[:, HARVESTED]) > 1e5
-    assert (x[:, [PUMPED, DELIVERED]] > 0).all()
+    assert (x[:, [PUMPED, HARVESTED, DELIVERED]] > 1e4).all()
 
 
 @pytest.mark.parametrize("preset", ["reference", "standard", "fast"])
@@ -78,17 +84,18 @@ def test_no_buffer_is_below_empty_or_above_full(steps_900: KnownSteps, preset: s
         x = kernel.step(x, u, rows.d, rows.p)
         stored = x[:, [COLD, HOT]]
         lowest, highest = np.minimum(lowest, stored.min(axis=0)), np.maximum(highest, stored.max(axis=0))
-    assert (lowest >= 0.0).all()
-    assert (highest <= FULL).all()
+    # A full buffer is 150 s from where it takes what it loses, so that a substep may end beyond the edge, by less than its error.
+    assert (lowest >= -1e-15).all()
+    assert (highest <= FULL + 1e-10).all()
     assert (lowest < 0.02 * FULL).all()
     assert (highest > 0.95 * FULL).all()
 
 
 def test_a_full_cold_buffer_takes_what_the_heat_pump_takes_from_it(steps_900: KnownSteps) -> None:
-    rows, kernel = rows_of(steps_900, 1), kernel_of("compiled")
+    rows, kernel = rows_of(warm(steps_900), 1), kernel_of("compiled")
     x = rows.x.copy()
     x[:, [COLD, HOT]] = FULL[0], 0.0
-    for _ in range(16):
+    for _ in range(4):
         before, x = x, kernel.step(x, control(uMech=1.0, uHeatPump=1.0, uBufHot=1.0), rows.d, rows.p)
     pumped = (x - before)[0, PUMPED] / 900.0
     assert pumped == pytest.approx(62.5 / COP, rel=1e-4)
@@ -107,7 +114,7 @@ def test_empty_buffers_give_nothing(steps_900: KnownSteps) -> None:
 
 
 def test_the_cooler_cools_and_dries_the_air(steps_900: KnownSteps) -> None:
-    rows, kernel = rows_of(steps_900, 12), kernel_of("compiled")
+    rows, kernel = rows_of(warm(steps_900), 12), kernel_of("compiled")
     x, u = rows.x.copy(), rows.u.copy()
     x[:, COLD], u[:, 6:] = 0.0, 0.0
     cooled = u.copy()
