@@ -84,7 +84,7 @@ def test_no_buffer_is_below_empty_or_above_full(steps_900: KnownSteps, preset: s
         x = kernel.step(x, u, rows.d, rows.p)
         stored = x[:, [COLD, HOT]]
         lowest, highest = np.minimum(lowest, stored.min(axis=0)), np.maximum(highest, stored.max(axis=0))
-    # A full buffer is 150 s from where it takes what it loses, so that a substep may end beyond the edge, by less than its error.
+    # The buffers settle at an edge within minutes, so that a substep may end beyond it, by less than its own error.
     assert (lowest >= -1e-15).all()
     assert (highest <= FULL + 1e-10).all()
     assert (lowest < 0.02 * FULL).all()
