@@ -1,4 +1,4 @@
-"""The task of docs/energy.md, for the tests of several rooms."""
+"""The tasks of docs/energy.md, for the tests of several rooms."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from glbench.tasks import TaskSpec, get_task
 PAGE = (Path(__file__).resolve().parents[1] / "docs" / "energy.md").read_text(encoding="utf-8")
 
 
-def written() -> str:
-    """The task file of the page."""
-    (text,) = (block for block in re.findall(r"```toml\n(.*?)```", PAGE, flags=re.DOTALL) if block.startswith("schema"))
+def written(task: str = "mylab/Energy-v1") -> str:
+    """The task file of the page with that id."""
+    (text,) = (block for block in re.findall(r"```toml\n(.*?)```", PAGE, flags=re.DOTALL) if f'id = "{task}"' in block)
     return text
 
 

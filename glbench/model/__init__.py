@@ -26,6 +26,7 @@ from glbench.model.energy import ChpBoilerBuffer
 from glbench.model.expressions import Expr
 from glbench.model.greenhouse import Meter, compose
 from glbench.model.greenlight import GreenLightClimate
+from glbench.model.heat_harvesting import HARVEST_METERS, HeatHarvesting
 from glbench.model.judging import NO_LIMIT, SIDES, Side, judged, limit_parameter, violation_meter
 from glbench.model.model import Capacity, Evaluation, Flow, Model, Seen, Signal, Step, Stock
 from glbench.model.paper import (
@@ -43,6 +44,7 @@ from glbench.model.paper import (
     TOMATO,
     TOMATO_ENERGY,
     TOMATO_SEASON,
+    TOMATO_HEAT_PUMP,
     auxiliaries,
     build_rhs,
     crop_parameter_set,
@@ -62,7 +64,7 @@ from glbench.model.parameter_sets import PARAMETER_SETS
 from glbench.model.parameter_table import Parameter
 from glbench.model.quantities import Quantity, Variable
 from glbench.model.submodels import Addition, Around, Climate, Crop, Nothing
-from glbench.model.surroundings import CropExchange, Surroundings
+from glbench.model.surroundings import AirExchange, CropExchange, Surroundings
 from glbench.model.variants import VARIANTS
 
 __all__ = [
@@ -71,6 +73,7 @@ __all__ = [
     "CONTROL_NAMES",
     "DISTURBANCES",
     "DISTURBANCE_NAMES",
+    "HARVEST_METERS",
     "LETTUCE",
     "MODEL_VERSION",
     "NO_LIMIT",
@@ -83,10 +86,12 @@ __all__ = [
     "TOMATO",
     "TOMATO_ENERGY",
     "TOMATO_SEASON",
+    "TOMATO_HEAT_PUMP",
     "VARIANTS",
     "Actuators",
     "Addition",
     "Air",
+    "AirExchange",
     "Around",
     "Capacity",
     "ChpBoilerBuffer",
@@ -97,6 +102,7 @@ __all__ = [
     "Expr",
     "Flow",
     "GreenLightClimate",
+    "HeatHarvesting",
     "Horizon",
     "Meter",
     "Model",

@@ -21,7 +21,7 @@ from glbench.model.optics import Optics
 from glbench.model.parameters import ClimateParameters, TomatoParameters
 from glbench.model.shortwave import ShortWave
 from glbench.model.states import ClimateState, TomatoState
-from glbench.model.surroundings import CropExchange, Surroundings
+from glbench.model.surroundings import AirExchange, CropExchange, Surroundings
 from glbench.model.transpiration import Transpiration
 from glbench.model.vapour import Vapour
 from glbench.model.ventilation import Ventilation
@@ -150,6 +150,17 @@ def climate_balances(p: ClimateParameters, f: ClimateFluxes, taken: CropExchange
             - h.h_bl_scr_top - r.r_bl_scr_cov_in - r.r_bl_scr_sky - r.r_bl_scr_th_scr
         ) / p.cap_bl_scr,
     )  # fmt: skip
+
+
+def without(rates: ClimateState, p: ClimateParameters, f: ClimateFluxes, taken: AirExchange) -> ClimateState:
+    """``rates`` of the greenhouse less what an addition takes from the main air.
+
+    Katzin (2021) eqs 7.1 and 7.50 have such terms, ``hAirMech`` and ``mvAirMech``. They stand here, and not in the balances above, so
+    that the equations of a greenhouse without such an addition do not change.
+    """
+    return rates._replace(
+        t_air=rates.t_air - taken.heat / p.cap_air, vp_air=rates.vp_air - taken.vapour / f.capacities.cap_vp_air
+    )
 
 
 def tomato_balances(x: TomatoState, s: Surroundings, f: TomatoFluxes) -> TomatoState:

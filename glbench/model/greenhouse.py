@@ -149,8 +149,13 @@ class Greenhouse(Model):
         names = (*around._fields, *grown._fields, *(part.name for part in self.additions))
         records = (*around, *grown, *others)
         home = _homes(names, tuple(type(record) for record in records), self.meters)
+        of_climate = climate.State(*_values(climate, "rates", climate.rates(x_climate, around, grown.crop, p_climate)))
+        for (part, own, values), fluxes in zip(added, others, strict=True):
+            taken = part.exchange(own, everything, fluxes, values)
+            if taken is not None:
+                of_climate = climate.without(of_climate, around, taken, p_climate)
         rates = [
-            *_values(climate, "rates", climate.rates(x_climate, around, grown.crop, p_climate)),
+            *of_climate,
             *_values(crop, "rates", crop.rates(x_crop, seen, grown, p_crop)),
             *chain.from_iterable(
                 _values(part, "rates", part.rates(own, everything, fluxes, values))

@@ -12,7 +12,7 @@ from typing import ClassVar
 from glbench.errors import ParameterError
 from glbench.model.actuators import Actuators, actuators
 from glbench.model.air import Air, humidity_deficit, saturation_vapour_pressure, vapour_pressure_deficit
-from glbench.model.balances import ClimateFluxes, climate_balances
+from glbench.model.balances import ClimateFluxes, climate_balances, without
 from glbench.model.bounds import (
     COLDEST,
     HOTTEST,
@@ -41,7 +41,7 @@ from glbench.model.quantities import states_of, table_of
 from glbench.model.shortwave import par_above, photons_of, short_wave
 from glbench.model.states import ClimateState
 from glbench.model.submodels import Climate
-from glbench.model.surroundings import CropExchange, Surroundings
+from glbench.model.surroundings import AirExchange, CropExchange, Surroundings
 from glbench.model.transpiration import transpiration
 from glbench.model.vapour import vapour
 from glbench.model.variants import AUTHOR, Variant
@@ -141,6 +141,11 @@ class GreenLightClimate(Climate):
 
     def rates(self, x: ClimateState, fluxes: ClimateFluxes, taken: CropExchange, p: ClimateParameters) -> ClimateState:
         return climate_balances(p, fluxes, taken)
+
+    def without(
+        self, rates: ClimateState, fluxes: ClimateFluxes, taken: AirExchange, p: ClimateParameters
+    ) -> ClimateState:
+        return without(rates, p, fluxes, taken)
 
     def derived(self, p: ClimateParameters) -> ClimateParameters:
         return derived_climate(p)

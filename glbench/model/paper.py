@@ -2,7 +2,8 @@
 
 ``greenlight-tomato-1.0.0`` is the GreenLight greenhouse with its tomato crop: 28 states, 6 controls, 10 disturbances, 208
 parameters. ``greenlight-tomato-harvest-1.0.0`` also has a meter on the harvest, ``greenlight-tomato-harvest-energy-1.0.0`` an
-engine and a hot-water buffer besides; ``greenlight-lettuce-1.0.0`` has lettuce as its crop.
+engine and a hot-water buffer besides, ``greenlight-tomato-harvest-heat-pump-1.0.0`` a cooler, a heat pump and two buffers instead;
+``greenlight-lettuce-1.0.0`` has lettuce as its crop.
 ``STATES``, ``rhs`` and the other names and functions here are those of the first; code that serves any model asks the model.
 """
 
@@ -21,6 +22,7 @@ from glbench.model.crop.tomato import VanthoorTomato
 from glbench.model.energy import DUMPED, PIPE_HEAT, ChpBoilerBuffer
 from glbench.model.greenhouse import Greenhouse, Meter, compose
 from glbench.model.greenlight import GreenLightClimate
+from glbench.model.heat_harvesting import HARVEST_METERS, HeatHarvesting
 from glbench.model.model import Evaluation, Model, Symbolic
 from glbench.model.parameter_sets import Given
 from glbench.model.parameter_table import BENCHMARK
@@ -94,6 +96,15 @@ TOMATO_ENERGY = compose(
     name="greenlight-tomato-harvest-energy",
 )
 """The tomato greenhouse with boiler, engine and hot-water buffer, and meters on harvest, heat to the pipes and heat dumped."""
+
+TOMATO_HEAT_PUMP = compose(
+    GreenLightClimate(),
+    VanthoorTomato(),
+    HeatHarvesting(),
+    meters=(HARVEST, *HARVEST_METERS),
+    name="greenlight-tomato-harvest-heat-pump",
+)
+"""The tomato greenhouse with boiler, cooler, heat pump, cold and hot buffer, and meters on harvest, heat pump and harvested heat."""
 
 STATES, CONTROLS, DISTURBANCES, PARAMETERS = TOMATO.states, TOMATO.controls, TOMATO.disturbances, TOMATO.table
 STATE_NAMES, CONTROL_NAMES = TOMATO.state_names, TOMATO.control_names
@@ -248,4 +259,5 @@ for _variant in VARIANTS:
 register_model(LETTUCE)
 register_model(TOMATO_ENERGY)
 register_model(TOMATO_SEASON)
+register_model(TOMATO_HEAT_PUMP)
 _SHIPPED = frozenset(_MODELS)

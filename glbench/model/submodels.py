@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple, TypeAlias
 
+from glbench.errors import GlbenchError
 from glbench.model.actuators import Actuators
 from glbench.model.bounds import Horizon
 from glbench.model.disturbances import Disturbances
@@ -17,7 +18,7 @@ from glbench.model.expressions import Expr
 from glbench.model.model import Capacity, Flow, Record, Seen, Signal, Stock
 from glbench.model.parameter_checks import Order, Shares
 from glbench.model.parameter_table import ParameterInfo, declared_table
-from glbench.model.surroundings import CropExchange, Surroundings
+from glbench.model.surroundings import AirExchange, CropExchange, Surroundings
 
 
 class Nothing(NamedTuple):
@@ -109,6 +110,20 @@ class Climate(Submodel):
     def rates(self, x: Record, fluxes: Record, taken: CropExchange, p: Record) -> Record:
         """Time derivatives of the climate's states."""
 
+    def without(self, rates: Record, fluxes: Record, taken: AirExchange, p: Record) -> Record:
+        """``rates`` less what an addition takes from the main air.
+
+        Raises
+        ------
+        GlbenchError
+            When the climate does not say how.
+        """
+        msg = (
+            f"{self.name} has no method `without`, so no addition can take heat or vapour from its air. "
+            "Write one that returns its rates less what is taken, as GreenLightClimate does."
+        )
+        raise GlbenchError(msg)
+
     @abstractmethod
     def start(self, d: Disturbances, air_temperature: float, p: Record) -> Record:
         """State at the start of an episode: air and surfaces at one temperature [°C]."""
@@ -155,7 +170,10 @@ class Around(NamedTuple):
 
 
 class Addition(Submodel):
-    """Another part: an energy system, an irrigation, a pest. It reads everything, and may change what the actuators bring in."""
+    """Another part: an energy system, an irrigation, a pest.
+
+    It reads everything, may change what the actuators bring in, and may take heat and vapour from the main air.
+    """
 
     def supply(self, act: Actuators, x: Record, u: Record, p: Record) -> Actuators:
         """What the actuators bring in, with this part in between; ``u`` are all controls of the model."""
@@ -164,6 +182,10 @@ class Addition(Submodel):
     def processes(self, x: Record, around: Around, p: Record) -> Record:
         """Its fluxes: one annotated record."""
         return Nothing()
+
+    def exchange(self, x: Record, around: Around, fluxes: Record, p: Record) -> AirExchange | None:
+        """What it takes from the main air; None: nothing, and no equation of the climate changes."""
+        return None
 
     def rates(self, x: Record, around: Around, fluxes: Record, p: Record) -> Record:
         """Time derivatives of its states."""

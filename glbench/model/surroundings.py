@@ -25,3 +25,12 @@ class CropExchange(NamedTuple):
     """What the crop as a whole takes from the air."""
 
     mc_air_can: Annotated[Expr, Quantity("mg m-2 s-1", "CO2, main air to canopy: net uptake")]
+
+
+class AirExchange(NamedTuple):
+    """What an addition takes from the main air, per floor area; negative where it gives."""
+
+    heat: Expr
+    """Sensible heat [W m-2]."""
+    vapour: Expr
+    """Water vapour [kg m-2 s-1]. Its latent heat goes with it."""

@@ -874,6 +874,16 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("*Computers and Electronics in Agriculture* 162, 1035-1048", "source: pages of an article"),
         ("an action is 0.5 or more", "definition: tests/env/test_on_off.py holds it"),
         ("stops when it is below -0.5", "definition: tests/env/test_on_off.py holds it"),
+        ("and uses 12.5 W m-2 of electricity", "tests/docs/test_energy.py holds it"),
+        ("11.4 W m-2 of electricity and 51.1 W m-2 from", "tests/docs/test_energy.py holds it"),
+        ("become 62.5 W m-2 in the hot one", "tests/docs/test_energy.py holds it"),
+        ("0.4184 MJ m-2 cold and 0.8368 MJ m-2 hot", "tests/docs/test_energy.py holds it"),
+        ("the cold buffer in 35 minutes", "tests/docs/test_energy.py holds it"),
+        ("mvAirMech = 6.4e-9 hecAirMech m", "definition: the Lewis factor of glbench/model/vapour.py"),
+        ("0.16 litres of water per m2", "tests/docs/test_energy.py holds it"),
+        ("(his equation 5.1)", "source: number of an equation"),
+        ("cooler is the author's to 1 %", "tests/model/test_heat_harvesting.py holds it"),
+        ("with a little over 1 kWh m-2", "tests/docs/test_energy.py runs the example above it"),
     ],
     "docs/process-computer.md": [
         *(

@@ -1,4 +1,4 @@
-"""docs/energy.md: its task, its rules and its figures, as they stand on the page."""
+"""docs/energy.md: its tasks, their rules and their figures, as they stand on the page."""
 
 from __future__ import annotations
 
@@ -9,27 +9,30 @@ from pathlib import Path
 import pytest
 
 from glbench.evaluation import evaluate
-from glbench.model import TOMATO_ENERGY
+from glbench.model import TOMATO_ENERGY, TOMATO_HEAT_PUMP
+from glbench.model.heat_harvesting import cooler
 from tests.cli.command_line import Command
 from tests.cli.conftest import glbench
 from tests.energy import PAGE, write_rules, written
 
 __all__ = ["glbench"]
 
+EXAMPLES, TEXTS = (re.findall(rf"```{kind}\n(.*?)```", PAGE, flags=re.DOTALL) for kind in ("python", "text"))
+COSTS = TEXTS[1]
+SHOWN = [text for text in TEXTS if text != COSTS]
 
+
+@pytest.mark.parametrize(
+    ("example", "shown"), [*zip(EXAMPLES, SHOWN, strict=True)], ids=["engine", "larger buffers", "heat pump"]
+)
 def test_the_rules_give_what_the_page_shows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    example: str, shown: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("energy.toml").write_text(written(), encoding="utf-8")
-    (rules, buffers), (shown, _, costs) = (blocks(kind) for kind in ("python", "text"))
-    for example, output in ((rules, shown), (buffers, costs)):
-        exec(compile(example, "docs/energy.md", "exec", dont_inherit=True), {})
-        assert capsys.readouterr().out == output
-
-
-def blocks(kind: str) -> list[str]:
-    return re.findall(rf"```{kind}\n(.*?)```", PAGE, flags=re.DOTALL)
+    Path("heat-pump.toml").write_text(written("mylab/HeatPump-v1"), encoding="utf-8")
+    exec(compile(example, "docs/energy.md", "exec", dont_inherit=True), {})
+    assert capsys.readouterr().out == shown
 
 
 def test_what_the_rules_cost_is_what_the_page_shows(tmp_path: Path, glbench: Command) -> None:
@@ -38,7 +41,7 @@ def test_what_the_rules_cost_is_what_the_page_shows(tmp_path: Path, glbench: Com
     evaluate(task, write_rules(tmp_path, "engine", stores=True, engine=True), out=tmp_path)
     answer = glbench("episodes", "dispatch", tmp_path / "results" / "Energy-v1" / "engine.json")
     printed = [line.rstrip() for line in answer.out.splitlines() if line.strip()]
-    shown = [line.rstrip() for line in blocks("text")[1].splitlines() if line.strip()]
+    shown = [line.rstrip() for line in COSTS.splitlines() if line.strip()]
     assert "mean of 4 runs" in printed[-2]
     assert [*printed[1:-2], printed[-1]] == shown
 
@@ -58,6 +61,31 @@ def test_the_page_has_the_values_of_the_table_and_every_flow() -> None:
             assert re.search(rf"^\| .*`{flow.name}`.* \| {re.escape(flow.unit)} \|", PAGE, flags=re.MULTILINE), (
                 flow.name
             )
+
+
+def test_the_section_on_heat_harvesting_has_the_values_of_the_table_and_every_flow() -> None:
+    section = PAGE[PAGE.index("## Heat harvesting") :]
+    p = TOMATO_HEAT_PUMP.parameters.record(*TOMATO_HEAT_PUMP.parameters.default().tolist())
+    power = p.cop_mech * p.p_mech
+    pumped = p.cop_heat_pump * p.p_heat_pump
+    assert (
+        f"up to {power:g} W m-2 from the air, as heat and as vapour, and uses {p.eta_mech * p.p_mech:g} W m-2"
+        in section
+    )
+    taken = f"{p.p_heat_pump:.1f} W m-2 of electricity and {pumped - p.p_heat_pump:.1f} W m-2 from the cold buffer"
+    assert f"{taken} become {pumped:.1f} W m-2 in the hot one" in section
+    assert f"to the rail pipes: {p.p_buf_hot:g} W m-2" in section
+    assert f"{p.e_buf_cold_max:g} MJ m-2 cold and {p.e_buf_hot_max:g} MJ m-2 hot" in section
+    assert f"in {1e6 * p.e_buf_cold_max / power / 60:.0f} minutes" in section
+    assert 1e6 * p.e_buf_hot_max / p.p_buf_hot / 3600 == pytest.approx(1.5, abs=0.06)
+    _, sensible, condensed, latent = cooler(20.0, 2000.0, power, p.L, p)
+    assert f"\n{sensible:.0f} W m-2 as heat and {latent:.0f} W m-2 as vapour, {3600 * condensed:.2f} litres" in section
+    for flow in TOMATO_HEAT_PUMP.flows():
+        if flow.name not in {"fruit_growth", "fruit_harvested"}:
+            assert re.search(rf"^\| .*`{flow.name}`.* \|", section, flags=re.MULTILINE), flow.name
+    for parameter in ("electricity_cooler", "electricity_heat_pump", "heat_harvested", "heat_delivered"):
+        unit = next(flow.unit for flow in TOMATO_HEAT_PUMP.flows() if flow.name == parameter)
+        assert f"| `{parameter}` | {unit} |" in section
 
 
 def test_every_table_of_the_page_can_be_read() -> None:

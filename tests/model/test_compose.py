@@ -15,6 +15,7 @@ from glbench.model import (
     LETTUCE,
     TOMATO,
     TOMATO_ENERGY,
+    TOMATO_HEAT_PUMP,
     ChpBoilerBuffer,
     Horizon,
     Meter,
@@ -315,7 +316,7 @@ def test_models_are_known_by_id_and_variant_and_an_id_means_one_model() -> None:
         register_model(compose(GreenLightClimate(), VanthoorTomato(), WaterTank(), name="greenlight-tomato"))
 
 
-@pytest.mark.parametrize("model", [TOMATO, LETTUCE, TOMATO_ENERGY], ids=str)
+@pytest.mark.parametrize("model", [TOMATO, LETTUCE, TOMATO_ENERGY, TOMATO_HEAT_PUMP], ids=str)
 def test_what_is_drawn_exists(model: Model) -> None:
     known = {*model.state_names, *model.control_names, *model.disturbance_names}
     assert {signal.source for signal in model.signals() if signal.of is None and signal.today is None} <= known

@@ -24,6 +24,7 @@ from glbench.model import (
     STATE_NAMES,
     STATES,
     TOMATO_ENERGY,
+    TOMATO_HEAT_PUMP,
     VARIANTS,
     build_rhs,
     default_parameters,
@@ -54,9 +55,8 @@ def test_names_are_in_the_order_of_the_vectors() -> None:
 def test_every_name_is_explained_in_the_nomenclature() -> None:
     page = (Path(__file__).parents[2] / "docs" / "nomenclature.md").read_text(encoding="utf-8")
 
-    others = (
-        entry for model in (LETTUCE, TOMATO_ENERGY) for entry in (*model.states, *model.controls, *model.auxiliaries)
-    )
+    models = (LETTUCE, TOMATO_ENERGY, TOMATO_HEAT_PUMP)
+    others = (entry for model in models for entry in (*model.states, *model.controls, *model.auxiliaries))
     for entry in (*STATES, *CONTROLS, *DISTURBANCES, *AUXILIARIES, *others):
         row = next((line for line in page.splitlines() if line.startswith(f"| `{entry.name}` |")), "")
         assert f"| {entry.unit} |" in row, entry.name
