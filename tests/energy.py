@@ -69,7 +69,7 @@ def make_agent(card):
 def write_rules(folder: Path, name: str, *, stores: bool, engine: bool) -> Path:
     """The rules of the page as an agent, in the file ``name.py``."""
     (flue,) = re.findall(r"^flue = .*$", PAGE, flags=re.MULTILINE)
-    (rules,) = re.findall(r"^def rules.*?\n\n\n", PAGE, flags=re.DOTALL | re.MULTILINE)
+    (rules,) = re.findall(r"^def rules\(seen, stores, engine.*?\n\n\n", PAGE, flags=re.DOTALL | re.MULTILINE)
     path = folder / f"{name}.py"
     path.write_text(_AGENT.format(flue=flue, rules=rules, stores=stores, engine=engine), encoding="utf-8")
     return path
