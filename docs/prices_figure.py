@@ -62,14 +62,14 @@ def draw(course: dict[str, np.ndarray]) -> Figure:
     low, high = (np.array([np.quantile(one, share) for one in prices]) for share in (0.1, 0.9))
     mean = np.array([one.mean() for one in prices])
     edges = np.arange(25)
-    day.stairs(mean, edges, color=INK, lw=1.6, label="mean of the season")
     day.stairs(high, edges, baseline=low, fill=True, color="#dddddd", label="four days of five")
+    day.stairs(mean, edges, baseline=None, color=INK, lw=1.6, label="mean of the season")
     day.set_xlim(0, 24)
     day.set_xticks(range(0, 25, 3))
     day.set_xlabel("hour of the day")
     day.set_ylabel("power [EUR kWh-1]")
     for axes in (price, day):
-        axes.set_ylim(0.0, None)
+        axes.set_ylim(0.0, 0.45)
         axes.legend(fontsize=8, loc="upper right", frameon=False, ncols=2)
         axes.grid(color="#dddddd", lw=0.6)
     return figure
