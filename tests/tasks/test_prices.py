@@ -106,7 +106,8 @@ def moment(text: str) -> dt.datetime:
 YEARLY = PriceTable(
     "EUR kWh-1",
     series=tuple((moment(at), price) for at, price in (
-        ("2012-01-01T06:00", 1.0), ("2012-02-28T12:00", 2.0), ("2012-02-29T00:00", 3.0), ("2012-03-01T00:00", 4.0), ("2012-10-01T00:00", 5.0),
+        ("2012-01-01T06:00", 1.0), ("2012-02-28T12:00", 2.0), ("2012-02-29T00:00", 3.0), ("2012-03-01T00:00", 4.0),
+        ("2012-10-01T00:00", 5.0),
     )),
     yearly=True,
 )  # fmt: skip
@@ -243,7 +244,7 @@ def series(*moments: str) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({POWER + ".hourly": [0.1] * 24}, "It must have exactly one of hourly (24 prices), from_day (prices by day), series (or file), market"),
+        ({POWER + ".hourly": [0.1] * 24}, "It must have exactly one of hourly (24 prices), from_day (prices by day), series"),
         ({MARKET_KEYS + ".shape": [1.0] * 23}, "There must be 24 numbers, one an hour; there are 23."),
         ({MARKET_KEYS + ".lowest": 0.8}, "lowest = 0.8 must be below highest = 0.8."),
         ({MARKET_KEYS + ".level": 0.0}, "level = 0.0 is not allowed. It must be a price above 0"),
@@ -253,25 +254,25 @@ def series(*moments: str) -> dict[str, Any]:
         ({MARKET_KEYS + ".spread": -1.0}, "a share of the level, 0 to 10"),
         ({MARKET_KEYS + ".persistence": 1.0}, "a fraction from 0 to below 1"),
         ({POWER + ".yearly": True}, "yearly = true belongs to a series"),
-        ({"price_tables.dear": {"unit": "EUR kWh-1", "of": "powr"}}, "[price_tables.dear] of = 'powr': there is no such table. Did you mean 'power'?"),
-        ({"price_tables.dear": {"unit": "EUR kg-1", "of": "power"}}, "[price_tables.dear] is in EUR kg-1, and 'power', which it follows, in EUR kWh-1."),
+        ({"price_tables.dear": {"unit": "EUR kWh-1", "of": "powr"}}, "of = 'powr': there is no such table. Did you mean 'power'?"),
+        ({"price_tables.dear": {"unit": "EUR kg-1", "of": "power"}}, "is in EUR kg-1, and 'power', which it follows, in EUR kWh-1."),
         (
             {"price_tables.dear": {"unit": "EUR kWh-1", "of": "power"}, "price_tables.dearer": {"unit": "EUR kWh-1", "of": "dear"}},
             "[price_tables.dearer] of = 'dear', which follows 'power' itself. Name that one.",
         ),
-        ({"price_tables.gas": series("2010-01-01T00:00", "2011-01-01T00:00")}, "it goes from 2010-01-01 to 2011-01-01. Keep one year of it."),
-        ({"observation.day_ahead.prices": ["powr"]}, "[observation.day_ahead] prices: there is no price table 'powr'. Did you mean 'power'?"),
+        ({"price_tables.gas": series("2010-01-01T00:00", "2011-01-01T00:00")}, "from 2010-01-01 to 2011-01-01. Keep one year of it."),
+        ({"observation.day_ahead.prices": ["powr"]}, "[observation.day_ahead] prices: there is no price table 'powr'. Did"),
         ({"observation.day_ahead.hours": [1, 25]}, "hours = [1, 25] must be different whole hours from 1 to 24, the nearest first."),
         ({"observation.day_ahead.hours": [2, 2]}, "hours = [2, 2] must be different whole hours"),
         ({"observation.day_ahead": None}, "add [observation.day_ahead] with prices"),
         ({"observation.modules": ["indoor_climate", "prices"], "observation.forecast": None}, 'add "day_ahead_prices" to the modules'),
         ({"ledger.cost_electricity.beyond": BEYOND}, "beyond needs a price that is a number, and this one is the table 'power'."),
-        ({"ledger.cost_heat.beyond": BEYOND}, "greenlight-tomato-season-1.0.0 has no meter on 'heat'. It has fruit_harvested, co2_metered."),
+        ({"ledger.cost_heat.beyond": BEYOND}, "season-1.0.0 has no meter on 'heat'. It has fruit_harvested, co2_metered."),
         (
             {"ledger.cost_co2.beyond.amount": {"value": 1.0, "unit": "g m-2"}},
             "beyond: its amount is in g m-2, that of the item in kg m-2. Write both in one unit.",
         ),
-        ({"ledger.cost_co2.beyond.price": {"value": 1.0, "unit": "EUR g-1"}}, "beyond: its price is in EUR g-1, that of the item in EUR kg-1."),
+        ({"ledger.cost_co2.beyond.price": {"value": 1.0, "unit": "EUR g-1"}}, "its price is in EUR g-1, that of the item in EUR kg-1."),
         ({"ledger.cost_co2.beyond": {"amount": 1.0, "price": 0.2}}, "Write amount and price with their units: beyond = "),
         ({"ledger.cost_co2.beyond.amount": {"value": 0.0, "unit": "kg m-2"}}, "amount = 0.0 is not allowed"),
     ],
