@@ -183,7 +183,7 @@ def prices(context: ObservationContext) -> tuple[Quantity, ...]:
 
 
 def day_ahead_prices(context: ObservationContext) -> tuple[Quantity, ...]:
-    """Prices of coming hours, each table for all hours ahead: until midnight as they will be, then as in the same hour of today."""
+    """Prices of coming hours, each table for all hours ahead: until midnight as they will be, then as 24 h before."""
     known = {name: (unit, low, high) for name, unit, low, high in context.prices}
     return tuple(
         Quantity(

@@ -42,6 +42,7 @@ from glbench.model.air import humidity_deficit
 from glbench.realism import HouseCompared
 from glbench.speed import SpeedRecord, read_record
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task
+from glbench.tasks.prices import RADIATION, SHAPE
 from glbench.tasks.tables import ProcessComputerTable
 from glbench.weather import load_weather
 from tests.kernel.known_steps import known_steps
@@ -140,6 +141,22 @@ def reward_of_epi() -> tuple[float, float]:
 def forecast_columns(task: TaskSpec) -> int:
     """How many columns of an observation are forecasts."""
     return sum(bool(re.search(r"_in_\d+h$", quantity.name)) for quantity in task.observed())
+
+
+WITH_MARKETS = ("WinterLED-v1", "SpringEnergy-v1")
+
+
+def both_markets(key: str) -> tuple[float, ...]:
+    """A number of the power markets of the drafts."""
+    return tuple(getattr(get_task(name).price_tables["power"].market, key) for name in WITH_MARKETS)
+
+
+def price_steps() -> tuple[float, float, float]:
+    """Of WinterLED-v1's CO2: the amount at which its price steps, the price until then, and beyond."""
+    item = next(item for item in get_task("WinterLED-v1").ledger.items if item.name == "cost_co2")
+    assert item.beyond is not None
+    assert isinstance(item.price, float)
+    return item.beyond.amount, item.price, item.beyond.price
 
 
 # Trainings.
@@ -725,6 +742,21 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
         ("of one training, {} resamples", lambda: RESAMPLES),
         ("Differences of the reward up to {} count as none", lambda: RESOLUTION),
+    ],
+    "docs/prices.md": [
+        ("[EUR kWh-1] | {} | {} | | `shape`", lambda: both_markets("level")),
+        ("as a share of the level | {} | {} |", lambda: both_markets("weekend")),
+        ("at {} W m-2 | {} | {} |", lambda: (RADIATION, *both_markets("sun"))),
+        ("with 5 m s-1 more | {} | {} |", lambda: both_markets("wind")),
+        ("unexplained part, as a share | {} | {} |", lambda: both_markets("spread")),
+        ("left an hour later | {} | {} |", lambda: both_markets("persistence")),
+        (
+            "limits of the price [EUR kWh-1] | {}, {} | {}, {} |",
+            lambda: tuple(end for name in WITH_MARKETS for end in get_task(name).price_tables["power"].limits),
+        ),
+        ("{} in the hour from 8:00, and one in the evening, {} from 19:00", lambda: (SHAPE[8], SHAPE[19])),
+        ("CO2 costs less up to {} kg m-2 than beyond", lambda: price_steps()[0]),
+        ("are {} EUR for each kg up to it and {} EUR for each", lambda: price_steps()[1:]),
     ],
     "docs/submit.md": [
         ("doing nothing without breaking a limit gives {} a step there", lambda: reward_of_epi()[1] / TASK.steps),
