@@ -62,7 +62,7 @@ def draw(course: dict[str, np.ndarray]) -> Figure:
     low, high = (np.array([np.quantile(one, share) for one in prices]) for share in (0.1, 0.9))
     mean = np.array([one.mean() for one in prices])
     edges = np.arange(25)
-    day.stairs(high, edges, baseline=low, fill=True, color="#dddddd", label="four days of five")
+    day.stairs(high, edges, baseline=low, fill=True, color="#dddddd", label="80 % of the days")
     day.stairs(mean, edges, baseline=None, color=INK, lw=1.6, label="mean of the season")
     day.set_xlim(0, 24)
     day.set_xticks(range(0, 25, 3))
