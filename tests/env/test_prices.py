@@ -16,6 +16,8 @@ from glbench.errors import TaskError
 from glbench.tasks import TaskSpec, get_task
 from glbench.tasks.prices import SHAPE
 
+MODULES = ("prices", "day_ahead_prices")
+
 SEEDS = [10_003, 10_001, 10_002]
 """Of three seasons of the training split."""
 SHORT = {
