@@ -104,6 +104,7 @@ def figures(task: TaskSpec) -> dict[str, Any]:
             for item in task.ledger.items
             if isinstance(item.price, str) and (item.valued == FLOW or task.price_tables[item.price].hourly)
         },
+        "beyond": {item.name: [item.beyond.amount, item.beyond.price] for item in task.ledger.items if item.beyond},
         "reward_modules": list(task.reward.modules),
         **_scaled(task, accounts),
         "failed_step": task.evaluation.failed_step.model_dump(),
@@ -398,7 +399,8 @@ def _prices(task: TaskSpec) -> Section:
             "earned" if item.sign > 0 else "paid",
             _price_span(task, item.price)
             if isinstance(item.price, str)
-            else f"{item.price:g} EUR per {unit_sold(item) or 'piece'}",
+            else f"{item.price:g} EUR per {unit_sold(item) or 'piece'}"
+            + (f", {item.beyond.price:g} beyond {item.beyond.amount:g} {item.amount_unit}" if item.beyond else ""),
             item.amount_meaning or item.label,
         )
         for item in task.ledger.items

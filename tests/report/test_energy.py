@@ -39,7 +39,24 @@ def two_days(name: str, hourly: list[float] | None = None, changes: dict[str, ob
     return energy_task({"id": f"test/{name}-v1", "weather.days": 2, "evaluation.runs": 2, **prices, **(changes or {})})
 
 
+LIMIT = 0.2  # kWh m-2
+
+
+def stepped(name: str, price: float) -> TaskSpec:
+    """Heat to the pipes costs something, and twice as much as 0.05 beyond an amount that every run uses."""
+    item = {
+        "side": "paid", "flow": "heat_to_pipes", "amount": "pipe_heat_used", "unit": "kWh m-2", "factor": 1 / 3.6e6,
+        "price": {"value": price, "unit": "EUR kWh-1"},
+        "beyond": {
+            "amount": {"value": LIMIT, "unit": "kWh m-2"}, "price": {"value": 0.1, "unit": "EUR kWh-1"},
+        },
+    }  # fmt: skip
+    return two_days(name, None, {"ledger.cost_pipes": item})
+
+
 TASKS = {
+    "Stepped": stepped("Stepped", 0.05),
+    "DearStepped": stepped("DearStepped", 0.08),
     "Energy": two_days("Energy"),
     "Dear": two_days("Dear", [TIMES * price + PLUS for price in HOURLY]),
     "Flat": two_days("Flat", [sum(HOURLY) / 24] * 24),
@@ -92,6 +109,24 @@ def test_a_price_table_times_and_plus_is_what_an_evaluation_at_these_prices_give
     assert "electricity sold × 1.5 + 0.02 EUR/kWh" in page.locator("#prices summary").inner_text()
     page.locator("#reset-prices").click()
     assert column(page, "Profit (EPI)") == before
+
+
+@needs_browser
+def test_a_price_that_steps_keeps_its_second_price_at_another_first_one(visit, made):
+    truth = results(made, "DearStepped")
+    assert min(truth["engine"].values("pipe_heat_used")) > 2 * LIMIT
+    page = visit("#/Stepped-v1")
+    before = column(page, "Profit (EPI)")["engine"]
+    change_price(page, "cost_pipes", 0.08)
+    shown = column(page, "Profit (EPI)")
+    for name, result in truth.items():
+        assert shown[name] == pytest.approx(result.summary.mean["epi"], abs=0.0051), name
+    assert shown["engine"] == pytest.approx(before - 0.03 * LIMIT, abs=0.0101)
+    change_price(page, "revenue_power", 2)
+    earned = results(made, "Stepped")["engine"].summary.mean["revenue_power"]
+    assert column(page, "Profit (EPI)")["engine"] == pytest.approx(
+        truth["engine"].summary.mean["epi"] + earned, abs=0.0051
+    )
 
 
 @needs_browser

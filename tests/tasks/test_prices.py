@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from glbench.errors import GlbenchError, TaskError
+from glbench.report.task_words import definition_in_words
 from glbench.tasks import PriceTable, TaskSpec, get_task
 from glbench.tasks.prices import SHAPE, Market, SeasonOfPrices, day_ahead, price_rows
 
@@ -295,3 +296,8 @@ def test_what_is_seen_of_prices_has_the_bounds_of_their_tables() -> None:
     assert (bought.low, bought.high) == pytest.approx((-0.02, 0.43))
     assert (seen["price_power_in_21h"].low, seen["price_power_in_21h"].high) == (-0.05, 0.4)
     assert "price_power_bought_in_1h" not in seen
+
+
+def test_a_price_that_steps_is_told_with_both_prices() -> None:
+    rows = [row for section in definition_in_words(get_task("WinterLED-v1")) for row in section.rows]
+    assert "0.08 EUR per kg, 0.2 beyond 12 kg m-2" in [row[2] for row in rows if row[0] == "CO2"]

@@ -63,7 +63,8 @@ const meanPrice = (task, { money, amount }) => {
 // What an item earned or cost in run i. Exact: it is linear in the amount, and in the money at the task's prices, and results hold both.
 const moneyAt = (task, prices, item, run, i) => {
   const { money, amount, table } = item;
-  if (!table) return prices[money] * run[amount][i];
+  const [limit, dear] = task.beyond[money] ?? [Infinity, 0]; // what one pays for the rest
+  if (!table) return prices[money] * Math.min(run[amount][i], limit) + dear * Math.max(run[amount][i] - limit, 0);
   return prices[money] * (prices[flatOf(money)] ? meanPrice(task, item) * run[amount][i] : run[money][i]) + prices[addedTo(money)] * run[amount][i];
 };
 
