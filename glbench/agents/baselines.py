@@ -28,6 +28,7 @@ from glbench.tasks.quantities import PAPER_MODEL
 from glbench.untrusted import MIB, quoted
 
 if TYPE_CHECKING:
+    from glbench.agents.energy_rule_settings import EnergyRulePages
     from glbench.agents.grower import GrowerSettings
     from glbench.agents.network_agent import PolicyFiles
     from glbench.agents.plans import PlanFolder
@@ -37,7 +38,16 @@ if TYPE_CHECKING:
     from glbench.agents.tuned_rule_settings import RulePages
     from glbench.tasks import TaskCard
 
-    Settings = RuleSettings | RulePages | GrowerSettings | PolicyFiles | PredictiveSettings | Recording | PlanFolder
+    Settings = (
+        RuleSettings
+        | RulePages
+        | EnergyRulePages
+        | GrowerSettings
+        | PolicyFiles
+        | PredictiveSettings
+        | Recording
+        | PlanFolder
+    )
 
 _HERE = Path(__file__).resolve().parent
 LARGEST_ARCHIVE = 256 * MIB
@@ -127,6 +137,20 @@ _CONTROLLERS = {
         maker=("tuned_rules", "TunedRulesAgent"),
         modules=("tuned_rules.py", "tuned_rule_settings.py", "rule_based_fair.py", "grower.py"),
     ),
+    "rule_based_energy": _Controller(
+        sees="observations",
+        information="observations and the public task card",
+        reader=("energy_rule_settings", "read_energy_rule_pages"),
+        maker=("energy_rules", "EnergyRulesAgent"),
+        modules=(
+            "energy_rules.py",
+            "energy_rule_settings.py",
+            "tuned_rules.py",
+            "tuned_rule_settings.py",
+            "rule_based_fair.py",
+            "grower.py",
+        ),
+    ),
     "network": _Controller(
         sees="observations",
         information="observations and the public task card",
@@ -193,6 +217,7 @@ class Card(BaseModel):
         "rule_based",
         "rule_based_fair",
         "rule_based_tuned",
+        "rule_based_energy",
         "grower",
         "network",
         "recording",

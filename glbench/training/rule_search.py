@@ -1,6 +1,7 @@
 """Tuning the numbers of rules by the rewards of whole seasons.
 
-The rules are those of ``glbench.agents.tuned_rules``; a page of settings says where to begin, and the bounds of its numbers how far to go.
+The rules are those of ``glbench.agents.tuned_rules``, or of ``glbench.agents.energy_rules`` for tasks that show the price of power; a page
+of settings says where to begin, and the bounds of its numbers how far to go.
 CMA-ES varies the numbers, all candidates of a generation have the same seasons, and all of them run side by side, one a row. What is
 kept is the middle of a generation that earned most in seasons of the validation split, or in seeds apart where a task has no splits.
 """
@@ -9,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -18,6 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from glbench.agents.energy_rule_settings import (
+    EnergyRulePage,
+    EnergyRuleSettings,
+    energy_settings_text,
+    read_energy_rule_page,
+)
+from glbench.agents.energy_rules import POWER, EnergyRulesAgent
 from glbench.agents.tuned_rule_settings import RulePage, TunedRuleSettings, read_rule_page, rounded, settings_text
 from glbench.agents.tuned_rules import TunedRulesAgent
 from glbench.env import Simulation
@@ -37,10 +45,11 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec
 
 Floats = NDArray[np.float64]
+Page = RulePage | EnergyRulePage
 
 RULES = "rules.yml"
 """The page of the best rules, in the folder of a search."""
-CONTROLLER = "rule_based_tuned"
+CONTROLLER, ENERGY_CONTROLLER = "rule_based_tuned", "rule_based_energy"
 _START = "start.yml"
 """The page that a search in the folder began with."""
 
@@ -73,26 +82,48 @@ class RuleSearchSettings(FrozenSettings):
         """Generations that the seasons are enough for, rounded up."""
         return math.ceil(self.seasons / (self.population * len(tasks)))
 
-    def digest(self, start: RulePage) -> str:
+    def digest(self, start: Page) -> str:
         """SHA-256 (hex) over all settings but the number of seasons, and over the page that the search begins with."""
-        content = self.model_dump_json(exclude={"seasons"}) + settings_text(start)
+        content = self.model_dump_json(exclude={"seasons"}) + page_text(start)
         return sha256(content.encode()).hexdigest()
 
 
 def shipped_start(tasks: Sequence[TaskSpec]) -> Path:
-    """File of the shipped page for the reward of ``tasks``.
+    """File of the shipped page for ``tasks``: for their reward, or for the first of them where they show the price of power.
 
     Raises
     ------
     TrainingError
         When none is shipped, or as for ``reward_of``.
     """
-    reward = reward_of(tasks)
-    for file in sorted((data_folder("baselines") / CONTROLLER / "rules").glob("*.yml")):
-        if read_rule_page(file).reward == reward:
+    reward, energy = reward_of(tasks), about_energy(tasks)
+    folder = data_folder("baselines") / (ENERGY_CONTROLLER if energy else CONTROLLER) / "rules"
+    for file in sorted(folder.glob("*.yml")):
+        if energy and tasks[0].id in read_energy_rule_page(file).tasks:
             return file
-    msg = f"No rules are shipped for the reward {', '.join(reward)}. Give a page to begin with: --config START.yml."
+        if not energy and read_rule_page(file).reward == reward:
+            return file
+    what = f"{tasks[0].id}" if energy else f"the reward {', '.join(reward)}"
+    msg = f"No rules are shipped for {what}. Give a page to begin with: --config START.yml."
     raise TrainingError(msg)
+
+
+def about_energy(tasks: Sequence[TaskSpec]) -> bool:
+    """Whether all ``tasks`` show the price of power, so that the energy rules are tuned for them."""
+    return all(POWER in (quantity.name for quantity in task.observed()) for task in tasks)
+
+
+def page_text(page: Page, heading: Sequence[str] = ()) -> str:
+    """A page as YAML; ``heading`` are lines of comment above it."""
+    return energy_settings_text(page, heading) if isinstance(page, EnergyRulePage) else settings_text(page, heading)
+
+
+def _begun(start: Path, tasks: Sequence[TaskSpec]) -> Page:
+    """The page in ``start``, for ``tasks`` and their reward."""
+    reward = reward_of(tasks)
+    if about_energy(tasks):
+        return EnergyRulePage(tuple(task.id for task in tasks), read_energy_rule_page(start).numbers)
+    return RulePage(reward, read_rule_page(start).numbers)
 
 
 def reward_of(tasks: Sequence[TaskSpec]) -> tuple[str, ...]:
@@ -120,10 +151,11 @@ def reward_of(tasks: Sequence[TaskSpec]) -> tuple[str, ...]:
 class Candidates:
     """Numbers of a page as the strategy varies them: each from 0 to 1 between its bounds, those that are not tuned left out."""
 
-    def __init__(self, start: RulePage) -> None:
+    def __init__(self, start: Page) -> None:
         self._start = start
-        self._names = TunedRuleSettings.tuned_names()
-        self._low, high = np.array([TunedRuleSettings.bounds(name) for name in self._names]).T
+        kind = type(start.numbers)
+        self._names = kind.tuned_names()
+        self._low, high = np.array([kind.bounds(name) for name in self._names]).T
         self._width = high - self._low
         given = np.array([getattr(start.numbers, name) for name in self._names])
         self.mean: Floats = (given - self._low) / self._width
@@ -134,10 +166,12 @@ class Candidates:
         values = self._low + np.clip(candidate, 0.0, 1.0) * self._width
         return self._start.numbers.model_copy(update=dict(zip(self._names, values.tolist(), strict=True)))
 
-    def page(self, candidate: Floats) -> RulePage:
+    def page(self, candidate: Floats) -> Page:
         """The same as a page shows it, in four digits."""
         numbers = {name: rounded(value) for name, value in self.numbers(candidate).model_dump().items()}
-        return RulePage(self._start.reward, TunedRuleSettings(**numbers))
+        if isinstance(self._start, EnergyRulePage):
+            return replace(self._start, numbers=EnergyRuleSettings(**numbers))
+        return replace(self._start, numbers=TunedRuleSettings(**numbers))
 
 
 class _TaskRuns:
@@ -159,7 +193,8 @@ class _TaskRuns:
         return self._probe.of(self._act([numbers] * len(self._probe.seeds)))
 
     def _act(self, numbers: Sequence[TunedRuleSettings]) -> Act:
-        agent = TunedRulesAgent(numbers)
+        energy = [one for one in numbers if isinstance(one, EnergyRuleSettings)]
+        agent = EnergyRulesAgent(energy) if energy else TunedRulesAgent(numbers)
         agent.reset(self.card, len(numbers))
         return agent.act
 
@@ -202,7 +237,7 @@ class _Search:
         with clock.spend("learning"):
             self.strategy.tell(asked, rewards)
 
-    def evaluate(self) -> tuple[CurvePoint, RulePage]:
+    def evaluate(self) -> tuple[CurvePoint, Page]:
         """A point of the learning curve, the mean over the tasks, and the page that it belongs to."""
         page = self.candidates.page(self.strategy.mean)
         with self.history.time.spend("evaluation"):
@@ -248,7 +283,7 @@ def tune_rules(
         When the page cannot be read, or the rules do not fit a task.
     """
     _check(tasks)
-    begun = RulePage(reward_of(tasks), read_rule_page(start).numbers)
+    begun = _begun(start, tasks)
     digest = settings.digest(begun)
     identity = {"task_digest": digest_of_tasks(tasks), "settings_digest": digest, "seed": seed}
     with folder_lock(folder):
@@ -268,7 +303,7 @@ def tune_rules(
         note_session(search.history, tasks[0], search.steps)
         open_folder(folder, settings.model_dump(mode="json"))
         facts = start_of(start)  # before the folder's own rules may take the place of those that it starts from
-        write_atomically(folder / _START, settings_text(begun))
+        write_atomically(folder / _START, page_text(begun))
         _run(search, folder, generations, listeners, identity)
         card = write_card(folder, tasks, _making(search, identity), settings.evaluation, search.history, facts)
     return Trained.of(folder, card, already_done=False)
@@ -307,7 +342,7 @@ def _evaluate(search: _Search, folder: Path, listeners: Sequence[Listener], iden
             f"Numbers of the tuned rules for {names}, after {point.steps:,} steps of glbench tune rules, seed {identity['seed']}.",
             f"{CARD} tells how they were found, docs/training.md how to tune others.",
         )
-        write_atomically(folder / RULES, settings_text(page, heading))
+        write_atomically(folder / RULES, page_text(page, heading))
     search.history.write_curve(folder)
     search.strategy.keep(folder / SEARCH, identity, search.history)
     for listener in listeners:
@@ -347,6 +382,6 @@ def _making(search: _Search, identity: Mapping[str, Any]) -> Making:
             "settings_digest": identity["settings_digest"],
             "learning_curve": "learning_curve.csv",
         },
-        controller=CONTROLLER,
+        controller=ENERGY_CONTROLLER if about_energy(tasks) else CONTROLLER,
         acts_with=RULES,
     )
