@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
@@ -25,7 +26,7 @@ class Settings(NamedTuple):
 def make_network(key: Any, sizes: list[int], last: float) -> list[tuple[Any, Any]]:
     scales = [2.0**0.5] * (len(sizes) - 2) + [last]
     keys = jax.random.split(key, len(scales))
-    pairs = zip(sizes[:-1], sizes[1:], strict=True)
+    pairs = pairwise(sizes)
     return [
         (jax.nn.initializers.orthogonal(scale)(k, pair, jnp.float32), jnp.zeros(pair[1]))
         for k, pair, scale in zip(keys, pairs, scales, strict=True)
