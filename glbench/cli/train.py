@@ -17,7 +17,7 @@ from glbench.cli.progress import Bar
 from glbench.errors import TrainingError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from glbench.leaderboard.catalogue import Catalogue, Metric
     from glbench.tasks import TaskSpec
@@ -32,7 +32,10 @@ NOTHING_LEARNT = 3
 
 def train(
     algorithm: Annotated[
-        str, typer.Argument(help="ppo, sac, or a class path such as sb3_contrib.RecurrentPPO (with --config).")
+        str,
+        typer.Argument(
+            help="ppo-fast (compiled by JAX), ppo, sac, or a class path such as sb3_contrib.RecurrentPPO (with --config)."
+        ),
     ],
     task: OneTask = None,
     config: Config = None,
@@ -55,8 +58,11 @@ def train(
     with needs_the_extra("train"):
         from glbench.training import algorithms as a
         from glbench.training import read_settings, shipped_settings
-    a.algorithm_class(algorithm)
     chosen = the_task(task)
+    if algorithm == "ppo-fast":
+        _train_compiled(chosen, config, steps, out, seed=seed, resume=resume, wandb=wandb, named=task)
+        return
+    a.algorithm_class(algorithm)
     settings = read_settings(config or shipped_settings(algorithm), algorithm, chosen.id)
     if steps is not None:
         settings = settings.model_copy(update={"n_timesteps": steps})
@@ -271,6 +277,45 @@ def sweep(
     _print_trials(trials, score)
 
 
+def _train_compiled(
+    task: TaskSpec,
+    config: Path | None,
+    steps: int | None,
+    out: Path | None,
+    *,
+    seed: int,
+    resume: bool,
+    wandb: bool,
+    named: str | None,
+) -> None:
+    """Train with the compiled PPO."""
+    from glbench.training.checkpoint import LEARNER
+    from glbench.training.compiled import train_compiled
+    from glbench.training.compiled_settings import NAME, read_compiled_settings
+
+    settings = read_compiled_settings(config, task, steps)
+    folder = out or Path("runs") / f"{NAME}-{task.short_id}-seed{seed}"
+    total = settings.updates * settings.rollout
+    say(
+        messages(),
+        f"Training [bold]{NAME}[/bold] on [bold]{task.id}[/bold]: {total:,} steps in rollouts of {settings.rollout:,}, "
+        f"{settings.n_envs} greenhouses, seed {seed}, in {folder}",
+    )
+    trained = _watched(
+        lambda listeners: train_compiled(task, settings, folder, seed=seed, resume=resume, listeners=listeners),
+        _TrainingBar(total, task),
+        settings.model_dump(mode="json"),
+        folder,
+        wandb=wandb,
+        begun=(folder / LEARNER).is_file,
+    )
+    if trained.already_done:
+        messages().print(
+            "Already trained with these settings. Another number of steps is another training: --steps N --out FOLDER."
+        )
+    _say_what_came_out(trained, task, named)
+
+
 def _trained(
     task: TaskSpec, settings: TrainingSettings, folder: Path, *, seed: int, resume: bool, wandb: bool, tensorboard: bool
 ) -> Trained:
@@ -278,24 +323,44 @@ def _trained(
     from glbench.training.algorithms import steps_to_make
     from glbench.training.checkpoint import CHECKPOINT, find_checkpoint
 
+    return _watched(
+        lambda listeners: run_training(
+            task, settings, folder, seed=seed, resume=resume, tensorboard=tensorboard, listeners=listeners
+        ),
+        _TrainingBar(steps_to_make(settings, task.steps), task),
+        settings.model_dump(mode="json"),
+        folder,
+        wandb=wandb,
+        begun=lambda: find_checkpoint(folder / CHECKPOINT) is not None,
+    )
+
+
+def _watched(
+    run: Callable[[list[Listener]], Trained],
+    progress: _TrainingBar,
+    settings: dict[str, Any],
+    folder: Path,
+    *,
+    wandb: bool,
+    begun: Callable[[], bool],
+) -> Trained:
+    """Run a training with the listeners that were asked for; ``begun`` says whether there is something to continue."""
     with contextlib.ExitStack() as stack:
-        bar = stack.enter_context(_TrainingBar(steps_to_make(settings, task.steps), task))
+        bar = stack.enter_context(progress)
         listeners: list[Listener] = [bar]
         if wandb:
             from glbench.training.wandb_log import WandbListener
 
-            logger = WandbListener(folder.name, settings.model_dump(mode="json"), folder)
+            logger = WandbListener(folder.name, settings, folder)
             stack.callback(logger.close)
             listeners.append(logger)
         try:
-            return run_training(
-                task, settings, folder, seed=seed, resume=resume, tensorboard=tensorboard, listeners=listeners
-            )
+            return run(listeners)
         except KeyboardInterrupt:
             bar.__exit__(None, None, None)
             tell_interrupted(
                 "The same command with --resume continues from the last checkpoint."
-                if find_checkpoint(folder / CHECKPOINT)
+                if begun()
                 else "Nothing was trained long enough to be kept: the same command starts again."
             )
             raise typer.Exit(INTERRUPTED) from None

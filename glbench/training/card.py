@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from glbench.training.settings import EvaluationPlan, TrainingSettings
 
 CARD, POLICY = "card.toml", "policy.npz"
-_PACKAGES = ("torch", "stable-baselines3", "sb3-contrib", "cmaes", "numpy", "gymnasium", "casadi")
+_PACKAGES = ("torch", "stable-baselines3", "sb3-contrib", "cmaes", "jax", "numpy", "gymnasium", "casadi")
 _NOT_LEARNT = (
     "Nothing was learnt: this is the policy that the training began with, which no later one of {:,} steps beat."
 )

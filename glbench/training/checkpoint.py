@@ -32,8 +32,8 @@ from glbench.training.card import CARD, POLICY, read_card
 from glbench.training.probe import History
 from glbench.training.vec_env import Normalizer, TrainingVecEnv
 
-CHECKPOINT, SEARCH, SETTINGS = "checkpoint", "search.npz", "settings.yml"
-"""State of a training, state of a search, and the settings of either."""
+CHECKPOINT, SEARCH, LEARNER, SETTINGS = "checkpoint", "search.npz", "learner.npz", "settings.yml"
+"""State of a training, of a search, of a training with the compiled PPO, and the settings of any of them."""
 _LOCK = ".lock"
 MODEL, NORMALIZATION, BUFFER = "model.zip", "vecnormalize.pkl", "replay_buffer.pkl"
 _STATE, _ARRAYS = "state.json", "state.npz"
@@ -109,7 +109,7 @@ def claim(
         msg = f"{folder} holds the policy that is to be started from, and would be overwritten. Choose another folder with --out."
         raise TrainingError(msg)
     card = read_card(folder / CARD)
-    others = {folder / SEARCH, find_checkpoint(folder / CHECKPOINT)} - {state, None}
+    others = {folder / SEARCH, folder / LEARNER, find_checkpoint(folder / CHECKPOINT)} - {state, None}
     ours = (
         card is not None
         and {

@@ -13,6 +13,7 @@ pytest.importorskip("stable_baselines3", reason="training needs the extra 'train
 
 from glbench.cli.train import needs_the_extra
 from glbench.errors import TrainingError
+from glbench.kernel import why_not_compiled
 from tests.cli.command_line import Command
 
 TINY = """
@@ -61,6 +62,36 @@ def test_a_trained_folder_is_an_agent(glbench: Command, settings: Path) -> None:
     other = glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--seed", "3", "--out", str(folder))
     assert other.code == 1
     assert "--resume" in other.err
+
+
+COMPILED = """
+default:
+  n_timesteps: 2_000
+  n_envs: 8
+  n_steps: 12
+  batch_size: 48
+  net_arch: [8]
+  scenarios: 2
+  places: 4
+  evaluation: {every: 1_000, runs: 1}
+"""
+
+
+@pytest.mark.train
+@pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled()))
+def test_a_folder_of_the_compiled_learner_is_an_agent(glbench: Command, settings: Path) -> None:
+    pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
+    (settings / "fast.yml").write_text(COMPILED, encoding="utf-8")
+    arguments = ("train", "ppo-fast", "--task", "day.toml", "--config", "fast.yml", "--seed", "2")
+    trained = glbench(*arguments)
+    assert trained.code == 0, trained.err
+    assert "2,016 steps in rollouts of 96, 8 greenhouses, seed 2" in " ".join(trained.err.split())
+    scored = glbench("evaluate", "runs/ppo-fast-Day-v1-seed2", "--task", "day.toml")
+    assert scored.code == 0, scored.err
+    assert "Already trained" in glbench(*arguments).err
+    other = glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "runs/ppo-fast-Day-v1-seed2")
+    assert other.code == 1
+    assert "another training" in other.err
 
 
 @pytest.mark.train

@@ -1,0 +1,265 @@
+"""``train_compiled``: one agent by the compiled PPO (``glbench.training.learner``), in a folder that can be continued."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.agents.network_policy import NetworkPolicy
+from glbench.errors import ShapeError, TrainingError
+from glbench.resources import write_atomically
+from glbench.tasks import task_card
+from glbench.training.card import POLICY, Making, note_session, write_card
+from glbench.training.checkpoint import DAMAGED, LEARNER, SETTINGS, altered, claim, folder_lock, open_folder
+from glbench.training.compiled_settings import NAME
+from glbench.training.learner import Learner, Learning
+from glbench.training.probe import Act, CurvePoint, History, Listener, Pace, Probe, Progress
+from glbench.training.run import Trained
+from glbench.training.vec_env import without_steady_columns
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+    from glbench.training.compiled_settings import CompiledSettings
+
+_STEADY = 1e-4
+"""A column whose spread is less than this share of its mean does not vary."""
+
+
+def train_compiled(
+    task: TaskSpec,
+    settings: CompiledSettings,
+    folder: Path,
+    *,
+    seed: int = 0,
+    resume: bool = False,
+    listeners: Sequence[Listener] = (),
+) -> Trained:
+    """Train one agent in ``folder``; the same task, settings and seed give the same policy on the same machine.
+
+    Parameters
+    ----------
+    task, settings, seed
+        What is trained. The seed is the learner's: first weights, first places, exploration, batches.
+    folder
+        Where it is kept: the learner's state, the best policy, the learning curve, the card.
+    resume
+        Go on from what ``folder`` holds, to the same bits as without the interruption; begin when it holds nothing.
+    listeners
+        Receive progress, evaluations and saves.
+
+    Raises
+    ------
+    TrainingError
+        When ``folder`` holds something else, or a training that was begun and is not to be resumed; when the learner diverges.
+    TaskError
+        When the task has a test alone, or the compiled kernel cannot step it.
+    """
+    task.check_training()
+    with folder_lock(folder), jax.default_device(jax.devices("cpu")[0]):
+        identity = {"task_digest": task.digest, "settings_digest": settings.digest, "seed": seed}
+        state = folder / LEARNER if (folder / LEARNER).is_file() else None
+        wanted = {"steps": settings.updates * settings.rollout}
+        card = claim(folder, identity, state, start=None, wanted=wanted, resume=resume)
+        if card is not None:
+            return Trained.of(folder, card, already_done=True)
+        under_way = _Training(task, settings, seed, identity)
+        if state is not None:
+            under_way.go_on(state)
+        note_session(under_way.history, task, under_way.steps)
+        open_folder(folder, settings.model_dump(mode="json", exclude_none=True))
+        _run(under_way, folder, listeners)
+        card = write_card(folder, task, _making(under_way), settings.evaluation, under_way.history)
+    return Trained.of(folder, card, already_done=False)
+
+
+class _Training:
+    """A training from its beginning or from what was kept of it."""
+
+    def __init__(self, task: TaskSpec, settings: CompiledSettings, seed: int, identity: dict[str, Any]) -> None:
+        self.task, self.settings, self.identity = task, settings, identity
+        self._learner = Learner.of(task, settings)
+        self._update = jax.jit(self._learner.update)
+        self._key = jax.random.key(seed)
+        self._learning: Learning = jax.jit(self._learner.begin)(jax.random.fold_in(self._key, 0))
+        self._probe = Probe(task.chosen_on, settings.evaluation, settings.kernel_preset)
+        self.updates = 0
+        self.history = History()
+
+    @property
+    def steps(self) -> int:
+        """Environment steps so far."""
+        return self.updates * self.settings.rollout
+
+    def update(self) -> float:
+        """A rollout and what is learnt from it; the mean reward of a step in it."""
+        with self.history.time.spend("learning"):
+            key, share = jax.random.fold_in(self._key, self.updates + 1), self.updates / self.settings.updates
+            self._learning, reward = self._update(self._learning, key, share)
+            self.updates += 1
+            return float(reward)
+
+    def policy(self) -> NetworkPolicy:
+        """The policy as it stands, without the noise of exploration.
+
+        Raises
+        ------
+        TrainingError
+            When its weights are no numbers any more.
+        """
+        card, learning = task_card(self.task), self._learning
+        columns, actor = learning.columns, learning.weights["actor"]
+        mean = np.asarray(columns.mean, np.float64)
+        spread = np.sqrt(np.asarray(columns.variance, np.float64))
+        try:
+            policy = NetworkPolicy(
+                task_id=self.task.id,
+                delta=self.task.uncertainty.delta,
+                observation_names=card.observation_names,
+                action_names=card.action_names,
+                low=np.array([action.low for action in card.actions]),
+                high=np.array([action.high for action in card.actions]),
+                mean=mean,
+                scale=np.asarray(self._learner.scale(columns), np.float64),
+                clip=self.settings.normalize.clip_observations,
+                weights=tuple(np.asarray(weights) for weights, _ in actor),
+                biases=tuple(np.asarray(bias) for _, bias in actor),
+                activation="Tanh",
+                output="clip",
+                about={
+                    "algorithm": NAME,
+                    "seed": self.identity["seed"],
+                    "steps": self.steps,
+                    "task_digest": self.task.digest,
+                },
+            )
+        except ShapeError as error:
+            msg = (
+                f"The training diverged within {self.steps:,} steps: {error} Lower the learning rate, or max_grad_norm."
+            )
+            raise TrainingError(msg) from error
+        return without_steady_columns(policy, spread > _STEADY * np.abs(mean))
+
+    def evaluate(self, policy: NetworkPolicy) -> CurvePoint:
+        """A point of the learning curve."""
+        with self.history.time.spend("evaluation"):
+            result = self._probe.of(_quickly(policy))
+        if self.steps >= self.history.next_evaluation:  # an end between two evaluations moves none
+            self.history.next_evaluation = self.steps + self.settings.evaluation.every
+        return self.history.add(self.steps, result)
+
+    def keep(self, file: Path) -> None:
+        """Write what it takes to go on to ``file``."""
+        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(self._learning)]
+        known = {"identity": self.identity, "history": asdict(self.history), "updates": self.updates}
+        facts = json.dumps({**known, "digest": _digest(known, leaves)})
+        arrays = {f"leaf_{number}": leaf for number, leaf in enumerate(leaves)}
+        content = io.BytesIO()
+        np.savez(content, allow_pickle=False, facts=np.frombuffer(facts.encode(), np.uint8), **arrays)  # type: ignore[arg-type]
+        write_atomically(file, content.getvalue())
+
+    def go_on(self, file: Path) -> None:
+        """Go on from what ``file`` keeps.
+
+        Raises
+        ------
+        TrainingError
+            When the file is of another training, cannot be read, or is not as it was written.
+        """
+        begun, tree = jax.tree.flatten(self._learning)
+        try:
+            with np.load(file, allow_pickle=False) as kept:
+                facts = json.loads(kept["facts"].tobytes())
+                leaves = [kept[f"leaf_{number}"] for number in range(len(begun))]
+        except DAMAGED as error:
+            msg = f"The state of the training {file} cannot be read: {error}. Remove it to begin the training anew."
+            raise TrainingError(msg) from error
+        if facts["identity"] != self.identity:
+            msg = f"{file.parent} holds another training: task, settings or seed differ. Choose another folder with --out."
+            raise TrainingError(msg)
+        if facts.pop("digest", None) != _digest(facts, leaves):
+            raise altered(file)
+        self._learning = jax.tree.unflatten(tree, [jax.numpy.asarray(leaf) for leaf in leaves])
+        self.history, self.updates = History.from_dict(facts["history"]), facts["updates"]
+
+
+def _run(under_way: _Training, folder: Path, listeners: Sequence[Listener]) -> None:
+    settings, task = under_way.settings, under_way.task
+    total, pace = settings.updates * settings.rollout, Pace(under_way.steps)
+    while under_way.updates < settings.updates:
+        if under_way.steps >= under_way.history.next_evaluation:
+            _evaluate(under_way, folder, listeners)
+        reward = under_way.update()
+        for listener in listeners:
+            listener.on_progress(Progress(under_way.steps, total, pace.rate(under_way.steps), reward * task.steps))
+    if under_way.history.curve[-1]["steps"] < under_way.steps:
+        _evaluate(under_way, folder, listeners)
+
+
+def _evaluate(under_way: _Training, folder: Path, listeners: Sequence[Listener]) -> None:
+    policy = under_way.policy()
+    point = under_way.evaluate(policy)
+    if point.is_best:
+        write_atomically(folder / POLICY, policy.to_bytes())
+    under_way.history.write_curve(folder)
+    under_way.keep(folder / LEARNER)
+    for listener in listeners:
+        listener.on_evaluation(point)
+        listener.on_saved(under_way.steps)
+
+
+def _quickly(policy: NetworkPolicy) -> Act:
+    """What acts as the policy but for rounding: ``NetworkPolicy.act`` has the same bits everywhere and takes far longer."""
+    layers = list(zip(policy.weights, policy.biases, strict=True))
+
+    def act(observations: NDArray[np.float32]) -> NDArray[np.float64]:
+        x = np.clip((observations - policy.mean) / policy.scale, -policy.clip, policy.clip)
+        for weights, bias in layers[:-1]:
+            x = np.tanh(x @ weights + bias)
+        return np.clip(x @ layers[-1][0] + layers[-1][1], policy.low, policy.high)
+
+    return act
+
+
+def _digest(facts: dict[str, Any], leaves: Sequence[NDArray[Any]]) -> str:
+    """SHA-256 (hex) over what is kept of a training."""
+    digest = sha256(json.dumps(facts, sort_keys=True).encode())
+    for leaf in leaves:
+        digest.update(f"{leaf.dtype.str} {leaf.shape}".encode() + leaf.tobytes())
+    return digest.hexdigest()
+
+
+def _making(under_way: _Training) -> Making:
+    settings, steps, identity = under_way.settings, under_way.steps, under_way.identity
+    accrual = settings.accrual
+    paid = (
+        ""
+        if accrual is None
+        else f" In training, growth of the state {accrual.state} was paid for as well ({accrual.price:g} for a unit)."
+    )
+    return Making(
+        title=f"Compiled PPO trained on {under_way.task.id}, seed {identity['seed']}",
+        description=f"The best policy of {steps:,} steps by evaluation return, without the noise of exploration.{paid}",
+        made=f"glbench train {NAME}, with the settings in {SETTINGS}; the tables below tell the rest.",
+        sources=("Schulman et al. (2017). Proximal policy optimization algorithms. arXiv:1707.06347",),
+        training={
+            "algorithm": NAME,
+            "seed": identity["seed"],
+            "first_env_seed": settings.first_env_seed,
+            "scenarios": settings.scenarios,
+            "n_envs": settings.n_envs,
+            "steps": steps,
+            "kernel_preset": settings.kernel_preset,
+            "settings": SETTINGS,
+            "settings_digest": identity["settings_digest"],
+            "learning_curve": "learning_curve.csv",
+        },
+    )

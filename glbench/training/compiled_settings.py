@@ -1,0 +1,133 @@
+"""How an agent is trained by the compiled PPO, as a YAML file says: ``default:`` and, over it, the entries of a task's own key."""
+
+from __future__ import annotations
+
+import json
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, Self
+
+from pydantic import Field, model_validator
+
+from glbench.resources import data_folder
+from glbench.training.settings import (
+    FIRST_TRAINING_SEED,
+    EvaluationPlan,
+    FrozenSettings,
+    Normalization,
+    TrainingSeed,
+    in_words,
+    section,
+)
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+NAME = "ppo-fast"
+"""Name of the algorithm on the command line and in cards."""
+
+
+class Accrual(FrozenSettings):
+    """A reward for training alone: ``price`` times what a state of the model grows in a step.
+
+    A policy that is paid for carbohydrate as it is made learns to make it, with CO2, light and warmth; otherwise that pays many days
+    later, beyond the discount. Scores, evaluations and learning curves never contain it.
+    """
+
+    state: str = "cBuf"
+    price: float = Field(gt=0)
+    """Reward for one unit of the state."""
+
+
+class CompiledSettings(FrozenSettings):
+    """Settings of one training with the compiled PPO; keys that Stable-Baselines3's PPO has as well mean the same.
+
+    Attributes
+    ----------
+    n_timesteps
+        Environment steps, over all greenhouses. The learning rate falls over them: other numbers of steps are other trainings.
+    n_envs, n_steps
+        Greenhouses stepped together, and steps of each between two updates.
+    first_env_seed, scenarios
+        Seasons of training have the seeds ``first_env_seed`` to ``first_env_seed + scenarios - 1``; each episode draws one.
+    places
+        At how many places of each season the first episodes may begin; later ones begin at its start.
+    net_arch
+        Widths of the hidden layers of actor and critic (tanh).
+    learning_rate, last_learning_rate
+        Falls linearly from the one to the other.
+    least_scale
+        Least standard deviation that an observed column is divided by, where a column hardly varies in training.
+    accrual
+        A reward for training alone; ``None`` without.
+    """
+
+    n_timesteps: int = Field(default=3_000_000, gt=0)
+    n_envs: int = Field(default=128, gt=0)
+    n_steps: int = Field(default=32, gt=0)
+    n_epochs: int = Field(default=4, gt=0)
+    batch_size: int = Field(default=512, gt=1)
+    first_env_seed: TrainingSeed = FIRST_TRAINING_SEED
+    scenarios: int = Field(default=256, gt=0)
+    places: int = Field(default=32, gt=0)
+    net_arch: tuple[int, ...] = Field(default=(128, 128), min_length=1)
+    log_std_init: float = -0.7
+    learning_rate: float = Field(default=1e-3, gt=0)
+    last_learning_rate: float = Field(default=2e-5, gt=0)
+    gamma: float = Field(default=0.97, gt=0, le=1)
+    gae_lambda: float = Field(default=0.95, gt=0, le=1)
+    clip_range: float = Field(default=0.2, gt=0)
+    ent_coef: float = Field(default=0.0, ge=0)
+    vf_coef: float = Field(default=0.5, gt=0)
+    max_grad_norm: float = Field(default=0.5, gt=0)
+    normalize: Normalization = Normalization()
+    least_scale: dict[str, float] = Field(default_factory=lambda: {"outdoor_co2": 20.0})
+    accrual: Accrual | None = None
+    evaluation: EvaluationPlan = EvaluationPlan(every=200_000)
+    kernel_preset: Literal["fast", "reference"] = "fast"
+
+    @model_validator(mode="after")
+    def _whole_batches(self) -> Self:
+        if self.rollout % self.batch_size:
+            msg = f"'batch_size: {self.batch_size}' does not divide the {self.rollout} steps of a rollout (n_envs times n_steps)"
+            raise ValueError(msg)
+        if not (self.normalize.observations and self.normalize.rewards):
+            msg = "the compiled PPO always normalises observations and rewards; leave out what switches that off"
+            raise ValueError(msg)
+        return self
+
+    @property
+    def rollout(self) -> int:
+        """Environment steps between two updates."""
+        return self.n_envs * self.n_steps
+
+    @property
+    def updates(self) -> int:
+        """Updates of a training: whole rollouts, ``n_timesteps`` at least."""
+        return -(-self.n_timesteps // self.rollout)
+
+    @property
+    def seeds(self) -> range:
+        """Seeds of the seasons of training."""
+        return range(self.first_env_seed, self.first_env_seed + self.scenarios)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 (hex) over all settings."""
+        return sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
+
+
+def read_compiled_settings(file: Path | None, task: TaskSpec, steps: int | None = None) -> CompiledSettings:
+    """Settings for a task from a YAML file, or the shipped ones; ``steps`` instead of the file's.
+
+    Raises
+    ------
+    TrainingError
+        When the file cannot be read, or a value is impossible.
+    """
+    source = file or data_folder("baselines") / "ppo" / "fast.yml"
+    content = section(source, task.id)
+    if steps is not None:
+        content["n_timesteps"] = steps
+    with in_words(source, CompiledSettings):
+        return CompiledSettings(**content)

@@ -1,0 +1,163 @@
+"""The compiled PPO: it learns, can be repeated and continued to the bit, leaves an agent, and says what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from glbench.agents import load_agent
+from glbench.agents.network_policy import read_policy
+from glbench.env import GreenhouseVectorEnv
+from glbench.errors import TrainingError
+from glbench.kernel import why_not_compiled
+from glbench.tasks import TaskSpec, get_task
+from glbench.training import Trained
+from tests.training.watching import PowerCutError, Watching
+
+jax = pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
+pytestmark = [
+    pytest.mark.train,
+    pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled())),
+]
+
+from glbench.training.compiled import train_compiled  # noqa: E402
+from glbench.training.compiled_settings import CompiledSettings, read_compiled_settings  # noqa: E402
+from glbench.training.learner import Learner, Statistics  # noqa: E402
+
+TINY = """
+default:
+  n_timesteps: 9_000
+  n_envs: 16
+  n_steps: 12
+  batch_size: 48
+  net_arch: [16]
+  scenarios: 4
+  places: 6
+  evaluation: {every: 3_000, runs: 2, first_seed: 20_000_000_000}
+test/Day-v1:
+  accrual: {state: cBuf, price: 5.5e-4}
+"""
+
+
+def tiny(day: TaskSpec, folder: Path, more: str = "") -> CompiledSettings:
+    file = folder / "tiny.yml"
+    file.write_text(TINY + more, encoding="utf-8")
+    return read_compiled_settings(file, day)
+
+
+@pytest.fixture(scope="module")
+def trained(day: TaskSpec, tmp_path_factory: pytest.TempPathFactory) -> Trained:
+    folder = tmp_path_factory.mktemp("compiled")
+    return train_compiled(day, tiny(day, folder), folder / "run", seed=3)
+
+
+def test_it_learns_and_leaves_an_agent(trained: Trained, day: TaskSpec) -> None:
+    with (trained.folder / "learning_curve.csv").open(encoding="utf-8") as file:
+        rewards = [float(point["reward"]) for point in csv.DictReader(file)]
+    assert len(rewards) == 4
+    assert trained.learnt
+    assert max(rewards[1:]) > rewards[0] + 2.0
+    assert trained.steps == 9_024
+    card = tomllib.loads((trained.folder / "card.toml").read_text(encoding="utf-8"))
+    assert card["training"]["algorithm"] == "ppo-fast"
+    assert card["training"]["first_env_seed"] == 10_000_000_000
+    assert card["best"]["evaluation_seeds"] == [20_000_000_000, 20_000_000_001]
+    assert "growth of the state cBuf was paid for" in card["description"]
+    assert load_agent(str(trained.folder)).name == "run"
+
+
+def test_the_policy_earns_what_the_curve_says(trained: Trained, day: TaskSpec) -> None:
+    policy = read_policy(trained.folder / "policy.npz")
+    native = GreenhouseVectorEnv(day, 2, kernel="fast")
+    observations, _ = native.reset(seed=[20_000_000_000, 20_000_000_001])
+    earned = np.zeros(2)
+    for _ in range(day.steps):
+        observations, rewards, *_ = native.step(policy.act(observations))
+        earned += rewards
+    assert earned.mean() == pytest.approx(trained.best_reward, rel=1e-5), "without what is paid for training alone"
+
+
+def test_a_training_can_be_repeated_and_continued_to_the_bit(trained: Trained, day: TaskSpec, tmp_path: Path) -> None:
+    settings = tiny(day, tmp_path)
+    with pytest.raises(PowerCutError):
+        train_compiled(day, settings, tmp_path / "run", seed=3, listeners=[Watching(31)])
+    with pytest.raises(TrainingError, match="was begun. Go on with --resume"):
+        train_compiled(day, settings, tmp_path / "run", seed=3)
+    again = train_compiled(day, settings, tmp_path / "run", seed=3, resume=True)
+    assert (again.folder / "policy.npz").read_bytes() == (trained.folder / "policy.npz").read_bytes()
+    assert again.best_reward == trained.best_reward
+    done = train_compiled(day, settings, tmp_path / "run", seed=3)
+    assert done.already_done
+
+
+def test_a_state_that_was_changed_or_is_of_another_training_is_refused(
+    trained: Trained, day: TaskSpec, tmp_path: Path
+) -> None:
+    with pytest.raises(TrainingError, match="--resume|another training"):
+        train_compiled(day, tiny(day, tmp_path), trained.folder, seed=4)
+    state = trained.folder / "learner.npz"
+    with np.load(state) as kept:
+        arrays = dict(kept)
+    arrays["leaf_0"] = arrays["leaf_0"] + 1.0
+    (tmp_path / "run").mkdir()
+    np.savez(tmp_path / "run" / "learner.npz", allow_pickle=False, **arrays)
+    with pytest.raises(TrainingError, match="does not match its digest"):
+        train_compiled(day, tiny(day, tmp_path), tmp_path / "run", seed=3, resume=True)
+    (tmp_path / "run" / "learner.npz").write_bytes(b"nothing")
+    with pytest.raises(TrainingError, match="cannot be read"):
+        train_compiled(day, tiny(day, tmp_path), tmp_path / "run", seed=3, resume=True)
+
+
+def test_growth_of_a_state_is_paid_for_in_training_alone(day: TaskSpec, tmp_path: Path) -> None:
+    settings = tiny(day, tmp_path)
+    dear = settings.model_copy(update={"accrual": settings.accrual.model_copy(update={"price": 1.0})})  # type: ignore[union-attr]
+    found = []
+    for one in (settings, dear):
+        learner = Learner.of(day, one)
+        learning = learner.begin(jax.random.key(0))
+        after, reward = jax.jit(learner.update)(learning, jax.random.key(1), 0.0)
+        found.append((float(after.returns.variance), float(reward)))
+    assert found[0][1] == found[1][1], "the reward that is told is the task's"
+    assert found[1][0] > 100.0 * found[0][0], "returns contain what is paid"
+
+
+def test_statistics_of_parts_are_those_of_the_whole() -> None:
+    rows = np.random.default_rng(0).normal(3.0, 2.0, (60, 4)).astype(np.float32)
+    found = Statistics.begun(4)
+    for part in np.split(rows, [7, 20, 55]):
+        found = found.with_rows(jax.numpy.asarray(part))
+    assert np.allclose(found.mean, rows.mean(0), atol=1e-5)
+    assert np.allclose(found.variance, rows.var(0), rtol=1e-5)
+    assert found.count == 60
+
+
+def test_impossible_settings_are_refused_in_words(day: TaskSpec, tmp_path: Path) -> None:
+    for more, words in {
+        "  batch_size: 50\n": "'batch_size: 50' does not divide the 192 steps of a rollout",
+        "  first_env_seed: 666\n": "666 is not a seed for training",
+        "  learning_rat: 1e-3\n": "There is no setting 'learning_rat'. Did you mean 'learning_rate'",
+        "  normalize: {rewards: false}\n": "always normalises observations and rewards",
+    }.items():
+        with pytest.raises(TrainingError, match=words):
+            tiny(day, tmp_path, more)
+    settings = tiny(day, tmp_path, "  accrual: {state: cBug, price: 1}\n")
+    with pytest.raises(
+        TrainingError, match="'accrual.state: cBug': the model of test/Day-v1 has no such state.*'cBuf'"
+    ):
+        Learner.of(day, settings)
+
+
+@pytest.mark.parametrize("name", ["Spring-v1", "Schiphol2010-Delta10-v1"])
+def test_the_shipped_settings_hold_for_shipped_tasks(name: str) -> None:
+    task = get_task(name)
+    settings = read_compiled_settings(None, task, steps=5_000)
+    assert settings.updates == 2
+    assert min(settings.seeds) >= 10_000_000_000
+    if name == "Spring-v1":
+        assert settings.accrual is not None
+        price = 1.6 / 0.065 * 1e-6  # EUR for a mg of carbohydrate, as fresh fruit
+        assert settings.accrual.price == pytest.approx(0.45 * price, rel=0.01)
