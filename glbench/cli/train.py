@@ -313,7 +313,7 @@ def _train_compiled(
         messages().print(
             "Already trained with these settings. Another number of steps is another training: --steps N --out FOLDER."
         )
-    _say_what_came_out(trained, task, named)
+    _say_what_came_out(trained, task, named, how="--steps N --out FOLDER")
 
 
 def _trained(
@@ -425,8 +425,10 @@ def needs_the_extra(extra: str) -> Iterator[None]:
         raise TrainingError(msg) from error
 
 
-def _say_what_came_out(trained: Trained, task: TaskSpec, named: str | None, what: str = "policy") -> None:
-    """The best policy of a training, or the best of ``what`` else was sought, and what to do with it.
+def _say_what_came_out(
+    trained: Trained, task: TaskSpec, named: str | None, what: str = "policy", how: str = "--resume"
+) -> None:
+    """The best policy of a training, or the best of ``what`` else was sought, and what to do with it; ``how`` to train for more steps.
 
     Raises
     ------
@@ -434,7 +436,7 @@ def _say_what_came_out(trained: Trained, task: TaskSpec, named: str | None, what
         With code 3 when nothing was learnt.
     """
     score = _words(task).score
-    more = "more seasons (--seasons N)" if what == "rules" else "more steps (--resume)"
+    more = "more seasons (--seasons N)" if what == "rules" else f"more steps ({how})"
     if not trained.learnt:
         messages().print(
             f"[bold yellow]Nothing was learnt.[/bold yellow] The training never beat the {what} that it began with: "

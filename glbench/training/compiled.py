@@ -163,7 +163,7 @@ class _Training:
         facts = json.dumps({**known, "digest": _digest(known, leaves)})
         arrays = {f"leaf_{number}": leaf for number, leaf in enumerate(leaves)}
         content = io.BytesIO()
-        np.savez(content, allow_pickle=False, facts=np.frombuffer(facts.encode(), np.uint8), **arrays)  # type: ignore[arg-type]
+        np.savez(content, allow_pickle=False, facts=np.frombuffer(facts.encode(), np.uint8), **arrays)
         write_atomically(file, content.getvalue())
 
     def go_on(self, file: Path) -> None:

@@ -161,8 +161,9 @@ class Learner:
         rate = s.learning_rate + (s.last_learning_rate - s.learning_rate) * share
 
         def batch(learner: Any, chosen: Any) -> Any:
-            gradient = jax.grad(self._loss)(learner[0], jax.tree.map(lambda a: a[chosen], rows))
-            return self._adam(*learner, gradient, rate), None
+            weights, moments = learner
+            gradient = jax.grad(self._loss)(weights, jax.tree.map(lambda a: a[chosen], rows))
+            return self._adam(weights, moments, gradient, rate), None
 
         def epoch(learner: Any, key: Any) -> Any:
             return jax.lax.scan(batch, learner, jax.random.permutation(key, s.rollout).reshape(-1, s.batch_size))

@@ -85,7 +85,7 @@ def test_a_training_can_be_repeated_and_continued_to_the_bit(trained: Trained, d
     settings = tiny(day, tmp_path)
     with pytest.raises(PowerCutError):
         train_compiled(day, settings, tmp_path / "run", seed=3, listeners=[Watching(31)])
-    with pytest.raises(TrainingError, match="was begun. Go on with --resume"):
+    with pytest.raises(TrainingError, match=r"was begun\. Go on with --resume"):
         train_compiled(day, settings, tmp_path / "run", seed=3)
     again = train_compiled(day, settings, tmp_path / "run", seed=3, resume=True)
     assert (again.folder / "policy.npz").read_bytes() == (trained.folder / "policy.npz").read_bytes()
@@ -97,7 +97,7 @@ def test_a_training_can_be_repeated_and_continued_to_the_bit(trained: Trained, d
 def test_a_state_that_was_changed_or_is_of_another_training_is_refused(
     trained: Trained, day: TaskSpec, tmp_path: Path
 ) -> None:
-    with pytest.raises(TrainingError, match="--resume|another training"):
+    with pytest.raises(TrainingError, match=r"--resume|another training"):
         train_compiled(day, tiny(day, tmp_path), trained.folder, seed=4)
     state = trained.folder / "learner.npz"
     with np.load(state) as kept:
@@ -146,7 +146,7 @@ def test_impossible_settings_are_refused_in_words(day: TaskSpec, tmp_path: Path)
             tiny(day, tmp_path, more)
     settings = tiny(day, tmp_path, "  accrual: {state: cBug, price: 1}\n")
     with pytest.raises(
-        TrainingError, match="'accrual.state: cBug': the model of test/Day-v1 has no such state.*'cBuf'"
+        TrainingError, match=r"'accrual\.state: cBug': the model of test/Day-v1 has no such state.*'cBuf'"
     ):
         Learner.of(day, settings)
 
