@@ -89,6 +89,7 @@ def test_a_folder_of_the_compiled_learner_is_an_agent(glbench: Command, settings
     scored = glbench("evaluate", "runs/ppo-fast-Day-v1-seed2", "--task", "day.toml")
     assert scored.code == 0, scored.err
     assert "Already trained" in glbench(*arguments).err
+    assert "policy.npz" in glbench("export", "runs/ppo-fast-Day-v1-seed2", "--task", "day.toml").out
     other = glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "runs/ppo-fast-Day-v1-seed2")
     assert other.code == 1
     assert "another training" in other.err
