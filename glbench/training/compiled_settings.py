@@ -34,7 +34,8 @@ class Accrual(FrozenSettings):
     later, beyond the discount. Scores, evaluations and learning curves never contain it.
     """
 
-    state: str = "cBuf"
+    state: str
+    """Its public name."""
     price: float = Field(gt=0)
     """Reward for one unit of the state."""
 
