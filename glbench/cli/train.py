@@ -289,9 +289,10 @@ def _train_compiled(
     named: str | None,
 ) -> None:
     """Train with the compiled PPO."""
-    from glbench.training.checkpoint import LEARNER
-    from glbench.training.compiled import train_compiled
-    from glbench.training.compiled_settings import NAME, read_compiled_settings
+    with needs_the_extra("jax"):
+        from glbench.training.checkpoint import LEARNER
+        from glbench.training.compiled import train_compiled
+        from glbench.training.compiled_settings import NAME, read_compiled_settings
 
     settings = read_compiled_settings(config, task, steps)
     folder = out or Path("runs") / f"{NAME}-{task.short_id}-seed{seed}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import sys
 import tomllib
 from pathlib import Path
 from typing import NoReturn
@@ -93,6 +94,17 @@ def test_a_folder_of_the_compiled_learner_is_an_agent(glbench: Command, settings
     other = glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "runs/ppo-fast-Day-v1-seed2")
     assert other.code == 1
     assert "another training" in other.err
+
+
+def test_without_jax_the_compiled_learner_names_the_extra(
+    glbench: Command, settings: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "jax", None)
+    for module in ("glbench.training.compiled", "glbench.training.learner"):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    tried = glbench("train", "ppo-fast", "--task", "day.toml")
+    assert tried.code == 1
+    assert 'pip install "glbench[jax]"' in " ".join(tried.err.split())
 
 
 @pytest.mark.train
