@@ -121,7 +121,7 @@ class EnergyRulesAgent(TunedRulesAgent):
         wanted = self._wanted({**seen, "global_radiation": sun + self._lamp_light}, now[VENTS])
         worth = n.lamps_fruit * seen.get(FRUIT, self._fruit)
         hour, _ = clock_from(seen)
-        allowed = (hour >= n.lamps_from) & (hour < n.lamps_until) & (sun < n.lamps_sun)
+        allowed = (hour >= n.lamps_from) & (hour < n.lamps_until) & (sun < n.lamps_radiation)
         wanted[LAMPS] = np.where(allowed & (self._cost(seen, now) < worth), 1.0, 0.0)
         wanted[BLACKOUT] = np.zeros(self._runs)  # closed above lamps it would keep the vapour in
         return wanted
