@@ -88,7 +88,7 @@ class EnergyRulesAgent(TunedRulesAgent):
             )
             msg = f"The energy rules work lamps, engine and buffer at an hourly price of power, and {task.id} {what}."
             raise SubmissionError(msg)
-        self._lamp_light = np.zeros(n_runs)
+        self._lit = np.zeros(n_runs)
 
     def act(self, observations: NDArray[np.float32], /) -> Array:
         """Actions (n_runs, actions) towards the controls that the rules ask for.
@@ -117,8 +117,8 @@ class EnergyRulesAgent(TunedRulesAgent):
     def _climate(self, seen: dict[str, Array], now: dict[str, Array]) -> dict[str, Array]:
         """What the tuned rules ask for under sun and lamps, with the lamps by the price of power."""
         n, sun = self._more, seen["global_radiation"]
-        self._lamp_light = now[LAMPS] * n.lamps_light if LAMPS in now else np.zeros(self._runs)
-        wanted = self._wanted({**seen, "global_radiation": sun + self._lamp_light}, now[VENTS])
+        self._lit = now.get(LAMPS, self._lit)
+        wanted = self._wanted({**seen, "global_radiation": sun + n.lamps_light * self._lit}, now[VENTS])
         worth = n.lamps_fruit * seen.get(FRUIT, self._fruit)
         hour, _ = clock_from(seen)
         allowed = (hour >= n.lamps_from) & (hour < n.lamps_until) & (sun < n.lamps_radiation)
@@ -165,8 +165,9 @@ class EnergyRulesAgent(TunedRulesAgent):
         return price
 
     def _shares(self, hour: Array, day: Array, radiation: Array, *others: Array) -> Any:
-        """As for the tuned rules, but that the screen opens by the sun alone."""
+        """As for the tuned rules, but lit hours are no evening, and the screen opens by the sun alone."""
         n = self._numbers
         shares = super()._shares(hour, day, radiation, *others)
-        bright = (radiation - self._lamp_light - n.screen_light_from) / n.screen_light_span
-        return shares._replace(bright=np.minimum(np.maximum(bright, 0.0), 1.0))
+        bright = (radiation - self._more.lamps_light * self._lit - n.screen_light_from) / n.screen_light_span
+        evening = shares.evening * (1.0 - self._lit)
+        return shares._replace(evening=evening, bright=np.minimum(np.maximum(bright, 0.0), 1.0))
