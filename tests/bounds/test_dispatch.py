@@ -305,7 +305,7 @@ def test_prices_by_day_are_those_of_the_run_s_days(tmp_path):
 def test_other_prices_than_those_paid_are_refused(results):
     episode = recorded(results["engine"])[1000]
     dear = episode.task().replace({"price_tables.power.hourly": [0.2] * 24})
-    with pytest.raises(EpisodeError, match=r"paid .* EUR m-2 for its energy and CO2, and at the prices"):
+    with pytest.raises(EpisodeError, match=r"paid .* EUR m-2 for its energy and CO2; at the prices"):
         Asked.of(episode, dear)
 
 

@@ -745,10 +745,10 @@ CLAIMS: dict[str, list[Claim]] = {
     ],
     "docs/prices.md": [
         ("[EUR kWh-1] | {} | {} | | `shape`", lambda: both_markets("level")),
-        ("as a share of the level | {} | {} |", lambda: both_markets("weekend")),
+        ("Sunday, as a share of the level | {} | {} |", lambda: both_markets("weekend")),
         ("at {} W m-2 | {} | {} |", lambda: (RADIATION, *both_markets("sun"))),
         ("with 5 m s-1 more | {} | {} |", lambda: both_markets("wind")),
-        ("unexplained part, as a share | {} | {} |", lambda: both_markets("spread")),
+        ("unexplained part, as a share of the level | {} | {} |", lambda: both_markets("spread")),
         ("left an hour later | {} | {} |", lambda: both_markets("persistence")),
         (
             "limits of the price [EUR kWh-1] | {}, {} | {}, {} |",
@@ -922,7 +922,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("mvAirMech = 6.4e-9 hecAirMech m", "definition: the Lewis factor of glbench/model/vapour.py"),
         ("0.16 litres of water per m2", "tests/docs/test_energy.py holds it"),
         ("(his equation 5.1)", "source: number of an equation"),
-        ("cooler is the author's to 1 %", "tests/model/test_heat_harvesting.py holds it"),
+        ("matches the author's within 1 %", "tests/model/test_heat_harvesting.py holds it"),
         ("with a little over 1 kWh m-2", "tests/docs/test_energy.py runs the example above it"),
     ],
     "docs/process-computer.md": [
