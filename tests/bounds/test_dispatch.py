@@ -365,7 +365,7 @@ def test_the_command_shows_the_costs(results, glbench):
     answer = glbench("episodes", "dispatch", results["engine"])
     assert answer.code == 0
     (mean,) = (mean_costs([one for _, one in costs_of_result(results["engine"])]),)
-    (least,) = (line for line in answer.out.splitlines() if "At least  " in line)
+    (least,) = (line for line in answer.out.splitlines() if "Least cost  " in line)
     assert f"{mean.least:.3f}" in least
     assert f"{mean.left:+.3f}" in least
     assert f"the buffer {mean.buffer_earns:.3f}" in answer.out
