@@ -69,7 +69,7 @@ MACHINES: Mapping[str, Mapping[str, float]] = {
     "boiler_alone": {**NO_ENGINE, **NO_STORE},
 }
 VARIANTS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
-    family: {**LAMPS, **(MACHINES if family in ENERGY else {})} for family in RUNS
+    family: {**(LAMPS if family in LIT else {}), **(MACHINES if family in ENERGY else {})} for family in RUNS
 }
 """Numbers of the rules that each copy of them changes; all others stay those of the family's page."""
 SIMPLEST = {family: "boiler_alone" if family in ENERGY else "never_lights" for family in RUNS}
@@ -111,7 +111,7 @@ sources = []
 
 
 def make_agents(work: Path) -> None:
-    """Write the folders of the rules and of their copies, one for each family: a card and a page of numbers."""
+    """Write the folders of the rules and of their copies, for each family: a card and one page, which then serves any task."""
     for family, variants in VARIANTS.items():
         source = PAGES / f"{family.lower()}.yml"
         page = read_energy_rule_page(source)
@@ -130,8 +130,8 @@ def jobs() -> list[Job]:
     for family, runs in RUNS.items():
         task, season = design(family, DRAWS, runs=runs), design(family, RECORDED, runs=runs)
         others = OTHERS if family in ENERGY else (*PLAYING, *OTHERS)
-        found += [Job(family, task, f"{family}/{name}") for name in (RULES, *VARIANTS[family])]
-        found += [Job(family, task, agent) for agent in others]
+        made = (f"{family}/{name}" for name in (RULES, *VARIANTS[family]))
+        found += [Job(family, task, agent) for agent in (*made, *others)]
         found.append(Job(family, task, f"{family}/{RULES}", season))
     return found
 
