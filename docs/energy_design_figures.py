@@ -45,8 +45,9 @@ from glbench.bounds.energy_costs import Costs, costs_of_result, mean_costs
 from glbench.resources import write_atomically
 
 PAGE, FIGURES = DOCS / "energy-design.md", DOCS / "measurements" / "energy-design.json"
-RULES = "rule_based_energy"
-PAGES = ROOT / "baselines" / RULES / "rules"
+PAGES = ROOT / "baselines" / "rule_based_energy" / "rules"
+RULES = "energy_rules"
+"""The baseline ``rule_based_energy``, as a folder with the one page of a family: a folder cannot have a baseline's name."""
 
 RUNS: Mapping[str, int] = {"WinterLED": 30, "SpringEnergy": 30, "FullSeason": 10, "FullSeasonEnergy": 10}
 """Scenarios of each family; fewer where a season has 300 days."""
@@ -98,7 +99,7 @@ FLOWS = {
     "electricity_bought": "power bought [kWh]",
     "co2_bought": "CO2 bought [kg]",
 }
-DISPATCHED, DISPATCHED_RUNS = "SpringEnergy", 8
+DISPATCHED, DISPATCHED_RUNS = "SpringEnergy", 4
 """The family whose recorded runs a linear programme plans anew, and how many of them."""
 
 _CARD = """title = "Energy rules, {name}"
@@ -187,7 +188,7 @@ def decision_table(figures: Mapping[str, Any]) -> str:
 
     names = dict.fromkeys(name for variants in VARIANTS.values() for name in variants)
     rows = ([f"`{name}`", *(cell(family, name) for family in RUNS)] for name in names)
-    return grid(["Less than, or more than, the rules", *RUNS], rows)
+    return grid(["Copy of the rules", *(f"{family}, {figures['runs'][family]} seasons" for family in RUNS)], rows)
 
 
 def flow_table(figures: Mapping[str, Any]) -> str:
@@ -213,18 +214,18 @@ def recording_table(figures: Mapping[str, Any]) -> str:
 
 
 _COSTS = {
-    "run": "As the rules did it",
-    "least": "At least",
-    "blind": "At least, planned at mean prices",
-    "without_buffer": "At least, without the buffer",
-    "without_engine": "At least, without the engine",
-    "boiler_alone": "At least, with the boiler alone",
+    "run": "As recorded",
+    "least": "Least cost",
+    "blind": "Planned at mean prices",
+    "without_buffer": "Least cost without the buffer",
+    "without_engine": "Least cost without the engine",
+    "boiler_alone": "Least cost with the boiler alone",
 }
 _EARNED = {
     "buffer_earns": "**The buffer earns at best**",
     "engine_earns": "**The engine earns at best**",
-    "looking_earns": "**Looking at prices earns at best**",
-    "left": "**The rules left**",
+    "looking_earns": "**Knowing how prices vary earns at best**",
+    "left": "**Missed by the rules**",
 }
 
 
