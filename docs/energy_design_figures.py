@@ -8,7 +8,7 @@ that are there already in the work folder are not done again.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -151,6 +151,11 @@ def measure(work: Path, processes: int) -> dict[str, Any]:
 # What the figures say.
 
 
+def measured(figures: Mapping[str, Any], families: Iterable[str] = RUNS) -> list[str]:
+    """Those of the families that were measured."""
+    return [family for family in families if family in figures["runs"]]
+
+
 def paired(figures: Mapping[str, Any], family: str, agent: str, other: str = RULES) -> tuple[float, float]:
     """Mean score of an agent less that of another in the same runs, and the standard error of the mean."""
     scores = scores_of(figures, family, [agent, other])
@@ -174,7 +179,7 @@ def dispatched(figures: Mapping[str, Any]) -> list[Costs]:
 
 def family_table(figures: Mapping[str, Any]) -> str:
     """Score of all agents on each family, and of what profit and violations it is made."""
-    return score_table({family: figures["evaluations"][family] for family in RUNS})
+    return score_table({family: figures["evaluations"][family] for family in measured(figures)})
 
 
 def decision_table(figures: Mapping[str, Any]) -> str:
@@ -186,15 +191,16 @@ def decision_table(figures: Mapping[str, Any]) -> str:
         difference, error = paired(figures, family, name)
         return f"{signed(difference)} ± {plain(error)}"
 
-    names = dict.fromkeys(name for variants in VARIANTS.values() for name in variants)
-    rows = ([f"`{name}`", *(cell(family, name) for family in RUNS)] for name in names)
-    return grid(["Copy of the rules", *(f"{family}, {figures['runs'][family]} seasons" for family in RUNS)], rows)
+    names = dict.fromkeys(name for family in measured(figures) for name in VARIANTS[family])
+    rows = ([f"`{name}`", *(cell(family, name) for family in measured(figures))] for name in names)
+    head = (f"{family}, {figures['runs'][family]} seasons" for family in measured(figures))
+    return grid(["Copy of the rules", *head], rows)
 
 
 def flow_table(figures: Mapping[str, Any]) -> str:
     """What the rules and their copies do with engine, gas, power and CO2."""
     rows = []
-    for family in ENERGY:
+    for family in measured(figures, ENERGY):
         for name in (RULES, *VARIANTS[family]):
             found = figures["evaluations"][family][name]
             rows.append([family, f"`{name}`", *(f"{np.mean(found[key]):.1f}" for key in FLOWS)])
@@ -204,7 +210,7 @@ def flow_table(figures: Mapping[str, Any]) -> str:
 def recording_table(figures: Mapping[str, Any]) -> str:
     """What a blind recording of the rules earns."""
     rows = []
-    for family in RUNS:
+    for family in measured(figures):
         own, recording, told = blind(figures, family)
         multiple = "no lead" if np.isnan(told["multiple"]) else f"{told['multiple']:.1f}"
         found = (own.mean(), told["lead"], recording.mean(), told["lost"])
