@@ -828,6 +828,16 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
             )
         ),
     ],
+    "docs/energy-design.md": [
+        (words, "definition: docs/energy_design_figures.py")
+        for words in (
+            "`lamps_fruit` 0.5",
+            "`engine_price` and `engine_full` 0.4",
+            "`engine_price` -0.05",
+            "the buffer is kept at 5 %",
+            "At 5 % the buffer holds",
+        )
+    ],
     "docs/what-the-best-does.md": [
         ("the humidity limit, 85 %", "definition: the task's"),
         ("At the paper's price of 0.30 EUR/kWh", "definition: the task's price"),
