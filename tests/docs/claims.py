@@ -147,7 +147,7 @@ WITH_MARKETS = ("WinterLED-v1", "SpringEnergy-v1")
 
 
 def both_markets(key: str) -> tuple[float, ...]:
-    """A number of the power markets of the drafts."""
+    """A number of the power markets of the suite energy."""
     return tuple(getattr(get_task(name).price_tables["power"].market, key) for name in WITH_MARKETS)
 
 
