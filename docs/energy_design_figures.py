@@ -41,8 +41,11 @@ from docs.benchmark_design_figures import (
     write,
 )
 from glbench.agents.energy_rule_settings import EnergyRulePage, energy_settings_text, read_energy_rule_page
+from glbench.agents.energy_rules import EnergyRulesAgent
 from glbench.bounds.energy_costs import Costs, costs_of_result, mean_costs
+from glbench.env import Simulation
 from glbench.resources import write_atomically
+from glbench.tasks import task_card
 
 PAGE, FIGURES = DOCS / "energy-design.md", DOCS / "measurements" / "energy-design.json"
 PAGES = ROOT / "baselines" / "rule_based_energy" / "rules"
@@ -99,6 +102,8 @@ FLOWS = {
     "electricity_bought": "power bought [kWh]",
     "co2_bought": "CO2 bought [kg]",
 }
+GROWING, GROWN_RUNS = ("FullSeason", "FullSeasonEnergy"), 4
+"""Families whose crop grows from planting on, and in how many seasons it is looked at."""
 DISPATCHED, DISPATCHED_RUNS = "SpringEnergy", 4
 """The family whose recorded runs a linear programme plans anew, and how many of them."""
 
@@ -145,7 +150,31 @@ def measure(work: Path, processes: int) -> dict[str, Any]:
     played = next(job for job in asked if (job.label, job.name) == (DISPATCHED, RULES))
     seeds = list(played.task.evaluation.seeds)[:DISPATCHED_RUNS]
     costs = [asdict(one) for _, one in costs_of_result(played.file(work), seeds)]
-    return {"runs": dict(RUNS), "years": YEARS, "evaluations": found, "dispatch": costs}
+    growth = {family: grown(family) for family in GROWING}
+    return {"runs": dict(RUNS), "years": YEARS, "evaluations": found, "dispatch": costs, "growth": growth}
+
+
+def grown(family: str) -> list[dict[str, float]]:
+    """The crop that the rules grow in ``family``, month by month: mean over a few seasons."""
+    task = design(family, DRAWS, runs=GROWN_RUNS)
+    simulation = Simulation(task, GROWN_RUNS)
+    agent = EnergyRulesAgent([read_energy_rule_page(PAGES / f"{family.lower()}.yml").numbers] * GROWN_RUNS)
+    seen, card = simulation.reset(list(task.evaluation.seeds)), task_card(task)
+    agent.reset(card, GROWN_RUNS)
+    model, days, rows, picked = task.model_value, round(86_400 / task.step_seconds), [], 0.0
+
+    def mass(*states: str) -> float:
+        return float(sum(simulation.x[:, model.state_index(name)].mean() for name in states)) * 1e-6
+
+    sla = float(task.parameters_by_name()["sla"])
+    for step in range(task.steps + 1):
+        if step % (30 * days) == 0:
+            row = {"day": step / days, "lai": mass("cLeaf") * 1e6 * sla, "plants": mass("cLeaf", "cStem")}
+            rows.append(row | {"fruit": mass("cFruit"), "picked": picked})
+        if step < task.steps:
+            result = simulation.step(agent.act(seen))
+            seen, picked = result.observations, picked + float(result.quantities["fruit_picked"].mean())
+    return rows
 
 
 # What the figures say.
@@ -249,12 +278,36 @@ def dispatch_table(figures: Mapping[str, Any]) -> str:
     return grid([f"{DISPATCHED}, {len(found)} seasons", "EUR/m²", "from run to run"], rows)
 
 
+def growth_table(figures: Mapping[str, Any]) -> str:
+    """How the crop grows from planting on."""
+    head = [
+        "Family",
+        "Day",
+        "Leaf area index",
+        "Leaves and stems [kg/m² dry]",
+        "Fruit on the plants [kg/m² dry]",
+        "Fruit picked [kg/m² fresh]",
+    ]
+    rows = [
+        [
+            family,
+            f"{row['day']:.0f}",
+            *(f"{row[key]:.2f}" for key in ("lai", "plants", "fruit")),
+            f"{row['picked']:.1f}",
+        ]
+        for family, found in figures["growth"].items()
+        for row in found
+    ]
+    return grid(head, rows)
+
+
 TABLES: Tables = {
     "families": family_table,
     "decisions": decision_table,
     "flows": flow_table,
     "recordings": recording_table,
     "dispatch": dispatch_table,
+    "growth": growth_table,
 }
 
 
