@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-ENGINE, PIPES = "uChp", "uPipe"
-"""Controls of the energy submodel: the engine, and the heat for the pipes. Where they are, the boiler's heat goes into the buffer."""
+_ENGINE, _PIPES = "engine", "pipe_heat"
+"""What two controls of an energy system deliver: power, and heat for the pipes. Where they are, the boiler's heat goes into the buffer."""
 POWER, BOUGHT, FRUIT = "price_power", "price_power_bought", "price_fruit"
 _AHEAD, _NIGHT, _SHARE = f"{POWER}_in_", "outdoor_temperature_in_12h", "buffer_share"
 _WARM_NIGHT = 18.0
@@ -75,10 +75,11 @@ class EnergyRulesAgent(TunedRulesAgent):
         self._fruit = next(
             (one.price for one in task.ledger if one.name == _GROWTH and not isinstance(one.price, str)), 0.0
         )
-        self._stored = {ENGINE, PIPES} <= set(task.action_names)
-        machines = (ENGINE, PIPES) if self._stored else ()
+        machines = tuple(one.name for what in (_ENGINE, _PIPES) for one in task.controls if one.quantity == what)
+        self._stored = len(machines) == len((_ENGINE, _PIPES)) and set(machines) <= set(task.action_names)
+        self._engine, self._pipes = machines if self._stored else ("", "")
         shown = (POWER, *((_SHARE,) if self._stored else ()))
-        unknown = [name for name in task.action_names if name not in (*WORKED, *machines)]
+        unknown = [name for name in task.action_names if name not in (*WORKED, self._engine, self._pipes)]
         missing = [name for name in shown if name not in self._columns]
         if unknown or missing:
             what = (
@@ -130,26 +131,26 @@ class EnergyRulesAgent(TunedRulesAgent):
         """What the lamps' power costs [EUR kWh-1]: what it would be sold for while the engine runs."""
         if BOUGHT not in seen:
             return seen[POWER]
-        running = now[ENGINE] > _RUNNING if ENGINE in now else False
+        running = now[self._engine] > _RUNNING if self._engine in now else False
         return np.where(running, seen[POWER], seen[BOUGHT])
 
     def _energy(self, seen: dict[str, Array], now: dict[str, Array], wanted: dict[str, Array]) -> dict[str, Array]:
         """Engine, boiler, pipes and CO2, from the heat and the CO2 that the climate asks for."""
         n, share = self._more, seen[_SHARE]
         heat, dose = wanted[BOILER], wanted[DOSING]
-        running = now[ENGINE] > _RUNNING
+        running = now[self._engine] > _RUNNING
         worth = np.where(wanted[LAMPS] > 0.0, seen.get(BOUGHT, seen[POWER]), seen[POWER])
         runs = np.where(
             (worth > self._threshold(seen) - np.where(running, n.engine_stay, 0.0)) & (share < n.buffer_full), 1.0, 0.0
         )
-        free = n.boiler_flue * now[BOILER] + n.engine_flue * now[ENGINE]
+        free = n.boiler_flue * now[BOILER] + n.engine_flue * now[self._engine]
         for_co2 = np.maximum(n.boiler_co2 * dose - n.engine_flue * runs, 0.0) / n.boiler_flue
         for_heat = np.where(share < n.buffer_low, heat - n.engine_heat * runs, 0.0)
         boiler = np.maximum(np.where(share < n.buffer_full, for_co2, 0.0), for_heat)
         return {
-            ENGINE: runs,
+            self._engine: runs,
             BOILER: np.minimum(np.maximum(boiler, 0.0), 1.0),
-            PIPES: heat,
+            self._pipes: heat,
             DOSING: np.minimum(dose, free + n.co2_bought),
         }
 
