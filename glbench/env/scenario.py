@@ -89,7 +89,7 @@ class RunScenarios:
             names.append(SENSOR_STREAM)
         n = len(seeds)
         return Scenes(
-            self._states(seeds, weather),
+            self.start_states(seeds, weather),
             weather[:, None] + steps,
             first,
             np.array([[stream_key(self.scenario, seed, name) for name in names] for seed in seeds], np.uint64).reshape(
@@ -116,7 +116,8 @@ class RunScenarios:
             first += (self._numbers(seeds, "start day", 1)[:, 0] * (late + 1)).astype(np.int64) * self.pool.day
         return first, first
 
-    def _states(self, seeds: Sequence[int], first: NDArray[np.int64]) -> Floats:
+    def start_states(self, seeds: Sequence[int], first: NDArray[np.int64]) -> Floats:
+        """States in which runs with ``seeds`` start, each at its row ``first`` of the pool of weather, ``(n, s)``."""
         states = np.stack([self._start(row) for row in first.tolist()])
         for group in self.scenario.start_groups:
             deviation = DISTRIBUTIONS[group.distribution]

@@ -1,0 +1,183 @@
+"""A task and some of its scenarios, laid out for the compiled calls (native/door.cpp) and opened under a name.
+
+A call names its door instead of holding addresses. The name is made of the content, so that programs which JAX compiled and stored are
+found again by another process, and never meet another task.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.env.actuation import recorded_actuation
+from glbench.env.info import info_quantities
+from glbench.env.observations import python_part
+from glbench.env.program import info_columns, make_program
+from glbench.env.quantities import REWARD
+from glbench.env.reference import NO_PARTS
+from glbench.env.rewards import REWARDS
+from glbench.env.scenario import RunScenarios
+from glbench.env.uncertainty import UNIFORM
+from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.jax.library import DoorPointers, library
+from glbench.kernel import make_kernel, why_not_compiled
+from glbench.kernel.compiled.entry import Entry, entry_of
+from glbench.kernel.compiled.environment import CompiledEnvironments
+
+if TYPE_CHECKING:
+    from glbench.kernel.environment import Program
+    from glbench.tasks import TaskSpec
+
+GOLDEN = 0.6180339887498949
+"""Steps of this size, modulo 1, spread any number of points evenly over an interval."""
+
+_OPEN: dict[str, object] = {}
+"""What the library holds addresses of: a program that JAX compiled may call a door as long as the process lives."""
+
+
+@dataclass(frozen=True)
+class Door:
+    """What the calls need to be told, and how large what they give is.
+
+    Attributes
+    ----------
+    name
+        By which the calls find the door.
+    states, controls, memory
+        How many of them an environment has.
+    columns, actions
+        Of an observation and of an action.
+    scenarios, places
+        How many scenarios there are, and at how many places of each an episode may begin.
+    """
+
+    name: str
+    states: int
+    controls: int
+    memory: int
+    columns: int
+    actions: int
+    scenarios: int
+    places: int
+
+    @property
+    def words(self) -> int:
+        """Words of 32 bits in which a call keeps states, controls and memory."""
+        return 2 * (self.states + self.controls + self.memory)
+
+
+def open_door(
+    task: TaskSpec, seeds: Sequence[int], places: int, preset: str, workers: int, info: Sequence[str]
+) -> Door:
+    """Open the door of ``task`` with the scenarios of ``seeds``; one that is open already is used again.
+
+    Raises
+    ------
+    TaskError
+        For a task that the compiled step cannot serve, with the parts that it cannot.
+    UnknownNameError
+        For a name in ``info`` that nothing has.
+    CompiledUnavailable
+        When the library for JAX cannot be built.
+    """
+    shown = _columns(task, info)
+    program, parts = make_program(task)
+    if parts is not NO_PARTS:
+        raise _not_served(task, f"{', '.join(_python_parts(task))} is Python")
+    environments = make_kernel(task.model_value, task.step_seconds, workers=workers, preset=preset).environments(
+        program, 1
+    )
+    if not isinstance(environments, CompiledEnvironments):
+        raise _not_served(
+            task, why_not_compiled(task.model_value) or "its program is too large for the compiled kernel"
+        )
+    facts = (task.id, task.digest, task.split, task.sealed, tuple(seeds), places, preset, workers, tuple(info))
+    name = f"{task.id} {preset} {hashlib.sha256(repr(facts).encode()).hexdigest()[:24]}"
+    if name not in _OPEN:
+        pointers, kept = _laid_out(task, program, entry_of(environments), seeds, places, shown)
+        library().glb_door_open(name.encode(), ctypes.addressof(pointers))
+        _OPEN[name] = pointers, kept
+    states, controls = environments.x.shape[1], environments.u.shape[1]
+    actions = len(program.actions.low)
+    return Door(name, states, controls, program.memory, program.columns, actions, len(seeds), places)
+
+
+def _laid_out(
+    task: TaskSpec, program: Program, entry: Entry, seeds: Sequence[int], places: int, shown: Sequence[int]
+) -> tuple[DoorPointers, object]:
+    """The door's structure, and what must live as long as it."""
+    scenarios = RunScenarios(task)
+    scenes = scenarios.draw(seeds)
+    at = _places(len(seeds), places, program.steps)
+    rows = np.take_along_axis(scenes.days, at // program.day, axis=1) + at % program.day
+    starts = [scenarios.start_states(seeds, rows[:, place]) for place in range(places)]
+    starts[0] = scenes.states
+    arrays: dict[str, NDArray[Any]] = {
+        "low": program.actions.low,
+        "high": program.actions.high,
+        "start": np.stack(starts, axis=1),
+        "at": at,
+        "sequence": scenes.days,
+        "first": scenes.first,
+        "key": scenes.keys,
+        "parameter": program.nominal if scenes.parameters is None else scenes.parameters,
+        "trait": scenes.traits,
+        "remembered": scenarios.slots.start,
+        "show": np.array(shown, np.int64),
+    }
+    arrays = {key: np.ascontiguousarray(array) for key, array in arrays.items()}
+    pointers = DoorPointers(
+        run=entry.function, settings=entry.settings, program=entry.program,
+        states=scenes.states.shape[1], controls=len(task.model_value.controls), actions=len(program.actions.low),
+        memory=program.memory, keys=program.keys, days=program.days, traits=program.traits, parameters=entry.parameters,
+        columns=program.columns, width=program.width, shared_parameters=scenes.parameters is None,
+        scenarios=len(seeds), places=places, reward=info_columns(task) + REWARD, shown=len(shown),
+    )  # fmt: skip
+    for key, array in arrays.items():
+        setattr(pointers, key, array.ctypes.data)
+    return pointers, (entry, program, scenarios.pool, arrays)
+
+
+def _places(scenarios: int, places: int, steps: int) -> NDArray[np.int64]:
+    """Steps at which episodes may begin ``(scenarios, places)``: the first, then some that all together spread over the season evenly."""
+    points = np.arange(scenarios * places).reshape(scenarios, places) * GOLDEN % 1.0
+    at: NDArray[np.int64] = np.floor(points * steps).astype(np.int64)
+    at[:, 0] = 0
+    return at
+
+
+def table_names(task: TaskSpec) -> tuple[str, ...]:
+    """Names of the columns of the table, as in ``info`` of the other environments."""
+    return tuple(quantity.name for quantity in info_quantities(task))[1:]  # the seed is no column
+
+
+def _columns(task: TaskSpec, names: Sequence[str]) -> list[int]:
+    """Columns of the table by name, and after them those of the model's states."""
+    known = (*table_names(task), *task.model_value.state_names)
+    for name in names:
+        if name not in known:
+            msg = f"{task.id} has no quantity or state '{name}' for info.{did_you_mean(name, known)}"
+            raise UnknownNameError(msg)
+    return [known.index(name) for name in names]
+
+
+def _not_served(task: TaskSpec, reason: str) -> TaskError:
+    return TaskError(
+        f"glbench.jax cannot step {task.id}: {reason}. Use glbench.env.GreenhouseVectorEnv, which steps every task on every machine."
+    )
+
+
+def _python_parts(task: TaskSpec) -> list[str]:
+    """The parts of a task that only Python knows, in words."""
+    parts = [f"the actuation '{task.actuation.kind}'"] if recorded_actuation(task) is None else []
+    parts += [f"the reward '{name}'" for name in task.reward.modules if not REWARDS.recorded(name)]
+    parts += [f"the observation '{name}'" for name in task.observation.modules if python_part(name) is not None]
+    drawn = {group.distribution for group in task.scenario.groups} - {UNIFORM}
+    parts += [f"the distribution '{name}'" for name in sorted(drawn)]
+    return parts or ["what follows from its uncertain parameters"]

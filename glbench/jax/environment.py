@@ -1,0 +1,248 @@
+"""The environment for JAX: gymnax's signature around one compiled call for any number of rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.env.kernels import check_kernel
+from glbench.env.seeds import checked_seed
+from glbench.env.spaces import action_space, observation_space, task_of_environment
+from glbench.errors import ShapeError, whole_number
+from glbench.jax.door import open_door
+from glbench.jax.library import RESET, STEP
+from glbench.jax.spaces import Box
+from glbench.tasks import TaskSpec
+
+SEEDS = range(64)
+"""Scenarios of an environment that was given none."""
+
+
+class State(NamedTuple):
+    """One environment; with ``vmap`` each has further axes in front.
+
+    Attributes
+    ----------
+    step
+        Steps taken, int32.
+    scenario
+        Number of the scenario in the environment's ``seeds``, int32.
+    ended
+        Whether the episode has ended.
+    numbers
+        State of the model, controls in force and memory ``(words,)`` uint32: halves of float64 numbers, which JAX need not understand.
+        ``Environment.unpack`` reads them.
+    """
+
+    step: jax.Array
+    scenario: jax.Array
+    ended: jax.Array
+    numbers: jax.Array
+
+
+class Params(NamedTuple):
+    """Which scenarios episodes are in: each new episode draws one of ``count`` from number ``first`` on. May be traced and mapped.
+
+    ``Params(first=5, count=1)`` always begins the scenario of ``seeds[5]``.
+    """
+
+    first: Any = 0
+    count: Any = 1
+
+
+class Environment:
+    """A task for JAX, with the signature of gymnax; pure functions that work under ``jit``, ``scan`` and ``vmap``.
+
+    ``vmap`` over n rows makes one call of the compiled kernel with n rows. Observations, rewards, ends and states have the bits of
+    ``glbench.env.GreenhouseVectorEnv`` with the same kernel. The calls run on the CPU and cannot be differentiated.
+
+    Parameters
+    ----------
+    task
+        Id, path of a task file, or the task itself; where it has splits, its training split unless it is in another one.
+    preset
+        Of the kernel: ``"fast"`` for training; scores are made with ``"reference"``.
+    seeds
+        Scenarios that episodes can be in, drawn here: weather, start, parameters, sensors. A generated season takes some 50 ms to make.
+    places
+        At how many places of each season ``reset`` may begin; 1 is its start alone. With more, environments that are reset together
+        spread over seasons and hours of day. An episode that begins late ends with its season, and the next one begins at the start.
+    info
+        What ``info`` tells of a step besides ``failed`` and ``discount``: names as in ``info`` of the other environments
+        (``glbench.env.info_quantities``) and of states of the model.
+    workers
+        Cores that share the rows of a call, to the same bits.
+    split, overrides
+        As for ``GreenhouseVectorEnv``.
+
+    Attributes
+    ----------
+    task
+        The task.
+    seeds
+        As given.
+
+    Raises
+    ------
+    TaskError
+        For a task with parts that the compiled kernel does not know, with their names.
+    GlbenchError
+        For unknown names, seeds that are none, and where there is no compiler.
+    """
+
+    def __init__(
+        self,
+        task: TaskSpec | str,
+        preset: str = "fast",
+        *,
+        seeds: Sequence[int] = SEEDS,
+        places: int = 1,
+        info: Sequence[str] = ("epi", "penalty"),
+        workers: int = 1,
+        split: str | None = None,
+        overrides: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.task = task_of_environment(task, split, overrides)
+        check_kernel(preset, self.task)
+        self.seeds = tuple(checked_seed(seed) for seed in seeds)
+        if not self.seeds:
+            msg = "An environment has at least one scenario: give it a seed or more."
+            raise ShapeError(msg)
+        if whole_number(places, "The number of places") < 1:
+            msg = f"An episode begins at one place of its season or more, not at {places}."
+            raise ShapeError(msg)
+        self._info = tuple(info)
+        self._door = open_door(self.task, self.seeds, places, preset, workers, self._info)
+        seen, acts = observation_space(self.task), action_space(self.task)
+        self._observations, self._actions = (Box(box.low, box.high) for box in (seen, acts))  # type: ignore[attr-defined]
+
+    @property
+    def name(self) -> str:
+        """The task's id."""
+        return self.task.id
+
+    @property
+    def default_params(self) -> Params:
+        """Episodes in any of the scenarios."""
+        return Params(0, len(self.seeds))
+
+    @property
+    def num_actions(self) -> int:
+        """How many numbers an action has."""
+        return self._door.actions
+
+    @property
+    def obs_shape(self) -> tuple[int, ...]:
+        """``(columns,)``."""
+        return self._observations.shape
+
+    def observation_space(self, params: Params | None = None) -> Box:
+        """Bounds of the observed columns; the columns are ``task.observed()``."""
+        return self._observations
+
+    def action_space(self, params: Params | None = None) -> Box:
+        """Bounds of the actions; ``step`` brings what lies outside to the nearest bound."""
+        return self._actions
+
+    def reset(self, key: jax.Array, params: Params | None = None) -> tuple[jax.Array, State]:
+        """Begin an episode in a random scenario, at one of its places.
+
+        Returns
+        -------
+        observation, state
+            ``(columns,)`` float32, and the environment.
+        """
+        if self._door.places == 1:
+            return self.reset_env(key, params)
+        key, key_place = jax.random.split(key)
+        return self._begin(self._scenario(key, params), jax.random.randint(key_place, (), 0, self._door.places))
+
+    def reset_env(self, key: jax.Array, params: Params | None = None) -> tuple[jax.Array, State]:
+        """Begin an episode in a random scenario, at its start: what ``step`` does when one has ended."""
+        return self._begin(self._scenario(key, params), jnp.zeros((), jnp.int32))
+
+    def step(
+        self, key: jax.Array, state: State, action: jax.Array, params: Params | None = None
+    ) -> tuple[jax.Array, State, jax.Array, jax.Array, dict[str, jax.Array]]:
+        """Take one step with an action ``(m,)``; when the episode ends, begin another one.
+
+        Returns
+        -------
+        observation, state, reward, done, info
+            Observation and state are those of the new episode where one has begun; reward, ``done`` and ``info`` are those of the step.
+            Reward and ``info`` are float32, or float64 where JAX has 64 bits switched on. ``info["failed"]`` says that the step could
+            not be integrated, which ends the episode, ``info["discount"]`` is 0 at an end, else 1.
+
+        Raises
+        ------
+        jax.errors.JaxRuntimeError
+            For an action that is not finite. Under ``jit`` it may be raised when a later result is waited for.
+        """
+        return self._step(state, action, self._scenario(jax.random.split(key)[1], params), autoreset=True)
+
+    def step_env(
+        self, key: jax.Array, state: State, action: jax.Array, params: Params | None = None
+    ) -> tuple[jax.Array, State, jax.Array, jax.Array, dict[str, jax.Array]]:
+        """As ``step``, but an environment whose episode has ended stays as it is: its quantities are 0."""
+        return self._step(state, action, state.scenario, autoreset=False)
+
+    def is_terminal(self, state: State, params: Params | None = None) -> jax.Array:
+        """Whether the episode has ended; never after ``step``."""
+        return state.ended
+
+    def discount(self, state: State, params: Params | None = None) -> jax.Array:
+        """0 for an episode that has ended, else 1."""
+        return jnp.where(state.ended, 0.0, 1.0)
+
+    def unpack(self, state: State) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """State of the model ``(..., s)``, controls in force ``(..., c)`` and memory ``(..., m)`` of environments, outside of ``jit``."""
+        numbers = np.array(state.numbers).view(np.float64)
+        x, u, memory = np.split(numbers, np.cumsum([self._door.states, self._door.controls]), axis=-1)
+        return x, u, memory
+
+    def _scenario(self, key: jax.Array, params: Params | None) -> jax.Array:
+        chosen = self.default_params if params is None else params
+        first, count = (jnp.asarray(number, jnp.int32) for number in chosen)
+        return first + jax.random.randint(key, (), 0, count, jnp.int32)
+
+    def _begin(self, scenario: jax.Array, place: jax.Array) -> tuple[jax.Array, State]:
+        door = self._door
+        kinds = (
+            _of((), jnp.int32),
+            _of((), jnp.bool_),
+            _of((door.words,), jnp.uint32),
+            _of((door.columns,), jnp.float32),
+        )
+        call = jax.ffi.ffi_call(RESET, kinds, vmap_method="broadcast_all")
+        step, ended, numbers, observation = call(scenario, jnp.asarray(place, jnp.int32), name=door.name)
+        return observation, State(step, scenario, ended, numbers)
+
+    def _step(
+        self, state: State, action: jax.Array, fresh: jax.Array, *, autoreset: bool
+    ) -> tuple[jax.Array, State, jax.Array, jax.Array, dict[str, jax.Array]]:
+        door, real = self._door, jax.dtypes.canonicalize_dtype(np.float64)
+        action = jnp.asarray(action, real)
+        if action.shape != (door.actions,):
+            msg = f"An action of {self.task.id} has the shape ({door.actions},), not {action.shape}. Map over rows with jax.vmap."
+            raise ShapeError(msg)
+        kinds = (
+            *(_of((), jnp.int32), _of((), jnp.int32), _of((), jnp.bool_), _of((door.words,), jnp.uint32)),
+            *(_of((door.columns,), jnp.float32), _of((), real), _of((), jnp.bool_), _of((), jnp.bool_)),
+            _of((len(self._info),), real),
+        )
+        call = jax.ffi.ffi_call(STEP, kinds, vmap_method="broadcast_all")
+        *now, observation, reward, done, failed, shown = call(
+            *state, action, fresh, name=door.name, autoreset=autoreset
+        )
+        info = {name: shown[place] for place, name in enumerate(self._info)}
+        info |= {"failed": failed, "discount": jnp.where(done, 0.0, 1.0)}
+        return observation, State(*now), reward, done, info
+
+
+def _of(shape: tuple[int, ...], kind: Any) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(shape, kind)  # type: ignore[no-untyped-call]

@@ -1,0 +1,91 @@
+"""Builds the small library that answers XLA's calls, once for a machine and a version of JAX, and loads it.
+
+It is compiled with the compiler and the flags of the kernel, against the headers that JAX brings. The kernel's own library is not touched.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import tempfile
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+import jax
+from filelock import FileLock, Timeout
+
+from glbench.kernel.compiled import CompiledUnavailable
+from glbench.kernel.compiled.binding import (
+    EnvironmentCall,
+    EnvironmentPointers,
+    members,
+    of_another_version,
+    open_library,
+)
+from glbench.kernel.compiled.compiler import find_compiler, machine_digest
+from glbench.resources import cache_folder
+
+RESET, STEP = "glbench_reset", "glbench_step"
+"""Names under which XLA knows the calls."""
+
+_SOURCE = Path(__file__).resolve().parent / "native" / "door.cpp"
+_LOCK_SECONDS = 300.0
+
+
+class DoorPointers(ctypes.Structure):
+    """``Door`` of native/door.cpp."""
+
+    _fields_ = members(
+        "run* settings* program* states controls actions memory keys days traits parameters columns width shared_parameters "
+        "scenarios places low* high* start* at* sequence* first* key* parameter* trait* remembered* reward shown show*"
+    )
+
+
+@cache
+def library() -> ctypes.CDLL:
+    """The library, built if need be, with its calls known to XLA.
+
+    Raises
+    ------
+    CompiledUnavailable
+        When it can be neither loaded nor built: no compiler, a failing one, a cache that cannot be written.
+    """
+    path = _built()
+    handle = open_library(str(path), "glb_door_reset", "glb_door_step", "glb_door_open", "glb_door_layout")
+    sizes = (ctypes.c_int64 * 3)()
+    handle.glb_door_layout(sizes)
+    if tuple(sizes) != tuple(map(ctypes.sizeof, (DoorPointers, EnvironmentPointers, EnvironmentCall))):
+        raise of_another_version(str(path))
+    handle.glb_door_open.argtypes = (ctypes.c_char_p, ctypes.c_void_p)
+    handle.glb_door_open.restype = None
+    jax.ffi.register_ffi_target(RESET, jax.ffi.pycapsule(handle.glb_door_reset))  # type: ignore[no-untyped-call]
+    jax.ffi.register_ffi_target(STEP, jax.ffi.pycapsule(handle.glb_door_step))  # type: ignore[no-untyped-call]
+    return handle
+
+
+def _built() -> Path:
+    """The library in the cache, named by all that could change it."""
+    compiler = find_compiler()
+    flags = compiler.flags()
+    facts = (compiler.command, compiler.version, flags, machine_digest(), version("jaxlib"), _SOURCE.read_bytes())
+    folder = cache_folder() / "kernel"
+    path = folder / f"jax-{hashlib.sha256(repr(facts).encode()).hexdigest()[:20]}.so"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with FileLock(path.with_suffix(".lock"), timeout=_LOCK_SECONDS):
+            if not path.is_file():
+                with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=folder) as work:
+                    made = Path(work) / "door.so"
+                    compiler.compile(_SOURCE, made, (Path(jax.ffi.include_dir()),), flags)
+                    made.replace(path)
+    except Timeout as error:
+        msg = f"Another process has been building the library for JAX for {_LOCK_SECONDS:g} s (lock {error.lock_file}). Try again later."
+        raise CompiledUnavailable(msg) from error
+    except OSError as error:
+        msg = (
+            f"The kernel's cache folder {folder} cannot be used: {error.strerror or error}. "
+            "Set GLBENCH_CACHE to a folder that you may write to."
+        )
+        raise CompiledUnavailable(msg) from error
+    return path
