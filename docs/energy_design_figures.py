@@ -78,6 +78,8 @@ VARIANTS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
 """Numbers of the rules that each copy of them changes; all others stay those of the family's page."""
 SIMPLEST = {family: "boiler_alone" if family in ENERGY else "never_lights" for family in RUNS}
 """The simplest sensible agent, from whose score a lead is counted."""
+WHOLE = ("FullSeason", "FullSeasonEnergy")
+"""Families that begin in January: in a frost the simulation of a house that nobody heats can fail."""
 EXAMPLE = str(ROOT / "submissions" / "energy_agent.py")
 PLAYING = ("rule_based_tuned", MY_AGENT, PI)
 """Agents that know no engine; they play where there is none."""
@@ -135,7 +137,7 @@ def jobs() -> list[Job]:
     found = []
     for family, runs in RUNS.items():
         task, season = design(family, DRAWS, runs=runs), design(family, RECORDED, runs=runs)
-        others = (EXAMPLE, *(() if family in ENERGY else PLAYING), NOTHING)
+        others = (EXAMPLE, *(() if family in ENERGY else PLAYING), *(() if family in WHOLE else (NOTHING,)))
         made = (f"{family}/{name}" for name in (RULES, *VARIANTS[family]))
         found += [Job(family, task, agent) for agent in (*made, *others)]
         found.append(Job(family, task, f"{family}/{RULES}", season))

@@ -90,7 +90,8 @@ def test_a_recording_loses_at_least_half_of_the_lead(figures: dict[str, Any]) ->
 
 def test_to_do_nothing_is_the_worst(figures: dict[str, Any]) -> None:
     for family, agents in figures["evaluations"].items():
-        assert min(agents, key=lambda agent: mean(figures, family, agent)) == "do_nothing"
+        if family not in design.WHOLE:
+            assert min(agents, key=lambda agent: mean(figures, family, agent)) == "do_nothing"
 
 
 def test_every_copy_earns_less_than_the_rules(figures: dict[str, Any]) -> None:
