@@ -42,7 +42,7 @@ from docs.benchmark_design_figures import (
 )
 from glbench.agents.energy_rule_settings import EnergyRulePage, energy_settings_text, read_energy_rule_page
 from glbench.agents.energy_rules import EnergyRulesAgent
-from glbench.bounds.energy_costs import Costs, costs_of_result, mean_costs
+from glbench.bounds.energy_costs import Costs, costs_of_result
 from glbench.env import Simulation
 from glbench.resources import write_atomically
 from glbench.tasks import task_card
@@ -205,6 +205,11 @@ def dispatched(figures: Mapping[str, Any]) -> list[Costs]:
     return [Costs(**one) for one in figures["dispatch"]]
 
 
+def possible(found: Iterable[Costs], name: str) -> list[float]:
+    """One cost of the runs in which it is possible: without a buffer not every demand can be met."""
+    return [value for value in (getattr(one, name) for one in found) if value is not None]
+
+
 # The page.
 
 
@@ -269,14 +274,11 @@ _EARNED = {
 def dispatch_table(figures: Mapping[str, Any]) -> str:
     """What the linear programme with foresight says."""
     found = dispatched(figures)
-    mean = mean_costs(found)
     rows = []
     for name, words in {**_COSTS, **_EARNED}.items():
-        values = [getattr(one, name) for one in found]
-        if None in values:
-            rows.append([words, "–", "not possible"])
-        else:
-            rows.append([words, plain(getattr(mean, name)), f"{plain(min(values))} to {plain(max(values))}"])
+        values = possible(found, name)
+        among = "" if len(values) == len(found) else f", possible in {len(values)}"
+        rows.append([words + among, plain(float(np.mean(values))), f"{plain(min(values))} to {plain(max(values))}"])
     return grid([f"{DISPATCHED}, {len(found)} seasons", "EUR/m²", "from run to run"], rows)
 
 
