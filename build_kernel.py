@@ -10,6 +10,7 @@ import platform
 import shutil
 import sys
 import tempfile
+import tomllib
 import types
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
 class KernelHook(BuildHookInterface[Any]):
-    """Compiles the registered models and adds the libraries to the wheel."""
+    """Compiles the models of the shipped tasks and adds the libraries to the wheel."""
 
     PLUGIN_NAME = "custom"
 
@@ -53,19 +54,44 @@ class KernelHook(BuildHookInterface[Any]):
 
         if not levels_to_build():
             return False
-        models = registered_models()
-        with_meters = [judged(model) for model in models if model.air is not None and model.variant == "author"]
+        asked = _asked_by_tasks(Path(self.root) / "tasks")
+        models = [
+            judged(model) if metered else model
+            for model in registered_models()
+            for metered in (False, True)
+            if (model.id, model.variant, metered) in asked
+        ]
         try:
             made = [
-                one
-                for model in (*models, *with_meters)
-                for one in prebuild(folder, model, traits_of(model, absent_equipment(model)))
+                one for model in models for one in prebuild(folder, model, traits_of(model, absent_equipment(model)))
             ]
         except CompiledUnavailable as reason:
             self.app.display_warning(f"The wheel carries no compiled kernel. {reason}")
             return False
         write_manifest(folder, made)
         return True
+
+
+def _asked_by_tasks(folder: Path) -> set[tuple[str, str, bool]]:
+    """Id and variant of the models that the tasks in ``folder`` have, and whether their limits are judged by meters."""
+    tasks = {task["id"]: task for task in map(_toml, folder.rglob("*.toml")) if "id" in task}
+
+    def asked(task: dict[str, Any]) -> tuple[str, str, bool]:
+        base = tasks.get(task.get("base", ""))
+        model, variant, metered = ("greenlight-tomato-1.0.0", "author", False) if base is None else asked(base)
+        given = task.get("model", {})
+        judged = task.get("constraints", {}).get("judged")
+        return (
+            given.get("id", model),
+            given.get("variant", variant),
+            metered if judged is None else judged == "mean",
+        )
+
+    return {asked(task) for task in tasks.values()}
+
+
+def _toml(file: Path) -> dict[str, Any]:
+    return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
 def _open_package(folder: Path) -> None:

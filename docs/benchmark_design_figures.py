@@ -87,20 +87,23 @@ GROWERS: Mapping[str, Mapping[str, str]] = {
 }
 """Other pages of settings, to be told apart: lines of the grower's, and what stands there instead."""
 
+MONEY = ("reward", "epi", "penalty")
+"""Score, profit and price of violations."""
+
 POWER = 1.96 + 0.84
 """Standard errors that a difference must have to be found (5 %, two-sided) in 80 of 100 comparisons."""
 
 Scores = NDArray[np.float64]
 
 
-def design(name: str, salt: str, without: Iterable[str] = (), **changes: Any) -> TaskSpec:
-    """The task ``name`` with scenarios of the training years under a salt of their own."""
+def design(name: str, salt: str, without: Iterable[str] = (), runs: int = RUNS, **changes: Any) -> TaskSpec:
+    """The task ``name`` with so many scenarios of the training years, under a salt of their own."""
     return get_task(f"glbench/{name}-v1").replace(
         {
             "id": f"design/{name}-v1",
             "scenario.salt": salt,
-            "splits": {"test": {"years": YEARS, "seasons": RUNS}},
-            "evaluation.runs": RUNS,
+            "splits": {"test": {"years": YEARS, "seasons": runs}},
+            "evaluation.runs": runs,
             "without": list(without),
             **changes,
         }
@@ -143,12 +146,19 @@ class Job:
         """The result, evaluated if it is not there."""
         sys.stdout.write(f"{self.label}: {self.name}\n")
         agent = self._agent(work)
-        result = evaluate(self.task, agent, out=work / re.sub(r"\W+", "-", self.label))
+        result = evaluate(self.task, agent, out=self._folder(work))
         failed = [run.reason for run in result.runs if run.status != "ok"]
         if failed:
             msg = f"{self.name} on {self.label}: {failed[0]}"
             raise RuntimeError(msg)
         return result
+
+    def file(self, work: Path) -> Path:
+        """Where the result lies."""
+        return result_path(self._folder(work), self.task.id, self.name)
+
+    def _folder(self, work: Path) -> Path:
+        return work / re.sub(r"\W+", "-", self.label)
 
     def _agent(self, work: Path) -> str:
         made = work / MADE / self.agent
@@ -227,20 +237,29 @@ def jobs() -> list[Job]:
 
 def measure(work: Path, processes: int) -> dict[str, Any]:
     """Score, profit and price of violations of each run [EUR m-2] by label and agent; first days of generated and real seasons."""
-    asked = jobs()
     make_agents(work)
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
-        results = list(pool.map(Job.result, asked, [work] * len(asked)))
-    found: dict[str, dict[str, dict[str, list[float]]]] = {}
-    for job, result in zip(asked, results, strict=True):
-        kept = {key: [round(run.metrics[key], 4) for run in result.runs] for key in ("reward", "epi", "penalty")}
-        found.setdefault(job.label, {})[job.name] = kept
+    found = evaluated(jobs(), work, processes)
     days = {
         label: first_days(task)
         for label, task in (("SpringYears", design("SpringYears", DRAWS)), ("SpringYears real", real("SpringYears")))
     }
     return {"runs": RUNS, "years": YEARS, "first_days": days, "evaluations": found}
+
+
+def evaluated(
+    asked: Sequence[Job], work: Path, processes: int, kept: Iterable[str] = MONEY
+) -> dict[str, dict[str, dict[str, list[float]]]]:
+    """By label and agent, each run's metrics among ``kept`` that the task has."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
+        results = list(pool.map(Job.result, asked, [work] * len(asked)))
+    found: dict[str, dict[str, dict[str, list[float]]]] = {}
+    for job, result in zip(asked, results, strict=True):
+        there = [key for key in kept if key in result.runs[0].metrics]
+        found.setdefault(job.label, {})[job.name] = {
+            key: [round(run.metrics[key], 4) for run in result.runs] for key in there
+        }
+    return found
 
 
 def first_days(task: TaskSpec) -> list[int]:
@@ -348,35 +367,43 @@ def at_equal_days(generated: Scores, real: Scores, days: Scores, real_days: Scor
 # The page.
 
 
-def _number(value: float) -> str:
+def signed(value: float) -> str:
+    """With its sign, and two decimals."""
     return f"{value:+.2f}".replace("-", "−") if round(value, 2) else "0.00"
 
 
-def _plain(value: float) -> str:
+def plain(value: float) -> str:
+    """With two decimals."""
     return f"{value:.2f}".replace("-", "−")
 
 
-def _percent(share: float) -> str:
+def percent(share: float) -> str:
+    """A share of 1 in whole percent."""
     return f"{100 * share:.0f} %"
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def grid(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown, all columns but the first aligned right."""
     lines = [head, ["---", *("---:" for _ in head[1:])], *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def family_table(figures: Mapping[str, Any]) -> str:
     """Score of all agents on each family, and of what profit and violations it is made."""
-    families = {name: figures["evaluations"][name] for name in FAMILIES}
+    return score_table({name: figures["evaluations"][name] for name in FAMILIES})
+
+
+def score_table(families: Mapping[str, Mapping[str, Any]]) -> str:
+    """What all agents but recordings earn, by family and agent."""
     agents = dict.fromkeys(agent for found in families.values() for agent in found if not agent.startswith("recording"))
 
     def cell(found: Mapping[str, Any], agent: str) -> str:
         if agent not in found:
             return "–"
-        score, profit, violations = (float(np.mean(found[agent][key])) for key in ("reward", "epi", "penalty"))
-        return f"**{_plain(score)}** = {_plain(profit)} − {_plain(violations)}"
+        score, profit, violations = (float(np.mean(found[agent][key])) for key in MONEY)
+        return f"**{plain(score)}** = {plain(profit)} − {plain(violations)}"
 
-    return _table(
+    return grid(
         ["Agent", *families], ([f"`{agent}`", *(cell(found, agent) for found in families.values())] for agent in agents)
     )
 
@@ -391,11 +418,11 @@ def factor_table(figures: Mapping[str, Any]) -> str:
         runs = {factor: scores_of(figures, label, [agent])[agent] for factor, label in labels.items()}
         seasons = runs.pop("seasons")
         changes = [
-            f"{_number(float((with_it - seasons).mean()))} ± {(with_it - seasons).std(ddof=1):.2f}"
+            f"{signed(float((with_it - seasons).mean()))} ± {(with_it - seasons).std(ddof=1):.2f}"
             for with_it in runs.values()
         ]
-        rows.append([f"`{agent}`", f"{_plain(seasons.mean())} ± {seasons.std(ddof=1):.2f}", *changes])
-    return _table(["Agent", "Unseen seasons alone", *(factor for factor in FACTORS if factor != "seasons")], rows)
+        rows.append([f"`{agent}`", f"{plain(seasons.mean())} ± {seasons.std(ddof=1):.2f}", *changes])
+    return grid(["Agent", "Unseen seasons alone", *(factor for factor in FACTORS if factor != "seasons")], rows)
 
 
 def spread_table(figures: Mapping[str, Any]) -> str:
@@ -404,10 +431,10 @@ def spread_table(figures: Mapping[str, Any]) -> str:
     for name in FAMILIES:
         every, unlit = (np.array(list(controllers(figures, name, lit=lit).values())) for lit in (True, False))
         for which, table in [("all", every), ("lamps off", unlit)] if len(every) > len(unlit) else [("all", every)]:
-            found = (*map(_plain, spread(table).values()), *map(_percent, stability(table).values()))
+            found = (*map(plain, spread(table).values()), *map(percent, stability(table).values()))
             rows.append([name, f"{len(table)}, {which}", *found])
     head = ["Family", "agents", "between agents", "between scenarios", "agent × scenario"]
-    return _table([*head, "same order", "same best", "pairs in order"], rows)
+    return grid([*head, "same order", "same best", "pairs in order"], rows)
 
 
 def recording_table(figures: Mapping[str, Any]) -> str:
@@ -426,15 +453,15 @@ def recording_table(figures: Mapping[str, Any]) -> str:
                 [
                     name,
                     label,
-                    _plain(own.mean()),
-                    _plain(told["lead"]),
-                    _plain(blind.mean()),
-                    _plain(told["lost"]),
+                    plain(own.mean()),
+                    plain(told["lead"]),
+                    plain(blind.mean()),
+                    plain(told["lost"]),
                     multiple,
-                    _percent(told["below"]),
+                    percent(told["below"]),
                 ]
             )
-    return _table(
+    return grid(
         [
             "Family",
             "Agent",
@@ -459,12 +486,12 @@ def real_table(figures: Mapping[str, Any]) -> str:
         rows.append(
             [
                 f"`{agent}`",
-                f"{_plain(generated.mean())} ± {generated.std(ddof=1):.2f}",
-                f"{_plain(real.mean())} ± {real.std(ddof=1):.2f}",
-                f"{_number(difference)} ± {error:.2f}",
+                f"{plain(generated.mean())} ± {generated.std(ddof=1):.2f}",
+                f"{plain(real.mean())} ± {real.std(ddof=1):.2f}",
+                f"{signed(difference)} ± {error:.2f}",
             ]
         )
-    return _table(
+    return grid(
         [
             "Agent",
             "Generated, mean ± sd",
@@ -480,9 +507,9 @@ def detection_table(figures: Mapping[str, Any]) -> str:
     rows = []
     for name in FAMILIES:
         told = detectable(np.array(list(controllers(figures, name, lit=False).values())))
-        found = [f"{_plain(middle)} ({_plain(most)})" for middle, most in told["found"].values()]
-        rows.append([name, *map(_plain, told["pairs"]), *found])
-    return _table(["Family", "paired sd, smallest", "median", "largest", "found with 30", "found with 100"], rows)
+        found = [f"{plain(middle)} ({plain(most)})" for middle, most in told["found"].values()]
+        rows.append([name, *map(plain, told["pairs"]), *found])
+    return grid(["Family", "paired sd, smallest", "median", "largest", "found with 30", "found with 100"], rows)
 
 
 def knowing_table(figures: Mapping[str, Any]) -> str:
@@ -491,11 +518,14 @@ def knowing_table(figures: Mapping[str, Any]) -> str:
     for name, agents in CHOICE.items():
         names = [Path(agent).stem for agent in agents]
         tables = (np.array(list(scores_of(figures, label, names).values())) for label in (name, f"{name} anew"))
-        rows.append([name, *map(_number, knowing(*tables).values())])
-    return _table(["Family", "Public salt", "Secret salt"], rows)
+        rows.append([name, *map(signed, knowing(*tables).values())])
+    return grid(["Family", "Public salt", "Secret salt"], rows)
 
 
-TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
+Tables = Mapping[str, Callable[[Mapping[str, Any]], str]]
+"""What writes the table of each name."""
+
+TABLES: Tables = {
     "families": family_table,
     "factors": factor_table,
     "spread": spread_table,
@@ -506,7 +536,7 @@ TABLES: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
 }
 
 
-def filled(text: str, figures: Mapping[str, Any]) -> str:
+def filled(text: str, figures: Mapping[str, Any], tables: Tables = TABLES) -> str:
     """The page with its tables anew.
 
     Raises
@@ -514,7 +544,7 @@ def filled(text: str, figures: Mapping[str, Any]) -> str:
     ValueError
         When a table has no place.
     """
-    for name, table in TABLES.items():
+    for name, table in tables.items():
         begin, end = f"<!-- {name} -->\n", "<!-- end -->"
         if text.count(begin) != 1:
             msg = f"The page has {text.count(begin)} places for the table '{name}'; it needs one, between <!-- {name} --> and {end}."
@@ -524,15 +554,15 @@ def filled(text: str, figures: Mapping[str, Any]) -> str:
     return text
 
 
-def read() -> dict[str, Any]:
+def read(figures: Path = FIGURES) -> dict[str, Any]:
     """The figures that were measured."""
-    found: dict[str, Any] = json.loads(FIGURES.read_text(encoding="utf-8"))
+    found: dict[str, Any] = json.loads(figures.read_text(encoding="utf-8"))
     return found
 
 
-def main() -> None:
-    """Measure and write."""
-    parser = argparse.ArgumentParser(description=__doc__)
+def write(about: str | None, figures: Path, page: Path, tables: Tables, measure: Callable[[Path, int], Any]) -> None:
+    """The command of a page: measure, unless ``--only-page`` is given, and write figures and tables."""
+    parser = argparse.ArgumentParser(description=about)
     parser.add_argument("--work", type=Path, default=ROOT / "runs" / "design", help="folder of the evaluations")
     parser.add_argument("--processes", type=int, default=2, help="evaluations at a time")
     parser.add_argument(
@@ -540,12 +570,12 @@ def main() -> None:
     )
     given = parser.parse_args()
     if not given.only_page:
-        write_atomically(FIGURES, json.dumps(measure(given.work, given.processes)) + "\n")
-    figures = read()
-    write_atomically(PAGE, filled(PAGE.read_text(encoding="utf-8"), figures))
-    for name, table in TABLES.items():
-        sys.stdout.write(f"\n{name}\n{table(figures)}\n")
+        write_atomically(figures, json.dumps(measure(given.work, given.processes)) + "\n")
+    found = read(figures)
+    write_atomically(page, filled(page.read_text(encoding="utf-8"), found, tables))
+    for name, table in tables.items():
+        sys.stdout.write(f"\n{name}\n{table(found)}\n")
 
 
 if __name__ == "__main__":
-    main()
+    write(__doc__, FIGURES, PAGE, TABLES, measure)

@@ -1,6 +1,6 @@
 """Draws docs/images/prices.png: the power prices of a training season, ``python docs/prices_figure.py``.
 
-It needs matplotlib (``glbench[video]``). The season is the first one of the training split of the draft WinterLED-v1.
+It needs matplotlib (``glbench[video]``). The season is the first one of the training split of WinterLED-v1.
 """
 
 from __future__ import annotations

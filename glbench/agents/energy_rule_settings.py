@@ -34,10 +34,10 @@ class EnergyRuleSettings(TunedRuleSettings):
     "Load" is a fraction of what is installed. Numbers of machines that a task does not have are not used there.
     """
 
-    lamps_fruit: float = _number(
-        0.0, 0.5, "kg kWh-1", "they are on while power costs less than so much fruit", "Lamps at hourly prices"
-    )
-    lamps_sun: float = _number(0.0, 1000.0, "W m-2", "of radiation: they are off from here on")
+    lamps_from: float = _number(0.0, 24.0, "h", "of the day they may be on (not tuned)", "Lamps", tuned=False)
+    lamps_until: float = _number(0.0, 24.0, "h", "of the same day they go off (not tuned)", tuned=False)
+    lamps_radiation: float = _number(0.0, 1000.0, "W m-2", "they are off from here on; 0: they are never on")
+    lamps_fruit: float = _number(0.0, 0.5, "kg kWh-1", "they are on while power costs less than so much fruit")
     lamps_light: float = _number(0.0, 500.0, "W m-2", "of radiation that they count as, for heating and CO2")
 
     engine_price: float = _number(-0.05, 0.4, "EUR kWh-1", "it runs while power is worth more, buffer empty", "Engine")
@@ -48,7 +48,7 @@ class EnergyRuleSettings(TunedRuleSettings):
     )
     engine_stay: float = _number(0.0, 0.05, "EUR kWh-1", "less while it runs")
 
-    buffer_full: float = _number(20.0, 100.0, "%", "engine and boiler fill it up to here", "Buffer and boiler")
+    buffer_full: float = _number(0.0, 100.0, "%", "engine and boiler fill it up to here", "Buffer and boiler")
     buffer_low: float = _number(0.0, 50.0, "%", "below it the boiler gives the heat that is asked for")
     boiler_co2: float = _number(0.0, 2.0, "-", "of the CO2 wanted by day the boiler burns this part for its flue gas")
     co2_bought: float = _number(0.0, 1.0, "share", "of the supply at most is bought, besides what is in the flue gas")

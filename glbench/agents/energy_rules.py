@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-ENGINE, PIPES = "uChp", "uPipe"
-"""Controls of the energy submodel: the engine, and the heat for the pipes. Where they are, the boiler's heat goes into the buffer."""
+_ENGINE, _PIPES = "engine", "pipe_heat"
+"""What two controls of an energy system deliver: power, and heat for the pipes. Where they are, the boiler's heat goes into the buffer."""
 POWER, BOUGHT, FRUIT = "price_power", "price_power_bought", "price_fruit"
 _AHEAD, _NIGHT, _SHARE = f"{POWER}_in_", "outdoor_temperature_in_12h", "buffer_share"
 _WARM_NIGHT = 18.0
@@ -75,10 +75,11 @@ class EnergyRulesAgent(TunedRulesAgent):
         self._fruit = next(
             (one.price for one in task.ledger if one.name == _GROWTH and not isinstance(one.price, str)), 0.0
         )
-        self._stored = {ENGINE, PIPES} <= set(task.action_names)
-        machines = (ENGINE, PIPES) if self._stored else ()
+        machines = tuple(one.name for what in (_ENGINE, _PIPES) for one in task.controls if one.quantity == what)
+        self._stored = len(machines) == len((_ENGINE, _PIPES)) and set(machines) <= set(task.action_names)
+        self._engine, self._pipes = machines if self._stored else ("", "")
         shown = (POWER, *((_SHARE,) if self._stored else ()))
-        unknown = [name for name in task.action_names if name not in (*WORKED, *machines)]
+        unknown = [name for name in task.action_names if name not in (*WORKED, self._engine, self._pipes)]
         missing = [name for name in shown if name not in self._columns]
         if unknown or missing:
             what = (
@@ -88,7 +89,7 @@ class EnergyRulesAgent(TunedRulesAgent):
             )
             msg = f"The energy rules work lamps, engine and buffer at an hourly price of power, and {task.id} {what}."
             raise SubmissionError(msg)
-        self._lamp_light = np.zeros(n_runs)
+        self._lit = np.zeros(n_runs)
 
     def act(self, observations: NDArray[np.float32], /) -> Array:
         """Actions (n_runs, actions) towards the controls that the rules ask for.
@@ -117,11 +118,11 @@ class EnergyRulesAgent(TunedRulesAgent):
     def _climate(self, seen: dict[str, Array], now: dict[str, Array]) -> dict[str, Array]:
         """What the tuned rules ask for under sun and lamps, with the lamps by the price of power."""
         n, sun = self._more, seen["global_radiation"]
-        self._lamp_light = now[LAMPS] * n.lamps_light if LAMPS in now else np.zeros(self._runs)
-        wanted = self._wanted({**seen, "global_radiation": sun + self._lamp_light}, now[VENTS])
+        self._lit = now.get(LAMPS, self._lit)
+        wanted = self._wanted({**seen, "global_radiation": sun + n.lamps_light * self._lit}, now[VENTS])
         worth = n.lamps_fruit * seen.get(FRUIT, self._fruit)
         hour, _ = clock_from(seen)
-        allowed = (hour >= n.lamps_from) & (hour < n.lamps_until) & (sun < n.lamps_sun)
+        allowed = (hour >= n.lamps_from) & (hour < n.lamps_until) & (sun < n.lamps_radiation)
         wanted[LAMPS] = np.where(allowed & (self._cost(seen, now) < worth), 1.0, 0.0)
         wanted[BLACKOUT] = np.zeros(self._runs)  # closed above lamps it would keep the vapour in
         return wanted
@@ -130,26 +131,26 @@ class EnergyRulesAgent(TunedRulesAgent):
         """What the lamps' power costs [EUR kWh-1]: what it would be sold for while the engine runs."""
         if BOUGHT not in seen:
             return seen[POWER]
-        running = now[ENGINE] > _RUNNING if ENGINE in now else False
+        running = now[self._engine] > _RUNNING if self._engine in now else False
         return np.where(running, seen[POWER], seen[BOUGHT])
 
     def _energy(self, seen: dict[str, Array], now: dict[str, Array], wanted: dict[str, Array]) -> dict[str, Array]:
         """Engine, boiler, pipes and CO2, from the heat and the CO2 that the climate asks for."""
         n, share = self._more, seen[_SHARE]
         heat, dose = wanted[BOILER], wanted[DOSING]
-        running = now[ENGINE] > _RUNNING
+        running = now[self._engine] > _RUNNING
         worth = np.where(wanted[LAMPS] > 0.0, seen.get(BOUGHT, seen[POWER]), seen[POWER])
         runs = np.where(
             (worth > self._threshold(seen) - np.where(running, n.engine_stay, 0.0)) & (share < n.buffer_full), 1.0, 0.0
         )
-        free = n.boiler_flue * now[BOILER] + n.engine_flue * now[ENGINE]
+        free = n.boiler_flue * now[BOILER] + n.engine_flue * now[self._engine]
         for_co2 = np.maximum(n.boiler_co2 * dose - n.engine_flue * runs, 0.0) / n.boiler_flue
         for_heat = np.where(share < n.buffer_low, heat - n.engine_heat * runs, 0.0)
         boiler = np.maximum(np.where(share < n.buffer_full, for_co2, 0.0), for_heat)
         return {
-            ENGINE: runs,
+            self._engine: runs,
             BOILER: np.minimum(np.maximum(boiler, 0.0), 1.0),
-            PIPES: heat,
+            self._pipes: heat,
             DOSING: np.minimum(dose, free + n.co2_bought),
         }
 
@@ -165,8 +166,9 @@ class EnergyRulesAgent(TunedRulesAgent):
         return price
 
     def _shares(self, hour: Array, day: Array, radiation: Array, *others: Array) -> Any:
-        """As for the tuned rules, but that the screen opens by the sun alone."""
+        """As for the tuned rules, but lit hours are no evening, and the screen opens by the sun alone."""
         n = self._numbers
         shares = super()._shares(hour, day, radiation, *others)
-        bright = (radiation - self._lamp_light - n.screen_light_from) / n.screen_light_span
-        return shares._replace(bright=np.minimum(np.maximum(bright, 0.0), 1.0))
+        bright = (radiation - self._more.lamps_light * self._lit - n.screen_light_from) / n.screen_light_span
+        evening = shares.evening * (1.0 - self._lit)
+        return shares._replace(evening=evening, bright=np.minimum(np.maximum(bright, 0.0), 1.0))

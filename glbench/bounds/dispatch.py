@@ -60,8 +60,8 @@ def equipment_of(task: TaskSpec) -> Equipment:
     lacking = lacks_energy(task.model_value)
     if lacking:
         msg = (
-            f"{task.id} has no boiler, engine and buffer to dispatch: its model {task.model_value.id} has no energy system with all of its "
-            f"meters ('{lacking[0]}' is missing). See docs/energy.md."
+            f"{task.id} has no boiler, engine and buffer to dispatch: its model {task.model_value.id} has no complete energy system "
+            f"('{lacking[0]}' is missing). See docs/energy.md."
         )
         raise GlbenchError(msg)
     return Equipment.of(task.model_value, task.parameters_by_name())
@@ -116,8 +116,9 @@ class Asked:
         )
         if not np.isclose(cost(asked.flows, asked.prices), paid, rtol=1e-6, atol=1e-9):
             msg = (
-                f"The run with seed {episode.run.seed} paid {paid:.6f} EUR m-2 for its energy and CO2, and at the prices of "
-                f"{task.id} it is {cost(asked.flows, asked.prices):.6f}. Give the task that it was evaluated on, with the same draws."
+                f"The run with seed {episode.run.seed} paid {paid:.6f} EUR m-2 for its energy and CO2; at the prices of {task.id} "
+                f"it would have paid {cost(asked.flows, asked.prices):.6f} EUR m-2. Give the task that it was evaluated on, with the "
+                "same draws."
             )
             raise EpisodeError(msg)
         return asked
@@ -190,7 +191,7 @@ def dispatch(equipment: Equipment, asked: Asked) -> Dispatch | None:
     if found.status == _INFEASIBLE:
         return None
     if found.status:
-        msg = f"The least cost of {len(asked.heat)} steps could not be found: {found.message}"
+        msg = f"The solver found no least cost for {len(asked.heat)} steps: {found.message}"
         raise GlbenchError(msg)
     chosen = dict(zip(_CHOSEN, found.x.reshape(len(_CHOSEN), -1) / _FINE, strict=True))
     dosed, nothing = asked.flows["co2_dosed"], np.zeros_like(asked.heat)

@@ -1,4 +1,4 @@
-"""``glbench episodes dispatch``: what boiler, engine, buffer and prices earned in recorded runs, and what they could have earned."""
+"""``glbench episodes dispatch``: what recorded runs paid for energy and CO2, and the least they could have paid."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
     from glbench.bounds.energy_costs import Costs
 
 _ROWS = {
-    "run": "As the runs did it",
-    "least": "At least",
-    "blind": "At least, planned at mean prices",
-    "without_buffer": "At least, without the buffer",
-    "without_engine": "At least, without the engine",
-    "boiler_alone": "At least, with the boiler alone",
+    "run": "As recorded",
+    "least": "Least cost",
+    "blind": "Planned at mean prices",
+    "without_buffer": "Least cost without the buffer",
+    "without_engine": "Least cost without the engine",
+    "boiler_alone": "Least cost with the boiler alone",
 }
 _EARNS = {
     "buffer_earns": "the buffer",
     "engine_earns": "the engine",
-    "looking_earns": "looking at the prices",
+    "looking_earns": "knowing how prices vary",
 }
 
 
@@ -35,23 +35,24 @@ def dispatch(
     result: Annotated[
         Path,
         typer.Argument(
-            metavar="RESULT", help="A result file (.json) with its recorded actions, of a task with an energy system."
+            metavar="RESULT",
+            help="Result file (.json) of a task with an energy system; its recorded actions lie beside it.",
         ),
     ],
     run: Annotated[
-        list[int] | None, typer.Option("--run", help="Seed of a run; repeatable. Default: all runs.")
+        list[int] | None, typer.Option("--run", help="Seed of a run to compare; repeatable. Default: all runs.")
     ] = None,
     buffer: Annotated[
         float | None,
-        typer.Option("--buffer", min=0, help="Size of another buffer to try [MJ m-2]. Default: the task's."),
+        typer.Option("--buffer", min=0, help="Try a buffer of this size [MJ m-2]. Default: the task's."),
     ] = None,
     round_file: RoundFile = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show what the energy of recorded runs cost, and what it could have cost: what buffer, engine and looking at prices earn.
+    """Compare what recorded runs paid for energy and CO2 with the least they could have paid: what buffer and engine earn.
 
-    For the same heat in the pipes, light and CO2 in every step, a linear programme finds the cheapest way to run boiler and engine, with
-    all prices known beforehand. The engine may run at any load and start at any time, so that no real control is cheaper.
+    For the same heat in the pipes, light and CO2 in every step, a linear programme finds the cheapest way to run boiler, engine and
+    buffer, with all prices known in advance. The engine may run at any load and start at any time, so no real control is cheaper.
     """
     from glbench.bounds.energy_costs import costs_of_result, mean_costs
     from glbench.evaluation import load_result
@@ -59,7 +60,7 @@ def dispatch(
     failed = [one.seed for one in load_result(result).failed if not run or one.seed in run]
     if failed:
         print_warning(f"Failed runs are left out: {', '.join(map(str, failed))}.")
-    with messages().status("simulating the runs again, and dispatching them"):
+    with messages().status("replaying the runs and finding their least cost"):
         found = dict(costs_of_result(result, run or (), buffer, round_of(round_file)))
     if as_json:
         put_json({"unit": "EUR m-2", "runs": {str(seed): asdict(one) for seed, one in found.items()}})
@@ -70,8 +71,10 @@ def dispatch(
 def _show(result: Path, found: Sequence[Costs], mean: Costs, buffer: float | None) -> None:
     many = len(found) > 1
     numbers = ("Cost", *(("Range",) if many else ()), "Saved")
-    size = "" if buffer is None else f"; all but the first with a buffer of {buffer:g} MJ/m2"
-    caption = f"EUR/m2, {f'mean of {len(found)} runs' if many else 'one run'}; saved: of what the runs paid{size}"
+    size = "" if buffer is None else f"; all rows but the first with a buffer of {buffer:g} MJ/m2"
+    caption = (
+        f"EUR/m2, {f'mean of {len(found)} runs' if many else 'one run'}; saved: relative to what the runs paid{size}"
+    )
     view = table(f"Energy and CO2 of {result.name.removesuffix('.json')}", "", *numbers, right=numbers, caption=caption)
     for name, words in _ROWS.items():
         value, every = getattr(mean, name), [getattr(one, name) for one in found]
@@ -83,7 +86,7 @@ def _show(result: Path, found: Sequence[Costs], mean: Costs, buffer: float | Non
         f"{words} {_money(getattr(mean, name))}" for name, words in _EARNS.items() if getattr(mean, name) is not None
     ]
     if earned:
-        put(f"Earned at best [EUR/m2]: {', '.join(earned)}. Left by the runs: {_money(mean.left)}.")
+        put(f"Earned at best [EUR/m2]: {', '.join(earned)}. Missed by the runs: {_money(mean.left)}.")
 
 
 def _money(value: float | None) -> str:

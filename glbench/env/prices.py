@@ -65,7 +65,7 @@ class SeasonPrices:
             *(["observation.day_ahead"] if ahead is not None else []),
         ]
         if by_hour and HOUR % step:
-            msg = f"{task.source}: [{by_hour[0]}] goes by the hour; step_seconds = {step} does not divide it. Use 900."
+            msg = f"{task.source}: [{by_hour[0]}] is hourly; step_seconds = {step} does not divide an hour. Use 900."
             raise TaskError(msg)
         coming = 0 if ahead is None or DAY_AHEAD not in seen else len(ahead.prices) * len(ahead.hours)
         return SeasonPrices(task, max(HOUR // step, 1), (len(tables) if PRICES in seen else 0, coming), bool(markets))

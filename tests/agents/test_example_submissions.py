@@ -17,10 +17,12 @@ from glbench.tasks import TaskCard, get_task, task_card
 
 SUBMISSIONS = data_folder("submissions")
 SET_POINTS = SUBMISSIONS / "setpoints.py"
+ENERGY = SUBMISSIONS / "energy_agent.py"
 EXAMPLES = sorted(SUBMISSIONS.glob("*.py"))
 FOR_ACTUATORS = [path for path in EXAMPLES if path != SET_POINTS]
 TASKS = [
     *((path, id_) for path in FOR_ACTUATORS for id_ in ("Schiphol2010-Delta10-v1", "Spring-v1")),
+    *((ENERGY, id_) for id_ in ("WinterLED-v1", "SpringEnergy-v1", "FullSeasonEnergy-v1")),
     (SET_POINTS, "SpringSetpoints-v1"),
 ]
 ON_A_TASK = pytest.mark.parametrize(("path", "task_id"), TASKS, ids=lambda one: getattr(one, "stem", one))
@@ -47,8 +49,8 @@ def synthetic(card: TaskCard) -> NDArray[np.float32]:
 
 
 def test_the_template_and_the_examples_are_there() -> None:
-    names = ["constant_setpoints.py", "do_nothing.py", "my_agent.py", "pi_controller.py", "setpoints.py"]
-    assert [path.name for path in EXAMPLES] == names
+    names = ["constant_setpoints", "do_nothing", "energy_agent", "my_agent", "pi_controller", "setpoints"]
+    assert [path.stem for path in EXAMPLES] == names
 
 
 @ON_A_TASK
@@ -121,3 +123,18 @@ def test_the_example_agent_warms_up_before_the_sun_that_is_forecast() -> None:
 def test_a_page_of_set_points_says_on_which_tasks_it_means_anything(card: TaskCard) -> None:
     with pytest.raises(Exception, match=r"has no co2_set_point: this page is for tasks such as SpringSetpoints-v1"):
         made(SET_POINTS, card, 1)
+
+
+def test_the_energy_example_runs_lamps_and_engine_by_the_price_of_power() -> None:
+    card = task_card(get_task("FullSeasonEnergy-v1"))
+    column = {name: i for i, name in enumerate(card.observation_names)}
+    night = np.zeros((4, len(card.observations)), dtype=np.float32)
+    names = ["air_temperature", "relative_humidity", "co2", "price_fruit", "price_power", "buffer_share"]
+    night[:, [column[name] for name in names]] = 18.0, 75.0, 500.0, 1.5, 0.1, 50.0
+    night[1, column["price_power"]] = 0.2
+    night[2, column["price_power"]] = 0.05
+    night[3, column["buffer_share"]] = 95.0
+    actions = made(ENERGY, card, 4).act(night)
+    lamps, engine = actions[:, card.action_names.index("uLamp")], actions[:, card.action_names.index("uChp")]
+    assert lamps.tolist() == [1.0, 0.0, 1.0, 1.0]
+    assert engine.tolist() == [1.0, 1.0, 0.0, 0.0]

@@ -11,17 +11,18 @@ import pytest
 import yaml
 
 from glbench.agents.baselines import read_baseline
+from glbench.agents.energy_rule_settings import read_energy_rule_page
 from glbench.agents.rule_settings import RuleSettings
 from glbench.agents.tuned_rule_settings import read_rule_page
 from glbench.tasks import get_task
 from glbench.training.card import digest_of_tasks, settings_digest
-from glbench.training.rule_search import RuleSearchSettings, reward_of
+from glbench.training.rule_search import Page, RuleSearchSettings, about_energy, reward_of
 from glbench.training.season_search import read_season_search
 from glbench.training.settings import FIRST_TRAINING_SEED, PAPER, read_settings
 
 ROOT = Path(__file__).resolve().parents[2]
 RECORDS = sorted((ROOT / "baselines").glob("*/training/*.toml"))
-TUNED_RULES = [file for file in RECORDS if file.parts[-3] == "rule_based_tuned"]
+TUNED_RULES = [file for file in RECORDS if file.parts[-3] in ("rule_based_tuned", "rule_based_energy")]
 TRAININGS = [file for file in RECORDS if file not in TUNED_RULES]
 
 
@@ -74,7 +75,7 @@ def test_every_shipped_policy_has_a_training_that_is_told() -> None:
     assert policies == told
 
 
-@pytest.mark.parametrize("file", TUNED_RULES, ids=lambda file: file.stem)
+@pytest.mark.parametrize("file", TUNED_RULES, ids=lambda file: f"{file.parts[-3]}-{file.stem}")
 def test_a_page_of_tuned_rules_is_of_the_search_that_is_told(file: Path) -> None:
     card = tomllib.loads(file.read_text(encoding="utf-8"))
     task, training = card["task"], card["training"]
@@ -82,11 +83,16 @@ def test_a_page_of_tuned_rules_is_of_the_search_that_is_told(file: Path) -> None
     assert task["digest"] == digest_of_tasks(tasks)
     page, start = file.parent.parent / "rules" / f"{file.stem}.yml", file.parent / f"{file.stem}-start.yml"
     assert (file.parent / card["settings"]).resolve() == page
-    assert read_rule_page(page).reward == read_rule_page(start).reward == reward_of(tasks)
+    if about_energy(tasks):
+        begun: Page = read_energy_rule_page(start)
+        assert read_energy_rule_page(page).tasks == read_energy_rule_page(start).tasks == tuple(one.id for one in tasks)
+    else:
+        begun = read_rule_page(start)
+        assert read_rule_page(page).reward == begun.reward == reward_of(tasks)
     settings = RuleSearchSettings.model_validate(
         yaml.safe_load((file.parent / training["settings"]).read_text("utf-8"))["default"]
     )
-    assert training["settings_digest"] == settings.digest(read_rule_page(start))
+    assert training["settings_digest"] == settings.digest(begun)
     assert training["season_seeds"][0] == settings.first_seed >= FIRST_TRAINING_SEED
     assert training.get("split", "training") == "training"
     with (file.parent / training["learning_curve"]).open(encoding="utf-8", newline="") as curve:
@@ -99,6 +105,13 @@ def test_a_page_of_tuned_rules_is_of_the_search_that_is_told(file: Path) -> None
     assert f"after {card['best']['steps']:,} steps" in page.read_text(encoding="utf-8").splitlines()[0]
 
 
-def test_every_page_of_tuned_rules_has_a_search_that_is_told() -> None:
-    pages = {file.stem for file in (ROOT / "baselines" / "rule_based_tuned" / "rules").glob("*.yml")}
-    assert pages == {file.stem for file in TUNED_RULES} == {"paper", "spring"}
+@pytest.mark.parametrize(
+    ("baseline", "names"),
+    [
+        ("rule_based_tuned", {"paper", "spring"}),
+        ("rule_based_energy", {"winterled", "springenergy", "fullseason", "fullseasonenergy"}),
+    ],
+)
+def test_every_page_of_tuned_rules_has_a_search_that_is_told(baseline: str, names: set[str]) -> None:
+    pages = {file.stem for file in (ROOT / "baselines" / baseline / "rules").glob("*.yml")}
+    assert pages == {file.stem for file in TUNED_RULES if file.parts[-3] == baseline} == names

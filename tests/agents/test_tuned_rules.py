@@ -181,6 +181,10 @@ def test_it_plays_every_published_task_that_moves_controls(task_id: str) -> None
         with pytest.raises(SubmissionError, match="The baseline 'grower' works at a process computer"):
             agent.reset(card, 2)
         return
+    if set(card.action_names) - {"uBoil", "uCo2", "uThScr", "uVent", "uLamp", "uBlScr"}:
+        with pytest.raises(SubmissionError, match=r"is another kind of greenhouse \(uChp, uPipe\)"):
+            agent.reset(card, 2)
+        return
     agent.reset(card, 2)
     actions = agent.act(np.zeros((2, len(card.observations)), dtype=np.float32))
     low, high = card.action_bounds

@@ -305,7 +305,7 @@ def test_prices_by_day_are_those_of_the_run_s_days(tmp_path):
 def test_other_prices_than_those_paid_are_refused(results):
     episode = recorded(results["engine"])[1000]
     dear = episode.task().replace({"price_tables.power.hourly": [0.2] * 24})
-    with pytest.raises(EpisodeError, match=r"paid .* EUR m-2 for its energy and CO2, and at the prices"):
+    with pytest.raises(EpisodeError, match=r"paid .* EUR m-2 for its energy and CO2; at the prices"):
         Asked.of(episode, dear)
 
 
@@ -365,7 +365,7 @@ def test_the_command_shows_the_costs(results, glbench):
     answer = glbench("episodes", "dispatch", results["engine"])
     assert answer.code == 0
     (mean,) = (mean_costs([one for _, one in costs_of_result(results["engine"])]),)
-    (least,) = (line for line in answer.out.splitlines() if "At least  " in line)
+    (least,) = (line for line in answer.out.splitlines() if "Least cost  " in line)
     assert f"{mean.least:.3f}" in least
     assert f"{mean.left:+.3f}" in least
     assert f"the buffer {mean.buffer_earns:.3f}" in answer.out

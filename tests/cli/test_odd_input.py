@@ -87,7 +87,7 @@ def test_examples_are_written_where_there_are_none(glbench: Command, here: Path)
     assert answer.code == 0
     assert f"Next: glbench evaluate {Path('submissions') / 'my_agent.py'}" in answer.err
     written = {path.name for path in (here / "submissions").iterdir()}
-    assert {"my_agent.py", "constant_setpoints.py", "pi_controller.py", "do_nothing.py"} <= written
+    assert {"my_agent.py", "constant_setpoints.py", "pi_controller.py", "do_nothing.py", "energy_agent.py"} <= written
     assert glbench("submit", "new", "submissions", "--kind", "example").code == 0, (
         "the examples themselves are no obstacle"
     )

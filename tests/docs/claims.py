@@ -147,7 +147,7 @@ WITH_MARKETS = ("WinterLED-v1", "SpringEnergy-v1")
 
 
 def both_markets(key: str) -> tuple[float, ...]:
-    """A number of the power markets of the drafts."""
+    """A number of the power markets of the suite energy."""
     return tuple(getattr(get_task(name).price_tables["power"].market, key) for name in WITH_MARKETS)
 
 
@@ -745,10 +745,10 @@ CLAIMS: dict[str, list[Claim]] = {
     ],
     "docs/prices.md": [
         ("[EUR kWh-1] | {} | {} | | `shape`", lambda: both_markets("level")),
-        ("as a share of the level | {} | {} |", lambda: both_markets("weekend")),
+        ("Sunday, as a share of the level | {} | {} |", lambda: both_markets("weekend")),
         ("at {} W m-2 | {} | {} |", lambda: (RADIATION, *both_markets("sun"))),
         ("with 5 m s-1 more | {} | {} |", lambda: both_markets("wind")),
-        ("unexplained part, as a share | {} | {} |", lambda: both_markets("spread")),
+        ("unexplained part, as a share of the level | {} | {} |", lambda: both_markets("spread")),
         ("left an hour later | {} | {} |", lambda: both_markets("persistence")),
         (
             "limits of the price [EUR kWh-1] | {}, {} | {}, {} |",
@@ -827,6 +827,16 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
                 "`rule_based_fair` (lit) | 2.88 | 1.13",
             )
         ),
+    ],
+    "docs/energy-design.md": [
+        (words, "definition: docs/energy_design_figures.py")
+        for words in (
+            "`lamps_fruit` 0.5",
+            "`engine_price` and `engine_full` 0.4",
+            "`engine_price` -0.05",
+            "the buffer is kept at 5 %",
+            "At 5 % the buffer holds",
+        )
     ],
     "docs/what-the-best-does.md": [
         ("the humidity limit, 85 %", "definition: the task's"),
@@ -922,7 +932,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("mvAirMech = 6.4e-9 hecAirMech m", "definition: the Lewis factor of glbench/model/vapour.py"),
         ("0.16 litres of water per m2", "tests/docs/test_energy.py holds it"),
         ("(his equation 5.1)", "source: number of an equation"),
-        ("cooler is the author's to 1 %", "tests/model/test_heat_harvesting.py holds it"),
+        ("matches the author's within 1 %", "tests/model/test_heat_harvesting.py holds it"),
         ("with a little over 1 kWh m-2", "tests/docs/test_energy.py runs the example above it"),
     ],
     "docs/process-computer.md": [

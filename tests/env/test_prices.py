@@ -176,7 +176,7 @@ def test_prices_by_the_hour_need_steps_that_divide_it(task: TaskSpec) -> None:
             "observation.forecast": None,
         }
     )
-    words = "[price_tables.power] goes by the hour; step_seconds = 2400 does not divide it. Use 900."
+    words = "[price_tables.power] is hourly; step_seconds = 2400 does not divide an hour. Use 900."
     with pytest.raises(TaskError, match=re.escape(words)):
         WeatherPool.of(odd)
 

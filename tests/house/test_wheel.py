@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -12,6 +13,8 @@ import zipfile
 from pathlib import Path
 
 import pytest
+
+from glbench.tasks import list_drafts, list_tasks
 
 pytestmark = pytest.mark.slow
 
@@ -27,7 +30,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
         cwd=ROOT,
         check=True,
         capture_output=True,
-        timeout=300,
+        timeout=900,
     )
     (path,) = folder.glob("*.whl")
     return path
@@ -69,6 +72,16 @@ def test_the_wheel_carries_tasks_weather_baselines_examples_and_released_results
     assert "glbench/py.typed" in names
     assert "glbench/report/assets/page.html.j2" in names
     assert not [name for name in names if name.endswith(".pyc") or "/tests/" in name]
+
+
+@pytest.mark.usefixtures("carried")
+def test_the_wheel_carries_the_kernels_of_all_shipped_tasks_and_no_other(wheel):
+    carried = {
+        re.sub(r"(-(author|gl_gym2))-.*", r"\1", Path(name).name)
+        for name in zipfile.ZipFile(wheel).namelist()
+        if name.startswith("glbench/_data/kernel/") and name.endswith(".so")
+    }
+    assert carried == {f"{task.model_value.id}-{task.model_value.variant}" for task in (*list_tasks(), *list_drafts())}
 
 
 STEP = """

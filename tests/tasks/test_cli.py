@@ -65,7 +65,7 @@ def test_list_shows_suite_by_suite_and_the_default_task_first() -> None:
         < shown.index("SpringMismatch-v1")
         < shown.index("Suite paper")
     )
-    assert shown.count("Suite control") == shown.count("Suite transfer") == 1
+    assert shown.count("Suite control") == shown.count("Suite energy") == shown.count("Suite transfer") == 1
     assert listed[0]["splits"]["test"] == {"years": [2011, 2012], "seasons": 100}
     transfer = {entry["id"] for entry in machine("list", "--suite", "transfer")}
     assert transfer == {task.id for task in list_tasks() if "transfer" in task.suites} != set()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from glbench.agents import load_agent
+from glbench.agents.energy_rule_settings import EnergyRuleSettings, read_energy_rule_page
 from glbench.agents.tuned_rule_settings import RulePage, TunedRuleSettings, read_rule_page, settings_text
 from glbench.env import Simulation
 from glbench.errors import TaskError, TrainingError
@@ -192,6 +193,28 @@ def test_a_search_begins_with_the_shipped_rules_for_the_reward(day: TaskSpec, st
     rules = data_folder("baselines") / "rule_based_tuned" / "rules"
     assert shipped_start([day]) == rules / "paper.yml"
     assert shipped_start([get_task("SpringYears-v1"), get_task("Spring-v1")]) == rules / "spring.yml"
+
+
+def test_where_power_has_an_hourly_price_the_energy_rules_are_tuned(tmp_path: Path) -> None:
+    task = get_task("SpringEnergy-v1")
+    rules = data_folder("baselines") / "rule_based_energy" / "rules"
+    assert shipped_start([task]) == rules / "springenergy.yml"
+    with pytest.raises(TrainingError, match=r"No rules are shipped for test/Day-v1. Give a page"):
+        shipped_start([task.replace({"id": "test/Day-v1"})])
+    day = task.replace({"id": "test/Day-v1", "weather.days": 1})
+    watching = Watching()
+    settings = SETTINGS.model_copy(update={"evaluation": EvaluationPlan(every=1152, runs=2)})
+    found = tune_rules([day], rules / "springenergy.yml", settings, tmp_path / "run", listeners=[watching])
+
+    assert found.best_reward == max(point.result.reward for point in watching.points)
+    page = read_energy_rule_page(tmp_path / "run" / "rules.yml")
+    assert page.tasks == ("test/Day-v1",)
+    for name, value in page.numbers.model_dump().items():
+        low, high = EnergyRuleSettings.bounds(name)
+        assert low <= value <= high, name
+    card = tomllib.loads((tmp_path / "run" / "card.toml").read_text(encoding="utf-8"))
+    assert (card["controller"], card["settings"]) == ("rule_based_energy", "rules.yml")
+    assert load_agent(tmp_path / "run").privileged is False
 
 
 def test_what_was_spent_on_the_start_is_told(day: TaskSpec, start: Path, tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ Protection = Literal["bubblewrap", "unsandboxed", "built-in"]
 EXAMPLES: Final = {
     "constant_setpoints": "c5778deb9e96998d9bf25b3d69352d45fec6043365b0cdf9d85d44599dbc2699",
     "do_nothing": "e34b67062b3766e7a1b86cda789d2c914d3dd79903644492001428d24363ba7f",
+    "energy_agent": "d63c9893025d52df52f5ec737098d3e0edfa8da2c51a41914489ad3cb3c2874f",
     "my_agent": "ba408deb1c674625d6159ecae8a43357fe56eabb27f2be95b7513351d89098e3",
     "pi_controller": "5dc7c819766dfdaa818e9ad939e5852b9a82a9aa233aa8321f9cb6ff7b578c1a",
     "setpoints": "146bded6f6cecb3b680bc5b0d47c425a4cd19a27b81fa2ca3cda7a7b062df648",

@@ -38,8 +38,11 @@ FRUIT = 55338.0
 TEMPERATURE_SUM = 3097.8
 """Temperature sum of the mature crop [°C day], far beyond the start of fruit growth."""
 
-YOUNG_LEAF_AREA = 0.3
-"""Leaf area index of a crop that has just been planted; chosen: 2.5 plants m-2 with 0.12 m2 of leaves each."""
+YOUNG_LEAF_AREA = 1.0
+"""Leaf area index of a crop that has just been planted; chosen: 2.5 plants m-2 with 0.4 m2 of leaves each, about to flower.
+
+Much below 1 the CO2 compensation point of a cold canopy is negative by Vanthoor (2011), eq. 9.23, and photosynthesis has a pole.
+"""
 
 YOUNG_STEMS = 0.36
 """Carbohydrates in stems and roots of a young crop, as a share of those in its leaves: 25 to 70, as GreenLight starts a crop."""
