@@ -158,6 +158,13 @@ _CONTROLLERS = {
         maker=("network_agent", "NetworkAgent"),
         modules=("exact_math.py", "network_policy.py", "network_agent.py"),
     ),
+    "actor": _Controller(
+        sees="observations",
+        information="observations and the public task card",
+        reader=("actor", "ActorFiles.at"),
+        maker=("actor", "ActorAgent"),
+        modules=("exact_math.py", "network_policy.py", "actor.py"),
+    ),
     "grower": _Controller(
         sees="observations",
         information="observations and the public task card",
@@ -220,6 +227,7 @@ class Card(BaseModel):
         "rule_based_energy",
         "grower",
         "network",
+        "actor",
         "recording",
         "plans",
         "mpc_true_state",

@@ -34,7 +34,7 @@ def train(
     algorithm: Annotated[
         str,
         typer.Argument(
-            help="ppo-fast (compiled by JAX), ppo, sac, or a class path such as sb3_contrib.RecurrentPPO (with --config)."
+            help="ppo (compiled by JAX; with --config baselines/ppo/paper.yml the paper's), sac, or a class path such as sb3_contrib.RecurrentPPO."
         ),
     ],
     task: OneTask = None,
@@ -58,8 +58,9 @@ def train(
     with needs_the_extra("train"):
         from glbench.training import algorithms as a
         from glbench.training import read_settings, shipped_settings
+        from glbench.training.compiled_settings import is_compiled
     chosen = the_task(task)
-    if algorithm == "ppo-fast":
+    if algorithm == "ppo" and is_compiled(config, chosen):
         _train_compiled(chosen, config, steps, out, seed=seed, resume=resume, wandb=wandb, named=task)
         return
     a.algorithm_class(algorithm)
@@ -292,14 +293,14 @@ def _train_compiled(
     with needs_the_extra("jax"):
         from glbench.training.checkpoint import LEARNER
         from glbench.training.compiled import train_compiled
-        from glbench.training.compiled_settings import NAME, read_compiled_settings
+        from glbench.training.compiled_settings import read_compiled_settings
 
     settings = read_compiled_settings(config, task, steps)
-    folder = out or Path("runs") / f"{NAME}-{task.short_id}-seed{seed}"
+    folder = out or Path("runs") / f"ppo-{task.short_id}-seed{seed}"
     total = settings.updates * settings.rollout
     say(
         messages(),
-        f"Training [bold]{NAME}[/bold] on [bold]{task.id}[/bold]: {total:,} steps in rollouts of {settings.rollout:,}, "
+        f"Training [bold]ppo[/bold] on [bold]{task.id}[/bold]: {total:,} steps in rollouts of {settings.rollout:,}, "
         f"{settings.n_envs} greenhouses, seed {seed}, in {folder}",
     )
     trained = _watched(

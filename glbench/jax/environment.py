@@ -84,7 +84,7 @@ class Environment:
     ----------
     task
         The task.
-    seeds
+    seeds, info
         As given.
 
     Raises
@@ -116,8 +116,8 @@ class Environment:
         if whole_number(places, "The number of places") < 1:
             msg = f"An episode begins at one place of its season or more, not at {places}."
             raise ShapeError(msg)
-        self._info = tuple(info)
-        self._door = open_door(self.task, self.seeds, places, preset, workers, self._info)
+        self.info = tuple(info)
+        self._door = open_door(self.task, self.seeds, places, preset, workers, self.info)
         seen, acts = observation_space(self.task), action_space(self.task)
         self._observations, self._actions = (Box(box.low, box.high) for box in (seen, acts))  # type: ignore[attr-defined]
 
@@ -233,13 +233,13 @@ class Environment:
         kinds = (
             *(_of((), jnp.int32), _of((), jnp.int32), _of((), jnp.bool_), _of((door.words,), jnp.uint32)),
             *(_of((door.columns,), jnp.float32), _of((), real), _of((), jnp.bool_), _of((), jnp.bool_)),
-            _of((len(self._info),), real),
+            _of((len(self.info),), real),
         )
         call = jax.ffi.ffi_call(STEP, kinds, vmap_method="broadcast_all")
         *now, observation, reward, done, failed, shown = call(
             *state, action, fresh, name=door.name, autoreset=autoreset
         )
-        info = {name: shown[place] for place, name in enumerate(self._info)}
+        info = {name: shown[place] for place, name in enumerate(self.info)}
         info |= {"failed": failed, "discount": jnp.where(done, 0.0, 1.0)}
         return observation, State(*now), reward, done, info
 

@@ -14,6 +14,7 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.agents.actor import Actor, ActorAgent
 from glbench.agents.network_policy import NetworkPolicy
 from glbench.errors import ShapeError, TrainingError
 from glbench.resources import write_atomically
@@ -22,7 +23,7 @@ from glbench.training.card import POLICY, Making, note_session, write_card
 from glbench.training.checkpoint import DAMAGED, LEARNER, SETTINGS, altered, claim, folder_lock, open_folder
 from glbench.training.compiled_settings import NAME
 from glbench.training.learner import Learner, Learning
-from glbench.training.probe import Act, CurvePoint, History, Listener, Pace, Probe, Progress
+from glbench.training.probe import CurvePoint, History, Listener, Pace, Probe, Progress
 from glbench.training.run import Trained
 from glbench.training.vec_env import without_steady_columns
 
@@ -107,7 +108,7 @@ class _Training:
             self.updates += 1
             return float(reward)
 
-    def policy(self) -> NetworkPolicy:
+    def policy(self) -> Actor:
         """The policy as it stands, without the noise of exploration.
 
         Raises
@@ -115,23 +116,27 @@ class _Training:
         TrainingError
             When its weights are no numbers any more.
         """
-        card, learning = task_card(self.task), self._learning
-        columns, actor = learning.columns, learning.weights["actor"]
-        mean = np.asarray(columns.mean, np.float64)
-        spread = np.sqrt(np.asarray(columns.variance, np.float64))
+        card, learning, learner = task_card(self.task), self._learning, self._learner
+        columns, layers, names = learning.columns, learning.weights["actor"], card.observation_names
+        hours, steered = self.settings.memory.hours, learner.max_change > 0
+        mean, spread = np.asarray(columns.mean, np.float64), np.sqrt(np.asarray(columns.variance, np.float64))
+        low, high = card.action_bounds
         try:
-            policy = NetworkPolicy(
+            network = NetworkPolicy(
                 task_id=self.task.id,
                 delta=self.task.uncertainty.delta,
-                observation_names=card.observation_names,
+                observation_names=(
+                    *names,
+                    *(f"{names[i]}, mean of {hour:g} h" for hour in hours for i in learner.traced),
+                ),
                 action_names=card.action_names,
-                low=np.array([action.low for action in card.actions]),
-                high=np.array([action.high for action in card.actions]),
+                low=np.where(steered, 0.0, low),
+                high=np.where(steered, 1.0, high),
                 mean=mean,
-                scale=np.asarray(self._learner.scale(columns), np.float64),
+                scale=np.asarray(learner.scale(columns), np.float64),
                 clip=self.settings.normalize.clip_observations,
-                weights=tuple(np.asarray(weights) for weights, _ in actor),
-                biases=tuple(np.asarray(bias) for _, bias in actor),
+                weights=tuple(np.asarray(weights) for weights, _ in layers),
+                biases=tuple(np.asarray(bias) for _, bias in layers),
                 activation="Tanh",
                 output="clip",
                 about={
@@ -146,12 +151,15 @@ class _Training:
                 f"The training diverged within {self.steps:,} steps: {error} Lower the learning rate, or max_grad_norm."
             )
             raise TrainingError(msg) from error
-        return without_steady_columns(policy, spread > _STEADY * np.abs(mean))
+        network = without_steady_columns(network, spread > _STEADY * np.abs(mean))
+        return Actor(network, learner.traced, learner.shares, learner.max_change, low, high)
 
-    def evaluate(self, policy: NetworkPolicy) -> CurvePoint:
+    def evaluate(self, policy: Actor) -> CurvePoint:
         """A point of the learning curve."""
         with self.history.time.spend("evaluation"):
-            result = self._probe.of(_quickly(policy))
+            agent = ActorAgent(policy)
+            agent.reset(task_card(self.task), len(self._probe.seeds))
+            result = self._probe.of(agent.act)
         if self.steps >= self.history.next_evaluation:  # an end between two evaluations moves none
             self.history.next_evaluation = self.steps + self.settings.evaluation.every
         return self.history.add(self.steps, result)
@@ -216,19 +224,6 @@ def _evaluate(under_way: _Training, folder: Path, listeners: Sequence[Listener])
         listener.on_saved(under_way.steps)
 
 
-def _quickly(policy: NetworkPolicy) -> Act:
-    """What acts as the policy but for rounding: ``NetworkPolicy.act`` has the same bits everywhere and takes far longer."""
-    layers = list(zip(policy.weights, policy.biases, strict=True))
-
-    def act(observations: NDArray[np.float32]) -> NDArray[np.float64]:
-        x = np.clip((observations - policy.mean) / policy.scale, -policy.clip, policy.clip)
-        for weights, bias in layers[:-1]:
-            x = np.tanh(x @ weights + bias)
-        return np.clip(x @ layers[-1][0] + layers[-1][1], policy.low, policy.high)
-
-    return act
-
-
 def _digest(facts: dict[str, Any], leaves: Sequence[NDArray[Any]]) -> str:
     """SHA-256 (hex) over what is kept of a training."""
     digest = sha256(json.dumps(facts, sort_keys=True).encode())
@@ -239,7 +234,12 @@ def _digest(facts: dict[str, Any], leaves: Sequence[NDArray[Any]]) -> str:
 
 def _making(under_way: _Training) -> Making:
     settings, steps, identity = under_way.settings, under_way.steps, under_way.identity
-    accrual = settings.accrual
+    accrual, memory = settings.accrual, settings.memory
+    traces = (
+        f" It keeps running means of {', '.join(memory.columns)} over {', '.join(f'{h:g} h' for h in memory.hours)}."
+        if memory.hours
+        else ""
+    )
     paid = (
         ""
         if accrual is None
@@ -247,9 +247,10 @@ def _making(under_way: _Training) -> Making:
     )
     return Making(
         title=f"Compiled PPO trained on {under_way.task.id}, seed {identity['seed']}",
-        description=f"The best policy of {steps:,} steps by evaluation return, without the noise of exploration.{paid}",
-        made=f"glbench train {NAME}, with the settings in {SETTINGS}; the tables below tell the rest.",
+        description=f"The best policy of {steps:,} steps by evaluation return, without the noise of exploration.{traces}{paid}",
+        made="glbench train ppo, with the settings in settings.yml; the tables below tell the rest.",
         sources=("Schulman et al. (2017). Proximal policy optimization algorithms. arXiv:1707.06347",),
+        controller="actor",
         training={
             "algorithm": NAME,
             "seed": identity["seed"],

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from glbench.resources import data_folder
 from glbench.training.settings import (
@@ -23,8 +24,10 @@ from glbench.training.settings import (
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
-NAME = "ppo-fast"
-"""Name of the algorithm on the command line and in cards."""
+NAME = "compiled ppo"
+"""Name of the algorithm in cards."""
+COMPILED = "compiled"
+"""What the settings' ``learner`` says."""
 
 
 class Accrual(FrozenSettings):
@@ -40,11 +43,29 @@ class Accrual(FrozenSettings):
     """Reward for one unit of the state."""
 
 
+class Memory(FrozenSettings):
+    """Traces that the policy keeps: of every column a running mean with each of the time constants."""
+
+    hours: tuple[float, ...] = ()
+    """Time constants [h]."""
+    columns: tuple[str, ...] = ("air_temperature", "co2", "relative_humidity")
+
+    @field_validator("hours")
+    @classmethod
+    def _positive(cls, hours: tuple[float, ...]) -> tuple[float, ...]:
+        if not all(0 < hour < math.inf for hour in hours):
+            msg = f"time constants are positive numbers of hours, not {', '.join(f'{hour:g}' for hour in hours)}"
+            raise ValueError(msg)
+        return hours
+
+
 class CompiledSettings(FrozenSettings):
     """Settings of one training with the compiled PPO; keys that Stable-Baselines3's PPO has as well mean the same.
 
     Attributes
     ----------
+    learner
+        That these are settings of the compiled PPO and not of Stable-Baselines3's.
     n_timesteps
         Environment steps, over all greenhouses. The learning rate falls over them: other numbers of steps are other trainings.
     n_envs, n_steps
@@ -59,10 +80,19 @@ class CompiledSettings(FrozenSettings):
         Falls linearly from the one to the other.
     least_scale
         Least standard deviation that an observed column is divided by, where a column hardly varies in training.
+    steer
+        Whether the actor says where controls should stand, where the task's actions move them by at most so much a step.
+    memory
+        Traces of columns that actor and critic see besides; none without ``hours``.
+    critic_sees
+        Quantities of a step and states of the model that the critic sees besides, in training alone.
     accrual
         A reward for training alone; ``None`` without.
+    reward_window
+        The spread that rewards are divided by is that of the returns of about so many steps.
     """
 
+    learner: Literal["compiled"]
     n_timesteps: int = Field(default=3_000_000, gt=0)
     n_envs: int = Field(default=128, gt=0)
     n_steps: int = Field(default=32, gt=0)
@@ -83,7 +113,11 @@ class CompiledSettings(FrozenSettings):
     max_grad_norm: float = Field(default=0.5, gt=0)
     normalize: Normalization = Normalization()
     least_scale: dict[str, float] = Field(default_factory=lambda: {"outdoor_co2": 20.0})
+    steer: bool = True
+    memory: Memory = Memory()
+    critic_sees: tuple[str, ...] = ()
     accrual: Accrual | None = None
+    reward_window: int = Field(default=100_000, gt=0)
     evaluation: EvaluationPlan = EvaluationPlan(every=200_000)
     kernel_preset: Literal["fast", "reference"] = "fast"
 
@@ -116,6 +150,11 @@ class CompiledSettings(FrozenSettings):
     def digest(self) -> str:
         """SHA-256 (hex) over all settings."""
         return sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
+
+
+def is_compiled(file: Path | None, task: TaskSpec) -> bool:
+    """Whether a YAML file has settings of the compiled PPO, as the shipped ones are."""
+    return file is None or section(file, task.id).get("learner") == COMPILED
 
 
 def read_compiled_settings(file: Path | None, task: TaskSpec, steps: int | None = None) -> CompiledSettings:

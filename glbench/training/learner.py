@@ -1,7 +1,8 @@
 """Proximal policy optimisation (Schulman et al., 2017) as one compiled function: a rollout in all greenhouses, then learning from it.
 
-The greenhouses are stepped from inside the function (``glbench.jax``). Actor and critic are perceptrons with tanh between their layers; the
-spread of actions is a number for each of them. Observations are normalised by running statistics, rewards by the spread of returns.
+The greenhouses are stepped from inside the function (``glbench.jax``). Actor and critic are perceptrons with tanh between their layers; what
+the actor gives spreads by one number for each action. Inputs are normalised by running statistics, rewards by the spread of returns. Before
+and behind the actor stands what ``glbench.agents.actor`` has there: traces, and controls that are brought to where the actor wants them.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.errors import TrainingError, did_you_mean
+from glbench.errors import TrainingError, UnknownNameError, did_you_mean
 from glbench.jax import Environment, State
 
 if TYPE_CHECKING:
@@ -41,11 +42,12 @@ class Statistics(NamedTuple):
         """Those of nothing."""
         return cls(jnp.zeros(shape), jnp.ones(shape), jnp.zeros(()))
 
-    def with_rows(self, rows: Any) -> Statistics:
-        """Also of ``rows`` ``(n, ...)``."""
+    def with_rows(self, rows: Any, at_most: float = math.inf) -> Statistics:
+        """Also of ``rows`` ``(n, ...)``; what came before counts for ``at_most`` rows."""
         added, spread, n = rows.mean(0), rows.var(0), rows.shape[0]
-        count, apart = self.count + n, added - self.mean
-        among = self.variance * self.count + spread * n + apart**2 * self.count * n / count
+        before = jnp.minimum(self.count, at_most)
+        count, apart = before + n, added - self.mean
+        among = self.variance * before + spread * n + apart**2 * before * n / count
         return Statistics(self.mean + apart * n / count, among / count, count)
 
 
@@ -57,17 +59,46 @@ class Moments(NamedTuple):
     count: Any
 
 
+class Greenhouses(NamedTuple):
+    """Where the greenhouses of a training stand; the first axis of each array is the greenhouse."""
+
+    state: State
+    seen: Any
+    """Observation and, after it, traces."""
+    positions: Any
+    """Of the controls, as ``ActorAgent`` keeps them."""
+    told: Any
+    """What ``info`` told of the last step."""
+    begun: Any
+    """Whether an episode begins here, so that ``told`` is of another one."""
+    discounted: Any
+    """Rewards so far, discounted."""
+
+
 class Learning(NamedTuple):
     """Everything that the rest of a training depends on, besides settings and seed: arrays in a tree."""
 
     weights: Any
     moments: Moments
     columns: Statistics
+    told: Statistics
     returns: Statistics
-    state: State
-    observation: Any
-    stock: Any
-    begun: Any
+    now: Greenhouses
+
+
+class Rollout(NamedTuple):
+    """What a rollout leaves: arrays ``(steps, greenhouses, ...)``."""
+
+    seen: Any
+    told: Any
+    actor_input: Any
+    critic_input: Any
+    given: Any
+    likelihood: Any
+    value: Any
+    reward: Any
+    paid: Any
+    done: Any
     discounted: Any
 
 
@@ -77,11 +108,25 @@ class Learner:
 
     ``update(learning, key, share)`` gives what follows and the mean reward of its steps, without what is paid for training alone; ``share``
     is how much of the training is over, 0 to 1.
+
+    Attributes
+    ----------
+    settings, environment
+        How it learns, and in what.
+    least_scale
+        What a column and a trace is divided by at least.
+    traced, shares
+        Columns that leave traces, and how far these go towards a reading in a step.
+    max_change
+        How far an action of 1 moves its control in a step; 0 where the actor gives the action itself.
     """
 
     settings: CompiledSettings
     environment: Environment
     least_scale: NDArray[np.float32]
+    traced: NDArray[np.int64]
+    shares: NDArray[np.float64]
+    max_change: NDArray[np.float64]
 
     @classmethod
     def of(cls, task: TaskSpec, settings: CompiledSettings) -> Learner:
@@ -90,7 +135,7 @@ class Learner:
         Raises
         ------
         TrainingError
-            When the settings name a column or a state that the task does not have.
+            When the settings name a column, a quantity or a state that the task does not have.
         TaskError
             When the compiled kernel cannot step the task.
         """
@@ -99,47 +144,69 @@ class Learner:
         for name, value in settings.least_scale.items():
             if name in names:
                 least[names.index(name)] = value
+        hours, columns = settings.memory.hours, settings.memory.columns if settings.memory.hours else ()
+        for name in columns:
+            if name not in names:
+                msg = f"'memory.columns': {task.id} shows no column '{name}'.{did_you_mean(name, names)}"
+                raise TrainingError(msg)
+        traced = np.array([names.index(name) for name in columns], np.int64)
+        shares = -np.expm1(-task.step_seconds / (3600.0 * np.array(hours, np.float64)))
         accrual = settings.accrual
-        if accrual is not None and accrual.state not in task.model_value.state_names:
-            near = did_you_mean(accrual.state, task.model_value.state_names)
-            msg = f"'accrual.state: {accrual.state}': the model of {task.id} has no such state.{near}"
-            raise TrainingError(msg)
-        environment = Environment(
-            task,
-            settings.kernel_preset,
-            seeds=settings.seeds,
-            places=settings.places,
-            info=() if accrual is None else (accrual.state,),
+        told = settings.critic_sees if accrual is None else (accrual.state, *settings.critic_sees)
+        try:
+            environment = Environment(
+                task,
+                settings.kernel_preset,
+                seeds=settings.seeds,
+                places=settings.places,
+                info=tuple(dict.fromkeys(told)),
+            )
+        except UnknownNameError as error:
+            msg = f"'accrual' or 'critic_sees': {error}"
+            raise TrainingError(msg) from error
+        return cls(
+            settings,
+            environment,
+            np.concatenate([least, np.tile(least[traced], len(hours))]),
+            traced,
+            shares,
+            steps_of_controls(task) if settings.steer else np.zeros(environment.num_actions),
         )
-        return cls(settings, environment, least)
 
     def begin(self, key: Any) -> Learning:
         """An untrained learner, its greenhouses spread over seasons."""
         s, environment = self.settings, self.environment
-        columns, actions = environment.obs_shape[0], environment.num_actions
+        inputs, actions = len(self.least_scale), environment.num_actions
         keys = jax.random.split(key, 3)
+        actor = _network(keys[0], [inputs, *s.net_arch, actions], last=0.01)
+        actor[-1] = (actor[-1][0], jnp.where(self.max_change > 0, 0.5, 0.0))
         weights = {
-            "actor": _network(keys[0], [columns, *s.net_arch, actions], last=0.01),
-            "critic": _network(keys[1], [columns, *s.net_arch, 1], last=1.0),
+            "actor": actor,
+            "critic": _network(keys[1], [inputs + len(s.critic_sees), *s.net_arch, 1], last=1.0),
             "spread": jnp.full(actions, s.log_std_init),
         }
         nothing = jax.tree.map(jnp.zeros_like, weights)
         observation, state = jax.vmap(environment.reset)(jax.random.split(keys[2], s.n_envs))
         none = jnp.zeros(s.n_envs)
-        return Learning(
-            weights,
-            Moments(nothing, nothing, jnp.zeros((), jnp.int32)),
-            Statistics.begun(columns),
-            Statistics.begun(),
+        now = Greenhouses(
             state,
-            observation,
-            none,
+            self._with_traces(observation, self._first_traces(observation)),
+            jnp.zeros((s.n_envs, actions)),
+            dict.fromkeys(environment.info, none),
             jnp.ones(s.n_envs, jnp.bool_),
             none,
         )
+        return Learning(
+            weights,
+            Moments(nothing, nothing, jnp.zeros((), jnp.int32)),
+            Statistics.begun(inputs),
+            Statistics.begun(len(s.critic_sees)),
+            Statistics.begun(),
+            now,
+        )
 
     def scale(self, columns: Statistics) -> Any:
-        """What the columns of observations are divided by."""
+        """What columns and traces are divided by."""
         return jnp.sqrt(columns.variance + self.least_scale**2)
 
     def update(self, learning: Learning, key: Any, share: Any) -> tuple[Learning, Any]:
@@ -147,17 +214,17 @@ class Learner:
         s = self.settings
         keys = jax.random.split(key, s.n_steps + s.n_epochs)
 
-        def step(learning: Learning, key: Any) -> Any:
-            return self._step(learning, key)
+        def step(now: Greenhouses, key: Any) -> Any:
+            return self._step(learning, now, key)
 
-        after, told = jax.lax.scan(step, learning, keys[: s.n_steps])
-        seen, action, likelihood, value, reward, paid, done, discounted, raw = told
-        returns = learning.returns.with_rows(discounted.reshape(-1))
+        now, all_of = jax.lax.scan(step, learning.now, keys[: s.n_steps])
+        returns = learning.returns.with_rows(all_of.discounted.reshape(-1), s.reward_window)
         limit = s.normalize.clip_rewards
-        scaled = jnp.clip(paid / jnp.sqrt(returns.variance + _TINY), -limit, limit)
-        last = _apply(learning.weights["critic"], self._seen(learning.columns, after.observation))[:, 0]
-        gain = self._advantages(value, scaled, done, last)
-        rows = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), (seen, action, likelihood, gain, gain + value))
+        scaled = jnp.clip(all_of.paid / jnp.sqrt(returns.variance + _TINY), -limit, limit)
+        last = self._value(learning, now)[1]
+        gain = self._advantages(all_of.value, scaled, all_of.done, last)
+        of_batch = all_of.actor_input, all_of.critic_input, all_of.given, all_of.likelihood, gain, gain + all_of.value
+        rows = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), of_batch)
         rate = s.learning_rate + (s.last_learning_rate - s.learning_rate) * share
 
         def batch(learner: Any, chosen: Any) -> Any:
@@ -168,38 +235,81 @@ class Learner:
         def epoch(learner: Any, key: Any) -> Any:
             return jax.lax.scan(batch, learner, jax.random.permutation(key, s.rollout).reshape(-1, s.batch_size))
 
-        (weights, moments), _ = jax.lax.scan(epoch, (after.weights, after.moments), keys[s.n_steps :])
-        columns = learning.columns.with_rows(raw.reshape(s.rollout, -1))
-        return after._replace(weights=weights, moments=moments, columns=columns, returns=returns), reward.mean()
+        (weights, moments), _ = jax.lax.scan(epoch, (learning.weights, learning.moments), keys[s.n_steps :])
+        columns = learning.columns.with_rows(all_of.seen.reshape(s.rollout, -1))
+        told = learning.told.with_rows(all_of.told.reshape(s.rollout, -1))
+        return Learning(weights, moments, columns, told, returns, now), all_of.reward.mean()
 
-    def _seen(self, columns: Statistics, observation: Any) -> Any:
+    def _first_traces(self, observation: Any) -> Any:
+        return jnp.repeat(observation[:, None, self.traced], len(self.shares), 1)
+
+    def _with_traces(self, observation: Any, traces: Any) -> Any:
+        return jnp.concatenate([observation, traces.reshape(len(observation), -1)], 1)
+
+    def _seen(self, columns: Statistics, seen: Any) -> Any:
         limit = self.settings.normalize.clip_observations
-        return jnp.clip((observation - columns.mean) / self.scale(columns), -limit, limit)
+        return jnp.clip((seen - columns.mean) / self.scale(columns), -limit, limit)
 
-    def _step(self, now: Learning, key: Any) -> Any:
+    def _told(self, now: Greenhouses) -> Any:
+        """What the critic alone sees ``(greenhouses, quantities)``."""
+        names = self.settings.critic_sees
+        return jnp.stack([now.told[name] for name in names], 1) if names else jnp.zeros((len(now.begun), 0))
+
+    def _value(self, learning: Learning, now: Greenhouses) -> tuple[Any, Any, Any]:
+        """Input of the critic, what it says, and the part of the input that is the actor's."""
+        actor_input, told = self._seen(learning.columns, now.seen), learning.told
+        limit = self.settings.normalize.clip_observations
+        floor = _LEAST * jnp.abs(told.mean) + _TINY
+        besides = jnp.clip((self._told(now) - told.mean) / jnp.sqrt(told.variance + floor**2), -limit, limit)
+        critic_input = jnp.concatenate([actor_input, jnp.where(now.begun[:, None], 0.0, besides)], 1)
+        return critic_input, _apply(learning.weights["critic"], critic_input)[:, 0], actor_input
+
+    def _step(self, learning: Learning, now: Greenhouses, key: Any) -> tuple[Greenhouses, Rollout]:
         """One step of all greenhouses with the noise of exploration."""
         s, keys = self.settings, jax.random.split(key, self.settings.n_envs + 1)
-        seen = self._seen(now.columns, now.observation)
-        mean, spread = _apply(now.weights["actor"], seen), now.weights["spread"]
-        action = mean + jnp.exp(spread) * jax.random.normal(keys[0], mean.shape)
+        critic_input, value, actor_input = self._value(learning, now)
+        mean, spread = _apply(learning.weights["actor"], actor_input), learning.weights["spread"]
+        given = mean + jnp.exp(spread) * jax.random.normal(keys[0], mean.shape)
+        action, positions = self._act(given, now.positions)
         observation, state, reward, done, info = jax.vmap(self.environment.step)(keys[1:], now.state, action)
-        paid, stock = reward, now.stock
-        if s.accrual is not None:
-            stock = info[s.accrual.state]
-            paid += jnp.where(
-                now.begun, 0.0, s.accrual.price * (stock - now.stock)
-            )  # what was there at first is not known
+        paid = reward
+        if s.accrual is not None:  # what was there at first is not known
+            grown = info[s.accrual.state] - now.told[s.accrual.state]
+            paid += jnp.where(now.begun, 0.0, s.accrual.price * grown)
         discounted = now.discounted * s.gamma + paid
-        value = _apply(now.weights["critic"], seen)[:, 0]
-        likelihood = _log_likelihood(mean, spread, action)
-        after = now._replace(
-            state=state,
-            observation=observation,
-            stock=stock,
-            begun=done,
-            discounted=jnp.where(done, 0.0, discounted),
+        traces = now.seen[:, self.environment.obs_shape[0] :].reshape(s.n_envs, len(self.shares), len(self.traced))
+        traces += self.shares[:, None].astype(np.float32) * (observation[:, None, self.traced] - traces)
+        traces = jnp.where(done[:, None, None], self._first_traces(observation), traces)
+        after = Greenhouses(
+            state,
+            self._with_traces(observation, traces),
+            jnp.where(done[:, None], 0.0, positions),
+            {name: info[name] for name in now.told},
+            done,
+            jnp.where(done, 0.0, discounted),
         )
-        return after, (seen, action, likelihood, value, reward, paid, done, discounted, now.observation)
+        likelihood = _log_likelihood(mean, spread, given)
+        return after, Rollout(
+            now.seen,
+            self._told(now),
+            actor_input,
+            critic_input,
+            given,
+            likelihood,
+            value,
+            reward,
+            paid,
+            done,
+            discounted,
+        )
+
+    def _act(self, given: Any, positions: Any) -> tuple[Any, Any]:
+        """Actions, and where controls stand after them."""
+        steered, change = self.max_change > 0, np.where(self.max_change > 0, self.max_change, 1.0).astype(np.float32)
+        action = jnp.where(steered, (jnp.clip(given, 0.0, 1.0) - positions) / change, given)
+        box = self.environment.action_space()
+        action = jnp.clip(action, box.low, box.high)
+        return action, jnp.clip(positions + change * action, 0.0, 1.0)
 
     def _advantages(self, value: Any, reward: Any, done: Any, last: Any) -> Any:
         """Generalised advantages ``(steps, envs)``; the end of a season is an end, nothing comes after it."""
@@ -216,11 +326,11 @@ class Learner:
 
     def _loss(self, weights: Any, batch: Any) -> Any:
         s = self.settings
-        seen, action, before, gain, target = batch
+        actor_input, critic_input, given, before, gain, target = batch
         gain = (gain - gain.mean()) / (gain.std() + _TINY)
-        ratio = jnp.exp(_log_likelihood(_apply(weights["actor"], seen), weights["spread"], action) - before)
+        ratio = jnp.exp(_log_likelihood(_apply(weights["actor"], actor_input), weights["spread"], given) - before)
         bounded = jnp.clip(ratio, 1.0 - s.clip_range, 1.0 + s.clip_range)
-        wrong = ((_apply(weights["critic"], seen)[:, 0] - target) ** 2).mean()
+        wrong = ((_apply(weights["critic"], critic_input)[:, 0] - target) ** 2).mean()
         return (
             s.vf_coef * wrong - jnp.minimum(ratio * gain, bounded * gain).mean() - s.ent_coef * weights["spread"].sum()
         )
@@ -235,6 +345,13 @@ class Learner:
         rate = rate * jnp.sqrt(1.0 - 0.999**count) / (1.0 - 0.9**count)
         moved = jax.tree.map(lambda w, m, v: w - rate * m / (jnp.sqrt(v) + 1e-5), weights, first, second)
         return moved, Moments(first, second, count)
+
+
+def steps_of_controls(task: TaskSpec) -> NDArray[np.float64]:
+    """How far an action of 1 moves its control in a step, by action; 0 where actions are no rates, and for machines that are off or on."""
+    if task.actuation.kind != "rate":
+        return np.zeros(len(task.actions))
+    return np.array([0.0 if name in task.on_off else task.actuation.max_change for name in task.actuation.controls])
 
 
 def _network(key: Any, sizes: Sequence[int], last: float) -> list[tuple[Any, Any]]:

@@ -29,7 +29,7 @@ from glbench.training.checkpoint import (
     replaced,
     save_checkpoint,
 )
-from glbench.training.compiled_settings import NAME as COMPILED
+from glbench.training.compiled_settings import NAME as COMPILED_PPO
 from glbench.training.export import begin_with, export_policy, load_model, start_of
 from glbench.training.probe import History, Listener, Pace, Probe, Progress
 from glbench.training.vec_env import Normalizer, TrainingVecEnv
@@ -290,7 +290,7 @@ def export_best(folder: Path, task: TaskSpec | None = None) -> str | None:
         msg = f"{folder} was trained on another version of {task.id}: digest {card['task']['digest'][:12]}, now {task.digest[:12]}."
         raise TrainingError(msg)
     training = card["training"]
-    if training["algorithm"] == COMPILED and (folder / POLICY).is_file():
+    if training["algorithm"] == COMPILED_PPO and (folder / POLICY).is_file():
         return None  # it keeps its best policy in no other form
     return _export(folder, task, training["algorithm"], training["seed"], card["best"]["steps"])
 

@@ -17,7 +17,7 @@ from glbench.resources import data_folder
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
-PAPER = {"ppo": "ppo/ppo.yml", "sac": "sac/sac.yml"}
+PAPER = {"ppo": "ppo/paper.yml", "sac": "sac/sac.yml"}
 """Shipped settings of the paper's algorithms, in ``baselines``."""
 
 

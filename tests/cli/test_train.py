@@ -67,6 +67,7 @@ def test_a_trained_folder_is_an_agent(glbench: Command, settings: Path) -> None:
 
 COMPILED = """
 default:
+  learner: compiled
   n_timesteps: 2_000
   n_envs: 8
   n_steps: 12
@@ -83,15 +84,15 @@ default:
 def test_a_folder_of_the_compiled_learner_is_an_agent(glbench: Command, settings: Path) -> None:
     pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
     (settings / "fast.yml").write_text(COMPILED, encoding="utf-8")
-    arguments = ("train", "ppo-fast", "--task", "day.toml", "--config", "fast.yml", "--seed", "2")
+    arguments = ("train", "ppo", "--task", "day.toml", "--config", "fast.yml", "--seed", "2")
     trained = glbench(*arguments)
     assert trained.code in (0, 3), trained.err  # 3: nothing was learnt in so few steps
     assert "2,016 steps in rollouts of 96, 8 greenhouses, seed 2" in " ".join(trained.err.split())
-    scored = glbench("evaluate", "runs/ppo-fast-Day-v1-seed2", "--task", "day.toml")
+    scored = glbench("evaluate", "runs/ppo-Day-v1-seed2", "--task", "day.toml")
     assert scored.code == 0, scored.err
     assert "Already trained" in glbench(*arguments).err
-    assert "policy.npz" in glbench("export", "runs/ppo-fast-Day-v1-seed2", "--task", "day.toml").out
-    other = glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "runs/ppo-fast-Day-v1-seed2")
+    assert "policy.npz" in glbench("export", "runs/ppo-Day-v1-seed2", "--task", "day.toml").out
+    other = glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "runs/ppo-Day-v1-seed2")
     assert other.code == 1
     assert "another training" in other.err
 
@@ -102,7 +103,7 @@ def test_without_jax_the_compiled_learner_names_the_extra(
     monkeypatch.setitem(sys.modules, "jax", None)
     for module in ("glbench.training.compiled", "glbench.training.learner"):
         monkeypatch.delitem(sys.modules, module, raising=False)
-    tried = glbench("train", "ppo-fast", "--task", "day.toml")
+    tried = glbench("train", "ppo", "--task", "day.toml")
     assert tried.code == 1
     assert 'pip install "glbench[jax]"' in " ".join(tried.err.split())
 

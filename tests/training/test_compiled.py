@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from glbench.agents import load_agent
-from glbench.agents.network_policy import read_policy
 from glbench.env import GreenhouseVectorEnv
 from glbench.errors import TrainingError
 from glbench.kernel import why_not_compiled
-from glbench.tasks import TaskSpec, get_task
+from glbench.tasks import TaskSpec, get_task, task_card
 from glbench.training import Trained
 from tests.training.watching import PowerCutError, Watching
 
@@ -30,6 +29,7 @@ from glbench.training.learner import Learner, Statistics  # noqa: E402
 
 TINY = """
 default:
+  learner: compiled
   n_timesteps: 9_000
   n_envs: 16
   n_steps: 12
@@ -63,7 +63,7 @@ def test_it_learns_and_leaves_an_agent(trained: Trained, day: TaskSpec) -> None:
     assert max(rewards[1:]) > rewards[0] + 2.0
     assert trained.steps == 9_024
     card = tomllib.loads((trained.folder / "card.toml").read_text(encoding="utf-8"))
-    assert card["training"]["algorithm"] == "ppo-fast"
+    assert card["training"]["algorithm"] == "compiled ppo"
     assert card["training"]["first_env_seed"] == 10_000_000_000
     assert card["best"]["evaluation_seeds"] == [20_000_000_000, 20_000_000_001]
     assert "growth of the state cBuf was paid for" in card["description"]
@@ -71,12 +71,13 @@ def test_it_learns_and_leaves_an_agent(trained: Trained, day: TaskSpec) -> None:
 
 
 def test_the_policy_earns_what_the_curve_says(trained: Trained, day: TaskSpec) -> None:
-    policy = read_policy(trained.folder / "policy.npz")
+    agent = load_agent(str(trained.folder)).make(task_card(day))
+    agent.reset(task_card(day), 2)
     native = GreenhouseVectorEnv(day, 2, kernel="fast")
     observations, _ = native.reset(seed=[20_000_000_000, 20_000_000_001])
     earned = np.zeros(2)
     for _ in range(day.steps):
-        observations, rewards, *_ = native.step(policy.act(observations))
+        observations, rewards, *_ = native.step(agent.act(observations))
         earned += rewards
     assert earned.mean() == pytest.approx(trained.best_reward, rel=1e-5), "without what is paid for training alone"
 
@@ -146,7 +147,7 @@ def test_impossible_settings_are_refused_in_words(day: TaskSpec, tmp_path: Path)
             tiny(day, tmp_path, more)
     settings = tiny(day, tmp_path, "  accrual: {state: cBug, price: 1}\n")
     with pytest.raises(
-        TrainingError, match=r"'accrual\.state: cBug': the model of test/Day-v1 has no such state.*'cBuf'"
+        TrainingError, match="'accrual' or 'critic_sees': test/Day-v1 has no quantity or state 'cBug'.*'cBuf'"
     ):
         Learner.of(day, settings)
 
