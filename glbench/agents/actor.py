@@ -104,7 +104,7 @@ class Actor:
             When it cannot be read.
         """
         try:
-            with np.load(file, allow_pickle=False) as found:
+            with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as found:
                 network = NetworkPolicy.from_bytes(found["network"].tobytes(), str(file))
                 traced, *numbers = (found[name] for name in _OWN)
                 return cls(network, traced.astype(np.int64), *(array.astype(np.float64) for array in numbers))
@@ -142,7 +142,8 @@ class ActorAgent:
     """An ``Agent`` that does what its policy says, and keeps the traces and positions of every run.
 
     Of several policies the one acts that was trained on the task itself; for another task with the same observations and actions, the
-    first that fits. A reading that is not finite leaves a trace as it is.
+    first that fits. A reading that is missing (not finite) leaves a trace as it is, and counts as the
+    column's mean in training.
     """
 
     def __init__(self, policies: ActorFiles | Actor) -> None:
@@ -181,12 +182,13 @@ class ActorAgent:
                 f"act got observations of {len(observations)} runs, reset was told of {len(traces)}. Call reset first."
             )
             raise ShapeError(msg)
-        seen = observations.astype(np.float64)
-        read = seen[:, None, policy.traced]
+        given = observations.astype(np.float64)
+        read = given[:, None, policy.traced]
         moved = traces + policy.shares[:, None] * (read - traces)
         traces = np.where(np.isnan(traces), read, np.where(np.isfinite(read), moved, traces))
         self._traces = traces
-        wanted = policy.network.act(np.concatenate([seen, traces.reshape(len(seen), -1)], axis=1))
+        seen = np.concatenate([given, traces.reshape(len(given), -1)], axis=1)
+        wanted = policy.network.act(np.where(np.isfinite(seen), seen, policy.network.mean))
         steered = policy.max_change > 0
         change = np.where(steered, policy.max_change, 1.0)
         actions: Floats = np.where(steered, (wanted - self._positions) / change, wanted)

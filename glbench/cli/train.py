@@ -34,7 +34,8 @@ def train(
     algorithm: Annotated[
         str,
         typer.Argument(
-            help="ppo (compiled by JAX; with --config baselines/ppo/paper.yml the paper's), sac, or a class path such as sb3_contrib.RecurrentPPO."
+            help="ppo (compiled by JAX), sac, or a class path such as sb3_contrib.RecurrentPPO (with --config). "
+            "ppo --config baselines/ppo/paper.yml is the paper's, by Stable-Baselines3."
         ),
     ],
     task: OneTask = None,

@@ -1,8 +1,8 @@
 """Proximal policy optimisation (Schulman et al., 2017) as one compiled function: a rollout in all greenhouses, then learning from it.
 
-The greenhouses are stepped from inside the function (``glbench.jax``). Actor and critic are perceptrons with tanh between their layers; what
-the actor gives spreads by one number for each action. Inputs are normalised by running statistics, rewards by the spread of returns. Before
-and behind the actor stands what ``glbench.agents.actor`` has there: traces, and controls that are brought to where the actor wants them.
+The greenhouses are stepped from inside the function (``glbench.jax``). Actor and critic are perceptrons with tanh between their layers;
+what the actor gives spreads by one number for each action. Inputs are normalised by running statistics, rewards by the spread of returns.
+Before and behind the actor stands what ``glbench.agents.actor`` has there: traces, and controls that are brought to where it wants them.
 """
 
 from __future__ import annotations

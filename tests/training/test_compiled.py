@@ -147,7 +147,7 @@ def test_impossible_settings_are_refused_in_words(day: TaskSpec, tmp_path: Path)
             tiny(day, tmp_path, more)
     settings = tiny(day, tmp_path, "  accrual: {state: cBug, price: 1}\n")
     with pytest.raises(
-        TrainingError, match="'accrual' or 'critic_sees': test/Day-v1 has no quantity or state 'cBug'.*'cBuf'"
+        TrainingError, match=r"'accrual' or 'critic_sees': test/Day-v1 has no quantity or state 'cBug'.*'cBuf'"
     ):
         Learner.of(day, settings)
 
