@@ -56,14 +56,15 @@ def train(
     The folder then holds the policy (policy.npz, evaluated with numpy alone), the learning curve, the settings and card.toml,
     and is an agent itself: glbench evaluate FOLDER. Exit code 3: the training finished, but never beat the policy it began with.
     """
-    with needs_the_extra("train"):
-        from glbench.training import algorithms as a
-        from glbench.training import read_settings, shipped_settings
-        from glbench.training.compiled_settings import is_compiled
+    from glbench.training.compiled_settings import is_compiled
+
     chosen = the_task(task)
     if algorithm == "ppo" and is_compiled(config, chosen):
         _train_compiled(chosen, config, steps, out, seed=seed, resume=resume, wandb=wandb, named=task)
         return
+    with needs_the_extra("train"):
+        from glbench.training import algorithms as a
+        from glbench.training import read_settings, shipped_settings
     a.algorithm_class(algorithm)
     settings = read_settings(config or shipped_settings(algorithm), algorithm, chosen.id)
     if steps is not None:
@@ -292,9 +293,9 @@ def _train_compiled(
 ) -> None:
     """Train with the compiled PPO."""
     with needs_the_extra("jax"):
-        from glbench.training.checkpoint import LEARNER
         from glbench.training.compiled import train_compiled
         from glbench.training.compiled_settings import read_compiled_settings
+        from glbench.training.folder import LEARNER
 
     settings = read_compiled_settings(config, task, steps)
     folder = out or Path("runs") / f"ppo-{task.short_id}-seed{seed}"
@@ -324,7 +325,7 @@ def _trained(
 ) -> Trained:
     from glbench.training import train as run_training
     from glbench.training.algorithms import steps_to_make
-    from glbench.training.checkpoint import CHECKPOINT, find_checkpoint
+    from glbench.training.folder import CHECKPOINT, find_checkpoint
 
     return _watched(
         lambda listeners: run_training(

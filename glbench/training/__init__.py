@@ -1,14 +1,30 @@
-"""Training of agents with Stable-Baselines3, and their export to files that need numpy alone.
+"""Training of agents, the tuning of rules and policies, and the export of what was trained to files that need numpy alone.
 
-The only room that knows PyTorch and Stable-Baselines3 (extra ``train``); nothing but the command line imports it.
-See docs/training.md.
+The only room that knows PyTorch, Stable-Baselines3 (extra ``train``) and, besides ``glbench.jax``, JAX (extra ``jax``); nothing but the
+command line imports it. Each kind of training loads what it needs itself. See docs/training.md.
 """
 
 from __future__ import annotations
 
-from glbench.training.probe import CurvePoint, Listener, Progress
-from glbench.training.run import Trained, train
-from glbench.training.settings import TrainingSettings, read_settings, shipped_settings
+from typing import TYPE_CHECKING
+
+from glbench.late import late_names
+
+if TYPE_CHECKING:
+    from glbench.training.probe import CurvePoint, Listener, Progress
+    from glbench.training.run import train
+    from glbench.training.settings import TrainingSettings, read_settings, shipped_settings
+    from glbench.training.trained import Trained
+else:
+    __getattr__ = late_names(
+        __name__,
+        {
+            "probe": ("CurvePoint", "Listener", "Progress"),
+            "run": ("train",),
+            "settings": ("TrainingSettings", "read_settings", "shipped_settings"),
+            "trained": ("Trained",),
+        },
+    )
 
 __all__ = [
     "CurvePoint",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,12 +20,12 @@ from glbench.errors import ShapeError, TrainingError
 from glbench.resources import write_atomically
 from glbench.tasks import task_card
 from glbench.training.card import POLICY, Making, note_session, write_card
-from glbench.training.checkpoint import DAMAGED, LEARNER, SETTINGS, altered, claim, folder_lock, open_folder
 from glbench.training.compiled_settings import NAME
+from glbench.training.folder import DAMAGED, LEARNER, SETTINGS, altered, claim, folder_lock, open_folder
 from glbench.training.learner import Learner, Learning
 from glbench.training.probe import CurvePoint, History, Listener, Pace, Probe, Progress
-from glbench.training.run import Trained
-from glbench.training.vec_env import without_steady_columns
+from glbench.training.steady import without_steady_columns
+from glbench.training.trained import Trained
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -157,7 +157,7 @@ class _Training:
     def evaluate(self, policy: Actor) -> CurvePoint:
         """A point of the learning curve."""
         with self.history.time.spend("evaluation"):
-            agent = ActorAgent(policy)
+            agent = ActorAgent(replace(policy, network=_quick(policy.network)))
             agent.reset(task_card(self.task), len(self._probe.seeds))
             result = self._probe.of(agent.act)
         if self.steps >= self.history.next_evaluation:  # an end between two evaluations moves none
@@ -222,6 +222,21 @@ def _evaluate(under_way: _Training, folder: Path, listeners: Sequence[Listener])
     for listener in listeners:
         listener.on_evaluation(point)
         listener.on_saved(under_way.steps)
+
+
+class _QuickNetwork(NetworkPolicy):
+    """Acts as the network but for rounding: that of ``NetworkPolicy`` has the same bits everywhere and takes far longer."""
+
+    def act(self, observations: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+        x = np.clip((observations - self.mean) / self.scale, -self.clip, self.clip)
+        *hidden, (weights, biases) = zip(self.weights, self.biases, strict=True)
+        for matrix, bias in hidden:
+            x = np.tanh(x @ matrix + bias)
+        return np.clip(x @ weights + biases, self.low, self.high)
+
+
+def _quick(network: NetworkPolicy) -> NetworkPolicy:
+    return _QuickNetwork(**{field.name: getattr(network, field.name) for field in fields(network)})
 
 
 def _digest(facts: dict[str, Any], leaves: Sequence[NDArray[Any]]) -> str:

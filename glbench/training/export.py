@@ -25,8 +25,9 @@ from glbench.resources import write_atomically
 from glbench.tasks import task_card
 from glbench.training.algorithms import algorithm_class
 from glbench.training.card import CARD, POLICY, read_card, to_toml
-from glbench.training.checkpoint import DAMAGED
-from glbench.training.vec_env import Normalizer, without_steady_columns
+from glbench.training.folder import DAMAGED
+from glbench.training.steady import without_steady_columns
+from glbench.training.vec_env import Normalizer
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec

@@ -34,12 +34,12 @@ from glbench.kernel import make_kernel
 from glbench.resources import data_folder, write_atomically
 from glbench.tasks import task_card
 from glbench.training.card import CARD, Making, digest_of_tasks, note_session, write_card
-from glbench.training.checkpoint import SEARCH, SETTINGS, claim, folder_lock, open_folder
 from glbench.training.export import start_of
+from glbench.training.folder import SEARCH, SETTINGS, claim, folder_lock, open_folder
 from glbench.training.probe import Act, CurvePoint, History, Listener, Pace, Probe, ProbeResult, Progress, season_sums
-from glbench.training.run import Trained
 from glbench.training.settings import FIRST_TRAINING_SEED, EvaluationPlan, FrozenSettings, TrainingSeed
 from glbench.training.strategy import Strategy
+from glbench.training.trained import Trained
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,21 +16,12 @@ from glbench.resources import write_atomically
 from glbench.tasks import get_task
 from glbench.training.algorithms import make_model, steps_to_make
 from glbench.training.card import CARD, POLICY, making_of, note_session, read_card, settings_digest, write_card
-from glbench.training.checkpoint import (
-    CHECKPOINT,
-    MODEL,
-    NORMALIZATION,
-    claim,
-    find_checkpoint,
-    folder_lock,
-    load_checkpoint,
-    open_folder,
-    replaced,
-    save_checkpoint,
-)
+from glbench.training.checkpoint import NORMALIZATION, load_checkpoint, save_checkpoint
 from glbench.training.compiled_settings import NAME as COMPILED_PPO
 from glbench.training.export import begin_with, export_policy, load_model, start_of
+from glbench.training.folder import BEST, CHECKPOINT, MODEL, claim, find_checkpoint, folder_lock, open_folder, replaced
 from glbench.training.probe import History, Listener, Pace, Probe, Progress
+from glbench.training.trained import Trained
 from glbench.training.vec_env import Normalizer, TrainingVecEnv
 
 if TYPE_CHECKING:
@@ -39,7 +29,6 @@ if TYPE_CHECKING:
     from glbench.training.settings import TrainingSettings
 
 
-BEST = "best"
 _PROGRESS_SECONDS = 1.0
 
 
@@ -153,38 +142,6 @@ class TrainingCallback(BaseCallback):
             # an algorithm that is neither on-policy nor off-policy may make more steps than it announced
             total = max(self._total_steps, self.num_timesteps)
             listener.on_progress(Progress(self.num_timesteps, total, rate, mean))
-
-
-@dataclass(frozen=True)
-class Trained:
-    """A finished training."""
-
-    folder: Path
-    steps: int
-    best_reward: float
-    best_steps: int
-    last_reward: float
-    """Evaluation return of the last policy."""
-    already_done: bool
-    """Whether it had been finished before, so that nothing was done."""
-    not_exported: str | None = None
-    """Why its policy could not be exported to a file for numpy; ``None`` when it was."""
-
-    @classmethod
-    def of(cls, folder: Path, card: dict[str, Any], *, already_done: bool, not_exported: str | None = None) -> Trained:
-        """What ``folder`` holds, as its card says."""
-        steps, best = card["training"]["steps"], card["best"]
-        return cls(folder, steps, best["reward"], best["steps"], best["last_reward"], already_done, not_exported)
-
-    @property
-    def learnt(self) -> bool:
-        """Whether any evaluation was better than the first one, of the policy that the training began with."""
-        return self.best_steps > 0
-
-    @property
-    def model(self) -> Path:
-        """The best policy as Stable-Baselines3 saves it."""
-        return self.folder / BEST / MODEL
 
 
 def prepare_torch(threads: int = 1) -> None:

@@ -29,10 +29,9 @@ from glbench.errors import TrainingError, did_you_mean
 from glbench.kernel import make_kernel
 from glbench.resources import write_atomically
 from glbench.training.card import POLICY, Making, note_session, write_card
-from glbench.training.checkpoint import SEARCH, SETTINGS, claim, folder_lock, open_folder
 from glbench.training.export import policy_in, start_of
+from glbench.training.folder import SEARCH, SETTINGS, claim, folder_lock, open_folder
 from glbench.training.probe import CurvePoint, History, Listener, Pace, Probe, Progress, season_sums
-from glbench.training.run import Trained
 from glbench.training.settings import (
     FIRST_TRAINING_SEED,
     EvaluationPlan,
@@ -42,8 +41,9 @@ from glbench.training.settings import (
     in_words,
     section,
 )
+from glbench.training.steady import varies, without_steady_columns
 from glbench.training.strategy import Strategy
-from glbench.training.vec_env import varies, without_steady_columns
+from glbench.training.trained import Trained
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec

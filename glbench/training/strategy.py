@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from glbench.errors import TrainingError
 from glbench.resources import write_atomically
-from glbench.training.checkpoint import DAMAGED, altered
+from glbench.training.folder import DAMAGED, altered
 from glbench.training.probe import History
 
 Floats = NDArray[np.float64]

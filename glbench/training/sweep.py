@@ -26,7 +26,7 @@ from glbench.errors import GlbenchError, TrainingError, did_you_mean
 from glbench.tasks import get_task
 from glbench.training.algorithms import check_settings
 from glbench.training.card import settings_digest
-from glbench.training.checkpoint import CHECKPOINT
+from glbench.training.folder import CHECKPOINT
 from glbench.training.probe import CurvePoint, Listener
 from glbench.training.run import train
 from glbench.training.settings import (

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,19 +16,16 @@ from numpy.typing import NDArray
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from glbench.agents.network_policy import NetworkPolicy
 from glbench.env import GreenhouseVectorEnv, Snapshot
 from glbench.kernel import make_kernel
 from glbench.training.settings import FIRST_TRAINING_SEED
+from glbench.training.steady import Floats, Mask, varies
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
 
-Floats = NDArray[np.float64]
 _SCALAR_ATTRIBUTES = {"render_mode": None}
-Mask = NDArray[np.bool_]
-_STEADY = 1e-3
 
 
 class TrainingVecEnv(VecEnv):
@@ -149,12 +145,6 @@ class TrainingVecEnv(VecEnv):
         return len(list(self._get_indices(indices)))
 
 
-def varies(low: Floats, high: Floats) -> Mask:
-    """Which columns vary: those whose lowest and highest values are more than 0.001 of the larger magnitude apart."""
-    mask: Mask = high - low > _STEADY * np.maximum(np.abs(low), np.abs(high))
-    return mask
-
-
 class ColumnStatistics(RunningMeanStd):
     """Running mean and variance of the columns, and their lowest and highest values so far ``(columns,)``."""
 
@@ -209,9 +199,3 @@ class Normalizer(VecNormalize):
     def _unnormalize_obs(self, obs: NDArray[Any], obs_rms: RunningMeanStd) -> NDArray[Any]:
         unnormalized: NDArray[Any] = obs * self.scale + obs_rms.mean
         return unnormalized
-
-
-def without_steady_columns(policy: NetworkPolicy, varying: Mask) -> NetworkPolicy:
-    """``policy`` with scale 1 and weights 0 for the columns that do not vary: whatever they read, it acts the same."""
-    first = np.where(varying[:, None], policy.weights[0], np.float32(0.0))
-    return replace(policy, scale=np.where(varying, policy.scale, 1.0), weights=(first, *policy.weights[1:]))

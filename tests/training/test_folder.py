@@ -10,7 +10,7 @@ import pytest
 from glbench.errors import TrainingError
 from glbench.tasks import TaskSpec
 from glbench.training import TrainingSettings, read_settings, train
-from glbench.training.checkpoint import folder_lock
+from glbench.training.folder import folder_lock
 from glbench.training.season_search import SearchSettings, search
 from tests.training.conftest import PPO
 

@@ -1,0 +1,163 @@
+"""The folder of a training or of a search: who may work in it, what is left untouched, and where its state lies."""
+
+from __future__ import annotations
+
+import pickle
+import shutil
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from glbench.errors import TrainingError
+from glbench.resources import write_atomically
+from glbench.training.card import CARD, POLICY, read_card
+
+CHECKPOINT, SEARCH, LEARNER, SETTINGS = "checkpoint", "search.npz", "learner.npz", "settings.yml"
+"""State of a training, of a search, of a training with the compiled PPO, and the settings of any of them."""
+_LOCK = ".lock"
+BEST, MODEL = "best", "model.zip"
+"""The best model of a training with Stable-Baselines3: a folder, and the file in it."""
+STATE = "state.json"
+"""Of a checkpoint, written last."""
+DAMAGED = (
+    OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, IndexError, AssertionError, RuntimeError, ImportError,
+    pickle.UnpicklingError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""What reading a damaged file of Stable-Baselines3 or numpy may end in."""
+
+
+@contextmanager
+def folder_lock(folder: Path) -> Iterator[None]:
+    """Make ``folder`` where it is missing, and keep other processes out of it until the block is left.
+
+    Raises
+    ------
+    TrainingError
+        When one is at work there, or the disk refuses to be written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / _LOCK).open("w", encoding="utf-8") as lock:
+            _take(lock.fileno(), folder)
+            yield
+    except OSError as error:
+        msg = f"The work in {folder} stopped: {error}. Once that is mended, --resume goes on from what was kept last."
+        raise TrainingError(msg) from error
+
+
+def _take(lock: int, folder: Path) -> None:
+    try:
+        import fcntl
+    except ImportError:  # no such locks on this system
+        return
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        msg = f"Another process is at work in {folder}. Wait for it to end, or choose another folder with --out."
+        raise TrainingError(msg) from error
+
+
+def claim(
+    folder: Path,
+    identity: Mapping[str, Any],
+    state: Path | None,
+    *,
+    start: Path | None,
+    wanted: Mapping[str, int],
+    resume: bool,
+) -> dict[str, Any] | None:
+    """The card of this very training if ``folder`` holds it, finished as far as is wanted; ``None`` when there is work to do.
+
+    Parameters
+    ----------
+    identity
+        Digests of task and settings, and seed.
+    state
+        What the training would go on from; ``None`` when there is nothing.
+    start
+        Policy that it starts from, if any.
+    wanted
+        How far, in the card's terms, such as ``{"steps": 100_000}``.
+    resume
+        Whether it may go on from ``state``.
+
+    Raises
+    ------
+    TrainingError
+        When the folder holds something else that this training would overwrite, something that is not to be resumed, or what it
+        would go on from is gone.
+    """
+    if start is not None and start.resolve() == (folder / POLICY).resolve():
+        msg = f"{folder} holds the policy that is to be started from, and would be overwritten. Choose another folder with --out."
+        raise TrainingError(msg)
+    card = read_card(folder / CARD)
+    others = {folder / SEARCH, folder / LEARNER, find_checkpoint(folder / CHECKPOINT)} - {state, None}
+    ours = (
+        card is not None
+        and {
+            "task_digest": card["task"]["digest"],
+            "settings_digest": card["training"]["settings_digest"],
+            "seed": card["training"]["seed"],
+        }.items()
+        <= identity.items()
+    )
+    if any(other is not None and other.exists() for other in others) or (
+        card is not None and not ours and state is None
+    ):
+        msg = f"{folder} holds another training. Choose another folder with --out."
+        raise TrainingError(msg)
+    if card is not None and ours and all(card["training"][name] >= count for name, count in wanted.items()):
+        return card
+    if state is not None and not resume:
+        msg = f"{folder} holds a training that was begun. Go on with --resume, or choose another folder with --out."
+        raise TrainingError(msg)
+    if card is not None and state is None:
+        msg = (
+            f"{folder} holds this training with {card['training']['steps']:,} steps, but not its last state, so that it cannot go on. "
+            "Choose another folder with --out."
+        )
+        raise TrainingError(msg)
+    return None
+
+
+def open_folder(folder: Path, settings: Mapping[str, Any]) -> None:
+    """Write the settings of a training that begins or goes on. Until it finishes, the folder has no card and cannot be evaluated."""
+    (folder / CARD).unlink(missing_ok=True)
+    write_atomically(folder / SETTINGS, yaml.safe_dump({"default": dict(settings)}, sort_keys=False))
+
+
+def find_checkpoint(folder: Path) -> Path | None:
+    """The newest complete checkpoint of ``folder``, also when a kill came between the two renames."""
+    for candidate in (folder, *_beside(folder)):  # its state is written last
+        if (candidate / STATE).is_file():
+            return candidate
+    return None
+
+
+@contextmanager
+def replaced(folder: Path) -> Iterator[Path]:
+    """A new folder to fill, which takes the place of ``folder`` when it is complete; a kill in between leaves it as ``.old``."""
+    new, old = _beside(folder)
+    shutil.rmtree(new, ignore_errors=True)
+    new.mkdir(parents=True)
+    yield new
+    if folder.exists():
+        shutil.rmtree(old, ignore_errors=True)
+        folder.rename(old)
+    new.rename(folder)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _beside(folder: Path) -> tuple[Path, Path]:
+    return folder.with_name(folder.name + ".new"), folder.with_name(folder.name + ".old")
+
+
+def altered(place: Path) -> TrainingError:
+    """What to raise when the state in ``place`` is not as it was written."""
+    msg = f"{place} is damaged or was changed: its content does not match its digest. Restore it from a copy, or remove it to begin anew."
+    return TrainingError(msg)
