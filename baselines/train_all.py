@@ -4,8 +4,8 @@
     python baselines/train_all.py --out runs/baselines --list      # what is done and what is left
     python baselines/train_all.py --out runs/baselines --ship      # put what is done into baselines/
 
-A training takes about half an hour on one free core. What is finished is skipped; what was interrupted
-continues from its last checkpoint, to the same weights as without the interruption.
+On one free core a training with Stable-Baselines3 takes about half an hour, one with the compiled PPO a few minutes. What is finished is
+skipped; what was interrupted continues from its last checkpoint, to the same weights as without the interruption.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from glbench.resources import write_atomically
 from glbench.tasks import get_task
 from glbench.training import CurvePoint, Progress, read_settings, train
 from glbench.training.card import CARD, POLICY, read_card, settings_digest, to_toml
+from glbench.training.compiled import train_compiled
+from glbench.training.compiled_settings import read_compiled_settings
 from glbench.training.probe import CURVE
 from glbench.training.run import export_best
 from glbench.training.season_search import SearchSettings, read_season_search, search
@@ -33,6 +35,19 @@ from glbench.training.settings import PAPER
 HERE = Path(__file__).resolve().parent
 LEVELS = ("00", "10", "30", "05", "15", "20", "25")
 SEEDED_LEVELS = ("00", "10", "30")
+SETTINGS = {
+    "ppo": "ppo/paper.yml",
+    "sac": "sac/sac.yml",
+    "ppo_tuned": "ppo_tuned/ppo_tuned.yml",
+    "ppo_fast": "ppo/fast.yml",
+    "ppo_memory": "ppo/memory.yml",
+}
+"""Settings of each recipe, in this folder."""
+COMPILED = ("ppo_fast", "ppo_memory")
+OF_CONTROL = ("Spring-v1", "SpringYears-v1", "SpringMismatch-v1", "Lettuce-v1")
+"""Tasks with splits on which the compiled PPO is trained."""
+ERRING = ("Spring-v1",)
+"""Those where sensors err, on which it is trained with a memory as well."""
 CARD_OF_RECIPE = "card.in.toml"
 """Becomes the agent's card with the first policy: an agent without weights is none."""
 log = logging.getLogger("train_all")
@@ -40,19 +55,24 @@ log = logging.getLogger("train_all")
 
 @dataclass(frozen=True)
 class Job:
-    """One training: settings in ``baselines/RECIPE/RECIPE.yml``, uncertainty level and seed.
+    """One training: recipe, task and seed.
 
-    ``ppo`` and ``sac`` are trained as in the paper, ``ppo_tuned`` goes on where PPO ended.
+    ``ppo`` and ``sac`` are trained as in the paper, ``ppo_tuned`` goes on where PPO ended, ``ppo_fast`` and ``ppo_memory`` are compiled.
     """
 
     recipe: str
-    level: str
+    task: str
     seed: int
+
+    @property
+    def label(self) -> str:
+        """The task in the names of files: of the paper's tasks the level, such as ``delta10``."""
+        return self.task.removeprefix("Schiphol2010-").removesuffix("-v1").lower()
 
     @property
     def name(self) -> str:
         """Folder of the training."""
-        return f"{self.recipe}_delta{self.level}_seed{self.seed}"
+        return f"{self.recipe}_{self.label}_seed{self.seed}"
 
     @property
     def agent(self) -> str:
@@ -62,14 +82,22 @@ class Job:
     @property
     def settings(self) -> Path:
         """The recipe's settings."""
-        return HERE / self.recipe / f"{self.recipe}.yml"
+        return HERE / SETTINGS[self.recipe]
 
 
 def plan() -> list[Job]:
     """Every training, in order."""
-    paper = [Job(recipe, level, 0) for level in LEVELS for recipe in ("ppo", "sac")]
-    seeds = [Job(recipe, level, seed) for seed in (1, 2) for level in SEEDED_LEVELS for recipe in ("ppo", "sac")]
-    return [*paper, Job("ppo_tuned", "10", 0), *seeds]
+    paper = [Job(recipe, _paper(level), 0) for level in LEVELS for recipe in ("ppo", "sac")]
+    seeds = [
+        Job(recipe, _paper(level), seed) for seed in (1, 2) for level in SEEDED_LEVELS for recipe in ("ppo", "sac")
+    ]
+    fast = [Job("ppo_fast", task, seed) for task in (*OF_CONTROL, _paper("10")) for seed in range(3)]
+    memory = [Job("ppo_memory", task, seed) for task in ERRING for seed in range(3)]
+    return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory]
+
+
+def _paper(level: str) -> str:
+    return f"Schiphol2010-Delta{level}-v1"
 
 
 class LogLines:
@@ -131,9 +159,12 @@ def main() -> int:
 
 
 def _train(job: Job, folder: Path) -> None:
-    task = get_task(f"Schiphol2010-Delta{job.level}-v1")
+    task = get_task(job.task)
     listeners = [LogLines(job.name)]
-    if job.recipe in PAPER:
+    if job.recipe in COMPILED:
+        compiled = read_compiled_settings(job.settings, task)
+        trained = train_compiled(task, compiled, folder, seed=job.seed, resume=True, listeners=listeners)
+    elif job.recipe in PAPER:
         settings = read_settings(job.settings, job.recipe, task.id)
         trained = train(task, settings, folder, seed=job.seed, resume=True, listeners=listeners)
     else:
@@ -147,7 +178,7 @@ def _train(job: Job, folder: Path) -> None:
 
 def _search_settings(job: Job, task_id: str, trainings: Path) -> SearchSettings:
     """Settings of a search, which starts from PPO as trained in ``trainings``, or as shipped when it was not trained there."""
-    trained = trainings / Job("ppo", job.level, job.seed).name / POLICY
+    trained = trainings / Job("ppo", job.task, job.seed).name / POLICY
     return read_season_search(job.settings, task_id, trained if trained.is_file() else None)
 
 
@@ -158,7 +189,7 @@ def _ship(job: Job, folder: Path) -> None:
     if not (folder / POLICY).is_file():
         export_best(folder)
     home = HERE / job.agent
-    name = f"delta{job.level}"
+    name = job.label
     for place in ("weights", "training"):
         (home / place).mkdir(parents=True, exist_ok=True)
     shutil.copyfile(folder / POLICY, home / f"weights/{name}.npz")
@@ -175,9 +206,8 @@ def _ship(job: Job, folder: Path) -> None:
     if job.seed:
         card["title"] += f"; training seed {job.seed}"
         card["made"] = card["made"].replace("--seed 0", f"--seed {job.seed}")
-        card["description"] = (
-            f"As {job.recipe}, trained with seed {job.seed}, for uncertainties of 0, 10 and 30 % only."
-        )
+        levels = "" if job.recipe in COMPILED else ", for uncertainties of 0, 10 and 30 % only"
+        card["description"] = f"As {job.recipe}, trained with seed {job.seed}{levels}."
     write_atomically(home / CARD, to_toml(card))
     log.info("%s: shipped to %s", job.name, home.relative_to(HERE.parent))
 
@@ -187,8 +217,11 @@ def _state(job: Job, folder: Path) -> str:
     card = read_card(folder / CARD)
     if card is None:
         return "begun" if folder.exists() else "-"
-    task = get_task(f"Schiphol2010-Delta{job.level}-v1")
-    if job.recipe in PAPER:
+    task = get_task(job.task)
+    if job.recipe in COMPILED:
+        compiled = read_compiled_settings(job.settings, task)
+        digest, wanted, reached = compiled.digest, compiled.updates * compiled.rollout, card["training"]["steps"]
+    elif job.recipe in PAPER:
         settings = read_settings(job.settings, job.recipe, task.id)
         digest, wanted, reached = settings_digest(settings), settings.n_timesteps, card["training"]["steps"]
     else:
