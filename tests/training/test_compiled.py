@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from glbench.agents import load_agent
+from glbench.agents.actor import Actor, ActorAgent
 from glbench.env import GreenhouseVectorEnv
 from glbench.errors import TrainingError
 from glbench.kernel import why_not_compiled
@@ -25,7 +27,7 @@ pytestmark = [
 
 from glbench.training.compiled import train_compiled  # noqa: E402
 from glbench.training.compiled_settings import CompiledSettings, read_compiled_settings  # noqa: E402
-from glbench.training.learner import Learner, Statistics  # noqa: E402
+from glbench.training.learner import Learner, Statistics, steps_of_controls  # noqa: E402
 
 TINY = """
 default:
@@ -41,6 +43,7 @@ default:
 test/Day-v1:
   accrual: {state: cBuf, price: 5.5e-4}
 """
+MEMORY = "  memory: {hours: [1, 4]}\n  critic_sees: [tAir, epi]\n"
 
 
 def tiny(day: TaskSpec, folder: Path, more: str = "") -> CompiledSettings:
@@ -126,6 +129,61 @@ def test_growth_of_a_state_is_paid_for_in_training_alone(day: TaskSpec, tmp_path
     assert found[1][0] > 100.0 * found[0][0], "returns contain what is paid"
 
 
+def test_a_policy_with_a_memory_acts_as_it_learnt_to(day: TaskSpec, tmp_path: Path) -> None:
+    """What the learner keeps of traces and positions is what the agent of the file keeps."""
+    trained = train_compiled(day, tiny(day, tmp_path, MEMORY), tmp_path / "run", seed=3)
+    assert trained.learnt
+    card = tomllib.loads((trained.folder / "card.toml").read_text(encoding="utf-8"))
+    assert "running means of air_temperature, co2, relative_humidity over 1 h, 4 h" in card["description"]
+    actor = Actor.at(trained.folder / "policy.npz")
+    assert len(actor.network.observation_names) == len(actor.columns) + 6
+    assert (actor.max_change == day.actuation.max_change).all()
+
+    learner = Learner.of(day, tiny(day, tmp_path, MEMORY + "  places: 1\n"))
+    learning = learner.begin(jax.random.key(0))
+    quiet = learning._replace(weights={**learning.weights, "spread": jax.numpy.full(6, -30.0)})
+    now, rollout = jax.lax.scan(
+        lambda now, key: learner._step(quiet, now, key), quiet.now, jax.random.split(jax.random.key(1), 8)
+    )
+    columns = len(actor.columns)
+    network = replace(
+        actor.network,
+        mean=np.zeros(columns + 6),
+        scale=np.asarray(learner.scale(quiet.columns), np.float64),
+        weights=tuple(np.asarray(weights) for weights, _ in quiet.weights["actor"]),
+        biases=tuple(np.asarray(bias) for _, bias in quiet.weights["actor"]),
+    )
+    agent = ActorAgent(replace(actor, network=network))
+    agent.reset(task_card(day), 16)
+    for seen in np.asarray(rollout.seen):
+        agent.act(seen[:, :columns])
+    assert np.allclose(agent._positions, now.positions, atol=1e-5)
+    assert np.allclose(agent._traces.reshape(16, -1), np.asarray(rollout.seen)[-1, :, columns:], rtol=1e-5)
+
+
+def test_the_critic_alone_sees_what_is_told(day: TaskSpec, tmp_path: Path) -> None:
+    learner = Learner.of(day, tiny(day, tmp_path, MEMORY))
+    learning = learner.begin(jax.random.key(0))
+    after, _ = jax.jit(learner.update)(learning, jax.random.key(1), 0.0)
+    inputs = len(day.observed()) + 6
+    assert after.weights["actor"][0][0].shape[0] == inputs
+    assert after.weights["critic"][0][0].shape[0] == inputs + 2
+    assert 5.0 < float(after.told.mean[0]) < 40.0, "tAir [degC]"
+
+
+def test_without_steering_the_network_gives_the_action(day: TaskSpec, tmp_path: Path) -> None:
+    learner = Learner.of(day, tiny(day, tmp_path, "  steer: false\n"))
+    action, _ = learner._act(jax.numpy.array([[-2.0, -0.5, 0.0, 0.5, 1.0, 2.0]]), jax.numpy.zeros((1, 6)))
+    assert np.array_equal(action, [[-1.0, -0.5, 0.0, 0.5, 1.0, 1.0]])
+
+
+def test_machines_that_are_off_or_on_are_not_steered() -> None:
+    task = get_task("SpringEnergy-v1")
+    steps = dict(zip(task.actuation.controls, steps_of_controls(task), strict=True))
+    assert {name for name, step in steps.items() if step == 0.0} == set(task.on_off) != set()
+    assert set(steps.values()) == {0.0, task.actuation.max_change}
+
+
 def test_statistics_of_parts_are_those_of_the_whole() -> None:
     rows = np.random.default_rng(0).normal(3.0, 2.0, (60, 4)).astype(np.float32)
     found = Statistics.begun(4)
@@ -134,6 +192,8 @@ def test_statistics_of_parts_are_those_of_the_whole() -> None:
     assert np.allclose(found.mean, rows.mean(0), atol=1e-5)
     assert np.allclose(found.variance, rows.var(0), rtol=1e-5)
     assert found.count == 60
+    recent = found.with_rows(jax.numpy.asarray(rows[:10] + 100.0), at_most=1e-3)
+    assert np.allclose(recent.mean, rows[:10].mean(0) + 100.0, atol=0.1), "what came before hardly counts"
 
 
 def test_impossible_settings_are_refused_in_words(day: TaskSpec, tmp_path: Path) -> None:
@@ -141,6 +201,7 @@ def test_impossible_settings_are_refused_in_words(day: TaskSpec, tmp_path: Path)
         "  batch_size: 50\n": "'batch_size: 50' does not divide the 192 steps of a rollout",
         "  first_env_seed: 666\n": "666 is not a seed for training",
         "  learning_rat: 1e-3\n": "There is no setting 'learning_rat'. Did you mean 'learning_rate'",
+        "  memory: {hours: [1, -4]}\n": "time constants are positive numbers of hours, not 1, -4",
         "  normalize: {rewards: false}\n": "always normalises observations and rewards",
     }.items():
         with pytest.raises(TrainingError, match=words):
@@ -150,12 +211,15 @@ def test_impossible_settings_are_refused_in_words(day: TaskSpec, tmp_path: Path)
         TrainingError, match=r"'accrual' or 'critic_sees': test/Day-v1 has no quantity or state 'cBug'.*'cBuf'"
     ):
         Learner.of(day, settings)
+    settings = tiny(day, tmp_path, "  memory: {hours: [1], columns: [co3]}\n")
+    with pytest.raises(TrainingError, match=r"'memory\.columns': test/Day-v1 shows no column 'co3'.*'co2'"):
+        Learner.of(day, settings)
 
 
 @pytest.mark.parametrize("name", ["Spring-v1", "Schiphol2010-Delta10-v1"])
 def test_the_shipped_settings_hold_for_shipped_tasks(name: str) -> None:
     task = get_task(name)
-    settings = read_compiled_settings(None, task, steps=5_000)
+    settings = read_compiled_settings(None, task, steps=10_000)
     assert settings.updates == 2
     assert min(settings.seeds) >= 10_000_000_000
     if name == "Spring-v1":
