@@ -1062,6 +1062,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("from 20,000,000,000 on", "definition: glbench/training/settings.py"),
         ("from 30,000,000,000 on", "definition: glbench/training/season_search.py"),
         ("from 40,000,000,000 on", "definition: glbench/evaluation/trajectories.py"),
+        ("the seed 10,000,000,000 + 1,000,000 `seed`", "tests/training/test_make_vec_env.py holds it"),
         ("below 4,294,977,295", "definition: glbench/tasks/spec.py"),
         ("at most 10,000 runs", "definition: glbench/tasks/spec.py"),
         ("| `first_env_seed` | 10,000,000,000 |", "definition: glbench/training/settings.py"),
