@@ -1,4 +1,4 @@
-"""``glbench episodes``: look at records, turn them into tables, rescue what a killed writer left, make more of them."""
+"""``glbench episodes``: look at records, turn them into tables and datasets, rescue what a killed writer left, make more of them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from rich.text import Text
 
 from glbench.cli.console import messages, output, put, table, tell
 from glbench.cli.dispatch import dispatch
-from glbench.cli.options import Episodes, RoundFile, round_of
+from glbench.cli.leaving import INTERRUPTED, tell_interrupted
+from glbench.cli.options import Episodes, OneTask, RoundFile, Sandbox, SandboxChoice, round_of
+from glbench.cli.progress import Bar
+from glbench.cli.train import needs_the_extra, the_task
 from glbench.errors import EpisodeError
 
 if TYPE_CHECKING:
@@ -42,10 +45,66 @@ def info(
 
 @app.command()
 def export(
-    file: File,
-    to: Annotated[Path, typer.Option("--to", help="File to write: .parquet or .csv.")],
+    what: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="FILE | AGENT...", help="An episode record (.mcap); with --minari agents, as for glbench evaluate."
+        ),
+    ],
+    to: Annotated[Path | None, typer.Option("--to", help="File to write of an episode: .parquet or .csv.")] = None,
+    minari: Annotated[
+        str | None,
+        typer.Option(
+            "--minari", metavar="DATASET", help="Minari dataset to write of agents, such as glbench/spring/mixed-v0."
+        ),
+    ] = None,
+    task: OneTask = None,
+    runs: Annotated[int, typer.Option("--runs", "-n", min=1, help="Seasons of each agent.")] = 10,
+    noise: Annotated[
+        float,
+        typer.Option(
+            "--noise",
+            min=0.0,
+            max=2.0,
+            help="Standard deviation of noise on the agents' actions, in halves of their range.",
+        ),
+    ] = 0.0,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", help="Seed of the first season, 10,000,000,000 or more. Default: 40,000,000,000."),
+    ] = None,
+    author: Annotated[str | None, typer.Option("--author", help="Author of the dataset, for its metadata.")] = None,
+    email: Annotated[
+        str | None, typer.Option("--author-email", help="Address of the author, for its metadata.")
+    ] = None,
+    permalink: Annotated[
+        str | None, typer.Option("--code-permalink", help="Address of the code that made the agents, for its metadata.")
+    ] = None,
+    sandbox: SandboxChoice = Sandbox.AUTO,
 ) -> None:
-    """Write an episode as a table, one row a step: Parquet (with units) or CSV (floats that read back to the same bits)."""
+    """Write an episode as a table, or seasons of agents as a dataset to learn from.
+
+    FILE --to TABLE writes one row a step: Parquet (with units) or CSV (floats that read back to the same bits).
+
+    AGENT... --minari DATASET runs agents on the training split of a task (of the paper's tasks, which have none, on seeds that no task is
+    scored with) and writes what a learner in the Gymnasium environment would have seen, done and earned. docs/offline.md tells more.
+    """
+    if (to is None) == (minari is None):
+        msg = "Name the table to write of an episode (--to season.parquet), or the dataset to write of agents (--minari NAME-v0)."
+        raise EpisodeError(msg)
+    if to is not None:
+        if len(what) != 1:
+            msg = f"A table is written of one episode; {len(what)} are named. Export them one by one."
+            raise EpisodeError(msg)
+        _write_table(Path(what[0]), to)
+        return
+    assert minari is not None
+    about = {"author": author, "author_email": email, "code_permalink": permalink}
+    given = {name: value for name, value in about.items() if value is not None}
+    _write_dataset(minari, what, task, runs, noise, seed, given, sandbox)
+
+
+def _write_table(file: Path, to: Path) -> None:
     from glbench.episodes import read
     from glbench.resources import write_atomically
 
@@ -60,6 +119,55 @@ def export(
         frame.to_parquet(buffer)
         write_atomically(to, buffer.getvalue())
     tell(f"Written: {to} ({len(frame)} steps, {frame.shape[1]} columns)")
+
+
+def _write_dataset(
+    dataset: str,
+    agents: list[str],
+    task: str | None,
+    runs: int,
+    noise: float,
+    seed: int | None,
+    about: dict[str, str],
+    sandbox: Sandbox,
+) -> None:
+    with needs_the_extra("minari"):
+        import minari  # noqa: F401
+    from glbench.evaluation import protect
+    from glbench.evaluation.minari_dataset import write_dataset
+    from glbench.evaluation.trajectories import FIRST_SEED
+
+    chosen = the_task(task)
+    protected = [protect(agent, sandbox.value) for agent in agents]
+    total, done = runs * len(agents) * chosen.steps, 0
+    first = FIRST_SEED if seed is None else seed
+    with Bar("running", total, "{task.completed:,.0f} of {task.total:,.0f} steps", time_left=True) as bar:
+
+        def moved(steps: int) -> None:
+            nonlocal done
+            done += steps
+            if bar.is_time():
+                bar.move(done)
+
+        try:
+            written = write_dataset(
+                dataset, chosen, protected, runs, noise=noise, first_seed=first, about=about, progress=moved
+            )
+        except KeyboardInterrupt:
+            tell_interrupted("No dataset was written.")
+            raise typer.Exit(INTERRUPTED) from None
+    from glbench.leaderboard.catalogue import catalogue
+
+    score = catalogue(chosen).score
+    view = table(None, "agent", "seasons", score.words, right=("seasons", score.words))
+    for agent in protected:
+        earned = [season.reward for season in written.seasons if season.agent == agent.agent.name]
+        view.add_row(agent.agent.name, str(len(earned)), score.number(sum(earned) / len(earned)))
+    output().print(view)
+    tell(
+        f"Written: {written.folder} ({written.steps:,} steps, {written.size / 1e6:.1f} MB). "
+        f'Next: minari.load_dataset("{dataset}")'
+    )
 
 
 @app.command()

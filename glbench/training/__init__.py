@@ -1,7 +1,7 @@
 """Training of agents, the tuning of rules and policies, and the export of what was trained to files that need numpy alone.
 
-The only room that knows PyTorch, Stable-Baselines3 (extra ``train``) and, besides ``glbench.jax``, JAX (extra ``jax``); nothing but the
-command line imports it. Each kind of training loads what it needs itself. See docs/training.md.
+The only room that knows PyTorch, Stable-Baselines3 (extra ``train``) and, besides ``glbench.jax``, JAX (extra ``jax``); nothing else in
+glbench but the command line imports it. Each kind of training loads what it needs itself. See docs/training.md.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from glbench.training.run import train
     from glbench.training.settings import TrainingSettings, read_settings, shipped_settings
     from glbench.training.trained import Trained
+    from glbench.training.vec_env import make_vec_env
 else:
     __getattr__ = late_names(
         __name__,
@@ -23,6 +24,7 @@ else:
             "run": ("train",),
             "settings": ("TrainingSettings", "read_settings", "shipped_settings"),
             "trained": ("Trained",),
+            "vec_env": ("make_vec_env",),
         },
     )
 
@@ -32,6 +34,7 @@ __all__ = [
     "Progress",
     "Trained",
     "TrainingSettings",
+    "make_vec_env",
     "read_settings",
     "shipped_settings",
     "train",

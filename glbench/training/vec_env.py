@@ -8,15 +8,19 @@ than any policy has learnt to stand. Here a column is divided by 1, and shown as
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from glbench.env import GreenhouseVectorEnv, Snapshot
+from glbench.env.kernels import check_kernel
+from glbench.env.spaces import task_of_environment
+from glbench.errors import GlbenchError, whole_number
 from glbench.kernel import make_kernel
 from glbench.training.settings import FIRST_TRAINING_SEED
 from glbench.training.steady import Floats, Mask, varies
@@ -26,6 +30,8 @@ if TYPE_CHECKING:
 
 
 _SCALAR_ATTRIBUTES = {"render_mode": None}
+_SEEDS, _SEEDS_APART = 10_000, 1_000_000
+"""How many seeds ``make_vec_env`` knows, below those of evaluations during a training; and how far apart their seasons begin."""
 
 
 class TrainingVecEnv(VecEnv):
@@ -47,12 +53,20 @@ class TrainingVecEnv(VecEnv):
         Seed of row 0's first episode; from ``FIRST_TRAINING_SEED`` on, no task is scored with any of them.
     kernel_preset
         ``"fast"`` (for training) or ``"reference"`` (what scores are made with).
+    workers
+        Cores that share the rows, to the same bits.
     """
 
     def __init__(
-        self, task: TaskSpec, n_envs: int, *, first_seed: int = FIRST_TRAINING_SEED, kernel_preset: str = "fast"
+        self,
+        task: TaskSpec,
+        n_envs: int,
+        *,
+        first_seed: int = FIRST_TRAINING_SEED,
+        kernel_preset: str = "fast",
+        workers: int = 1,
     ) -> None:
-        kernel = make_kernel(task.model_value, task.step_seconds, preset=kernel_preset)
+        kernel = make_kernel(task.model_value, task.step_seconds, preset=kernel_preset, workers=workers)
         self.environment = GreenhouseVectorEnv(task, n_envs, kernel=kernel, autoreset_mode="Disabled")
         self.first_seed = first_seed
         self.simulator_seconds = 0.0
@@ -138,11 +152,57 @@ class TrainingVecEnv(VecEnv):
         raise AttributeError(msg)
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """Never: rows are no environments of their own. Episode sums come as a ``Monitor`` would give them."""
-        return [False] * self._count(indices)
+        """Whether a ``Monitor`` is asked for, whose episode sums the infos have; rows are no environments that others could wrap."""
+        return [wrapper_class is Monitor] * self._count(indices)
 
     def _count(self, indices: Any) -> int:
         return len(list(self._get_indices(indices)))
+
+
+def make_vec_env(
+    task: TaskSpec | str,
+    n_envs: int = 64,
+    *,
+    seed: int = 0,
+    kernel: str = "fast",
+    workers: int = 1,
+    split: str | None = None,
+    overrides: Mapping[str, Any] | None = None,
+) -> TrainingVecEnv:
+    """``n_envs`` greenhouses of a task as one ``VecEnv``, for scripts of your own with Stable-Baselines3.
+
+    It takes the place of Stable-Baselines3's own ``make_vec_env``, which steps its environments one after another; here all of them are one
+    call of the kernel. Infos of ended episodes have what a ``Monitor`` writes, so that none is needed.
+
+    Parameters
+    ----------
+    task
+        Id (with or without Gymnasium's ``glbench:`` before it), path of a task file, or the task itself.
+    n_envs
+        Number of greenhouses.
+    seed
+        Which seasons they meet: season j of greenhouse i, both counted from 0, has the seed 10,000,000,000 + 1,000,000 ``seed``
+        + j ``n_envs`` + i. No task is scored with any of them. The seed that the algorithm is given has no part in it.
+    kernel
+        ``"fast"`` or ``"standard"`` for training, ``"reference"`` for what scores are made with.
+    workers
+        Cores that share the greenhouses, to the same bits.
+    split, overrides
+        As for ``glbench.env.GreenhouseEnv``: the training split, unless another is named.
+
+    Raises
+    ------
+    GlbenchError
+        For an unknown task, split or preset, and for impossible numbers.
+    """
+    if not 0 <= whole_number(seed, "The seed") < _SEEDS:
+        msg = f"The seed is a whole number from 0 to {_SEEDS - 1:,}; got {seed}."
+        raise GlbenchError(msg)
+    named = task.removeprefix("glbench:") if isinstance(task, str) else task
+    chosen = task_of_environment(named, split, overrides)
+    check_kernel(kernel, chosen)
+    first_seed = FIRST_TRAINING_SEED + _SEEDS_APART * seed
+    return TrainingVecEnv(chosen, n_envs, first_seed=first_seed, kernel_preset=kernel, workers=workers)
 
 
 class ColumnStatistics(RunningMeanStd):

@@ -980,6 +980,10 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("absorb up to 1.031", "tests/model/test_optics.py holds it"),
         ("1.028 at the start of the published tasks, where it is 0.89", "tests/model/test_optics.py holds it"),
     ],
+    "docs/offline.md": [
+        ("40,000,000,000 unless given", "definition: glbench/evaluation/trajectories.py"),
+        ("5,760 steps with 50 columns, takes 1.2 MB", "tests/evaluation/test_offline_page.py holds it"),
+    ],
     "docs/report.md": [
         ("95 % intervals", "definition"),
         ("2,000 samples", "definition: the page's script"),
@@ -1057,6 +1061,8 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("from 10,000,000,000 on", "definition: glbench/training/settings.py"),
         ("from 20,000,000,000 on", "definition: glbench/training/settings.py"),
         ("from 30,000,000,000 on", "definition: glbench/training/season_search.py"),
+        ("from 40,000,000,000 on", "definition: glbench/evaluation/trajectories.py"),
+        ("the seed 10,000,000,000 + 1,000,000 `seed`", "tests/training/test_make_vec_env.py holds it"),
         ("below 4,294,977,295", "definition: glbench/tasks/spec.py"),
         ("at most 10,000 runs", "definition: glbench/tasks/spec.py"),
         ("| `first_env_seed` | 10,000,000,000 |", "definition: glbench/training/settings.py"),

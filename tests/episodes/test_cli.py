@@ -81,6 +81,35 @@ def test_export_wants_to_know_the_format(episode_file, tmp_path):
     assert isinstance(done.exception, EpisodeError)
 
 
+@pytest.mark.parametrize("more", [(), ("--to", "table.csv", "--minari", "day-v0")])
+def test_export_wants_to_know_what_to_write(episode_file, more):
+    done = run("episodes", "export", episode_file, *more)
+    assert isinstance(done.exception, EpisodeError)
+    assert "--to" in str(done.exception)
+    assert "--minari" in str(done.exception)
+
+
+def test_a_table_is_of_one_episode(episode_file, tmp_path):
+    done = run("episodes", "export", episode_file, episode_file, "--to", tmp_path / "table.csv")
+    assert isinstance(done.exception, EpisodeError)
+    assert not (tmp_path / "table.csv").exists()
+
+
+def test_agents_are_exported_as_a_dataset_of_each_its_seasons(write_agent, tmp_path, monkeypatch):
+    minari = pytest.importorskip("minari", reason="Minari is not installed (extra 'minari')")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    agents = write_agent(RANDOM, "wavy"), "rule_based_fair"
+    done = run("episodes", "export", *agents, "--minari", "day-v0", "--task", write_day_task(tmp_path), "--runs", "2",
+               "--noise", "0.1", "--seed", "50_000_000_000", "--author", "A. Grower")  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "wavy" in done.stdout
+    assert "96 steps" in done.stderr
+    dataset = minari.load_dataset("day-v0")
+    seeds = [one["seed"] for one in dataset.storage.get_episode_metadata(range(4))]
+    assert seeds == list(range(50_000_000_000, 50_000_000_004))
+    assert dataset.storage.metadata["author"] == {"A. Grower"}
+
+
 def test_recover_says_how_many_steps_are_lost(episode_file, tmp_path):
     torn = tmp_path / "torn.mcap"
     torn.write_bytes(episode_file.read_bytes()[:-24000])
