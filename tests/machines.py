@@ -21,7 +21,7 @@ from pathlib import Path
 import glbench
 from glbench.resources import cache_folder, user_data_folder
 
-_PATIENCE_SECONDS = 240.0
+_PATIENCE_SECONDS = 400.0
 _CHECKOUT = Path(glbench.__file__).resolve().parents[1]
 _START = """
 import time
@@ -69,7 +69,8 @@ class Machines:
         kept = {name: value for name, value in os.environ.items() if not name.startswith(("GLBENCH_", "RAY_"))}
         self._ray = {
             "RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32), "RAY_ENABLE_UV_RUN_RUNTIME_ENV": "0",
-            "RAY_enable_worker_prestart": "0", "RAY_health_check_period_ms": "500", "RAY_health_check_initial_delay_ms": "1000",
+            "RAY_enable_worker_prestart": "0", "RAY_worker_niceness": "0",
+            "RAY_health_check_period_ms": "500", "RAY_health_check_initial_delay_ms": "1000",
             "RAY_agent_register_timeout_ms": "300000", "RAY_worker_register_timeout_seconds": "300", "OMP_NUM_THREADS": "1",
         }  # fmt: skip
         self.environment = {
@@ -129,7 +130,7 @@ class Machines:
     def _logs(self) -> str:
         return "\n".join((self.folder / f"{name}.log").read_text(errors="replace")[-600:] for name in self._running)
 
-    def python(self, *arguments: str, timeout: float = 300.0) -> subprocess.CompletedProcess[str] | None:
+    def python(self, *arguments: str, timeout: float = 900.0) -> subprocess.CompletedProcess[str] | None:
         """Run Python on the machine of the command; ``None`` when it takes too long."""
         try:
             return subprocess.run(
