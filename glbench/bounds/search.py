@@ -16,9 +16,10 @@ from glbench.bounds.replay import Earned
 from glbench.bounds.workers import Listener, Order, here, on_ray
 from glbench.control import Scenario
 from glbench.env import Simulation, StepResult
-from glbench.episodes.definition import definition_json
 from glbench.errors import GlbenchError
 from glbench.evaluation import prepare
+from glbench.evaluation.engines.cluster import Cluster
+from glbench.evaluation.engines.luggage import PackedTask
 
 if TYPE_CHECKING:
     from glbench.evaluation import Progress, Protected
@@ -57,6 +58,8 @@ class Search:
         Iterations of ``glbench.control.plan_season``.
     workers
         Number of processes.
+    address
+        Of the Ray cluster, if that plans; without one, a cluster is started on this machine.
     """
 
     task: TaskSpec
@@ -65,6 +68,7 @@ class Search:
     folder: Path
     iterations: int = 35
     workers: int = 1
+    address: str | None = None
     groups: tuple[tuple[int, ...], ...] = field(init=False)
     """Seeds of the runs; runs with identical conditions are grouped together."""
 
@@ -103,11 +107,8 @@ class Search:
         if not left:
             return []
         controls = begun(self.task, self.start, [seeds[0] for seeds in left], progress)
-        definition, name = definition_json(self.task), self.start.agent.name
-        return [
-            Order(definition, self.task.split or "", self.task.digest, seeds, u, name, self.iterations)
-            for seeds, u in zip(left, controls, strict=True)
-        ]
+        task, name = PackedTask.of(self.task), self.start.agent.name
+        return [Order(task, seeds, u, name, self.iterations) for seeds, u in zip(left, controls, strict=True)]
 
     def run(
         self, orders: Sequence[Order], *, engine: str = "local", listener: Listener | None = None
@@ -122,7 +123,11 @@ class Search:
         if engine not in _ENGINES:
             msg = f"There is no engine '{engine}'. It is one of {', '.join(_ENGINES)}."
             raise GlbenchError(msg)
-        for order, given in on_ray(orders, self.workers) if engine == "ray" else here(orders, self.workers, listener):
+        if engine == "ray":
+            planned = on_ray(orders, Cluster(self.address, self.workers), self.task, listener)
+        else:
+            planned = here(orders, self.workers, listener)
+        for order, given in planned:
             if isinstance(given, str):
                 yield Found(order.seeds, None, reason=given)
                 continue

@@ -17,12 +17,12 @@ from glbench import __version__
 from glbench.agents.plans import PlanBook
 from glbench.bounds.replay import replayed
 from glbench.control import Iteration, Scenario, plan_season
-from glbench.episodes.definition import task_of
 from glbench.errors import GlbenchError
-from glbench.evaluation.engines.ray import RayEngine
+from glbench.evaluation.engines.cluster import LOOK_SECONDS, TRIES, Cluster, Teller, board_of, in_words, one_thread
+from glbench.evaluation.engines.luggage import Luggage, PackedTask
+from glbench.tasks import TaskSpec
 
 METHOD = "sequential convex programming"
-_LOOK_SECONDS = 0.5
 
 Listener = Callable[[int, Iteration], None]
 """Called after every iteration, with the seed of the plan."""
@@ -32,24 +32,17 @@ Listener = Callable[[int, Iteration], None]
 class Order:
     """Everything a worker needs to plan the runs with ``seeds``, which have identical conditions."""
 
-    definition: bytes
-    split: str
-    digest: str
+    task: PackedTask
     seeds: tuple[int, ...]
     controls: NDArray[np.float64]
     start: str
     iterations: int
-    version: str = __version__
 
 
 def planned(order: Order, listener: Listener | None = None) -> PlanBook | str:
     """A book with the ordered plan, or a message saying why there is none."""
     try:
-        task = task_of(order.definition)
-        task = task.in_split(order.split) if order.split else task
-        if (order.version, order.digest) != (__version__, task.digest):
-            return "The worker has another glbench or another version of the task than this machine."
-        seed = order.seeds[0]
+        task, seed = order.task.unpacked(), order.seeds[0]
         plan = plan_season(
             Scenario.of(task, seed),
             order.controls,
@@ -74,7 +67,7 @@ def here(orders: Sequence[Order], workers: int, listener: Listener | None) -> It
         running = {pool.submit(_planned_there, order): order for order in orders}
         waiting = set(running)
         while waiting:
-            done, waiting = wait(waiting, timeout=_LOOK_SECONDS, return_when=FIRST_COMPLETED)
+            done, waiting = wait(waiting, timeout=LOOK_SECONDS, return_when=FIRST_COMPLETED)
             _listen(told, listener)
             yield from ((running[one], one.result()) for one in done)
     except BaseException:  # whoever interrupts does not want to wait for the plans under way
@@ -85,21 +78,38 @@ def here(orders: Sequence[Order], workers: int, listener: Listener | None) -> It
         pool.shutdown(cancel_futures=True)
 
 
-def on_ray(orders: Sequence[Order], workers: int) -> Iterator[tuple[Order, PlanBook | str]]:
-    """Plan on a Ray cluster started on this machine with ``workers`` cores, or on the cluster at ``RAY_ADDRESS``."""
+def on_ray(
+    orders: Sequence[Order], cluster: Cluster, task: TaskSpec, listener: Listener | None
+) -> Iterator[tuple[Order, PlanBook | str]]:
+    """Plan on a Ray cluster; a plan whose worker is lost is made again on another one."""
     if not orders:
         return
-    with RayEngine(cores=workers).cluster() as ray:
-        work = ray.remote(num_cpus=1)(planned)
-        running = {work.remote(order): order for order in orders}
+    luggage = Luggage.of([task], for_plans=True)
+    with cluster.connected() as ray:
+        work, board, files = ray.remote(num_cpus=1, max_retries=TRIES)(_planned_on_ray), board_of(ray), ray.put(luggage)
+        running = {work.remote(order, files, board): order for order in orders}
         while running:
-            for one in ray.wait(list(running), num_returns=1)[0]:
+            ready, _ = ray.wait(list(running), num_returns=1, timeout=LOOK_SECONDS)
+            news = ray.get(board.news.remote([str(order.seeds[0]) for order in running.values()]))
+            if listener is not None:
+                for seed, one in news.items():
+                    for iteration in one.events:
+                        listener(int(seed), iteration)
+            for one in ready:
                 order = running.pop(one)
                 try:
                     given = ray.get(one)
                 except Exception as error:  # of Ray: a worker that was lost
-                    given = f"The worker failed: {str(error).splitlines()[0]}"
+                    given = str(in_words(error))
                 yield order, given
+
+
+def _planned_on_ray(order: Order, luggage: Luggage, board: Any) -> PlanBook | str:
+    one_thread()
+    luggage.unpack()
+    teller = Teller(board, str(order.seeds[0]))
+    teller.begin()  # which left nothing: a plan takes minutes, and is made anew
+    return planned(order, lambda _seed, iteration: teller.tell(iteration))
 
 
 _TOLD: list[Any] = []

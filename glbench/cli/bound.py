@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,7 +10,7 @@ import typer
 
 from glbench.cli.console import messages, output, print_warning, put, say, table, tell
 from glbench.cli.leaving import INTERRUPTED, tell_interrupted
-from glbench.cli.options import EngineName, Sandbox, SandboxChoice, Workers
+from glbench.cli.options import Address, EngineName, Sandbox, SandboxChoice, Workers, check_address
 from glbench.cli.progress import Bar
 from glbench.errors import GlbenchError
 
@@ -59,6 +60,7 @@ def bound(
     engine: Annotated[
         EngineName, typer.Option("--engine", help="Where to plan: on this machine, or on a Ray cluster.")
     ] = EngineName.LOCAL,
+    address: Address = None,
     workers: Workers = None,
 ) -> None:
     """Search for the best plan for each run of a task, with everything known: draws and weather to come.
@@ -73,7 +75,9 @@ def bound(
         _submit(submit)
     else:
         assert task is not None
-        _search(_the_search(task, scenario, split, start, iterations, out, sandbox, workers), engine)
+        check_address(address, engine)
+        search = _the_search(task, scenario, split, start, iterations, out, sandbox, workers)
+        _search(replace(search, address=address), engine)
 
 
 def _the_search(
@@ -154,10 +158,7 @@ def _planned(search: Search, engine: EngineName, left: int) -> Iterator[Found]:
             done += 1
             bar.move(done, words=f"seed {seed}: {iteration.reward:,.2f}")
 
-        for number, found in enumerate(search.run(orders, engine=engine.value, listener=listen), 1):
-            if engine is EngineName.RAY:
-                bar.move(number * search.iterations)
-            yield found
+        yield from search.run(orders, engine=engine.value, listener=listen)
 
 
 def _said(found: Found) -> str:

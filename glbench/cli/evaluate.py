@@ -18,6 +18,7 @@ from glbench.cli.console import harmless, messages, output, print_warning, say, 
 from glbench.cli.leaving import INTERRUPTED, leaving_at_once, tell_interrupted
 from glbench.cli.options import (
     REPORTS,
+    Address,
     AsJson,
     EngineName,
     Episodes,
@@ -25,6 +26,7 @@ from glbench.cli.options import (
     Sandbox,
     SandboxChoice,
     Workers,
+    check_address,
     round_of,
 )
 from glbench.cli.progress import Bar
@@ -95,12 +97,7 @@ def evaluate(
         EngineName,
         typer.Option("--engine", help="Where evaluations run: local, or ray (a Ray cluster; needs glbench[ray])."),
     ] = EngineName.LOCAL,
-    address: Annotated[
-        str | None,
-        typer.Option(
-            "--address", help="Address of a Ray cluster, such as auto. Default: one is started on this machine."
-        ),
-    ] = None,
+    address: Address = None,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Evaluate again even if the result is there, and forget unfinished work.")
     ] = False,
@@ -157,10 +154,8 @@ def evaluate(
 def _engine(name: EngineName, address: str | None, workers: int | None) -> Engine:
     from glbench.evaluation.engines import LocalEngine
 
+    check_address(address, name)
     if name is EngineName.LOCAL:
-        if address is not None:
-            msg = "--address is that of a Ray cluster: add --engine ray."
-            raise GlbenchError(msg)
         return LocalEngine()
     from glbench.evaluation.engines.ray import RayEngine
 

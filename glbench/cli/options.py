@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from glbench.errors import GlbenchError
+
 if TYPE_CHECKING:
     from glbench.tasks import Round
 
@@ -36,6 +38,10 @@ Out = Annotated[Path, typer.Option("--out", "-o", help="Folder with results/ in 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
 Workers = Annotated[
     int | None, typer.Option("--workers", "-w", min=1, help="Cores to work with; changes no number. Default: all.")
+]
+Address = Annotated[
+    str | None,
+    typer.Option("--address", help="Address of a Ray cluster, such as auto. Default: one is started on this machine."),
 ]
 Episodes = Annotated[
     str,
@@ -71,6 +77,19 @@ Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all that is ra
 Resume = Annotated[
     bool, typer.Option("--resume", help="Go on from the last checkpoint; nothing is lost but the minutes after it.")
 ]
+
+
+def check_address(address: str | None, engine: EngineName) -> None:
+    """Refuse an address without a cluster.
+
+    Raises
+    ------
+    GlbenchError
+        That says what is missing.
+    """
+    if address is not None and engine is not EngineName.RAY:
+        msg = "--address is that of a Ray cluster: add --engine ray."
+        raise GlbenchError(msg)
 
 
 def round_of(file: Path | None) -> Round | None:

@@ -12,8 +12,18 @@ from typer.core import TyperGroup
 
 from glbench.cli.console import messages, output, say, table, tell
 from glbench.cli.leaving import INTERRUPTED, tell_interrupted
-from glbench.cli.options import Config, OneTask, Resume, Seed, TrainingFolder
+from glbench.cli.options import (
+    Address,
+    Config,
+    EngineName,
+    OneTask,
+    Resume,
+    Seed,
+    TrainingFolder,
+    check_address,
+)
 from glbench.cli.progress import Bar
+from glbench.cli.seeds import Where, on_cluster, seeds_of, train_with_seeds
 from glbench.errors import TrainingError
 
 if TYPE_CHECKING:
@@ -50,6 +60,18 @@ def train(
         bool, typer.Option("--wandb", help="Log to Weights & Biases too (WANDB_MODE=offline needs no account).")
     ] = False,
     tensorboard: Annotated[bool, typer.Option(help="Write files for TensorBoard.")] = True,
+    seeds: Annotated[
+        str | None,
+        typer.Option("--seeds", help="A training for each of these seeds: 0-4, or 0,1,7-9. What was begun goes on."),
+    ] = None,
+    engine: Annotated[
+        EngineName, typer.Option("--engine", help="With --seeds, where to train: here, or on a Ray cluster.")
+    ] = EngineName.LOCAL,
+    address: Address = None,
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", "-w", min=1, help="With --seeds: trainings at a time. Default: all cores."),
+    ] = None,
 ) -> None:
     """Train an agent on a task, keep its best policy, and tell how it was made.
 
@@ -58,9 +80,17 @@ def train(
     """
     from glbench.training.compiled_settings import is_compiled
 
+    check_address(address, engine)
+    if seeds is None and (engine is EngineName.RAY or workers is not None):
+        msg = "--engine ray and --workers are for trainings of several seeds: add --seeds 0-4."
+        raise TrainingError(msg)
+    if seeds is not None and wandb:
+        msg = "--wandb logs one training: give --seed instead of --seeds."
+        raise TrainingError(msg)
     chosen = the_task(task)
+    several = None if seeds is None else (seeds_of(seeds), Where(engine is EngineName.RAY, address, workers))
     if algorithm == "ppo" and is_compiled(config, chosen):
-        _train_compiled(chosen, config, steps, out, seed=seed, resume=resume, wandb=wandb, named=task)
+        _train_compiled(chosen, config, steps, out, several, seed=seed, resume=resume, wandb=wandb, named=task)
         return
     with needs_the_extra("train"):
         from glbench.training import algorithms as a
@@ -73,11 +103,18 @@ def train(
     a.check_settings(settings)
     total, rollout = a.steps_to_make(settings, chosen.steps), a.rollout_steps(settings, chosen.steps)
     rounded = "" if total == settings.n_timesteps else f" ({settings.n_timesteps:,} in whole rollouts of {rollout:,})"
+    which = f"seed {seed}, in {folder}" if seeds is None else f"seeds {seeds}"
     say(
         messages(),
         f"Training [bold]{algorithm}[/bold] on [bold]{chosen.id}[/bold]: {total:,} steps{rounded}, "
-        f"{settings.n_envs} greenhouses, seed {seed}, in {folder}",
+        f"{settings.n_envs} greenhouses, {which}",
     )
+    if several is not None:
+        from glbench.training import train as training
+
+        folders = _folders(out, f"{a.short_name(algorithm)}-{chosen.short_id}", several[0])
+        train_with_seeds(training, chosen, settings, folders, several[1], tensorboard=tensorboard)
+        return
     trained = _trained(chosen, settings, folder, seed=seed, resume=resume, wandb=wandb, tensorboard=tensorboard)
     if trained.already_done:
         messages().print("Already trained with these settings. More steps: --steps N --resume.")
@@ -251,7 +288,14 @@ def sweep(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder of study and trials. Default: sweeps/NAME.")
     ] = None,
-    workers: Annotated[int, typer.Option("--workers", "-w", min=1, help="Trials at a time, a core each.")] = 1,
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", "-w", min=1, help="Trials at a time, a core each. Default: 1; on Ray all cores."),
+    ] = None,
+    engine: Annotated[
+        EngineName, typer.Option("--engine", help="Where trials are trained: here, or on a Ray cluster.")
+    ] = EngineName.LOCAL,
+    address: Address = None,
     wandb: Annotated[
         bool, typer.Option("--wandb", help="Let Weights & Biases choose the trials (needs an account).")
     ] = False,
@@ -261,6 +305,7 @@ def sweep(
         from glbench.training.sweep import read_search
         from glbench.training.sweep import sweep as run_sweep
         from glbench.training.wandb_log import wandb_sweep
+    check_address(address, engine)
     search = read_search(config)
     folder = out or Path("sweeps") / config.stem
     messages().print(
@@ -269,15 +314,29 @@ def sweep(
         soft_wrap=True,
     )
     if wandb:
+        if engine is EngineName.RAY:
+            msg = "--wandb trains on this machine: leave out --engine."
+            raise TrainingError(msg)
         wandb_sweep(search, folder)
         return
-    score = _words(the_task(search.task)).score
+    chosen = the_task(search.task)
+    score = _words(chosen).score
     try:
-        trials = run_sweep(search, folder, workers=workers, report=lambda trial: _say_trial(trial, score))
+        with contextlib.ExitStack() as stack:
+            cluster, at_once = None, workers or 1
+            if engine is EngineName.RAY:
+                cluster, at_once = stack.enter_context(on_cluster(Where(True, address, workers), [chosen]))
+            trials = run_sweep(
+                search, folder, workers=at_once, report=lambda trial: _say_trial(trial, score), cluster=cluster
+            )
     except KeyboardInterrupt:
         tell_interrupted("Trials that ended are kept: the same command goes on.")
         raise typer.Exit(INTERRUPTED) from None
     _print_trials(trials, score)
+
+
+def _folders(out: Path | None, name: str, seeds: list[int]) -> dict[int, Path]:
+    return {seed: (out or Path("runs")) / f"{name}-seed{seed}" for seed in seeds}
 
 
 def _train_compiled(
@@ -285,26 +344,32 @@ def _train_compiled(
     config: Path | None,
     steps: int | None,
     out: Path | None,
+    several: tuple[list[int], Where] | None,
     *,
     seed: int,
     resume: bool,
     wandb: bool,
     named: str | None,
 ) -> None:
-    """Train with the compiled PPO."""
+    """Train with the compiled PPO; ``several`` seeds instead of ``seed``, and where."""
     with needs_the_extra("jax"):
         from glbench.training.compiled import train_compiled
         from glbench.training.compiled_settings import read_compiled_settings
         from glbench.training.folder import LEARNER
 
     settings = read_compiled_settings(config, task, steps)
-    folder = out or Path("runs") / f"ppo-{task.short_id}-seed{seed}"
+    name = f"ppo-{task.short_id}"
+    folder = out or Path("runs") / f"{name}-seed{seed}"
     total = settings.updates * settings.rollout
+    which = f"seed {seed}, in {folder}" if several is None else f"seeds {', '.join(map(str, several[0]))}"
     say(
         messages(),
         f"Training [bold]ppo[/bold] on [bold]{task.id}[/bold]: {total:,} steps in rollouts of {settings.rollout:,}, "
-        f"{settings.n_envs} greenhouses, seed {seed}, in {folder}",
+        f"{settings.n_envs} greenhouses, {which}",
     )
+    if several is not None:
+        train_with_seeds(train_compiled, task, settings, _folders(out, name, several[0]), several[1])
+        return
     trained = _watched(
         lambda listeners: train_compiled(task, settings, folder, seed=seed, resume=resume, listeners=listeners),
         _TrainingBar(total, task),

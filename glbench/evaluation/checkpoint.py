@@ -132,6 +132,23 @@ def discard(folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)
 
 
+def take_over(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Make ``files``, a checkpoint from another machine, the one in ``folder``; it is whole or not used, whenever a kill comes.
+
+    A disk that is full stops the checkpoints and not the evaluation.
+    """
+    try:
+        for name in sorted(files, key=lambda name: name == _SNAPSHOT):  # which needs the others
+            file = folder / name
+            if not file.is_file() or file.read_bytes() != files[name]:
+                write_atomically(file, files[name])
+        for _, _, path in _pieces(folder):
+            if path.name not in files:
+                path.unlink(missing_ok=True)
+    except (GlbenchError, OSError) as error:
+        logger.warning("The checkpoint of a worker was not kept: %s", error)
+
+
 def _pieces(folder: Path) -> list[tuple[int, int, Path]]:
     """First step, step after the last, and path of every piece of the dialogue, in order."""
     found = []

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import cache
 from pathlib import Path
 from typing import Protocol
@@ -106,10 +107,14 @@ def built_libraries(model: Model, *, for_plans: bool = False) -> dict[str, Path]
     """Files of the compiled libraries of ``model`` in this user's cache; ``for_plans`` they are built first, derivatives included.
 
     By the names that they need in the folder that the variable ``GLBENCH_KERNELS`` names for another process, which then takes them.
+    A process that was lent some itself passes these on.
     """
+    from glbench.kernel.compiled.library import LENT
     from glbench.kernel.compiled.stepper import built_libraries
 
-    return built_libraries(model, for_plans=for_plans)
+    lent = os.environ.get(LENT)
+    passed_on = {file.name: file for file in Path(lent).glob("*.*")} if lent else {}
+    return {**built_libraries(model, for_plans=for_plans), **passed_on}
 
 
 @cache

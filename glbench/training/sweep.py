@@ -10,7 +10,9 @@ import math
 import multiprocessing
 import shutil
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -40,6 +42,8 @@ from glbench.training.settings import (
 
 if TYPE_CHECKING:
     import optuna
+
+    from glbench.training.cluster import ClusterTrainer
 
 
 Choice = bool | int | float | str
@@ -228,12 +232,20 @@ def base_settings(search: Search) -> TrainingSettings:
     return read_settings(file, search.algorithm, get_task(search.task).id)
 
 
-def sweep(search: Search, folder: Path, *, workers: int = 1, report: Report | None = None) -> list[TrialReport]:
+def sweep(
+    search: Search,
+    folder: Path,
+    *,
+    workers: int = 1,
+    report: Report | None = None,
+    cluster: ClusterTrainer | None = None,
+) -> list[TrialReport]:
     """Run the search in ``folder`` until it has all its trials; what is there already counts, and is continued.
 
     A trial that a kill interrupted does not count, and another one takes its place; one that failed counts. What a trial draws
     follows from the search's seed and the trial's number: a search that is continued, and several workers, try no choice twice by
-    that. With several workers the course of a search depends on who is faster; each trial by itself is reproducible.
+    that. With several workers the course of a search depends on who is faster; each trial by itself is reproducible. On a
+    ``cluster`` trials are trained, ``workers`` at a time; the study and the trials' folders are here.
 
     Returns
     -------
@@ -263,14 +275,16 @@ def sweep(search: Search, folder: Path, *, workers: int = 1, report: Report | No
                     report(_report_of(ended))
 
     left = max(search.total - len(told), 0)
-    if workers == 1:
+    shares = [share for share in (left // workers + (worker < left % workers) for worker in range(workers)) if share]
+    if cluster is not None:
+        _work_elsewhere(search, folder, shares, tell, cluster)
+    elif workers == 1:
         try:
             _work(search, folder, left, tell)
         except _Interrupted:
             raise KeyboardInterrupt from None
     else:
-        shares = [left // workers + (worker < left % workers) for worker in range(workers)]
-        _work_together(search, folder, [share for share in shares if share], tell)
+        _work_together(search, folder, shares, tell)
     trials = [_report_of(trial) for trial in study.get_trials(states=_ENDED)]
     if trials and all(trial.state == "fail" for trial in trials):
         msg = f"All {len(trials)} trials of the search in {folder} failed, the last one so: {trials[-1].reason}"
@@ -286,16 +300,25 @@ class _Pruning(Listener):
     """Tells the study how a trial goes, and stops it when the study says so."""
 
     def __init__(self, trial: optuna.Trial, last_step: int) -> None:
-        self._trial, self._last_step = trial, last_step
+        self._trial, self._last_step, self._reported = trial, last_step, -1
 
     def on_evaluation(self, point: CurvePoint) -> None:
-        """Report; raise when the trial is to be pruned, unless it is at its end."""
+        """Report; raise when the trial is to be pruned, unless it is at its end. What a lost worker has told is not told again."""
+        if point.steps <= self._reported:
+            return
+        self._reported = point.steps
         self._trial.report(point.result.reward, point.steps)
         if point.steps < self._last_step and self._trial.should_prune():
             raise optuna.TrialPruned
 
 
-def _work(search: Search, folder: Path, share: int, *tell: Callable[[optuna.Study, FrozenTrial], None]) -> None:
+def _work(
+    search: Search,
+    folder: Path,
+    share: int,
+    *tell: Callable[[optuna.Study, FrozenTrial], None],
+    cluster: ClusterTrainer | None = None,
+) -> None:
     settings, task = base_settings(search), get_task(search.task)
 
     def objective(trial: optuna.Trial) -> float:
@@ -304,7 +327,8 @@ def _work(search: Search, folder: Path, share: int, *tell: Callable[[optuna.Stud
         choices = {name: parameter.suggest(trial, name) for name, parameter in search.parameters.items()}
         place = folder / f"trial-{trial.number:04d}"
         try:
-            trained = train(
+            do = train if cluster is None else partial(cluster.train, train, asks=search.prune)
+            trained = do(
                 task,
                 with_choices(settings, choices, search.steps),
                 place,
@@ -319,6 +343,8 @@ def _work(search: Search, folder: Path, share: int, *tell: Callable[[optuna.Stud
         except KeyboardInterrupt:
             raise _Interrupted(130) from None
         except Exception as error:
+            if cluster is not None and cluster.stopped:
+                raise _Interrupted(130) from None
             trial.set_user_attr(_REASON, _in_a_line(error))
             raise
         finally:
@@ -346,6 +372,25 @@ def _work_together(search: Search, folder: Path, shares: list[int], tell: Callab
     if any(process.exitcode for process in others):
         msg = f"A worker of the sweep in {folder} failed; its message is above. The same command goes on."
         raise TrainingError(msg)
+
+
+def _work_elsewhere(
+    search: Search, folder: Path, shares: list[int], tell: Callable[[], None], cluster: ClusterTrainer
+) -> None:
+    """Threads that each do a share of the trials on the cluster, one after the other."""
+    if not shares:
+        return
+    with ThreadPoolExecutor(len(shares)) as threads:
+        waiting = {threads.submit(_work, search, folder, share, cluster=cluster) for share in shares}
+        try:
+            while waiting:
+                done, waiting = wait(waiting, timeout=_LOOK_SECONDS)
+                tell()
+                for future in done:
+                    future.result()
+        except BaseException:
+            cluster.stop()
+            raise
 
 
 def _in_a_line(error: Exception) -> str:

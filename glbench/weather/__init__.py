@@ -17,7 +17,7 @@ from glbench.weather.preprocessing import COLUMNS
 from glbench.weather.readers import FORMATS, read_csv, read_epw, read_tmy, read_weather
 from glbench.weather.record import QUANTITIES, Place, WeatherInfo, WeatherRecord
 from glbench.weather.series import PREPROCESSINGS, Disturbances, disturbances
-from glbench.weather.store import find_weather, list_weather, load_weather, save_weather
+from glbench.weather.store import find_weather, list_weather, load_weather, save_weather, user_file
 
 __all__ = [
     "COLUMNS",
@@ -42,4 +42,5 @@ __all__ = [
     "read_tmy",
     "read_weather",
     "save_weather",
+    "user_file",
 ]

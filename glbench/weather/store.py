@@ -115,6 +115,11 @@ def user_folder() -> Path:
     return user_data_folder() / "weather"
 
 
+def user_file(name: str) -> Path | None:
+    """File of the user's own record ``name``; ``None`` for one that is shipped."""
+    return None if name in _manifest(data_folder("weather")) else user_folder() / f"{name}.parquet"
+
+
 def save_weather(record: WeatherRecord, name: str, *, overwrite: bool = False) -> Path:
     """Store ``record`` under ``name`` in the user's data folder, whole or not at all; returns the file's path.
 

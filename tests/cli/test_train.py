@@ -92,6 +92,10 @@ def test_a_folder_of_the_compiled_learner_is_an_agent(glbench: Command, settings
     assert scored.code == 0, scored.err
     assert "Already trained" in glbench(*arguments).err
     assert "policy.npz" in glbench("export", "runs/ppo-Day-v1-seed2", "--task", "day.toml").out
+    both = glbench(*arguments[:-2], "--seeds", "2,3", "--workers", "1")
+    assert both.code in (0, 3), both.err
+    assert "seed 2: had been trained" in both.err
+    assert "seed 3: done, best" in both.err
     other = glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "runs/ppo-Day-v1-seed2")
     assert other.code == 1
     assert "another training" in other.err
@@ -266,3 +270,35 @@ def test_what_to_install_is_said_for_a_wheel_and_for_a_checkout() -> None:
         importlib.import_module("glbench_is_not_this")
     for words in ("glbench_is_not_this", '`pip install "glbench[train]"`', "`uv sync --extra train`"):
         assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--engine", "ray"), "add --seeds"),
+        (("--workers", "2"), "add --seeds"),
+        (("--seeds", "0-1", "--wandb"), "--wandb logs one training"),
+        (("--seeds", "2-1"), "'2-1' names no seeds"),
+        (("--seeds", "0-1", "--address", "auto"), "add --engine ray"),
+    ],
+)
+def test_options_that_do_not_fit_several_seeds_are_refused(
+    glbench: Command, settings: Path, options: tuple[str, ...], said: str
+) -> None:
+    answer = glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", *options)
+    assert answer.code == 1
+    assert said in answer.err
+
+
+@pytest.mark.slow
+@pytest.mark.train
+def test_several_seeds_are_trained_and_not_again(glbench: Command, settings: Path) -> None:
+    command = ("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--seeds", "0,3", "--workers", "1")
+    first, again = glbench(*command), glbench(*command)
+    assert {first.code, again.code} <= {0, 3}
+    for seed in (0, 3):
+        folder = Path("runs") / f"ppo-Day-v1-seed{seed}"
+        assert tomllib.loads((folder / "card.toml").read_text(encoding="utf-8"))["training"]["seed"] == seed
+        assert f"seed {seed}: done" in first.err
+        assert f"seed {seed}: had been trained" in again.err
+    assert "glbench evaluate runs/ppo-Day-v1-seed*" in first.out

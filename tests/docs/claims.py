@@ -954,7 +954,11 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("at 1e-6", "definition: a tolerance"),
         ("at most 0.1 a step", "definition: the controls that walk"),
     ],
-    "docs/scale.md": [("up to 3 times", "definition: engines/ray.py")],
+    "docs/scale.md": [
+        ("up to 3 times", "definition: engines/cluster.py"),
+        ("then every 20 s", "definition: engines/cluster.py"),
+        ("of more than 256 MiB", "definition: engines/cluster.py"),
+    ],
     "docs/viewing.md": [("24 h mean temperature", "definition: a quantity")],
     "docs/environment.md": [
         ("by more than 1e-6 raises", "definition: glbench/env/actuation.py"),

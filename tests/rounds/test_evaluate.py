@@ -17,6 +17,7 @@ from glbench.episodes.mcap_file import scan
 from glbench.errors import EpisodeError, ResultError, SandboxError
 from glbench.evaluation import evaluate, load_result, prepare, protect, result_path
 from glbench.evaluation.engines import Job, LocalEngine, Options
+from glbench.evaluation.engines.luggage import PackedTask
 from glbench.evaluation.engines.ray import Order, Parcel, put_together, work
 from glbench.evaluation.episodes import make_episodes, task_of_result
 from glbench.evaluation.preparing import results_folder
@@ -157,8 +158,7 @@ def test_a_worker_has_the_draws_of_the_round(tiny: TaskSpec, sealed: Path) -> No
     task = tiny.in_split("test", SECRET.secret)
     evaluation = prepare(task, "rule_based")
     order = Order(
-        definition_json(task), Parcel.of("rule_based"), evaluation.seeds, False, evaluation.protection, task.digest,
-        evaluation.agent.digest, evaluation.kernel, load_result(sealed).versions.glbench, None, None, task.sealed,
+        PackedTask.of(task), Parcel.of("rule_based"), evaluation.seeds, False, evaluation.protection, evaluation.agent.digest
     )  # fmt: skip
     assert SECRET.salt not in repr(order)
     computed = work(pickle.loads(pickle.dumps(order)), lambda _: None)
@@ -166,7 +166,7 @@ def test_a_worker_has_the_draws_of_the_round(tiny: TaskSpec, sealed: Path) -> No
     whole = put_together(evaluation, [computed])
     assert whole.result.results_digest == load_result(sealed).results_digest
     assert whole.result.task.salt_commitment == SECRET.commitment
-    without = work(dataclasses.replace(order, sealed=""), lambda _: None)
+    without = work(dataclasses.replace(order, task=dataclasses.replace(order.task, sealed="")), lambda _: None)
     assert isinstance(without, Computed)
     assert without.result.task.salt_commitment is None
 

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from glbench.episodes.definition import definition_json
+from glbench.env import Simulation
 from glbench.evaluation import Progress, prepare
+from glbench.evaluation.checkpoint import take_over
+from glbench.evaluation.engines.cluster import Board, read_files
+from glbench.evaluation.engines.luggage import Luggage, PackedTask
 from glbench.evaluation.engines.ray import Order, Parcel, Refusal, divided, may_be_divided, put_together, work
 from glbench.evaluation.preparing import Evaluation
 from glbench.evaluation.saving import Computed
-from glbench.tasks import TaskSpec
+from glbench.kernel import built_libraries, why_not_compiled
+from glbench.tasks import TaskSpec, get_task
+from glbench.weather import load_weather, save_weather
 from tests.evaluation.agent_files import AgentWriter
 from tests.support import lettuce_task
 
@@ -25,19 +31,9 @@ def act(self, observation):
 
 
 def order_of(evaluation: Evaluation, agent: Path, seeds: tuple[int, ...]) -> Order:
-    return Order(
-        definition_json(evaluation.task),
-        Parcel.of(str(agent)),
-        seeds,
-        len(seeds) < len(evaluation.seeds),
-        evaluation.protection,
-        evaluation.task.digest,
-        evaluation.agent.digest,
-        evaluation.kernel,
-        "0.1.0",
-        None,
-        None,
-    )
+    is_part = len(seeds) < len(evaluation.seeds)
+    packed = PackedTask.of(evaluation.task)
+    return Order(packed, Parcel.of(str(agent)), seeds, is_part, evaluation.protection, evaluation.agent.digest)
 
 
 def nothing(_: Progress) -> None:
@@ -93,13 +89,15 @@ def test_a_worker_that_would_compute_other_numbers_refuses(day_task: TaskSpec, w
     order = order_of(evaluation, agent, evaluation.seeds)
     for change, words in (
         ({"version": "0.0.1"}, "Install the same version"),
-        ({"task_digest": "0" * 64}, "the task has another digest there"),
-        ({"agent_digest": "0" * 64}, "another digest than it was sent with"),
+        ({"digest": "0" * 64}, "the task has another digest there"),
         ({"kernel": {"backend": "abacus"}}, "would change the numbers"),
     ):
-        refused = work(replace(order, **change), nothing)
+        refused = work(replace(order, task=replace(order.task, **change)), nothing)  # type: ignore[arg-type]
         assert isinstance(refused, Refusal)
         assert words in refused.reason
+    refused = work(replace(order, agent_digest="0" * 64), nothing)
+    assert isinstance(refused, Refusal)
+    assert "another digest than it was sent with" in refused.reason
 
 
 def test_a_folder_arrives_with_the_digest_it_was_sent_with(tmp_path: Path, write_agent: AgentWriter) -> None:
@@ -116,3 +114,71 @@ def test_a_folder_arrives_with_the_digest_it_was_sent_with(tmp_path: Path, write
         assert received is not None
         assert (received.name, received.digest) == (sent.name, sent.digest)
     assert not Path(arrived).exists()
+
+
+def test_an_order_keeps_its_split(write_agent: AgentWriter) -> None:
+    spring, agent = (
+        get_task("Spring-v1").replace(id="test/ADay-v1", weather={"days": 1}),
+        write_agent(SINGLE, single=True),
+    )
+    digests = {}
+    for split in ("validation", "test"):
+        evaluation = prepare(spring.in_split(split), agent, runs=2)
+        computed = work(order_of(evaluation, agent, evaluation.seeds), nothing)
+        assert isinstance(computed, Computed)
+        assert computed.result.task.split == split
+        digests[split] = computed.result.results_digest
+        assert digests[split] == evaluation.compute().result.results_digest
+    assert digests["validation"] != digests["test"]
+
+
+def test_weather_and_kernels_of_the_user_are_used_where_they_arrive(
+    day_task_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GLBENCH_DATA", str(tmp_path / "here"))
+    monkeypatch.setenv("GLBENCH_KERNELS", "")
+    save_weather(load_weather("schiphol"), "ours")
+    text = day_task_file.read_text(encoding="utf-8").replace('source = "schiphol"', 'source = "ours"')
+    (tmp_path / "ours.toml").write_text(text, encoding="utf-8")
+    task = get_task(tmp_path / "ours.toml")
+    Simulation(task, 1)  # its kernel is built now, if it was not
+    luggage = Luggage.of([task])
+    assert list(luggage.weather) == ["ours.parquet"]
+    assert any(name.endswith(".so") for name in luggage.kernels) == (why_not_compiled() is None)
+
+    monkeypatch.setenv("GLBENCH_CACHE", str(tmp_path / "there"))
+    monkeypatch.setenv("GLBENCH_DATA", str(tmp_path / "nothing"))
+    replace(luggage, processor=luggage.processor | {"an instruction of tomorrow"}).unpack()
+    assert load_weather("ours").digest == load_weather("schiphol").digest
+    assert os.environ["GLBENCH_KERNELS"] == "", "a kernel that this processor may not run is left alone"
+    luggage.unpack()
+    if luggage.kernels:
+        assert {name for name, _ in built_libraries(task.model_value).items()} == set(luggage.kernels)
+        folder = Path(os.environ["GLBENCH_KERNELS"])
+        assert folder.is_relative_to(tmp_path / "there")
+        assert {file.name: file.read_bytes() for file in folder.iterdir()} == luggage.kernels
+
+
+def test_a_checkpoint_from_elsewhere_takes_the_place_of_the_one_before(tmp_path: Path) -> None:
+    first = {"dialogue-00000000-00000004.npz": b"a", "dialogue-00000004-00000008.npz": b"b", "snapshot.npz": b"8"}
+    then = {"dialogue-00000000-00000004.npz": b"a", "dialogue-00000004-00000009.npz": b"c", "snapshot.npz": b"9"}
+    for files in (first, then):
+        take_over(tmp_path / "checkpoint", files)
+        assert read_files(tmp_path / "checkpoint") == files
+
+
+def test_the_board_listens_to_the_last_try_alone_and_keeps_what_the_one_before_left() -> None:
+    board = Board()
+    board.leave("job", {"a": b"1"})
+    assert board.begin("job", "first") == {"a": b"1"}
+    board.tell("job", "first", 4, ["began"], {"a": b"2"})
+    told = board.news(["job", "other"])
+    assert (told["job"].standing, told["job"].events, told["job"].files) == (4, ["began"], {"a": b"2"})
+    assert (board.news(["job"])["job"].events, board.news(["job"])["job"].files) == ([], None), "told once"
+    assert board.begin("job", "second") == {"a": b"2"}
+    board.tell("job", "first", 9, ["late"], {"a": b"3"})
+    assert board.news(["job"]) == {}
+    assert board.answers("job", "first") == [False], "a try that nobody listens to is to stop"
+    board.answer("job", "first", go_on=True)
+    board.answer("job", "second", go_on=True)
+    assert board.answers("job", "second") == [True]

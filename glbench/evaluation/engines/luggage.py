@@ -1,0 +1,149 @@
+"""What travels to another machine: a task with what both machines must have in common, and files that the other one may lack."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+from glbench import __version__
+from glbench.control.stage import judged_at_the_end
+from glbench.env.kernels import shared_kernel
+from glbench.episodes.definition import definition_json, task_of
+from glbench.errors import GlbenchError
+from glbench.kernel import built_libraries, why_not_compiled
+from glbench.resources import cache_folder, write_atomically
+from glbench.tasks import TaskSpec
+from glbench.weather import user_file
+
+_FOLDER = "travelled"
+"""Folder in the cache of a machine for what came to it."""
+_FEATURES = ("flags", "Features")
+"""How Linux calls the line with what a processor can do, on x86-64 and on AArch64."""
+
+
+@dataclass(frozen=True)
+class PackedTask:
+    """A task in one of its splits, and what would change numbers if it differed: its digest, the kernel, the version of glbench."""
+
+    definition: bytes
+    split: str
+    digest: str
+    kernel: Mapping[str, str | float]
+    version: str = __version__
+    sealed: str = field(default="", repr=False)
+    """The secret of the round, if there is one: it goes to the workers, and into nothing that they write."""
+
+    @classmethod
+    def of(cls, task: TaskSpec) -> PackedTask:
+        """Pack a task."""
+        kernel = shared_kernel(task.model_value, task.step_seconds).describe()
+        return cls(definition_json(task), task.split or "", task.digest, kernel, sealed=task.sealed)
+
+    def unpacked(self) -> TaskSpec:
+        """The task.
+
+        Raises
+        ------
+        GlbenchError
+            When this machine's numbers would be others than those of the machine that packed it.
+        """
+        if self.version != __version__:
+            msg = f"The worker has glbench {__version__}, this machine {self.version}. Install the same version on all machines."
+            raise GlbenchError(msg)
+        task = task_of(self.definition)
+        task = task.in_split(self.split, self.sealed) if self.split else task
+        if self.digest != task.digest:
+            msg = "The worker's weather, parameters or model differ from those of this machine: the task has another digest there."
+            raise GlbenchError(msg)
+        kernel = shared_kernel(task.model_value, task.step_seconds).describe()
+        if dict(self.kernel) != kernel:
+            reason = why_not_compiled(task.model_value) or f"It has {kernel}."
+            msg = f"The worker's kernel is another one than this machine's, which would change the numbers. {reason}"
+            raise GlbenchError(msg)
+        return task
+
+
+@dataclass(frozen=True)
+class Luggage:
+    """Files of this machine that its tasks need: weather that the user brought in, and the compiled kernels.
+
+    Attributes
+    ----------
+    weather, kernels
+        By the names that the files need.
+    processor
+        What the processor can do that the kernels were compiled for.
+    """
+
+    weather: Mapping[str, bytes]
+    kernels: Mapping[str, bytes]
+    processor: frozenset[str]
+
+    @classmethod
+    def of(cls, tasks: Iterable[TaskSpec], *, for_plans: bool = False) -> Luggage:
+        """What ``tasks`` need; ``for_plans`` kernels are built first, derivatives included.
+
+        Raises
+        ------
+        GlbenchError
+            When a file cannot be read, or a task's weather is not there.
+        """
+        weather, kernels = dict[str, Path](), dict[str, Path]()
+        for task in tasks:
+            for name in {task.record().name, task.season_record().name}:
+                file = user_file(name)
+                if file is not None:
+                    weather[file.name] = file
+            # Those who plan leave out the meters of violations (docs/control.md), which makes it another model.
+            for model in (task.model_value, judged_at_the_end(task).model_value):
+                kernels |= built_libraries(model, for_plans=for_plans)
+        try:
+            return cls(
+                {name: file.read_bytes() for name, file in sorted(weather.items())},
+                {name: file.read_bytes() for name, file in sorted(kernels.items())},
+                processor(),
+            )
+        except OSError as error:
+            msg = f"What the workers need cannot be packed: {error}. Check that the file exists and may be read."
+            raise GlbenchError(msg) from error
+
+    def unpack(self) -> None:
+        """Make this process use the files. Kernels are used only where the processor has all that they may use.
+
+        They lie in the cache, under their digest: the processes of a machine share them.
+        """
+        if self.weather:
+            os.environ["GLBENCH_DATA"] = str(_written({f"weather/{name}": file for name, file in self.weather.items()}))
+        if self.kernels and self.processor <= processor():
+            os.environ["GLBENCH_KERNELS"] = str(_written(self.kernels))
+
+
+def _written(files: Mapping[str, bytes]) -> Path:
+    """The folder in the cache that holds ``files``."""
+    digest = hashlib.sha256()
+    for name, content in files.items():
+        digest.update(f"{name} {hashlib.sha256(content).hexdigest()}\n".encode())
+    folder = cache_folder() / _FOLDER / digest.hexdigest()[:20]
+    for name, content in files.items():
+        file = folder / name
+        if not file.is_file() or file.read_bytes() != content:
+            write_atomically(file, content)
+    return folder
+
+
+@cache
+def processor() -> frozenset[str]:
+    """The kind of system and processor, and what the processor can do as far as the system tells."""
+    facts = {sys.platform, platform.machine()}
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:  # another system: only the very same processor will do
+        return frozenset({*facts, platform.processor(), platform.node()})
+    found = next((line for line in lines if line.startswith(_FEATURES)), "")
+    return frozenset({*facts, *found.partition(":")[2].split()})
