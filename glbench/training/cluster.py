@@ -31,7 +31,7 @@ from glbench.evaluation.engines.luggage import Luggage, PackedTask
 from glbench.evaluation.files import Scratch
 from glbench.resources import write_atomically
 from glbench.training.card import CARD, POLICY
-from glbench.training.folder import CHECKPOINT, SETTINGS, folder_lock, replaced
+from glbench.training.folder import CHECKPOINT, LEARNER, SETTINGS, folder_lock, replaced
 from glbench.training.probe import CurvePoint, Listener, Progress
 from glbench.training.trained import Trained
 
