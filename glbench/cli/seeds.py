@@ -91,7 +91,8 @@ def train_with_seeds(
     from glbench.leaderboard.catalogue import catalogue
     from glbench.training.several import train_seeds
 
-    score, ended = catalogue(task).score, dict[int, Trained]()
+    score = catalogue(task).score
+    ended: dict[int, Trained] = {}
     failed = 0
     try:
         with _trainer(where, task) as (trainer, at_once), contextlib.ExitStack() as stack:
