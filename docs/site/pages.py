@@ -19,6 +19,7 @@ MODULES = (
     "evaluation",
     "agents",
     "episodes",
+    "episodes.plots",
     "control",
     "kernel",
     "jax",
@@ -28,7 +29,7 @@ MODULES = (
     "leaderboard",
     "verification",
 )
-"""The rooms that others write programs with; the reference shows the names in their ``__all__``."""
+"""What others write programs with; the reference shows the names in their ``__all__``."""
 
 ELSEWHERE = {
     "README.md": "index.md",

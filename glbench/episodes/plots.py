@@ -26,6 +26,8 @@ except ImportError as error:
     _msg = "The pictures need matplotlib, which is not installed: pip install 'glbench[video]', or `uv sync --extra video` in a checkout."
     raise GlbenchError(_msg) from error
 
+__all__ = ["Drawing", "climate", "controls", "money", "typical_day"]
+
 COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#000000", "#f0e442")
 """Of Okabe and Ito (2008), which colour-blind readers can tell apart; the first is the first episode's."""
 _BAND = "#009e73"
@@ -37,12 +39,12 @@ class Drawing(Figure):
     """A figure that a notebook shows by itself; it belongs to no window and to no ``pyplot``."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
+        super().__init__(dpi=80.0, layout="constrained", **options)
         FigureCanvasAgg(self)
 
     def _repr_png_(self) -> bytes:
         drawn = io.BytesIO()
-        self.savefig(drawn, format="png", dpi=80, metadata={"Software": None})
+        self.savefig(drawn, format="png", metadata={"Software": None})
         return drawn.getvalue()
 
 
@@ -88,7 +90,7 @@ def money(*episodes: Episode) -> Drawing:
     signals = _of_one_task(episodes)
     pages = (*_page(signals, "Money"), *_page(signals, "Violations"))
     curves = [one for one in pages if one.unit == pages[0].unit]
-    figure = Drawing(figsize=(_WIDTH, 4.0), layout="constrained")
+    figure = Drawing(figsize=(_WIDTH, 4.0))
     panels = figure.subplots(1, len(episodes), sharey=True, squeeze=False)[0]
     for axes, episode, name in zip(panels, episodes, _names(episodes), strict=True):
         for number, curve in enumerate(curves):
@@ -117,7 +119,7 @@ def typical_day(*episodes: Episode) -> Drawing:
     curves = [*(one for one in _page(signals, "Climate") if one.limits), *_page(signals, "Controls")]
     columns = 3
     rows = -(-len(curves) // columns)
-    figure = Drawing(figsize=(_WIDTH, _ROW * rows + 0.6), layout="constrained")
+    figure = Drawing(figsize=(_WIDTH, _ROW * rows + 0.6))
     panels = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
     for axes in panels[len(curves) :]:
         axes.set_visible(False)
@@ -151,7 +153,7 @@ def _over_time(
     if not any(one.any() for one in shown):
         msg = f"The runs have no step between day {first:g} and day {last:g}; the first has {_days(episodes[0])[-1]:g} days."
         raise EpisodeError(msg)
-    figure = Drawing(figsize=(_WIDTH, _ROW * len(curves) + 0.6), layout="constrained")
+    figure = Drawing(figsize=(_WIDTH, _ROW * len(curves) + 0.6))
     panels = figure.subplots(len(curves), 1, sharex=True, squeeze=False)[:, 0]
     same = all(np.array_equal(one.times, episodes[0].times) for one in episodes)  # else their seasons differ
     for axes, curve in zip(panels, curves, strict=True):

@@ -291,6 +291,9 @@ class Result(Record):
         frame.attrs.update(task=self.task.id, agent=self.agent.name, units=dict(self.units))
         return frame
 
+    def __repr__(self) -> str:
+        return f"<Result {self.agent.name} on {self.task.id}: {self.summary.ok} of {self.summary.runs} runs ok>"
+
     def _repr_html_(self) -> str:
         """What a notebook shows: who, on what, how the runs ended, and mean and range of every metric."""
         split = f", split {self.task.split}" if self.task.split else ""
