@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, TYPE_CHECKING, Any, Self, TypeVar
+from typing import IO, TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 import numpy as np
 from google.protobuf.message import DecodeError
@@ -23,6 +23,7 @@ from glbench.episodes.mcap_file import PACKAGE, Layout, McapWriter, Part, Scan, 
 from glbench.episodes.signals import ACTION, MESSAGES, TOPICS, Column, Group, Moment
 from glbench.errors import EpisodeError, did_you_mean
 from glbench.resources import write_atomically
+from glbench.showing import html_of
 from glbench.untrusted import one_line, quoted, refuse_crowd, visible
 
 if TYPE_CHECKING:
@@ -113,23 +114,52 @@ class Episode:
         """Names of all columns."""
         return tuple(name for group in self.groups for name in group.names)
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows: what it is of, and its columns by group."""
+        facts: list[tuple[str, object]] = [
+            ("task", self.provenance.task.id),
+            ("agent", self.provenance.agent.name),
+            ("run", f"seed {self.run.seed}, {self.run.status}, {self.steps} of {self.run.steps} steps"),
+            ("from, to (UTC)", f"{str(self.times[0])[:16]}, {str(self.times[-1])[:16]}"),
+        ]
+        rows = [(group.name, ", ".join(f"{one.name} [{one.unit}]" for one in group.columns)) for group in self.groups]
+        return html_of("An episode", facts, ("group", "columns"), rows)
+
     def task(self) -> TaskSpec:
         """The task, from the definition in the record."""
         from glbench.episodes.definition import task_of
 
         return task_of(self.definition)
 
-    def to_frame(self) -> pd.DataFrame:
-        """One row a step, indexed by ``step`` from 1; ``utc_start`` and ``utc_end``, then every column.
+    def to_frame(self, by: Literal["step", "time"] = "step") -> pd.DataFrame:
+        """One row a step: ``utc_start`` and ``utc_end``, then every column.
 
         ``frame.attrs`` holds units and meanings by column, the values at step 0 under ``"start"``, and task, agent and seed.
+
+        Parameters
+        ----------
+        by
+            The index: the number of the ``"step"``, from 1, or the ``"time"`` in UTC at its end, when the climate was as the row says.
+            Controls and weather of the row act until then, from ``utc_start`` on.
+
+        Raises
+        ------
+        EpisodeError
+            When ``by`` is neither.
         """
         import pandas as pd
+
+        if by not in ("step", "time"):
+            msg = f"The rows of an episode are indexed by 'step' or by 'time'; got {by!r}."
+            raise EpisodeError(msg)
 
         columns: dict[str, Any] = {"utc_start": self.times[:-1], "utc_end": self.times[1:]}
         for group in self.groups:
             columns |= {name: self.tables[group.name][:, index] for index, name in enumerate(group.names)}
-        frame = pd.DataFrame(columns, index=pd.RangeIndex(1, self.steps + 1, name="step"))
+        index = pd.RangeIndex(1, self.steps + 1, name="step")
+        frame = pd.DataFrame(
+            columns, index=index if by == "step" else pd.DatetimeIndex(self.times[1:], tz="UTC", name="time")
+        )
         listed = [column for group in self.groups for column in group.columns]
         begun = {
             group.name: dict(zip(group.names, self.start[group.name].tolist(), strict=True))
@@ -301,15 +331,15 @@ def _nanoseconds(times: NDArray[np.datetime64]) -> NDArray[np.uint64]:
     return times.astype("datetime64[ns]").astype(np.uint64)
 
 
-def read(path: Path | str) -> pd.DataFrame:
+def read(path: Path | str, by: Literal["step", "time"] = "step") -> pd.DataFrame:
     """One episode as a table: one row a step, columns with units in ``frame.attrs["units"]``; see ``Episode.to_frame``.
 
     Raises
     ------
     EpisodeError
-        When the file is missing, cut, damaged, or no episode.
+        When the file is missing, cut, damaged, or no episode, or when ``by`` is neither ``"step"`` nor ``"time"``.
     """
-    return read_episode(path).to_frame()
+    return read_episode(path).to_frame(by)
 
 
 def read_episode(path: Path | str, *, partial: bool = False) -> Episode:

@@ -27,6 +27,7 @@ from glbench.agents.card import Split, SubmissionCard, Year
 from glbench.errors import ResultError
 from glbench.evaluation.metrics import COMMON_UNITS, MONEY_TOO, PAPER_ONLY, UNITS
 from glbench.fields import MOST_ENTRIES, Count, Text, Word
+from glbench.showing import html_of
 from glbench.untrusted import AGENT_NAME_RULE, is_agent_name
 
 if TYPE_CHECKING:
@@ -289,6 +290,23 @@ class Result(Record):
         frame = pd.DataFrame(rows, index=pd.Index([run.seed for run in self.runs], name="seed"))
         frame.attrs.update(task=self.task.id, agent=self.agent.name, units=dict(self.units))
         return frame
+
+    def __repr__(self) -> str:
+        return f"<Result {self.agent.name} on {self.task.id}: {self.summary.ok} of {self.summary.runs} runs ok>"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: who, on what, how the runs ended, and mean and range of every metric."""
+        split = f", split {self.task.split}" if self.task.split else ""
+        ended = ", ".join(f"{count} {status}" for status, count in self.summary.statuses.items())
+        facts = [("task", f"{self.task.id}{split}"), ("agent", self.agent.name), ("runs", ended)]
+        rows = [
+            (name, unit, self.summary.mean[name], min(values), max(values))
+            for name, unit in self.units.items()
+            if any(values := self.values(name))
+        ]
+        return html_of(
+            f"{self.agent.name} on {self.task.id}", facts, ("metric", "unit", "mean", "lowest", "highest"), rows
+        )
 
     def to_json(self) -> str:
         """The text of the result file: JSON, two spaces, floats in the shortest form that reads back to the same bits."""

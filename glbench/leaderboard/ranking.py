@@ -19,6 +19,7 @@ from glbench.leaderboard.estimates import Estimate, estimate_over_trainings, est
 from glbench.leaderboard.regret import BestKnownMeans, Regret, best_known_means, can_be_best_known, regret_of
 from glbench.leaderboard.seen import Seen, seen_by, what_it_should_not_have_seen
 from glbench.leaderboard.statistics import Interval, Published
+from glbench.showing import html_of
 
 Sandbox = Literal["bubblewrap", "unsandboxed", "built-in"]
 SANDBOXES = ("unknown", "unsandboxed", "bubblewrap", "built-in")
@@ -133,6 +134,18 @@ class TaskTable(Published):
         split = f"{self.split} split" if self.split not in (None, "test") else ""
         sealed = f"sealed draws, salt commitment {self.salt_commitment}" if self.salt_commitment is not None else ""
         return "; ".join(part for part in (split, sealed) if part)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the ranks by the task's metric; all metrics are in ``to_frame``."""
+        unit = next((row.units[self.metric] for row in self.rows if self.metric in row.units), "-")
+        columns = ("rank", "agent", f"{self.metric} [{unit}]", "from", "to", "runs")
+        rows = [
+            (row.rank if row.rank is not None else "–", row.agent, one.mean, one.low, one.high, row.runs)
+            for row in self.rows
+            if (one := row.estimates.get(self.metric)) is not None
+        ]
+        facts = [("task", self.of_task or self.task_id), *([("draws", self.draws)] if self.draws else [])]
+        return html_of(self.title, facts, columns, rows)
 
     @property
     def words(self) -> Catalogue:

@@ -21,8 +21,10 @@ import numpy as np
 import numpy.typing as npt
 
 from glbench.errors import GlbenchError, ParameterError, TaskError, UnknownNameError, did_you_mean
+from glbench.showing import html_of
 from glbench.tasks.ledger import (
     FLOW,
+    LIMITED,
     MONEY,
     STOCK,
     Beyond,
@@ -294,6 +296,25 @@ class TaskSpec:
     def model_dump(self, **options: Any) -> dict[str, Any]:
         """What the file says as plain values, as ``pydantic.BaseModel.model_dump`` gives them."""
         return self.file.model_dump(**options)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the task in short, and its limits."""
+        weather, days = self.weather, self.steps / self.steps_per_day
+        split = f", split {self.split}" if self.split else ""
+        where = f"{weather.source}, from {weather.start:%d %B}" + ("" if self.splits else f" {weather.start.year}")
+        facts: list[tuple[str, object]] = [
+            ("task", f"{self.id}{split}"),
+            ("weather", f"{where}, {days:g} days"),
+            ("a step", f"{self.step_seconds / 60:g} min, {self.steps} steps"),
+            ("model", self.model_id),
+            ("observed", f"{sum(1 for _ in self.observed())} columns: {', '.join(self.observation.modules)}"),
+            ("actions", f"{self.actuation.kind}: {', '.join(action.name for action in self.actions)}"),
+            ("earned", ", ".join(item.name for item in self.ledger.earned)),
+            ("paid", ", ".join(item.name for item in self.ledger.paid)),
+            ("runs", len(self.evaluation.seeds)),
+        ]
+        limits = [(name, LIMITED[name], one.low, one.high) for name, one in self.constraints.items()]
+        return html_of(self.title, facts, ("limits", "unit", "low", "high"), limits)
 
     @property
     def short_id(self) -> str:

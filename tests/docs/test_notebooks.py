@@ -113,17 +113,74 @@ def the_money(names: dict[str, Any]) -> None:
     assert (cold["cost_heat"] > cold["revenue_harvest"] + cold["revenue_growth"]).all()
 
 
-def committed_table_is_computed(cell: str, table: Any, *, within: float = 0.0, share: float = 0.0) -> None:
-    """The table in the notebook shows the numbers of this run."""
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.skipif("compiled" not in available(), reason="no compiled kernel here")
+def test_first_agent_runs_and_says_what_holds() -> None:
+    """Colder air earns more profit and costs more penalty; the best score lies in between."""
+    names = executed("first_agent.ipynb")
+    assert names["task"].split == "validation"
+    assert names["result"].summary.ok == 2
+    table = names["table"]
+    assert (np.diff(table["epi"]) < 0.0).all()
+    assert (np.diff(table["penalty"]) < 0.0).all()
+    assert 0 < table["reward"].to_numpy().argmax() < len(table) - 1
+    committed_table_is_computed("change", table, notebook="first_agent.ipynb", within=0.03, index=1)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.skipif("compiled" not in available(), reason="no compiled kernel here")
+def test_own_task_runs_and_says_what_holds() -> None:
+    """Dear heat hurts, a bright roof pays, with right sensors the limits are kept better; the file is the task."""
+    names = executed("own_task.ipynb")
+    table, agents = names["table"], ("rule_based_tuned", "my_agent")
+    for agent in agents:
+        usual, dear, right, bright = (table.loc[(name, agent)] for name in names["tasks"])
+        assert dear["reward"] < usual["reward"] < bright["reward"]
+        assert bright["revenue_growth"] + bright["revenue_harvest"] > usual["revenue_growth"] + usual["revenue_harvest"]
+        assert right["penalty"] < usual["penalty"]
+    assert names["spring_2009"].season_years == (2009,)
+    assert names["get_task"](names["file"]).digest == names["spring_2009"].digest
+    shown = table[["epi", "penalty", "reward"]]
+    committed_table_is_computed("run", shown, notebook="own_task.ipynb", within=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.skipif("compiled" not in available(), reason="no compiled kernel here")
+def test_read_a_season_runs_and_says_what_holds() -> None:
+    """The rules light and move much, the tuned ones do not; the electricity is most of the difference in profit."""
+    names = executed("read_a_season.ipynb")
+    assert names["task"].split == "validation"
+    usual, tuned = (names["seasons"][name] for name in ("rule_based", "rule_based_tuned"))
+    assert tuned["cost_electricity"].sum() < 0.01 < usual["cost_electricity"].sum()
+    assert usual["cost_electricity"].sum() > 0.5 * (tuned["epi"].sum() - usual["epi"].sum()) > 0.0
+    moved = [one[["uBoil", "uVent", "uCo2"]].diff().abs().sum().sum() for one in (usual, tuned)]
+    assert moved[0] > 3.0 * moved[1]
+    assert names["season"].index.name == "time"
+    assert names["units"]["heat"] == "kWh m-2"
+
+
+def committed_table_is_computed(
+    cell: str,
+    table: Any,
+    *,
+    notebook: str = "predictive_control.ipynb",
+    within: float = 0.0,
+    share: float = 0.0,
+    index: int = 0,
+) -> None:
+    """The table in the notebook shows the numbers of this run, after ``index`` columns of numbers that name the rows."""
     (shown,) = (
         "".join(output["data"]["text/plain"])
-        for found in code_cells("predictive_control.ipynb")
+        for found in code_cells(notebook)
         if found["id"] == cell
         for output in found["outputs"]
         if "text/html" in output.get("data", {})
     )
     rows = [re.findall(r"-?\d+\.\d+(?=\s|$)", line) for line in shown.splitlines()]
-    numbers = np.array([[float(number) for number in row] for row in rows if row])
+    numbers = np.array([[float(number) for number in row[index:]] for row in rows if row])
     assert numbers == pytest.approx(table.to_numpy(), abs=within + 5e-4, rel=share)
 
 
