@@ -60,9 +60,10 @@ def train_compiled(
     Raises
     ------
     TrainingError
-        When ``folder`` holds something else, or a training that was begun and is not to be resumed; when the learner diverges.
+        When ``folder`` holds something else, or a training that was begun and is not to be resumed; when the learner diverges, or the
+        compiled kernel cannot step the task.
     TaskError
-        When the task has a test alone, or the compiled kernel cannot step it.
+        When the task has a test alone.
     """
     task.check_training()
     with folder_lock(folder), jax.default_device(jax.devices("cpu")[0]):

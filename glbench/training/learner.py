@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.errors import TrainingError, UnknownNameError, did_you_mean
+from glbench.errors import TaskError, TrainingError, UnknownNameError, did_you_mean
 from glbench.jax import Environment, State
 
 if TYPE_CHECKING:
@@ -135,9 +135,7 @@ class Learner:
         Raises
         ------
         TrainingError
-            When the settings name a column, a quantity or a state that the task does not have.
-        TaskError
-            When the compiled kernel cannot step the task.
+            When the settings name a column, a quantity or a state that the task does not have, or the compiled kernel cannot step the task.
         """
         names = [column.name for column in task.observed()]
         least = np.full(len(names), _LEAST, np.float32)
@@ -163,6 +161,9 @@ class Learner:
             )
         except UnknownNameError as error:
             msg = f"'accrual' or 'critic_sees': {error}"
+            raise TrainingError(msg) from error
+        except TaskError as error:
+            msg = f"{error} Or train with Stable-Baselines3, which does: glbench train stable_baselines3.PPO --task {task.id}"
             raise TrainingError(msg) from error
         return cls(
             settings,

@@ -226,3 +226,11 @@ def test_the_shipped_settings_hold_for_shipped_tasks(name: str) -> None:
         assert settings.accrual is not None
         price = 1.6 / 0.065 * 1e-6  # EUR for a mg of carbohydrate, as fresh fruit
         assert settings.accrual.price == pytest.approx(0.45 * price, rel=0.01)
+
+
+def test_what_the_compiled_kernel_cannot_step_is_referred_to_stable_baselines3(day: TaskSpec, tmp_path: Path) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("glbench.jax.door.why_not_compiled", lambda model: "there is no compiler")
+        patch.setattr("glbench.jax.door.CompiledEnvironments", type("None", (), {}))
+        with pytest.raises(TrainingError, match=r"there is no compiler.*glbench train stable_baselines3\.PPO"):
+            Learner.of(day, tiny(day, tmp_path))
