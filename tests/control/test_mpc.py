@@ -332,10 +332,11 @@ def test_the_agent_survives_sensors_that_hang() -> None:
     assert agent._controller.plan.shape[0] == 1
 
 
-def test_a_task_that_cannot_be_planned_for_says_why() -> None:
+@pytest.mark.parametrize("task_id", ["Lettuce-v1", "WinterLED-v1", "SpringEnergy-v1"])
+def test_a_task_that_cannot_be_planned_for_says_why(task_id: str) -> None:
     agent = PredictiveAgent(settings("mpc"))
-    with pytest.raises(SubmissionError, match="no end value for the model of glbench/Lettuce-v1"):
-        agent.reset(task_card(get_task("Lettuce-v1")), 1)
+    with pytest.raises(SubmissionError, match=f"no end value for the model of glbench/{task_id}"):
+        agent.reset(task_card(get_task(task_id)), 1)
 
 
 def test_settings_that_are_none_are_refused(tmp_path: Path) -> None:

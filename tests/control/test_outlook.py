@@ -80,6 +80,25 @@ def test_the_calendar_is_that_of_the_run(task_id: str) -> None:
             np.testing.assert_allclose(found[run], calendars[run][k : k + 97], rtol=0, atol=1e-9)
 
 
+def test_of_a_market_the_calendar_has_what_the_clock_says_and_not_the_prices_that_are_shown() -> None:
+    given = watched("WinterLED-v1")
+    outlook = Outlook(given.task, climatology("WinterLED-v1"))
+    outlook.reset(2)
+    outlook.update(given.seen[0])
+    column = 2 + list(given.task.price_tables).index("power")
+    shown = [one.name for one in given.task.observed()].index("price_power")
+    found = outlook.ahead(96).calendar
+    true = np.array([Scenario.of(given.task, seed).calendar[:97] for seed in given.seeds])
+    market = given.task.price_tables["power"].market
+    assert market is not None
+    hours = found[..., 0].astype(int) % 24
+    by_day = [market.level * (np.array(market.shape)[hours] + weekend) for weekend in (0.0, market.weekend)]
+    assert np.min([np.abs(found[..., column] - price) for price in by_day], axis=0).max() < 1e-9
+    assert given.seen[0][:, shown] == pytest.approx(true[:, 0, column], rel=1e-6)
+    assert (np.abs(found - true)[..., column].mean(axis=1) > 0.01).all()  # EUR kWh-1
+    assert np.abs(np.delete(found - true, column, axis=-1)).max() < 1e-9
+
+
 def test_summer_time_begins_in_the_calendar_too() -> None:
     task = get_task("SpringMismatch-v1").replace(
         {"id": "my/March-v1", "weather.start": "2010-03-26", "weather.days": 4, "scenario.start_within_days": 0}

@@ -20,6 +20,7 @@ SHORT = {
     "Lettuce-v1": 5,
     "Schiphol2010-Delta10-v1": 12,
     "Schiphol2010Code-Delta10-v1": 2,
+    "WinterLED-v1": 2,
 }
 """Days of the runs."""
 

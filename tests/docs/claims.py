@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from docs import accuracy_table, realism_figure, weather_table
+from docs import accuracy_table, realism_figure, realism_setpoints, weather_table
 from glbench.env.accounts import make_accounts
 from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
@@ -394,6 +394,11 @@ def heat_ratios(*names: str) -> tuple[float, ...]:
     return tuple(compared()[name].heat_ratio for name in names)
 
 
+def other_set_points(change: str, what: str = "heat") -> float:
+    """By how much other set points change heat or fruit [%], of docs/measurements/realism-setpoints.json."""
+    return realism_setpoints.change(realism_setpoints.read(), change, what)
+
+
 CLAIMS: dict[str, list[Claim]] = {
     "docs/benchmark-design.md": [
         ("best agent, {} numbers, replayed", lambda: TASK.steps * len(TASK.actuation.controls)),
@@ -425,6 +430,20 @@ CLAIMS: dict[str, list[Claim]] = {
         (
             "than was picked ({} to {} times)",
             lambda: low_high([house.harvest_ratio for house in compared().values()]),
+        ),
+        ("deficit is about {} % relative humidity at 19", lambda: 100.0 * 0.5 / float(humidity_deficit(19.0, 0.0))),
+        (
+            "lower takes {} % off, and half a gram more adds {} %",
+            lambda: (-other_set_points("more_humid"), other_set_points("drier")),
+        ),
+        ("by 1 K moves it by only {} or {} %", lambda: (-other_set_points("colder"), other_set_points("warmer"))),
+        (
+            "earlier or later by {} or {} %",
+            lambda: (other_set_points("vents_earlier"), -other_set_points("vents_later")),
+        ),
+        (
+            "by at most {} %; they are not why",
+            lambda: max(abs(other_set_points(name, "fruit")) for name in realism_setpoints.CHANGES),
         ),
     ],
     "docs/control.md": [
@@ -813,6 +832,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("which carries 63 % of", "definition: glbench/model/parameters.csv"),
         ("with 6.24 g of dry mass", "definition: glbench/realism/settings.toml"),
         ("62.5 are grown", "source: the archive"),
+        ("a change of 0.5 g m⁻³", "definition: docs/realism_setpoints.py"),
     ],
     "docs/benchmark-design.md": [
         ("every 15 minutes", "definition: the control step"),

@@ -9,6 +9,7 @@ from docs import (
     accuracy_table,
     estimator_table,
     realism_figure,
+    realism_setpoints,
     speed_figure,
     uncertainty_figures,
     weather_table,
@@ -62,6 +63,20 @@ def test_the_page_of_realism_holds_what_was_compared() -> None:
     assert realism_figure.filled(page, comparison) == page
     assert comparison.digest == realism.model().digest, "the model has changed: compare anew"
     assert comparison.settings == read_settings()
+
+
+def test_the_table_of_other_set_points_holds_what_was_simulated() -> None:
+    page, found = (DOCS / "realism.md").read_text(encoding="utf-8"), realism_setpoints.read()
+    assert realism_setpoints.filled(page, found) == page
+    assert found["digest"] == realism.model().digest, "the model has changed: simulate anew"
+    assert found["settings"] == read_settings().model_dump()
+    sums, house = found["changes"][realism_setpoints.ASSUMED], realism_figure.measured().houses
+    same = next(one for one in house if one.name == found["house"])
+    assert sums["heat_ratio"] == round(same.heat_ratio, 4), "as glbench validate has it"
+    closest = min(one["heat_rmse"] for one in found["changes"].values())
+    assert closest > realism_figure.measured().heat_spread, (
+        "no row is as close to single days as growers are to each other"
+    )
 
 
 def test_the_page_of_uncertainty_holds_the_sizes_of_its_task() -> None:
