@@ -187,6 +187,7 @@ def test_train_and_beat_the_rules_runs_and_says_what_holds() -> None:
     parts = ahead[[name for name in ahead if name.startswith("of it")]]
     assert parts.sum(axis=1).to_numpy() == pytest.approx(ahead["from profit"].to_numpy())
     assert (ahead["of it electricity"] > 0.5 * ahead["from profit"]).all()
+    assert (ahead["of it electricity"] > -ahead["of it fruit"]).all()
     means = runs["reward"].groupby(level="agent").mean()
     assert means["rule_based_tuned"] > means["small-ppo"]
 
