@@ -175,7 +175,9 @@ def test_train_and_beat_the_rules_runs_and_says_what_holds() -> None:
     assert shipped.n_timesteps == 5 * names["settings"].n_timesteps
     assert sum(shipped.net_arch) > sum(names["settings"].net_arch)
     assert names["settings"].accrual == shipped.accrual
-    assert {"policy.npz", "card.toml", "learning_curve.csv"} <= {file.name for file in names["trained"].folder.iterdir()}
+    assert {"policy.npz", "card.toml", "learning_curve.csv"} <= {
+        file.name for file in names["trained"].folder.iterdir()
+    }
     curve = names["curve"].set_index("steps")["reward"]
     assert curve.iloc[0] < -20.0
     assert curve.iloc[len(curve) // 2] - curve.iloc[0] > 0.9 * (curve.max() - curve.iloc[0])
