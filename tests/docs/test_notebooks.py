@@ -162,6 +162,38 @@ def test_read_a_season_runs_and_says_what_holds() -> None:
     assert names["units"]["heat"] == "kWh m-2"
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.skipif("compiled" not in available(), reason="no compiled kernel here")
+def test_train_and_beat_the_rules_runs_and_says_what_holds() -> None:
+    """The policy learns and beats the paper's rules in every run, from both sides; the weights may differ between machines."""
+    pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
+    names = executed("train_and_beat_the_rules.ipynb")
+    assert names["task"].split == "training"
+    assert names["validation"].split == "validation"
+    shipped = names["read_compiled_settings"](None, names["task"])
+    assert shipped.n_timesteps == 5 * names["settings"].n_timesteps
+    assert sum(shipped.net_arch) > sum(names["settings"].net_arch)
+    assert names["settings"].accrual == shipped.accrual
+    assert {"policy.npz", "card.toml", "learning_curve.csv"} <= {
+        file.name for file in names["trained"].folder.iterdir()
+    }
+    curve = names["curve"].set_index("steps")["reward"]
+    assert curve.iloc[0] < -20.0
+    assert curve.iloc[len(curve) // 2] - curve.iloc[0] > 0.9 * (curve.max() - curve.iloc[0])
+    assert not set(names["settings"].evaluation.seeds(names["validation"])) & set(names["policy"].index)
+    runs, ahead = names["runs"], names["ahead"]
+    assert (runs["status"] == "ok").all()
+    assert len(ahead) == 4
+    assert (ahead[["score", "from profit", "from fewer violations"]] > 0.0).all(axis=None)
+    parts = ahead[[name for name in ahead if name.startswith("of it")]]
+    assert parts.sum(axis=1).to_numpy() == pytest.approx(ahead["from profit"].to_numpy())
+    assert (ahead["of it electricity"] > 0.5 * ahead["from profit"]).all()
+    assert (ahead["of it electricity"] > -ahead["of it fruit"]).all()
+    means = runs["reward"].groupby(level="agent").mean()
+    assert means["rule_based_tuned"] > means["small-ppo"]
+
+
 def committed_table_is_computed(
     cell: str,
     table: Any,
