@@ -47,7 +47,7 @@ COMPILED = ("ppo_fast", "ppo_memory")
 OF_CONTROL = ("Spring-v1", "SpringYears-v1", "SpringMismatch-v1", "Lettuce-v1")
 """Tasks with splits on which the compiled PPO is trained."""
 ERRING = ("Spring-v1",)
-"""Those where sensors err, on which it is trained with a memory as well."""
+"""Tasks whose sensors err, on which it is also trained with a memory."""
 CARD_OF_RECIPE = "card.in.toml"
 """Becomes the agent's card with the first policy: an agent without weights is none."""
 log = logging.getLogger("train_all")
@@ -66,7 +66,7 @@ class Job:
 
     @property
     def label(self) -> str:
-        """The task in the names of files: of the paper's tasks the level, such as ``delta10``."""
+        """The task in file names; for the paper's tasks the level, such as ``delta10``."""
         return self.task.removeprefix("Schiphol2010-").removesuffix("-v1").lower()
 
     @property

@@ -59,7 +59,7 @@ class Search:
     workers
         Number of processes.
     address
-        Of the Ray cluster, if that plans; without one, a cluster is started on this machine.
+        Address of the Ray cluster to plan on; without one, a cluster is started on this machine.
     """
 
     task: TaskSpec

@@ -81,7 +81,7 @@ def here(orders: Sequence[Order], workers: int, listener: Listener | None) -> It
 def on_ray(
     orders: Sequence[Order], cluster: Cluster, task: TaskSpec, listener: Listener | None
 ) -> Iterator[tuple[Order, PlanBook | str]]:
-    """Plan on a Ray cluster; a plan whose worker is lost is made again on another one."""
+    """Plan on a Ray cluster; if a worker is lost, its plan is restarted on another one."""
     if not orders:
         return
     luggage = Luggage.of([task], for_plans=True)
@@ -108,7 +108,7 @@ def _planned_on_ray(order: Order, luggage: Luggage, board: Any) -> PlanBook | st
     one_thread()
     luggage.unpack()
     teller = Teller(board, str(order.seeds[0]))
-    teller.begin()  # which left nothing: a plan takes minutes, and is made anew
+    teller.begin()  # an earlier try left nothing: a plan takes minutes, and starts again
     return planned(order, lambda _seed, iteration: teller.tell(iteration))
 
 

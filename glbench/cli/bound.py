@@ -136,7 +136,7 @@ def _search(search: Search, engine: EngineName) -> None:
             elif not messages().is_terminal:
                 tell(f"seed {one.seeds[0]}: {_said(one)}")
     except KeyboardInterrupt:
-        tell_interrupted("The plans found so far are kept; the same command goes on.")
+        tell_interrupted("The plans found so far are kept. Run the same command again to continue.")
         raise typer.Exit(INTERRUPTED) from None
     _show(search, found)
     if any(one.reason for one in found):

@@ -48,25 +48,26 @@ def export(
     what: Annotated[
         list[str],
         typer.Argument(
-            metavar="FILE | AGENT...", help="An episode record (.mcap); with --minari agents, as for glbench evaluate."
+            metavar="FILE | AGENT...",
+            help="An episode record (.mcap) or, with --minari, agents as for glbench evaluate.",
         ),
     ],
-    to: Annotated[Path | None, typer.Option("--to", help="File to write of an episode: .parquet or .csv.")] = None,
+    to: Annotated[Path | None, typer.Option("--to", help="Table to write from an episode: .parquet or .csv.")] = None,
     minari: Annotated[
         str | None,
         typer.Option(
-            "--minari", metavar="DATASET", help="Minari dataset to write of agents, such as glbench/spring/mixed-v0."
+            "--minari", metavar="DATASET", help="Minari dataset to write from agents, such as glbench/spring/mixed-v0."
         ),
     ] = None,
     task: OneTask = None,
-    runs: Annotated[int, typer.Option("--runs", "-n", min=1, help="Seasons of each agent.")] = 10,
+    runs: Annotated[int, typer.Option("--runs", "-n", min=1, help="Seasons per agent.")] = 10,
     noise: Annotated[
         float,
         typer.Option(
             "--noise",
             min=0.0,
             max=2.0,
-            help="Standard deviation of noise on the agents' actions, in halves of their range.",
+            help="Standard deviation of the noise on the agents' actions, relative to half their range.",
         ),
     ] = 0.0,
     seed: Annotated[
@@ -82,19 +83,19 @@ def export(
     ] = None,
     sandbox: SandboxChoice = Sandbox.AUTO,
 ) -> None:
-    """Write an episode as a table, or seasons of agents as a dataset to learn from.
+    """Write an episode as a table, or agents' seasons as a dataset for offline learning.
 
-    FILE --to TABLE writes one row a step: Parquet (with units) or CSV (floats that read back to the same bits).
+    FILE --to TABLE writes one row per step: Parquet (with units) or CSV (floats that read back to the same bits).
 
-    AGENT... --minari DATASET runs agents on the training split of a task (of the paper's tasks, which have none, on seeds that no task is
-    scored with) and writes what a learner in the Gymnasium environment would have seen, done and earned. docs/offline.md tells more.
+    AGENT... --minari DATASET runs agents on the training split of a task (the paper's tasks have none: there, on seeds that no task is
+    scored with) and writes what a learner in the Gymnasium environment would have seen, done and earned. See docs/offline.md.
     """
     if (to is None) == (minari is None):
-        msg = "Name the table to write of an episode (--to season.parquet), or the dataset to write of agents (--minari NAME-v0)."
+        msg = "Say what to write: a table from an episode (--to season.parquet) or a dataset from agents (--minari NAME-v0)."
         raise EpisodeError(msg)
     if to is not None:
         if len(what) != 1:
-            msg = f"A table is written of one episode; {len(what)} are named. Export them one by one."
+            msg = f"--to takes one episode; {len(what)} are named. Export them one by one."
             raise EpisodeError(msg)
         _write_table(Path(what[0]), to)
         return

@@ -41,7 +41,7 @@ Workers = Annotated[
 ]
 Address = Annotated[
     str | None,
-    typer.Option("--address", help="Address of a Ray cluster, such as auto. Default: one is started on this machine."),
+    typer.Option("--address", help="Address of a Ray cluster, such as auto. Default: start one on this machine."),
 ]
 Episodes = Annotated[
     str,
@@ -80,7 +80,7 @@ Resume = Annotated[
 
 
 def check_address(address: str | None, engine: EngineName) -> None:
-    """Refuse an address without a cluster.
+    """Refuse an address without the engine ``ray``.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def check_address(address: str | None, engine: EngineName) -> None:
         That says what is missing.
     """
     if address is not None and engine is not EngineName.RAY:
-        msg = "--address is that of a Ray cluster: add --engine ray."
+        msg = "--address is for a Ray cluster: add --engine ray."
         raise GlbenchError(msg)
 
 

@@ -1,4 +1,4 @@
-"""``glbench train --seeds``: a training for each of several seeds, in processes of this machine or on a Ray cluster."""
+"""``glbench train --seeds``: one training per seed, in processes on this machine or on a Ray cluster."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ def seeds_of(text: str) -> list[int]:
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
         if not first.isdecimal() or (dash and not last.isdecimal()) or (dash and int(last) < int(first)):
-            msg = f"--seeds {text}: '{part.strip()}' names no seeds. Give them as 0-4, or as 0,1,7-9."
+            msg = f"--seeds {text}: '{part.strip()}' names no seeds. Write 0-4, or 0,1,7-9."
             raise GlbenchError(msg)
         if int(last or first) - int(first) >= _MOST_SEEDS:
-            msg = f"--seeds {text} are more than {_MOST_SEEDS:,} seeds."
+            msg = f"--seeds {text} names more than {_MOST_SEEDS:,} seeds."
             raise GlbenchError(msg)
         seeds |= dict.fromkeys(range(int(first), int(last or first) + 1))
     return list(seeds)
@@ -56,7 +56,7 @@ def seeds_of(text: str) -> list[int]:
 
 @contextlib.contextmanager
 def on_cluster(where: Where, tasks: list[TaskSpec]) -> Iterator[tuple[ClusterTrainer, int]]:
-    """What trains on the cluster, and how much it does at once."""
+    """The trainer, and how many trainings it runs at a time."""
     from glbench.evaluation.engines.cluster import Cluster, cores_of
     from glbench.training.cluster import ClusterTrainer
 
@@ -81,7 +81,7 @@ def _trainer(where: Where, task: TaskSpec) -> Iterator[tuple[Trainer, int]]:
 def train_with_seeds(
     training: Training, task: TaskSpec, settings: Any, folders: dict[int, Path], where: Where, **options: Any
 ) -> None:
-    """Train with each seed in its folder, and tell what came out; ``training`` is any that ``glbench train`` does.
+    """Train with each seed in its folder and print the outcome; ``training`` is any function that ``glbench train`` calls.
 
     Raises
     ------
@@ -101,18 +101,18 @@ def train_with_seeds(
                 trainer, training, task, settings, folders, at_once=at_once,
                 listeners=lambda seed: [_Lines(seed, score)], **options,
             )  # fmt: skip
-            stack.enter_context(contextlib.closing(coming))  # its threads end before the cluster is left
+            stack.enter_context(contextlib.closing(coming))  # its threads end before the cluster disconnects
             for seed, trained in coming:
                 if isinstance(trained, GlbenchError):
                     failed += 1
                     print_warning(f"seed {seed}: {trained}")
                 else:
                     ended[seed] = trained
-                    was = "had been trained" if trained.already_done else "done"
+                    was = "already trained" if trained.already_done else "done"
                     tell(f"seed {seed}: {was}, best {score.said(trained.best_reward)}")
     except KeyboardInterrupt:
         tell_interrupted(
-            "The same command goes on: what is done is not done again, the rest from its last checkpoints."
+            "Run the same command again to continue: finished seeds are kept, the rest resume from their last checkpoints."
         )
         raise typer.Exit(INTERRUPTED) from None
     _show(ended, score)

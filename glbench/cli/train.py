@@ -62,7 +62,7 @@ def train(
     tensorboard: Annotated[bool, typer.Option(help="Write files for TensorBoard.")] = True,
     seeds: Annotated[
         str | None,
-        typer.Option("--seeds", help="A training for each of these seeds: 0-4, or 0,1,7-9. What was begun goes on."),
+        typer.Option("--seeds", help="Train with each of these seeds: 0-4, or 0,1,7-9. Resumes interrupted ones."),
     ] = None,
     engine: Annotated[
         EngineName, typer.Option("--engine", help="With --seeds, where to train: here, or on a Ray cluster.")
@@ -189,7 +189,7 @@ def tune_rules(
         with bar:
             found = r.tune_rules(tasks, start, settings, folder, seed=seed, listeners=[bar])
     except KeyboardInterrupt:
-        tell_interrupted("The same command goes on from the last generation.")
+        tell_interrupted("Run the same command again to continue from the last generation.")
         raise typer.Exit(INTERRUPTED) from None
     if found.already_done:
         messages().print("Already tuned with these settings. More: --seasons N.")
@@ -330,7 +330,7 @@ def sweep(
                 search, folder, workers=at_once, report=lambda trial: _say_trial(trial, score), cluster=cluster
             )
     except KeyboardInterrupt:
-        tell_interrupted("Trials that ended are kept: the same command goes on.")
+        tell_interrupted("Finished trials are kept. Run the same command again to continue.")
         raise typer.Exit(INTERRUPTED) from None
     _print_trials(trials, score)
 
@@ -380,7 +380,7 @@ def _train_compiled(
     )
     if trained.already_done:
         messages().print(
-            "Already trained with these settings. Another number of steps is another training: --steps N --out FOLDER."
+            "Already trained with these settings. A different number of steps is a different training: --steps N --out FOLDER."
         )
     _say_what_came_out(trained, task, named, how="--steps N --out FOLDER")
 

@@ -115,7 +115,7 @@ class Episode:
         return tuple(name for group in self.groups for name in group.names)
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: what it is of, and its columns by group."""
+        """What a notebook shows: task, agent and run, and the columns by group."""
         facts: list[tuple[str, object]] = [
             ("task", self.provenance.task.id),
             ("agent", self.provenance.agent.name),

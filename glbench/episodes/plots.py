@@ -1,7 +1,7 @@
-"""Ready pictures of recorded runs: the climate within its limits, the controls, the money, and a typical day.
+"""Ready-made plots of recorded runs: the climate within its limits, the controls, the money, and a typical day.
 
-Each function takes one or several episodes of one task and returns a matplotlib figure, to be changed, saved (``figure.savefig``) or shown
-by a notebook. What is drawn follows from the task, as in the viewer (``signals_of``). Needs matplotlib (the extra ``video``).
+Each function takes one or several episodes of one task and returns a matplotlib figure that can be changed, saved (``figure.savefig``) or
+shown by a notebook. The task determines what is drawn, as in the viewer (``signals_of``). Needs matplotlib (the extra ``video``).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ try:
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
     from matplotlib.figure import Figure
 except ImportError as error:
-    _msg = "The pictures need matplotlib, which is not installed: pip install 'glbench[video]', or `uv sync --extra video` in a checkout."
+    _msg = "The plots need matplotlib, which is not installed: pip install 'glbench[video]', or `uv sync --extra video` in a checkout."
     raise GlbenchError(_msg) from error
 
 __all__ = ["Drawing", "climate", "controls", "money", "typical_day"]
@@ -97,7 +97,7 @@ def money(*episodes: Episode) -> Drawing:
             label = curve.title.removesuffix(", summed")
             total = curve.columns[0] in (signals.total, signals.reward)
             style: dict[str, Any] = {"color": "black", "lw": 2.0} if total else {"color": f"C{number}", "lw": 1.2}
-            dashed = curve.columns[0] == signals.reward or number > 10  # by then the colours come again
+            dashed = curve.columns[0] == signals.reward or number > 10  # by then the colours repeat
             axes.plot(_days(episode)[1:], _values(episode, curve), label=label, ls="--" if dashed else "-", **style)
         axes.set_title(name, fontsize=9)
         axes.set_xlabel("day of the run")
@@ -108,7 +108,7 @@ def money(*episodes: Episode) -> Drawing:
 
 
 def typical_day(*episodes: Episode) -> Drawing:
-    """Climate and controls over the hours of the greenhouse's clock: the mean of all days, and between which values four of five days lie.
+    """Climate and controls over the hours of the greenhouse's clock: the mean of all days, and the range that holds four of five days.
 
     Raises
     ------
@@ -175,13 +175,13 @@ def _over_time(
 
 
 def _of_one_task(episodes: Sequence[Episode]) -> Signals:
-    """What is to be drawn of these episodes: all that each of them has."""
+    """What to draw of these episodes: everything that all of them have."""
     if not episodes:
         msg = "There is no episode to draw. Read some with glbench.episodes.read_episode."
         raise EpisodeError(msg)
     tasks = sorted({one.provenance.task.id for one in episodes})
     if len(tasks) > 1:
-        msg = f"Runs of one task can be drawn together; these are of {', '.join(tasks)}."
+        msg = f"Only runs of the same task can be drawn together; these are of {', '.join(tasks)}."
         raise EpisodeError(msg)
     signals = signals_of(episodes[0].task())
     return signals.lacking(name for name in signals.needed if any(name not in one.names for one in episodes))
@@ -210,7 +210,7 @@ def _clock(episode: Episode, signals: Signals, curve: Curve) -> NDArray[np.float
 
 
 def _names(episodes: Sequence[Episode]) -> list[str]:
-    """What each is called in a legend: its agent, and its seed where that tells more."""
+    """The name of each in a legend: its agent, and its seed where needed to tell them apart."""
     agents = [one.provenance.agent.name for one in episodes]
     seeds = {one.run.seed for one in episodes}
     return [

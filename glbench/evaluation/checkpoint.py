@@ -133,9 +133,9 @@ def discard(folder: Path) -> None:
 
 
 def take_over(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Make ``files``, a checkpoint from another machine, the one in ``folder``; it is whole or not used, whenever a kill comes.
+    """Make ``files``, a checkpoint from another machine, the one in ``folder``; if killed midway, it is either complete or not used.
 
-    A disk that is full stops the checkpoints and not the evaluation.
+    A full disk stops the checkpoints, not the evaluation.
     """
     try:
         for name in sorted(files, key=lambda name: name == _SNAPSHOT):  # which needs the others

@@ -1,6 +1,6 @@
-"""Trajectories as a dataset of `Minari <https://minari.farama.org>`_, the format that libraries for offline learning read.
+"""Trajectories as a dataset of `Minari <https://minari.farama.org>`_, the format read by libraries for offline learning.
 
-It needs the extra ``minari``. The files are Parquet, because that needs nothing that glbench does not need anyway.
+It needs the extra ``minari``. The files are Parquet, which needs no package beyond those of glbench.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def write_dataset(
 ) -> WrittenDataset:
     """Write ``runs`` seasons of each agent on the training split of ``task`` as a Minari dataset; the same arguments give the same arrays.
 
-    The dataset is there when all of it is: an interruption leaves none.
+    The dataset appears only when it is complete: an interruption leaves none.
 
     Parameters
     ----------
@@ -95,17 +95,17 @@ def write_dataset(
     Raises
     ------
     TaskError, GlbenchError
-        When what is held out would be shown; see ``check_learnable``.
+        When held-out seasons would be used; see ``check_learnable``.
     SubmissionError
         When an agent does not act, fails, or is named twice.
     EpisodeError
-        When Minari knows no such name, the dataset exists, or it cannot be written.
+        When Minari does not accept the name, the dataset exists, or it cannot be written.
     """
     check_learnable(task, first_seed, runs * len(agents))
     names = [agent.agent.name for agent in agents]
     for name in names:
         if names.count(name) > 1:
-            msg = f"The agent '{name}' is named twice. Give each file or folder a name of its own, or take more runs."
+            msg = f"The agent '{name}' is named twice. Give each file or folder its own name, or use more runs."
             raise SubmissionError(msg)
     for agent in agents:
         check_agent(task, agent, first_seed)
@@ -142,7 +142,7 @@ def _folder_of(dataset_id: str) -> Path:
     try:
         parse_dataset_id(dataset_id)
     except (TypeError, ValueError):
-        msg = f"'{dataset_id}' is no name of a Minari dataset: it needs a version at its end, such as glbench/spring/mixed-v0."
+        msg = f"'{dataset_id}' is not a valid name for a Minari dataset: it must end with a version, such as glbench/spring/mixed-v0."
         raise EpisodeError(msg) from None
     folder: Path = get_dataset_path(dataset_id)
     if folder.exists():

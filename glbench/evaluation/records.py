@@ -295,7 +295,7 @@ class Result(Record):
         return f"<Result {self.agent.name} on {self.task.id}: {self.summary.ok} of {self.summary.runs} runs ok>"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: who, on what, how the runs ended, and mean and range of every metric."""
+        """What a notebook shows: agent, task, how the runs ended, and mean and range of every metric."""
         split = f", split {self.task.split}" if self.task.split else ""
         ended = ", ".join(f"{count} {status}" for status, count in self.summary.statuses.items())
         facts = [("task", f"{self.task.id}{split}"), ("agent", self.agent.name), ("runs", ended)]

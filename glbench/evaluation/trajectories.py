@@ -1,7 +1,7 @@
 """Seasons of agents as a learner in the Gymnasium environment would have met them: observations, actions, rewards, ends.
 
-For learning from data. The seasons are those of the training split, or of seeds that no task is scored with, so that nothing held out
-can be learned from them. ``glbench.evaluation.minari_dataset`` writes them as a Minari dataset.
+For offline learning. The seasons come from the training split, or from seeds that no task is scored with, so that they reveal nothing
+that is held out. ``glbench.evaluation.minari_dataset`` writes them as a Minari dataset.
 """
 
 from __future__ import annotations
@@ -68,24 +68,24 @@ def check_learnable(task: TaskSpec, first_seed: int, seasons: int) -> None:
     Raises
     ------
     TaskError
-        When ``task`` is in another split than the training, or has none.
+        When ``task`` is in a split other than training, or has no training split.
     GlbenchError
         When a task could be scored with one of the seeds.
     """
     task.check_training()
     if task.split not in (None, "training"):
-        msg = f"{task.id} is in its {task.split} split, which is held out: data to learn from are made in the training split."
+        msg = f"{task.id} is in its {task.split} split, which is held out: datasets for learning come from the training split."
         raise TaskError(msg)
     if not _FIRST_FREE_SEED <= first_seed <= first_seed + seasons <= _LAST_SEED:
         msg = (
             f"Seeds {first_seed:,} to {first_seed + seasons - 1:,} are not for learning: tasks are scored with smaller seeds. "
-            f"Take seeds from {_FIRST_FREE_SEED:,} to {_LAST_SEED:,}."
+            f"Use seeds from {_FIRST_FREE_SEED:,} to {_LAST_SEED:,}."
         )
         raise GlbenchError(msg)
 
 
 def check_agent(task: TaskSpec, agent: Protected, seed: int) -> None:
-    """Refuse an agent that cannot begin a season of ``task``, or whose decisions are no actions of the environment.
+    """Refuse an agent that cannot begin a season of ``task``, or whose decisions are not actions of the environment.
 
     Raises
     ------
@@ -94,8 +94,8 @@ def check_agent(task: TaskSpec, agent: Protected, seed: int) -> None:
     """
     if agent.agent.acts == "controls":
         msg = (
-            f"'{agent.agent.name}' sets controls past the task's actuation: what it does is no action of the environment, and nothing can "
-            "be learned from it there. Take an agent that acts, such as rule_based_fair or rule_based_tuned."
+            f"'{agent.agent.name}' sets controls past the task's actuation: what it does is not an action of the environment, so nothing "
+            "can be learned from it there. Use an agent that acts, such as rule_based_fair or rule_based_tuned."
         )
         raise SubmissionError(msg)
     with closing(_runner(agent, task, [seed])) as runner:
@@ -110,7 +110,7 @@ def trajectories(
     noise: float = 0.0,
     progress: Callable[[int], None] | None = None,
 ) -> Iterator[Trajectory]:
-    """Seasons of ``agent`` on ``task``, one for each of ``seeds``, in their order; the same bits with any other seeds beside.
+    """Seasons of ``agent`` on ``task``, one for each of ``seeds``, in their order; the bits do not depend on the other seeds.
 
     Parameters
     ----------
@@ -118,14 +118,14 @@ def trajectories(
         Who acts where; ``check_learnable`` and ``check_agent`` say what can be learned from.
     noise
         Standard deviation of Gaussian noise on every action, in halves of its range, which belongs to the season's seed. The agent
-        sees what came of it, and the action is kept as it was taken.
+        sees its effect, and the noisy action is kept.
     progress
         Called after every step with the number of seasons that took it.
 
     Raises
     ------
     SubmissionError
-        When the agent fails: data with a broken agent are of no use.
+        When the agent fails: data from a broken agent are useless.
     """
     for first in range(0, len(seeds), _TOGETHER):
         together = list(seeds[first : first + _TOGETHER])

@@ -136,7 +136,7 @@ class TaskTable(Published):
         return "; ".join(part for part in (split, sealed) if part)
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: the ranks by the task's metric; all metrics are in ``to_frame``."""
+        """What a notebook shows: the ranks by the task's metric; ``to_frame`` has all metrics."""
         unit = next((row.units[self.metric] for row in self.rows if self.metric in row.units), "-")
         columns = ("rank", "agent", f"{self.metric} [{unit}]", "from", "to", "runs")
         rows = [

@@ -1,8 +1,8 @@
-"""Trainings on a Ray cluster: each on one core of any machine, with its folder kept up to date on this one.
+"""Trainings on a Ray cluster: each uses one core of any machine, and its folder is kept up to date on this one.
 
-The folder of a training travels to the worker, and comes back with every checkpoint and in the end. So a training whose worker is lost goes
-on from its last checkpoint on another machine, and one whose command is interrupted with the next command. What is trained is not known
-here: ``training`` is any function that trains as ``glbench.training.run.train`` does.
+The folder of a training is sent to the worker, and comes back with every checkpoint and at the end. So if a worker is lost, its training
+resumes from the last checkpoint on another machine; if the command is interrupted, the next command resumes it. This module does not know
+what is trained: ``training`` is any function with the interface of ``glbench.training.run.train``.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
 Training = Callable[..., Trained]
-"""Trains: called with task, settings and folder, and by name ``seed``, ``resume``, ``listeners`` and options of its own."""
+"""A training function: takes task, settings and folder, and by name ``seed``, ``resume``, ``listeners`` and its own options."""
 _LAST = {CHECKPOINT: 1, POLICY: 2, LEARNER: 3, CARD: 4}
-"""What is written after everything else, in this order, as a training itself does."""
+"""Files written after all others, in this order, as a training itself does."""
 _START = "policy"
 
 
@@ -54,9 +54,9 @@ class Saved:
 
 @dataclass(frozen=True)
 class Order:
-    """A training and all that it needs. ``start``: the policy that it begins with, if any, and what is told of that.
+    """A training and all that it needs. ``start``: the policy that it starts from, if any, and its card.
 
-    ``asks``: after each evaluation it waits to hear whether to go on.
+    ``asks``: after each evaluation, it waits for the answer whether to continue.
     """
 
     task: PackedTask
@@ -69,19 +69,19 @@ class Order:
 
 @dataclass(frozen=True)
 class Ended:
-    """How a training ended on a worker: ``trained``, or the ``reason`` why not, or neither where it was told to stop."""
+    """How a training ended on a worker: ``trained``, or the ``reason`` why not, or neither if it was told to stop."""
 
     files: Files
     trained: Trained | None = None
     reason: str | None = None
 
 
-class _StopTraining(Exception):  # noqa: N818  no error: somebody said so
-    """Says that a training is not to go on."""
+class _StopTraining(Exception):  # noqa: N818  a request, not an error
+    """Stops a training on request."""
 
 
 class ClusterTrainer:
-    """Trains on a cluster that is connected already; any number of threads may ask for a training each."""
+    """Trains on a cluster that is already connected; any number of threads may each ask for a training."""
 
     def __init__(self, ray: Any, tasks: Sequence[TaskSpec]) -> None:
         self._ray, self._board = ray, board_of(ray)
@@ -99,7 +99,7 @@ class ClusterTrainer:
         """Stop all trainings; threads that wait for one get a ``TrainingError``."""
         self._stopped.set()
         for reference in list(self._under_way):
-            with suppress(Exception):  # one that has ended cannot be cancelled, which is as good
+            with suppress(Exception):  # one that has ended cannot be cancelled, which is fine
                 self._ray.cancel(reference, force=True)
 
     def train(
@@ -115,12 +115,12 @@ class ClusterTrainer:
     ) -> Trained:
         """The same as ``training(task, settings, folder, listeners=listeners, **options)``, on the cluster.
 
-        ``asks``: an exception of a listener after an evaluation stops the training, and is raised; else it is raised only.
+        ``asks``: an exception of a listener after an evaluation stops the training, and is raised; otherwise it is only raised.
 
         Raises
         ------
         TrainingError
-            As ``training`` raises it; when another process works in ``folder``; when worker after worker is lost.
+            As ``training`` raises it; when another process works in ``folder``; when too many workers are lost.
         """
         start = _start_files(getattr(settings, "start_from", None))
         order = Order(PackedTask.of(task), training, settings, start, options, asks)
@@ -146,7 +146,7 @@ class ClusterTrainer:
     def _followed(
         self, reference: Any, key: str, folder: Path, listeners: Sequence[Listener], asks: bool
     ) -> tuple[Ended, Exception | None]:
-        """How a training ended, and what a listener raised to stop it; until then its news are handed on, and its folder is kept."""
+        """How a training ended, and what a listener raised to stop it; until then, pass on its news and keep its folder up to date."""
         raised: Exception | None = None
         while True:
             ready, _ = self._ray.wait([reference], timeout=LOOK_SECONDS)
@@ -175,7 +175,7 @@ class ClusterTrainer:
 
 
 def _start_files(policy: Path | None) -> Files:
-    """The policy that a training starts from, and the cards that tell of it, lying to each other as they do here.
+    """The policy that a training starts from and its cards, in the same relative places as here.
 
     Raises
     ------
@@ -195,7 +195,7 @@ def _start_files(policy: Path | None) -> Files:
 
 
 def hand_on(event: Any, listeners: Sequence[Listener]) -> None:
-    """Tell listeners what a training elsewhere has told."""
+    """Pass the news of a remote training on to listeners."""
     for listener in listeners:
         if isinstance(event, CurvePoint):
             listener.on_evaluation(event)
@@ -206,12 +206,12 @@ def hand_on(event: Any, listeners: Sequence[Listener]) -> None:
 
 
 def bring_home(folder: Path, files: Files) -> None:
-    """Make ``folder`` hold ``files``, the folder of a training elsewhere. A kill at any moment leaves one that can be gone on with."""
+    """Make ``folder`` hold ``files``, the folder of a remote training. If killed at any moment, it can still be resumed."""
     parts = dict[str, dict[str, bytes]]()
     for name, content in files.items():
         first, _, rest = name.partition("/")
         parts.setdefault(first, {})[rest] = content
-    if CARD not in parts:  # it goes on: what it was like when it ended before holds no more
+    if CARD not in parts:  # it continues: the card of its earlier end no longer applies
         (folder / CARD).unlink(missing_ok=True)
     for name in sorted(parts, key=lambda name: _LAST.get(name, 0)):
         place, part = folder / name, parts[name]
@@ -224,7 +224,7 @@ def bring_home(folder: Path, files: Files) -> None:
 
 
 class _Telling(Listener):
-    """Tells the board of a training's news, and leaves its folder with every checkpoint."""
+    """Reports a training's news to the board, and leaves its folder there with every checkpoint."""
 
     def __init__(self, teller: Teller, folder: Path, *, asks: bool) -> None:
         self._teller, self._folder, self._asks = teller, folder, asks
@@ -275,14 +275,14 @@ def _ended(order: Order, settings: Any, folder: Path, listener: Listener) -> End
         return Ended({})
     except GlbenchError as error:
         return Ended({}, reason=str(error))
-    except Exception as error:  # of a library: it may not even be known where the command runs
+    except Exception as error:  # of a library that may not even be installed where the command runs
         first = (str(error).strip().splitlines() or [""])[0]
         return Ended({}, reason=f"{type(error).__name__}: {first}")
     return Ended({}, trained)
 
 
 def _renamed(text: str, names: Mapping[str, str]) -> str:
-    """The text with the places on the worker called as they are called on the machine of the command."""
+    """The text with paths on the worker replaced by those on the machine of the command."""
     for there, here in names.items():
         text = text.replace(there, here)
     return text

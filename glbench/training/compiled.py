@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from glbench.training.compiled_settings import CompiledSettings
 
 _STEADY = 1e-4
-"""A column whose spread is less than this share of its mean does not vary."""
+"""A column whose spread is less than this share of its mean counts as constant."""
 
 
 def train_compiled(
@@ -49,21 +49,21 @@ def train_compiled(
     Parameters
     ----------
     task, settings, seed
-        What is trained. The seed is the learner's: first weights, first places, exploration, batches.
+        What to train. The seed is the learner's: first weights, first places, exploration, batches.
     folder
-        Where it is kept: the learner's state, the best policy, the learning curve, the card.
+        Where to keep the learner's state, the best policy, the learning curve and the card.
     resume
-        Go on from what ``folder`` holds, to the same bits as without the interruption; begin when it holds nothing.
+        Continue from what ``folder`` holds, with the same bits as without the interruption; begin if it holds nothing.
     listeners
         Receive progress, evaluations and saves.
 
     Raises
     ------
     TrainingError
-        When ``folder`` holds something else, or a training that was begun and is not to be resumed; when the learner diverges, or the
+        When ``folder`` holds something else, or an unfinished training without ``resume``; when the learner diverges, or the
         compiled kernel cannot step the task.
     TaskError
-        When the task has a test alone.
+        When the task has only a test split.
     """
     task.check_training()
     with folder_lock(folder), jax.default_device(jax.devices("cpu")[0]):
@@ -84,7 +84,7 @@ def train_compiled(
 
 
 class _Training:
-    """A training from its beginning or from what was kept of it."""
+    """A training, new or from its saved state."""
 
     def __init__(self, task: TaskSpec, settings: CompiledSettings, seed: int, identity: dict[str, Any]) -> None:
         self.task, self.settings, self.identity = task, settings, identity
@@ -102,7 +102,7 @@ class _Training:
         return self.updates * self.settings.rollout
 
     def update(self) -> float:
-        """A rollout and what is learnt from it; the mean reward of a step in it."""
+        """Do a rollout and learn from it; return its mean reward per step."""
         with self.history.time.spend("learning"):
             key, share = jax.random.fold_in(self._key, self.updates + 1), self.updates / self.settings.updates
             self._learning, reward = self._update(self._learning, key, share)
@@ -115,7 +115,7 @@ class _Training:
         Raises
         ------
         TrainingError
-            When its weights are no numbers any more.
+            When its weights are no longer finite.
         """
         card, learning, learner = task_card(self.task), self._learning, self._learner
         columns, layers, names = learning.columns, learning.weights["actor"], card.observation_names
@@ -161,12 +161,12 @@ class _Training:
             agent = ActorAgent(replace(policy, network=_quick(policy.network)))
             agent.reset(task_card(self.task), len(self._probe.seeds))
             result = self._probe.of(agent.act)
-        if self.steps >= self.history.next_evaluation:  # an end between two evaluations moves none
+        if self.steps >= self.history.next_evaluation:  # an end between two evaluations does not shift them
             self.history.next_evaluation = self.steps + self.settings.evaluation.every
         return self.history.add(self.steps, result)
 
     def keep(self, file: Path) -> None:
-        """Write what it takes to go on to ``file``."""
+        """Write what is needed to continue to ``file``."""
         leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(self._learning)]
         known = {"identity": self.identity, "history": asdict(self.history), "updates": self.updates}
         facts = json.dumps({**known, "digest": _digest(known, leaves)})
@@ -176,12 +176,12 @@ class _Training:
         write_atomically(file, content.getvalue())
 
     def go_on(self, file: Path) -> None:
-        """Go on from what ``file`` keeps.
+        """Continue from the state in ``file``.
 
         Raises
         ------
         TrainingError
-            When the file is of another training, cannot be read, or is not as it was written.
+            When the file belongs to another training, cannot be read, or has been changed.
         """
         begun, tree = jax.tree.flatten(self._learning)
         try:
@@ -189,7 +189,7 @@ class _Training:
                 facts = json.loads(kept["facts"].tobytes())
                 leaves = [kept[f"leaf_{number}"] for number in range(len(begun))]
         except DAMAGED as error:
-            msg = f"The state of the training {file} cannot be read: {error}. Remove it to begin the training anew."
+            msg = f"The state of the training {file} cannot be read: {error}. Remove it to start the training again."
             raise TrainingError(msg) from error
         if facts["identity"] != self.identity:
             msg = f"{file.parent} holds another training: task, settings or seed differ. Choose another folder with --out."
@@ -226,7 +226,7 @@ def _evaluate(under_way: _Training, folder: Path, listeners: Sequence[Listener])
 
 
 class _QuickNetwork(NetworkPolicy):
-    """Acts as the network but for rounding: that of ``NetworkPolicy`` has the same bits everywhere and takes far longer."""
+    """Acts like the network up to rounding: ``NetworkPolicy`` gives the same bits everywhere, but takes far longer."""
 
     def act(self, observations: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         x = np.clip((observations - self.mean) / self.scale, -self.clip, self.clip)
@@ -241,7 +241,7 @@ def _quick(network: NetworkPolicy) -> NetworkPolicy:
 
 
 def _digest(facts: dict[str, Any], leaves: Sequence[NDArray[Any]]) -> str:
-    """SHA-256 (hex) over what is kept of a training."""
+    """SHA-256 (hex) over the saved state of a training."""
     digest = sha256(json.dumps(facts, sort_keys=True).encode())
     for leaf in leaves:
         digest.update(f"{leaf.dtype.str} {leaf.shape}".encode() + leaf.tobytes())

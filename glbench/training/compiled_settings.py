@@ -1,4 +1,4 @@
-"""How an agent is trained by the compiled PPO, as a YAML file says: ``default:`` and, over it, the entries of a task's own key."""
+"""Settings of the compiled PPO from a YAML file: ``default:``, overridden by the entries under a task's own key."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ if TYPE_CHECKING:
 NAME = "compiled ppo"
 """Name of the algorithm in cards."""
 COMPILED = "compiled"
-"""What the settings' ``learner`` says."""
+"""The value of ``learner`` in the settings."""
 
 
 class Accrual(FrozenSettings):
-    """A reward for training alone: ``price`` times what a state of the model grows in a step.
+    """A reward used only in training: ``price`` times the growth of a model state in a step.
 
-    A policy that is paid for carbohydrate as it is made learns to make it, with CO2, light and warmth; otherwise that pays many days
-    later, beyond the discount. Scores, evaluations and learning curves never contain it.
+    A policy that is paid for carbohydrate as it is made learns to make it, with CO2, light and warmth; otherwise this pays off many days
+    later, beyond the discount horizon. Scores, evaluations and learning curves never contain it.
     """
 
     state: str
-    """Its public name."""
+    """Public name of the state."""
     price: float = Field(gt=0)
     """Reward for one unit of the state."""
 
 
 class Memory(FrozenSettings):
-    """Traces that the policy keeps: of every column a running mean with each of the time constants."""
+    """Traces that the policy keeps: for every column, a running mean with each of the time constants."""
 
     hours: tuple[float, ...] = ()
     """Time constants [h]."""
@@ -60,36 +60,36 @@ class Memory(FrozenSettings):
 
 
 class CompiledSettings(FrozenSettings):
-    """Settings of one training with the compiled PPO; keys that Stable-Baselines3's PPO has as well mean the same.
+    """Settings of one training with the compiled PPO; keys shared with Stable-Baselines3's PPO have the same meaning.
 
     Attributes
     ----------
     learner
-        That these are settings of the compiled PPO and not of Stable-Baselines3's.
+        Marks settings of the compiled PPO, as opposed to Stable-Baselines3's.
     n_timesteps
-        Environment steps, over all greenhouses. The learning rate falls over them: other numbers of steps are other trainings.
+        Environment steps, over all greenhouses. The learning rate falls over them: a different number of steps is a different training.
     n_envs, n_steps
         Greenhouses stepped together, and steps of each between two updates.
     first_env_seed, scenarios
         Seasons of training have the seeds ``first_env_seed`` to ``first_env_seed + scenarios - 1``; each episode draws one.
     places
-        At how many places of each season the first episodes may begin; later ones begin at its start.
+        Number of places in each season where the first episodes may begin; later ones begin at its start.
     net_arch
         Widths of the hidden layers of actor and critic (tanh).
     learning_rate, last_learning_rate
-        Falls linearly from the one to the other.
+        The learning rate falls linearly from the first to the second.
     least_scale
-        Least standard deviation that an observed column is divided by, where a column hardly varies in training.
+        Smallest standard deviation by which an observed column is divided, for columns that hardly vary in training.
     steer
-        Whether the actor says where controls should stand, where the task's actions move them by at most so much a step.
+        Whether the actor outputs positions of controls, where the task's actions move them by a limited amount per step.
     memory
-        Traces of columns that actor and critic see besides; none without ``hours``.
+        Traces of columns that actor and critic also see; none without ``hours``.
     critic_sees
-        Quantities of a step and states of the model that the critic sees besides, in training alone.
+        Quantities of a step and states of the model that the critic also sees, in training only.
     accrual
-        A reward for training alone; ``None`` without.
+        A reward used only in training; ``None`` for none.
     reward_window
-        The spread that rewards are divided by is that of the returns of about so many steps.
+        Rewards are divided by the spread of the returns over about this many steps.
     """
 
     learner: Literal["compiled"]
@@ -127,7 +127,7 @@ class CompiledSettings(FrozenSettings):
             msg = f"'batch_size: {self.batch_size}' does not divide the {self.rollout} steps of a rollout (n_envs times n_steps)"
             raise ValueError(msg)
         if not (self.normalize.observations and self.normalize.rewards):
-            msg = "the compiled PPO always normalises observations and rewards; leave out what switches that off"
+            msg = "the compiled PPO always normalises observations and rewards; leave out the keys that switch this off"
             raise ValueError(msg)
         return self
 

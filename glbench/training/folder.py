@@ -1,4 +1,4 @@
-"""The folder of a training or of a search: who may work in it, what is left untouched, and where its state lies."""
+"""The folder of a training or of a search: who may work in it, what stays untouched, and where its state is."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ DAMAGED = (
     OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, IndexError, AssertionError, RuntimeError, ImportError,
     pickle.UnpicklingError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-"""What reading a damaged file of Stable-Baselines3 or numpy may end in."""
+"""Errors that reading a damaged file of Stable-Baselines3 or numpy may raise."""
 
 
 @contextmanager
@@ -38,7 +38,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
     Raises
     ------
     TrainingError
-        When one is at work there, or the disk refuses to be written to.
+        When another process is at work there, or the disk cannot be written to.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -46,7 +46,9 @@ def folder_lock(folder: Path) -> Iterator[None]:
             _take(lock.fileno(), folder)
             yield
     except OSError as error:
-        msg = f"The work in {folder} stopped: {error}. Once that is mended, --resume goes on from what was kept last."
+        msg = (
+            f"The work in {folder} stopped: {error}. Once this is fixed, --resume continues from the last saved state."
+        )
         raise TrainingError(msg) from error
 
 
@@ -78,22 +80,22 @@ def claim(
     identity
         Digests of task and settings, and seed.
     state
-        What the training would go on from; ``None`` when there is nothing.
+        What the training would resume from; ``None`` when there is nothing.
     start
-        Policy that it starts from, if any.
+        Policy to start from, if any.
     wanted
         How far, in the card's terms, such as ``{"steps": 100_000}``.
     resume
-        Whether it may go on from ``state``.
+        Whether it may resume from ``state``.
 
     Raises
     ------
     TrainingError
-        When the folder holds something else that this training would overwrite, something that is not to be resumed, or what it
-        would go on from is gone.
+        When the folder holds something else that this training would overwrite, an unfinished training without ``resume``, or when the
+        state to resume from is gone.
     """
     if start is not None and start.resolve() == (folder / POLICY).resolve():
-        msg = f"{folder} holds the policy that is to be started from, and would be overwritten. Choose another folder with --out."
+        msg = f"{folder} holds the policy to start from, which would be overwritten. Choose another folder with --out."
         raise TrainingError(msg)
     card = read_card(folder / CARD)
     others = {folder / SEARCH, folder / LEARNER, find_checkpoint(folder / CHECKPOINT)} - {state, None}
@@ -114,11 +116,11 @@ def claim(
     if card is not None and ours and all(card["training"][name] >= count for name, count in wanted.items()):
         return card
     if state is not None and not resume:
-        msg = f"{folder} holds a training that was begun. Go on with --resume, or choose another folder with --out."
+        msg = f"{folder} holds an unfinished training. Continue with --resume, or choose another folder with --out."
         raise TrainingError(msg)
     if card is not None and state is None:
         msg = (
-            f"{folder} holds this training with {card['training']['steps']:,} steps, but not its last state, so that it cannot go on. "
+            f"{folder} holds this training with {card['training']['steps']:,} steps, but not its last state, so that it cannot continue. "
             "Choose another folder with --out."
         )
         raise TrainingError(msg)
@@ -126,13 +128,13 @@ def claim(
 
 
 def open_folder(folder: Path, settings: Mapping[str, Any]) -> None:
-    """Write the settings of a training that begins or goes on. Until it finishes, the folder has no card and cannot be evaluated."""
+    """Write the settings of a training that begins or continues. Until it finishes, the folder has no card and cannot be evaluated."""
     (folder / CARD).unlink(missing_ok=True)
     write_atomically(folder / SETTINGS, yaml.safe_dump({"default": dict(settings)}, sort_keys=False))
 
 
 def find_checkpoint(folder: Path) -> Path | None:
-    """The newest complete checkpoint of ``folder``, also when a kill came between the two renames."""
+    """The newest complete checkpoint of ``folder``, even if the process was killed between the two renames."""
     for candidate in (folder, *_beside(folder)):  # its state is written last
         if (candidate / STATE).is_file():
             return candidate
@@ -141,7 +143,7 @@ def find_checkpoint(folder: Path) -> Path | None:
 
 @contextmanager
 def replaced(folder: Path) -> Iterator[Path]:
-    """A new folder to fill, which takes the place of ``folder`` when it is complete; a kill in between leaves it as ``.old``."""
+    """A new folder to fill, which replaces ``folder`` when it is complete; if killed in between, the old one is left as ``.old``."""
     new, old = _beside(folder)
     shutil.rmtree(new, ignore_errors=True)
     new.mkdir(parents=True)

@@ -1,8 +1,8 @@
 """Proximal policy optimisation (Schulman et al., 2017) as one compiled function: a rollout in all greenhouses, then learning from it.
 
 The greenhouses are stepped from inside the function (``glbench.jax``). Actor and critic are perceptrons with tanh between their layers;
-what the actor gives spreads by one number for each action. Inputs are normalised by running statistics, rewards by the spread of returns.
-Before and behind the actor stands what ``glbench.agents.actor`` has there: traces, and controls that are brought to where it wants them.
+the spread of the actor's output is one number per action. Inputs are normalised by running statistics, rewards by the spread of returns.
+Before and after the actor come the parts of ``glbench.agents.actor``: traces, and controls that are moved to the positions it outputs.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from glbench.training.compiled_settings import CompiledSettings
 
 _LEAST = 1e-3
-"""Least scale of a column that the settings do not name."""
+"""Smallest scale of a column that the settings do not name."""
 _TINY = 1e-8
 
 
 class Statistics(NamedTuple):
-    """Running mean and variance of columns, and of how many rows they are."""
+    """Running mean and variance of columns, and the number of rows behind them."""
 
     mean: Any
     variance: Any
@@ -39,11 +39,11 @@ class Statistics(NamedTuple):
 
     @classmethod
     def begun(cls, *shape: int) -> Statistics:
-        """Those of nothing."""
+        """Statistics of no rows."""
         return cls(jnp.zeros(shape), jnp.ones(shape), jnp.zeros(()))
 
     def with_rows(self, rows: Any, at_most: float = math.inf) -> Statistics:
-        """Also of ``rows`` ``(n, ...)``; what came before counts for ``at_most`` rows."""
+        """Statistics with ``rows`` ``(n, ...)`` added; earlier rows count as at most ``at_most``."""
         added, spread, n = rows.mean(0), rows.var(0), rows.shape[0]
         before = jnp.minimum(self.count, at_most)
         count, apart = before + n, added - self.mean
@@ -52,7 +52,7 @@ class Statistics(NamedTuple):
 
 
 class Moments(NamedTuple):
-    """First and second moments of gradients, and of how many (Adam)."""
+    """First and second moments of gradients, and their number (Adam)."""
 
     first: Any
     second: Any
@@ -60,7 +60,7 @@ class Moments(NamedTuple):
 
 
 class Greenhouses(NamedTuple):
-    """Where the greenhouses of a training stand; the first axis of each array is the greenhouse."""
+    """The state of the greenhouses of a training; the first axis of each array is the greenhouse."""
 
     state: State
     seen: Any
@@ -68,15 +68,15 @@ class Greenhouses(NamedTuple):
     positions: Any
     """Of the controls, as ``ActorAgent`` keeps them."""
     told: Any
-    """What ``info`` told of the last step."""
+    """What ``info`` contained after the last step."""
     begun: Any
-    """Whether an episode begins here, so that ``told`` is of another one."""
+    """Whether an episode begins here, so that ``told`` belongs to an earlier one."""
     discounted: Any
     """Rewards so far, discounted."""
 
 
 class Learning(NamedTuple):
-    """Everything that the rest of a training depends on, besides settings and seed: arrays in a tree."""
+    """Everything that the rest of a training depends on, apart from settings and seed: a tree of arrays."""
 
     weights: Any
     moments: Moments
@@ -106,19 +106,19 @@ class Rollout(NamedTuple):
 class Learner:
     """The compiled learner of a task: ``begin`` a training, and ``update`` it.
 
-    ``update(learning, key, share)`` gives what follows and the mean reward of its steps, without what is paid for training alone; ``share``
-    is how much of the training is over, 0 to 1.
+    ``update(learning, key, share)`` returns the next state and the mean reward of its steps, without what is paid in training only;
+    ``share`` is how much of the training is over, 0 to 1.
 
     Attributes
     ----------
     settings, environment
         How it learns, and in what.
     least_scale
-        What a column and a trace is divided by at least.
+        Smallest scale by which a column and a trace are divided.
     traced, shares
-        Columns that leave traces, and how far these go towards a reading in a step.
+        Columns with traces, and how far these move towards a reading in a step.
     max_change
-        How far an action of 1 moves its control in a step; 0 where the actor gives the action itself.
+        How far an action of 1 moves its control in a step; 0 where the actor outputs the action itself.
     """
 
     settings: CompiledSettings
@@ -163,7 +163,7 @@ class Learner:
             msg = f"'accrual' or 'critic_sees': {error}"
             raise TrainingError(msg) from error
         except TaskError as error:
-            msg = f"{error} Or train with Stable-Baselines3, which does: glbench train stable_baselines3.PPO --task {task.id}"
+            msg = f"{error} Or train with Stable-Baselines3, which supports it: glbench train stable_baselines3.PPO --task {task.id}"
             raise TrainingError(msg) from error
         return cls(
             settings,
@@ -211,7 +211,7 @@ class Learner:
         return jnp.sqrt(columns.variance + self.least_scale**2)
 
     def update(self, learning: Learning, key: Any, share: Any) -> tuple[Learning, Any]:
-        """One rollout, and what is learnt from it."""
+        """One rollout, and the learning from it."""
         s = self.settings
         keys = jax.random.split(key, s.n_steps + s.n_epochs)
 
@@ -252,12 +252,12 @@ class Learner:
         return jnp.clip((seen - columns.mean) / self.scale(columns), -limit, limit)
 
     def _told(self, now: Greenhouses) -> Any:
-        """What the critic alone sees ``(greenhouses, quantities)``."""
+        """What only the critic sees ``(greenhouses, quantities)``."""
         names = self.settings.critic_sees
         return jnp.stack([now.told[name] for name in names], 1) if names else jnp.zeros((len(now.begun), 0))
 
     def _value(self, learning: Learning, now: Greenhouses) -> tuple[Any, Any, Any]:
-        """Input of the critic, what it says, and the part of the input that is the actor's."""
+        """Input of the critic, its output, and the part of the input that the actor sees."""
         actor_input, told = self._seen(learning.columns, now.seen), learning.told
         limit = self.settings.normalize.clip_observations
         floor = _LEAST * jnp.abs(told.mean) + _TINY
@@ -274,7 +274,7 @@ class Learner:
         action, positions = self._act(given, now.positions)
         observation, state, reward, done, info = jax.vmap(self.environment.step)(keys[1:], now.state, action)
         paid = reward
-        if s.accrual is not None:  # what was there at first is not known
+        if s.accrual is not None:  # the state before the first step is not known
             grown = info[s.accrual.state] - now.told[s.accrual.state]
             paid += jnp.where(now.begun, 0.0, s.accrual.price * grown)
         discounted = now.discounted * s.gamma + paid
@@ -313,7 +313,7 @@ class Learner:
         return action, jnp.clip(positions + change * action, 0.0, 1.0)
 
     def _advantages(self, value: Any, reward: Any, done: Any, last: Any) -> Any:
-        """Generalised advantages ``(steps, envs)``; the end of a season is an end, nothing comes after it."""
+        """Generalised advantages ``(steps, envs)``; a season's end is terminal: no value follows."""
         s = self.settings
 
         def back(carry: Any, now: Any) -> Any:
@@ -349,14 +349,14 @@ class Learner:
 
 
 def steps_of_controls(task: TaskSpec) -> NDArray[np.float64]:
-    """How far an action of 1 moves its control in a step, by action; 0 where actions are no rates, and for machines that are off or on."""
+    """How far an action of 1 moves its control in a step, by action; 0 where actions are not rates, and for on/off machines."""
     if task.actuation.kind != "rate":
         return np.zeros(len(task.actions))
     return np.array([0.0 if name in task.on_off else task.actuation.max_change for name in task.actuation.controls])
 
 
 def _network(key: Any, sizes: Sequence[int], last: float) -> list[tuple[Any, Any]]:
-    """Weights and biases of a perceptron: orthogonal, those of the last layer of size ``last``."""
+    """Weights and biases of a perceptron: orthogonal; the last layer is scaled by ``last``."""
     sizes_of = list(pairwise(sizes))
     gains = [math.sqrt(2.0)] * (len(sizes_of) - 1) + [last]
     keys = jax.random.split(key, len(gains))

@@ -248,7 +248,7 @@ def export_best(folder: Path, task: TaskSpec | None = None) -> str | None:
         raise TrainingError(msg)
     training = card["training"]
     if training["algorithm"] == COMPILED_PPO and (folder / POLICY).is_file():
-        return None  # it keeps its best policy in no other form
+        return None  # it keeps its best policy only in this form
     return _export(folder, task, training["algorithm"], training["seed"], card["best"]["steps"])
 
 

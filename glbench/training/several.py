@@ -1,4 +1,4 @@
-"""Several trainings at once, each with a seed and a folder of its own: in processes of this machine, or on a Ray cluster."""
+"""Several trainings at once, each with its own seed and folder: in processes on this machine, or on a Ray cluster."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Trainer(Protocol):
-    """Does trainings somewhere else; any number of threads may ask for one each."""
+    """Runs trainings somewhere else; any number of threads may each ask for one."""
 
     def train(
         self,
@@ -33,7 +33,7 @@ class Trainer(Protocol):
         listeners: Sequence[Listener] = (),
         **options: Any,
     ) -> Trained:
-        """The same as ``training(task, settings, folder, listeners=listeners, **options)``, and raising the same."""
+        """The same as ``training(task, settings, folder, listeners=listeners, **options)``, and raises the same errors."""
 
     def stop(self) -> None:
         """Stop all trainings; threads that wait for one get a ``TrainingError``."""
@@ -50,9 +50,9 @@ def train_seeds(
     listeners: Callable[[int], Sequence[Listener]] = lambda seed: (),
     **options: Any,
 ) -> Generator[tuple[int, Trained | TrainingError], None, None]:
-    """Train with each seed in its folder, ``at_once`` at a time; what was begun goes on. Yields seeds as they end.
+    """Train with each seed in its folder, ``at_once`` at a time; resume interrupted ones. Yields seeds as they end.
 
-    A training that fails stops no other: its error is what is yielded.
+    If a training fails, the others go on, and its error is yielded.
     """
 
     def one(seed: int) -> Trained | TrainingError:
@@ -70,7 +70,7 @@ def train_seeds(
         while waiting:
             done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
             yield from ((seeds[future], future.result()) for future in done)
-    except BaseException:  # whoever interrupts does not want to wait for the trainings under way
+    except BaseException:  # after an interrupt, nobody wants to wait for the trainings under way
         threads.shutdown(wait=False, cancel_futures=True)
         trainer.stop()
         raise
@@ -79,7 +79,7 @@ def train_seeds(
 
 
 class ProcessTrainer:
-    """Trains in processes of this machine, one each: a training seeds the global generators of its process."""
+    """Trains in processes on this machine, one per training: a training seeds the global generators of its process."""
 
     def __init__(self) -> None:
         self._under_way = set[Any]()
@@ -107,7 +107,7 @@ class ProcessTrainer:
             process.join()
         except EOFError as error:
             process.join()
-            msg = f"The training in {folder} was ended from outside (exit code {process.exitcode}). The same command goes on."
+            msg = f"The training in {folder} ended unexpectedly (exit code {process.exitcode}). Run the same command again to continue."
             raise TrainingError(msg) from error
         finally:
             here.close()
@@ -125,7 +125,7 @@ class ProcessTrainer:
 
 
 class _Sending(Listener):
-    """Sends what it hears to the process that asked; when that one is gone, the training ends with an ``OSError``."""
+    """Sends what it hears to the parent process; when that is gone, the training ends with an ``OSError``."""
 
     def __init__(self, there: Connection) -> None:
         self._there = there
@@ -143,7 +143,7 @@ class _Sending(Listener):
 def _train_there(
     there: Connection, training: Training, task: TaskSpec, settings: Any, folder: Path, options: Mapping[str, Any]
 ) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to all processes of a terminal; who asked ends this one
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to all processes of a terminal; the parent ends this one
     try:
         ended = Ended({}, training(task, settings, folder, listeners=[_Sending(there)], **options))
     except GlbenchError as error:

@@ -1,4 +1,4 @@
-"""Columns of observations that do not vary in training: what a policy would make of them was learnt from nothing."""
+"""Columns of observations that do not vary in training: a policy cannot have learnt anything from them."""
 
 from __future__ import annotations
 

@@ -303,7 +303,7 @@ class _Pruning(Listener):
         self._trial, self._last_step, self._reported = trial, last_step, -1
 
     def on_evaluation(self, point: CurvePoint) -> None:
-        """Report; raise when the trial is to be pruned, unless it is at its end. What a lost worker has told is not told again."""
+        """Report; raise if the trial should be pruned, unless it is at its end. Reports of a lost worker are not repeated."""
         if point.steps <= self._reported:
             return
         self._reported = point.steps
@@ -370,7 +370,7 @@ def _work_together(search: Search, folder: Path, shares: list[int], tell: Callab
             process.terminate()
         raise
     if any(process.exitcode for process in others):
-        msg = f"A worker of the sweep in {folder} failed; its message is above. The same command goes on."
+        msg = f"A worker of the sweep in {folder} failed; its message is above. Run the same command again to continue."
         raise TrainingError(msg)
 
 

@@ -1,4 +1,4 @@
-"""What a training or a search ends in."""
+"""The outcome of a training or a search."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Trained:
     last_reward: float
     """Evaluation return of the last policy."""
     already_done: bool
-    """Whether it had been finished before, so that nothing was done."""
+    """Whether it was already finished, so that nothing was done."""
     not_exported: str | None = None
     """Why its policy could not be exported to a file for numpy; ``None`` when it was."""
 

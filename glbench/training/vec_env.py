@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 _SCALAR_ATTRIBUTES = {"render_mode": None}
 _SEEDS, _SEEDS_APART = 10_000, 1_000_000
-"""How many seeds ``make_vec_env`` knows, below those of evaluations during a training; and how far apart their seasons begin."""
+"""Number of seeds for ``make_vec_env``, all below those of evaluations during a training, and the distance between their first seasons."""
 
 
 class TrainingVecEnv(VecEnv):
@@ -152,7 +152,7 @@ class TrainingVecEnv(VecEnv):
         raise AttributeError(msg)
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """Whether a ``Monitor`` is asked for, whose episode sums the infos have; rows are no environments that others could wrap."""
+        """Whether the class is ``Monitor``, whose episode sums the infos contain; rows are not environments that anything could wrap."""
         return [wrapper_class is Monitor] * self._count(indices)
 
     def _count(self, indices: Any) -> int:
@@ -171,8 +171,8 @@ def make_vec_env(
 ) -> TrainingVecEnv:
     """``n_envs`` greenhouses of a task as one ``VecEnv``, for scripts of your own with Stable-Baselines3.
 
-    It takes the place of Stable-Baselines3's own ``make_vec_env``, which steps its environments one after another; here all of them are one
-    call of the kernel. Infos of ended episodes have what a ``Monitor`` writes, so that none is needed.
+    It takes the place of Stable-Baselines3's own ``make_vec_env``, which steps its environments one after another; here one call of
+    the kernel steps all of them. Infos of ended episodes contain what a ``Monitor`` adds, so that none is needed.
 
     Parameters
     ----------
@@ -182,13 +182,13 @@ def make_vec_env(
         Number of greenhouses.
     seed
         Which seasons they meet: season j of greenhouse i, both counted from 0, has the seed 10,000,000,000 + 1,000,000 ``seed``
-        + j ``n_envs`` + i. No task is scored with any of them. The seed that the algorithm is given has no part in it.
+        + j ``n_envs`` + i. No task is scored with any of them. The algorithm's own seed has no effect on this.
     kernel
-        ``"fast"`` or ``"standard"`` for training, ``"reference"`` for what scores are made with.
+        ``"fast"`` or ``"standard"`` for training, ``"reference"`` for the kernel that scores are computed with.
     workers
         Cores that share the greenhouses, to the same bits.
     split, overrides
-        As for ``glbench.env.GreenhouseEnv``: the training split, unless another is named.
+        As for ``glbench.env.GreenhouseEnv``; the default is the training split.
 
     Raises
     ------
@@ -196,7 +196,7 @@ def make_vec_env(
         For an unknown task, split or preset, and for impossible numbers.
     """
     if not 0 <= whole_number(seed, "The seed") < _SEEDS:
-        msg = f"The seed is a whole number from 0 to {_SEEDS - 1:,}; got {seed}."
+        msg = f"The seed must be a whole number from 0 to {_SEEDS - 1:,}; got {seed}."
         raise GlbenchError(msg)
     named = task.removeprefix("glbench:") if isinstance(task, str) else task
     chosen = task_of_environment(named, split, overrides)

@@ -116,7 +116,7 @@ def user_folder() -> Path:
 
 
 def user_file(name: str) -> Path | None:
-    """File of the user's own record ``name``; ``None`` for one that is shipped."""
+    """File of the user's own record ``name``; ``None`` for a shipped one."""
     return None if name in _manifest(data_folder("weather")) else user_folder() / f"{name}.parquet"
 
 

@@ -87,7 +87,7 @@ def test_what_cannot_be_planned_is_said(drawn: TaskSpec, tmp_path: Path, nominal
         list(search.run([order], engine="gpu"))
     (found,) = search.run([replace(order, task=replace(order.task, digest="0" * 64))])
     assert found.earned is None
-    assert "the task has another digest" in found.reason
+    assert "the task has a different digest" in found.reason
     (found,) = search.run([replace(order, controls=order.controls[1:])])
     assert "shape (48, 6)" in found.reason
     assert not list(tmp_path.iterdir())

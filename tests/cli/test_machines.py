@@ -247,7 +247,7 @@ def test_seeds_and_sweeps_are_trained_there_and_kept_here(machines: Machines, ta
             "tensorboard",
         } <= kept
     again = answered(machines.python(*command))
-    assert again.stderr.count("had been trained") == 2
+    assert again.stderr.count("already trained") == 2
 
     search = machines.command_folder / "search.yml"
     search.write_text(

@@ -94,7 +94,7 @@ def test_a_folder_of_the_compiled_learner_is_an_agent(glbench: Command, settings
     assert "policy.npz" in glbench("export", "runs/ppo-Day-v1-seed2", "--task", "day.toml").out
     both = glbench(*arguments[:-2], "--seeds", "2,3", "--workers", "1")
     assert both.code in (0, 3), both.err
-    assert "seed 2: had been trained" in both.err
+    assert "seed 2: already trained" in both.err
     assert "seed 3: done, best" in both.err
     other = glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "runs/ppo-Day-v1-seed2")
     assert other.code == 1
@@ -262,7 +262,7 @@ def test_an_interrupted_search_says_so_once(glbench: Command, settings: Path, mo
     monkeypatch.setattr("glbench.training.sweep.sweep", interrupted)
     answer = glbench("sweep", "--config", "sweep.yml")
     assert (answer.code, answer.err.count("Interrupted.")) == (130, 1)
-    assert "Trials that ended are kept" in answer.err
+    assert "Finished trials are kept" in answer.err
 
 
 def test_what_to_install_is_said_for_a_wheel_and_for_a_checkout() -> None:
@@ -300,5 +300,5 @@ def test_several_seeds_are_trained_and_not_again(glbench: Command, settings: Pat
         folder = Path("runs") / f"ppo-Day-v1-seed{seed}"
         assert tomllib.loads((folder / "card.toml").read_text(encoding="utf-8"))["training"]["seed"] == seed
         assert f"seed {seed}: done" in first.err
-        assert f"seed {seed}: had been trained" in again.err
+        assert f"seed {seed}: already trained" in again.err
     assert "glbench evaluate runs/ppo-Day-v1-seed*" in first.out

@@ -815,10 +815,10 @@ CLAIMS: dict[str, list[Claim]] = {
         ("| `n_timesteps` | {} |", lambda: settings("ppo")["n_timesteps"]),
         ("seeds 1 and 2) earn {}, {} and {} EUR/m2 on the test split", lambda: fast("reward")),
         ("the tuned rules earn {}, `mpc`", lambda: score("rule_based_tuned", "Spring-v1")),
-        ("`mpc` earns {}. They lose", lambda: score("mpc", "Spring-v1")),
-        ("They lose {} to {} EUR/m2 to violations", lambda: (min(fast("penalty")), max(fast("penalty")))),
+        ("`mpc` earns {}. The three lose", lambda: score("mpc", "Spring-v1")),
+        ("The three lose {} to {} EUR/m2 to violations", lambda: (min(fast("penalty")), max(fast("penalty")))),
         ("the rules {}, `mpc` {}.", lambda: (of_spring("rule_based_tuned", "penalty"), of_spring("mpc", "penalty"))),
-        ("it earns {}, the paper's PPO {}", lambda: (mean("ppo_fast", 10), mean("ppo", 10))),
+        ("`ppo_fast` earns {} and the paper's PPO {}", lambda: (mean("ppo_fast", 10), mean("ppo", 10))),
         ("eight seasons are {} of 2 million", lambda: settings("ppo")["n_envs"] * TASK.steps),
         ("used seeds {} to", lambda: card("ppo", 10)["best"]["evaluation_seeds"][0]),
         ("to {}, and the search for", lambda: card("ppo", 10)["best"]["evaluation_seeds"][-1]),
@@ -1023,7 +1023,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("1.028 at the start of the published tasks, where it is 0.89", "tests/model/test_optics.py holds it"),
     ],
     "docs/offline.md": [
-        ("40,000,000,000 unless given", "definition: glbench/evaluation/trajectories.py"),
+        ("Default: 40,000,000,000", "definition: glbench/evaluation/trajectories.py"),
         ("5,760 steps with 50 columns, takes 1.2 MB", "tests/evaluation/test_offline_page.py holds it"),
     ],
     "docs/report.md": [

@@ -232,5 +232,5 @@ def test_a_dataset_that_exists_stays(day: TaskSpec, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["no-version", "-", "a b-v0", "../../out-v0"])
 def test_a_name_that_minari_does_not_know_is_refused(day: TaskSpec, tmp_path: Path, name: str) -> None:
-    with pytest.raises(EpisodeError, match="no name of a Minari dataset"):
+    with pytest.raises(EpisodeError, match="not a valid name for a Minari dataset"):
         written(day, tmp_path, name=name)

@@ -89,7 +89,7 @@ def test_a_training_can_be_repeated_and_continued_to_the_bit(trained: Trained, d
     settings = tiny(day, tmp_path)
     with pytest.raises(PowerCutError):
         train_compiled(day, settings, tmp_path / "run", seed=3, listeners=[Watching(31)])
-    with pytest.raises(TrainingError, match=r"was begun\. Go on with --resume"):
+    with pytest.raises(TrainingError, match=r"unfinished training\. Continue with --resume"):
         train_compiled(day, settings, tmp_path / "run", seed=3)
     again = train_compiled(day, settings, tmp_path / "run", seed=3, resume=True)
     assert (again.folder / "policy.npz").read_bytes() == (trained.folder / "policy.npz").read_bytes()

@@ -92,7 +92,7 @@ def test_a_search_that_was_killed_goes_on_to_the_same_policy(day: TaskSpec, star
     search(day, settings, tmp_path / "whole")
     with pytest.raises(PowerCutError):
         search(day, settings, tmp_path / "cut", listeners=[Watching(generations=4)])
-    with pytest.raises(TrainingError, match="that was begun"):
+    with pytest.raises(TrainingError, match="an unfinished training"):
         search(day, settings, tmp_path / "cut")
     watching = Watching()
     search(day, settings, tmp_path / "cut", resume=True, listeners=[watching])

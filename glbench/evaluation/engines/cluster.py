@@ -1,7 +1,7 @@
-"""A Ray cluster: how it is reached or started, and the board on which its tasks tell where they stand and leave what they need to go on.
+"""A Ray cluster: connecting to it or starting it, and the board where its tasks report progress and leave the files they need to resume.
 
-The board lives on the machine of the command, whose loss ends everything anyway: what lies there survives any other machine. A task that
-is tried again takes up from there what its first try left.
+The board lives on the machine that runs the command. Losing that machine ends everything anyway, and the board survives the loss of any
+other. A task that is tried again picks up there what its earlier try left.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from glbench.agents.formats.packages import need
 from glbench.errors import GlbenchError
 
 TRIES = 3
-"""How often a task is tried again after its worker was lost."""
+"""How often a task is retried after its worker was lost."""
 LOOK_SECONDS = 0.5
 _STARTS = 3
 _TELL_SECONDS = 0.5
 _ASK_SECONDS = 0.1
 _KEEP_SECONDS = 20.0
 _MOST_KEPT = 256 * 2**20
-"""Bytes; files of a task that are more in all stay where they are."""
+"""Bytes; if a task's files are larger in total, they stay on the worker."""
 _PACKAGE = Path(__file__).resolve().parents[3]
 _THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 _LOST = frozenset(
@@ -91,7 +91,7 @@ class Cluster:
 
 @contextmanager
 def _own_signals() -> Iterator[None]:
-    """Take back the handlers of signals that Ray replaces when it starts: with its own, TERM would abort this process."""
+    """Restore the signal handlers that Ray replaces when it starts: with Ray's, TERM would abort this process."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -110,7 +110,7 @@ def one_thread() -> None:
 
 @dataclass
 class News:
-    """What a task has told since it was last asked for: where it stands, what happened, and its files where they have changed."""
+    """What a task has reported since the last request: its progress, its events, and its files if they have changed."""
 
     attempt: str = ""
     standing: Any = None
@@ -119,7 +119,7 @@ class News:
 
 
 class Board:
-    """What tasks tell and leave, by their keys. Lives on the cluster; ``board_of`` makes it."""
+    """What tasks report and leave, by their keys. Lives on the cluster; ``board_of`` makes it."""
 
     def __init__(self) -> None:
         self._news: dict[str, News] = {}
@@ -128,17 +128,17 @@ class Board:
         self._answers: dict[str, list[bool]] = {}
 
     def leave(self, key: str, files: Files) -> None:
-        """Lay files ready for a task."""
+        """Provide the files from which a task starts."""
         self._files[key] = files
 
     def begin(self, key: str, attempt: str) -> Files:
-        """A try of a task begins, and takes the files from which it goes on; earlier tries are not listened to any more."""
+        """Begin a try of a task and return the files from which it resumes; earlier tries are ignored from now on."""
         self._tries[key], self._answers[key] = attempt, []
         self._news.pop(key, None)
         return self._files.get(key, {})
 
     def tell(self, key: str, attempt: str, standing: Any, events: Sequence[Any], files: Files | None) -> None:
-        """A task says where it stands and what happened, and leaves its files."""
+        """Record a task's progress, events and files."""
         if self._tries.get(key) != attempt:
             return
         news = self._news.setdefault(key, News(attempt))
@@ -148,16 +148,16 @@ class Board:
             self._files[key] = news.files = files
 
     def answer(self, key: str, attempt: str, *, go_on: bool) -> None:
-        """Whether a try of a task is to go on after the next of what happened in it."""
+        """Tell a try of a task whether to continue after its next event."""
         if self._tries.get(key) == attempt:
             self._answers[key].append(go_on)
 
     def answers(self, key: str, attempt: str) -> list[bool]:
-        """All answers that a try was given; one that is not listened to any more is to stop."""
+        """All answers given to a try; an outdated try is told to stop."""
         return self._answers[key] if self._tries.get(key) == attempt else [False]
 
     def news(self, keys: Sequence[str]) -> dict[str, News]:
-        """What tasks have told since they were last asked for."""
+        """What tasks have reported since the last request."""
         told = {key: self._news.pop(key) for key in keys if key in self._news}
         for key, news in told.items():
             self._news[key] = News(news.attempt, news.standing)
@@ -177,7 +177,7 @@ def board_of(ray: Any) -> Any:
 
 
 class Teller:
-    """The end of a task on the cluster of its talk with the board. Of its standing it tells now and then only, and so it leaves files."""
+    """A task's connection to the board. It reports progress, and leaves files, at intervals only."""
 
     def __init__(self, board: Any, key: str, keep_seconds: float = _KEEP_SECONDS) -> None:
         self._ray = need("ray", "The engine 'ray'")
@@ -186,12 +186,12 @@ class Teller:
         self._told = self._kept = float("-inf")
 
     def begin(self) -> Files:
-        """The files that an earlier try left; from now on nothing is heard of that one any more."""
+        """The files that an earlier try left; from now on that try is ignored."""
         files: Files = self._ray.get(self._board.begin.remote(self._key, self._attempt))
         return files
 
     def stand(self, standing: Any, folder: Path | None = None) -> None:
-        """Tell where the task stands, and leave the files of ``folder``, unless that was done just before."""
+        """Report progress, and leave the files of ``folder``, unless that was done a moment ago."""
         now = time.monotonic()
         if now - self._told < _TELL_SECONDS:
             return
@@ -202,16 +202,16 @@ class Teller:
         self._board.tell.remote(self._key, self._attempt, standing, (), files)
 
     def tell(self, *events: Any, folder: Path | None = None) -> Any:
-        """Tell what happened, at once; with a ``folder``, leave its files."""
+        """Report events at once; with a ``folder``, also leave its files."""
         files = None if folder is None else read_files(folder)
         return self._board.tell.remote(self._key, self._attempt, None, events, files)
 
     def finish(self) -> None:
-        """Wait until all is told."""
+        """Wait until everything is reported."""
         self._ray.get(self.tell())
 
     def ask(self, event: Any) -> bool:
-        """Tell what happened, and wait to hear whether to go on."""
+        """Report an event, and wait for the answer whether to continue."""
         self.tell(event)
         self._asked += 1
         while len(answers := self._ray.get(self._board.answers.remote(self._key, self._attempt))) < self._asked:
@@ -220,7 +220,7 @@ class Teller:
 
 
 def read_files(folder: Path, most: float = _MOST_KEPT) -> dict[str, bytes] | None:
-    """The files of a folder; ``None`` when there are none, or they are larger than ``most`` bytes. Hidden ones are left out."""
+    """The files of a folder; ``None`` when there are none, or when they exceed ``most`` bytes in total. Hidden files are left out."""
     paths = [path for path in sorted(folder.rglob("*")) if path.is_file() and not path.name.startswith(".")]
     if not paths or sum(path.stat().st_size for path in paths) > most:
         return None
@@ -236,7 +236,7 @@ def write_files(folder: Path, files: Files) -> None:
 
 
 def in_words(error: Exception) -> Exception:
-    """What Ray says of a lost worker is a page long; the first sentence and the number of tries are enough."""
+    """Shorten Ray's page-long message about a lost worker to its first line and the number of tries."""
     if type(error).__module__.partition(".")[0] != "ray":
         return error
     first = next((line.strip() for line in str(error).splitlines() if line.strip()), "")

@@ -1,4 +1,4 @@
-"""What travels to another machine: a task with what both machines must have in common, and files that the other one may lack."""
+"""What is sent to another machine: a task with everything that must match on both machines, and files that the other one may lack."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from glbench.tasks import TaskSpec
 from glbench.weather import user_file
 
 _FOLDER = "travelled"
-"""Folder in the cache of a machine for what came to it."""
+"""Cache folder for files received from another machine."""
 _FEATURES = ("flags", "Features")
-"""How Linux calls the line with what a processor can do, on x86-64 and on AArch64."""
+"""Linux's name for the line that lists a processor's features, on x86-64 and on AArch64."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class PackedTask:
     kernel: Mapping[str, str | float]
     version: str = __version__
     sealed: str = field(default="", repr=False)
-    """The secret of the round, if there is one: it goes to the workers, and into nothing that they write."""
+    """The secret of the round, if there is one: it is sent to the workers, but never written by them."""
 
     @classmethod
     def of(cls, task: TaskSpec) -> PackedTask:
@@ -51,7 +51,7 @@ class PackedTask:
         Raises
         ------
         GlbenchError
-            When this machine's numbers would be others than those of the machine that packed it.
+            When this machine's numbers would differ from those of the machine that packed it.
         """
         if self.version != __version__:
             msg = f"The worker has glbench {__version__}, this machine {self.version}. Install the same version on all machines."
@@ -59,12 +59,12 @@ class PackedTask:
         task = task_of(self.definition)
         task = task.in_split(self.split, self.sealed) if self.split else task
         if self.digest != task.digest:
-            msg = "The worker's weather, parameters or model differ from those of this machine: the task has another digest there."
+            msg = "The worker's weather, parameters or model differ from those of this machine: the task has a different digest there."
             raise GlbenchError(msg)
         kernel = shared_kernel(task.model_value, task.step_seconds).describe()
         if dict(self.kernel) != kernel:
             reason = why_not_compiled(task.model_value) or f"It has {kernel}."
-            msg = f"The worker's kernel is another one than this machine's, which would change the numbers. {reason}"
+            msg = f"The worker's kernel differs from this machine's, which would change the numbers. {reason}"
             raise GlbenchError(msg)
         return task
 
@@ -78,7 +78,7 @@ class Luggage:
     weather, kernels
         By the names that the files need.
     processor
-        What the processor can do that the kernels were compiled for.
+        Features of the processor that the kernels were compiled for.
     """
 
     weather: Mapping[str, bytes]
@@ -100,7 +100,7 @@ class Luggage:
                 file = user_file(name)
                 if file is not None:
                     weather[file.name] = file
-            # Those who plan leave out the meters of violations (docs/control.md), which makes it another model.
+            # Planning leaves out the meters of violations (docs/control.md), which makes it a different model.
             for model in (task.model_value, judged_at_the_end(task).model_value):
                 kernels |= built_libraries(model, for_plans=for_plans)
         try:
@@ -110,13 +110,13 @@ class Luggage:
                 processor(),
             )
         except OSError as error:
-            msg = f"What the workers need cannot be packed: {error}. Check that the file exists and may be read."
+            msg = f"Cannot pack the files that the workers need: {error}. Check that the file exists and may be read."
             raise GlbenchError(msg) from error
 
     def unpack(self) -> None:
-        """Make this process use the files. Kernels are used only where the processor has all that they may use.
+        """Make this process use the files. Kernels are used only if the processor has all features that they may use.
 
-        They lie in the cache, under their digest: the processes of a machine share them.
+        They are kept in the cache under their digest, and all processes of a machine share them.
         """
         if self.weather:
             os.environ["GLBENCH_DATA"] = str(_written({f"weather/{name}": file for name, file in self.weather.items()}))
@@ -139,7 +139,7 @@ def _written(files: Mapping[str, bytes]) -> Path:
 
 @cache
 def processor() -> frozenset[str]:
-    """The kind of system and processor, and what the processor can do as far as the system tells."""
+    """The kind of system and processor, and the processor's features as far as the system lists them."""
     facts = {sys.platform, platform.machine()}
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()

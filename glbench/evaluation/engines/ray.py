@@ -155,7 +155,7 @@ class Refusal:
 
 
 def work(order: Order, progress: Callable[[Progress], None], checkpoints: Path | None = None) -> Computed | Refusal:
-    """Do what was ordered, from the checkpoint in ``checkpoints`` if there is one. Errors of glbench come back as words."""
+    """Do what was ordered, from the checkpoint in ``checkpoints`` if there is one. Errors of glbench come back as text."""
     # Numerical libraries would start a thread a core in each of several workers on one machine, and round by their number.
     one_thread()
     try:
@@ -169,7 +169,7 @@ def work(order: Order, progress: Callable[[Progress], None], checkpoints: Path |
             )
             if order.agent_digest != evaluation.agent.digest:
                 return Refusal(
-                    "The agent arrived with another digest than it was sent with. Did its files change while it was packed?"
+                    "The agent arrived with a different digest from the one it was sent with. Did its files change while it was packed?"
                 )
             computed = replace(evaluation, checkpoints=checkpoints, is_part=order.is_part).compute(progress)
     except JointAgentError as error:
@@ -313,7 +313,7 @@ class _Session:
         running.lock.close()
 
     def _tell(self) -> None:
-        """Keep checkpoints, and hand on where the jobs stand: as far as their parts are on the average, by their runs."""
+        """Keep checkpoints, and report the progress of jobs: the average over their parts, weighted by runs."""
         keys = [_key(number, seeds) for number, running in self._running.items() for seeds in running.parts]
         told: dict[str, News] = self._ray.get(self._board.news.remote(keys))
         for number, running in self._running.items():
@@ -329,12 +329,12 @@ class _Session:
 
 
 def _key(number: int, seeds: tuple[int, ...]) -> str:
-    """What the board knows a part of a job by."""
+    """The board's key for a part of a job."""
     return f"{number}/{seeds[0]}-{seeds[-1]}"
 
 
 def _work(order: Order, luggage: Luggage, board: Any, key: str) -> Computed | Refusal:
-    """``work`` as a remote task, which tells the board where it stands and leaves its checkpoints there."""
+    """``work`` as a remote task, which reports its progress to the board and leaves its checkpoints there."""
     luggage.unpack()
     teller, scratch = Teller(board, key), Scratch()
     try:

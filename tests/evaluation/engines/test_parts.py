@@ -89,7 +89,7 @@ def test_a_worker_that_would_compute_other_numbers_refuses(day_task: TaskSpec, w
     order = order_of(evaluation, agent, evaluation.seeds)
     for change, words in (
         ({"version": "0.0.1"}, "Install the same version"),
-        ({"digest": "0" * 64}, "the task has another digest there"),
+        ({"digest": "0" * 64}, "the task has a different digest there"),
         ({"kernel": {"backend": "abacus"}}, "would change the numbers"),
     ):
         refused = work(replace(order, task=replace(order.task, **change)), nothing)  # type: ignore[arg-type]
@@ -97,7 +97,7 @@ def test_a_worker_that_would_compute_other_numbers_refuses(day_task: TaskSpec, w
         assert words in refused.reason
     refused = work(replace(order, agent_digest="0" * 64), nothing)
     assert isinstance(refused, Refusal)
-    assert "another digest than it was sent with" in refused.reason
+    assert "a different digest from the one it was sent with" in refused.reason
 
 
 def test_a_folder_arrives_with_the_digest_it_was_sent_with(tmp_path: Path, write_agent: AgentWriter) -> None:
