@@ -16,6 +16,7 @@ from glbench.agents.rule_settings import RuleSettings
 from glbench.agents.tuned_rule_settings import read_rule_page
 from glbench.tasks import get_task
 from glbench.training.card import digest_of_tasks, settings_digest
+from glbench.training.compiled_settings import NAME, read_compiled_settings
 from glbench.training.rule_search import Page, RuleSearchSettings, about_energy, reward_of
 from glbench.training.season_search import read_season_search
 from glbench.training.settings import FIRST_TRAINING_SEED, PAPER, read_settings
@@ -44,10 +45,15 @@ def test_a_shipped_training_is_of_the_settings_beside_it_but_for_their_seeds_and
     training, task = card["training"], get_task(card["task"]["id"])
     assert card["task"]["digest"] == task.digest
     settings = file.parent / training["settings"]
-    recipe = settings.stem
+    algorithm = training["algorithm"]
     # model_copy: seeds as small as these are refused today
-    if recipe in PAPER:
-        today = read_settings(settings, recipe, task.id)
+    if algorithm == NAME:
+        compiled = read_compiled_settings(settings, task)
+        assert training["settings_digest"] == compiled.digest
+        assert training["first_env_seed"] >= FIRST_TRAINING_SEED
+        assert training.get("split", "training") == "training"
+    elif algorithm in PAPER:
+        today = read_settings(settings, algorithm, task.id)
         evaluation = today.evaluation.model_copy(update={"first_seed": card["best"]["evaluation_seeds"][0]})
         then = today.model_copy(update={"first_env_seed": training["first_env_seed"], "evaluation": evaluation})
         assert training["settings_digest"] == settings_digest(then)
