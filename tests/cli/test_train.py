@@ -254,7 +254,7 @@ def test_an_interrupted_training_says_once_what_was_kept(
     nothing = glbench(*arguments)
     assert (nothing.code, nothing.err.count("Interrupted.")) == (130, 1)
     assert "Nothing was trained long enough to be kept: the same command starts again." in nothing.err
-    monkeypatch.setattr("glbench.training.checkpoint.find_checkpoint", lambda folder: folder)
+    monkeypatch.setattr("glbench.training.folder.find_checkpoint", lambda folder: folder)
     assert "with --resume continues from the last checkpoint" in glbench(*arguments).err
 
 

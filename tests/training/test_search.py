@@ -245,11 +245,12 @@ def test_a_trial_that_came_to_its_end_is_not_stopped_there(tmp_path: Path) -> No
         for steps in (0, 50, 100):
             done.report(10.0, steps)
         study.tell(done, 10.0)
-    pruning = _Pruning(study.ask(), 100)
+    ended, stopped = (_Pruning(study.ask(), 100) for _ in range(2))
     for steps in (0, 100):
-        pruning.on_evaluation(CurvePoint(steps, 0.0, ProbeResult({"reward": -1.0}), is_best=False))
+        ended.on_evaluation(CurvePoint(steps, 0.0, ProbeResult({"reward": -1.0}), is_best=False))
+    stopped.on_evaluation(CurvePoint(0, 0.0, ProbeResult({"reward": -1.0}), is_best=False))
     with pytest.raises(optuna.TrialPruned):
-        pruning.on_evaluation(CurvePoint(50, 0.0, ProbeResult({"reward": -1.0}), is_best=False))
+        stopped.on_evaluation(CurvePoint(50, 0.0, ProbeResult({"reward": -1.0}), is_best=False))
 
 
 def test_numbers_that_yaml_takes_for_text_are_numbers_in_a_search(tmp_path: Path) -> None:
