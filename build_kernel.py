@@ -1,11 +1,13 @@
-"""Build hook: a wheel carries the compiled kernel where the machine that builds it has a C++ compiler.
+"""Build hook: a wheel carries data for its main job, and the compiled kernel where the machine that builds it has a C++ compiler.
 
 Without a compiler the wheel is pure Python, and the kernel is compiled on the user's machine. An editable installation
-carries nothing either: a checkout compiles what its sources say at that moment.
+carries nothing either: a checkout compiles what its sources say at that moment. Large data are in a second package (``glbench-data``).
 """
 
 from __future__ import annotations
 
+import importlib.util
+import json
 import platform
 import shutil
 import sys
@@ -19,7 +21,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
 class KernelHook(BuildHookInterface[Any]):
-    """Compiles the models of the shipped tasks and adds the libraries to the wheel."""
+    """Adds the data, and the libraries of the models of the shipped tasks, to the wheel."""
 
     PLUGIN_NAME = "custom"
 
@@ -30,10 +32,13 @@ class KernelHook(BuildHookInterface[Any]):
             return
         folder = Path(tempfile.mkdtemp(prefix="glbench-kernel-"))
         self._folder = folder
-        if not self._compile(folder):
+        build_data["force_include"] |= self._data(folder)
+        libraries = folder / "kernel"
+        libraries.mkdir()
+        if not self._compile(libraries):
             return
         build_data["force_include"] |= {
-            str(path): f"glbench/_data/kernel/{path.name}" for path in sorted(folder.iterdir())
+            str(path): f"glbench/_data/kernel/{path.name}" for path in sorted(libraries.iterdir())
         }
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-linux_{platform.machine()}"
@@ -42,6 +47,16 @@ class KernelHook(BuildHookInterface[Any]):
         """Called when the wheel is finished."""
         if self._folder is not None:
             shutil.rmtree(self._folder)
+
+    def _data(self, folder: Path) -> dict[str, str]:
+        """Baselines and results of this wheel, and what it says of the package that holds all of them; by their names in the wheel."""
+        kept, facts = _contents(Path(self.root)).part(Path(self.root))
+        manifest = folder / "data.json"
+        manifest.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+        return {
+            **{str(file): f"glbench/_data/{name}" for name, file in kept.items()},
+            str(manifest): "glbench/_data/data.json",
+        }
 
     def _compile(self, folder: Path) -> bool:
         """Whether there are libraries in ``folder`` now."""
@@ -88,6 +103,16 @@ def _asked_by_tasks(folder: Path) -> set[tuple[str, str, bool]]:
         )
 
     return {asked(task) for task in tasks.values()}
+
+
+def _contents(root: Path) -> types.ModuleType:
+    """The module that both wheels share."""
+    spec = importlib.util.spec_from_file_location("contents", root / "glbench-data" / "contents.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def _toml(file: Path) -> dict[str, Any]:

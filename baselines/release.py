@@ -1,4 +1,4 @@
-"""Evaluate every released agent again, verify the results, and put them into reports/released. Run it again and it goes on.
+"""Evaluate every released agent again, verify the results, and put them into reports/released. Run it again and it continues.
 
     python baselines/release.py --work runs/release                  # what is released
     python baselines/release.py --work runs/release --list           # what is done and what is left
@@ -112,7 +112,7 @@ def main() -> int:
         try:
             said = release(job, arguments.out, work, new_digests=arguments.new_digests)
         except KeyboardInterrupt:
-            log.info("Interrupted; the same command goes on")
+            log.info("Interrupted; the same command continues")
             return 130
         except GlbenchError as error:
             refused += 1

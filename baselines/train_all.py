@@ -1,4 +1,4 @@
-"""Train the shipped agents, one after the other: run it again after an interruption and it goes on.
+"""Train the shipped agents, one after the other: run it again after an interruption and it continues.
 
     python baselines/train_all.py --out runs/baselines             # everything, delta 0, 10 and 30 % first
     python baselines/train_all.py --out runs/baselines --list      # what is done and what is left
@@ -46,7 +46,7 @@ SETTINGS = {
 COMPILED = ("ppo_fast", "ppo_memory")
 OF_CONTROL = ("Spring-v1", "SpringYears-v1", "SpringMismatch-v1", "Lettuce-v1")
 """Tasks with splits on which the compiled PPO is trained."""
-ERRING = ("Spring-v1",)
+ERRING = ("Spring-v1", "Lettuce-v1")
 """Tasks whose sensors err, on which it is also trained with a memory."""
 CARD_OF_RECIPE = "card.in.toml"
 """Becomes the agent's card with the first policy: an agent without weights is none."""
@@ -57,7 +57,7 @@ log = logging.getLogger("train_all")
 class Job:
     """One training: recipe, task and seed.
 
-    ``ppo`` and ``sac`` are trained as in the paper, ``ppo_tuned`` goes on where PPO ended, ``ppo_fast`` and ``ppo_memory`` are compiled.
+    ``ppo`` and ``sac`` are trained as in the paper, ``ppo_tuned`` continues where PPO ended, ``ppo_fast`` and ``ppo_memory`` are compiled.
     """
 
     recipe: str

@@ -1,6 +1,6 @@
 """Fills the table of accuracy in docs/kernel-compiled.md: ``python docs/accuracy_table.py docs/measurements/accuracy.txt``.
 
-``python -m glbench.kernel.compiled.accuracy --presets standard fast > docs/measurements/accuracy.txt`` makes the measurement anew.
+``python -m glbench.kernel.compiled.accuracy --presets standard fast > docs/measurements/accuracy.txt`` makes the measurement again.
 """
 
 from __future__ import annotations

@@ -107,7 +107,7 @@ FLOWS = {
 GROWING, GROWN_RUNS = ("FullSeason", "FullSeasonEnergy"), 4
 """Families whose crop grows from planting on, and in how many seasons it is looked at."""
 DISPATCHED, DISPATCHED_RUNS = "SpringEnergy", 4
-"""The family whose recorded runs a linear programme plans anew, and how many of them."""
+"""The family whose recorded runs a linear programme plans again, and how many of them."""
 
 _CARD = """title = "Energy rules, {name}"
 controller = "rule_based_energy"
@@ -145,7 +145,7 @@ def jobs() -> list[Job]:
 
 
 def measure(work: Path, processes: int) -> dict[str, Any]:
-    """Metrics of each run by family and agent, and costs of energy in runs that were dispatched anew [EUR m-2]."""
+    """Metrics of each run by family and agent, and costs of energy in runs that were dispatched again [EUR m-2]."""
     make_agents(work)
     asked = jobs()
     found = evaluated(asked, work, processes, KEPT)
@@ -201,7 +201,7 @@ def blind(figures: Mapping[str, Any], family: str) -> tuple[Scores, Scores, dict
 
 
 def dispatched(figures: Mapping[str, Any]) -> list[Costs]:
-    """Costs of energy and CO2 of the runs that were planned anew."""
+    """Costs of energy and CO2 of the runs that were planned again."""
     return [Costs(**one) for one in figures["dispatch"]]
 
 

@@ -95,7 +95,7 @@ def curves(points: Points) -> str:
     for place, (metric, title) in enumerate(CURVES):
         shown = {key[:2]: point for key, point in points.items() if key[2] == metric and _drawn(key[0], metric)}
         lows, highs = [p.low for p in shown.values()], [p.high for p in shown.values()]
-        ticks = _ticks(
+        ticks = round_ticks(
             min([*lows, 0.0] if metric != "reward" else lows), max([*highs, 0.0] if metric != "reward" else highs)
         )
         x0 = place * width + left
@@ -106,14 +106,14 @@ def curves(points: Points) -> str:
         def y(value: float, ticks: list[float] = ticks) -> float:
             return top + (height - top - 46) * (ticks[-1] - value) / (ticks[-1] - ticks[0])
 
-        parts.append(_text(place * width + width / 2 + 20, 34, title, size=13, anchor="middle"))
+        parts.append(text(place * width + width / 2 + 20, 34, title, size=13, anchor="middle"))
         for tick in ticks:
             parts.append(
                 f'<line x1="{x(0):.1f}" x2="{x(30):.1f}" y1="{y(tick):.1f}" y2="{y(tick):.1f}" stroke="#e4e4e4"/>'
             )
-            parts.append(_text(x(0) - 8, y(tick) + 4, f"{tick:g}", anchor="end"))
-        parts += [_text(x(level), height - 26, str(level), anchor="middle") for level in LEVELS]
-        parts.append(_text((x(0) + x(30)) / 2, height - 8, "uncertainty of the crop, ± %", anchor="middle"))
+            parts.append(text(x(0) - 8, y(tick) + 4, f"{tick:g}", anchor="end"))
+        parts += [text(x(level), height - 26, str(level), anchor="middle") for level in LEVELS]
+        parts.append(text((x(0) + x(30)) / 2, height - 8, "uncertainty of the crop, ± %", anchor="middle"))
         for agent, colour in AGENTS.items():
             course = [(x(level), shown[agent, level]) for level in LEVELS if (agent, level) in shown]
             line = " ".join(f"{at:.1f},{y(point.mean):.1f}" for at, point in course)
@@ -128,10 +128,10 @@ def curves(points: Points) -> str:
                 )
     present = [agent for agent in AGENTS if any(key[0] == agent for key in points)]
     legend = [
-        f'<circle cx="{40 + 120 * i}" cy="12" r="4" fill="{AGENTS[agent]}"/>' + _text(48 + 120 * i, 16, agent)
+        f'<circle cx="{40 + 120 * i}" cy="12" r="4" fill="{AGENTS[agent]}"/>' + text(48 + 120 * i, 16, agent)
         for i, agent in enumerate(present)
     ]
-    return _svg(width * 3, height, [*legend, *parts])
+    return svg(width * 3, height, [*legend, *parts])
 
 
 def money(points: Points) -> str:
@@ -142,7 +142,7 @@ def money(points: Points) -> str:
     lowest = -max(
         sum(points[agent, level, name].mean for name, *_, sign in MONEY if sign < 0) for agent, level in chosen
     )
-    ticks = _ticks(lowest, highest)
+    ticks = round_ticks(lowest, highest)
     bar, left, top, height = 46, 62, 40, 380
     bottom = height - 96
 
@@ -150,21 +150,21 @@ def money(points: Points) -> str:
         return top + (bottom - top) * (ticks[-1] - value) / (ticks[-1] - ticks[0])
 
     width = max(700, left + bar * len(chosen) + 3 * 30)
-    parts = [_text(left, 18, "EUR/m² over the 60 days", size=13)]
+    parts = [text(left, 18, "EUR/m² over the 60 days", size=13)]
     for i, (_, title, colour, _) in enumerate(MONEY):
         at = left + 190 + 95 * i
-        parts.append(f'<rect x="{at}" y="9" width="10" height="10" fill="{colour}"/>' + _text(at + 15, 18, title))
+        parts.append(f'<rect x="{at}" y="9" width="10" height="10" fill="{colour}"/>' + text(at + 15, 18, title))
     at = left + 190 + 95 * len(MONEY)
-    parts.append(f'<rect x="{at}" y="12" width="12" height="3" fill="#000"/>' + _text(at + 17, 18, "EPI"))
+    parts.append(f'<rect x="{at}" y="12" width="12" height="3" fill="#000"/>' + text(at + 17, 18, "EPI"))
     for tick in ticks:
         parts.append(f'<line x1="{left}" x2="{width - 10}" y1="{y(tick):.1f}" y2="{y(tick):.1f}" stroke="#e4e4e4"/>')
-        parts.append(_text(left - 8, y(tick) + 4, f"{tick:g}", anchor="end"))
+        parts.append(text(left - 8, y(tick) + 4, f"{tick:g}", anchor="end"))
     x, group = left + 8.0, -1
     for agent, level in chosen:
         if group not in (-1, level):
             x += 30
         if group != level:
-            parts.append(_text(x, height - 6, f"± {level} %", size=13))
+            parts.append(text(x, height - 6, f"± {level} %", size=13))
         group = level
         down = 0.0
         for name, _, colour, sign in MONEY:
@@ -180,7 +180,7 @@ def money(points: Points) -> str:
             f'<text transform="translate({x + 20:.1f},{bottom + 8}) rotate(-35)" text-anchor="end" font-size="11" {FONT}>{agent}</text>'
         )
         x += bar
-    return _svg(int(x + 20), height, parts)
+    return svg(int(x + 20), height, parts)
 
 
 def table(points: Points, metric: str, digits: int) -> str:
@@ -237,7 +237,8 @@ def _drawn(agent: str, metric: str) -> bool:
     return agent in AGENTS and (metric == "epi" or agent not in ONLY_IN_EPI)
 
 
-def _ticks(low: float, high: float) -> list[float]:
+def round_ticks(low: float, high: float) -> list[float]:
+    """Round numbers about a fifth of the span apart, from at most ``low`` to at least ``high``."""
     rough = (high - low) / 5 or 1.0
     size = 10 ** np.floor(np.log10(rough))
     step = float(size * next(factor for factor in (1, 2, 5, 10) if factor * size >= rough))
@@ -245,11 +246,13 @@ def _ticks(low: float, high: float) -> list[float]:
     return [float(step * k) for k in np.arange(first, last + 1)]
 
 
-def _text(x: float, y: float, words: str, *, size: int = 11, anchor: str = "start") -> str:
+def text(x: float, y: float, words: str, *, size: int = 11, anchor: str = "start") -> str:
+    """Words of a figure in SVG."""
     return f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size}" text-anchor="{anchor}" {FONT}>{words}</text>'
 
 
-def _svg(width: int, height: int, parts: list[str]) -> str:
+def svg(width: int, height: int, parts: list[str]) -> str:
+    """A figure in SVG on white."""
     head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}">'
     return "\n".join([head, '<rect width="100%" height="100%" fill="#fff"/>', *parts, "</svg>"]) + "\n"
 

@@ -17,6 +17,7 @@ from glbench.resources import data_folder
 LOCK_NAME = "lock.toml"
 REFERENCES_NAME = "references.toml"
 BEHAVIOUR_NAME = "behaviour.toml"
+DEPRECATED_NAME = "deprecated.toml"
 DRAFTS = "drafts"
 ENTRY_POINT = "glbench.env:GreenhouseEnv"
 VECTOR_ENTRY_POINT = "glbench.env:GreenhouseVectorEnv"
@@ -24,7 +25,7 @@ VECTOR_ENTRY_POINT = "glbench.env:GreenhouseVectorEnv"
 
 def task_files() -> list[Path]:
     """Files of the shipped tasks, in the order of their names."""
-    others = {LOCK_NAME, REFERENCES_NAME, BEHAVIOUR_NAME}
+    others = {LOCK_NAME, REFERENCES_NAME, BEHAVIOUR_NAME, DEPRECATED_NAME}
     return sorted(path for path in data_folder("tasks").glob("*.toml") if path.name not in others)
 
 

@@ -1,13 +1,19 @@
 """Where the data folders are, in a checkout and in an installed wheel; and how files are written.
 
 The folders ``tasks``, ``baselines``, ``weather``, ``submissions`` and ``reports`` stand beside the package in a checkout and
-inside it (``glbench/_data``) in a wheel. Nothing in them is ever imported as a module of the package.
+inside it (``glbench/_data``) in a wheel. Nothing in them is ever imported as a module of the package. A wheel holds neither large
+policies and plans nor the profiles of released results: these are in a second package, ``glbench-data``.
 """
 
 from __future__ import annotations
 
 import hashlib
+import importlib.util
+import json
 import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Literal
 
@@ -18,11 +24,33 @@ DataFolder = Literal["tasks", "baselines", "weather", "submissions", "reports/re
 _PACKAGE = Path(__file__).resolve().parent
 
 
+@dataclass(frozen=True)
+class DataPackage:
+    """The package with all baselines and released results, ``glbench-data``, as this wheel was built with.
+
+    Attributes
+    ----------
+    version, sha256
+        Of the package that belongs to this wheel.
+    left_out
+        Baselines whose policies or plans are only there, and their digests.
+    folder
+        Where it is installed; None where it is not, or where another version is.
+    """
+
+    version: str
+    sha256: str
+    left_out: Mapping[str, str]
+    folder: Path | None = None
+
+
 def data_folder(name: DataFolder) -> Path:
-    """Folder of the shipped data ``name``: the checkout's own, else the copy inside the installed package."""
+    """Folder of the shipped data ``name``: the checkout's own, else that of ``glbench-data``, else the part of it in the wheel."""
     packaged = _PACKAGE / "_data" / name
     if packaged.is_dir():
-        return packaged
+        beside = data_package()
+        whole = None if beside is None or beside.folder is None else beside.folder / name
+        return packaged if whole is None or not whole.is_dir() else whole
     checkout = _PACKAGE.parent / name
     if checkout.is_dir() and (_PACKAGE.parent / "pyproject.toml").is_file():
         return checkout
@@ -31,6 +59,41 @@ def data_folder(name: DataFolder) -> Path:
         "The installation is incomplete: install glbench again, or run from a complete checkout."
     )
     raise GlbenchError(msg)
+
+
+def data_package() -> DataPackage | None:
+    """The package with all of the data; None where nothing is missing without it, as in a checkout."""
+    return _data_package(_PACKAGE / "_data" / "data.json")
+
+
+@cache
+def _data_package(manifest: Path) -> DataPackage | None:
+    try:
+        stated = DataPackage(**json.loads(manifest.read_bytes()))
+    except FileNotFoundError:
+        return None
+    found = importlib.util.find_spec("glbench_data")
+    if found is None or found.origin is None:
+        return stated
+    folder = Path(found.origin).parent
+    try:
+        its_sha256 = json.loads((folder / "manifest.json").read_bytes())["sha256"]
+    except (OSError, ValueError, KeyError):
+        return stated
+    return replace(stated, folder=folder) if its_sha256 == stated.sha256 else stated
+
+
+def left_out() -> Mapping[str, str]:
+    """Baselines whose policies or plans are not installed here, and their digests."""
+    package = data_package()
+    return {} if package is None or package.folder is not None else package.left_out
+
+
+def how_to_get_data() -> str:
+    """What to do where something of ``glbench-data`` is asked for, and missing."""
+    package = data_package()
+    assert package is not None, "nothing of a checkout is in another package"
+    return f"It is in the package glbench-data {package.version}, which is not installed: pip install glbench-data=={package.version}"
 
 
 def is_released(path: Path) -> bool:

@@ -1,13 +1,17 @@
-"""For every test: no time limits but its own, children get their signals as a terminal gives them, and none is left behind."""
+"""For every test: no time limits but its own, children get their signals as a terminal gives them, and none is left behind.
+
+Without PyTorch (group ``dev``) whatever imports it is skipped, and named in one line at the end. The group ``all`` has it.
+"""
 
 from __future__ import annotations
 
 import ctypes
+import importlib.util
 import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -36,6 +40,58 @@ def pytest_configure() -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) == signal.SIG_IGN:
             signal.signal(number, lambda *_: None)
+
+
+_HAS_PYTORCH = importlib.util.find_spec("torch") is not None
+_OF_PYTORCH = ("torch", "stable_baselines3", "sb3_contrib", "tensorboard")
+_NO_PYTORCH = "PyTorch is not installed"
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(
+    collector: pytest.Collector,
+) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """Skip a file that imports PyTorch where there is none."""
+    report = yield
+    call = getattr(report, "call", None)
+    if report.failed and call is not None and _is_for_want_of_pytorch(call.excinfo):
+        report.outcome, report.longrepr = "skipped", (str(collector.path), 1, f"Skipped: {_NO_PYTORCH}")
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Skip a test that imports PyTorch where there is none."""
+    report = yield
+    if report.failed and _is_for_want_of_pytorch(call.excinfo):
+        report.outcome = "skipped"
+        report.longrepr = (str(item.path), item.location[1] or 0, f"Skipped: {_NO_PYTORCH}")
+    return report
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Name what was not tested for want of PyTorch."""
+    if _HAS_PYTORCH:
+        return
+    skipped = [
+        report.nodeid
+        for report in terminalreporter.stats.get("skipped", [])
+        if any(word in str(report.longrepr).rpartition("Skipped:")[2] for word in ("orch", "aseline", "'train'"))
+    ]
+    files = sorted({name.partition("::")[0] for name in skipped})
+    if files:
+        terminalreporter.write_line(
+            f"Not tested, or in part, for want of PyTorch (`uv run --group all pytest` has it): {', '.join(files)}"
+        )
+
+
+def _is_for_want_of_pytorch(excinfo: pytest.ExceptionInfo[BaseException] | None) -> bool:
+    error = None if excinfo is None else excinfo.value
+    while error is not None and not isinstance(error, ModuleNotFoundError):
+        error = error.__cause__
+    return not _HAS_PYTORCH and error is not None and (error.name or "").partition(".")[0] in _OF_PYTORCH
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -5,6 +5,11 @@
 The picture of a day of energy is of another page: a report of the third set of rules of docs/energy.md, evaluated as the agent `engine`.
 
 ``python docs/images/report_pictures.py --energy /tmp/try/index.html``
+
+So is that of a story: ``glbench evaluate submissions/my_agent.py rule_based_tuned --task Spring-v1 --runs 3 --out /tmp/try``, then
+``glbench story /tmp/try/trials/results/Spring-v1/my_agent.json --page /tmp/try/story.html``.
+
+``python docs/images/report_pictures.py --story /tmp/try/story.html``
 """
 
 import shutil
@@ -24,6 +29,7 @@ PICTURES: dict[str, Picture] = {
 }
 """Name, view, size in pixels, colours, and how far down it is scrolled, or to which element."""
 OF_ENERGY: dict[str, Picture] = {"report-energy": ("#/agent/engine/Energy-v1", (1250, 1190), "light", "#energy")}
+OF_STORY: dict[str, Picture] = {"report-story": ("", (1250, 1330), "light", 0)}
 IN_VIEW = """[...document.querySelectorAll('.chart')].filter((one) => {
     const { top, bottom } = one.getBoundingClientRect();
     return one.checkVisibility() && top < innerHeight && bottom > 0;
@@ -52,7 +58,7 @@ def take(browser: Browser, page_file: str, name: str, picture: Picture) -> None:
 
 
 if __name__ == "__main__":
-    pictures = OF_ENERGY if "--energy" in sys.argv else PICTURES
+    pictures = OF_ENERGY if "--energy" in sys.argv else OF_STORY if "--story" in sys.argv else PICTURES
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         for one, how in pictures.items():

@@ -21,7 +21,7 @@ def build(out: Path, version: str) -> Path:
     """Build the site of this checkout as ``out``/``version``, and return the first page of ``out``.
 
     The folder takes the place of one that is there. ``versions.js``, which the menu of versions reads, and ``index.html``, which
-    leads to the newest release (without one, to ``version``), are written anew.
+    leads to the newest release (without one, to ``version``), are written again.
 
     Raises
     ------

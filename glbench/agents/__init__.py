@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from glbench.late import late_names
+from glbench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from glbench.agents.actions import action_problems
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from glbench.agents.rules import RuleInputs, rule_controls
     from glbench.agents.tuned_rules import TunedRulesAgent
 else:
-    __getattr__ = late_names(
+    __getattr__ = lazy_names(
         __name__,
         {
             "actions": ("action_problems",),

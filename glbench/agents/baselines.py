@@ -23,7 +23,7 @@ from glbench.agents.identity import baseline_names, check_file, check_sizes, fil
 from glbench.agents.protocol import Agent, PrivilegedController, ScenarioController, Sight
 from glbench.errors import GlbenchError, SubmissionError, did_you_mean
 from glbench.model import get_model
-from glbench.resources import data_folder, sha256_of_files
+from glbench.resources import data_folder, how_to_get_data, left_out, sha256_of_files
 from glbench.tasks.quantities import PAPER_MODEL
 from glbench.untrusted import MIB, quoted
 
@@ -283,7 +283,7 @@ class Baseline:
 
 
 def read_baseline(ref: str | Path) -> Baseline:
-    """Baseline of a shipped name (str), or from a folder (Path) with ``card.toml`` and settings of one's own.
+    """Baseline of a shipped name (str), or from a folder (Path) with ``card.toml`` and custom settings.
 
     Raises
     ------
@@ -308,8 +308,27 @@ def read_baseline(ref: str | Path) -> Baseline:
         model = folder / _SAVED_MODEL
         msg = f"The policy in {folder} could not be exported to {card.settings}. Evaluate the model itself: glbench evaluate {model}"
         raise SubmissionError(msg)
+    if isinstance(ref, str) and ref in left_out():
+        msg = f"What '{ref}' has learnt or planned ({card.settings}) is not part of this installation. {how_to_get_data()}"
+        raise SubmissionError(msg)
     settings = _CONTROLLERS[card.controller].read(place)
     return Baseline(card, settings, _digest(card.controller, place, settings))
+
+
+def shipped_digest(name: str) -> str:
+    """Digest of a shipped baseline, also where its policies or plans are not installed. Errors as of ``read_baseline``."""
+    return left_out().get(name) or read_baseline(name).digest
+
+
+def shipped_sight(name: str) -> Sight:
+    """What a shipped baseline is shown, also where its policies or plans are not installed.
+
+    Raises
+    ------
+    SubmissionError
+        When there is no such baseline.
+    """
+    return _CONTROLLERS[_read_card(data_folder("baselines") / name / "card.toml").controller].sees
 
 
 def _check_place(place: Path, folder: Path) -> None:
@@ -332,7 +351,7 @@ def _check_place(place: Path, folder: Path) -> None:
             with zipfile.ZipFile(file) as archive:
                 size = sum(item.file_size for item in archive.infolist())
         except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
-            continue  # it is no archive; who reads it says what is wrong
+            continue  # it is not an archive; who reads it says what is wrong
         if size > LARGEST_ARCHIVE:
             msg = f"{file} expands to more than {LARGEST_ARCHIVE // MIB} MiB, which no policy and no recording has."
             raise SubmissionError(msg)

@@ -178,7 +178,7 @@ def read_toml(file: Path) -> dict[str, Any]:
     Raises
     ------
     SubmissionError
-        When it is no TOML, in words that go on after "it".
+        When it is not TOML; the message continues a sentence that begins with "it".
     """
     try:
         text = read_regular(file, _LARGEST_CARD).decode("utf-8-sig").replace("\r\n", "\n")
@@ -241,7 +241,7 @@ def _in_words(problem: Any, document: dict[str, Any]) -> str:
         return f"'{problem['loc'][-1]}' is missing{example}"
     if problem["type"] == "extra_forbidden":
         unknown = str(problem["loc"][-1])[:_LONGEST_KEY]
-        return f"{quoted(unknown)} is no key of a card.{did_you_mean(unknown, _KEYS)}".rstrip(".")
+        return f"{quoted(unknown)} is not a key of a card.{did_you_mean(unknown, _KEYS)}".rstrip(".")
     if problem["type"] == "literal_error":
         return f"'{where}' is {quoted(problem['input'])}, expected one of {', '.join(_CHOICES[key])}"
     if problem["type"] == "value_error":

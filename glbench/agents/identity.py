@@ -1,4 +1,4 @@
-"""Who a submission is, found out without running a line of it: name, form, files, digest, card.
+"""What a submission is, found out without running it: name, form, files, digest, card.
 
 ``load_agent`` runs the submission's code to get an agent; ``identify`` only reads files. An evaluation in a sandbox never lets that
 code into its own process, and yet must know what it files the result under.
@@ -48,7 +48,7 @@ _COPY_TIME = (315_532_800, 315_532_800)
 """Of every copy, so that times tell an agent nothing; 1980 is the first year that zip archives know."""
 SUBMISSION_CARD = "submission.toml"
 CARD_FILE = "card.toml"
-"""The card of settings of one's own for a built-in controller; such a folder has no code."""
+"""The card of custom settings for a built-in controller; such a folder has no code."""
 OBSERVATIONS_ONLY = "observations and the public task card"
 AGENT_FILE = "agent.py"
 STATISTICS_FILE = "vecnormalize.pkl"
@@ -109,7 +109,7 @@ def files_of_folder(folder: Path) -> tuple[Path, ...]:
 
 
 def check_file(file: Path, root: Path) -> None:
-    """Refuse what is no regular file, or a link that leads out of ``root``.
+    """Refuse what is not a regular file, or a link that leads out of ``root``.
 
     Raises
     ------
@@ -288,7 +288,7 @@ def path_of(ref: str | Path) -> Path:
 
 
 def is_built_in(path: Path) -> bool:
-    """Whether a folder holds settings of one's own for a built-in controller, and no agent of its own."""
+    """Whether a folder holds custom settings for a built-in controller, and no agent of its own."""
     return path.is_dir() and (path / CARD_FILE).is_file() and not (path / AGENT_FILE).is_file()
 
 
@@ -462,7 +462,7 @@ def _statistics(
             return None
         file = root / card.normalisation
         if not files and file.parent != root:
-            msg = f"The statistics of {entry.name} must lie beside it; the card names '{card.normalisation}'. Or submit a folder."
+            msg = f"The statistics of {entry.name} must be beside it; the card names '{card.normalisation}'. Or submit a folder."
             raise SubmissionError(msg)
         if not _belongs(file, root):
             msg = f"The card names the statistics '{card.normalisation}', and there is no such file in {root}."

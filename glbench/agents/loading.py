@@ -1,7 +1,7 @@
 """From a path or a name to an agent that can be run: ``load_agent``.
 
 A submission is a Python file with a function ``make_agent(task)``, a saved policy, or a folder with one of the two (``identity.py`` tells
-them apart). A baseline is a name; its data lie in ``baselines/<name>``. A submission's file is run as a module without leaving traces: no
+them apart). A baseline is a name; its data are in ``baselines/<name>``. A submission's file is run as a module without leaving traces: no
 bytecode in its folder, no names in the way of others. This keeps submissions apart from each other; it is no sandbox.
 """
 
@@ -291,7 +291,7 @@ def load_agent(ref: str | Path) -> LoadedAgent:
     ----------
     ref : str or Path
         Name of a baseline, or path of a submission: a Python file, a saved policy, or a folder with ``agent.py``, with a saved policy,
-        or with ``card.toml`` (settings of one's own for a built-in controller).
+        or with ``card.toml`` (custom settings for a built-in controller).
 
     Raises
     ------
@@ -326,7 +326,7 @@ def _maker_of(submission: Identity) -> Callable[[TaskCard], Agent]:
 
 
 def find_submission(ref: str | Path) -> Path:
-    """The file or folder ``ref``, which is no name of a baseline.
+    """The file or folder ``ref``, which is not a name of a baseline.
 
     Raises
     ------

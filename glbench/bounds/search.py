@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from glbench.agents.plans import read_book
 from glbench.bounds.replay import Earned
-from glbench.bounds.workers import Listener, Order, here, on_ray
+from glbench.bounds.workers import Listener, PlanJob, here, on_ray
 from glbench.control import Scenario
 from glbench.env import Simulation, StepResult
 from glbench.errors import GlbenchError
@@ -60,6 +60,11 @@ class Search:
         Number of processes.
     address
         Address of the Ray cluster to plan on; without one, a cluster is started on this machine.
+
+    Raises
+    ------
+    GlbenchError
+        When the task has machines that are off or on, which the planner does not know.
     """
 
     task: TaskSpec
@@ -73,6 +78,13 @@ class Search:
     """Seeds of the runs; runs with identical conditions are grouped together."""
 
     def __post_init__(self) -> None:
+        if self.task.on_off:
+            msg = (
+                f"{self.task.id} has machines that are off or on ({', '.join(self.task.on_off)}). The planner moves controls "
+                "continuously, so such a task cannot be planned. The best run of an agent can be handed in: "
+                "glbench bound --submit RESULT.json."
+            )
+            raise GlbenchError(msg)
         object.__setattr__(self, "groups", alike(self.task, self.seeds))
 
     def place(self, seeds: Sequence[int]) -> Path:
@@ -100,7 +112,7 @@ class Search:
                 found.append(Found(seeds, Earned(*(float(about[name]) for name in Earned._fields)), stored=True))
         return found
 
-    def orders(self, progress: Callable[[Progress], None] | None = None) -> list[Order]:
+    def orders(self, progress: Callable[[Progress], None] | None = None) -> list[PlanJob]:
         """The remaining plans to search for, each with the controls of the starting agent, which is evaluated in these runs."""
         done = {found.seeds for found in self.stored()}
         left = [seeds for seeds in self.groups if seeds not in done]
@@ -108,10 +120,10 @@ class Search:
             return []
         controls = begun(self.task, self.start, [seeds[0] for seeds in left], progress)
         task, name = PackedTask.of(self.task), self.start.agent.name
-        return [Order(task, seeds, u, name, self.iterations) for seeds, u in zip(left, controls, strict=True)]
+        return [PlanJob(task, seeds, u, name, self.iterations) for seeds, u in zip(left, controls, strict=True)]
 
     def run(
-        self, orders: Sequence[Order], *, engine: str = "local", listener: Listener | None = None
+        self, orders: Sequence[PlanJob], *, engine: str = "local", listener: Listener | None = None
     ) -> Iterator[Found]:
         """Search for plans, and save each one as soon as it is found.
 

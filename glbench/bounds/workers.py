@@ -29,7 +29,7 @@ Listener = Callable[[int, Iteration], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Order:
+class PlanJob:
     """Everything a worker needs to plan the runs with ``seeds``, which have identical conditions."""
 
     task: PackedTask
@@ -39,32 +39,32 @@ class Order:
     iterations: int
 
 
-def planned(order: Order, listener: Listener | None = None) -> PlanBook | str:
+def planned(job: PlanJob, listener: Listener | None = None) -> PlanBook | str:
     """A book with the ordered plan, or a message saying why there is none."""
     try:
-        task, seed = order.task.unpacked(), order.seeds[0]
+        task, seed = job.task.unpacked(), job.seeds[0]
         plan = plan_season(
             Scenario.of(task, seed),
-            order.controls,
-            iterations=order.iterations,
+            job.controls,
+            iterations=job.iterations,
             watch=None if listener is None else partial(listener, seed),
         )
-        book = PlanBook.of(task, order.seeds, plan.actions(), {"method": METHOD, "iterations": order.iterations})
+        book = PlanBook.of(task, job.seeds, plan.actions(), {"method": METHOD, "iterations": job.iterations})
         return book.with_about(glbench=__version__, **replayed(task, book, [seed])[seed]._asdict())
     except GlbenchError as error:
         return str(error)
 
 
-def here(orders: Sequence[Order], workers: int, listener: Listener | None) -> Iterator[tuple[Order, PlanBook | str]]:
+def here(jobs: Sequence[PlanJob], workers: int, listener: Listener | None) -> Iterator[tuple[PlanJob, PlanBook | str]]:
     """Plan on this machine, in this process or in ``workers`` others; each plan is yielded as soon as it is done."""
-    if min(workers, len(orders)) <= 1:
-        yield from ((order, planned(order, listener)) for order in orders)
+    if min(workers, len(jobs)) <= 1:
+        yield from ((job, planned(job, listener)) for job in jobs)
         return
     context = multiprocessing.get_context("spawn")
     told = context.Queue()
     pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_tell, initargs=(told,))
     try:
-        running = {pool.submit(_planned_there, order): order for order in orders}
+        running = {pool.submit(_planned_there, job): job for job in jobs}
         waiting = set(running)
         while waiting:
             done, waiting = wait(waiting, timeout=LOOK_SECONDS, return_when=FIRST_COMPLETED)
@@ -79,37 +79,37 @@ def here(orders: Sequence[Order], workers: int, listener: Listener | None) -> It
 
 
 def on_ray(
-    orders: Sequence[Order], cluster: Cluster, task: TaskSpec, listener: Listener | None
-) -> Iterator[tuple[Order, PlanBook | str]]:
+    jobs: Sequence[PlanJob], cluster: Cluster, task: TaskSpec, listener: Listener | None
+) -> Iterator[tuple[PlanJob, PlanBook | str]]:
     """Plan on a Ray cluster; if a worker is lost, its plan is restarted on another one."""
-    if not orders:
+    if not jobs:
         return
     luggage = Luggage.of([task], for_plans=True)
     with cluster.connected() as ray:
         work, board, files = ray.remote(num_cpus=1, max_retries=TRIES)(_planned_on_ray), board_of(ray), ray.put(luggage)
-        running = {work.remote(order, files, board): order for order in orders}
+        running = {work.remote(job, files, board): job for job in jobs}
         while running:
             ready, _ = ray.wait(list(running), num_returns=1, timeout=LOOK_SECONDS)
-            news = ray.get(board.news.remote([str(order.seeds[0]) for order in running.values()]))
+            news = ray.get(board.news.remote([str(job.seeds[0]) for job in running.values()]))
             if listener is not None:
                 for seed, one in news.items():
                     for iteration in one.events:
                         listener(int(seed), iteration)
             for one in ready:
-                order = running.pop(one)
+                job = running.pop(one)
                 try:
                     given = ray.get(one)
                 except Exception as error:  # of Ray: a worker that was lost
                     given = str(in_words(error))
-                yield order, given
+                yield job, given
 
 
-def _planned_on_ray(order: Order, luggage: Luggage, board: Any) -> PlanBook | str:
+def _planned_on_ray(job: PlanJob, luggage: Luggage, board: Any) -> PlanBook | str:
     one_thread()
     luggage.unpack()
-    teller = Teller(board, str(order.seeds[0]))
+    teller = Teller(board, str(job.seeds[0]))
     teller.begin()  # an earlier try left nothing: a plan takes minutes, and starts again
-    return planned(order, lambda _seed, iteration: teller.tell(iteration))
+    return planned(job, lambda _seed, iteration: teller.tell(iteration))
 
 
 _TOLD: list[Any] = []
@@ -120,8 +120,8 @@ def _tell(told: Any) -> None:
     _TOLD.append(told)
 
 
-def _planned_there(order: Order) -> PlanBook | str:
-    return planned(order, lambda seed, iteration: _TOLD[0].put((seed, iteration)))
+def _planned_there(job: PlanJob) -> PlanBook | str:
+    return planned(job, lambda seed, iteration: _TOLD[0].put((seed, iteration)))
 
 
 def _listen(told: Any, listener: Listener | None) -> None:

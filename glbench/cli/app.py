@@ -15,10 +15,11 @@ from glbench.cli.bench import bench
 from glbench.cli.bound import bound
 from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_warnings
 from glbench.cli.evaluate import evaluate
+from glbench.cli.exiting import INTERRUPTED, interruptible, leave
 from glbench.cli.leaderboard import badge, leaderboard
-from glbench.cli.leaving import INTERRUPTED, interruptible, leave
 from glbench.cli.report import report
 from glbench.cli.results import compare, show
+from glbench.cli.story import story
 from glbench.cli.train import export, sweep, train, tune
 from glbench.cli.validate import validate
 from glbench.cli.verify import verify
@@ -34,7 +35,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _command in (evaluate, leaderboard, show, compare, badge, report, verify, view, bound, bench, validate):
+for _command in (evaluate, leaderboard, show, compare, badge, report, story, verify, view, bound, bench, validate):
     app.command(_command.__name__)(_command)
 app.add_typer(submit.app, name="submit")
 app.add_typer(rounds.app, name="round")
@@ -54,7 +55,7 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def _options(
     version: Annotated[
-        bool, typer.Option("--version", help="Print the version and leave.", callback=_print_version, is_eager=True)
+        bool, typer.Option("--version", help="Print the version and exit.", callback=_print_version, is_eager=True)
     ] = False,
     debug: Annotated[
         bool, typer.Option("--debug", help=f"Show tracebacks of errors (or set {DEBUG_VARIABLE}=1).")
@@ -73,7 +74,7 @@ def _in_words(error: OSError) -> str:
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:
-    """Run the command line and leave with 0 (done), 1 (an error, in words), 2 (wrong usage), 130 (Ctrl-C) or 128 + a signal."""
+    """Run the command line and exit with 0 (done), 1 (an error, in words), 2 (wrong usage), 130 (Ctrl-C) or 128 + a signal."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # names of files need not be text
             stream.reconfigure(errors="backslashreplace")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import messages, output, print_warning, put, say, table, tell
-from glbench.cli.leaving import INTERRUPTED, tell_interrupted
+from glbench.cli.exiting import INTERRUPTED, tell_interrupted
 from glbench.cli.options import Address, EngineName, Sandbox, SandboxChoice, Workers, check_address
 from glbench.cli.progress import Bar
 from glbench.errors import GlbenchError

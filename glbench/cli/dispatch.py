@@ -36,7 +36,7 @@ def dispatch(
         Path,
         typer.Argument(
             metavar="RESULT",
-            help="Result file (.json) of a task with an energy system; its recorded actions lie beside it.",
+            help="Result file (.json) of a task with an energy system; its recorded actions are beside it.",
         ),
     ],
     run: Annotated[

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from glbench.cli.console import messages, output, put, table, tell
 from glbench.cli.dispatch import dispatch
-from glbench.cli.leaving import INTERRUPTED, tell_interrupted
+from glbench.cli.exiting import INTERRUPTED, tell_interrupted
 from glbench.cli.options import Episodes, OneTask, RoundFile, Sandbox, SandboxChoice, round_of
 from glbench.cli.progress import Bar
 from glbench.cli.train import needs_the_extra, the_task

@@ -15,7 +15,7 @@ from rich.box import HEAVY_HEAD
 from rich.markup import escape
 
 from glbench.cli.console import harmless, messages, output, print_warning, say, table, tell
-from glbench.cli.leaving import INTERRUPTED, leaving_at_once, tell_interrupted
+from glbench.cli.exiting import INTERRUPTED, leaving_at_once, tell_interrupted
 from glbench.cli.options import (
     REPORTS,
     Address,
@@ -111,7 +111,7 @@ def evaluate(
 ) -> None:
     """Evaluate agents on tasks: seeded runs in lockstep, a table with intervals, and a result file each.
 
-    Results depend neither on --workers nor on --engine. What is interrupted (Ctrl-C, a crash, a power cut) goes on with the
+    Results depend neither on --workers nor on --engine. What is interrupted (Ctrl-C, a crash, a power cut) continues with the
     same command, and what is finished is not done again.
     """
     with leaving_at_once():
@@ -328,7 +328,7 @@ def _quiet_agents(wanted: bool) -> Iterator[None]:
 
 
 def _shown(path: Path) -> str:
-    """A path as short as it can be copied: relative when it lies below the current folder."""
+    """A path as short as it can be copied: relative when it is below the current folder."""
     return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else str(path)
 
 
@@ -352,8 +352,8 @@ def _evaluate_many(
     except KeyboardInterrupt:
         done = sum(outcome.result is not None for outcome in outcomes)
         tell_interrupted(
-            f"{done} of {len(jobs)} evaluations are done and saved. The same command (without --fresh) goes on: what is done is not "
-            "done again, what was under way goes on from its checkpoint."
+            f"{done} of {len(jobs)} evaluations are done and saved. The same command (without --fresh) continues: what is done is not "
+            "done again, what was under way continues from its checkpoint."
         )
         raise typer.Exit(INTERRUPTED) from None
     failures = [(f"{o.job.agent_name} on {o.job.task.short_id}", o.reason) for o in outcomes if o.reason is not None]

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from glbench.leaderboard import Row, StoredResult, TaskTable
     from glbench.leaderboard.suites import SuiteRow, SuiteTable
-    from glbench.leaderboard.tables import Column
+    from glbench.leaderboard.tables import TableColumn
 
 _NARROWEST_AGENT = 8
 _NARROW_AGENT = 18
@@ -247,18 +247,18 @@ def _print_task(table: TaskTable, *, members: bool) -> None:
     regrets = [replace(column, heading=column.heading.replace(", ", ",\n")) for column in regrets]
     scores = [
         t.of_metric(first),
-        t.Column(_SPAN, span, gives_way=1),
+        t.TableColumn(_SPAN, span, gives_way=1),
         *regrets[:1],
         t.worst_column(first, gives_way=5),
         *([replace(t.overall_column(first, gives_way=6), heading="Overall\n95 %")] if has("overall") else []),
         *([replace(t.deviation_column(first, gives_way=8), heading="SD of\ntrainings")] if has("deviation") else []),
-        t.Column("IQM", lambda row: t.number_text(t.iqm_of(row, first), first.digits), gives_way=9),
+        t.TableColumn("IQM", lambda row: t.number_text(t.iqm_of(row, first), first.digits), gives_way=9),
         *(t.of_metric(metric, gives_way=3 + place) for place, metric in enumerate(others)),
         *regrets[1:],
-        t.Column("Runs", runs, gives_way=7),
+        t.TableColumn("Runs", runs, gives_way=7),
         replace(t.SOURCE, cell=lambda row: "" if row.training_seed is not None else str(row.origin)),
     ]
-    ranks = t.Column(
+    ranks = t.TableColumn(
         "#", lambda row: "" if row.training_seed is not None else t.NONE if row.rank is None else str(row.rank)
     )
     title = f"{escape(visible(table.title))}\n[dim]{escape(visible(table.task_id))}[/dim]"
@@ -282,24 +282,24 @@ def _print_suite(table: SuiteTable) -> None:
         marks += t.REPRODUCED_MARK * one.reproduced
         return f"{t.suite_label(row)} {marks}" if marks else t.suite_label(row)
 
-    def score(heading: str, name: str, gives_way: int) -> Column:
-        return t.Column(heading, lambda row: t.score_text(getattr(row, name).value), gives_way=gives_way)
+    def score(heading: str, name: str, gives_way: int) -> TableColumn:
+        return t.TableColumn(heading, lambda row: t.score_text(getattr(row, name).value), gives_way=gives_way)
 
     scores = [
         score("Mean", "mean", 0),
-        t.Column(_SPAN, lambda row: t.span_text(row.mean, is_range=row.trainings[1] > 1) or t.NONE, gives_way=2),
+        t.TableColumn(_SPAN, lambda row: t.span_text(row.mean, is_range=row.trainings[1] > 1) or t.NONE, gives_way=2),
         score("IQM", "iqm", 1),
         *([t.suite_regret_column(1, span=False)] if any(row.regret is not None for row in table.rows) else []),
         score("Median", "median", 5),
         score("Optimality\ngap", "optimality_gap", 3),
-        t.Column("Runs", lambda row: str(row.runs), gives_way=4),
+        t.TableColumn("Runs", lambda row: str(row.runs), gives_way=4),
         replace(t.SOURCE, cell=lambda row: "" if row.figures is None else str(row.figures.origin)),
     ]
     title = (
         f"Suite {escape(table.suite)}, {len(table.tasks)} tasks: normalised scores\n"
         "[dim]0 is doing nothing, 1 the best known result of each task[/dim]"
     )
-    ranks = t.Column("#", lambda row: t.NONE if row.rank is None else str(row.rank))
+    ranks = t.TableColumn("#", lambda row: t.NONE if row.rank is None else str(row.rank))
     _print_fitted(title, scores, table.rows, agent, lambda row: row.rank is None, ranks)
     rows = [row for row in table.rows if row.figures is not None]
     used = [t.of_figures(one) for one in _resources(t.resources(of_published(table.tasks)), before=1)]
@@ -307,7 +307,7 @@ def _print_suite(table: SuiteTable) -> None:
     _print_fitted(title, used, rows, agent, lambda row: bool(row.missing))
 
 
-def _resources(metrics: Sequence[Any], before: int) -> list[Column]:
+def _resources(metrics: Sequence[Any], before: int) -> list[TableColumn]:
     """Metrics, decision and training, with their headings word below word; the last ones give way first."""
     from glbench.leaderboard import tables as t
 
@@ -319,11 +319,11 @@ def _resources(metrics: Sequence[Any], before: int) -> list[Column]:
 
 def _print_fitted(
     title: str,
-    columns: Sequence[Column],
+    columns: Sequence[TableColumn],
     rows: Sequence[Any],
     agent: Callable[[Any], str],
     dim: Callable[[Any], bool],
-    ranks: Column | None = None,
+    ranks: TableColumn | None = None,
 ) -> None:
     """The table with as many columns as the console has room for, and the names of the others."""
     console, names = output(), [agent(row) for row in rows]
@@ -354,7 +354,12 @@ def _least_width(console: Console, view: Table) -> int:
 
 
 def _table(
-    title: str, columns: Sequence[Column], rows: Sequence[Any], names: Sequence[str], dim: Sequence[bool], width: int
+    title: str,
+    columns: Sequence[TableColumn],
+    rows: Sequence[Any],
+    names: Sequence[str],
+    dim: Sequence[bool],
+    width: int,
 ) -> Table:
     view = Table(
         title=title,

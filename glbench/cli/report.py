@@ -13,6 +13,7 @@ import typer
 from glbench.cli.console import messages, print_warning, put, tell
 from glbench.cli.options import REPORTS, Out, Workers
 from glbench.cli.stored import warn_of
+from glbench.resources import data_package, how_to_get_data, is_released
 
 if TYPE_CHECKING:
     from glbench.report import Completion
@@ -46,8 +47,15 @@ def report(
     warn_of(page.left_out)
     size = path.stat().st_size / 1e6
     put(f"{path} ({page.results} results, {size:.1f} MB)")
-    if page.without_profile and not complete:
-        ours = sorted(page.without_profile, key=lambda missing: not missing.is_relative_to(out))
+    beside = data_package()
+    elsewhere = beside is not None and beside.folder is None
+    if elsewhere:
+        print_warning(
+            f"The page lacks days, seasons and worst runs of the results that came with glbench. {how_to_get_data()}"
+        )
+    missing = [path for path in page.without_profile if not (elsewhere and is_released(path))]
+    if missing and not complete:
+        ours = sorted(missing, key=lambda path: not path.is_relative_to(out))
         _say_what_is_missing(ours, page.results)
     if show and not webbrowser.open(path.resolve().as_uri()):
         print_warning(f"No browser could be started. Open {path.resolve().as_uri()} yourself.")
@@ -80,7 +88,7 @@ def _say_what_is_missing(paths: Sequence[Path], total: int) -> None:
     count = "No result has" if len(paths) == total else f"{len(paths)} of {total} results do not have"
     print_warning(
         f"{count} a profile, so that the page lacks typical day, season and worst run of {_some(paths)}. "
-        "`glbench report --complete` makes them where the recorded actions (.actions.mcap) lie beside the result; "
+        "`glbench report --complete` makes them where the recorded actions (.actions.mcap) are beside the result; "
         "elsewhere evaluate again with --fresh."
     )
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from glbench.cli.console import messages, output, print_warning, put, say, table, tell
-from glbench.cli.leaving import INTERRUPTED, tell_interrupted
+from glbench.cli.exiting import INTERRUPTED, tell_interrupted
 from glbench.errors import GlbenchError
 
 if TYPE_CHECKING:

@@ -41,7 +41,7 @@ def check(
     """Find everything that will be wrong in an evaluation, within 20 seconds.
 
     The files are read, then the agent runs for a day, in the sandbox as in an evaluation. First decisions have their own time: an agent
-    that plans takes longer for them, and the check as much longer. Leaves with 0 when nothing has to be mended, else with 1.
+    that plans takes longer for them, and the check as much longer. Exits with 0 when nothing has to be fixed, else with 1.
     """
     from glbench.evaluation.submitting import check_submission
     from glbench.tasks import DEFAULT_TASK

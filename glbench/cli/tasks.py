@@ -41,6 +41,7 @@ def list_command(
 ) -> None:
     """List the tasks that come with glbench, suite by suite, the default task first: what each is, how long, under which weather."""
     from glbench.tasks import DEFAULT_TASK, list_drafts, list_tasks, read_lock
+    from glbench.tasks.deprecated import read_deprecated
 
     published, drafts = list_tasks(), list_drafts()
     tasks = _by_suite([*published, *drafts], DEFAULT_TASK)
@@ -57,6 +58,10 @@ def list_command(
         return
     for part in _listing(tasks, {**digests, **dict.fromkeys((task.id for task in drafts), _DRAFT)}):
         output().print(part)
+    deprecated = read_deprecated()
+    for task in tasks:
+        if task.id in deprecated:
+            output().print(f"[yellow]Deprecated:[/yellow] {deprecated[task.id].in_words(task.id)}", soft_wrap=True)
     messages().print(
         f"Commands without --task take {DEFAULT_TASK}. `glbench tasks show ID` explains a task.", style="dim"
     )
@@ -87,7 +92,7 @@ def check_command(
 ) -> None:
     """Check tasks: the shipped ones, with what is computed from them, against what was published; your own files for mistakes.
 
-    Leaves with 1 if one is wrong.
+    Exits with 1 if one is wrong.
     """
     from glbench.registration import DRAFTS, draft_files
     from glbench.tasks import TaskSpec
@@ -306,7 +311,7 @@ def _explained(task: TaskSpec) -> dict[str, Any]:
 
     card = dataclasses.asdict(task_card(task))
     card["start"] = card["start"].isoformat()
-    del card["written"]  # the definition is told below
+    del card["written"]  # the definition follows
     return {
         "id": task.id,
         "title": task.title,

@@ -11,7 +11,7 @@ from rich.box import HEAVY_HEAD
 from typer.core import TyperGroup
 
 from glbench.cli.console import messages, output, say, table, tell
-from glbench.cli.leaving import INTERRUPTED, tell_interrupted
+from glbench.cli.exiting import INTERRUPTED, tell_interrupted
 from glbench.cli.options import (
     Address,
     Config,
@@ -166,7 +166,7 @@ def tune_rules(
     ] = None,
     out: TrainingFolder = None,
 ) -> None:
-    """Tune the numbers of rules for one task or several; the same command goes on with what was interrupted.
+    """Tune the numbers of rules for one task or several; the same command resumes what was interrupted.
 
     The folder then holds the rules (rules.yml), the learning curve and card.toml, and is an agent itself: glbench evaluate FOLDER.
     """
@@ -232,7 +232,7 @@ def tune_policy(
         with bar:
             found = search(chosen, settings, folder, seed=seed, resume=resume, listeners=[bar])
     except KeyboardInterrupt:
-        tell_interrupted("The same command with --resume goes on from the last evaluation.")
+        tell_interrupted("The same command with --resume continues from the last evaluation.")
         raise typer.Exit(INTERRUPTED) from None
     if found.already_done:
         messages().print("Already tuned with these settings. More: --generations N --resume.")
@@ -300,7 +300,7 @@ def sweep(
         bool, typer.Option("--wandb", help="Let Weights & Biases choose the trials (needs an account).")
     ] = False,
 ) -> None:
-    """Search hyperparameters: an Optuna study in a local file. The same command goes on with an interrupted search."""
+    """Search hyperparameters: an Optuna study in a local file. The same command resumes an interrupted search."""
     with needs_the_extra("train"):
         from glbench.training.sweep import read_search
         from glbench.training.sweep import sweep as run_sweep

@@ -53,7 +53,7 @@ def verify(
 ) -> None:
     """Simulate every run again from task, seed and recorded actions, and compare it with what the result says.
 
-    Leaves with 0 when all are reproduced, 1 when one is refuted, 2 when (none is refuted and) one cannot be told, 3 when one cannot
+    Exits with 0 when all are reproduced, 1 when one is refuted, 2 when (none is refuted and) one cannot be told, 3 when one cannot
     be told before its round is over.
     """
     from glbench.resources import is_released

@@ -101,7 +101,7 @@ def make_actuation(task: TaskSpec) -> Actuation:
 
 
 def _checked(task: TaskSpec, move: Actuation) -> Actuation:
-    """``move``, refusing to return what is no control of each run."""
+    """``move``, refusing to return what is not a control of each run."""
 
     def checked(controls: Floats, actions: Floats) -> Floats:
         moved = np.asarray(move(controls, actions), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""What steps the model for an environment: a preset's name, a kernel of one's own, or the kernel that environments share."""
+"""What steps the model for an environment: a preset's name, a custom kernel, or the kernel that environments share."""
 
 from __future__ import annotations
 

@@ -180,7 +180,7 @@ def shown_by(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Shown, .
         elif column.source in model.state_names:
             shown.append(Numbers("states", (model.state_index(column.source),), (column.factor,)))
         else:
-            msg = f"{model.id} shows '{column.name}' of '{column.source}', which is no state of it and no quantity of its air."
+            msg = f"{model.id} shows '{column.name}' of '{column.source}', which is neither one of its states nor a quantity of its air."
             raise TaskError(msg)
     return tuple(shown)
 

@@ -1,7 +1,7 @@
 """The greenhouse as a picture, for ``render_mode="rgb_array"``: the last two days of climate, controls and money.
 
 Limits, controls and units are those of the task. Axes, ticks and bands are drawn once and kept for as long as they do not
-change; lines, fills and numbers are drawn anew. Needs matplotlib (the extra ``video``); uses none of its global state.
+change; lines, fills and numbers are redrawn. Needs matplotlib (the extra ``video``); uses none of its global state.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ _LANE = 0.8
 
 @dataclass
 class _Curve:
-    """A quantity over time in axes of its own, and what is drawn anew in every picture."""
+    """A quantity over time in axes of its own, and what is redrawn in every picture."""
 
     axes: Axes
     line: Line2D
@@ -283,7 +283,7 @@ class Picture:
             for line in lines:
                 line.set_xdata([hours, hours])
                 line.set_visible(hours >= first)
-            day = (today - days).item()
+            day = (today - np.timedelta64(days, "D")).item()
             date.set_x(hours)
             date.set_text(f"{day.day} {_MONTHS[day.month - 1]}")
             date.set_visible(hours >= first and hours < -_ROOM_OF_A_DATE * self._window)

@@ -94,7 +94,7 @@ def make_reward(task: TaskSpec, accounts: Accounts) -> RewardPart:
 
 
 def _part(task: TaskSpec, name: str, accounts: Accounts) -> RewardPart:
-    """A part of the reward; one that somebody registered refuses to return what is no reward of each run."""
+    """A part of the reward; one that somebody registered refuses to return what is not a reward of each run."""
     part = REWARDS[name](task, accounts)
     if REWARDS.recorded(name):
         return part

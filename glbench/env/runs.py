@@ -30,7 +30,7 @@ _PLAIN = "fd"
 def make_environments(task: TaskSpec, n: int, kernel: Stepper, *, fused: bool = True) -> Environments:
     """``n`` environments of ``task`` around ``kernel``; compiled where the kernel is and all parts of the task allow it."""
     program, parts = make_program(task)
-    make = getattr(kernel, "environments", None)  # a kernel of one's own steps states only
+    make = getattr(kernel, "environments", None)  # a custom kernel steps states only
     if fused and make is not None and parts is NO_PARTS:
         compiled: Environments | None = make(program, n)
         if compiled is not None:

@@ -27,12 +27,12 @@ Floats = NDArray[np.float64]
 
 
 def check_runs(n: int) -> None:
-    """Refuse what is no number of runs.
+    """Refuse what is not a number of runs.
 
     Raises
     ------
     ShapeError
-        When it is no whole number, or less than one.
+        When it is not a whole number, or less than one.
     """
     if not isinstance(n, int | np.integer) or isinstance(n, bool) or n < 1:
         msg = f"A simulation has a whole number of runs, at least one; got {n!r}."
@@ -164,7 +164,7 @@ class Simulation:
         return rows
 
     def reset(self, seeds: Sequence[int] | NDArray[np.integer], rows: ArrayLike | None = None) -> NDArray[np.float32]:
-        """Start runs anew with ``seeds`` (one each), in all rows or in ``rows`` (numbers or a mask).
+        """Restart runs with ``seeds`` (one each), in all rows or in ``rows`` (numbers or a mask).
 
         Returns
         -------

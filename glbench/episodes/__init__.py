@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from glbench.episodes.accounts import by_week
 from glbench.episodes.action_log import ActionLog, is_action_log, log_bytes, read_log
 from glbench.episodes.episode import Episode, EpisodeWriter, episode_bytes, read, read_episode, recover, write_episode
 from glbench.episodes.header import AgentFacts, Provenance, RunFacts, TaskFacts, provenance_of
@@ -26,6 +27,7 @@ __all__ = [
     "TaskFacts",
     "Trace",
     "actions_path",
+    "by_week",
     "chosen_rows",
     "episode_bytes",
     "episode_path",

@@ -167,7 +167,9 @@ def read_log(path: Path | str) -> ActionLog:
     found = scan(path)
     words = found.metadata.get(_TITLE)
     if words is None or words.get("format") != LOG_FORMAT:
-        msg = f"{path} is no file of recorded actions of this glbench{f' ({found.problem})' if found.problem else ''}."
+        msg = (
+            f"{path} is not a file of recorded actions of this glbench{f' ({found.problem})' if found.problem else ''}."
+        )
         raise EpisodeError(msg)
     if found.problem is not None:
         msg = f"{path}: {found.problem}. Evaluate again with `glbench evaluate ... --fresh`."
@@ -179,7 +181,7 @@ def read_log(path: Path | str) -> ActionLog:
         runs = RunTable.model_validate_json(found.attachments[_RUNS]).runs
         return _log(found, provenance, runs, words["actions_as"])
     except (KeyError, ValueError, IndexError, OverflowError, struct.error, DecodeError, ValidationError) as error:
-        msg = f"{path} is no whole file of recorded actions ({visible(' '.join(str(error).split())[:200])})."
+        msg = f"{path} is not a whole file of recorded actions ({visible(' '.join(str(error).split())[:200])})."
         raise EpisodeError(msg) from error
 
 

@@ -18,12 +18,14 @@ from mcap.records import Channel
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
+from glbench.env.weather_pool import CLOCK
 from glbench.episodes.header import Provenance, RunFacts, as_words, canonical
 from glbench.episodes.mcap_file import PACKAGE, Layout, McapWriter, Part, Scan, layout_from, scan
 from glbench.episodes.signals import ACTION, MESSAGES, TOPICS, Column, Group, Moment
 from glbench.errors import EpisodeError, did_you_mean
 from glbench.resources import write_atomically
 from glbench.showing import html_of
+from glbench.tasks.prices import local_times
 from glbench.untrusted import one_line, quoted, refuse_crowd, visible
 
 if TYPE_CHECKING:
@@ -101,6 +103,18 @@ class Episode:
         """The model's states at the start and at the end of every step, ``(steps + 1, states)``, in the model's order and units."""
         names = self.task().model_value.state_names
         return np.stack([np.concatenate([[self._begun(name)], self[name]]) for name in names], axis=1)
+
+    @property
+    def local_times(self) -> NDArray[np.datetime64]:
+        """The same moments as ``times`` on the clock of the greenhouse, ``(steps + 1,)`` datetime64[s]; summer time as the task has it.
+
+        Raises
+        ------
+        EpisodeError
+            When the record has no clock.
+        """
+        hours = np.concatenate([[self._begun(CLOCK[0])], self[CLOCK[0]]])
+        return local_times(self.times, hours)
 
     def _begun(self, name: str) -> float:
         for group in self.groups:
@@ -358,9 +372,9 @@ def read_episode(path: Path | str, *, partial: bool = False) -> Episode:
     words = found.metadata.get(_WORDS)
     if words is None or words.get("format") != FORMAT:
         kind = (
-            "is no episode of glbench"
+            "is not a glbench episode"
             if words is None
-            else f"has the episode format {words.get('format')!r}, not {FORMAT!r}. Make it anew from the recorded actions "
+            else f"has the episode format {words.get('format')!r}, not {FORMAT!r}. Make it again from the recorded actions "
             "(`glbench episodes make RESULT`), or read it with the glbench that wrote it"
         )
         msg = f"{path} {kind}{f' ({found.problem})' if found.problem else ''}."

@@ -110,7 +110,7 @@ class Part:
 
 
 class Layout:
-    """How the messages of one type lie in memory: a blank one, in which numbers and the head's entries have their places."""
+    """How the messages of one type are laid out in memory: a blank one, in which numbers and the head's entries have their places."""
 
     def __init__(self, name: str, parts: Sequence[Part]) -> None:
         self.name, self.parts = name, tuple(parts)
@@ -430,7 +430,7 @@ def scan_bytes(data: bytes) -> Scan:
         if end > len(data):
             break
         if opcode == Opcode.FOOTER and found.problem is None and data[end:] != MCAP0_MAGIC:
-            found.problem = f"the file is cut off, or goes on, behind its footer at byte {end}"
+            found.problem = f"the file is cut off, or continues behind its footer at byte {end}"
         if found.problem is not None or opcode == Opcode.FOOTER:
             return found
         closed, position = closed or opcode == Opcode.DATA_END, end

@@ -159,7 +159,7 @@ def _over_time(
     for axes, curve in zip(panels, curves, strict=True):
         mark(axes, curve)
         for episode, kept, colour, name in zip(episodes, shown, _colours(episodes), _names(episodes), strict=True):
-            moments: NDArray[Any] = episode.times if same else _days(episode)
+            moments: NDArray[Any] = episode.local_times if same else _days(episode)
             at = moments[:-1] if curve.moment == "start" else moments[1:]
             style = "steps-post" if curve.moment == "start" else "default"
             axes.plot(at[kept], _values(episode, curve)[kept], color=colour, lw=1.2, drawstyle=style, label=name)
@@ -170,8 +170,15 @@ def _over_time(
         locator = AutoDateLocator()  # type: ignore[no-untyped-call]
         panels[-1].xaxis.set_major_locator(locator)
         panels[-1].xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
-    panels[-1].set_xlabel("time (UTC)" if same else "day of the run")
+    panels[-1].set_xlabel(_clock_words(episodes[0]) if same else "day of the run")
     return figure
+
+
+def _clock_words(episode: Episode) -> str:
+    """What a time axis shows: ``time (UTC)``, or ``local time (UTC+1 to UTC+2)`` where summer time begins meanwhile."""
+    hours = np.unique((episode.local_times - episode.times) / np.timedelta64(1, "h")).tolist()
+    ahead = " to ".join(f"UTC{hour:+g}" if hour else "UTC" for hour in hours)
+    return f"{'local time' if any(hours) else 'time'} ({ahead})"
 
 
 def _of_one_task(episodes: Sequence[Episode]) -> Signals:

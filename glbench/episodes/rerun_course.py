@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.episodes.accounts import ACTING, weeks_of
 from glbench.episodes.episode import Episode
-from glbench.episodes.signals import Curve, Floats, Signals, signals_of
+from glbench.episodes.signals import Curve, Floats, Line, Signals, raised, signals_of
 from glbench.errors import GlbenchError
 from glbench.tasks import TaskSpec, task_card
 from glbench.tasks.prices import local_times
@@ -144,7 +145,7 @@ class Shown:
         times, midnight = self.longest.times, np.datetime64(str(self.first_day), "ns")
         day = np.timedelta64(1, "D")
         if not times[0] - day < midnight < times[-1]:
-            msg = f"{self.first_day} is no day of what is shown, which lasts from {str(times[0])[:10]} to {str(times[-1])[:10]}."
+            msg = f"{self.first_day} is not a day of what is shown, which lasts from {str(times[0])[:10]} to {str(times[-1])[:10]}."
             raise GlbenchError(msg)
         return int(np.searchsorted(times, midnight))
 
@@ -287,6 +288,32 @@ def card(shown: Shown) -> str:
         f"per m² of floor; times are UTC{_clock_words(shown)}.",
     ]
     return "\n".join(lines)
+
+
+def weeks_card(shown: Shown) -> str:
+    """The accounts of every controller by week, as Markdown."""
+    lines, signals, accounts = ["# By week", ""], shown.signals, shown.signals.accounts
+    acting = (one.name for source in ACTING for one in signals.vector(source))
+    needed = {*(line.column for line in accounts if line.column), *acting}
+    for label, trajectory in zip(shown.labels, shown.trajectories, strict=True):
+        clock = local(trajectory, shown.signals.clock)
+        if clock is None or not needed <= trajectory.columns.keys():
+            lines += [f"**{label}**: its record lacks what a table of weeks needs.", ""]
+            continue
+        weeks = weeks_of(trajectory.columns, shown.signals, clock)
+        told = [place for place in range(len(accounts)) if abs(weeks.sums[:, place]).max() > 1e-9]
+        heads = [f"{accounts[place].title} [{_account_unit(accounts[place])}]" for place in told]
+        lines += [f"**{label}**", "", f"| Week from | {' | '.join(heads)} |", f"|---|{'---:|' * len(heads)}"]
+        for first, days, sums in zip(weeks.first, weeks.days, weeks.sums, strict=True):
+            short = "" if days == weeks.days[0] else f" ({days} days)"
+            lines.append(f"| {first}{short} | {' | '.join(f'{sums[place]:.2f}'.replace('-', '−') for place in told)} |")
+        lines.append("")
+    return "\n".join([*lines, "Light is the mean of a day. Natural gas by its lower heating value, 31.65 MJ m⁻³."])
+
+
+def _account_unit(line: Line) -> str:
+    unit = raised(line.unit)
+    return "–" if unit == "-" else f"{unit} d⁻¹" if line.kind == "light" else unit
 
 
 def local(trajectory: Trajectory, clock: str) -> Times | None:

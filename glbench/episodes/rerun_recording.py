@@ -23,6 +23,7 @@ from glbench.episodes.rerun_course import (
     Trajectory,
     card,
     local,
+    weeks_card,
 )
 from glbench.episodes.rerun_viewer import load_blueprint, load_rerun
 from glbench.episodes.signals import Curve, Page
@@ -77,6 +78,7 @@ def save_recording(
     if properties:
         stream.send_property("glbench", rerun.AnyValues(**properties))
     send_trajectories(stream, shown)
+    stream.log("weeks", rerun.TextDocument(weeks_card(shown), media_type=rerun.MediaType.MARKDOWN), static=True)
     send_limits(stream, shown, [0, shown.task.steps])
     send_layout(stream, shown, plain=plain)
     write_atomically(path, memory.drain_as_bytes())
@@ -195,7 +197,13 @@ def blueprint(shown: Shown, *, live: bool = False, plain: bool = False) -> rrb.B
     views = load_blueprint()
     layout = _Layout(shown, live=live)
     made: rrb.Blueprint = views.Blueprint(
-        views.Tabs(layout.overview(), *map(layout.page, shown.signals.pages), active_tab=0, name="Episode"),
+        views.Tabs(
+            layout.overview(),
+            *map(layout.page, shown.signals.pages),
+            *([] if live else [views.TextDocumentView(origin="weeks", name="By week")]),
+            active_tab=0,
+            name="Episode",
+        ),
         views.TopPanel(state="hidden" if plain else "expanded"),
         views.BlueprintPanel(state="hidden"),
         views.SelectionPanel(state="hidden"),

@@ -1,4 +1,4 @@
-"""Which runs of an evaluation are kept as full episodes, and where records lie beside the result that they belong to."""
+"""Which runs of an evaluation are kept as full episodes, and where their records are, beside the result."""
 
 from __future__ import annotations
 

@@ -42,6 +42,12 @@ _ACTS: frozenset[Source] = frozenset({"control", "disturbance"})
 _BEGUN: frozenset[Source] = frozenset({"air", "state", "clock", "derived"})
 """Sources that also have values at step 0, before anything was done."""
 
+KWH_A_CUBIC_METRE = 31.65 / 3.6
+"""Heat in a cubic metre of natural gas [kWh m-3]: its lower heating value, 31.65 MJ m-3, as in the published code of GreenLight
+(``energyContentGas``). The energy tasks count gas by it, too; the upper one of the same Dutch gas is 35.17 MJ m-3."""
+PHOTONS_A_JOULE = 0.5 * 4.6e-2
+"""PAR in global radiation [mol m-2 per J cm-2]: half of its energy (Vanthoor, 2011, table 8.1), 4.6 umol for each joule (table 9.1)."""
+
 TOPICS: dict[Moment, str] = {"start": "/inputs", "end": "/outcome"}
 """Topics of a record: what acts during a step, and the result at its end."""
 MESSAGES = {"/inputs": "Inputs", "/outcome": "Outcome"}
@@ -188,6 +194,38 @@ class Page:
     curves: tuple[Curve, ...]
 
 
+LineKind = Literal["light", "grown", "used", "earned", "paid", "violations", "profit", "score"]
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of a run's accounts: what is summed over the steps of a week, or of any other part of the run.
+
+    Attributes
+    ----------
+    name
+        Unique among the lines.
+    title, unit
+        As shown.
+    kind
+        ``light`` is told as the mean of a day; ``grown`` and ``used`` are amounts, the others money or points.
+    column
+        Column of the record.
+    factor
+        From the column's unit to ``unit``.
+    formula
+        What is summed instead of a column: the amount of each step ``(steps,)`` from ``control`` and ``disturbance``.
+    """
+
+    name: str
+    title: str
+    unit: str
+    kind: LineKind
+    column: str = ""
+    factor: float = 1.0
+    formula: Formula | None = None
+
+
 @dataclass(frozen=True)
 class Amount:
     """What the card tells of a harvest: the sum of ``column``, then ``words``, as in ``kg/m² of fruit grown``."""
@@ -222,6 +260,8 @@ class Signals:
         Columns whose sums the card tells of every controller.
     set_points
         Entries of the task's actions that are no controls.
+    accounts
+        What a run grew, used and earned, line by line.
     """
 
     recorded: tuple[Signal, ...]
@@ -238,6 +278,7 @@ class Signals:
     formulas: tuple[Formula, ...] = ()
     clock: str = CLOCK[0]
     set_points: tuple[Action, ...] = ()
+    accounts: tuple[Line, ...] = ()
 
     @property
     def curves(self) -> tuple[Curve, ...]:
@@ -364,10 +405,13 @@ def signals_of(task: TaskSpec) -> Signals:
         total="epi",
         income=tuple(item.name for item in ledger.earned),
         costs=tuple(item.name for item in ledger.paid),
-        harvest=tuple(Amount(item.amount, _harvest(item)) for item in _by_amount(ledger.earned)),
+        harvest=tuple(
+            Amount(item.amount, _harvest(item)) for item in _by_amount(ledger.earned) if not _is_energy(item)
+        ),
         reward="reward",
         formulas=tuple(formula for _, formula in _derived(task)),
         set_points=tuple(action for action in task.actions if action.name not in task.actuation.controls),
+        accounts=_accounts(task),
     )
 
 
@@ -389,8 +433,26 @@ _DEFICITS = (
 )
 """What follows from temperature and humidity of the main air: name, title, unit, formula."""
 _HOUR = CLOCK[0]
-_TITLES = {"climate": "Climate", "crop": "Crop and harvest", "controls": "Controls", "weather": "Weather"}
+_TITLES = {
+    "climate": "Climate",
+    "crop": "Crop and harvest",
+    "controls": "Controls",
+    "weather": "Weather",
+    "energy": "Energy and CO₂",
+}
 """Pages that a model's signals may be on, in their order; other groups of signals follow, each with a page."""
+_KWH = "kWh m-2"
+_GAS = {"heat": "Heat as natural gas", "gas": "Natural gas"}
+"""Flows that are told in cubic metres of gas, too. Heat is that of a boiler that loses nothing of the lower heating value."""
+_LIGHT = {
+    "climate/par_today": ("Light above the crop, sun and lamps", "mol m-2", 1.0),
+    "weather/radiation_today": ("Light outside", "mol m-2", PHOTONS_A_JOULE),
+}
+"""Sums of the day that are light: title, unit, and the factor to it."""
+_LABELS = {"electricity": "Lamp electricity", "co2_dosed": "CO₂"}
+"""Better words than the ledger's for flows that are paid for."""
+_AMOUNTS = {"co2_dosed": "CO₂ dosed", "engine_hours": "Running hours of the engine"}
+"""The same for their amounts."""
 _ONE, _PERCENT = "–", "%"
 _SHUT_TO_OPEN = (-5.0, 105.0)
 """Range of the controls [%], with room for lines at its ends."""
@@ -456,13 +518,13 @@ def _derived(task: TaskSpec) -> list[tuple[Column, Formula]]:
 
     found: list[tuple[Column, Formula]] = []
     for drawn in model.signals():
-        column = Column(drawn.path.rpartition("/")[2], _written(drawn.unit), drawn.label)
+        column = Column(drawn.path.rpartition("/")[2], plain_unit(drawn.unit), drawn.label)
         if drawn.of is not None:
             found.append((column, of_states(drawn.of)))
         elif drawn.today is not None:
             found.append((column, of_day(drawn.today)))
     if model.air is not None:
-        found += [(Column(name, _written(unit), title), of_air(formula)) for name, title, unit, formula in _DEFICITS]
+        found += [(Column(name, plain_unit(unit), title), of_air(formula)) for name, title, unit, formula in _DEFICITS]
     return found
 
 
@@ -476,7 +538,7 @@ def _pages(task: TaskSpec) -> tuple[Page, ...]:
             for name, (_, title, unit) in _AIR.items()
         )
         curves["climate"] += (Curve(f"climate/{name}", title, unit, (name,)) for name, title, unit, _ in _DEFICITS)
-    earned = _by_amount(task.ledger.earned)
+    earned = [item for item in _by_amount(task.ledger.earned) if not _is_energy(item)]
     curves["crop"] += (
         _summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued == FLOW
     )
@@ -485,8 +547,75 @@ def _pages(task: TaskSpec) -> tuple[Page, ...]:
     curves["crop"] += (
         _summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued != FLOW
     )
+    curves.setdefault("energy", []).extend(_energy(task))
     pages = [Page(_TITLES.get(group) or _sentence(group), tuple(listed)) for group, listed in curves.items() if listed]
     return (*pages, Page("Money", _money(task)), Page("Violations", _violations(task, limited)))
+
+
+def _energy(task: TaskSpec) -> Iterable[Curve]:
+    """What was bought and sold besides the harvest, and gas, summed from the start."""
+    ledger = task.ledger
+    for item in _by_amount((*(item for item in ledger.earned if _is_energy(item)), *ledger.paid)):
+        yield _summed(f"energy/{item.amount}", _amount_title(item), item)
+        if (title := _GAS.get(item.flow)) is not None:
+            yield Curve(
+                f"energy/{item.amount}_cubic_metres",
+                f"{title}, summed",
+                "m³ m⁻²",
+                (item.amount,),
+                "sum",
+                1 / KWH_A_CUBIC_METRE,
+            )
+
+
+def _is_energy(item: LedgerItem) -> bool:
+    """Whether an item is heat or power, and no harvest."""
+    return item.amount_unit == _KWH
+
+
+def _accounts(task: TaskSpec) -> tuple[Line, ...]:
+    """Light, what was grown, used and burnt, and the money of every item of the ledger, violations, profit and score."""
+    ledger, units = task.ledger, {quantity.name: quantity.unit for quantity in task.quantities}
+
+    def amount(item: LedgerItem) -> Iterable[Line]:
+        kind: LineKind = "grown" if item.sign > 0 else "used"
+        gained = " gained" if item.valued != FLOW else ""
+        yield Line(item.amount, _amount_title(item) + gained, item.amount_unit, kind, item.amount)
+        if (title := _GAS.get(item.flow)) is not None:
+            name, factor = f"{item.amount}_cubic_metres", 1 / KWH_A_CUBIC_METRE
+            yield Line(name, title, "m3 m-2", kind, item.amount, factor)
+
+    def money(item: LedgerItem) -> Line:
+        return Line(item.name, _label(item), item.unit, "earned" if item.sign > 0 else "paid", item.name)
+
+    priced = bool(task.violation_prices)
+    return (
+        *_light(task),
+        *(line for item in _by_amount((*ledger.earned, *ledger.paid)) for line in amount(item)),
+        *(money(item) for item in (*ledger.earned, *ledger.paid)),
+        Line("epi", "Profit", units["epi"], "profit", "epi"),
+        Line("penalty", "Violations" if priced else "Penalty", units["penalty"], "violations", "penalty"),
+        Line("reward", "Reward" if units["reward"] == "-" else "Score", units["reward"], "score", "reward"),
+    )
+
+
+def _light(task: TaskSpec) -> Iterable[Line]:
+    """Daily light integrals: of PAR above the canopy as the model has it, and of the sun's outside."""
+    model, seconds = task.model_value, task.step_seconds
+    nominal: Any = model.Parameters(*task.parameters().tolist())
+
+    def of(rate: Callable[[Any, Any, Any], Any], factor: float) -> Formula:
+        def amounts(vectors: Vectors) -> Floats:
+            u, d = model.Controls(*vectors["control"].T), model.Disturbances(*vectors["disturbance"].T)
+            rates = np.asarray(rate(u, d, nominal), dtype=np.float64)
+            return np.broadcast_to(rates, len(vectors["control"])) * (seconds * factor)
+
+        return amounts
+
+    for drawn in model.signals():
+        if drawn.today is not None and (words := _LIGHT.get(drawn.path)) is not None:
+            title, unit, factor = words
+            yield Line(drawn.path.rpartition("/")[2], title, unit, "light", formula=of(drawn.today, factor))
 
 
 def _curve(model: Model, drawn: Drawn) -> Curve:
@@ -513,15 +642,26 @@ def _by_amount(items: Iterable[LedgerItem]) -> tuple[LedgerItem, ...]:
     return tuple({item.amount: item for item in items}.values())
 
 
+def _label(item: LedgerItem) -> str:
+    """What an item is called."""
+    return _LABELS.get(item.flow) or _lowered(item.label) or _sentence(item.name)
+
+
 def _amount_title(item: LedgerItem) -> str:
-    return item.amount_label or item.label or _sentence(item.amount)
+    known = item.amount_label or _AMOUNTS.get(item.flow) or _LABELS.get(item.flow)
+    return known or _lowered(item.label) or _sentence(item.amount)
+
+
+def _lowered(label: str) -> str:
+    """``CO₂ bought`` for ``CO2 bought``."""
+    return label.replace("CO2", "CO₂")
 
 
 def _summed(path: str, title: str, item: LedgerItem) -> Curve:
     return Curve(
         path,
         f"{title}, summed" if item.valued == FLOW else f"{title} gained",
-        _raised(item.amount_unit),
+        raised(item.amount_unit),
         (item.amount,),
         "sum",
     )
@@ -535,14 +675,14 @@ def _money(task: TaskSpec) -> tuple[Curve, ...]:
     profit = "Economic performance" if ledger.meaning.startswith("economic performance") else "Profit"
     return (
         summed("epi", f"{profit} (EPI)", "EUR m⁻²"),
-        *(summed(i.name, f"Revenue of the {_within(i.label or i.name)}", _raised(i.unit)) for i in ledger.earned),
-        *(summed(i.name, f"Cost of {_within(i.label or i.name)}", _raised(i.unit)) for i in ledger.paid),
+        *(summed(i.name, f"Revenue of the {_within(_label(i))}", raised(i.unit)) for i in ledger.earned),
+        *(summed(i.name, f"Cost of {_within(_label(i))}", raised(i.unit)) for i in ledger.paid),
         summed("reward", "Reward" if units["reward"] == "-" else "Score", _unit_of(units["reward"])),
     )
 
 
 def _unit_of(unit: str) -> str:
-    return _ONE if unit == "-" else _raised(unit)
+    return _ONE if unit == "-" else raised(unit)
 
 
 def _violations(task: TaskSpec, limited: list[str]) -> tuple[Curve, ...]:
@@ -583,7 +723,7 @@ def _price(task: TaskSpec, item: LedgerItem) -> str:
     """As in ``heat 0.09 EUR/kWh``; a price that changes with the calendar from its lowest to its highest."""
     unit = item.amount_unit.removesuffix("m-2").strip(" -")
     price = f"{item.price:g}" if not isinstance(item.price, str) else _range(task.price_tables[item.price].limits)
-    return f"{item.goods or _within(item.label or item.name)} {price} EUR{f'/{unit}' if unit else ' each'}"
+    return f"{item.goods or _within(_label(item))} {price} EUR{f'/{unit}' if unit else ' each'}"
 
 
 def _range(values: tuple[float, ...]) -> str:
@@ -609,11 +749,11 @@ def _within(label: str) -> str:
     return words if words[1:2].isupper() else words[:1].lower() + words[1:]
 
 
-def _raised(unit: str) -> str:
+def raised(unit: str) -> str:
     """``kg m⁻²`` for ``kg m-2``."""
     return re.sub(r"-?\d+", lambda found: found[0].translate(str.maketrans(_PLAIN, _RAISED)), unit)
 
 
-def _written(unit: str) -> str:
+def plain_unit(unit: str) -> str:
     """``kg m-2`` for ``kg m⁻²``."""
     return unit.translate(str.maketrans(_RAISED, _PLAIN))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from glbench.late import late_names
+from glbench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from glbench.evaluation.files import SavingError, load_result, result_path, save_result
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from glbench.evaluation.rollout import Progress
     from glbench.evaluation.sandbox.choosing import Protected, SandboxChoice, protect
 else:
-    __getattr__ = late_names(
+    __getattr__ = lazy_names(
         __name__,
         {
             "files": ("SavingError", "load_result", "result_path", "save_result"),

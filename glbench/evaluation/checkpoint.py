@@ -1,6 +1,6 @@
 """What is kept on disk while runs are under way, so that an interruption costs seconds and not hours.
 
-Two kinds of files lie in the folder of one evaluation: pieces of the dialogue with the agent (what it was shown and what it answered,
+Two kinds of files are in the folder of one evaluation: pieces of the dialogue with the agent (what it was shown and what it answered,
 step after step) and one snapshot of the simulation and of the sums so far. A piece is written before the snapshot that needs it, and
 every file appears whole or not at all, so a kill at any moment leaves a folder that can be used.
 """
@@ -74,7 +74,7 @@ class Checkpoint:
     def save(self, step: int, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> None:
         """Write the dialogue since the last checkpoint, then the snapshot after ``step`` steps.
 
-        A disk that is full stops the checkpoints and not the evaluation, which goes on and says so.
+        A disk that is full stops the checkpoints and not the evaluation, which continues and says so.
         """
         if self._folder is None:
             return
@@ -86,7 +86,7 @@ class Checkpoint:
             snapshot = {**arrays, _FACTS: np.array(json.dumps({**facts, "step": step}))}
             write_atomically(self._folder / _SNAPSHOT, _packed(snapshot))
         except GlbenchError as error:
-            logger.warning("No further checkpoints, the evaluation goes on without: %s", error)
+            logger.warning("No further checkpoints, the evaluation continues without: %s", error)
             self._folder = None
             return
         self._inputs, self._actions, self._from = [], [], step

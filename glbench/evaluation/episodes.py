@@ -41,7 +41,7 @@ def run_facts(runs: Iterable[RunResult]) -> tuple[RunFacts, ...]:
 def write_episodes(
     selection: Sequence[str], result: Result, path: Path, task: TaskSpec, log: ActionLog, trace: Trace | None
 ) -> tuple[Path, ...]:
-    """Write the chosen runs of ``result``, which lies at ``path``, as full episodes, and return the files.
+    """Write the chosen runs of ``result``, which is at ``path``, as full episodes, and return the files.
 
     Without a trace of the evaluation they are made by replaying the actions, with the same bytes.
     """
@@ -92,7 +92,7 @@ def task_of_result(result: Result, path: Path, sealed: Round | None = None) -> T
 
 
 def recorded_actions(result: Result, path: Path) -> ActionLog:
-    """The recorded actions that belong to ``result``, which lies at ``path``.
+    """The recorded actions that belong to ``result``, which is at ``path``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Files of an evaluation: where results lie, writing them whole or not at all, reading them with suspicion, scratch folders."""
+"""Files of an evaluation: where results are stored, writing them whole or not at all, reading them as hostile, scratch folders."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def _check_schema(path: Path, text: str) -> None:
         raise ResultError(msg) from error
     name = document.get("schema") if isinstance(document, dict) else None
     if name != SCHEMA_NAME:
-        msg = f"{path} is no result of glbench: its 'schema' is {quoted(name)} and should be '{SCHEMA_NAME}'."
+        msg = f"{path} is not a result of glbench: its 'schema' is {quoted(name)} and should be '{SCHEMA_NAME}'."
         raise ResultError(msg)
     number = document.get("schema_version", 1)
     if number != SCHEMA_VERSION:

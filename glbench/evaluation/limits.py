@@ -1,6 +1,6 @@
 """Time limits for an agent, and guarded calls: what an agent does in one is a value or a failure in words, and never raises.
 
-Python code that loops for ever is stopped by the alarm signal. Code that hangs inside a compiled library is not: the signal is handled
+Python code that loops forever is stopped by the alarm signal. Code that hangs inside a compiled library is not: the signal is handled
 when the library returns, and the call is then counted as timed out.
 """
 

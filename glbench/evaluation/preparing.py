@@ -48,7 +48,7 @@ from glbench.evaluation.runners import (
 from glbench.evaluation.sandbox.choosing import Protected, Protection, SandboxChoice, protect
 from glbench.evaluation.sandbox.frames import SandboxLimits
 from glbench.evaluation.sandbox.process import Prints
-from glbench.evaluation.saving import Computed, agent_folder, alone, save, settle, tidy
+from glbench.evaluation.saving import Computed, agent_folder, result_lock, save, settle, tidy
 from glbench.kernel import Kernel, make_kernel
 from glbench.tasks import TaskSpec, get_task, task_card
 
@@ -96,7 +96,9 @@ def prepare(
     _keep_secret(task, protected)
     seeds = _seeds(task, runs, first_seed)
     selection = parse_selection(episodes)
-    chosen_rows(selection, seeds, [0.0] * len(seeds))  # a seed that no run has is told now, not after the evaluation
+    chosen_rows(
+        selection, seeds, [0.0] * len(seeds)
+    )  # a seed that no run has is reported now, not after the evaluation
     workers = None if workers is None else whole_number(workers, "The number of workers")
     if workers is not None and workers < 1:
         msg = f"An evaluation needs at least one worker; got {workers}."
@@ -357,7 +359,7 @@ class Evaluation:
         GlbenchError
             When another process works on the same result.
         """
-        with self.alone():
+        with self.result_lock():
             computed = self.compute(progress, callback)
             return self.save(computed)
 
@@ -390,7 +392,7 @@ class Evaluation:
         discard(agent_folder(self.out, self.task.id, self.agent.name))
         return result
 
-    def alone(self) -> AbstractContextManager[None]:
+    def result_lock(self) -> AbstractContextManager[None]:
         """Hold the lock of this result, if it is to be saved.
 
         Raises
@@ -398,7 +400,7 @@ class Evaluation:
         GlbenchError
             When another process holds it, or the folder cannot be written.
         """
-        return nullcontext() if self.out is None else alone(self.out, self.task.id, self.agent.name)
+        return nullcontext() if self.out is None else result_lock(self.out, self.task.id, self.agent.name)
 
     def complete_episodes(self, result: Result) -> None:
         """Make the full episodes that are wanted and not there yet, by replaying the recorded actions of ``result``.

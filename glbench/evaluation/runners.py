@@ -34,8 +34,8 @@ from glbench.evaluation.sandbox.frames import (
     LONGEST_TEXT,
     ROW,
     STATUSES,
+    AgentSetup,
     Kind,
-    Order,
     SandboxLimits,
     unpacked_problems,
 )
@@ -364,10 +364,10 @@ class SandboxedAgent:
         limit = self.time.start
         until = time.monotonic() + limit
         place = place_inside(self.submission) if self.walls else self.submission.path
-        order = Order(str(place), self.card, self.runs, self.time, self.sizes, self.definition)
+        setup = AgentSetup(str(place), self.card, self.runs, self.time, self.sizes, self.definition)
         doing = "loading it"
         try:
-            process.ask(Kind.LOAD, 0, pickle.dumps(order), seconds=limit)
+            process.ask(Kind.LOAD, 0, pickle.dumps(setup), seconds=limit)
             kind, body = process.answer(0, until, f"{doing} took longer than its limit of {limit:g} s")
             if kind == Kind.LOADED:
                 doing = "make_agent"

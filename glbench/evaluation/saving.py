@@ -85,7 +85,10 @@ def settle(out: Path, task_id: str, agent_name: str) -> None:
     waiting = _waiting(path)
     if not waiting.exists():
         return
-    with contextlib.suppress(GlbenchError), alone(out, task_id, agent_name):  # who holds the lock is saving just now
+    with (
+        contextlib.suppress(GlbenchError),
+        result_lock(out, task_id, agent_name),
+    ):  # who holds the lock is saving just now
         _finish(path, waiting)
 
 
@@ -95,7 +98,7 @@ def tidy(out: Path, task_id: str, agent_name: str, checkpoint: Path) -> None:
     if checkpoint.exists() or any(_leftovers(result_path(out, task_id, agent_name), folder)):
         with (
             contextlib.suppress(GlbenchError),
-            alone(out, task_id, agent_name),
+            result_lock(out, task_id, agent_name),
         ):  # who holds the lock is at work just now
             discard(checkpoint)
             with contextlib.suppress(OSError):  # unfinished work with other seeds stays
@@ -103,7 +106,7 @@ def tidy(out: Path, task_id: str, agent_name: str, checkpoint: Path) -> None:
 
 
 @contextlib.contextmanager
-def alone(out: Path, task_id: str, agent_name: str) -> Iterator[None]:
+def result_lock(out: Path, task_id: str, agent_name: str) -> Iterator[None]:
     """Hold the lock of a result: two processes would write each other's checkpoints. Leftovers of killed processes are removed.
 
     Raises

@@ -65,7 +65,7 @@ class ActionBounds:
 class ParameterNoise:
     """Parameters that are drawn evenly between ``1 - half_width`` and ``1 + half_width`` times the environment's own value.
 
-    ``places`` of the parameters ``(count,)``, in the order of the generator's numbers; drawn anew every ``every`` steps.
+    ``places`` of the parameters ``(count,)``, in the order of the generator's numbers; redrawn every ``every`` steps.
     """
 
     places: npt.NDArray[np.int32]

@@ -81,7 +81,7 @@ class Kernel(Trajectories):
         self._differentiator: Differentiator | None = None
 
     def __reduce__(self) -> tuple[partial[Kernel], tuple[Model, float]]:
-        """A copied or pickled kernel is made anew with the same settings and backend; its bits are the same."""
+        """A copied or pickled kernel is rebuilt with the same settings and backend; its bits are the same."""
         settings: dict[str, Any] = {"backend": self.backend, "preset": self.preset, "threads": self.threads}
         return partial(type(self), **settings), (self.model, self.step_seconds)
 
@@ -170,7 +170,7 @@ class Kernel(Trajectories):
         x, u, d, p : ndarray
             As for ``step``, C-contiguous float64; ``u`` and ``d`` have as many rows as ``x``.
         out : ndarray
-            States after the step, in the shape of ``x``; may be ``x``: then every call goes on from the last.
+            States after the step, in the shape of ``x``; may be ``x``: then every call continues from the last.
 
         Returns
         -------

@@ -242,7 +242,7 @@ class CvodesDifferentiator:
     ) -> None:
         self._sizes = sizes
         self._model = model
-        # Directions take part in the choice of the internal steps, or their errors would be nobody's business.
+        # Directions take part in the choice of the internal steps, or their errors would be ignored.
         self._options = options | {"fsens_err_con": True}
         self._step_seconds = step_seconds
         self._advance = advance

@@ -14,13 +14,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from glbench.agents.baselines import read_baseline
+from glbench.agents.baselines import read_baseline, shipped_digest
 from glbench.agents.identity import baseline_names
 from glbench.agents.recording import Recording
 from glbench.agents.tuned_rule_settings import RulePages
 from glbench.errors import GlbenchError
 from glbench.evaluation import Result
-from glbench.resources import data_folder
+from glbench.resources import data_folder, left_out
 from glbench.tasks import list_tasks
 
 
@@ -48,7 +48,7 @@ def budget_of(result: Result) -> Budget:
         return Budget(agent.card.training.steps, agent.card.training.wall_hours)
     if agent.kind != "baseline" or _digest_of_baseline(agent.name) != agent.digest:
         return UNKNOWN
-    settings = read_baseline(agent.name).settings
+    settings = _settings(agent.name)
     if isinstance(settings, RulePages):
         return _tuned(settings, result.task.id)
     trained = _trainings(data_folder("baselines") / _trained(agent.name) / "training")
@@ -58,9 +58,14 @@ def budget_of(result: Result) -> Budget:
     return UNKNOWN if delta is None else trained[min(trained, key=lambda level: (abs(level - delta), level))]
 
 
+def _settings(name: str) -> object:
+    """Settings of a baseline; None where they are not installed, which are policies and plans, no rules and no recording."""
+    return None if name in left_out() else read_baseline(name).settings
+
+
 def _trained(name: str) -> str:
     """Baseline whose training made ``name`` what it is: for a recording the agent that was recorded."""
-    settings = read_baseline(name).settings
+    settings = _settings(name)
     return str(settings.about["agent"]) if isinstance(settings, Recording) else name
 
 
@@ -80,7 +85,7 @@ def _digest_of_baseline(name: str) -> str | None:
     if name not in baseline_names():
         return None
     try:
-        return read_baseline(name).digest
+        return shipped_digest(name)
     except GlbenchError:
         return None
 

@@ -374,7 +374,8 @@ def _series(item: LedgerItem, task: TaskSpec) -> dict[str, Any]:
         pretty_unit(item.amount_unit),
     )
     words = {"name": item.amount, "label": label, "unit": f"{unit} an hour", "decimals": 3, "daily": f"{unit} a day"}
-    return words | ({"amount": True} if item.valued == FLOW else {})
+    gas = {"gas": "Natural gas"} if item.flow == "gas" else {}
+    return words | ({"amount": True} if item.valued == FLOW else {}) | gas
 
 
 def unknown_metric(name: str, unit: str) -> Metric:

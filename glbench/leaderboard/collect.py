@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from glbench.agents.baselines import read_baseline
+from glbench.agents.baselines import shipped_digest, shipped_sight
 from glbench.agents.identity import baseline_names, letters_of, without_seed
 from glbench.episodes.definition import task_of
 from glbench.errors import GlbenchError, ResultError
@@ -66,7 +66,7 @@ class StoredResult:
 
     @cached_property
     def task(self) -> TaskSpec | None:
-        """The definition of its task: as published, else as it lies beside the result; ``None`` where neither has it."""
+        """The definition of its task: as published, else as stored beside the result; ``None`` where neither has it."""
         locked = read_lock().get(self.result.task.id)
         if locked is not None and locked.digest == self.result.task.digest:
             return get_task(self.result.task.id)
@@ -249,8 +249,7 @@ class _Names:
             return True
         if agent.name not in self._baselines or agent.kind != "baseline":
             return False
-        baseline = read_baseline(agent.name)
-        return stated == (baseline.digest, "baseline", baseline.privileged)
+        return stated == (shipped_digest(agent.name), "baseline", shipped_sight(agent.name) != "observations")
 
 
 def _one_each(
@@ -316,7 +315,7 @@ def _problem_of_task(item: StoredResult, published: Expectation | None) -> str |
 
 
 def _problem_beside(item: StoredResult, released: StoredResult | None) -> str | None:
-    """Why an evaluation of one's own does not stand beside the released one with the same seeds; ``None`` where nothing is to say."""
+    """Why an evaluation of the user's own is not shown beside the released one with the same seeds; ``None`` if it is."""
     if released is None or item.result.evaluation.seeds != released.result.evaluation.seeds:
         return None
     if item.result.results_digest == released.result.results_digest:

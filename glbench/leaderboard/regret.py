@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from pydantic import Field
 
-from glbench.agents.baselines import read_baseline
+from glbench.agents.baselines import shipped_sight
 from glbench.errors import SubmissionError
 from glbench.evaluation import Result
 from glbench.evaluation.records import RANKING_METRIC, AgentRecord, RunResult
@@ -71,7 +71,7 @@ class BestKnownMeans(Published):
 
 
 def best_known_of(result: Result) -> BestKnown | None:
-    """The best known runs of the task of ``result``; ``None`` for other splits, secret salts and tasks of one's own."""
+    """The best known runs of the task of ``result``; ``None`` for other splits, secret salts and custom tasks."""
     task = result.task
     if task.split not in (None, "test") or task.salt_commitment is not None:
         return None
@@ -144,7 +144,7 @@ def can_be_best_known(agent: AgentRecord) -> bool:
 @lru_cache(maxsize=64)
 def _acts_through_actuation(name: str) -> bool:
     try:
-        return read_baseline(name).sees != "state"
+        return shipped_sight(name) != "state"
     except SubmissionError:
         return False
 

@@ -87,7 +87,7 @@ def interquartile_mean(values: Array) -> Array:
 def worst_tenth(values: Array) -> Array:
     """Mean of the worst tenth along the last axis (CVaR10), shape ``(..., n)`` to ``(...)``, in the unit of ``values``; low is bad.
 
-    The ``n/10`` smallest values count: where that is no whole number the last of them with the fraction that is left, so of 25 runs the
+    The ``n/10`` smallest values count: where that is not a whole number the last of them with the fraction that is left, so of 25 runs the
     two worst whole and the third by half. Of fewer than ten runs it is the worst one. This is the conditional value at risk of the
     empirical distribution (Rockafellar and Uryasev, 2002, Journal of Banking & Finance 26, 1443-1471).
     """
@@ -112,7 +112,7 @@ def resampling_indices(size: int, resamples: int, seed: int) -> NDArray[np.intp]
 
 
 def resampled(strata: Sequence[Array], resamples: int = RESAMPLES, seed: int = 0) -> list[Array]:
-    """Each stratum drawn anew: arrays ``(n_i,)`` to arrays ``(resamples, n_i)``, independently of one another."""
+    """Each stratum resampled: arrays ``(n_i,)`` to arrays ``(resamples, n_i)``, independently of one another."""
     return [
         stratum[resampling_indices(stratum.size, resamples, seed + number)] for number, stratum in enumerate(strata)
     ]

@@ -154,7 +154,7 @@ def number_text(value: float | None, decimals: int) -> str:
 
 
 @dataclass(frozen=True)
-class Column:
+class TableColumn:
     """A column: heading with unit, and the text of a row in it.
 
     ``words`` stand on the left; ``free`` text is somebody's own and escaped; a ``number`` is one and nothing else. On a narrow terminal
@@ -169,9 +169,9 @@ class Column:
     gives_way: int = 0
 
 
-def of_metric(metric: Metric, gives_way: int = 0) -> Column:
+def of_metric(metric: Metric, gives_way: int = 0) -> TableColumn:
     """The mean of a metric."""
-    return Column(
+    return TableColumn(
         metric.headed,
         lambda row: number_text(row.means.get(metric.name), metric.digits),
         number=True,
@@ -179,7 +179,7 @@ def of_metric(metric: Metric, gives_way: int = 0) -> Column:
     )
 
 
-def with_interval(metric: Metric) -> Column:
+def with_interval(metric: Metric) -> TableColumn:
     """The mean of a metric with its interval or range, where it has one."""
     if not metric.interval:
         return of_metric(metric)
@@ -188,19 +188,19 @@ def with_interval(metric: Metric) -> Column:
         found = row.estimates.get(metric.name)
         return NONE if found is None else format_estimate(found, metric.digits, is_range=row.is_range)
 
-    return Column(metric.headed, text)
+    return TableColumn(metric.headed, text)
 
 
-DECISION = Column("Decision [ms]", lambda row: number_text(row.decision_milliseconds, 3), number=True)
-TRAINING = Column("Training [steps]", lambda row: steps_text(row.training_steps))
-SOURCE = Column("Source", lambda row: str(row.origin), words=True)
+DECISION = TableColumn("Decision [ms]", lambda row: number_text(row.decision_milliseconds, 3), number=True)
+TRAINING = TableColumn("Training [steps]", lambda row: steps_text(row.training_steps))
+SOURCE = TableColumn("Source", lambda row: str(row.origin), words=True)
 WORDS = (
     SOURCE,
-    Column("Sees", lambda row: sees_word(privileged=row.privileged, information=row.information), words=True),
-    Column("Sandboxed", lambda row: sandbox_word(row.sandbox), words=True),
+    TableColumn("Sees", lambda row: sees_word(privileged=row.privileged, information=row.information), words=True),
+    TableColumn("Sandboxed", lambda row: sandbox_word(row.sandbox), words=True),
 )
-_CHECKED = Column("Reproduced", lambda row: REPRODUCED_MARK if row.reproduced else NONE, words=True)
-_CHECKED_IN_WORDS = Column("Reproduced", lambda row: "yes" if row.reproduced else "no", words=True)
+_CHECKED = TableColumn("Reproduced", lambda row: REPRODUCED_MARK if row.reproduced else NONE, words=True)
+_CHECKED_IN_WORDS = TableColumn("Reproduced", lambda row: "yes" if row.reproduced else "no", words=True)
 
 
 def ranked_columns(table: TaskTable) -> list[Metric]:
@@ -211,13 +211,15 @@ def ranked_columns(table: TaskTable) -> list[Metric]:
     return [ranks, *(metric for metric in shown if metric.name != table.metric)]
 
 
-def _task_columns(table: TaskTable) -> list[Column]:
+def _task_columns(table: TaskTable) -> list[TableColumn]:
     first, *others = ranked_columns(table)
     return [
-        Column("#", lambda row: NONE if row.rank is None else "" if row.training_seed is not None else str(row.rank)),
-        Column("Agent", agent_label, words=True, free=True),
+        TableColumn(
+            "#", lambda row: NONE if row.rank is None else "" if row.training_seed is not None else str(row.rank)
+        ),
+        TableColumn("Agent", agent_label, words=True, free=True),
         *map(with_interval, (first, *others)),
-        Column(f"{first.heading}, IQM", lambda row: number_text(iqm_of(row, first), first.digits)),
+        TableColumn(f"{first.heading}, IQM", lambda row: number_text(iqm_of(row, first), first.digits)),
         worst_column(first),
         *(regret_columns(table) if has_regret(table) else []),
         *([overall_column(first)] if any(map(_has_overall, table.rows)) else []),
@@ -225,29 +227,29 @@ def _task_columns(table: TaskTable) -> list[Column]:
         DECISION,
         TRAINING,
         *([TRAINED_ON] if table.split is not None else []),
-        Column("Runs", lambda row: f"{runs_label(row)}; {row.remark}" if row.remark else runs_label(row)),
+        TableColumn("Runs", lambda row: f"{runs_label(row)}; {row.remark}" if row.remark else runs_label(row)),
         *WORDS,
         _CHECKED,
     ]
 
 
-def worst_column(metric: Metric, gives_way: int = 0) -> Column:
+def worst_column(metric: Metric, gives_way: int = 0) -> TableColumn:
     """The worst tenth of the runs in what ranks."""
 
     def text(row: Row) -> str:
         return number_text(None if row.worst_tenth is None else row.worst_tenth.value, metric.digits)
 
-    return Column("CVaR10", text, number=True, gives_way=gives_way)
+    return TableColumn("CVaR10", text, number=True, gives_way=gives_way)
 
 
 def regret_columns(
     table: TaskTable, gives_way: tuple[int, int, int] = (0, 0, 0), *, spans: bool = True
-) -> list[Column]:
+) -> list[TableColumn]:
     """Regret and its parts, profit and violations; with their intervals or ranges unless told otherwise."""
     words = table.words
     metrics = (words.score, words.profit, words.of_kind("penalty")[0])
 
-    def column(part: str, metric: Metric, gives_way: int) -> Column:
+    def column(part: str, metric: Metric, gives_way: int) -> TableColumn:
         def text(row: Row) -> str:
             found: Estimate | None = None if row.regret is None else getattr(row.regret, part)
             if found is None:
@@ -257,7 +259,7 @@ def regret_columns(
             return format_estimate(found, metric.digits, is_range=row.is_range)
 
         name = "Regret" if part == "total" else f"Regret, {part}"
-        return Column(replace(metric, heading=name).headed, text, number=not spans, gives_way=gives_way)
+        return TableColumn(replace(metric, heading=name).headed, text, number=not spans, gives_way=gives_way)
 
     return [column(part, metric, way) for part, metric, way in zip(PARTS, metrics, gives_way, strict=True)]
 
@@ -267,7 +269,7 @@ def signless(text: str) -> str:
     return text.removeprefix("-") if not text.strip("-0.") else text
 
 
-def overall_column(metric: Metric, gives_way: int = 0) -> Column:
+def overall_column(metric: Metric, gives_way: int = 0) -> TableColumn:
     """The interval over groups of runs and over trainings."""
 
     def text(row: Row) -> str:
@@ -276,20 +278,20 @@ def overall_column(metric: Metric, gives_way: int = 0) -> Column:
             return NONE
         return " to ".join(number_text(end, metric.digits) for end in (found.overall.low, found.overall.high))
 
-    return Column("Overall 95 %", text, gives_way=gives_way)
+    return TableColumn("Overall 95 %", text, gives_way=gives_way)
 
 
-def deviation_column(metric: Metric, gives_way: int = 0) -> Column:
+def deviation_column(metric: Metric, gives_way: int = 0) -> TableColumn:
     """How far trainings of one recipe spread."""
 
     def text(row: Row) -> str:
         found = row.estimates.get(metric.name)
         return number_text(None if found is None else found.deviation, metric.digits)
 
-    return Column("SD of trainings", text, gives_way=gives_way)
+    return TableColumn("SD of trainings", text, gives_way=gives_way)
 
 
-TRAINED_ON = Column("Trained on", lambda row: visible(row.trained_on.words), words=True, free=True)
+TRAINED_ON = TableColumn("Trained on", lambda row: visible(row.trained_on.words), words=True, free=True)
 
 
 def iqm_of(row: Row, metric: Metric) -> float | None:
@@ -297,21 +299,21 @@ def iqm_of(row: Row, metric: Metric) -> float | None:
     return row.estimates[metric.name].iqm if metric.name in row.estimates else None
 
 
-def _score_columns(table: SuiteTable) -> list[Column]:
-    def score(name: str) -> Column:
+def _score_columns(table: SuiteTable) -> list[TableColumn]:
+    def score(name: str) -> TableColumn:
         heading = "IQM" if name == "iqm" else name.replace("_", " ").capitalize()
-        return Column(heading, lambda row: format_interval(getattr(row, name), is_range=row.trainings[1] > 1))
+        return TableColumn(heading, lambda row: format_interval(getattr(row, name), is_range=row.trainings[1] > 1))
 
     return [
-        Column("#", lambda row: NONE if row.rank is None else str(row.rank)),
-        Column("Agent", suite_label, words=True, free=True),
+        TableColumn("#", lambda row: NONE if row.rank is None else str(row.rank)),
+        TableColumn("Agent", suite_label, words=True, free=True),
         *map(score, SCORES),
         *([suite_regret_column()] if any(row.regret is not None for row in table.rows) else []),
-        Column("Runs", runs_of),
+        TableColumn("Runs", runs_of),
     ]
 
 
-def suite_regret_column(gives_way: int = 0, *, span: bool = True) -> Column:
+def suite_regret_column(gives_way: int = 0, *, span: bool = True) -> TableColumn:
     """The mean regret over a suite whose tasks all count money, with its interval or range unless told otherwise."""
 
     def text(row: SuiteRow) -> str:
@@ -324,10 +326,10 @@ def suite_regret_column(gives_way: int = 0, *, span: bool = True) -> Column:
             return mean
         return f"{mean} ({low} {RANGE_MARK} {high})" if row.trainings[1] > 1 else f"{mean} [{low}, {high}]"
 
-    return Column("Regret [EUR/m²]", text, gives_way=gives_way)
+    return TableColumn("Regret [EUR/m²]", text, gives_way=gives_way)
 
 
-def _figure_columns(words: Catalogue) -> list[Column]:
+def _figure_columns(words: Catalogue) -> list[TableColumn]:
     """What was earned, grown and used over a suite; of the figures of a row."""
 
     def agent(row: SuiteRow) -> str:
@@ -335,12 +337,12 @@ def _figure_columns(words: Catalogue) -> list[Column]:
 
     metrics = [of_metric(metric) for metric in resources(words)]
     return [
-        Column("Agent", agent, words=True, free=True),
+        TableColumn("Agent", agent, words=True, free=True),
         *map(of_figures, (*metrics, DECISION, TRAINING, *WORDS, _CHECKED)),
     ]
 
 
-def of_figures(column: Column) -> Column:
+def of_figures(column: TableColumn) -> TableColumn:
     """The same column for the figures of a row of a suite."""
     return replace(column, cell=lambda row: column.cell(row.figures))
 
@@ -352,7 +354,7 @@ def resources(words: Catalogue, *, without_intervals: bool = False) -> list[Metr
     ]
 
 
-def markdown(columns: Sequence[Column], rows: Iterable[Any]) -> list[str]:
+def markdown(columns: Sequence[TableColumn], rows: Iterable[Any]) -> list[str]:
     """A table in Markdown."""
     return [
         _line([column.heading for column in columns]),
@@ -364,10 +366,10 @@ def markdown(columns: Sequence[Column], rows: Iterable[Any]) -> list[str]:
     ]
 
 
-def latex(columns: Sequence[Column], rows: Iterable[Any]) -> list[str]:
+def latex(columns: Sequence[TableColumn], rows: Iterable[Any]) -> list[str]:
     """A table in LaTeX, with booktabs."""
 
-    def cell(column: Column, row: Any) -> str:
+    def cell(column: TableColumn, row: Any) -> str:
         text = latex_text(column.cell(row))
         return f"${text}$" if column.number and text != "--" else text
 
@@ -414,12 +416,12 @@ def _overview(suite: str, tables: Sequence[TaskTable]) -> list[str]:
     lines = [f"## Suite `{suite}` at a glance", ""]
     for metric in catalogue(*(table.task for table in tables)).headlines:
 
-        def of_task(table: TaskTable, metric: Metric = metric) -> Column:
+        def of_task(table: TaskTable, metric: Metric = metric) -> TableColumn:
             means = {row.agent: row.means.get(metric.name) for row in table.rows if row.rank is not None}
             heading = markdown_text(table.task_id.rpartition("/")[2])
-            return Column(heading, lambda name: number_text(means.get(name), metric.digits))
+            return TableColumn(heading, lambda name: number_text(means.get(name), metric.digits))
 
-        agent = Column(f"{metric.headed}, mean", str, words=True, free=True)
+        agent = TableColumn(f"{metric.headed}, mean", str, words=True, free=True)
         lines += [*markdown([agent, *map(of_task, tables)], agents), ""]
     return lines
 
@@ -449,14 +451,14 @@ def suite_markdown(table: SuiteTable) -> list[str]:
         return lines
     known = {(one.first, one.second): one.probability for one in table.improvements}
 
-    def against(other: str) -> Column:
-        return Column(other, lambda agent: NONE if agent == other else probability_text(known[agent, other]))
+    def against(other: str) -> TableColumn:
+        return TableColumn(other, lambda agent: NONE if agent == other else probability_text(known[agent, other]))
 
     return [
         *lines,
         "Probability of improvement: that a run of the agent of the row scores above a run of the agent of the column on the same task.",
         "",
-        *markdown([Column("", str, words=True), *map(against, agents)], agents),
+        *markdown([TableColumn("", str, words=True), *map(against, agents)], agents),
         "",
     ]
 
@@ -465,8 +467,8 @@ def to_latex(table: TaskTable) -> str:
     """A task's tables for a paper (``booktabs``, units in the head): mean and 95 % interval or range, then what was grown and used."""
     columns = ranked_columns(table)
     scores = [
-        Column("#", lambda row: NONE if row.rank is None else str(row.rank)),
-        Column(
+        TableColumn("#", lambda row: NONE if row.rank is None else str(row.rank)),
+        TableColumn(
             "Agent",
             lambda row: entry_label(row) + PRIVILEGED_MARK * row.privileged + SEEN_MARK * bool(row.saw_scored),
             words=True,
@@ -474,10 +476,10 @@ def to_latex(table: TaskTable) -> str:
         *map(with_interval, columns[:3]),
         worst_column(columns[0]),
         *(regret_columns(table)[:1] if has_regret(table) else []),
-        Column("Runs", runs_label),
+        TableColumn("Runs", runs_label),
     ]
     used = [
-        Column("Agent", entry_label, words=True),
+        TableColumn("Agent", entry_label, words=True),
         *map(of_metric, columns[3:]),
         DECISION,
         TRAINING,

@@ -318,7 +318,7 @@ def _numbers(table: pd.DataFrame, name: str, path: Path) -> FloatArray:
     empty = column.isna() | column.astype(str).str.strip().str.lower().isin(["nan", ""])
     wrong = np.flatnonzero(numbers.isna() & ~empty)
     if wrong.size:
-        msg = f"{path}, row {int(wrong[0]) + 2}: {name} is '{column.iloc[wrong[0]]}', which is no number."
+        msg = f"{path}, row {int(wrong[0]) + 2}: {name} is '{column.iloc[wrong[0]]}', which is not a number."
         raise ArchiveError(msg)
     return np.asarray(numbers, dtype=np.float64)
 
@@ -353,7 +353,7 @@ def longest(missing: NDArray[np.bool_]) -> tuple[int, int]:
 def _harvest(path: Path, first: int, last: int, notes: list[str]) -> FloatArray:
     """Fresh fruit of both classes [kg m-2] on each day.
 
-    A date before the one above it, or before the season, is a slip of the pen (the published file of the reference has one): the fruit
+    A date before the one above it, or before the season, is a typo (the published file of the reference has one): the fruit
     counts on the date of the next row.
     """
     table = _table(path)

@@ -17,6 +17,7 @@ from glbench.leaderboard.estimates import Estimate
 from glbench.leaderboard.regret import PARTS
 from glbench.leaderboard.statistics import SCORES, Interval
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
+from glbench.report.settings import settings_of
 from glbench.report.task_words import clock_of, definition_in_words, figures
 from glbench.tasks import TaskSpec, list_suites, read_lock
 
@@ -267,7 +268,18 @@ def result_facts(item: Known) -> dict[str, Any]:
         "steps": None if not row.failed else [run.steps for run in result.runs],
         "values": {name: [_short(value) for value in result.values(name)] for name in row.estimates},
         **optional_facts(result.model_dump(mode="json")),
+        "settings": settings_of(result, item.stored.task),
     }
+
+
+def numbered(facts: Sequence[dict[str, Any]], name: str) -> list[Any]:
+    """The different values of ``name`` in ``facts``, each once; in the facts stand their places, or nothing."""
+    places: dict[str, int] = {}
+    for one in facts:
+        value = one.pop(name, None)
+        if value is not None:
+            one[name] = places.setdefault(json.dumps(value, sort_keys=True), len(places))
+    return [json.loads(text) for text in places]
 
 
 def _training(row: Row) -> dict[str, Any] | None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from glbench import __version__
+from glbench.episodes.signals import KWH_A_CUBIC_METRE
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation.profiles import Profile, load_profile
 from glbench.leaderboard import StoredResult, TaskTable, rank
@@ -99,8 +100,13 @@ def page_data(
         {**collecting.suite_facts(table), "words_of": words.of(of_published(table.tasks), table.tasks)}
         for table in suites
     ]
+    results = [
+        facts for table in tables for row in table.rows for facts in collecting.entry_facts(row, by_digest, profiles)
+    ]
     return {
         "version": __version__,
+        "kwh_a_cubic_metre": KWH_A_CUBIC_METRE,
+        "settings": collecting.numbered(results, "settings"),
         "start": usual_task(shown) or shown[0],
         "words": words.all,
         "other_words": [[one["word"], one["meaning"]] for one in tomllib.loads(_asset("words.toml"))["word"]],
@@ -110,12 +116,7 @@ def page_data(
         "score_step": SCORE_STEP,
         "suites": of_suites,
         "agents": collecting.agent_facts(tables, known),
-        "results": [
-            facts
-            for table in tables
-            for row in table.rows
-            for facts in collecting.entry_facts(row, by_digest, profiles)
-        ],
+        "results": results,
     }
 
 

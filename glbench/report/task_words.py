@@ -134,7 +134,7 @@ def clock_of(task: TaskSpec) -> str:
 
 
 def minutes(seconds: float) -> str:
-    """A step in minutes, or in seconds where that is no whole number."""
+    """A step in minutes, or in seconds where that is not a whole number."""
     return f"{seconds / 60:g} min" if seconds % 60 == 0 else f"{seconds:g} s"
 
 
@@ -146,7 +146,7 @@ def day(date: dt.date) -> str:
 def period(task: TaskSpec) -> str:
     """``50 days from 1 March 2010, 2011 or 2012, up to 14 days later``: how long, and every first day that a run may draw.
 
-    Without years where those are told with the splits.
+    Without years where those are listed with the splits.
     """
     scenario = task.scenario
     days = sorted({season.start for season in scenario.seasons})

@@ -2,7 +2,7 @@
 
 Absolute times differ from machine to machine and from minute to minute; the ratio to the method of the benchmark's paper
 (CVODES at 1e-6, compiled just in time by CasADi) differs much less. Every ratio here is taken round by round, the reference and the
-subject in turn, and the median is told. ``glbench bench`` prints them, ``benchmarks/`` runs them under pytest-benchmark, docs/speed.md
+subject in turn, and the median is reported. ``glbench bench`` prints them, ``benchmarks/`` runs them under pytest-benchmark, docs/speed.md
 says what they mean.
 """
 

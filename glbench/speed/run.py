@@ -2,7 +2,7 @@
 
 The reference is the model as the benchmark's paper steps it: CasADi's interface to CVODES with absolute and relative tolerance 1e-6 on
 the states as they are, the right-hand side compiled by the C compiler at -O3. Without a compiler CasADi's virtual machine evaluates it,
-which is told.
+which is reported.
 """
 
 from __future__ import annotations
@@ -238,7 +238,7 @@ print(peak())
 
 
 def measure_first_use() -> FirstUse:
-    """Start a process with an empty cache and make a kernel: everything is generated and compiled anew."""
+    """Start a process with an empty cache and make a kernel: everything is generated and compiled again."""
     with tempfile.TemporaryDirectory(prefix="glbench-bench-") as cache:
         started = time.perf_counter()
         megabytes = _run(_FIRST_USE, GLBENCH_CACHE=cache)

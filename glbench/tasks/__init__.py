@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from glbench.late import late_names
+from glbench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from glbench.registration import register_tasks
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
         Word,
     )
 else:
-    __getattr__ = late_names(
+    __getattr__ = lazy_names(
         __name__,
         {
             "glbench.registration": ("register_tasks",),

@@ -86,7 +86,7 @@ def read_written(path: Path, above: tuple[Path, ...] = ()) -> Written:
     Raises
     ------
     TaskError
-        When a file cannot be read, is no TOML, or is based on itself.
+        When a file cannot be read, is not TOML, or is based on itself.
     UnknownNameError
         When there is no task of the base's id.
     """
@@ -302,7 +302,7 @@ def _read_toml(path: Path, shown: str) -> dict[str, Any]:
         msg = f"{shown} is no valid TOML: {error}. Correct that line; tasks/ has files to compare with."
         raise TaskError(msg) from error
     except (RecursionError, ValueError) as error:  # nested without end; a number of thousands of digits
-        msg = f"{shown} is no task file: it holds a number or a nesting that no task has. Is it the right file?"
+        msg = f"{shown} is not a task file: it holds a number or a nesting that no task has. Is it the right file?"
         raise TaskError(msg) from error
     check_plain(content, shown)
     return content

@@ -85,7 +85,7 @@ def best_known_path(task_id: str) -> Path:
 
 
 def read_best_known(task_id: str) -> BestKnown | None:
-    """The best known runs of a task; ``None`` where none are stored, as of every task of one's own.
+    """The best known runs of a task; ``None`` where none are stored, as for every custom task.
 
     Raises
     ------

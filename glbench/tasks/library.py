@@ -9,6 +9,7 @@ from pathlib import Path
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.registration import draft_files, task_files
 from glbench.tasks.bases import Written, read_written, shipped_file, shown_path
+from glbench.tasks.deprecated import tell_if_deprecated
 from glbench.tasks.given import given_task
 from glbench.tasks.lock import LOCK_WORDS, LockEntry, canonical_sha256, lock_path, read_lock, write_lock
 from glbench.tasks.reading import read_task, task_of
@@ -34,7 +35,8 @@ def get_task(id_or_path: str | Path) -> TaskSpec:
     """Task with an id such as ``glbench/Schiphol2010-Delta10-v1`` (or its short form), or of a ``.toml`` file.
 
     A published task is compared with the lock, weather and model included, once a process. A file of your own is loaded as
-    it is; its ``locked`` is false. In a sandbox the agent's own task is there, without its weather, and no other.
+    it is; its ``locked`` is false. In a sandbox the agent's own task is there, without its weather, and no other. A warning is logged
+    when the task is deprecated.
 
     Raises
     ------
@@ -170,9 +172,10 @@ def _checked(file: Path, written: Written, _lock: Path, _lock_state: _State) -> 
     task = task_of(written, shown_path(file))
     entry = read_lock().get(task.id)
     if entry is None:
-        task.fingerprint()  # whatever cannot be resolved is told now and not in the middle of a run
+        task.fingerprint()  # whatever cannot be resolved is reported now and not in the middle of a run
     elif _is_shipped(file):
         check_against_lock(task, entry)
+        tell_if_deprecated(task.id)
     elif task.digest != entry.digest:
         msg = (
             f"{task.source} uses the id '{task.id}' of a published task, but defines another one (published "

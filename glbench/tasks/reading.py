@@ -25,7 +25,7 @@ def read_task(path: Path) -> TaskSpec:
     Raises
     ------
     TaskError
-        When the file or its base cannot be read, is no TOML, or they do not define a task.
+        When the file or its base cannot be read, is not TOML, or they do not define a task.
     """
     return task_of(read_written(path), shown_path(path))
 

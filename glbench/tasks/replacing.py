@@ -59,7 +59,7 @@ def replaced(task: TaskSpec, *changes: Mapping[str, Any]) -> TaskSpec:
 
 @lru_cache(maxsize=64)
 def _made(written: Written, shown: str) -> TaskSpec:
-    """The task of these tables. Whatever cannot be resolved is told now and not in the middle of a run."""
+    """The task of these tables. Whatever cannot be resolved is reported now and not in the middle of a run."""
     task = task_of(written, shown)
     task.fingerprint()
     return task
@@ -70,7 +70,7 @@ def _nested(given: Mapping[str, Any], left_out: list[str], prefix: str) -> dict[
     nested: dict[str, Any] = {}
     for key, value in given.items():
         if not isinstance(key, str) or not all(key.split(".")):
-            msg = f'{prefix}{key!r} is no key of a task. A key is text such as "weather.days".'
+            msg = f'{prefix}{key!r} is not a key of a task. A key is text such as "weather.days".'
             raise TaskError(msg)
         first, _, rest = key.partition(".")
         if value is None and not rest:

@@ -65,14 +65,14 @@ class Round:
     weather: SealedWeather | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what is no secret of a round.
+        """Refuse what is not a secret of a round.
 
         Raises
         ------
         GlbenchError
             When the salt, the digest or the years cannot be.
         """
-        # The wrong salt is not repeated: a right one with a slip of the pen would stand in a log.
+        # The wrong salt is not repeated: a right one with a typo would end up in a log.
         if not isinstance(self.salt, str) or not _HEX.fullmatch(self.salt):
             msg = "The salt of a round has 64 hexadecimal digits in small letters. `glbench round new` makes one."
             raise GlbenchError(msg)
@@ -133,7 +133,7 @@ def weather_of(secret: str) -> SealedWeather | None:
     if first != _FIRST_LINE:  # a plain salt
         return None
     if len(lines) not in (1, 3) or (len(lines) == 3 and not re.fullmatch(r"\d{4}( \d{4})*", lines[2])):
-        msg = "This is no secret of a round: it has two lines, or four with weather of the round's own."
+        msg = "This is not a secret of a round: it has two lines, or four with weather of the round's own."
         raise GlbenchError(msg)
     weather = SealedWeather(lines[1], tuple(int(year) for year in lines[2].split(" "))) if len(lines) == 3 else None
     return Round(lines[0], weather).weather
@@ -180,7 +180,7 @@ def read_round(path: Path | str) -> Round:
         msg = f"Cannot read the round's file {path}: {error.strerror or error}."
         raise GlbenchError(msg) from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        msg = f"{path} is no round's file: it is no TOML."  # no words of the parser, which would quote the secret
+        msg = f"{path} is not a round's file: it is not TOML."  # no words of the parser, which would quote the secret
         raise GlbenchError(msg) from error
     try:
         sealed, stated = _round_of(content)
@@ -199,7 +199,7 @@ def read_round(path: Path | str) -> Round:
 def _round_of(content: dict[str, Any]) -> tuple[Round, object]:
     """The round that the tables of a file define, and the commitment that they state."""
     if content.get("schema") != SCHEMA or content.get("schema_version") != SCHEMA_VERSION:
-        msg = f"this is no round's file of this glbench: its schema is not '{SCHEMA}' {SCHEMA_VERSION}."
+        msg = f"this is not a round's file of this glbench: its schema is not '{SCHEMA}' {SCHEMA_VERSION}."
         raise GlbenchError(msg)
     weather = content.get("weather")
     odd = set(content) - {"schema", "schema_version", "commitment", "salt", "weather"}

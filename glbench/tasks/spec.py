@@ -182,7 +182,7 @@ class TaskSpec:
         Raises
         ------
         TaskError
-            When what comes out is no task; it names table, key and value. When the id is that of a shipped task.
+            When the result is not a task; it names table, key and value. When the id is that of a shipped task.
         """
         from glbench.tasks.replacing import replaced
 
@@ -352,7 +352,7 @@ class TaskSpec:
 
     @cached_property
     def uncertainty(self) -> UncertaintyTable:
-        """Which parameters are drawn anew; of a task of schema 2, the widest group of its scenario."""
+        """Which parameters are redrawn; of a task of schema 2, the widest group of its scenario."""
         if isinstance(self.file, TaskFile1):
             return self.file.uncertainty
         groups = sorted(self.file.scenario.parameters, key=lambda group: group.half_width)
@@ -455,7 +455,7 @@ class TaskSpec:
         return dict(zip(self.model_value.parameter_names, self.parameters().tolist(), strict=True))
 
     def uncertain_parameters(self) -> tuple[str, ...]:
-        """Names of the parameters that are drawn anew, in the model's order for a set, else as listed, group after group."""
+        """Names of the parameters that are redrawn, in the model's order for a set, else as listed, group after group."""
         return tuple(dict.fromkeys(name for group in self.scenario.groups for name in group.parameters))
 
     def _drawn(self, wanted: str | tuple[str, ...], table: str) -> tuple[str, ...]:

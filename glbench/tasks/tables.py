@@ -164,7 +164,7 @@ def _set_or_list(given: object) -> str | tuple[str, ...]:
 
 
 class UncertaintyTable(Table):
-    """``[uncertainty]``: which parameters are drawn anew, how often and how widely."""
+    """``[uncertainty]``: which parameters are redrawn, how often and how widely."""
 
     distribution: Annotated[str, one_of(words.DISTRIBUTIONS)] = Field(description="a distribution")
     delta: float = Field(ge=0.0, lt=1.0, description="a fraction from 0 to below 1, such as 0.10 for 10 %")
@@ -817,7 +817,7 @@ class PriceTableTable(Table):
                 raise ValueError(msg)
             if self.yearly and _utc(moments[0]).year != _utc(moments[-1]).year:
                 msg = (
-                    f"With yearly = true the series must lie in one calendar year (UTC); it goes from {moments[0]:%Y-%m-%d} to "
+                    f"With yearly = true the series must be in one calendar year (UTC); it goes from {moments[0]:%Y-%m-%d} to "
                     f"{moments[-1]:%Y-%m-%d}. Keep one year of it."
                 )
                 raise ValueError(msg)
@@ -847,7 +847,7 @@ def _month_and_day(text: str) -> tuple[int, int]:
     found = _DAY.fullmatch(text)
     month, day = (int(found[1]), int(found[2])) if found else (0, 0)
     if not 1 <= month <= 12 or not 1 <= day <= monthrange(2000, month)[1]:
-        msg = f"'{text}' is no day of the year. Write month and day with two digits each, such as \"01-15\"."
+        msg = f"'{text}' is not a day of the year. Write month and day with two digits each, such as \"01-15\"."
         raise ValueError(msg)
     return month, day
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from glbench.late import late_names
+from glbench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from glbench.training.probe import CurvePoint, Listener, Progress
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from glbench.training.trained import Trained
     from glbench.training.vec_env import make_vec_env
 else:
-    __getattr__ = late_names(
+    __getattr__ = lazy_names(
         __name__,
         {
             "probe": ("CurvePoint", "Listener", "Progress"),

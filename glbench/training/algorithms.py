@@ -43,7 +43,7 @@ def algorithm_class(name: str) -> type[BaseAlgorithm]:
     UnknownNameError
         When there is no such algorithm.
     TrainingError
-        When the class is no algorithm of Stable-Baselines3's kind.
+        When the class is not an algorithm of Stable-Baselines3's kind.
     """
     path = SHORT.get(name.lower(), name)
     module, _, attribute = path.rpartition(".")
@@ -57,7 +57,7 @@ def algorithm_class(name: str) -> type[BaseAlgorithm]:
         msg = f"The algorithm '{name}' cannot be imported: {error}. Is its package installed, and the path written as package.Class?"
         raise UnknownNameError(msg) from error
     if not (isinstance(found, type) and issubclass(found, BaseAlgorithm)):
-        msg = f"'{name}' is no algorithm of Stable-Baselines3's kind (a subclass of BaseAlgorithm)."
+        msg = f"'{name}' is not an algorithm of Stable-Baselines3's kind (a subclass of BaseAlgorithm)."
         raise TrainingError(msg)
     return found
 

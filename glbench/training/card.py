@@ -64,7 +64,7 @@ def digest_of_tasks(tasks: Sequence[TaskSpec]) -> str:
 
 
 def note_session(history: History, task: TaskSpec, steps: int) -> None:
-    """Note with which versions and commit a training on ``task`` goes on from ``steps``, unless they are those of the session before."""
+    """Note with which versions and commit a training on ``task`` continues from ``steps``, unless they are those of the session before."""
     git = git_state()
     commit = [] if git is None else [f"commit {git.commit}{' with changes' if git.dirty else ''}"]
     words = ", ".join([*(f"{name} {found}" for name, found in _versions(task).items()), *commit])
@@ -172,10 +172,10 @@ def read_card(file: Path) -> dict[str, Any] | None:
     except FileNotFoundError:
         return None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        msg = f"Cannot read the card {file}: {error}. Remove it to train anew."
+        msg = f"Cannot read the card {file}: {error}. Remove it to train again."
         raise TrainingError(msg) from error
     if not {"task", "training", "best"} <= card.keys():
-        msg = f"{file} is no card of a training. Choose another folder with --out."
+        msg = f"{file} is not a card of a training. Choose another folder with --out."
         raise TrainingError(msg)
     return card
 

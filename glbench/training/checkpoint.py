@@ -1,4 +1,4 @@
-"""The state from which a training with Stable-Baselines3 goes on: a folder in the training's own.
+"""The state from which a training with Stable-Baselines3 continues: a folder in the training's own.
 
 A new one is written beside the old one and takes its place when it is complete, so that a kill
 at any moment leaves a whole one. It holds Stable-Baselines3's own files, which are pickles: read only your own.
@@ -97,7 +97,7 @@ def load_checkpoint(
         model.action_space.np_random.bit_generator.state = state["random_actions"]
         history = History.from_dict(state["history"])
     except DAMAGED as error:
-        msg = f"The checkpoint {folder} cannot be read: {error}. Remove the folder to begin the training anew."
+        msg = f"The checkpoint {folder} cannot be read: {error}. Remove the folder to start the training over."
         raise TrainingError(msg) from error
     return model, normalization, history
 

@@ -53,7 +53,7 @@ class Saved:
 
 
 @dataclass(frozen=True)
-class Order:
+class TrainingJob:
     """A training and all that it needs. ``start``: the policy that it starts from, if any, and its card.
 
     ``asks``: after each evaluation, it waits for the answer whether to continue.
@@ -123,11 +123,11 @@ class ClusterTrainer:
             As ``training`` raises it; when another process works in ``folder``; when too many workers are lost.
         """
         start = _start_files(getattr(settings, "start_from", None))
-        order = Order(PackedTask.of(task), training, settings, start, options, asks)
+        job = TrainingJob(PackedTask.of(task), training, settings, start, options, asks)
         key = str(folder.resolve())
         with folder_lock(folder):
             self._ray.get(self._board.leave.remote(key, read_files(folder, float("inf")) or {}))
-            reference = self._work.remote(order, key, self._luggage, self._board)
+            reference = self._work.remote(job, key, self._luggage, self._board)
             self._under_way.add(reference)
             try:
                 ended, error = self._followed(reference, key, folder, listeners, asks)
@@ -242,7 +242,7 @@ class _Telling(Listener):
         self._teller.tell(Saved(steps), folder=self._folder)
 
 
-def _work(order: Order, key: str, luggage: Luggage, board: Any) -> Ended:
+def _work(job: TrainingJob, key: str, luggage: Luggage, board: Any) -> Ended:
     """A training as a remote task, in a folder of the worker's own."""
     one_thread()
     luggage.unpack()
@@ -251,13 +251,13 @@ def _work(order: Order, key: str, luggage: Luggage, board: Any) -> Ended:
         folder = scratch.folder() / "training"
         folder.mkdir()
         write_files(folder, teller.begin())
-        settings, names = order.settings, {str(folder): key}
-        if order.start:
-            write_files(scratch.folder() / "start", order.start)
+        settings, names = job.settings, {str(folder): key}
+        if job.start:
+            write_files(scratch.folder() / "start", job.start)
             start = scratch.folder() / "start" / _START / settings.start_from.name
             names[str(start)] = str(settings.start_from)
             settings = settings.model_copy(update={"start_from": start})
-        ended = _ended(order, settings, folder, _Telling(teller, folder, asks=order.asks))
+        ended = _ended(job, settings, folder, _Telling(teller, folder, asks=job.asks))
         teller.finish()
         files = read_files(folder, float("inf")) or {}
         for name in {SETTINGS, CARD} & files.keys():
@@ -268,9 +268,9 @@ def _work(order: Order, key: str, luggage: Luggage, board: Any) -> Ended:
         scratch.remove()
 
 
-def _ended(order: Order, settings: Any, folder: Path, listener: Listener) -> Ended:
+def _ended(job: TrainingJob, settings: Any, folder: Path, listener: Listener) -> Ended:
     try:
-        trained = order.training(order.task.unpacked(), settings, folder, listeners=[listener], **order.options)
+        trained = job.training(job.task.unpacked(), settings, folder, listeners=[listener], **job.options)
     except _StopTraining:
         return Ended({})
     except GlbenchError as error:

@@ -161,5 +161,5 @@ def _beside(folder: Path) -> tuple[Path, Path]:
 
 def altered(place: Path) -> TrainingError:
     """What to raise when the state in ``place`` is not as it was written."""
-    msg = f"{place} is damaged or was changed: its content does not match its digest. Restore it from a copy, or remove it to begin anew."
+    msg = f"{place} is damaged or was changed: its content does not match its digest. Restore it from a copy, or remove it to start over."
     return TrainingError(msg)

@@ -258,7 +258,7 @@ def tune_rules(
 ) -> Trained:
     """Tune rules in ``folder``; the same tasks, start, settings and seed give the same rules on the same machine.
 
-    A search that was interrupted goes on, to the same numbers; one that is done is left as it is, unless more seasons are asked for.
+    A search that was interrupted continues, to the same numbers; one that is done is left as it is, unless more seasons are asked for.
 
     Parameters
     ----------

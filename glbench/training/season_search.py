@@ -380,7 +380,7 @@ def _begun_anew(settings: SearchSettings, task: TaskSpec) -> NetworkPolicy:
     weights, biases = policy.weights[-1].copy(), policy.biases[-1].copy()
     for name, value in settings.begin_anew.items():
         if name not in policy.action_names:
-            msg = f"'begin_anew' names '{name}', which is no action of {task.id}.{did_you_mean(name, policy.action_names)}"
+            msg = f"'begin_anew' names '{name}', which is not an action of {task.id}.{did_you_mean(name, policy.action_names)}"
             raise TrainingError(msg)
         column = policy.action_names.index(name)
         if policy.output == "tanh" and not -1.0 < value < 1.0:

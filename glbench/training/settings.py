@@ -205,7 +205,7 @@ def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
     rest = {key: value for key, value in merged.items() if key not in OWN}
     for key, value in rest.items():
         if isinstance(value, str) and _LIKE_A_NUMBER.match(value):
-            msg = f"'{key}: {value}' in {file} is no number."
+            msg = f"'{key}: {value}' in {file} is not a number."
             raise TrainingError(msg)
     with in_words(file, TrainingSettings):
         return TrainingSettings(algorithm=algorithm, **own, hyperparameters=rest)
@@ -285,7 +285,7 @@ def _sections(file: Path) -> dict[str, dict[str, Any]]:
         msg = f"Cannot read the settings {file}: {error}."
         raise TrainingError(msg) from error
     if not isinstance(content, dict) or not all(isinstance(part, dict) or part is None for part in content.values()):
-        msg = f"{file} is no settings file: it needs a section 'default:' and may have sections named by task ids."
+        msg = f"{file} is not a settings file: it needs a section 'default:' and may have sections named by task ids."
         raise TrainingError(msg)
     if "default" not in content:
         found = ", ".join(f"'{name}'" for name in content)

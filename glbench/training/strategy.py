@@ -90,7 +90,7 @@ class Strategy:
             with np.load(file, allow_pickle=False) as kept:
                 rewards, facts = kept["rewards"], json.loads(kept["facts"].tobytes())
         except DAMAGED as error:
-            msg = f"The state of the search {file} cannot be read: {error}. Remove it to begin the search anew."
+            msg = f"The state of the search {file} cannot be read: {error}. Remove it to start the search over."
             raise TrainingError(msg) from error
         if facts["identity"] != identity:
             msg = f"{file.parent} holds another search: task, settings, start or seed differ. Choose another folder."

@@ -348,7 +348,9 @@ def _work(
             trial.set_user_attr(_REASON, _in_a_line(error))
             raise
         finally:
-            shutil.rmtree(place / CHECKPOINT, ignore_errors=True)  # with a replay buffer it is large; no trial goes on
+            shutil.rmtree(
+                place / CHECKPOINT, ignore_errors=True
+            )  # with a replay buffer it is large; no trial continues
         return trained.best_reward
 
     enough = MaxTrialsCallback(search.total, states=_ENDED)  # other commands may work on the same search
@@ -440,5 +442,5 @@ def _report_of(trial: FrozenTrial) -> TrialReport:
     reward = (
         trial.value if trial.state == TrialState.COMPLETE else max(trial.intermediate_values.values(), default=None)
     )
-    reason = trial.user_attrs.get(_REASON, "its reward is no number") if trial.state == TrialState.FAIL else None
+    reason = trial.user_attrs.get(_REASON, "its reward is not a number") if trial.state == TrialState.FAIL else None
     return TrialReport(trial.number, trial.state.name.lower(), reward, dict(trial.params), reason)

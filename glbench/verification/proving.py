@@ -221,7 +221,7 @@ def _stated_machine(result: Result, task: TaskSpec, kernel: Kernel) -> str:
 
 
 def _profile_is_there(path: Path, result: Result, task: TaskSpec) -> bool:
-    """Whether the result names a profile, which lies beside it and can be made again within the memory of a trace."""
+    """Whether the result names a profile, which is beside it and can be made again within the memory of a trace."""
     if result.profile is None or task.steps * len(result.runs) * bytes_a_step(task) > LARGEST_TRACE:
         return False
     try:

@@ -223,7 +223,7 @@ class SeasonGenerator:
             timing=record.timing,
             source=f"season generated from the years {years} of weather '{record.name}': {record.source}",
             licence=record.licence,
-            notes=(f"generated: blocks of days of the years {years}, joined anew; its dates are nominal",),
+            notes=(f"generated: blocks of days of the years {years}, joined in a new order; its dates are nominal",),
         )
 
 
@@ -232,7 +232,8 @@ def calendar_days(numbers: IntArray) -> IntArray:
     days = numbers.astype("datetime64[D]")
     years = days.astype("datetime64[Y]")
     position = (days - years.astype("datetime64[D]")).astype(np.int64)
-    leap = ((years + 1).astype("datetime64[D]") - years.astype("datetime64[D]")).astype(np.int64) > YEAR_DAYS
+    following = years + np.timedelta64(1, "Y")
+    leap = (following.astype("datetime64[D]") - years.astype("datetime64[D]")).astype(np.int64) > YEAR_DAYS
     return np.asarray(position - (leap & (position > 58)), dtype=np.int64)
 
 

@@ -168,7 +168,7 @@ def parse_knmi(text: str, file: str) -> KnmiTable:
     Raises
     ------
     WeatherError
-        When there is no header line, a line has too few or too many fields, or a field is no number.
+        When there is no header line, a line has too few or too many fields, or a field is not a number.
     """
     header: list[str] = []
     stations = dict(KNOWN_STATIONS)
@@ -219,7 +219,7 @@ def _numbers(file: str, name: str, fields: list[str], lines: IntArray) -> FloatA
         try:
             values[i] = float(int(stripped)) if stripped else np.nan
         except ValueError as error:
-            msg = f"{file}, row {lines[i]}: '{stripped}' in column {name} is no whole number. Correct the file or fetch it again."
+            msg = f"{file}, row {lines[i]}: '{stripped}' in column {name} is not a whole number. Correct the file or fetch it again."
             raise WeatherError(msg) from error
     if name not in NATIVE_COLUMNS and np.isnan(values).any():
         row = lines[np.flatnonzero(np.isnan(values))[0]]

@@ -120,7 +120,7 @@ def read_csv(path: Path | str, *, name: str | None = None, fill_gaps: int = 0) -
     Raises
     ------
     WeatherError
-        When a column, unit or comment is missing or unknown, a value is no number, or the hours have gaps; names file, row
+        When a column, unit or comment is missing or unknown, a value is not a number, or the hours have gaps; names file, row
         and value.
     """
     path = Path(path)
@@ -257,7 +257,7 @@ def _number(file: str, row: int, what: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError as error:
-        msg = f"{file}{where}: '{text}' for {what} is no number. Correct the file; leave a missing value empty."
+        msg = f"{file}{where}: '{text}' for {what} is not a number. Correct the file; leave a missing value empty."
         raise WeatherError(msg) from error
     if not math.isfinite(value):
         msg = f"{file}{where}: '{text}' for {what} is not finite. Correct the file; leave a missing value empty."
@@ -400,7 +400,7 @@ def _through_pvlib(
 
 
 def _values_of(data: pd.DataFrame, sources: _Sources) -> dict[str, FloatArray]:
-    """Columns in canonical units, with the codes for "missing" turned into NaN; a text that is no number is a missing value too."""
+    """Columns in canonical units, with the codes for "missing" turned into NaN; a text that is not a number is a missing value too."""
     import pandas as pd
 
     columns = {}

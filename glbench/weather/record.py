@@ -82,7 +82,7 @@ def canonical_digest(header: Mapping[str, object], columns: Mapping[str, IntArra
 
 def utc_text(seconds: float) -> str:
     """``2010-03-01 05:00`` for seconds since 1970 (UTC)."""
-    # Not by datetime, which ends with the year 9999: periods that nobody has weather of are told, too.
+    # Not by datetime, which ends with the year 9999: periods that nobody has weather of are reported, too.
     return str(np.datetime_as_string(np.datetime64(math.floor(seconds), "s"), unit="m")).replace("T", " ")
 
 

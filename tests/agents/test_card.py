@@ -68,7 +68,7 @@ def test_everything_wrong_is_told_at_once_with_what_it_should_look_like(write: W
     assert card is None
     told = "\n".join(problems)
     assert "'name' is missing, such as name = \"Anna's controller\"" in told
-    assert "'nam' is no key of a card. Did you mean 'name'" in told
+    assert "'nam' is not a key of a card. Did you mean 'name'" in told
     assert "'authors' is 'Anna'" in told
     assert 'authors = ["Anna Example"]' in told
     assert (
@@ -85,7 +85,7 @@ def test_everything_wrong_is_told_at_once_with_what_it_should_look_like(write: W
         ('agent = "agent.py"\nclip_actions = true', "for saved policies"),
         ("[normalisation]\nmean = [0.0, 1.0]\nstd = [1.0]", "mean has 2 values and std 1"),
         ("[normalisation]\nmean = [0.0]\nstd = [0.0]", "every std must be above 0"),
-        ("[training]\nstep = 3", "'step' is no key of a card. Did you mean 'steps'"),
+        ("[training]\nstep = 3", "'step' is not a key of a card. Did you mean 'steps'"),
         ("[training]\nsteps = -3", "'training.steps' is -3"),
         ("wall = [", "no valid TOML"),
         ('agent = "../agent.py"', "'agent' is '../agent.py'"),

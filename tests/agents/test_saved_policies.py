@@ -158,7 +158,7 @@ def test_models_of_other_spaces_are_refused_in_words(tmp_path: Path, card: TaskC
     ("name", "content", "complaint"),
     [
         ("model.zip", b"no archive", "cannot be read as a model of Stable-Baselines3"),
-        ("policy.pt", b"no archive", "it is no archive at all"),
+        ("policy.pt", b"no archive", "it is not even an archive"),
         pytest.param("policy.onnx", b"nothing", "cannot be loaded as ONNX", marks=needs_onnx),
     ],
 )

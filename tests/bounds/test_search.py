@@ -35,6 +35,11 @@ def test_runs_in_which_the_same_is_given_share_a_plan(nominal: TaskSpec, drawn: 
     assert alike(drawn, (4, 9, 2)) == ((4,), (9,), (2,))
 
 
+def test_machines_that_are_off_or_on_are_not_planned(tmp_path: Path) -> None:
+    with pytest.raises(GlbenchError, match=r"SpringEnergy-v1 has machines that are off or on \(uChp\)"):
+        a_search(get_task("SpringEnergy-v1").scored, tmp_path)
+
+
 def test_a_search_finds_better_plans_keeps_them_and_goes_on(drawn: TaskSpec, tmp_path: Path) -> None:
     search = a_search(drawn, tmp_path)
     told: list[tuple[int, Iteration]] = []

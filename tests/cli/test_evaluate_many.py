@@ -143,7 +143,7 @@ def test_whatever_ends_it_the_same_command_goes_on_and_repeats_nothing(here: Pat
     assert process.returncode == {"INT": 130, "TERM": 143, "KILL": -9}[how]
     if how != "KILL":
         assert "1 of 3 evaluations are done and saved" in err
-        assert "The same command (without --fresh) goes on" in err
+        assert "The same command (without --fresh) continues" in err
         assert "Traceback" not in err
     first = (PLACE / "steady.json").read_bytes()
     (here / "hurry").touch()

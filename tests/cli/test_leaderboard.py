@@ -200,7 +200,7 @@ def test_spoiled_result_files_are_listed_and_the_others_ranked(reports):
     assert result.exit_code == 0, result.output
     assert "2 result files are left out" in result.stderr
     assert f"{cut} is no valid JSON" in result.stderr
-    assert f"{foreign} is no result of glbench" in result.stderr
+    assert f"{foreign} is not a result of glbench" in result.stderr
     assert "better" in result.stdout
     assert "worse" not in result.stdout
     assert run("--out", reports, "--strict").exit_code == 1

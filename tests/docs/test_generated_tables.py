@@ -11,6 +11,7 @@ from docs import (
     realism_figure,
     realism_setpoints,
     speed_figure,
+    study_figures,
     uncertainty_figures,
     weather_table,
     what_the_best_does,
@@ -31,6 +32,14 @@ def test_the_page_of_speed_holds_the_measurements() -> None:
     page = (DOCS / "speed.md").read_text(encoding="utf-8")
     assert speed_figure.filled(page, record) == page
     assert speed_figure.picture(record) == (DOCS / "images" / "speed.svg").read_text(encoding="utf-8")
+
+
+def test_the_study_holds_the_released_results() -> None:
+    study, page = study_figures.Study.read(), (DOCS / "study.md").read_text(encoding="utf-8")
+    assert study_figures.filled(page, study) == page
+    assert study_figures.picture(study) == (DOCS / "images" / "study.svg").read_text(encoding="utf-8")
+    for name in study.parts:  # and none of them lacks a place
+        assert f"<!-- {name} -->" in page
 
 
 def test_the_table_of_trajectories_holds_the_measurements() -> None:

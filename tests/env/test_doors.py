@@ -10,9 +10,6 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium import wrappers
-from stable_baselines3 import PPO
-from stable_baselines3.common.env_util import make_vec_env
-from stable_baselines3.common.vec_env import SubprocVecEnv
 
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, info_quantities
 from glbench.tasks import TaskSpec
@@ -29,6 +26,8 @@ TAKEN = {
 
 
 def test_make_vec_env_of_stable_baselines3_works_and_draws() -> None:
+    from stable_baselines3.common.env_util import make_vec_env
+
     envs = make_vec_env(ID, n_envs=2, env_kwargs={"kernel": "fast"})
     assert envs.reset().shape == (2, 22)
     envs.step(np.stack([STILL, STILL]))
@@ -40,6 +39,9 @@ def test_make_vec_env_of_stable_baselines3_works_and_draws() -> None:
 
 @pytest.mark.slow
 def test_make_vec_env_works_in_processes() -> None:
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.vec_env import SubprocVecEnv
+
     envs = make_vec_env(ID, n_envs=2, vec_env_cls=SubprocVecEnv, env_kwargs={"kernel": "fast"}, seed=3)
     single = make_vec_env(ID, n_envs=2, env_kwargs={"kernel": "fast"}, seed=3)
     assert envs.reset().tobytes() == single.reset().tobytes()
@@ -49,6 +51,8 @@ def test_make_vec_env_works_in_processes() -> None:
 
 
 def test_ppo_learns_from_an_id() -> None:
+    from stable_baselines3 import PPO
+
     agent = PPO("MlpPolicy", ID, n_steps=32, batch_size=32, n_epochs=1, device="cpu")
     agent.learn(64)
     assert agent.num_timesteps == 64

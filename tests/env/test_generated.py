@@ -14,7 +14,6 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from stable_baselines3.common.env_checker import check_env as check_env_for_stable_baselines3
 
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation, program, run_weather, weather_pool
 from glbench.env.generated import SeasonMaker
@@ -27,6 +26,7 @@ from glbench.kernel import Kernel
 from glbench.model import TOMATO
 from glbench.tasks import TaskSpec, get_task
 from glbench.weather import COLUMNS
+from tests.env.checking import check_env_for_stable_baselines3
 from tests.env.spring import MODULES, SCENARIO, SPLITS, everything, spring
 from tests.env.stepping import StillKernel, walk
 

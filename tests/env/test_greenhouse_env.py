@@ -9,12 +9,12 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from stable_baselines3.common.env_checker import check_env as check_env_for_stable_baselines3
 
 import glbench  # noqa: F401  # registers the ids
 from glbench.env import GreenhouseEnv, info_quantities
 from glbench.errors import ActionError, GlbenchError, UnknownNameError
 from glbench.tasks import TaskSpec, get_task, list_drafts, list_tasks
+from tests.env.checking import check_env_for_stable_baselines3
 from tests.env.stepping import GOLDEN, StillKernel, walk
 
 MakeTask = Callable[..., TaskSpec]

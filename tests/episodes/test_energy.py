@@ -101,7 +101,7 @@ def test_runs_are_replayed_and_reproduced_to_the_bit(recorded: Recorded) -> None
 def test_the_viewer_has_a_page_of_energy(recorded: Recorded) -> None:
     shown = shown_of(recorded.episodes[:1])
     pages = {page.title: [curve.heading for curve in page.curves] for page in shown.signals.pages}
-    assert pages["Energy"] == [
+    assert pages["Energy and CO₂"][:7] == [
         "Heat in the buffer [MJ m⁻²]", "Buffer filled [%]", "Gas burnt since midnight [kWh m⁻²]",
         "Electricity bought since midnight [kWh m⁻²]", "Electricity sold since midnight [kWh m⁻²]",
         "CO₂ dosed from flue gas since midnight [g m⁻²]", "CO₂ bought since midnight [g m⁻²]",

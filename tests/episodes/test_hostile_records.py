@@ -104,7 +104,7 @@ def test_a_torn_chunk_is_not_expanded_without_end():
         ({"task__start": "9999-99-99x"}, "task.start"),
         ({"task__title": "\x1b[2J"}, "U.001B"),
         ({"agent__columns": ["a"] * 1000}, "agent.columns"),
-        ({"agent__columns": []}, "no whole file"),
+        ({"agent__columns": []}, "not a whole file"),
         ({"agent__name": "../../evil"}, "cannot be the name"),
         ({"agent__name": "x.proof"}, "cannot be the name"),
     ],
@@ -123,7 +123,7 @@ def test_actions_of_another_kind(log, tmp_path, number):
 
 @pytest.mark.parametrize("text", [b"[" * 100_000, b'{"runs":' + b"9" * 10_000 + b"}", b"\xff"])
 def test_attachments_that_are_no_json(log, tmp_path, text):
-    refused(tmp_path / "runs.mcap", record(log, runs=text), "no whole file")
+    refused(tmp_path / "runs.mcap", record(log, runs=text), "not a whole file")
     with pytest.raises(EpisodeError, match="cannot be read"):
         task_of(text)
 
@@ -154,7 +154,7 @@ def test_runs_without_final_states(log, tmp_path):
 
 def test_a_channel_of_no_run(log, tmp_path):
     stray = replace(log, runs=tuple(run.model_copy(update={"seed": run.seed + 10}) for run in log.runs))
-    refused(tmp_path / "stray.mcap", record(log, runs=canonical(RunTable(runs=stray.runs))), "no whole file")
+    refused(tmp_path / "stray.mcap", record(log, runs=canonical(RunTable(runs=stray.runs))), "not a whole file")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no pipes in folders")

@@ -36,7 +36,7 @@ from tests.evaluation.agent_files import agent_writer
 
 PUBLISHED = "Schiphol2010-Delta10-v1"
 RECORDED_OF_TOMATOES = "d499ece3b539a4b7"
-DRAWN_OF_TOMATOES = "c5a3e529a358bc6a"
+DRAWN_OF_TOMATOES = "0f449677790a2695"
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ def test_the_viewer_speaks_of_heads_and_not_of_fruit(lettuce: Lettuce) -> None:
     )
     assert "crop/head" in shown.signals.overview[0]
     words = card(shown)
-    assert "heads 0.4 EUR each; CO2 0.08 EUR/kg; electricity 0.04 to 0.08 EUR/kWh; heat 0.03 EUR/kWh" in words
+    assert "heads 0.4 EUR each; CO₂ 0.08 EUR/kg; lamp electricity 0.04 to 0.08 EUR/kWh; heat 0.03 EUR/kWh" in words
     assert "heads per m²" in words
     assert not [text for text in (words, *headings) if "fruit" in text.lower() or "tomato" in text.lower()]
 

@@ -145,7 +145,7 @@ def test_a_file_that_is_no_record_is_refused_in_words(tmp_path, day_result):
     with pytest.raises(EpisodeError, match="There is no record"):
         read_episode(tmp_path / "nowhere.mcap")
     result, path = day_result
-    with pytest.raises(EpisodeError, match="is no episode of glbench"):
+    with pytest.raises(EpisodeError, match="is not a glbench episode"):
         read_episode(path.with_name(result.record.file))
 
 

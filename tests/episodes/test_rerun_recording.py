@@ -20,6 +20,7 @@ from glbench.episodes.rerun_course import (
     show_together,
     shown_of,
     trajectory_of,
+    weeks_card,
 )
 from glbench.episodes.rerun_recording import save_recording, with_two_ticks
 from glbench.episodes.rerun_viewer import load_rerun
@@ -154,6 +155,17 @@ def test_the_card_tells_the_task_and_who_is_who(runs: Runs) -> None:
     assert "**steady** (sky blue), seed 666" in text
 
 
+def test_a_table_of_weeks_tells_kilowatt_hours_gas_and_money(runs: Runs) -> None:
+    shown = shown_of([runs.episode(), runs.episode(666, "steady")])
+    text = weeks_card(shown)
+    assert "**steady**" in text
+    assert "Heat as natural gas [m³ m⁻²]" in text
+    assert f"{runs.episode()['epi'].sum():.2f}".replace("-", "−") in text
+    assert "[mol m⁻² d⁻¹]" in text
+    bare = replace(shown, trajectories=(_course(runs.task_file), *shown.trajectories[1:]))
+    assert "lacks what a table of weeks needs" in weeks_card(bare)
+
+
 def test_a_run_that_ended_early_is_shown_with_its_reason(runs: Runs, tmp_path: Path) -> None:
     short = _course(runs.task_file, "failing", steps=20)
     shown = show_together(
@@ -179,7 +191,7 @@ def test_other_days_can_be_chosen(runs: Runs) -> None:
     start, end = replace(shown, first_day=dt.date(2010, 3, 4), days=3).closeup()
     assert (str(start)[:13], str(end)[:13]) == ("2010-03-04T00", "2010-03-05T00")  # as far as the four days go
     with pytest.raises(
-        GlbenchError, match="2010-03-05 is no day of what is shown, which lasts from 2010-03-01 to 2010-03-05"
+        GlbenchError, match="2010-03-05 is not a day of what is shown, which lasts from 2010-03-01 to 2010-03-05"
     ):
         replace(shown, first_day=dt.date(2010, 3, 5)).closeup()
 

@@ -99,7 +99,7 @@ def test_a_name_that_results_cannot_be_filed_under(good_result: Result, saved: P
         (("runs", 0, "metrics", "reward"), 1e308, "metric above"),
         (("units",), {str(i): "-" for i in range(1000)}, "units"),
         (("\x1b[2J",), 1, "Extra inputs"),
-        (("schema",), "\x1b[2J" * 1000, "is no result of glbench"),
+        (("schema",), "\x1b[2J" * 1000, "is not a result of glbench"),
         (("schema_version",), 10**4000, "schema version"),
     ],
     ids=str,
@@ -112,7 +112,7 @@ def test_fields_out_of_bounds(saved: Path, place: tuple[str | int, ...], value: 
     ("old", "new", "words"),
     [
         ('"git": ', '"git": ' + "[" * 100_000 + "]" * 100_000 + ', "x": ', "no valid JSON .*nested too deeply"),
-        ('"schema": "glbench/result"', '"schema": ' + "[" * 300 + "]" * 300, "is no result of glbench"),
+        ('"schema": "glbench/result"', '"schema": ' + "[" * 300 + "]" * 300, "is not a result of glbench"),
         ('"workers": 1', '"workers": ' + "9" * 10_000, "no valid JSON .*digits"),
         ('"created": "', '"created": "\\ud800', "Invalid JSON|surrogate"),
     ],

@@ -80,7 +80,7 @@ def test_the_file_stands_by_itself(saved: Path) -> None:
         (lambda d: d["units"].update(heat="MJ m-2"), "units are not those of this schema"),
         (lambda d: d.pop("machine"), "machine: Field required"),
         (lambda d: d.update(remark="hello"), "remark: Extra inputs"),
-        (lambda d: d.update(schema="other"), "is no result of glbench: its 'schema' is 'other'"),
+        (lambda d: d.update(schema="other"), "is not a result of glbench: its 'schema' is 'other'"),
         (lambda d: d.update(schema_version=2), "has result schema version 2; this glbench reads version 1"),
         (lambda d: d["evaluation"].update(wall_seconds=float("nan")), "evaluation.wall_seconds"),
     ],

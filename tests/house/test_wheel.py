@@ -1,4 +1,7 @@
-"""The built wheel is whole: the main job runs from it, outside the checkout, with the data that it carries."""
+"""The built wheel is small and whole: the main job runs from it, outside the checkout, with the data that it carries.
+
+The other wheel, glbench-data, holds all baselines and results, and the two belong together.
+"""
 
 from __future__ import annotations
 
@@ -9,31 +12,40 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
 
+from glbench.agents import read_baseline
 from glbench.tasks import list_drafts, list_tasks
 
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
+LARGEST = 8_000_000
+"""Size of a wheel that anybody installs at once [bytes]."""
+
+
+def build(project: Path, folder: Path) -> Path:
+    """The wheel of the project in that folder of the checkout."""
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    subprocess.run(command, cwd=project, check=True, capture_output=True, timeout=900)
+    (path,) = folder.glob("*.whl")
+    return path
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Wheel built from the checkout."""
-    folder = tmp_path_factory.mktemp("wheel")
-    subprocess.run(
-        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)],
-        cwd=ROOT,
-        check=True,
-        capture_output=True,
-        timeout=900,
-    )
-    (path,) = folder.glob("*.whl")
-    return path
+    return build(ROOT, tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="module")
+def data_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel with all baselines and results."""
+    return build(ROOT / "glbench-data", tmp_path_factory.mktemp("data"))
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +84,70 @@ def test_the_wheel_carries_tasks_weather_baselines_examples_and_released_results
     assert "glbench/py.typed" in names
     assert "glbench/report/assets/page.html.j2" in names
     assert not [name for name in names if name.endswith(".pyc") or "/tests/" in name]
+
+
+def test_the_wheel_is_small(wheel):
+    assert wheel.stat().st_size < LARGEST
+
+
+def test_the_data_wheel_holds_all_baselines_and_results_and_is_the_one_that_the_wheel_names(wheel, data_wheel):
+    assert data_wheel.name.endswith("-py3-none-any.whl")
+    with zipfile.ZipFile(wheel) as own, zipfile.ZipFile(data_wheel) as data:
+        stated = json.loads(own.read("glbench/_data/data.json"))
+        assert json.loads(data.read("glbench_data/manifest.json"))["sha256"] == stated["sha256"]
+        for name in ("baselines", "reports/released/results"):
+            files = {
+                file.relative_to(ROOT).as_posix()
+                for file in (ROOT / name).rglob("*")
+                if file.is_file() and file.suffix not in {".pyc", ".mcap"}
+            }
+            packed = {file.removeprefix("glbench_data/") for file in data.namelist()}
+            assert files == {file for file in packed if file.startswith(f"{name}/")}
+        for file in ("baselines/ppo/weights/delta10.npz", "reports/released/results/Spring-v1/mpc.profile.json.gz"):
+            assert data.read(f"glbench_data/{file}") == (ROOT / file).read_bytes()
+            assert f"glbench/_data/{file}" not in own.namelist()
+    versions = [
+        tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+        for project in (ROOT, ROOT / "glbench-data")
+    ]
+    assert versions == [stated["version"]] * 2
+    assert stated["left_out"] == {name: read_baseline(name).digest for name in stated["left_out"]}
+    assert {"best_known", "ppo", "sac"} <= set(stated["left_out"])
+
+
+BUDGETS = """
+from glbench.leaderboard import collect_results
+from glbench.leaderboard.budget import budget_of
+from glbench.leaderboard.regret import can_be_best_known
+from glbench.resources import data_folder
+for item in collect_results([data_folder("reports/released/results") / "Schiphol2010-Delta10-v1"]):
+    print(item.result.agent.name, item.result.results_digest, budget_of(item.result), can_be_best_known(item.result.agent))
+"""
+
+
+def test_a_leaderboard_says_the_same_of_released_agents_whose_weights_are_not_installed(installed, tmp_path):
+    said = {}
+    for place in (installed, ROOT):
+        environment = {**os.environ, "PYTHONPATH": str(place)}
+        command = [sys.executable, "-c", BUDGETS]
+        done = subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True, timeout=300
+        )
+        said[place] = done.stdout
+    assert said[installed] == said[ROOT]
+    assert "ppo_tuned" in said[ROOT]
+
+
+def test_an_agent_with_large_weights_acts_once_the_data_are_installed(installed, data_wheel, tmp_path):
+    job = ("evaluate", "ppo", "--task", "Schiphol2010-Delta10-v1", "--runs", "1", "--seed", "10000000000")
+    refused = run_installed(installed, tmp_path, *job)
+    assert refused.returncode == 1
+    assert "pip install glbench-data==" in " ".join(refused.stderr.split())
+    site = Path(shutil.copytree(installed, tmp_path / "site"))
+    with zipfile.ZipFile(data_wheel) as archive:
+        archive.extractall(site)
+    done = run_installed(site, tmp_path, *job)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.usefixtures("carried")

@@ -143,7 +143,7 @@ def no_day_in_common(made: Made) -> None:
     [
         (drop_a_column, r"Anna_Resources.csv has no column 'Heat_cons'. Did you mean 'Heat_con'"),
         (drop_time, r"Weather.parquet has no column 'time' .* It has when, Iglob"),
-        (a_word, r"Bert_Resources.csv, row 3: ElecLow is 'much', which is no number"),
+        (a_word, r"Bert_Resources.csv, row 3: ElecLow is 'much', which is not a number"),
         (impossible, r"Weather.parquet, row 9: Tout is 999, outside -60 to 60"),
         (a_day_twice, r"Anna_Resources.csv has 2020-02-10 \(day 43871\) twice"),
         (five_minutes_twice, r"two rows for the five minutes at 2020-02-10 01:00"),

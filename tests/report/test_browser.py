@@ -43,6 +43,12 @@ VIEWS = (
     "#/agent/nobody",
     "#/task/nothing",
 )
+NAMELESS = """[...document.querySelectorAll('.chart')]
+    .filter((one) => one._fullLayout.xaxis && !one.layout.annotations)
+    .flatMap((one) => ['xaxis', 'yaxis']
+        .filter((axis) => one._fullLayout[axis].type !== 'category' && !one.layout[axis].title?.text)
+        .map((axis) => `${one.parentElement.innerText}: ${axis}`))"""
+"""Charts with an axis of numbers that has no title."""
 Page = Any
 Open = Callable[..., Page]
 
@@ -322,6 +328,34 @@ def test_sandbox_training_and_card_are_columns_and_words_where_results_hold_them
     assert "Heats little." in words
     assert "trained for 2,000,000 control steps, 1.5 hours, on 2 cores" in words
     assert page.locator("main a[href^='javascript']").count() == 0
+
+
+@pytest.mark.parametrize(
+    "view",
+    [
+        "#/agent/rule_based/Schiphol2010-Delta10-v1",
+        "#/compare/thrifty/lavish/Days-v1",
+        "#/task/Schiphol2010-Delta10-v1",
+    ],
+)
+def test_axes_say_what_they_show(visit, view):
+    """But for those of names, and for the worst run, whose panels have titles with units."""
+    page = visit(view)
+    draw_everything(page)
+    nameless = page.evaluate(NAMELESS)
+    assert nameless == []
+
+
+def test_settings_of_a_baseline_are_a_table(visit):
+    page = visit("#/agent/rule_based/Schiphol2010-Delta10-v1")
+    assert "Heating day 19.5 °C" in " ".join(page.inner_text("#settings").split())
+
+
+def test_weeks_are_a_table(visit):
+    page = visit("#/agent/thrifty/Days-v1")
+    draw_everything(page)
+    assert "Heat as natural gas" in page.inner_text("#weeks")
+    assert page.locator("#weeks tbody tr").count() == 1  # two days
 
 
 def test_the_skip_link_and_the_names_of_fields_are_there(visit):

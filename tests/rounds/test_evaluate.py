@@ -18,7 +18,7 @@ from glbench.errors import EpisodeError, ResultError, SandboxError
 from glbench.evaluation import evaluate, load_result, prepare, protect, result_path
 from glbench.evaluation.engines import Job, LocalEngine, Options
 from glbench.evaluation.engines.luggage import PackedTask
-from glbench.evaluation.engines.ray import Order, Parcel, put_together, work
+from glbench.evaluation.engines.ray import PackedAgent, RunsJob, put_together, work
 from glbench.evaluation.episodes import make_episodes, task_of_result
 from glbench.evaluation.preparing import results_folder
 from glbench.evaluation.saving import Computed
@@ -157,8 +157,8 @@ def test_a_public_record_is_not_replayed_with_a_secret(public: Path, tmp_path: P
 def test_a_worker_has_the_draws_of_the_round(tiny: TaskSpec, sealed: Path) -> None:
     task = tiny.in_split("test", SECRET.secret)
     evaluation = prepare(task, "rule_based")
-    order = Order(
-        PackedTask.of(task), Parcel.of("rule_based"), evaluation.seeds, False, evaluation.protection, evaluation.agent.digest
+    order = RunsJob(
+        PackedTask.of(task), PackedAgent.of("rule_based"), evaluation.seeds, False, evaluation.protection, evaluation.agent.digest
     )  # fmt: skip
     assert SECRET.salt not in repr(order)
     computed = work(pickle.loads(pickle.dumps(order)), lambda _: None)

@@ -55,10 +55,10 @@ def test_a_round_never_replaces_a_file(tmp_path: Path) -> None:
         (SECRET.commitment, OTHER.commitment, "One of them was changed"),
         ("5" * 64, "5" * 63, "64 hexadecimal digits"),
         ('"' + "5" * 64 + '"', "5", "64 hexadecimal digits"),
-        ("schema_version = 1", "schema_version = 2", "no round's file of this glbench"),
-        ("glbench/round", "glbench/result", "no round's file of this glbench"),
+        ("schema_version = 1", "schema_version = 2", "not a round's file of this glbench"),
+        ("glbench/round", "glbench/result", "not a round's file of this glbench"),
         ("salt =", "pepper =", "odd: pepper"),
-        ("salt =", "salt", "no TOML"),
+        ("salt =", "salt", "not TOML"),
     ],
 )
 def test_a_file_that_was_changed_is_refused_without_showing_the_salt(

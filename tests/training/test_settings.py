@@ -132,11 +132,11 @@ def test_an_algorithm_without_shipped_settings_is_named() -> None:
     ("text", "said"),
     [
         ("defaults: {}", "no section 'default:'"),
-        ("- 1", "no settings file"),
+        ("- 1", "not a settings file"),
         ("default: {n_envs: 0}", "'n_envs'"),
         ("default: {normalize: {reward: true}}", r"no setting 'normalize\.reward'\. Did you mean 'rewards'"),
-        ("default: {learning_rate: 1e-x}", "'learning_rate: 1e-x' .* no number"),
-        ("default: {learning_rate: -1e-x}", "'learning_rate: -1e-x' .* no number"),
+        ("default: {learning_rate: 1e-x}", "'learning_rate: 1e-x' .* not a number"),
+        ("default: {learning_rate: -1e-x}", "'learning_rate: -1e-x' .* not a number"),
         ("default: {learning_rate: -3e-4}", r"used: 'learning_rate: -0\.0003' cannot be: it is a number above 0"),
         ("default: {learning_rate: constant}", "'learning_rate: constant' cannot be"),
         ("default: {learning_rate: lin_x}", "'learning_rate: lin_x' cannot be"),
@@ -261,7 +261,7 @@ def test_an_unknown_algorithm_is_named(name: str, said: str) -> None:
 
 
 def test_a_class_that_is_no_algorithm_is_refused() -> None:
-    with pytest.raises(TrainingError, match="no algorithm"):
+    with pytest.raises(TrainingError, match="not an algorithm"):
         algorithm_class("collections.OrderedDict")
 
 

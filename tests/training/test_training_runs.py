@@ -264,7 +264,7 @@ def test_a_checkpoint_with_other_numbers_is_refused(day: TaskSpec, tiny: Trainin
             model: BaseAlgorithm = algorithm_class("ppo").load(file, device="cpu")
             model.policy.log_std.data += 0.1
             model.save(file)
-        with pytest.raises(TrainingError, match=r"checkpoint is damaged or was changed.*remove it to begin anew"):
+        with pytest.raises(TrainingError, match=r"checkpoint is damaged or was changed.*remove it to start over"):
             train(day, tiny, folder, resume=True, tensorboard=False)
 
 
@@ -318,7 +318,7 @@ def test_a_damaged_checkpoint_is_explained(day: TaskSpec, tiny: TrainingSettings
         shutil.copytree(tmp_path / "run", folder)
         file = folder / "checkpoint" / name
         file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-        with pytest.raises(TrainingError, match=r"checkpoint is damaged or was changed.*remove it to begin anew"):
+        with pytest.raises(TrainingError, match=r"checkpoint is damaged or was changed.*remove it to start over"):
             train(day, tiny, folder, resume=True, tensorboard=False)
 
 

@@ -187,7 +187,7 @@ def test_hours_out_of_order_are_refused(tmp_path: Path) -> None:
     [
         ("  240,20190230,    1,    0,   20,   80,   50,    4", "the date 20190230 does not exist"),
         ("  240,20190601,   25,    0,   20,   80,   50,    4", "the hour 25 is not one of 1 to 24"),
-        ("  240,20190601,    1,    0,  2x0,   80,   50,    4", "'2x0' in column T is no whole number"),
+        ("  240,20190601,    1,    0,  2x0,   80,   50,    4", "'2x0' in column T is not a whole number"),
         ("  240,20190601,     ,    0,   20,   80,   50,    4", "no value in column HH"),
         ("  240,20190601,    1,    0,   20", "5 fields instead of 8"),
     ],

@@ -105,7 +105,7 @@ def torchscript_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
     Raises
     ------
     SubmissionError
-        When torch is missing, the file is no TorchScript, or the policy does not fit the task.
+        When torch is missing, the file is not TorchScript, or the policy does not fit the task.
     """
     file = submission.entry
     complaint = torchscript_complaint(file)
@@ -141,17 +141,17 @@ def _agent(submission: Identity, task: TaskCard, function: Function, block: int 
 
 
 def torchscript_complaint(file: Path) -> str | None:
-    """Why ``file`` is no TorchScript, in words, found out without loading it; ``None`` when it looks like it."""
+    """Why ``file`` is not TorchScript, found out without loading it; ``None`` when it looks like it."""
     try:
         with opened_archive(file) as archive:
             names = archive.namelist()
     except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError):  # the last: zipfile of what it cannot unpack
-        return f"{file.name} is no TorchScript file: it is no archive at all. {_HOW}"
+        return f"{file.name} is not a TorchScript file: it is not even an archive. {_HOW}"
     if any(name.endswith("/constants.pkl") for name in names) and any("/code/" in name for name in names):
         return None
     if any(name.endswith("/data.pkl") for name in names):
         return f"{file.name} holds weights or a pickled module (torch.save), which say nothing of how they are used. {_HOW}"
-    return f"{file.name} is no TorchScript file. {_HOW}"
+    return f"{file.name} is not a TorchScript file. {_HOW}"
 
 
 def _torch_function(torch: Any, module: Any) -> Any:

@@ -127,7 +127,7 @@ def read_archive(file: Path) -> Archive:
     Raises
     ------
     SubmissionError
-        When it is no model of Stable-Baselines3, or of an algorithm that cannot be told.
+        When it is not a model of Stable-Baselines3, or of an algorithm that cannot be told.
     """
     data = archive_data(file)
     with _opened(file) as archive:
@@ -138,7 +138,7 @@ def read_archive(file: Path) -> Archive:
         actions, actions_words = _space(data.get("action_space"))
         steps = int(data.get("num_timesteps") or 0)
     except (TypeError, ValueError, OverflowError) as error:
-        msg = f"{file.name} cannot be read as a model of Stable-Baselines3: what it says of its spaces is no number ({error}). {_HOW}"
+        msg = f"{file.name} cannot be read as a model of Stable-Baselines3: what it says of its spaces is not a number ({error}). {_HOW}"
         raise SubmissionError(msg) from error
     return Archive(
         algorithm=_algorithm(data, file, recurrent=recurrent),
@@ -159,7 +159,7 @@ def archive_data(file: Path) -> dict[str, Any]:
     Raises
     ------
     SubmissionError
-        When it is no model of Stable-Baselines3.
+        When it is not a model of Stable-Baselines3.
     """
     with _opened(file) as archive:
         lacking = {"data", "policy.pth"} - set(archive.namelist())

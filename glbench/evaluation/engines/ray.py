@@ -43,7 +43,7 @@ from glbench.evaluation.saving import Computed
 
 
 @dataclass(frozen=True)
-class Parcel:
+class PackedAgent:
     """An agent on its way: the name of a baseline, or the files of a submission. ``name`` is that of its file or folder."""
 
     name: str
@@ -51,7 +51,7 @@ class Parcel:
     is_folder: bool = False
 
     @classmethod
-    def of(cls, ref: str) -> Parcel:
+    def of(cls, ref: str) -> PackedAgent:
         """Pack the agent ``ref``.
 
         Raises
@@ -135,11 +135,11 @@ def put_together(evaluation: Evaluation, parts: Sequence[Computed]) -> Computed:
 
 
 @dataclass(frozen=True)
-class Order:
+class RunsJob:
     """Runs of an agent on a task. ``is_part`` says that these are only some of the evaluation's runs."""
 
     task: PackedTask
-    parcel: Parcel
+    packed_agent: PackedAgent
     seeds: tuple[int, ...]
     is_part: bool
     protection: Protection
@@ -154,24 +154,24 @@ class Refusal:
     joint: bool = False
 
 
-def work(order: Order, progress: Callable[[Progress], None], checkpoints: Path | None = None) -> Computed | Refusal:
+def work(job: RunsJob, progress: Callable[[Progress], None], checkpoints: Path | None = None) -> Computed | Refusal:
     """Do what was ordered, from the checkpoint in ``checkpoints`` if there is one. Errors of glbench come back as text."""
     # Numerical libraries would start a thread a core in each of several workers on one machine, and round by their number.
     one_thread()
     try:
-        with order.parcel.unpacked() as ref:
+        with job.packed_agent.unpacked() as ref:
             evaluation = prepare(
-                order.task.unpacked(),
+                job.task.unpacked(),
                 ref,
-                runs=len(order.seeds),
-                first_seed=order.seeds[0],
-                sandbox="bubblewrap" if order.protection == "bubblewrap" else "none",
+                runs=len(job.seeds),
+                first_seed=job.seeds[0],
+                sandbox="bubblewrap" if job.protection == "bubblewrap" else "none",
             )
-            if order.agent_digest != evaluation.agent.digest:
+            if job.agent_digest != evaluation.agent.digest:
                 return Refusal(
                     "The agent arrived with a different digest from the one it was sent with. Did its files change while it was packed?"
                 )
-            computed = replace(evaluation, checkpoints=checkpoints, is_part=order.is_part).compute(progress)
+            computed = replace(evaluation, checkpoints=checkpoints, is_part=job.is_part).compute(progress)
     except JointAgentError as error:
         return Refusal(str(error), joint=True)
     except GlbenchError as error:
@@ -249,7 +249,7 @@ class _Session:
             if evaluation.stored is not None:
                 evaluation.complete_episodes(evaluation.stored)
                 return Outcome(job, evaluation.stored, None, time.monotonic() - began, stored=True)
-            lock.enter_context(evaluation.alone())
+            lock.enter_context(evaluation.result_lock())
             parts = divided(evaluation.seeds, self._cores) if may_be_divided(evaluation) else [evaluation.seeds]
             running = _Running(job, evaluation, luggage, began, lock, parts)
             self._send(number, running)
@@ -261,14 +261,14 @@ class _Session:
 
     def _send(self, number: int, running: _Running) -> None:
         evaluation, job = running.evaluation, running.job
-        task, parcel = PackedTask.of(evaluation.task), Parcel.of(job.ref)
+        task, packed_agent = PackedTask.of(evaluation.task), PackedAgent.of(job.ref)
         for part, seeds in enumerate(running.parts):
             key, folder = _key(number, seeds), running.folder(part)
             if folder is not None and (files := read_files(folder)) is not None:
                 self._ray.get(self._board.leave.remote(key, files))
             is_part = len(running.parts) > 1
-            order = Order(task, parcel, seeds, is_part, evaluation.protection, evaluation.agent.digest)
-            running.references[self._work.remote(order, running.luggage, self._board, key)] = part
+            runs_job = RunsJob(task, packed_agent, seeds, is_part, evaluation.protection, evaluation.agent.digest)
+            running.references[self._work.remote(runs_job, running.luggage, self._board, key)] = part
 
     def _returned(self) -> Iterator[Outcome]:
         """Take the parts that are there; the jobs that are whole or have failed are outcomes."""
@@ -333,13 +333,13 @@ def _key(number: int, seeds: tuple[int, ...]) -> str:
     return f"{number}/{seeds[0]}-{seeds[-1]}"
 
 
-def _work(order: Order, luggage: Luggage, board: Any, key: str) -> Computed | Refusal:
+def _work(job: RunsJob, luggage: Luggage, board: Any, key: str) -> Computed | Refusal:
     """``work`` as a remote task, which reports its progress to the board and leaves its checkpoints there."""
     luggage.unpack()
     teller, scratch = Teller(board, key), Scratch()
     try:
         folder = scratch.folder() / "checkpoint"
         write_files(folder, teller.begin())
-        return work(order, lambda standing: teller.stand((standing.step, standing.alive), folder), folder)
+        return work(job, lambda standing: teller.stand((standing.step, standing.alive), folder), folder)
     finally:
         scratch.remove()

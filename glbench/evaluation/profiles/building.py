@@ -47,7 +47,7 @@ _Part = tuple[Trace, Sequence[int]]
 
 
 @dataclass(frozen=True)
-class Column:
+class ProfileColumn:
     """One column of a profile: ``name``, ``unit``, ``meaning``, and whether its steps are averaged or added up."""
 
     name: str
@@ -65,18 +65,18 @@ class Columns:
     amounts that are summed by hour of day.
     """
 
-    controls: tuple[Column, ...]
-    climate: tuple[Column, ...]
+    controls: tuple[ProfileColumn, ...]
+    climate: tuple[ProfileColumn, ...]
     seen: tuple[Seen, ...]
-    light: tuple[Column, ...]
+    light: tuple[ProfileColumn, ...]
     rates: tuple[Seen, ...]
-    amounts: tuple[Column, ...]
+    amounts: tuple[ProfileColumn, ...]
     limits: tuple[str, ...]
-    worst: tuple[Column, ...]
+    worst: tuple[ProfileColumn, ...]
     by_hour: tuple[str, ...]
 
     @property
-    def all(self) -> tuple[Column, ...]:
+    def all(self) -> tuple[ProfileColumn, ...]:
         """Every column of the runs' course."""
         return (*self.controls, *self.climate, *self.light, *self.amounts)
 
@@ -85,7 +85,7 @@ class Columns:
 def columns_of(task: TaskSpec) -> Columns:
     """The columns of profiles of ``task``, from its model, ledger and limits."""
     model, ledger = task.model_value, task.ledger
-    controls = tuple(Column(control.name, "-", control.meaning, "level") for control in model.controls)
+    controls = tuple(ProfileColumn(control.name, "-", control.meaning, "level") for control in model.controls)
     horizon = Horizon(task.steps, task.step_seconds, task.parameters_by_name())
     seen, deficits, rates = (model.observed(module, horizon) or () for module in _SHOWN)
     if task.schema_version == 1:  # profiles of these are published, and keep their columns
@@ -93,16 +93,16 @@ def columns_of(task: TaskSpec) -> Columns:
     seen = (*seen, *deficits)
     meanings = {state.name: state.meaning for state in model.states}
     climate = tuple(
-        Column(one.name, one.unit, _AIR.get(one.source) or meanings.get(one.source, one.meaning), "level")
+        ProfileColumn(one.name, one.unit, _AIR.get(one.source) or meanings.get(one.source, one.meaning), "level")
         for one in seen
     )
     light = tuple(
-        Column(one.name.removesuffix(_TODAY), one.unit, one.meaning.partition(",")[0], "amount") for one in rates
+        ProfileColumn(one.name.removesuffix(_TODAY), one.unit, one.meaning.partition(",")[0], "amount") for one in rates
     )
     earned = {item.amount for item in ledger.earned}
     flows = {item.amount for item in ledger.items}
     amounts = tuple(
-        Column(q.name, q.unit, q.meaning, "amount")
+        ProfileColumn(q.name, q.unit, q.meaning, "amount")
         for q in task.quantities
         if q.name in {*flows, "epi", "penalty", "reward"}
     )
@@ -131,16 +131,16 @@ _AIR = {
 }
 """What is measured in the main air, in the order of the simulation."""
 WEATHER_COLUMNS = (
-    Column("global_radiation", "W m-2", "sun and sky on a horizontal plane outside", "level"),
-    Column("outdoor_temperature", "degC", "air outside", "level"),
-    Column("outdoor_relative_humidity", "%", "relative humidity outside", "level"),
-    Column("wind_speed", "m s-1", "wind speed", "level"),
+    ProfileColumn("global_radiation", "W m-2", "sun and sky on a horizontal plane outside", "level"),
+    ProfileColumn("outdoor_temperature", "degC", "air outside", "level"),
+    ProfileColumn("outdoor_relative_humidity", "%", "relative humidity outside", "level"),
+    ProfileColumn("wind_speed", "m s-1", "wind speed", "level"),
 )
 """The same for all agents of a task."""
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class RunSeries:
     """Columns ``(steps, n)`` float32 of ``n`` runs; what lies behind a run's ``lengths`` ``(n,)`` was not simulated.
 
     ``outside`` holds, by limit, whether it was broken ``(steps, n)``; ``weather`` columns are ``(steps, n)``, or ``(steps, 1)`` where all
@@ -155,7 +155,7 @@ class Course:
     energy: Mapping[str, Floats] = field(default_factory=dict)
 
 
-def course_of(task: TaskSpec, log: ActionLog, trace: Trace | None, kernel: Stepper | None = None) -> Course:
+def series_of(task: TaskSpec, log: ActionLog, trace: Trace | None, kernel: Stepper | None = None) -> RunSeries:
     """The course of the runs of ``log``: from the ``trace`` of all of them, or by replaying, with the same bits.
 
     Raises
@@ -169,7 +169,7 @@ def course_of(task: TaskSpec, log: ActionLog, trace: Trace | None, kernel: Stepp
     parts = [_read(task, part, lengths[list(rows)], seasons.values(rows)) for part, rows in traced]
     weather, starts = seasons.weather(), seasons.starts
     joined = {name: np.concatenate([part[name] for part in parts], axis=1) for name in parts[0]}
-    return Course(
+    return RunSeries(
         columns={column.name: joined[column.name] for column in columns_of(task).all},
         outside={limit: joined[limit] > 0 for limit in columns_of(task).limits},
         weather=weather,
@@ -221,7 +221,7 @@ def _read(task: TaskSpec, trace: Trace, lengths: NDArray[np.int64], acting: Floa
 
 
 _ENERGY = "energy/"
-"""What columns of ``Course.energy`` are called before they are apart."""
+"""What columns of ``RunSeries.energy`` are called before they are apart."""
 _BURNT, _LOST, _LEVEL = "engine_gas", "heat_lost", "stored"
 """Gas of the engine, heat that the buffer loses, and heat in it at the end of a step."""
 _AMOUNTS = (*ENERGY_FLOWS, _BURNT, _LOST)
@@ -312,7 +312,7 @@ def make_profile(
     kernel: Stepper | None = None,
 ) -> Profile:
     """The profile of ``result``, from the ``trace`` of its evaluation or by replaying its recorded actions, with the same bytes."""
-    made = _Made(task, course_of(task, log, trace, kernel))
+    made = _Made(task, series_of(task, log, trace, kernel))
     values = result.values(task.evaluation.metric)
     (best,), (worst,) = (chosen_rows((word,), log.seeds, values) for word in ("best", "worst"))
     seeds = {"all": list(log.seeds), "best": log.seeds[best], "worst": log.seeds[worst]}
@@ -346,7 +346,7 @@ def profiled(
 
 
 def load_profile(result: Result, path: Path) -> Profile | None:
-    """The profile of ``result``, which lies at ``path``; ``None`` when there is none, or only one of an earlier result.
+    """The profile of ``result``, which is at ``path``; ``None`` when there is none, or only one of an earlier result.
 
     Raises
     ------
@@ -425,7 +425,7 @@ def _has_shape(values: list[Any], shape: tuple[int, ...]) -> bool:
 class _Made:
     """The parts of a profile, made from the course of all runs."""
 
-    def __init__(self, task: TaskSpec, course: Course) -> None:
+    def __init__(self, task: TaskSpec, course: RunSeries) -> None:
         self.columns, self.starts = columns_of(task), course.starts
         self._course, self._lengths, self._seconds = course, course.lengths, task.step_seconds
         self._a_day, self._a_slot = round(tables.SECONDS_A_DAY / self._seconds), tables.steps_a_slot(self._seconds)

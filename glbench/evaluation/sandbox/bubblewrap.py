@@ -126,7 +126,7 @@ def command(
         "--info-fd", str(facts),
         *_environment(),
         "--proc", "/proc", "--dev", "/dev",
-        # First, so that an interpreter or a library that lies in /tmp shows up in it.
+        # First, so that an interpreter or a library that is in /tmp shows up in it.
         *_scratch("/dev/shm", sizes.shared), *_scratch("/tmp", sizes.scratch),
         *visible_files(submission, staging),
         *_kernels(libraries or {}),
@@ -392,9 +392,9 @@ def _secrets_below(bound: Bound) -> Iterator[Path]:
 
 
 def _secrets() -> list[Path]:
-    """Folders that no agent may see, none of which lies in another."""
+    """Folders that no agent may see, none of which is in another."""
     # An editable installation leaves a second copy of the data among the libraries.
-    folders = {(path / "glbench" / "_data").resolve() for path in libraries()}
+    folders = {(path / place).resolve() for path in libraries() for place in ("glbench/_data", "glbench_data")}
     folders |= {data_folder(name).resolve() for name in _HIDDEN_DATA}
     folders |= {(_PACKAGE / "_data").resolve(), user_data_folder().resolve(), cache_folder().resolve()}
     return [folder for folder in sorted(folders) if folder.is_dir() and folders.isdisjoint(folder.parents)]

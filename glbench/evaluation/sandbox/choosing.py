@@ -90,7 +90,7 @@ def _check_choice(choice: str) -> None:
 
 
 def _loaded(agent: LoadedAgent, choice: SandboxChoice) -> Protected:
-    # With settings of one's own, too: the code is glbench's.
+    # With custom settings, too: the code is glbench's.
     if isinstance(getattr(agent.make, "__self__", None), Baseline):
         return Protected(agent, "built-in", None)
     if choice != "none":

@@ -35,7 +35,7 @@ class Kind(IntEnum):
     """Kinds of frames; those before ``HELLO`` are questions."""
 
     LOAD = 1
-    """Load and make the agent. Body: pickle of an ``Order``."""
+    """Load and make the agent. Body: pickle of an ``AgentSetup``."""
     RESET = 2
     """Reset it. Body: mask of the rows, one byte each."""
     ACT = 3
@@ -67,7 +67,7 @@ class Kind(IntEnum):
 
 
 @dataclass(frozen=True)
-class Order:
+class AgentSetup:
     """What the process is to do: the path of the agent as seen from inside, its task, the number of runs, and its limits.
 
     ``definition`` is what ``get_task`` finds inside (``glbench.tasks.given``).

@@ -40,8 +40,8 @@ from glbench.evaluation.sandbox.frames import (
     HEADER,
     ROW,
     STATUSES,
+    AgentSetup,
     Kind,
-    Order,
     SandboxLimits,
     encoded,
     packed_problems,
@@ -121,7 +121,7 @@ class Host:
         self._line = line
         self._agents: list[Any] = []
         self._single = False
-        self._order: Order
+        self._setup: AgentSetup
         self._listener: Listener | None = None
 
     def do(self, kind: int, body: memoryview) -> None:
@@ -154,29 +154,29 @@ class Host:
         else:
             self._ask_for_all(kind, body)
 
-    def _make(self, order: Order) -> None:
+    def _make(self, setup: AgentSetup) -> None:
         """Make the agent, or one adapter with its agent for each run."""
-        self._order, self._agents = order, []
-        limit_this_process(order.sizes)
-        give(order.definition)
+        self._setup, self._agents = setup, []
+        limit_this_process(setup.sizes)
+        give(setup.definition)
         try:
-            loaded = load_agent(Path(order.path))
+            loaded = load_agent(Path(setup.path))
             self._line.answer(Kind.LOADED)
-            first = loaded.make(order.card)
+            first = loaded.make(setup.card)
             self._single = isinstance(first, PerRunAgent)
-            others = order.runs - 1 if self._single else 0
-            self._agents = [first, *(loaded.make(order.card) for _ in range(others))]
+            others = setup.runs - 1 if self._single else 0
+            self._agents = [first, *(loaded.make(setup.card) for _ in range(others))]
         except SubmissionError as error:
             self._line.failed("crashed", str(error))
-        except BaseException as error:  # the submission's code may raise anything; it is told, not swallowed
-            reason = f"The agent '{Path(order.path).stem}' cannot be made: {described(error)}."
+        except BaseException as error:  # the submission's code may raise anything; it is reported, not swallowed
+            reason = f"The agent '{Path(setup.path).stem}' cannot be made: {described(error)}."
             self._line.failed("crashed", reason)
         else:
             self._line.answer(Kind.MADE, bytes([self._single]))
 
     def _ask_for_all(self, kind: int, body: memoryview) -> None:
         """Reset a batched agent, or ask it for all rows."""
-        card, n, agent = self._order.card, self._order.runs, self._agents[0]
+        card, n, agent = self._setup.card, self._setup.runs, self._agents[0]
         try:
             if kind == Kind.RESET:
                 agent.reset(card, n)
@@ -194,17 +194,17 @@ class Host:
 
     def _ask_one_by_one(self, kind: int, body: memoryview) -> None:
         """Reset or ask one agent after the other, and answer row by row, so that one who never returns is known by its place."""
-        order, agents, line = self._order, self._agents, self._line
-        card, n = order.card, order.runs
+        setup, agents, line = self._setup, self._agents, self._line
+        card, n = setup.card, setup.runs
         rows = np.flatnonzero(np.frombuffer(body[:n], dtype=np.uint8))
         observations = np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy() if kind == Kind.ACT else None
         for row in rows.tolist():
             if observations is None:
-                failure = guarded(lambda r=row: agents[r].reset(card, 1), order.time.start, "reset", through=()).failure  # type: ignore[misc]
+                failure = guarded(lambda r=row: agents[r].reset(card, 1), setup.time.start, "reset", through=()).failure  # type: ignore[misc]
                 given: NDArray[np.float64] = np.empty(0)
             else:
                 shown = observations[row : row + 1]
-                answer = guarded(lambda r=row, o=shown: agents[r].act(o)[0], order.time.step, "act", through=())  # type: ignore[misc]
+                answer = guarded(lambda r=row, o=shown: agents[r].act(o)[0], setup.time.step, "act", through=())  # type: ignore[misc]
                 failure, given = answer.failure, np.asarray(answer.value)
             if failure is not None:
                 # It is not asked again. What it holds is the others' to have, and the time in which it lets go is its own.

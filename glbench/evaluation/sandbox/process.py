@@ -134,7 +134,7 @@ class Watch:
         return taken
 
     def _made(self, place: str) -> int:
-        """Files in a folder of the sandbox that lies in memory: each takes some of it, which no size limits."""
+        """Files in a folder of the sandbox that is in memory: each takes some of it, which no size limits."""
         try:
             told = os.statvfs(f"/proc/{self._root}/root/{place}")
         except OSError:  # it has ended
@@ -487,7 +487,7 @@ def _how(code: int) -> str:
     number = -code if code < 0 else code - 128
     names = {member.value: member.name for member in signal.Signals}
     if number in names and code != 0:
-        hint = ", by itself or for want of memory" if number == signal.SIGKILL else ""
+        hint = ", by itself or for lack of memory" if number == signal.SIGKILL else ""
         return f"by the signal {names[number]}{hint}"
     return f"with exit code {code}"
 

@@ -133,7 +133,7 @@ def _identity(path: Path, book: _Book) -> Identity | None:
 
 
 def _protection(identity: Identity, choice: SandboxChoice, book: _Book) -> Protection | None:
-    """How the agent runs; ``None`` when it may not, which is told."""
+    """How the agent runs; ``None`` when it may not, which is reported."""
     try:
         return protection_of(identity, choice)
     except SandboxError as error:
@@ -150,7 +150,7 @@ def _look_at_files(identity: Identity, task: TaskSpec, book: _Book) -> None:
 
 
 class _DryRun:
-    """A few steps of an evaluation, shown again to fresh agents, together and alone; what goes wrong is booked in words.
+    """A few steps of an evaluation, shown again to fresh agents, together and alone; what goes wrong becomes a finding.
 
     All agents that are made live in one process, each from the file run afresh.
     """
@@ -196,7 +196,7 @@ class _DryRun:
         self._deadline = max(self._deadline, time.monotonic() + _LEAST * self._seconds)
 
     def _made(self, runs: int, *, again: bool = False) -> bool:
-        """Make a fresh agent and reset it; false when that fails, which is told."""
+        """Make a fresh agent and reset it; false when that fails, which is reported."""
         left = self._left()
         hasty = replace(
             self._limits,
@@ -209,7 +209,10 @@ class _DryRun:
             self._runner = in_process(agent, self._process, single=agent.made_in(self._process))
         except SubmissionError as error:
             late = isinstance(error.__cause__, LostError) and error.__cause__.status == "timed_out"
-            text = "It did not come back while its file was loaded or in make_agent: it hangs, or waits for something."
+            text = (
+                "It did not come back while its file was loaded or in make_agent: it hangs, waits for something, or this machine is too "
+                "busy for it to start."
+            )
             told = f"The agent cannot be made{when}: {str(error).rstrip('.')}." if again else str(error)
             self._book.add([problem("time", text) if late else problem("loading", told)])
             return False
@@ -260,7 +263,7 @@ class _DryRun:
         return True
 
     def _accepted(self, decision: Decision, took: float, before: list[float]) -> bool:
-        """Whether there are actions for all runs after decisions that took so long a run; why there are none is told."""
+        """Whether there are actions for all runs after decisions that took so long a run; why there are none is reported."""
         failure, step = _worst(decision), len(before) + 1
         if failure is not None and failure.status == "timed_out":
             # Agents for single runs have one clock each; what the others took does not matter.

@@ -79,7 +79,7 @@ class Report:
 
     @property
     def problems(self) -> tuple[Finding, ...]:
-        """The findings that have to be mended."""
+        """The findings that have to be fixed."""
         return tuple(finding for finding in self.findings if finding.level == "problem")
 
     @property

@@ -35,6 +35,8 @@ const axis = (more = {}) => ({
   gridcolor: variable("grid"), zerolinecolor: variable("line"), linecolor: variable("line"), tickcolor: variable("line"),
   ticks: "", automargin: true, fixedrange: true, nticks: 6, separatethousands: true, ...more,
 });
+// What an axis shows; small, so that charts stay charts on a phone.
+const axisTitle = (text) => (text ? { text: plain(text), standoff: 4, font: { size: 11 } } : undefined);
 const layout = ({ xaxis, yaxis, ...more } = {}) => ({
   font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: variable("soft") },
   paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", showlegend: false, hovermode: "x unified",

@@ -47,7 +47,7 @@ const regretFigure = (task, rows) => {
     layout: layout({
       barmode: "relative", bargap: 0.4, hovermode: "closest", margin: { l: 8, r: 12, t: 10, b: 8 },
       yaxis: { autorange: "reversed", showgrid: false, zeroline: false, tickvals: ordered.map((_, i) => i), ticktext: ordered.map((result) => plain(result.agent)) },
-      xaxis: { range: [left.some((value) => value > 0) ? -1.05 * ends[1] : 0, ends[0] + 0.3 * wide], zeroline: true, zerolinewidth: 1.5, zerolinecolor: variable("soft") },
+      xaxis: { range: [left.some((value) => value > 0) ? -1.05 * ends[1] : 0, ends[0] + 0.3 * wide], zeroline: true, zerolinewidth: 1.5, zerolinecolor: variable("soft"), title: axisTitle(unit || "points of reward") },
     }),
   });
   const span = (result, [, low, high], places) => (high > low ? `${number(low, places)} ${result.members ? "\u2194" : "to"} ${number(high, places)}` : "\u2013");

@@ -23,7 +23,7 @@ const rankColumns = (task, rows, refill) => {
         const one = of(row);
         const title = spanWords(row.result, one, metric.decimals + 1);
         return h("td", { title: metric.interval ? title : null }, number(one.mean, metric.decimals), metric.interval ? bar(one, range, row.result.agent, Boolean(row.result.members)) : null,
-          metric.name === task.metric && row.result.worst_tenth && !pricesDiffer(task) ? h("span", { class: "of", title: `Mean of the worst tenth of the runs (CVaR10)${row.result.members ? ", mean over the trainings" : ""}` }, `worst tenth ${number(row.result.worst_tenth[0], metric.decimals)}`) : null,
+          metric.name === task.metric && row.result.worst_tenth && !pricesDiffer(task) ? h("span", { class: "of", title: `Mean of the worst tenth of the runs (CVaR10)${row.result.members ? ", mean over the trainings" : ""}` }, "worst tenth", h("br"), number(row.result.worst_tenth[0], metric.decimals)) : null,
           metric.interval ? h("span", { class: "visually-hidden" }, ` (${title})`) : null);
       },
     };
@@ -37,9 +37,16 @@ const rankColumns = (task, rows, refill) => {
         row.result.members ? [" ", unfold(row.result, refill)] : row.result.trainings ? h("span", { class: "of" }, plural(row.result.trainings, "training")) : null,
         row.result.failed ? h("span", { class: "of loss" }, `${row.result.failed} of ${row.result.runs} runs failed`) : null, row.result.remark ? h("span", { class: "of" }, row.result.remark) : null,
         row.result.saw_scored ? h("span", { class: "of loss" }, `\u00a7 ${row.result.saw_scored}`) : null) },
-    metricColumn(first), regretColumn(task, rows), ...others.map(metricColumn),
+    metricColumn(first), regretColumn(task, rows), ...others.filter((metric) => metric.kind !== "amount" || !isUnused(metric, rows)).map(metricColumn),
     ...aboutColumns((row) => ({ ...row.result, steps: row.result.training?.steps, hours: trainingWords(row.result.training), name: row.result.agent })),
   ].filter(Boolean);
+};
+
+// An amount that nobody has: its column would push the last ones off the page.
+const isUnused = (metric, rows) => rows.every((row) => !(Math.abs(estimate(row.result, metric.name).mean) >= 0.5 * 10 ** -metric.decimals));
+const unusedWords = (task, rows) => {
+  const unused = wordsOf(task).columns.filter((metric) => metric.kind === "amount" && isUnused(metric, rows)).map((metric) => lower(metric.label));
+  return unused.length ? ` No agent has any ${sentence(unused).replace(" and ", " or ")}.` : "";
 };
 
 // Shows the trainings of an entry below it, or hides them.
@@ -83,7 +90,7 @@ const familyFigure = (family) => {
         error_y: { type: "data", symmetric: false, array: points.map((p) => p.high - p.mean), arrayminus: points.map((p) => p.mean - p.low), thickness: 1.5, width: 0, color: colourOf(name) },
       });
     }),
-    layout: layout({ xaxis: { title: { text: "delta, %", standoff: 6 }, tickvals: tasks.map((task) => task.delta) }, hovermode: "x unified" }),
+    layout: layout({ xaxis: { title: { text: "delta, %", standoff: 6 }, tickvals: tasks.map((task) => task.delta) }, yaxis: { title: axisTitle(METRICS[metric].unit || METRICS[metric].label) }, hovermode: "x unified" }),
   });
   const figures = HEADLINES.map((metric) => chart([METRICS[metric].label, METRICS[metric].unit ? h("span", {}, ` ${METRICS[metric].unit}`) : null],
     build(metric), { height: 280, says: `${METRICS[metric].label} of ${sentence(names)} against delta; the same numbers are in the table below.` }));
@@ -112,7 +119,7 @@ const leaderboardPage = (short) => {
   const task = BY_SHORT[short] ?? TASKS[D.start], rows = ranked(task.id), family = familyOf(task.id);
   const best = rows[0].result;
   const table = sortable({
-    caption: `${task.title}: mean over ${plural(best.seeds.length, "seeded run")}${pricesDiffer(task) ? ", at other prices" : ""}. Bars show 95 % intervals over the ${wordsOf(task).draws} and one training, of several trainings (hollow) the range from the lowest to the highest; an arrow is off their scale.`,
+    caption: `${task.title}: mean over ${plural(best.seeds.length, "seeded run")}${pricesDiffer(task) ? ", at other prices" : ""}. Bars show 95 % intervals over the ${wordsOf(task).draws} and one training, of several trainings (hollow) the range from the lowest to the highest; an arrow is off their scale.${unusedWords(task, rows)}`,
     columns: rankColumns(task, rows, () => table.fill()), rows, state: rankState,
     below: (row) => (unfolded.has(row.result.agent) ? trainingsOf(row.result).map((result) => ({ result, rank: null })) : []), className: "ranks", rowClass: (row) => (row.result.member_of ? "member" : row.rank === null ? "unranked" : null),
   });

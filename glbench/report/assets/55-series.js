@@ -2,8 +2,8 @@
 
 const limitOf = (task, name) => task.limits?.find((limit) => limit.name === name);
 const scaled = (rows, factor = 1) => rows.map((row) => row.map((value) => (value === null ? null : value * factor)));
-const HOUR_AXIS = { range: [0, 24], tickvals: [0, 6, 12, 18, 24], ticktext: ["0", "6", "12", "18", "24"], title: { text: "hour of the day", standoff: 4, font: { size: 11 } } };
-const DAY_TITLE = { text: "day", standoff: 4, font: { size: 11 } };
+const HOUR_AXIS = { range: [0, 24], tickvals: [0, 6, 12, 18, 24], ticktext: ["0", "6", "12", "18", "24"], title: axisTitle("hour of the day") };
+const DAY_TITLE = axisTitle("day");
 const captionOf = (label, unit) => [label, unit ? h("span", {}, ` ${unit}`) : null];
 // Prices that were changed do not change what was recorded at the task's prices.
 const atTaskPrices = (task, name) => (wordsOf(task).series[name].money && pricesDiffer(task) ? " at the task\u2019s prices" : "");
@@ -11,7 +11,7 @@ const atTaskPrices = (task, name) => (wordsOf(task).series[name].money && prices
 // Amounts begin at 0; where nothing was used there is no scale to find.
 const fromZero = (series, values) => (!series?.amount ? {} : values.some((value) => value > 0) ? { rangemode: "tozero" } : { range: [0, 1], tickvals: [0] });
 
-// One quantity by time of day: the band of nine in ten, the band of half, and the median; for several agents at once.
+// One quantity by time of day: the 90 % band, the 50 % band, and the median; for several agents at once.
 const dayChart = (task, name, courses, slotSeconds) => {
   const words = wordsOf(task).series[name], limit = limitOf(task, name);
   const build = () => {
@@ -27,7 +27,7 @@ const dayChart = (task, name, courses, slotSeconds) => {
         name: agent ? plain(agent) : "median", hovertemplate: `%{y:,.${words.decimals}f}`, line: { dash: courses[0].agent === agent ? "solid" : "dash" },
       }));
     }
-    return { traces, layout: layout({ xaxis: HOUR_AXIS, yaxis: words.range ? { range: words.range, tickvals: [0, 50, 100] } : fromZero(words, courses.flatMap(({ packed }) => unpack(packed)[4])), shapes: limitShapes(limit) }) };
+    return { traces, layout: layout({ xaxis: HOUR_AXIS, yaxis: { title: axisTitle(words.unit), ...(words.range ? { range: words.range, tickvals: [0, 50, 100] } : fromZero(words, courses.flatMap(({ packed }) => unpack(packed)[4]))) }, shapes: limitShapes(limit) }) };
   };
   const says = courses.map(({ agent, packed }) => {
     const median = scaled(unpack(packed), words.factor)[2].filter((value) => value !== null);
@@ -53,7 +53,7 @@ const seasonChart = (task, name, packed, agent, { add = false } = {}) => {
         ...(differs(best, median) ? [one("best run", best, { colour: variable("soft"), line: { width: 1.2, dash: "dash" } })] : []),
         one("median", median, { colour, line: { width: 2.2 } }),
       ],
-      layout: layout({ xaxis: { title: DAY_TITLE, nticks: 4, tickangle: 0, tickvals: x.filter((_, day) => day % Math.max(1, Math.ceil(days / 4)) === 0) }, yaxis: fromZero(add ? null : words, [...median, ...best, ...worst]), shapes: limitShapes(limit && limitShown(limit, median) ? limit : null) }),
+      layout: layout({ xaxis: { title: DAY_TITLE, nticks: 4, tickangle: 0, tickvals: x.filter((_, day) => day % Math.max(1, Math.ceil(days / 4)) === 0) }, yaxis: { title: axisTitle(add ? "EUR/m\u00b2" : words.daily ?? words.unit), ...fromZero(add ? null : words, [...median, ...best, ...worst]) }, shapes: limitShapes(limit && limitShown(limit, median) ? limit : null) }),
     };
   };
   return chart(captionOf(words.label, unit + atTaskPrices(task, name)), build, { height: 180, says: `${words.label} by day of the season, ${unit}: median over the runs, best and worst run.` });

@@ -42,6 +42,7 @@ const agentPage = (name, short) => {
       earned(result, task),
       result.members ? h("p", { class: "note" }, `Days, season, calendar and worst run below are those of the training with the lowest seed, ${first.training_seed}.`) : null,
       first.profile ? profileParts(first, task) : noProfile(first, task),
+      settingsPart(first),
       provenance(first),
     ],
   };
@@ -68,9 +69,12 @@ const story = (result, task) => {
   const unused = words.bought.filter((item) => of(item.amount) !== null && of(item.amount) < 5e-3).map((item) => lower(item.label));
   const best = ranked(task.id)[0].result, gap = (metric) => estimate(best, metric).mean - of(metric);
   const outside = words.outside ? of(words.outside) : 0, hours = (task.steps * task.step_seconds) / 3600;
+  // Heat and power are sold, but do not grow.
+  const isEnergy = (item) => Boolean(words.metric[item.amount]?.unit.startsWith("kWh")), worth = words.sold.filter((item) => Math.abs(of(item.money)) >= 5e-3);
+  const grown = worth.filter((item) => !isEnergy(item)), traded = worth.filter(isEnergy);
   const limits = words.violations.map((metric) => [lower(metric.label), of(metric.name)]).sort((a, b) => b[1] - a[1]);
   return [
-    `In ${number(days, 0)} days it ${words.sold.length ? `grew ${sentence(words.sold.map((item) => `${withUnit(of(item.amount), 1, words.metric[item.amount]?.unit)} of ${lower(item.label)} worth ${withUnit(of(item.money), 2, "EUR/m\u00b2")}`))} and ` : ""}${profit >= 0 ? "earned" : "lost"} `,
+    `In ${number(days, 0)} days it ${grown.length ? `grew ${sentence(grown.map((item) => `${withUnit(of(item.amount), 1, words.metric[item.amount]?.unit)} of ${lower(item.label)} worth ${withUnit(of(item.money), 2, "EUR/m\u00b2")}`))}${traded.length ? ", " : " and "}` : ""}${traded.length ? `got ${sentence(traded.map((item) => `${withUnit(of(item.money), 2, "EUR/m\u00b2")} for ${lower(item.label)}`))}, and ` : ""}${profit >= 0 ? "earned" : "lost"} `,
     h("b", { class: profit >= 0 ? "gain" : "loss" }, withUnit(Math.abs(profit), 2, "EUR/m\u00b2")),
     costs[0]?.[1] > 0 ? `. Most of the cost was ${costs[0][0]} (${withUnit(costs[0][1], 2, "EUR/m\u00b2")}). ` : ". ",
     outside > 0 ? `The climate was outside its limits for ${withUnit(outside, 0, "h")}, ${number((100 * outside) / hours, 0)} % of the time, above all ${limits[0][0]} (${withUnit(limits[0][1], 0, "h")}).` : "The climate never left its limits.",
@@ -109,7 +113,7 @@ const earned = (result, task) => {
         increasing: { marker: { color: variable("gain") } }, decreasing: { marker: { color: variable("loss") } }, totals: { marker: { color: variable("ink") } },
         connector: { line: { color: variable("line"), width: 1 } }, textfont: { color: variable("ink") },
       }],
-      layout: layout({ margin: { l: 8, r: 10, t: 26, b: 8 }, hovermode: false, yaxis: { zeroline: true, zerolinewidth: 1.5, zerolinecolor: variable("soft") } }),
+      layout: layout({ margin: { l: 8, r: 10, t: 26, b: 8 }, hovermode: false, yaxis: { title: axisTitle("EUR/m\u00b2"), zeroline: true, zerolinewidth: 1.5, zerolinecolor: variable("soft") } }),
     };
   };
   const hours = () => ({
@@ -117,7 +121,7 @@ const earned = (result, task) => {
       type: "bar", orientation: "h", y: violations.map((metric) => metric.label), x: violations.map((metric) => of(metric.name).mean), marker: { color: variable("warm") },
       text: violations.map((metric) => ` ${number(of(metric.name).mean, 0)} h`), textposition: "outside", cliponaxis: false, hoverinfo: "skip", textfont: { color: variable("ink") },
     }],
-    layout: layout({ hovermode: false, margin: { l: 8, r: 44, t: 10, b: 8 }, xaxis: { showgrid: false, showticklabels: false, rangemode: "tozero" }, yaxis: { autorange: "reversed", showgrid: false }, bargap: 0.45 }),
+    layout: layout({ hovermode: false, margin: { l: 8, r: 44, t: 10, b: 8 }, xaxis: { title: axisTitle("hours"), showgrid: false, showticklabels: false, rangemode: "tozero" }, yaxis: { autorange: "reversed", showgrid: false }, bargap: 0.45 }),
   });
   const say = (names) => names.map((name) => `${METRICS[name].label} ${withUnit(of(name).mean, METRICS[name].decimals, METRICS[name].unit)}`).join(", ");
   return [
@@ -141,11 +145,11 @@ const uncertaintyPart = (result, task) => {
 };
 
 const noProfile = (result, task) => h("div", { class: "missing" },
-  h("b", {}, "Days, season, calendar and worst run are not stored with this result."), h("p", {}, "Where its recorded actions still lie beside it, ", h("code", {}, "glbench report --complete"), " makes them; else evaluate again: ",
+  h("b", {}, "Days, season, calendar and worst run are not stored with this result."), h("p", {}, "Where its recorded actions still are beside it, ", h("code", {}, "glbench report --complete"), " makes them; else evaluate again: ",
     h("code", {}, `glbench evaluate ${result.agent} --task ${task.short} --fresh`)));
 
 const provenance = (result) => h("details", { class: "data" }, h("summary", {}, "Where this result comes from"),
-  h("p", { class: "small" }, result.reproduced ? "Reproduced: glbench verify simulated all runs again from the recorded actions and got the same numbers. " : "Not reproduced: no note of glbench verify lies beside the result. ",
+  h("p", { class: "small" }, result.reproduced ? "Reproduced: glbench verify simulated all runs again from the recorded actions and got the same numbers. " : "Not reproduced: no note of glbench verify is beside the result. ",
     `Stated by the file, not checked: decision time, training, sandbox, what the agent\u2019s makers say of it; made by glbench ${result.glbench} on ${result.created.slice(0, 10)}, kernel ${result.kernel}. Seeds ${result.seeds[0]} to ${result.seeds.at(-1)}. Result `, h("code", {}, result.digest.slice(0, 16)), ", agent ", h("code", {}, result.agent_digest.slice(0, 16)), "."));
 
 const missingPage = (text) => ({ title: "Not found", content: [h("h1", {}, "Not found"), h("p", {}, text), h("p", {}, h("a", { href: "#/" }, "To the leaderboard"))] });
@@ -171,6 +175,7 @@ const profileParts = (result, task) => later(2400, async () => {
     h("h2", {}, "The season"),
     h("p", { class: "soft" }, "Day by day: the median over the runs; the best run (dashed) and the worst run (dotted) where they can be told apart from it."),
     h("div", { class: "grid" }, charts.season.filter(has("season")).map((name) => season(name, { add: Boolean(series[name].money) }))),
+    weeksPart(profile, task),
     calendarPart(profile, task),
     worstPart(result, task, profile, weather),
   ];

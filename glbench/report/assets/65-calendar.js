@@ -13,7 +13,7 @@ const calendarPart = (profile, task) => {
         type: "heatmap", z: byHour, x: labels, y: byHour.map((_, hour) => hour), zmin: 0, zmax: 60, showscale: false, xgap: 1, ygap: 1,
         colorscale: [[0, variable("faint")], [0.02, faded(variable("warm"), 0.3)], [1, variable("warm")]], hovertemplate: "%{x}, %{y}:00: %{z:.0f} min<extra></extra>",
       }],
-      layout: layout({ hovermode: "closest", xaxis: { title: DAY_TITLE, showgrid: false, tickvals: labels.filter((_, day) => day % Math.max(1, Math.ceil(days / 5)) === 0), tickangle: 0 }, yaxis: { showgrid: false, tickvals: [0, 6, 12, 18], ticktext: ["0 h", "6", "12", "18"], autorange: "reversed" } }),
+      layout: layout({ hovermode: "closest", xaxis: { title: DAY_TITLE, showgrid: false, tickvals: labels.filter((_, day) => day % Math.max(1, Math.ceil(days / 5)) === 0), tickangle: 0 }, yaxis: { title: axisTitle("hour of the day"), showgrid: false, tickvals: [0, 6, 12, 18], ticktext: ["0", "6", "12", "18"], autorange: "reversed" } }),
     }), { height: 230, says: `${label}: ${number(total, 1)} hours in the season, most of it around ${clockHour(dearest)}.` });
   };
   return [
@@ -72,7 +72,7 @@ const worstPart = (result, task, profile, weather) => {
       for (const shape of limitShapes(limit)) shapes.push({ ...shape, yref: `y${key}`, xref: "x domain" });
     });
     const look = layout({ shapes, annotations, margin: { l: 8, r: 10, t: 22, b: 8 }, dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom", hoversubplots: "axis" });
-    return { traces, layout: { ...look, ...axes, xaxis: axis({ type: "date", fixedrange: false, range: span ?? undefined, anchor: `y${rows.length}`, hoverformat: "%-d %B, %H:%M", tickformat: "%-d %b", nticks: 7 }) } };
+    return { traces, layout: { ...look, ...axes, xaxis: axis({ type: "date", title: axisTitle(`day, ${task.clock}`), fixedrange: false, range: span ?? undefined, anchor: `y${rows.length}`, hoverformat: "%-d %B, %H:%M", tickformat: "%-d %b", nticks: 7 }) } };
   };
   const figure = chart(captionOf("Worst run, hour by hour", ""), build, { height: 760, says: `Climate, controls and ${lower(wordsOf(task).metric[PENALTY].label)} of the run with seed ${profile.seeds.worst}, hour by hour.` });
   const place = figure.querySelector(".chart");

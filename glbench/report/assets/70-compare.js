@@ -51,7 +51,7 @@ const byItem = (one, two, task) => {
       type: "bar", orientation: "h", y: gaps.map((gap) => gap.label), x: gaps.map((gap) => gap.value), text: gaps.map((gap) => ` ${number(gap.value, 2, true)} `), textposition: "outside", cliponaxis: false, hoverinfo: "skip",
       marker: { color: gaps.map((gap) => variable(gap.value >= 0 ? "gain" : "loss")), opacity: gaps.map((gap) => (gap.name === PROFIT ? 1 : 0.75)) }, textfont: { color: variable("ink") },
     }],
-    layout: layout({ hovermode: false, bargap: 0.4, yaxis: { autorange: "reversed", showgrid: false }, xaxis: { range: [ends[0] - room, ends[1] + room], zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
+    layout: layout({ hovermode: false, bargap: 0.4, yaxis: { autorange: "reversed", showgrid: false }, xaxis: { range: [ends[0] - room, ends[1] + room], zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5, title: axisTitle("EUR/m\u00b2, A minus B") } }),
   });
   const average = (result, name) => { const values = valuesOf(result, name); return values ? mean(values) : null; };
   const rows = [...items.map(([name]) => name), ...words.columns.map((metric) => metric.name).filter((name) => name !== PROFIT), ...words.ofKind("unknown").map((metric) => metric.name)].map((name) => {
@@ -94,12 +94,12 @@ const byHour = (one, two, task) => later(1500, async () => {
       ...parts.map((part) => ({ type: "bar", name: part.label, x: hours, y: part.runs.map(mean), marker: { color: colourAt(part.ink), opacity: 0.8 }, hovertemplate: "%{y:+,.3f}" })),
       line(hours, spread.map(([value]) => value), variable("ink"), { name: "Profit", mode: "lines+markers", marker: { size: 5 }, hovertemplate: "%{y:+,.3f}", error_y: { type: "data", symmetric: false, array: spread.map(([m, , high]) => high - m), arrayminus: spread.map(([m, low]) => m - low), thickness: 1, width: 2, color: variable("ink") } }),
     ],
-    layout: layout({ barmode: "relative", bargap: 0.15, showlegend: true, legend: { orientation: "h", y: 1.12, x: 0, font: { color: variable("ink") } }, margin: { l: 8, r: 10, t: 34, b: 8 }, xaxis: HOUR_AXIS, yaxis: { zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
+    layout: layout({ barmode: "relative", bargap: 0.15, showlegend: true, legend: { orientation: "h", y: 1.12, x: 0, font: { color: variable("ink") } }, margin: { l: 8, r: 10, t: 34, b: 8 }, xaxis: HOUR_AXIS, yaxis: { title: axisTitle("EUR/m\u00b2, A minus B"), zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
   });
   const spared = wordsOf(task).metric[PENALTY].label;
   const limits = () => ({
     traces: [{ type: "bar", x: hours, y: penalty.map(mean), marker: { color: penalty.map((values) => variable(mean(values) >= 0 ? "gain" : "loss")) }, hovertemplate: `%{y:+,.${inMoney(task, PENALTY) ? 3 : 2}f}<extra></extra>` }],
-    layout: layout({ bargap: 0.15, xaxis: HOUR_AXIS, yaxis: { zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
+    layout: layout({ bargap: 0.15, xaxis: HOUR_AXIS, yaxis: { title: axisTitle(inMoney(task, PENALTY) ? `${wordsOf(task).metric[PENALTY].unit}, spared` : "spared"), zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
   });
   return [
     h("h2", {}, "By hour of the day"),

@@ -47,7 +47,7 @@ const weatherPart = (task) => later(700, async () => {
       traces: summed
         ? [{ type: "bar", x, y: average, marker: { color: colourAt(3), opacity: 0.85 }, hovertemplate: `%{y:,.${decimals}f}<extra></extra>` }]
         : [band(x, low, high, ink(), 0.18), line(x, average, ink(), { name: "mean", hovertemplate: `%{y:,.${decimals}f}<extra></extra>` })],
-      layout: layout({ xaxis: { title: DAY_TITLE, tickvals: ticks, tickangle: 0 }, bargap: 0.2, shapes: words.unit === "\u00b0C" ? [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 0, y1: 0, line: { color: variable("soft"), width: 1, dash: "dot" } }] : [] }),
+      layout: layout({ xaxis: { title: DAY_TITLE, tickvals: ticks, tickangle: 0 }, yaxis: { title: axisTitle(words.daily ?? words.unit) }, bargap: 0.2, shapes: words.unit === "\u00b0C" ? [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 0, y1: 0, line: { color: variable("soft"), width: 1, dash: "dot" } }] : [] }),
     }), { height: 200, says: `${words.label} by day: ${number(Math.min(...average), decimals)} to ${number(Math.max(...average), decimals)}, mean ${number(mean(average), decimals)}.` });
   };
   const day = (name) => dayChart(task, name, [{ agent: null, packed: weather.day[name] }], weather.slot_seconds);

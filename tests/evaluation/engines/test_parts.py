@@ -13,7 +13,7 @@ from glbench.evaluation import Progress, prepare
 from glbench.evaluation.checkpoint import take_over
 from glbench.evaluation.engines.cluster import Board, read_files
 from glbench.evaluation.engines.luggage import Luggage, PackedTask
-from glbench.evaluation.engines.ray import Order, Parcel, Refusal, divided, may_be_divided, put_together, work
+from glbench.evaluation.engines.ray import PackedAgent, Refusal, RunsJob, divided, may_be_divided, put_together, work
 from glbench.evaluation.preparing import Evaluation
 from glbench.evaluation.saving import Computed
 from glbench.kernel import built_libraries, why_not_compiled
@@ -30,10 +30,10 @@ def act(self, observation):
 """
 
 
-def order_of(evaluation: Evaluation, agent: Path, seeds: tuple[int, ...]) -> Order:
+def order_of(evaluation: Evaluation, agent: Path, seeds: tuple[int, ...]) -> RunsJob:
     is_part = len(seeds) < len(evaluation.seeds)
     packed = PackedTask.of(evaluation.task)
-    return Order(packed, Parcel.of(str(agent)), seeds, is_part, evaluation.protection, evaluation.agent.digest)
+    return RunsJob(packed, PackedAgent.of(str(agent)), seeds, is_part, evaluation.protection, evaluation.agent.digest)
 
 
 def nothing(_: Progress) -> None:
@@ -108,7 +108,7 @@ def test_a_folder_arrives_with_the_digest_it_was_sent_with(tmp_path: Path, write
     write_agent().rename(folder / "agent.py")
     (folder / "parts" / "weights.bin").write_bytes(b"\x00\xff")
     sent = identify(folder)
-    with Parcel.of(str(folder)).unpacked() as arrived:
+    with PackedAgent.of(str(folder)).unpacked() as arrived:
         received = identify(arrived)
         assert sent is not None
         assert received is not None

@@ -85,7 +85,7 @@ def test_errors_of_python_are_told_as_they_are(reason: str) -> None:
     [
         "act took longer than its limit of 10 s",
         "act (for all runs) took longer than its limit of 10 s (agent.py:3 in act)",
-        "the agent's process ended by the signal SIGKILL, by itself or for want of memory",
+        "the agent's process ended by the signal SIGKILL, by itself or for lack of memory",
         "the agent started more than 128 processes and threads, which is its limit",
         "the run's decisions together took longer than their limit of 2 s",
         "\x1b",

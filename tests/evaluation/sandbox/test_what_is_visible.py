@@ -80,16 +80,17 @@ for place, folders, files in os.walk("/"):
         assert not [file for file in own if Path(file).name in shipped - NAMES_OF_CODE]
 
 
+@pytest.mark.parametrize("place", ["glbench/_data", "glbench_data"])
 def test_data_of_glbench_among_the_libraries_are_covered(
-    write_agent: AgentWriter, sandboxed: Prepare, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    write_agent: AgentWriter, sandboxed: Prepare, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
 ) -> None:
-    """As an installed wheel has them, or an editable installation leaves them behind."""
+    """As an installed wheel has them, or an editable installation leaves them behind, and as the package of all data has them."""
     library = tmp_path / "elsewhere" / "site-packages"
-    (library / "glbench" / "_data" / "weather").mkdir(parents=True)
-    (library / "glbench" / "_data" / "weather" / "schiphol.parquet").write_text("warm", encoding="utf-8")
+    (library / place / "weather").mkdir(parents=True)
+    (library / place / "weather" / "schiphol.parquet").write_text("warm", encoding="utf-8")
     (library / "useful.py").write_text("", encoding="utf-8")
     monkeypatch.syspath_prepend(str(library))
-    body = f"import useful\nseen = os.listdir({str(library / 'glbench' / '_data')!r})"
+    body = f"import useful\nseen = os.listdir({str(library / place)!r})"
 
     assert seen(write_agent, sandboxed, body) == []
 

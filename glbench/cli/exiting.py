@@ -63,7 +63,7 @@ def interruptible() -> Iterator[Interruption]:
 
 @contextlib.contextmanager
 def leaving_at_once() -> Iterator[None]:
-    """Signals end the process without further ado: for imports, where an exception would come out of somebody's half-loaded module."""
+    """Signals end the process at once: for imports, where an exception would come out of somebody's half-loaded module."""
 
     def leave_now(number: int, _frame: FrameType | None) -> NoReturn:
         os.write(2, b"\nInterrupted.\n")
@@ -91,7 +91,7 @@ def _handled_by(handler: Callable[[int, FrameType | None], NoReturn]) -> Iterato
 
 
 def leave(code: int) -> NoReturn:
-    """End the process with ``code``, also when somebody's threads are still at work: Python would wait for them for ever."""
+    """End the process with ``code``, also when somebody's threads are still at work: Python would wait for them forever."""
     deadline = time.monotonic() + _PATIENCE_SECONDS
     left = [thread for thread in threading.enumerate() if _keeps_python_alive(thread)]
     for thread in left:

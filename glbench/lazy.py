@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 
 
-def late_names(package: str, places: Mapping[str, tuple[str, ...]]) -> Callable[[str], object]:
+def lazy_names(package: str, places: Mapping[str, tuple[str, ...]]) -> Callable[[str], object]:
     """A ``__getattr__`` for ``package``: ``places`` tells which of its modules (or which other, by its full name) has which names.
 
     Put it under ``if not TYPE_CHECKING``, beside ordinary imports for the type checker.

@@ -1,0 +1,68 @@
+"""Which of the checkout's data goes into which wheel, for the build hooks of both.
+
+``glbench-data`` holds all baselines and all released results. ``glbench`` holds what its commands need without it: every released result,
+and every baseline but large policies and plans. It also holds the digest of the data that belong to it, and what it lacks of them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+FOLDERS = ("baselines", "reports/released/results")
+LARGEST_POLICY = 256 * 1024
+"""Size of a baseline's policies or plans from which on they are only in ``glbench-data`` [bytes]."""
+_PROFILE = ".profile.json.gz"
+
+
+def whole(root: Path) -> dict[str, Path]:
+    """All files of the data by their names below ``root``, in order."""
+    files = (file for folder in FOLDERS for file in (root / folder).rglob("*") if file.is_file())
+    kept = (file for file in files if "__pycache__" not in file.parts and file.suffix != ".mcap")
+    return dict(sorted((file.relative_to(root).as_posix(), file) for file in kept))
+
+
+def digest(files: dict[str, Path]) -> str:
+    """SHA-256 (hex) over names and contents."""
+    total = hashlib.sha256()
+    for name, file in files.items():
+        for part in (name.encode(), file.read_bytes()):
+            total.update(len(part).to_bytes(8, "big") + part)
+    return total.hexdigest()
+
+
+def part(root: Path) -> tuple[dict[str, Path], dict[str, Any]]:
+    """What of it ``glbench`` holds, and what it says of the whole: version, SHA-256, and the baselines left out with their digests."""
+    files = whole(root)
+    large = {}
+    for card in sorted((root / "baselines").glob("*/card.toml")):
+        settings = (card.parent / tomllib.loads(card.read_text(encoding="utf-8"))["settings"]).resolve()
+        own = {name for name, file in files.items() if file.resolve().is_relative_to(settings)}
+        if sum(files[name].stat().st_size for name in own) > LARGEST_POLICY:
+            large[card.parent.name] = own
+    beside = {name for names in large.values() for name in names}
+    kept = {name: file for name, file in files.items() if name not in beside and not name.endswith(_PROFILE)}
+    facts = {
+        "version": _version(root),
+        "sha256": digest(files),
+        "left_out": {name: _agent_digest(root, name) for name in large},
+    }
+    return kept, facts
+
+
+def _version(root: Path) -> str:
+    project: dict[str, Any] = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    return str(project["version"])
+
+
+def _agent_digest(root: Path, name: str) -> str:
+    """Digest of a baseline, which its released results state."""
+    results = (root / "reports/released/results").glob(f"*/{name}.json")
+    digests = {json.loads(file.read_bytes())["agent"]["digest"] for file in results}
+    if len(digests) != 1:
+        msg = f"The released results of '{name}' state {len(digests)} digests of it, not one: release it again (baselines/release.py)."
+        raise ValueError(msg)
+    return str(digests.pop())

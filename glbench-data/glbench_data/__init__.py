@@ -1,0 +1,1 @@
+"""All baselines and released results of glbench, which finds them here by itself. Data only: nothing to import."""
