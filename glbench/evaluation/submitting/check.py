@@ -39,8 +39,9 @@ _SHARE_RUN, _SHARE_REPEAT, _SHARE_ALONE = 0.5, 0.4, 0.4
 _PACKAGES_SECONDS = 60.0
 _PRINTED_NOTE, _SHOWN = 4096, 160
 _ANY = 2**62
-_SHORTEST_STEP = 10.0
-"""Seconds that a decision of a run gets, however little time the check has left: a deadline of its own making says nothing of the agent."""
+_SHORTEST_START, _SHORTEST_STEP = 30.0, 10.0
+"""Seconds that an agent gets to be made, and a decision of a run, however little time the check has left: running out of the check's own
+time says nothing about the agent, and a busy machine starts a good one ten times as slowly."""
 _SIZES = SandboxLimits()
 _SIZES_OF_THE_MACHINE = SandboxLimits(scratch=_ANY, shared=_ANY, tasks=_ANY, files=_ANY, open_files=_ANY, made=_ANY)
 """Without a sandbox only memory has a limit."""
@@ -200,7 +201,7 @@ class _DryRun:
         left = self._left()
         hasty = replace(
             self._limits,
-            start=min(self._limits.start, round(left, 1)),
+            start=min(self._limits.start, max(round(left, 1), _SHORTEST_START)),
             step=min(self._limits.step, max(round(left / runs, 1), _SHORTEST_STEP)),
         )
         agent = replace(self._agent, runs=runs, time=hasty)
