@@ -30,7 +30,6 @@ from glbench.training.compiled_settings import read_compiled_settings
 from glbench.training.probe import CURVE
 from glbench.training.run import export_best
 from glbench.training.season_search import SearchSettings, read_season_search, search
-from glbench.training.settings import PAPER
 
 HERE = Path(__file__).resolve().parent
 LEVELS = ("00", "10", "30", "05", "15", "20", "25")
@@ -41,9 +40,12 @@ SETTINGS = {
     "ppo_tuned": "ppo_tuned/ppo_tuned.yml",
     "ppo_fast": "ppo/fast.yml",
     "ppo_memory": "ppo/memory.yml",
+    "sac_fast": "sac/fast.yml",
 }
 """Settings of each recipe, in this folder."""
 COMPILED = ("ppo_fast", "ppo_memory")
+ALGORITHMS = {"ppo": "ppo", "sac": "sac", "sac_fast": "sac"}
+"""Algorithms of Stable-Baselines3 by the recipes that use them."""
 OF_CONTROL = ("Spring-v1", "SpringYears-v1", "SpringMismatch-v1", "Lettuce-v1")
 """Tasks with splits on which the compiled PPO is trained."""
 ERRING = ("Spring-v1", "Lettuce-v1")
@@ -57,7 +59,8 @@ log = logging.getLogger("train_all")
 class Job:
     """One training: recipe, task and seed.
 
-    ``ppo`` and ``sac`` are trained as in the paper, ``ppo_tuned`` continues where PPO ended, ``ppo_fast`` and ``ppo_memory`` are compiled.
+    ``ppo`` and ``sac`` are trained as in the paper, ``ppo_tuned`` continues where PPO ended, ``ppo_fast`` and ``ppo_memory`` are compiled,
+    ``sac_fast`` is SAC on many greenhouses.
     """
 
     recipe: str
@@ -93,7 +96,7 @@ def plan() -> list[Job]:
     ]
     fast = [Job("ppo_fast", task, seed) for task in (*OF_CONTROL, _paper("10")) for seed in range(3)]
     memory = [Job("ppo_memory", task, seed) for task in ERRING for seed in range(3)]
-    return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory]
+    return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory, Job("sac_fast", "Spring-v1", 0)]
 
 
 def _paper(level: str) -> str:
@@ -164,8 +167,8 @@ def _train(job: Job, folder: Path) -> None:
     if job.recipe in COMPILED:
         compiled = read_compiled_settings(job.settings, task)
         trained = train_compiled(task, compiled, folder, seed=job.seed, resume=True, listeners=listeners)
-    elif job.recipe in PAPER:
-        settings = read_settings(job.settings, job.recipe, task.id)
+    elif job.recipe in ALGORITHMS:
+        settings = read_settings(job.settings, ALGORITHMS[job.recipe], task.id)
         trained = train(task, settings, folder, seed=job.seed, resume=True, listeners=listeners)
     else:
         sought = _search_settings(job, task.id, folder.parent)
@@ -221,8 +224,8 @@ def _state(job: Job, folder: Path) -> str:
     if job.recipe in COMPILED:
         compiled = read_compiled_settings(job.settings, task)
         digest, wanted, reached = compiled.digest, compiled.updates * compiled.rollout, card["training"]["steps"]
-    elif job.recipe in PAPER:
-        settings = read_settings(job.settings, job.recipe, task.id)
+    elif job.recipe in ALGORITHMS:
+        settings = read_settings(job.settings, ALGORITHMS[job.recipe], task.id)
         digest, wanted, reached = settings_digest(settings), settings.n_timesteps, card["training"]["steps"]
     else:
         sought = _search_settings(job, task.id, folder.parent)

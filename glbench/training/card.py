@@ -34,6 +34,8 @@ _SHARED = ("simulator", "policy", "learning")
 def settings_digest(settings: TrainingSettings) -> str:
     """SHA-256 (hex) over all settings but the number of steps, which may be raised to train on."""
     content = settings.model_dump(mode="json", exclude={"n_timesteps", "start_from"})
+    if settings.accrual is None:  # trainings from before there was one keep their digests
+        del content["accrual"]
     if settings.start_from is not None:
         content["start"] = sha256(settings.start_from.read_bytes()).hexdigest()  # its place does not matter
     return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
@@ -77,9 +79,10 @@ def making_of(
 ) -> Making:
     """What the card of a training with Stable-Baselines3 says; ``digest`` is the settings', ``ends`` where it ended before it went on."""
     name = settings.algorithm.rpartition(".")[2]
+    paid = "" if settings.accrual is None else f" {settings.accrual.in_words}"
     return Making(
         title=f"{name.upper() if name == settings.algorithm else name} trained on {task.id}, seed {seed}",
-        description=f"The best model of {steps:,} steps by evaluation return, without the noise of exploration.",
+        description=f"The best model of {steps:,} steps by evaluation return, without the noise of exploration.{paid}",
         made="glbench train, with the settings in settings.yml; the tables below tell the rest.",
         sources=("Stable-Baselines3 (Raffin et al., 2021)",),
         training={

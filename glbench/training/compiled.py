@@ -256,11 +256,7 @@ def _making(under_way: _Training) -> Making:
         if memory.hours
         else ""
     )
-    paid = (
-        ""
-        if accrual is None
-        else f" In training, growth of the state {accrual.state} was paid for as well ({accrual.price:g} for a unit)."
-    )
+    paid = "" if accrual is None else f" {accrual.in_words}"
     return Making(
         title=f"Compiled PPO trained on {under_way.task.id}, seed {identity['seed']}",
         description=f"The best policy of {steps:,} steps by evaluation return, without the noise of exploration.{traces}{paid}",

@@ -13,6 +13,7 @@ from pydantic import Field, field_validator, model_validator
 from glbench.resources import data_folder
 from glbench.training.settings import (
     FIRST_TRAINING_SEED,
+    Accrual,
     EvaluationPlan,
     FrozenSettings,
     Normalization,
@@ -28,19 +29,6 @@ NAME = "compiled ppo"
 """Name of the algorithm in cards."""
 COMPILED = "compiled"
 """The value of ``learner`` in the settings."""
-
-
-class Accrual(FrozenSettings):
-    """A reward used only in training: ``price`` times the growth of a model state in a step.
-
-    A policy that is paid for carbohydrate as it is made learns to make it, with CO2, light and warmth; otherwise this pays off many days
-    later, beyond the discount horizon. Scores, evaluations and learning curves never contain it.
-    """
-
-    state: str
-    """Public name of the state."""
-    price: float = Field(gt=0)
-    """Reward for one unit of the state."""
 
 
 class Memory(FrozenSettings):

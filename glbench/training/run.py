@@ -200,7 +200,11 @@ def train(
         start = start_of(settings.start_from) if settings.start_from is not None else None
         prepare_torch()
         env = TrainingVecEnv(
-            task, settings.n_envs, first_seed=settings.first_env_seed, kernel_preset=settings.kernel_preset
+            task,
+            settings.n_envs,
+            first_seed=settings.first_env_seed,
+            kernel_preset=settings.kernel_preset,
+            accrual=settings.accrual,
         )
         try:
             model, normalization, history = _begin_or_continue(env, task, settings, state, seed, identity)

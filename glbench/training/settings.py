@@ -123,6 +123,24 @@ def _draws(task: TaskSpec) -> bool:
     return drawn or len(scenario.seasons) > 1 or scenario.start_within_days > 0
 
 
+class Accrual(FrozenSettings):
+    """A reward used only in training: ``price`` times the growth of a model state in a step.
+
+    A policy that is paid for carbohydrate as it is made learns to make it, with CO2, light and warmth; otherwise this pays off many days
+    later, beyond the discount horizon. Scores, evaluations and learning curves never contain it.
+    """
+
+    state: str
+    """Public name of the state."""
+    price: float = Field(gt=0)
+    """Reward for one unit of the state."""
+
+    @property
+    def in_words(self) -> str:
+        """What a card says of it."""
+        return f"In training, growth of the state {self.state} was paid for as well ({self.price:g} for a unit)."
+
+
 class TrainingSettings(FrozenSettings):
     """Settings of one training.
 
@@ -146,6 +164,8 @@ class TrainingSettings(FrozenSettings):
         Arguments of the policy; ``activation_fn`` and ``optimizer_class`` by name (``SiLU``, ``Adam``).
     action_noise_std
         Standard deviation of Gaussian noise on actions, for algorithms with a replay buffer.
+    accrual
+        A reward used only in training; ``None`` for none.
     hyperparameters
         All other arguments of the algorithm's class.
     """
@@ -158,6 +178,7 @@ class TrainingSettings(FrozenSettings):
     policy: str = "MlpPolicy"
     policy_kwargs: dict[str, Any] = Field(default_factory=dict)
     action_noise_std: float | None = Field(default=None, gt=0)
+    accrual: Accrual | None = None
     normalize: Normalization = Normalization()
     evaluation: EvaluationPlan = EvaluationPlan()
     kernel_preset: Literal["fast", "reference"] = "fast"

@@ -20,13 +20,14 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from glbench.env import GreenhouseVectorEnv, Snapshot
 from glbench.env.kernels import check_kernel
 from glbench.env.spaces import task_of_environment
-from glbench.errors import GlbenchError, whole_number
+from glbench.errors import GlbenchError, TrainingError, did_you_mean, whole_number
 from glbench.kernel import make_kernel
 from glbench.training.settings import FIRST_TRAINING_SEED
 from glbench.training.steady import Floats, Mask, varies
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
+    from glbench.training.settings import Accrual
 
 
 _SCALAR_ATTRIBUTES = {"render_mode": None}
@@ -55,6 +56,13 @@ class TrainingVecEnv(VecEnv):
         ``"fast"`` (for training) or ``"reference"`` (what scores are made with).
     workers
         Cores that share the rows, to the same bits.
+    accrual
+        What is added to the rewards, but not to the sums of episodes; ``None`` for nothing.
+
+    Raises
+    ------
+    TrainingError
+        When the model has no state of the name in ``accrual``.
     """
 
     def __init__(
@@ -65,7 +73,9 @@ class TrainingVecEnv(VecEnv):
         first_seed: int = FIRST_TRAINING_SEED,
         kernel_preset: str = "fast",
         workers: int = 1,
+        accrual: Accrual | None = None,
     ) -> None:
+        self._price, self._stored = (0.0, 0) if accrual is None else (accrual.price, _place(accrual, task))
         kernel = make_kernel(task.model_value, task.step_seconds, preset=kernel_preset, workers=workers)
         self.environment = GreenhouseVectorEnv(task, n_envs, kernel=kernel, autoreset_mode="Disabled")
         self.first_seed = first_seed
@@ -87,9 +97,12 @@ class TrainingVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Take the step: observations, rewards, whether episodes ended, infos."""
-        began = time.perf_counter()
+        began, before = time.perf_counter(), self.environment.simulation.x[:, self._stored]
         observations, rewards, terminated, _, info = self.environment.step(self._actions)
         self.simulator_seconds += time.perf_counter() - began
+        paid = rewards
+        if self._price:
+            paid = rewards + self._price * (self.environment.simulation.x[:, self._stored] - before)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         self._sums += (rewards, info["epi"], info["penalty"])
         self._lengths += 1
@@ -97,7 +110,7 @@ class TrainingVecEnv(VecEnv):
             for row in np.flatnonzero(terminated).tolist():
                 infos[row] = self._end_of(row, observations[row])
             observations = self._begin(terminated)
-        return observations, rewards.astype(np.float32), terminated, infos
+        return observations, paid.astype(np.float32), terminated, infos
 
     def _begin(self, rows: NDArray[np.bool_]) -> NDArray[np.float32]:
         """Begin an episode in ``rows``, a mask; observations of all rows."""
@@ -157,6 +170,15 @@ class TrainingVecEnv(VecEnv):
 
     def _count(self, indices: Any) -> int:
         return len(list(self._get_indices(indices)))
+
+
+def _place(accrual: Accrual, task: TaskSpec) -> int:
+    """Column of its state among those of the task's model."""
+    names = task.model_value.state_names
+    if accrual.state not in names:
+        msg = f"'accrual': the model of {task.id} has no state '{accrual.state}'.{did_you_mean(accrual.state, names)}"
+        raise TrainingError(msg)
+    return names.index(accrual.state)
 
 
 def make_vec_env(

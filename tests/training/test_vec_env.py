@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from glbench.env import GreenhouseVectorEnv
+from glbench.errors import TrainingError
 from glbench.kernel import make_kernel
 from glbench.tasks import TaskSpec
-from glbench.training.settings import FIRST_TRAINING_SEED
+from glbench.training.settings import FIRST_TRAINING_SEED, Accrual
 from glbench.training.vec_env import TrainingVecEnv
 
 Array = np.ndarray
@@ -41,6 +42,27 @@ def test_observations_rewards_and_ends_are_those_of_the_vector_environment(day: 
         else:
             assert not done.any()
             assert infos == [{}, {}, {}]
+
+
+def test_growth_of_a_state_is_paid_for_in_rewards_but_not_in_the_sums_of_an_episode(day: TaskSpec) -> None:
+    plain, paid = TrainingVecEnv(day, 2), TrainingVecEnv(day, 2, accrual=Accrual(state="cBuf", price=1e-3))
+    names = day.model_value.state_names
+    plain.reset()
+    paid.reset()
+    for chosen in actions(day.steps, 2):
+        before = paid.environment.simulation.x[:, names.index("cBuf")]
+        (_, rewards, _, told), (_, with_growth, done, infos) = plain.step(chosen), paid.step(chosen)
+        if not done.any():  # after that the next episode has begun
+            grown = paid.environment.simulation.x[:, names.index("cBuf")] - before
+            assert abs(grown).min() > 0
+            np.testing.assert_allclose(with_growth - rewards, 1e-3 * grown, rtol=1e-3)
+    assert done.all()
+    assert infos[1]["episode"] == told[1]["episode"]
+
+
+def test_growth_of_a_state_that_the_model_lacks_cannot_be_paid_for(day: TaskSpec) -> None:
+    with pytest.raises(TrainingError, match=r"no state 'cBuff'\. Did you mean 'cBuf'"):
+        TrainingVecEnv(day, 1, accrual=Accrual(state="cBuff", price=1.0))
 
 
 def test_the_end_of_the_season_is_no_time_limit(day: TaskSpec) -> None:
