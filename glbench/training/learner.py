@@ -180,11 +180,11 @@ class Learner:
         inputs, actions = len(self.least_scale), environment.num_actions
         keys = jax.random.split(key, 3)
         actor = _network(keys[0], [inputs, *s.net_arch, actions], last=0.01)
-        actor[-1] = (actor[-1][0], jnp.where(self.max_change > 0, 0.5, 0.0))
+        actor[-1] = (actor[-1][0], jnp.where(self.max_change > 0, 0.5, 0.0).astype(np.float32))
         weights = {
             "actor": actor,
             "critic": _network(keys[1], [inputs + len(s.critic_sees), *s.net_arch, 1], last=1.0),
-            "spread": jnp.full(actions, s.log_std_init),
+            "spread": jnp.full(actions, s.log_std_init, np.float32),
         }
         nothing = jax.tree.map(jnp.zeros_like, weights)
         observation, state = jax.vmap(environment.reset)(jax.random.split(keys[2], s.n_envs))

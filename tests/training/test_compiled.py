@@ -234,3 +234,12 @@ def test_what_the_compiled_kernel_cannot_step_is_referred_to_stable_baselines3(d
         patch.setattr("glbench.jax.door.CompiledEnvironments", type("None", (), {}))
         with pytest.raises(TrainingError, match=r"there is no compiler.*glbench train stable_baselines3\.PPO"):
             Learner.of(day, tiny(day, tmp_path))
+
+
+def test_an_update_is_compiled_once(day: TaskSpec, tmp_path: Path) -> None:
+    """What it takes and what it returns have the same types; weak ones count, or the second update would be compiled again."""
+    learner = Learner.of(day, tiny(day, tmp_path, MEMORY))
+    begun = jax.eval_shape(learner.begin, jax.random.key(0))
+    after, _ = jax.eval_shape(learner.update, begun, jax.random.key(0), 0.0)
+    kinds = [[(leaf.shape, leaf.dtype, leaf.weak_type) for leaf in jax.tree.leaves(one)] for one in (begun, after)]
+    assert kinds[0] == kinds[1]
