@@ -121,10 +121,9 @@ def main() -> int:
     if refused:
         log.info("%d of %d results are not released; the lines above say why", refused, len(jobs))
         return 1
-    mixed = unlike(arguments.out, work)
-    if mixed:
-        log.info("Of another build of the kernel, or of a changed checkout: %s. Release everything.", ", ".join(mixed))
-        return 1
+    older = unlike(arguments.out, work)
+    if older:
+        log.info("%d released results are of another build of the kernel, the first is %s", len(older), older[0])
     return write_tables(arguments.out)
 
 
@@ -152,10 +151,14 @@ def release(job: Job, out: Path, work: Path, *, new_digests: bool) -> str:
 
 
 def check(job: Job, result: Result, work: Path, *, new_digests: bool) -> None:
-    """Refuse a result of another commit, of another build of the kernel than its neighbours, or with other scores than released."""
+    """Refuse a result of another commit or kernel build than its neighbours, with failed runs, or with other scores than released."""
     state = git_state()
     if result.git is None or result.git.dirty or result.git != state:
         msg = "the checkout changed while this was evaluated; commit, and start again"
+        raise ResultError(msg)
+    if result.summary.failed:
+        reason = next(run.reason for run in result.runs if run.reason)
+        msg = f"{result.summary.failed} of {result.summary.runs} runs failed, the first with: {reason}"
         raise ResultError(msg)
     kernel = result.evaluation.kernel
     if kernel["backend"] != "compiled":

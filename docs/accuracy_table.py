@@ -1,4 +1,4 @@
-"""Fills the table of accuracy in docs/kernel-compiled.md: ``python docs/accuracy_table.py docs/measurements/accuracy.txt``.
+"""Fills the table of accuracy in docs/kernel-compiled.md: ``python -m docs.accuracy_table docs/measurements/accuracy.txt``.
 
 ``python -m glbench.kernel.compiled.accuracy --presets standard fast > docs/measurements/accuracy.txt`` makes the measurement again.
 """
@@ -9,6 +9,8 @@ import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+
+from docs.tables import with_tables
 
 PAGE = Path(__file__).with_name("kernel-compiled.md")
 KINDS = ("walk", "jump")
@@ -50,9 +52,7 @@ def table(text: str) -> str:
 
 def filled(page: str, text: str) -> str:
     """The page with its table made of what the command printed."""
-    before, rest = page.split("<!-- accuracy -->\n", 1)
-    _, after = rest.split("<!-- end -->", 1)
-    return f"{before}<!-- accuracy -->\n{table(text)}\n<!-- end -->{after}"
+    return with_tables(page, {"accuracy": table(text)})
 
 
 def main(measurement: Path) -> None:

@@ -1,4 +1,4 @@
-"""Tables of docs/benchmark-design.md: ``python docs/benchmark_design_figures.py [--work runs/design] [--only-page]``.
+"""Tables of docs/benchmark-design.md: ``python -m docs.benchmark_design_figures [--work runs/design] [--only-page]``.
 
 Evaluates simple controllers, two trained policies and blind recordings of them on seasons made of the training years, drawn with keys
 that no split has, so that nothing here has seen a test. Writes docs/measurements/benchmark-design.json and the tables between the markers
@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from docs.tables import with_tables
 from glbench.env.scenario import run_weather
 from glbench.evaluation import Result, evaluate
 from glbench.evaluation.files import result_path
@@ -544,14 +545,7 @@ def filled(text: str, figures: Mapping[str, Any], tables: Tables = TABLES) -> st
     ValueError
         When a table has no place.
     """
-    for name, table in tables.items():
-        begin, end = f"<!-- {name} -->\n", "<!-- end -->"
-        if text.count(begin) != 1:
-            msg = f"The page has {text.count(begin)} places for the table '{name}'; it needs one, between <!-- {name} --> and {end}."
-            raise ValueError(msg)
-        before, rest = text.split(begin)
-        text = f"{before}{begin}{table(figures)}\n{end}{rest.split(end, 1)[1]}"
-    return text
+    return with_tables(text, {name: table(figures) for name, table in tables.items()})
 
 
 def read(figures: Path = FIGURES) -> dict[str, Any]:

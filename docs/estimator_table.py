@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from docs.speed_figure import between
+from docs.tables import with_tables
 from glbench.agents import load_agent
 from glbench.control import Climatology, Outlook, StateEstimator, air_of
 from glbench.env import Simulation, run_weather
@@ -160,7 +160,7 @@ _AHEAD = {
 
 def filled(page: str, results: Mapping[str, Any]) -> str:
     """The page with the tables."""
-    return between(between(page, "estimates", estimates(results)), "outlook", outlooks(results))
+    return with_tables(page, {"estimates": estimates(results), "outlook": outlooks(results)})
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Draws docs/images/prices.png: the power prices of a training season, ``python docs/prices_figure.py``.
+"""Draws docs/images/prices.png: the power prices of a training season, ``python -m docs.prices_figure``.
 
 It needs matplotlib (``glbench[video]``). The season is the first one of the training split of WinterLED-v1.
 """

@@ -1,4 +1,4 @@
-"""Draws docs/images/process-computer-day.png: a day at the process computer, ``python docs/process_computer_figure.py``.
+"""Draws docs/images/process-computer-day.png: a day at the process computer, ``python -m docs.process_computer_figure``.
 
 It needs matplotlib (``glbench[video]``). The grower of ``baselines/grower`` enters the set points, in the paper's greenhouse and spring,
 with sensors that do not err.

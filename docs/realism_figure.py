@@ -1,4 +1,4 @@
-"""Fills the tables of docs/realism.md and draws docs/images/realism-months.png: ``python docs/realism_figure.py``.
+"""Fills the tables of docs/realism.md and draws docs/images/realism-months.png: ``python -m docs.realism_figure``.
 
 Everything comes from docs/measurements/realism.json, which ``glbench validate`` wrote. It holds sums of the season and statistics, no
 measured day. The picture needs matplotlib (``glbench[video]``).
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from docs.tables import with_tables
 from glbench.realism import Comparison, read_comparison
 
 DOCS = Path(__file__).parent
@@ -83,11 +84,7 @@ def filled(page: str, comparison: Comparison) -> str:
         "compartments": compartments(comparison),
         "months": months(comparison),
     }
-    for mark, content in tables.items():
-        before, rest = page.split(f"<!-- {mark} -->\n", 1)
-        _, after = rest.split("<!-- end -->", 1)
-        page = f"{before}<!-- {mark} -->\n{content}\n<!-- end -->{after}"
-    return page
+    return with_tables(page, tables)
 
 
 def draw(comparison: Comparison, path: Path) -> None:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from docs.tables import with_tables
 from glbench.errors import GlbenchError
 from glbench.realism import Archive, HouseCompared, Settings, choose_houses, compare, read_archive, read_settings
 from glbench.resources import write_atomically
@@ -110,9 +111,7 @@ def read() -> dict[str, Any]:
 
 def filled(page: str, found: Mapping[str, Any]) -> str:
     """The page with its table."""
-    before, rest = page.split(f"<!-- {MARK} -->\n", 1)
-    _, after = rest.split("<!-- end -->", 1)
-    return f"{before}<!-- {MARK} -->\n{table(found)}\n<!-- end -->{after}"
+    return with_tables(page, {MARK: table(found)})
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Tables and figures of docs/reproduction.md from result files: ``python docs/reproduction_figures.py [reports/released/results]``.
+"""Tables and figures of docs/reproduction.md from result files: ``python -m docs.reproduction_figures [reports/released/results]``.
 
 Reads the results of the controllers on the seven levels of the paper's study, draws docs/images/reproduction-curves.svg and
 reproduction-money.svg, and rewrites the tables between the markers of docs/reproduction.md. What is not evaluated yet is left out.
@@ -7,13 +7,13 @@ Where an algorithm was trained several times, its figure is the mean of the trai
 
 from __future__ import annotations
 
-import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from docs.tables import with_tables
 from glbench.evaluation import load_result
 from glbench.leaderboard.statistics import bootstrap_interval
 from glbench.resources import write_atomically
@@ -259,20 +259,14 @@ def svg(width: int, height: int, parts: list[str]) -> str:
 
 def filled(page: str, points: Points) -> str:
     """The page with its tables made of ``points``."""
-    for name, content in {
+    tables = {
         "reward": table(points, "reward", 0),
         "epi": table(points, "epi", 2),
         "penalty": table(points, "penalty", 0),
         "money": money_table(points),
         "trainings": trainings_table(points),
-    }.items():
-        page = re.sub(
-            rf"(<!-- {name} -->\n).*?(<!-- end -->)",
-            lambda found, new=content: f"{found[1]}{new}\n{found[2]}",
-            page,
-            flags=re.S,
-        )
-    return page
+    }
+    return with_tables(page, tables)
 
 
 def figures(points: Points) -> dict[str, str]:

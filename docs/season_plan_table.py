@@ -1,4 +1,4 @@
-"""Measurements behind docs/adr/0019: ``python docs/season_plan_table.py`` (about 20 minutes of one core).
+"""Measurements behind docs/adr/0019: ``python -m docs.season_plan_table`` (about 20 minutes of one core).
 
 Plans training seasons of glbench/Spring-v1 with and without parts of the method, beginning with the example ``my_agent``, and writes what
 the plans earn after some iterations, and the seconds of an iteration, into docs/measurements/season-plans.json.

@@ -1,4 +1,4 @@
-"""Draws docs/images/speed.svg and fills the tables of docs/speed.md: ``python docs/speed_figure.py docs/measurements/speed.json``.
+"""Draws docs/images/speed.svg and fills the tables of docs/speed.md: ``python -m docs.speed_figure docs/measurements/speed.json``.
 
 With another page behind the record, fills the tables of that page and draws nothing.
 
@@ -12,6 +12,7 @@ import math
 import sys
 from pathlib import Path
 
+from docs.tables import with_tables
 from glbench.speed import SpeedRecord, read_record
 from glbench.speed.subjects import GROUPS
 
@@ -39,15 +40,7 @@ def main(arguments: list[str]) -> int:
 
 def filled(text: str, record: SpeedRecord) -> str:
     """The page with the record's figures between its marks."""
-    text = between(text, "figures", "\n".join(tables(record)))
-    return between(text, "machine", "\n".join(machine_lines(record)))
-
-
-def between(text: str, mark: str, content: str) -> str:
-    """``text`` with ``content`` between the comments of that name."""
-    before, rest = text.split(f"<!-- {mark} -->\n", 1)
-    _, after = rest.split("<!-- end -->", 1)
-    return f"{before}<!-- {mark} -->\n{content}\n<!-- end -->{after}"
+    return with_tables(text, {"figures": "\n".join(tables(record)), "machine": "\n".join(machine_lines(record))})
 
 
 def tables(record: SpeedRecord) -> list[str]:

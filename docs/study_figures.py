@@ -6,7 +6,6 @@ times, its figures are means over the trainings, and intervals cover them too. W
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.reproduction_figures import DOCS, round_ticks, svg, text
+from docs.tables import with_tables
 from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard.collect import own_and_released_results, published_expectations
 from glbench.leaderboard.entries import Entry, entries_by_task
@@ -212,14 +212,7 @@ def picture(study: Study) -> str:
 
 def filled(page: str, study: Study) -> str:
     """The page with its tables made anew."""
-    for name, content in study.parts.items():
-        page = re.sub(
-            rf"(<!-- {name} -->\n).*?(<!-- end -->)",
-            lambda found, new=content: f"{found[1]}{new}\n{found[2]}",
-            page,
-            flags=re.S,
-        )
-    return page
+    return with_tables(page, study.parts)
 
 
 def _on(entry: Entry, seeds: list[int]) -> Floats:

@@ -1,11 +1,10 @@
-"""Pictures and tables of docs/uncertainty.md: ``python docs/uncertainty_figures.py``.
+"""Pictures and tables of docs/uncertainty.md: ``python -m docs.uncertainty_figures``.
 
 Draws docs/images/uncertainty-*.png from the task glbench/Spring-v1 and rewrites the tables between the markers of the page.
 """
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
+from docs.tables import with_tables
 from glbench.env import Simulation
 from glbench.env.forecast import LEVELS, PERSISTENCE, SPREAD
 from glbench.env.generated import SeasonMaker
@@ -62,9 +62,7 @@ def main() -> None:
 
 def filled(text: str, task: TaskSpec) -> str:
     """The page with the task's tables between its marks."""
-    for mark, lines in tables(task).items():
-        text = between(text, mark, "\n".join(lines))
-    return text
+    return with_tables(text, {mark: "\n".join(lines) for mark, lines in tables(task).items()})
 
 
 def draw(task: TaskSpec) -> None:
@@ -80,16 +78,6 @@ def draw(task: TaskSpec) -> None:
     ):
         figure.savefig(DOCS / "images" / f"uncertainty-{name}.png", dpi=100, metadata={"Software": None})
         plt.close(figure)
-
-
-def between(text: str, mark: str, content: str) -> str:
-    """``text`` with ``content`` between the comments of that name."""
-    return re.sub(
-        rf"(<!-- {mark} -->\n).*?(\n?<!-- end -->)",
-        lambda found: f"{found[1]}{content}\n<!-- end -->",
-        text,
-        flags=re.DOTALL,
-    )
 
 
 def tables(task: TaskSpec) -> dict[str, list[str]]:

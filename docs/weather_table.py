@@ -1,4 +1,4 @@
-"""Fills the table of generated seasons in docs/weather.md from the measurements: ``python docs/weather_table.py``.
+"""Fills the table of generated seasons in docs/weather.md from the measurements: ``python -m docs.weather_table``.
 
 Each measurement is what ``glbench weather statistics --out FILE`` writes; ``COMMANDS`` says with which options.
 """
@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from docs.tables import with_tables
 from glbench.weather.resemblance import Figure
 
 PAGE = Path(__file__).with_name("weather.md")
@@ -49,9 +50,7 @@ def table(measurements: Mapping[str, Any]) -> str:
 
 def filled(page: str, measurements: Mapping[str, Any]) -> str:
     """The page with its table made of the measurements."""
-    before, rest = page.split("<!-- seasons -->\n", 1)
-    _, after = rest.split("<!-- end -->", 1)
-    return f"{before}<!-- seasons -->\n{table(measurements)}\n<!-- end -->{after}"
+    return with_tables(page, {"seasons": table(measurements)})
 
 
 if __name__ == "__main__":

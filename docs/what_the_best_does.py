@@ -1,12 +1,11 @@
-"""Pictures and tables of docs/what-the-best-does.md: ``python docs/what_the_best_does.py``.
+"""Pictures and tables of docs/what-the-best-does.md: ``python -m docs.what_the_best_does``.
 
 Replays the best known plan of the paper's season (glbench/Schiphol2010-Delta00-v1) beside the best trained policy, and a plan for the
-same season with electricity at a third of its price, which ``python docs/what_the_best_does.py --plan`` searches for (some minutes).
+same season with electricity at a third of its price, which ``python -m docs.what_the_best_does --plan`` searches for (some minutes).
 """
 
 from __future__ import annotations
 
-import re
 import sys
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,6 +16,7 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
+from docs.tables import with_tables
 from glbench.agents.plans import PlanBook, read_book
 from glbench.bounds import begun, best_known
 from glbench.control import Scenario, StageReward, air_of, plan_season
@@ -243,14 +243,7 @@ def lamps(seasons: dict[str, Season]) -> Any:
 
 def filled(text: str, seasons: dict[str, Season]) -> str:
     """The page with its tables between its marks."""
-    for mark, lines in {"season": season_table(seasons), "climate": climate_table(seasons)}.items():
-        text = re.sub(
-            rf"(<!-- {mark} -->\n).*?(\n?<!-- end -->)",
-            lambda found, lines=lines: f"{found[1]}{chr(10).join(lines)}\n<!-- end -->",  # type: ignore[misc]
-            text,
-            flags=re.DOTALL,
-        )
-    return text
+    return with_tables(text, {"season": "\n".join(season_table(seasons)), "climate": "\n".join(climate_table(seasons))})
 
 
 COLUMNS = {"policy": f"`{POLICY}`", "best": "best known plan", "cheap": "electricity at 0.10 EUR/kWh"}

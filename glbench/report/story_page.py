@@ -1,4 +1,4 @@
-"""A story in words, as one page, and as plain values: what is told of ``glbench.report.story.Story``."""
+"""A story (``glbench.report.story.Story``) in words, as a page, and as plain values."""
 
 from __future__ import annotations
 

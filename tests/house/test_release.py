@@ -71,6 +71,19 @@ def test_other_scores_are_refused_unless_they_are_meant_to_change(release, resul
     release.check(job, result, tmp_path, new_digests=True)
 
 
+def test_a_result_with_failed_runs_is_refused(release, result, tmp_path):
+    job = release.Job("rule_based", result.task.id, None)
+    failed = result.runs[0].model_copy(update={"status": "crashed", "reason": "There is no policy for this task."})
+    summary = result.summary.model_copy(update={"failed": 1})
+    with pytest.raises(ResultError, match="1 of 30 runs failed, the first with: There is no policy"):
+        release.check(
+            job,
+            result.model_copy(update={"runs": (failed, *result.runs[1:]), "summary": summary}),
+            tmp_path,
+            new_digests=True,
+        )
+
+
 def test_builds_of_the_kernel_are_not_mixed(release, result, tmp_path):
     job = release.Job("rule_based", result.task.id, result.results_digest)
     save_result(with_kernel(result, library_digest="f" * 64), tmp_path)

@@ -2,32 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
-import sys
 from pathlib import Path
-from types import ModuleType
 
-import pytest
-
+from docs import reproduction_figures as script
 from glbench.leaderboard.statistics import bootstrap_interval
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 
 
-@pytest.fixture(scope="module")
-def script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("reproduction_figures", DOCS / "reproduction_figures.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # its dataclass asks for the module of its annotations
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_tables_and_figures_are_those_of_the_results(script: ModuleType) -> None:
+def test_tables_and_figures_are_those_of_the_results() -> None:
     points = script.collect(ROOT / "reports" / "released" / "results")
     page = (DOCS / "reproduction.md").read_text(encoding="utf-8")
     assert script.filled(page, points) == page
@@ -39,7 +24,7 @@ def test_tables_and_figures_are_those_of_the_results(script: ModuleType) -> None
         assert sorted({level for name, level, _ in points if name == agent}) == list(script.LEVELS)
 
 
-def test_trainings_are_set_side_by_side(script: ModuleType) -> None:
+def test_trainings_are_set_side_by_side() -> None:
     values = {"ppo": (3800.0, 3.5), "ppo_seed1": (3751.2, 3.25), "sac": (3700.0, 1.0)}
     points = {
         (agent, 10, metric): script.Point(value, *bootstrap_interval([value]))
