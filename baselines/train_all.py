@@ -40,10 +40,11 @@ SETTINGS = {
     "ppo_tuned": "ppo_tuned/ppo_tuned.yml",
     "ppo_fast": "ppo/fast.yml",
     "ppo_memory": "ppo/memory.yml",
+    "ppo_long": "ppo/long.yml",
     "sac_fast": "sac/fast.yml",
 }
 """Settings of each recipe, in this folder."""
-COMPILED = ("ppo_fast", "ppo_memory")
+COMPILED = ("ppo_fast", "ppo_memory", "ppo_long")
 ALGORITHMS = {"ppo": "ppo", "sac": "sac", "sac_fast": "sac"}
 """Algorithms of Stable-Baselines3 by the recipes that use them."""
 OF_CONTROL = ("Spring-v1", "SpringYears-v1", "SpringMismatch-v1", "Lettuce-v1")
@@ -59,8 +60,8 @@ log = logging.getLogger("train_all")
 class Job:
     """One training: recipe, task and seed.
 
-    ``ppo`` and ``sac`` are trained as in the paper, ``ppo_tuned`` continues where PPO ended, ``ppo_fast`` and ``ppo_memory`` are compiled,
-    ``sac_fast`` is SAC on many greenhouses.
+    ``ppo`` and ``sac`` are trained as in the paper, ``ppo_tuned`` continues where PPO ended, ``sac_fast`` is SAC on many greenhouses, and
+    the recipes in ``COMPILED`` are the compiled PPO.
     """
 
     recipe: str
@@ -96,7 +97,8 @@ def plan() -> list[Job]:
     ]
     fast = [Job("ppo_fast", task, seed) for task in (*OF_CONTROL, _paper("10")) for seed in range(3)]
     memory = [Job("ppo_memory", task, seed) for task in ERRING for seed in range(3)]
-    return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory, Job("sac_fast", "Spring-v1", 0)]
+    spring = [*(Job("ppo_long", "Spring-v1", seed) for seed in range(3)), Job("sac_fast", "Spring-v1", 0)]
+    return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory, *spring]
 
 
 def _paper(level: str) -> str:

@@ -41,6 +41,7 @@ AGENTS = {
     RULES: "#000000",
     "ppo_fast": "#56b4e9",
     "ppo_memory": "#0072b2",
+    "ppo_long": "#332288",
     "sac_fast": "#cc79a7",
     "mpc": "#d55e00",
     "best_known": "#009e73",
@@ -48,7 +49,7 @@ AGENTS = {
 """Agents of the study with their colours, in the order of the tables."""
 DRAWN = tuple(agent for agent in AGENTS if agent != "rule_based_fair")
 """Agents of the figure: those whose scores do not flatten all others."""
-LEARNERS = ("ppo_fast", "ppo_memory", "sac_fast")
+LEARNERS = ("ppo_fast", "ppo_memory", "ppo_long", "sac_fast")
 OF_THE_PAPER = ("rule_based_fair", "ppo", "sac", "ppo_tuned", RULES, "ppo_fast", "mpc")
 Floats = NDArray[np.float64]
 

@@ -36,6 +36,7 @@ from glbench.errors import GlbenchError, SandboxError, SubmissionError, TaskErro
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from glbench.agents import LoadedAgent
     from glbench.evaluation import Evaluation, Protected, Result
     from glbench.evaluation import Progress as Standing
     from glbench.evaluation import SandboxChoice as ChosenSandbox
@@ -133,9 +134,11 @@ def evaluate(
         raise typer.Exit(INTERRUPTED) from None
     if not as_json:
         _say_if_slow()
+    begun = True
     if first is not None:
         with live_viewer() if live else contextlib.nullcontext() as viewer:
             result = _evaluate(first, as_json=as_json, viewer=viewer)
+        begun = any(run.steps for run in result.runs)
         if show_prints or result.failed:
             _print_prints(first.agent.name, first.prints.text(), everything=show_prints)
     else:
@@ -148,7 +151,8 @@ def evaluate(
         from glbench.evaluation.preparing import results_folder
 
         folder = results_folder(out, tasks[0])
-        tell(f"Next: glbench leaderboard{'' if folder == REPORTS else f' --out {folder}'}")
+        board = f"leaderboard{'' if folder == REPORTS else f' --out {folder}'}"
+        tell(f"Next: glbench {board if begun else f'submit check {agents[0]}'}")
 
 
 def _engine(name: EngineName, address: str | None, workers: int | None) -> Engine:
@@ -246,7 +250,19 @@ def _agents(refs: Sequence[str], sandbox: ChosenSandbox) -> tuple[dict[str, Prot
             raise SubmissionError(msg)
         if other is protected:
             usable[ref] = protected
+            _say_if_borrowed(protected.agent)
     return usable, unusable
+
+
+def _say_if_borrowed(agent: LoadedAgent) -> None:
+    """A word before the runs where the leaderboard will leave the result out."""
+    from glbench.evaluation.sandbox.choosing import EXAMPLES
+
+    if EXAMPLES.get(agent.name, agent.digest) != agent.digest:
+        print_warning(
+            f"'{agent.name}' is the name of an example of glbench, and this one is changed: the leaderboard leaves its result out. "
+            "Copy it to a name of your own."
+        )
 
 
 def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = None) -> Result:
@@ -282,7 +298,8 @@ def _show(result: Result, task: TaskSpec, *, as_json: bool) -> None:
     if as_json:
         output().out(result.model_dump_json(by_alias=True), highlight=False)
         return
-    output().print(summary_table(result, catalogue(task)))
+    if any(run.steps for run in result.runs):
+        output().print(summary_table(result, catalogue(task)))
     print_failures(result)
 
 
@@ -451,9 +468,10 @@ def _announcement(evaluation: Evaluation) -> str:
     numbers = f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seed {seeds[0]}"
     commitment = task.salt_commitment
     drawn = "" if commitment is None else f"\nsealed round {commitment}"
+    split = ", [bold]validation split[/bold]" if task.split == "validation" else ""
     sees = " [yellow](privileged: sees more than the observations)[/yellow]" if evaluation.agent.privileged else ""
     return (
-        f"[bold]{escape(evaluation.agent.name)}[/bold]{sees} on [bold]{escape(task.id)}[/bold]: {escape(task.title)}\n"
+        f"[bold]{escape(evaluation.agent.name)}[/bold]{sees} on [bold]{escape(task.id)}[/bold]{split}: {escape(task.title)}\n"
         f"{count(len(seeds), 'run')} ({numbers}) of {count(days, 'day')}, {task.steps} steps of {task.step_seconds:g} s; "
         f"{count(evaluation.workers, 'worker')}, {evaluation.kernel['backend']} kernel, {_PROTECTIONS[evaluation.protection]}{drawn}"
     )

@@ -28,6 +28,9 @@ _BARS = "▁▂▃▄▅▆▇█"
 _BAR_WIDTH, _MONEY_WIDTH = 40, 6
 _SHOWN_FAILURES = 5
 _SECTIONS = {"penalty", "amount", "outside"}
+_MAY_BE_NOTHING = {"earned", "paid", "amount"}
+_NOTHING = 1e-9
+"""Less is rounding: a model's flows fade out, and are not cut."""
 _SENTENCES = 3
 _WIDE = 110
 """Columns of a terminal that has room for two intervals of a difference."""
@@ -162,26 +165,36 @@ def shown_metrics(known: Catalogue, held: Iterable[str], units: Mapping[str, str
 
 
 def summary_table(result: Result, known: Catalogue) -> Table:
-    """Mean, interquartile mean and 95 % interval of every metric, with units; over groups of runs where they fall into groups."""
+    """Mean, interquartile mean and 95 % interval of every metric, with units; over groups of runs where they fall into groups.
+
+    Amounts and entries of the ledger that are nothing in all runs are only named.
+    """
     from glbench.leaderboard.estimates import estimates_of
     from glbench.leaderboard.regret import LINES, METRICS, PARTS, regret_of
 
     runs, groups = len(result.runs), len(set(result.clusters or ()))
     headings: tuple[str, ...] = ("Sum over the period", "Unit")
     numbers: tuple[str, ...] = ("Mean", "IQM", "95 % interval", *([f"over {groups} groups"] if groups > 1 else []))
+    split = ", validation split" if result.task.split == "validation" else ""
     view = table(
-        f"{escape(result.agent.name)} on {escape(result.task.id)}: {count(runs, 'run')}",
+        f"{escape(result.agent.name)} on {escape(result.task.id)}{split}: {count(runs, 'run')}",
         *headings, *numbers, right=numbers, folded=headings + numbers, box=HEAVY_HEAD,
         caption="IQM: mean of the middle half of the runs. 95 % interval: bootstrap, of the mean.",
         caption_justify="left",
     )  # fmt: skip
-    estimates, before = estimates_of(result), ""
+    estimates, before, nothing = estimates_of(result), "", list[str]()
     for metric in shown_metrics(known, result.summary.mean, result.units):
+        if metric.kind in _MAY_BE_NOTHING and max(map(abs, result.values(metric.name))) < _NOTHING:
+            line = metric.line.strip().lower()
+            nothing += [line] if line not in nothing else []
+            continue
         if metric.kind != before and metric.kind in _SECTIONS:
             view.add_section()
         before = metric.kind
         cells = _cells(estimates.get(metric.name), metric, runs)
         view.add_row(metric.line, unit_of(metric), *cells[: len(numbers)])
+    if nothing and isinstance(view.caption, str):
+        view.caption += f" Zero in all runs: {', '.join(nothing)}."
     if regret := regret_of([result], result.clusters):
         view.add_section()
         for part in PARTS:

@@ -66,7 +66,7 @@ CHECKPOINT_SECONDS = 2.0
 ROUNDS = "rounds"
 """Folder below ``out`` for sealed rounds, each in a folder that begins as its commitment does."""
 _SHOWN_COMMITMENT = 16
-TRIALS = "trials"
+TRIALS, VALIDATION = "trials", "validation"
 """Folder below ``out`` for trials, which are evaluations with other seeds than the task's."""
 _MOST_RUNS = 10_000
 _CHECKPOINT_FORMAT = 3
@@ -107,7 +107,9 @@ def prepare(
     folder = None if out is None else results_folder(Path(out).expanduser().resolve(), task)
     kernel = shared_kernel(task.model_value, task.step_seconds).describe()
     stored = None
-    if folder is not None and (seeds != tuple(task.evaluation.seeds) or task.split == "validation"):
+    if folder is not None and task.split == "validation":
+        folder = folder / VALIDATION
+    elif folder is not None and seeds != tuple(task.evaluation.seeds):
         folder = folder / TRIALS
     if folder is not None:
         ensure_writable(result_path(folder, task.id, agent.name).parent)
@@ -188,7 +190,8 @@ def evaluate(
         Processes that share the simulation of the runs. The numbers do not depend on it.
     out
         Folder for the result (``<out>/results/<task>/<agent>.json``) and for the checkpoint of an interrupted evaluation.
-        A trial, with other seeds than the task's, is saved below ``<out>/trials``. Without it nothing is written.
+        A trial, with other seeds than the task's, is saved below ``<out>/trials``, one on the validation split below
+        ``<out>/validation``. Without it nothing is written.
     fresh
         Evaluate again even when the result is there, and from the beginning even when there is a checkpoint.
     limits

@@ -131,11 +131,16 @@ def make_runner(
         others = [_made(agent, card, limits) for _ in range(n - 1)]
         return PerRunRunner([first, *others], card, limits)  # type: ignore[list-item]
     # What the loader says counts, not what the object looks like: a submission is never privileged.
+    runner: BatchRunner
     if agent.sees == "scenario":
-        return ScenarioRunner(cast(ScenarioController, first), task, card, seeds, limits)
-    if agent.sees == "state":
-        return PrivilegedRunner(cast(PrivilegedController, first), task, card, n, limits)
-    return BatchRunner(cast(Agent, first), card, n, limits)
+        runner = ScenarioRunner(cast(ScenarioController, first), task, card, seeds, limits)
+    elif agent.sees == "state":
+        runner = PrivilegedRunner(cast(PrivilegedController, first), task, card, n, limits)
+    else:
+        runner = BatchRunner(cast(Agent, first), card, n, limits)
+    if agent.submission is None:  # a controller of glbench that does not fit the task is refused before its runs
+        runner.through = (KeyboardInterrupt, SubmissionError)
+    return runner
 
 
 def _made(agent: LoadedAgent, card: TaskCard, limits: TimeLimits) -> Agent | PrivilegedController | ScenarioController:
@@ -156,11 +161,22 @@ class BatchRunner(AgentRunner):
         super().__init__(card, n, limits)
         self._agent: Any = agent
         self._task = card
+        self.through: tuple[type[BaseException], ...] = (KeyboardInterrupt,)
+        """Errors of ``reset`` that end the evaluation instead of its runs."""
 
     def start(self) -> tuple[Failure, ...]:
-        """Reset the agent."""
-        answer = guarded(lambda: self._agent.reset(self._task, self.n), self.limits.start, "reset")
+        """Reset the agent.
+
+        Raises
+        ------
+        SubmissionError
+            When it is a controller of glbench that does not fit the task: such an evaluation is refused, and no run fails.
+        """
+        answer = guarded(self._reset, self.limits.start, "reset", through=self.through)
         return (answer.failure,) if answer.failure else ()
+
+    def _reset(self) -> None:
+        self._agent.reset(self._task, self.n)
 
     def _decided(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
         deciding = int(np.count_nonzero(alive))
@@ -234,10 +250,8 @@ class ScenarioRunner(BatchRunner):
         super().__init__(cast(Agent, controller), card, len(seeds), limits)
         self._runs = task, tuple(seeds)
 
-    def start(self) -> tuple[Failure, ...]:
-        """Tell the controller which runs begin."""
-        answer = guarded(lambda: self._agent.reset(*self._runs), self.limits.start, "reset")
-        return (answer.failure,) if answer.failure else ()
+    def _reset(self) -> None:
+        self._agent.reset(*self._runs)
 
     def inputs(self, simulation: Simulation, observations: NDArray[np.float32]) -> Inputs:
         """Show the states."""

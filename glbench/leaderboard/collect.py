@@ -14,7 +14,7 @@ from glbench.episodes.definition import task_of
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import Result, load_result, result_path
 from glbench.evaluation.episodes import recorded_actions
-from glbench.evaluation.preparing import TRIALS
+from glbench.evaluation.preparing import TRIALS, VALIDATION
 from glbench.evaluation.profiles import profile_path, read_profile
 from glbench.evaluation.records import AgentRecord
 from glbench.leaderboard.catalogue import Metric, catalogue
@@ -190,7 +190,7 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
     chosen = _single(released)
     names = _Names(released)
     expected = published_expectations()
-    for folder in (out / "results", out / TRIALS / "results"):
+    for folder in (out / "results", *(out / trials / "results" for trials in (TRIALS, VALIDATION))):
         if folder.resolve() == home.resolve():
             continue
         found, unreadable = read_folder(folder)
@@ -207,7 +207,7 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
             if problem is not None:
                 problems.append(ResultError(problem))
                 continue
-            is_trial = folder.parent.name == TRIALS or (
+            is_trial = folder.parent.name in (TRIALS, VALIDATION) or (
                 published is not None and published.seeds != result.evaluation.seeds
             )
             own.append(replace(item, trial=is_trial))

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Sequence
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, fields, replace
 from hashlib import sha256
 from pathlib import Path
@@ -31,6 +34,7 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
     from glbench.training.compiled_settings import CompiledSettings
 
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _STEADY = 1e-4
 """A column whose spread is less than this share of its mean counts as constant."""
 
@@ -206,14 +210,39 @@ def _run(under_way: _Training, folder: Path, listeners: Sequence[Listener]) -> N
     while under_way.updates < settings.updates:
         if under_way.steps >= under_way.history.next_evaluation:
             _evaluate(under_way, folder, listeners)
-        reward = under_way.update()
-        for listener in listeners:
-            listener.on_progress(Progress(under_way.steps, total, pace.rate(under_way.steps), reward * task.steps))
+        try:
+            with _signals_wait():
+                reward = under_way.update()
+            for listener in listeners:
+                listener.on_progress(Progress(under_way.steps, total, pace.rate(under_way.steps), reward * task.steps))
+        except KeyboardInterrupt:
+            under_way.keep(folder / LEARNER)
+            raise
     if under_way.history.curve[-1]["steps"] < under_way.steps:
         _evaluate(under_way, folder, listeners)
 
 
+@contextmanager
+def _signals_wait() -> Iterator[None]:
+    """Ctrl-C and its like wait for the end of an update, a fraction of a second: a process that ends within one may crash."""
+    mine = threading.current_thread() is threading.main_thread()  # no other thread may set handlers
+    found = {number: signal.getsignal(number) for number in _SIGNALS} if mine else {}
+    handlers = {number: handler for number, handler in found.items() if callable(handler)}
+    waiting: list[int] = []
+    for number in handlers:
+        signal.signal(number, lambda arrived, _frame: waiting.append(arrived))
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    for arrived in waiting:
+        signal.raise_signal(arrived)
+
+
 def _evaluate(under_way: _Training, folder: Path, listeners: Sequence[Listener]) -> None:
+    if under_way.updates:  # an interruption costs the evaluation alone
+        under_way.keep(folder / LEARNER)
     policy = under_way.policy()
     point = under_way.evaluate(policy)
     if point.is_best:

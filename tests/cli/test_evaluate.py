@@ -81,6 +81,8 @@ def test_failed_runs_are_said_loudly_and_are_a_result_nevertheless(glbench: Comm
         "crashed after 0 steps (3 runs: seed 666, 667, 668): ZeroDivisionError: division by zero (broken.py:6 in act)"
         in answer.err
     )
+    assert "Decision, each step" not in answer.out, "a table of nothing"
+    assert "Next: glbench submit check broken.py" in answer.err
     assert load_result(PLACE / "broken.json").summary.failed == 3
 
 
@@ -226,3 +228,10 @@ def test_on_a_disk_that_is_really_full_the_table_is_shown(glbench: Command, here
         assert load_result(disk / "results" / "Day-v1" / "steady.json").summary.ok == 3
     finally:
         subprocess.run(["umount", disk], check=True)
+
+
+def test_a_changed_example_is_told_that_its_name_is_taken(glbench: Command, here: Path) -> None:
+    (here / "my_agent.py").write_bytes((here / "steady.py").read_bytes())
+    answer = glbench("evaluate", "my_agent.py", *ARGUMENTS)
+    assert answer.code == 0
+    assert "'my_agent' is the name of an example of glbench, and this one is changed" in " ".join(answer.err.split())

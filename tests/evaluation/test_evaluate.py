@@ -10,9 +10,10 @@ import pytest
 
 from glbench.agents import Agent, load_agent
 from glbench.env import Simulation
-from glbench.errors import EpisodeError, GlbenchError, ResultError
+from glbench.errors import EpisodeError, GlbenchError, ResultError, SubmissionError
 from glbench.evaluation import Progress, Result, evaluate, load_result, prepare
 from glbench.evaluation.provenance import usable_cores
+from glbench.leaderboard.collect import own_and_released_results
 from glbench.tasks import TaskSpec, get_task, task_card
 from tests.evaluation.agent_files import AgentWriter
 
@@ -143,6 +144,28 @@ def test_a_trial_does_not_replace_the_full_evaluation(
         assert load_result(out / "trials" / "results" / "Day-v1" / "agent_under_test.json") == trial
         assert load_result(full_file) == full
     assert first.results_digest != full.results_digest
+
+
+def test_trials_on_validation_and_on_the_test_do_not_replace_each_other(
+    write_agent: AgentWriter, tmp_path: Path
+) -> None:
+    task, path = get_task("Spring-v1"), write_agent()
+    folder = Path("results", "Spring-v1", "agent_under_test.json")
+    evaluate(task, path, runs=1, out=tmp_path)
+    evaluate(task.in_split("validation"), path, runs=1, out=tmp_path)
+    assert load_result(tmp_path / "trials" / folder).task.split == "test"
+    assert load_result(tmp_path / "validation" / folder).task.split == "validation"
+    stored, _ = own_and_released_results(tmp_path)
+    assert [(item.board, item.origin) for item in stored if item.result.agent.name == "agent_under_test"] == [
+        ("glbench/Spring-v1", "trial"),
+        ("glbench/Spring-v1@validation", "trial"),
+    ]
+
+
+def test_a_built_in_agent_that_does_not_fit_the_task_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SubmissionError, match="The grower works at a process computer, and glbench/Spring-v1 has"):
+        evaluate("Spring-v1", "grower", runs=1, out=tmp_path)
+    assert not list(tmp_path.rglob("*.json")), "no run of it failed: there is no result"
 
 
 @pytest.mark.parametrize("runs", [10_001, 10**9])

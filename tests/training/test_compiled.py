@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import signal
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +26,7 @@ pytestmark = [
     pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled())),
 ]
 
-from glbench.training.compiled import train_compiled  # noqa: E402
+from glbench.training.compiled import _Training, train_compiled  # noqa: E402
 from glbench.training.compiled_settings import CompiledSettings, read_compiled_settings  # noqa: E402
 from glbench.training.learner import Learner, Statistics, steps_of_controls  # noqa: E402
 
@@ -96,6 +97,30 @@ def test_a_training_can_be_repeated_and_continued_to_the_bit(trained: Trained, d
     assert again.best_reward == trained.best_reward
     done = train_compiled(day, settings, tmp_path / "run", seed=3)
     assert done.already_done
+
+
+def test_ctrl_c_waits_for_the_update_and_keeps_it(
+    trained: Trained, day: TaskSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings, update = tiny(day, tmp_path), _Training.update
+    finished = []
+
+    def interrupted(training: _Training) -> float:
+        if training.updates == 20:  # between two evaluations
+            signal.raise_signal(signal.SIGINT)
+        finished.append(update(training))
+        return finished[-1]
+
+    monkeypatch.setattr(_Training, "update", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        train_compiled(day, settings, tmp_path / "run", seed=3)
+    monkeypatch.undo()
+    assert len(finished) == 21, "not cut off"
+    counted = Watching()
+    again = train_compiled(day, settings, tmp_path / "run", seed=3, resume=True, listeners=[counted])
+    assert len(counted.told) == settings.updates - 21, "nothing is done twice"
+    assert (again.folder / "policy.npz").read_bytes() == (trained.folder / "policy.npz").read_bytes()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_a_state_that_was_changed_or_is_of_another_training_is_refused(
