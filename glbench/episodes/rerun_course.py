@@ -21,6 +21,8 @@ HOURS_PER_DAY = 24
 SHOWN_DAYS = 2
 _NOTHING = "There is nothing to show: no run was chosen."
 _UNITS = {"degC": "°C"}
+_LEAST = 0.005
+"""What is smaller in every week is 0.00 in the table, and left out."""
 
 
 @dataclass(frozen=True)
@@ -301,7 +303,7 @@ def weeks_card(shown: Shown) -> str:
             lines += [f"**{label}**: its record lacks what a table of weeks needs.", ""]
             continue
         weeks = weeks_of(trajectory.columns, shown.signals, clock)
-        told = [place for place in range(len(accounts)) if abs(weeks.sums[:, place]).max() > 1e-9]
+        told = [place for place in range(len(accounts)) if abs(weeks.sums[:, place]).max() >= _LEAST]
         heads = [f"{accounts[place].title} [{_account_unit(accounts[place])}]" for place in told]
         lines += [f"**{label}**", "", f"| Week from | {' | '.join(heads)} |", f"|---|{'---:|' * len(heads)}"]
         for first, days, sums in zip(weeks.first, weeks.days, weeks.sums, strict=True):

@@ -41,6 +41,8 @@ STEP = "step"
 _LINE_WIDTH = 1.6
 _MARGIN = 0.04
 _LIVE_MARGIN = 0.35
+_NOISE = 1e-9
+"""Curves that nowhere get this far from 0, in their unit, are drawn as 0: what is left of rounding does not get a scale of its own."""
 """Room above and below limits and curves, as a share of their range; more where the curves are still to come."""
 _PLAYBACK_SPEED = 3600.0
 """Played back, an hour passes in a second."""
@@ -279,12 +281,14 @@ class _Layout:
             return curve.span
         seen = [curve.values(trajectory.columns) for trajectory in self._shown.trajectories if trajectory.steps]
         bounds = [bound for values in seen for bound in (float(values.min()), float(values.max()))]
+        if seen and not self._live and max(map(abs, bounds)) < _NOISE:
+            bounds = [0.0]
         if curve.limits is not None:
             limit = self._limits[curve.limits]
             bounds += [limit.low, limit.high]
         elif curve.whole and seen and not self._live:
             bounds += [0.0] if curve.summed else []
-        else:
+        elif bounds != [0.0]:
             return None
         return with_two_ticks(min(bounds), max(bounds), _LIVE_MARGIN if self._live else _MARGIN)
 

@@ -134,8 +134,8 @@ class Curve:
         Names of the columns that it is made of.
     form
         ``value`` of the column; its ``sum`` from the first step on, in the order of the steps, so that the last value is the run's
-        metric; ``beyond``: the second of two columns minus the first, of which one is 0 in every step; ``any``: the sum of the largest
-        of several columns, such as the hours with at least one limit broken.
+        metric (of several columns the sum of their sums); ``beyond``: the second of two columns minus the first, of which one is 0 in
+        every step; ``any``: the sum of the largest of several columns, such as the hours with at least one limit broken.
     factor
         From the column's unit to the one shown.
     moment
@@ -182,8 +182,15 @@ class Curve:
         found = [columns[name] for name in self.columns]
         if self.form == "beyond":
             return found[1] - found[0]
-        curve: Floats = np.max(found, axis=0) if self.form == "any" else found[0] * self.factor
-        return np.cumsum(curve) if self.summed else curve
+        if self.form == "any":
+            return np.cumsum(np.max(found, axis=0))
+        curve: Floats = found[0] * self.factor
+        if self.form == "value":
+            return curve
+        summed: Floats = np.cumsum(curve)
+        for other in found[1:]:
+            summed = summed + np.cumsum(other * self.factor)
+        return summed
 
 
 @dataclass(frozen=True)
@@ -539,6 +546,7 @@ def _pages(task: TaskSpec) -> tuple[Page, ...]:
         )
         curves["climate"] += (Curve(f"climate/{name}", title, unit, (name,)) for name, title, unit, _ in _DEFICITS)
     earned = [item for item in _by_amount(task.ledger.earned) if not _is_energy(item)]
+    curves["crop"] += _whole_harvest(earned)
     curves["crop"] += (
         _summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued == FLOW
     )
@@ -550,6 +558,16 @@ def _pages(task: TaskSpec) -> tuple[Page, ...]:
     curves.setdefault("energy", []).extend(_energy(task))
     pages = [Page(_TITLES.get(group) or _sentence(group), tuple(listed)) for group, listed in curves.items() if listed]
     return (*pages, Page("Money", _money(task)), Page("Violations", _violations(task, limited)))
+
+
+def _whole_harvest(earned: Sequence[LedgerItem]) -> Iterable[Curve]:
+    """All that is paid for of a harvest that is sold in several ways, such as fruit on the plants and fruit picked."""
+    if len(earned) > 1 and len({item.amount_unit for item in earned}) == 1:
+        first, *others = (_amount_title(item) for item in earned)
+        title = " and ".join([first, *map(_within, others)])
+        yield Curve(
+            "crop/harvest", f"{title}, summed", raised(earned[0].amount_unit), tuple(i.amount for i in earned), "sum"
+        )
 
 
 def _energy(task: TaskSpec) -> Iterable[Curve]:

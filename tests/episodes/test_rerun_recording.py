@@ -22,7 +22,7 @@ from glbench.episodes.rerun_course import (
     trajectory_of,
     weeks_card,
 )
-from glbench.episodes.rerun_recording import save_recording, with_two_ticks
+from glbench.episodes.rerun_recording import _Layout, save_recording, with_two_ticks
 from glbench.episodes.rerun_viewer import load_rerun
 from glbench.episodes.signals import signals_of
 from glbench.errors import GlbenchError
@@ -248,6 +248,15 @@ def test_a_range_of_values_shows_everything_and_two_ticks(low: float, width: flo
 def test_a_constant_curve_gets_a_range_too() -> None:
     low, high = with_two_ticks(0.0, 0.0, 0.04)
     assert low < 0.0 < high
+
+
+@pytest.mark.parametrize("path", ["crop/fruit_fresh", "climate/pipe_temperature", "money/epi"])
+def test_noise_gets_no_scale_of_its_own(runs: Runs, path: str) -> None:
+    (curve,) = [curve for curve in GREENHOUSE.curves if curve.path == path]
+    for size, is_noise in ((1e-125, True), (1e-3, False)):
+        course = _course(runs.task_file, **{name: np.full(96, size) for name in curve.columns})
+        values = _Layout(show_together(get_task(runs.task_file), [course]), live=False)._values(curve)
+        assert (values == (-1.0, 1.0)) is is_noise
 
 
 @pytest.mark.parametrize(

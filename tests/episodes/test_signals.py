@@ -34,6 +34,16 @@ TOY = replace(
 """Two states, one control: a kind of task that glbench does not have."""
 
 
+def test_the_overview_shows_all_fruit_that_the_task_pays_for():
+    """In 60 days of spring nothing is ripe: the fruit on the plants is what grows."""
+    signals = signals_of(get_task("Spring-v1"))
+    (path,) = [path for path in signals.overview[0] if path.startswith("crop/")]
+    (curve,) = [curve for curve in signals.curves if curve.path == path]
+    assert curve.heading == "Fruit on the plants and fruit picked, summed [kg m⁻²]"
+    course = {"fruit_gained": np.array([0.5, 0.25, -0.5]), "fruit_picked": np.array([0.0, 0.0, 1.0])}
+    assert curve.values(course).tolist() == [0.5, 0.75, 1.25]
+
+
 def test_every_number_of_the_simulation_is_recorded_once_at_its_place():
     for source, names in (
         ("state", STATE_NAMES),
