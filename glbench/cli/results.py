@@ -32,6 +32,8 @@ _MAY_BE_NOTHING = {"earned", "paid", "amount"}
 _NOTHING = 1e-9
 """Less is rounding: a model's flows fade out, and are not cut."""
 _SENTENCES = 3
+_FEWEST_PAIRS = 6
+"""With fewer pairs the signed-rank test cannot reach 5 %, whatever the differences: with five its smallest p-value is 0.0625."""
 _WIDE = 110
 """Columns of a terminal that has room for two intervals of a difference."""
 _NONE = "–"
@@ -317,6 +319,10 @@ def compare(
     if as_json:
         put_json([_plain(pair, p) for pair, p in judged])
         return
+    for task_id in common[:_SENTENCES]:
+        where = f"{escape(task_id.rpartition('/')[2])}: " if len(pairs) > 1 else ""
+        for words in _failures(ours[task_id], theirs[task_id]):
+            say(output(), f"[red]{where}{escape(harmless(words))}[/].")
     if len(pairs) == 1:
         output().print(_metrics_table(pairs[0]))
     else:
@@ -366,6 +372,18 @@ def _entries(wanted: str, tasks: Sequence[str], out: Path) -> dict[str, Entry]:
     return {item.board: entry_of(item) for item in find_results(wanted, tasks, out)}
 
 
+def _failures(one: Entry, other: Entry) -> list[str]:
+    """Of each of the two that has failed runs among those that are compared, how many and how."""
+    from glbench.leaderboard.pairs import failures
+
+    shared = set(one.seeds) & set(other.seeds)
+    told = [
+        failures(entry.name, [run for item in entry.trainings for run in item.result.runs if run.seed in shared])
+        for entry in (one, other)
+    ]
+    return [f"{words}; their missing steps count at the task's price of a failed step" for words in told if words]
+
+
 def _digests(entry: Entry) -> list[str]:
     return [item.result.results_digest for item in entry.trainings]
 
@@ -394,6 +412,8 @@ def _metrics_table(pair: Pair) -> Table:
         numbers = [_NONE if value is None else metric.text(value) for value in values]
         ends = ("", "") if one.overall is None else (metric.text(one.overall.low), metric.text(one.overall.high))
         texts = {"95 % interval": (low, high), "Overall 95 %": ends}
+        if all(value is None or _is_zero(metric.text(value)) for value in values):
+            continue
         cells = [f"{least} to {most}" if least != most else _NONE for least, most in (texts[span] for span in spans)]
         view.add_row(line, unit_of(metric), *numbers, *cells)
     return view
@@ -419,25 +439,42 @@ def _tasks_table(judged: Sequence[tuple[Pair, float]]) -> Table:
 
 
 def _sentence(pair: Pair, p_value: float, *, named: bool) -> str:
-    """Who earns more, and from what."""
+    """Who has the higher score and whether that is sure, then who earns more, and from what."""
     names = harmless(pair.first), harmless(pair.second)
-    ranks_by = _ranks_by(pair)
-    verdict = f"Their {ranks_by}s cannot be told apart"
-    if pair.told_apart(p_value):
-        verdict = f"{escape(names[pair.headline <= 0])} has the higher {ranks_by}"
-    words = _p_words(pair, p_value)
-    shown = "nothing is drawn here" if words == _NONE else f"p < {words[1:]}" if words[0] == "<" else f"p = {words}"
     where = f"{escape(pair.task_id.rpartition('/')[2])}: " if named else ""
     epi = pair.gap(pair.words.profit.name)
     if epi is None:
-        return f"{where}{verdict} ({shown})."
+        return f"{where}{_verdict(pair, p_value)}"
     more, less = names if epi >= 0.0 else names[::-1]
     sign = 1.0 if epi >= 0.0 else -1.0
     labels = {item.money: item.words for item in pair.words.items}
     items = sorted(pair.money.items(), key=lambda item: -abs(item[1]))
     parts = ", ".join(f"{sign * value:+.3f} {labels[name]}" for name, value in items if abs(value) >= 0.0005)
     gap = f"earns {abs(epi):.3f} EUR/m² more than" if abs(epi) >= 0.0005 else "earns as much as"
-    return f"{where}[bold]{escape(more)}[/] {gap} {escape(less)}{f' ({parts})' if parts else ''}. {verdict} ({shown})."
+    return f"{where}{_verdict(pair, p_value)} [bold]{escape(more)}[/] {gap} {escape(less)}{f' ({parts})' if parts else ''}."
+
+
+def _verdict(pair: Pair, p_value: float) -> str:
+    """Who has the higher score, by how much, and whether the test can tell the two apart."""
+    better, worse = (escape(harmless(name)) for name in (pair.first, pair.second)[:: 1 if pair.headline >= 0 else -1])
+    metric, words = pair.words.metrics[pair.ranks_by], _p_words(pair, p_value)
+    shown = "nothing is drawn here" if words == _NONE else f"p < {words[1:]}" if words[0] == "<" else f"p = {words}"
+    gap = f"{metric.text(abs(pair.headline))} {unit_of(metric)}".removesuffix(f" {_NONE}")
+    is_same = _is_zero(metric.text(pair.headline))
+    said = f"[bold]{better}[/] has the higher {metric.words}, by {gap} on average"
+    if is_same:
+        said = f"[bold]{better}[/] and [bold]{worse}[/] have the same mean {metric.words}"
+    if is_same or pair.told_apart(p_value):
+        return f"{said} ({shown})."
+    if not pair.is_certain and pair.runs < _FEWEST_PAIRS:
+        few = f"{count(pair.runs, 'pair')} of runs {'is' if pair.runs == 1 else 'are'} too few for the test to decide"
+        return f"{said}, but {few}: it needs at least {_FEWEST_PAIRS} ({shown})."
+    return f"{said}, but their {metric.words}s cannot be told apart ({shown})."
+
+
+def _is_zero(text: str) -> bool:
+    """Whether a number is 0 in the decimals that are shown."""
+    return not text.strip("-0.,")
 
 
 def _ranks_by(pair: Pair) -> str:

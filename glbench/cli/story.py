@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import messages, output, print_warning, put_json, say, tell
-from glbench.cli.options import AsJson, Workers
+from glbench.cli.options import REPORTS, AsJson, Workers
 from glbench.errors import ResultError
 
 if TYPE_CHECKING:
@@ -76,11 +77,20 @@ def _other(path: Path, result: Result, against: str | None) -> Path:
         here = sorted(one.stem for one in path.parent.glob("*.json") if "." not in one.stem and one != path)
         msg = (
             f"There is no result {found} to tell {path.name} against. Make it, with the same seeds: "
-            f"glbench evaluate {name} --task {result.task.id} --seed {seeds[0]} --runs {len(seeds)}, "
+            f"glbench evaluate {name} --task {result.task.id} --seed {seeds[0]} --runs {len(seeds)}{_out_of(path)}, "
             f"or give another: --against {' or '.join(here) if here else 'RESULT.json'}."
         )
         raise ResultError(msg)
     return found
+
+
+def _out_of(path: Path) -> str:
+    """The option by which an evaluation lands beside ``path``, where it has to be given."""
+    from glbench.evaluation.preparing import TRIALS
+
+    out = path.resolve().parent.parent.parent  # OUT/results/TASK/agent.json, of a trial OUT/trials/results/...
+    out = out.parent if out.name == TRIALS else out
+    return "" if out == REPORTS.resolve() else f" --out {shlex.quote(str(out))}"
 
 
 def _default(result: Result, path: Path) -> str:

@@ -5,10 +5,12 @@ Of several trainings of one recipe the mean over them counts, run by run.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from glbench.errors import ResultError
+from glbench.evaluation.records import RunResult
 from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.comparisons import holm, paired_test, told_apart
 from glbench.leaderboard.entries import Entry, metric_of, resolution_of
@@ -165,6 +167,16 @@ def _regret(one: Entry, other: Entry, seeds: list[int], clusters: list[str] | No
         part: _metric(known.units[METRICS[part]], getattr(ours, part), getattr(theirs, part), clusters)
         for part in PARTS
     }
+
+
+def failures(name: str, runs: Iterable[RunResult]) -> str:
+    """How many of these runs of an agent failed, and how, as in ``2 of 3 runs of mine failed (crashed: 2)``; empty where none did."""
+    states = Counter(run.status for run in runs)
+    failed = {state: number for state, number in states.items() if state != "ok"}
+    if not failed:
+        return ""
+    how = ", ".join(f"{state.replace('_', ' ')}: {number}" for state, number in failed.items())
+    return f"{sum(failed.values())} of {states.total()} runs of {name} failed ({how})"
 
 
 def corrected_p_values(pairs: list[Pair]) -> list[float]:

@@ -22,6 +22,7 @@ from glbench.errors import ResultError
 from glbench.evaluation import Result, load_result
 from glbench.evaluation.episodes import recorded_actions, task_of_result
 from glbench.kernel import make_kernel
+from glbench.leaderboard.pairs import failures
 from glbench.report.task_words import clock_of
 
 if TYPE_CHECKING:
@@ -63,6 +64,8 @@ class Story:
         Their names, and the runs that both ended.
     left_out
         Seeds that both have and that one of them did not end.
+    failed
+        Of each agent that did not end all shared runs, how many failed and how.
     levels
         What is told as a mean: climate and controls, as the viewer draws them.
     lines
@@ -87,6 +90,7 @@ class Story:
     agents: tuple[str, str]
     seeds: tuple[int, ...]
     left_out: tuple[int, ...]
+    failed: tuple[str, ...]
     levels: tuple[Curve, ...]
     lines: tuple[Line, ...]
     clock: str
@@ -124,10 +128,20 @@ def tell(path: Path, against: Path, workers: int = 1) -> Story:
     shared = sorted({run.seed for run in results[0].runs} & {run.seed for run in results[1].runs})
     ended = [{run.seed for run in one.runs if run.status == "ok"} for one in results]
     seeds = tuple(seed for seed in shared if seed in ended[0] and seed in ended[1])
-    if not seeds:
+    common = [[run for run in one.runs if run.seed in shared] for one in results]
+    told = [failures(one.agent.name, runs) for one, runs in zip(results, common, strict=True)]
+    failed = tuple(words for words in told if words)
+    if not shared:
         msg = (
-            f"{path} and {against} have no run in common that both ended ({len(shared)} shared seeds). "
+            f"{path} and {against} have no seed in common. "
             "Evaluate one of them again with the seeds of the other (--seed, --runs)."
+        )
+        raise ResultError(msg)
+    if not seeds:
+        broken = " and ".join(str(place) for place, words in zip(paths, told, strict=True) if words)
+        msg = (
+            f"{'; '.join(failed)}. The two have no run in common that both ended, so there is nothing to tell. "
+            f"The reasons of the failures stand in {broken}."
         )
         raise ResultError(msg)
     logs = [recorded_actions(result, place) for result, place in zip(results, paths, strict=True)]
@@ -139,6 +153,7 @@ def tell(path: Path, against: Path, workers: int = 1) -> Story:
         agents=(results[0].agent.name, results[1].agent.name),
         seeds=seeds,
         left_out=tuple(seed for seed in shared if seed not in seeds),
+        failed=failed,
         levels=levels_of(task),
         lines=signals.accounts,
         clock=clock_of(task),

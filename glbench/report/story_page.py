@@ -179,8 +179,17 @@ def _differing(story: Story, period: int) -> list[tuple[Curve, float, float, int
 
 
 def text_of(story: Story) -> list[str]:
-    """The story as paragraphs: headline, periods, and what to keep in mind."""
-    return [headline(story), *paragraphs(story), CAUTION]
+    """The story as paragraphs: which runs failed, headline, periods, and what to keep in mind."""
+    return [*left_out_words(story), headline(story), *paragraphs(story), CAUTION]
+
+
+def left_out_words(story: Story) -> list[str]:
+    """Which runs failed and are left out, where any did."""
+    if not story.failed:
+        return []
+    runs = len(story.seeds)
+    rest = f"the {runs} runs that both ended" if runs > 1 else "the one run that both ended"
+    return [f"{'; '.join(story.failed)}. What follows is about {rest}."]
 
 
 CAUTION = (
@@ -226,7 +235,8 @@ def ledger_table(story: Story) -> TableOf:
 def week_table(story: Story, side: int) -> TableOf:
     """One agent's accounts by week."""
     kinds = ("light", "grown", "used", "profit", "violations", "score")
-    used = np.abs(story.weeks).max(axis=(0, 1)) > 1e-9
+    largest = np.abs(story.weeks).max(axis=(0, 1))
+    used = [most >= 0.5 * 10 ** -decimals_of(line) for most, line in zip(largest, story.lines, strict=True)]
     chosen = [place for kind in kinds for place, line in enumerate(story.lines) if line.kind == kind and used[place]]
     heads = [f"{story.lines[place].title}, {_week_unit(story.lines[place])}".rstrip(", ") for place in chosen]
     rows = []
@@ -258,6 +268,7 @@ def page_of(story: Story) -> str:
         story=story,
         agents=story.agents,
         title=story.task.title,
+        failed=left_out_words(story),
         headline=headline(story),
         paragraphs=paragraphs(story),
         caution=CAUTION,

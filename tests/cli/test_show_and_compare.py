@@ -34,7 +34,33 @@ def test_compare_says_who_earns_more_and_from_what(glbench):
     done = glbench("compare", "rule_based", "rule_based_fair", "--task", TASK)
     assert done.code == 0
     assert "rule_based earns" in done.out
+    assert done.out.index("has the higher reward, by") < done.out.index("rule_based earns")
     assert "EUR/m² more than rule_based_fair" in done.out
+
+
+def test_compare_of_few_runs_does_not_decide_and_leaves_out_what_neither_has(here, glbench):
+    for name, level in (("lazy", 0.0), ("busy", 0.01)):
+        text = (here / "steady.py").read_text(encoding="utf-8").replace("0.01", str(level))
+        (here / f"{name}.py").write_text(text, encoding="utf-8")
+        assert glbench("evaluate", f"{name}.py", "--task", "day.toml").code == 0
+    done = glbench("compare", "lazy", "busy", "--task", "day.toml")
+    assert done.code == 0
+    told = " ".join(done.out.split())
+    assert "3 pairs of runs are too few for the test to decide: it needs at least 6 (p = 0.250)" in told
+    assert "cannot be told apart" not in told
+    assert "0.000 to 0.000" not in told
+    lines = done.out.splitlines()
+    assert not [line for line in lines if "-0.000" in line]
+    assert not [line for line in lines if "air too hot" in line], "neither was ever too hot"
+
+
+def test_compare_says_first_that_runs_failed(here, glbench):
+    broken = (here / "steady.py").read_text(encoding="utf-8").replace("0.01", "np.nan")
+    (here / "broken.py").write_text(broken, encoding="utf-8")
+    for name in ("steady", "broken"):
+        glbench("evaluate", f"{name}.py", "--task", "day.toml")
+    done = glbench("compare", "steady", "broken", "--task", "day.toml")
+    assert done.out.startswith("3 of 3 runs of broken failed (invalid action: 3)")
 
 
 def test_show_tells_regret_with_its_parts_and_whose_the_best_known_runs_are(glbench):

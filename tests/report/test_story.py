@@ -126,8 +126,22 @@ def test_results_that_cannot_be_told_against_each_other_are_refused(results, pat
         tell(paths[0], paths[0])
     with pytest.raises(ResultError, match="only results of one task"):
         tell(paths[0], results / "CheapDays-v1" / "lavish.json")
-    with pytest.raises(ResultError, match="no run in common"):
+    with pytest.raises(ResultError, match=r"3 of 3 runs of doomed failed .*no run in common") as failed:
         tell(paths[0], results / "Days-v1" / "doomed.json")
+    assert "doomed.json" in str(failed.value)
+    assert "Evaluate" not in str(failed.value), "other seeds would not help"
+
+
+def test_failed_runs_are_told_first(told):
+    broken = replace(told, failed=("1 of 3 runs of lavish failed (crashed: 1)",))
+    assert text_of(broken)[0].startswith("1 of 3 runs of lavish failed (crashed: 1). What follows is about the 3 runs")
+    assert "runs of lavish failed" in page_of(broken)
+    assert text_of(told)[0] == headline(told)
+
+
+def test_what_rounds_to_nothing_has_no_column_among_the_weeks(told):
+    noise = replace(told, weeks=np.where(told.weeks > 0, 1e-6, 0.0))
+    assert week_table(noise, 0).heads == ("Week",)
 
 
 def test_the_command_tells_the_story_and_writes_the_page(paths, tmp_path):
@@ -142,3 +156,4 @@ def test_a_missing_opponent_is_named_with_the_command_that_makes_it(paths):
     done = CliRunner().invoke(app, ["story", str(paths[0])])
     assert isinstance(done.exception, ResultError)
     assert "glbench evaluate rule_based_tuned --task test/Days-v1 --seed" in str(done.exception)
+    assert f"--out {paths[0].parent.parent.parent}" in str(done.exception)
