@@ -26,7 +26,7 @@ SENTENCES = {
     "#/Money-v1": ("Score", "Violations"),
     "#/agent/lavish/Money-v1": (
         r"has a score \d+\.\d\d.EUR/m² higher, with .* profit and violations that cost \d+\.\d\d.EUR/m² (more|less)\.",
-        r"got a score of .?\d+\.\d\d.EUR/m²",
+        r"got a score of .?\d+\.\d\d.EUR/m², \d+\.\d\d.EUR/m² below the mean of all runs:",
         r"with violations that cost \d+\.\d\d.EUR/m²\.",
     ),
     "#/compare/lavish/thrifty/Money-v1": (

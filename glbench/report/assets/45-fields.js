@@ -9,6 +9,9 @@ const select = (label, options, chosen, change, id) => h("div", { class: "field"
 const SUITE_WORDS = { paper: "As the paper describes it", "paper-code": "As the paper's code does it" };
 const suiteTitle = (name) => SUITE_WORDS[name] ?? `Suite ${name}`;
 
+// A task by its id, as commands and addresses name it, and by its title.
+const taskName = (task) => `${task.short}: ${task.title}`;
+
 // Tasks by the suite that they belong to, for choosing one.
 const taskGroups = (tasks = D.tasks) => {
   const groups = new Map();
@@ -19,7 +22,7 @@ const taskGroups = (tasks = D.tasks) => {
   return [...groups].map(([name, members]) => ({ name, title: name ? suiteTitle(name) : "Other tasks", members }));
 };
 const taskField = (chosen, change, tasks = D.tasks) => select("Task", taskGroups(tasks).map(({ title, members }) => ({
-  group: title, options: members.map((task) => ({ value: task.short, text: task.title })),
+  group: title, options: members.map((task) => ({ value: task.short, text: taskName(task) })),
 })), chosen, change, "choose-task");
 
 const agentField = (label, chosen, change, names, id) => select(label, names.map((name) => ({ value: name, text: name })), chosen, change, id);

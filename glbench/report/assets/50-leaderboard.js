@@ -67,11 +67,12 @@ const aboutColumns = (of) => [
   { key: "sandbox", label: "Sandbox", value: (row) => SANDBOX_WORDS[of(row).sandbox]?.[0] ?? "", left: true, start: "ascending", explain: otherWords("Sandbox"),
     cell: (row) => { const [words, kind] = SANDBOX_WORDS[of(row).sandbox] ?? ["\u2013", ""]; return h("td", { class: "left" }, kind === "bad" ? tag(words, kind) : words); } },
   { key: "source", label: "Source", value: (row) => `${of(row).origin} ${of(row).reproduced ? 0 : 1}`, left: true, start: "ascending", explain: [...otherWords("Source"), " ", ...otherWords("Reproduced")],
-    cell: (row) => h("td", { class: "left" }, of(row).origin === "trial" ? tag("trial") : of(row).origin, of(row).reproduced ? h("span", { class: "ok", title: "reproduced" }, " \u2713", h("span", { class: "visually-hidden" }, " reproduced")) : null) },
+    cell: (row) => h("td", { class: "left" }, of(row).origin === "trial" ? tag("trial") : of(row).origin, of(row).reproduced ? h("span", { class: "ok", title: "reproduced" }, " \u2713", h("span", { class: "visually-hidden" }, " reproduced")) : null, of(row).confirmed ? h("span", { class: "of" }, "yours is the same") : null) },
 ];
 const STATED = "\u2713 reproduced: glbench verify simulated all runs again from the recorded actions and got the same numbers. Stated by the result files, not checked: decision time, training, sandbox.";
 const millions = (steps) => (steps >= 1e6 ? `${number(steps / 1e6, 2)}\u00a0M` : steps >= 1e3 ? `${number(steps / 1e3, 0)}\u00a0k` : number(steps, 0));
 
+const sourceOf = (result) => (result.confirmed ? `${result.origin}, yours is the same` : result.origin);
 const SANDBOX_WORDS = { bubblewrap: ["yes", "ok"], unsandboxed: ["no", "bad"], "built-in": ["built in", ""] };
 const trainingWords = (training) => (training ? [training.steps ? `${number(training.steps, 0)} control steps` : "", training.wall_hours ? `${number(training.wall_hours, 1)} hours` : "", training.hardware ? `on ${training.hardware}` : ""].filter(Boolean).join(", ") : "");
 
@@ -119,7 +120,7 @@ const leaderboardPage = (short) => {
   const task = BY_SHORT[short] ?? TASKS[D.start], rows = ranked(task.id), family = familyOf(task.id);
   const best = rows[0].result;
   const table = sortable({
-    caption: `${task.title}: mean over ${plural(best.seeds.length, "seeded run")}${pricesDiffer(task) ? ", at other prices" : ""}. Bars show 95 % intervals over the ${wordsOf(task).draws} and one training, of several trainings (hollow) the range from the lowest to the highest; an arrow is off their scale.${unusedWords(task, rows)}`,
+    caption: `${taskName(task)}: mean over ${plural(best.seeds.length, "seeded run")}${pricesDiffer(task) ? ", at other prices" : ""}. Bars show 95 % intervals over the ${wordsOf(task).draws} and one training, of several trainings (hollow) the range from the lowest to the highest; an arrow is off their scale.${unusedWords(task, rows)}`,
     columns: rankColumns(task, rows, () => table.fill()), rows, state: rankState,
     below: (row) => (unfolded.has(row.result.agent) ? trainingsOf(row.result).map((result) => ({ result, rank: null })) : []), className: "ranks", rowClass: (row) => (row.result.member_of ? "member" : row.rank === null ? "unranked" : null),
   });

@@ -9,7 +9,7 @@ const agentsPage = () => {
       h("p", { class: "lead" }, "Everything that has results here. Open one for its money, its typical day, its season and its worst run."),
       plainTable("All agents: what they see and on how many tasks they were evaluated", ["Agent", "Sees", "Source", "Trainings", "Tasks", "First places"], rows.map(({ agent, results }) => [
         [swatch(agent.name), h("a", { href: link("agent", agent.name) }, agent.name), " ", tag(agent.kind)],
-        agent.information, [...new Set(results.map((result) => result.origin))].join(", "),
+        agent.information, [...new Set(results.map(sourceOf))].join("; "),
         trainingsWords({ trainings: [Math.min(...results.map((result) => result.trainings || 1)), Math.max(...results.map((result) => result.trainings || 1))] }).replace(/ trainings/, "") || "1",
         number(results.length, 0), number(results.filter((result) => result.rank === 1).length, 0),
       ]), [0, 1]),
@@ -26,7 +26,7 @@ const agentPage = (name, short) => {
   return {
     title: name,
     content: [
-      h("h1", {}, swatch(name), labelOf(result), result.privileged ? [" ", tag("privileged")] : null, [" ", tag(result.origin)], result.reproduced ? [" ", tag("\u2713 reproduced", "ok")] : null),
+      h("h1", {}, swatch(name), labelOf(result), result.privileged ? [" ", tag("privileged")] : null, [" ", tag(sourceOf(result))], result.reproduced ? [" ", tag("\u2713 reproduced", "ok")] : null),
       result.member_of ? h("p", { class: "small" }, `The training of ${result.member_of} with seed ${result.training_seed}. `, h("a", { href: link("agent", result.member_of, task.short) }, "All trainings")) : null,
       h("p", { class: "lead" }, `Sees: ${result.sees.replace(/^privileged: /, "")}.`),
       h("p", { class: "small soft" }, `Trained on: ${result.trained_on}${result.trained_on === "unknown" ? "" : ", as its card states"}.`),
@@ -74,7 +74,7 @@ const story = (result, task) => {
   const grown = worth.filter((item) => !isEnergy(item)), traded = worth.filter(isEnergy);
   const limits = words.violations.map((metric) => [lower(metric.label), of(metric.name)]).sort((a, b) => b[1] - a[1]);
   return [
-    `In ${number(days, 0)} days it ${grown.length ? `grew ${sentence(grown.map((item) => `${withUnit(of(item.amount), 1, words.metric[item.amount]?.unit)} of ${lower(item.label)} worth ${withUnit(of(item.money), 2, "EUR/m\u00b2")}`))}${traded.length ? ", " : " and "}` : ""}${traded.length ? `got ${sentence(traded.map((item) => `${withUnit(of(item.money), 2, "EUR/m\u00b2")} for ${lower(item.label)}`))}, and ` : ""}${profit >= 0 ? "earned" : "lost"} `,
+    `In the ${number(days, 0)} days of ${task.short} it ${grown.length ? `grew ${sentence(grown.map((item) => `${withUnit(of(item.amount), 1, words.metric[item.amount]?.unit)} of ${lower(item.label)} worth ${withUnit(of(item.money), 2, "EUR/m\u00b2")}`))}${traded.length ? ", " : " and "}` : ""}${traded.length ? `got ${sentence(traded.map((item) => `${withUnit(of(item.money), 2, "EUR/m\u00b2")} for ${lower(item.label)}`))}, and ` : ""}${profit >= 0 ? "earned" : "lost"} `,
     h("b", { class: profit >= 0 ? "gain" : "loss" }, withUnit(Math.abs(profit), 2, "EUR/m\u00b2")),
     costs[0]?.[1] > 0 ? `. Most of the cost was ${costs[0][0]} (${withUnit(costs[0][1], 2, "EUR/m\u00b2")}). ` : ". ",
     outside > 0 ? `The climate was outside its limits for ${withUnit(outside, 0, "h")}, ${number((100 * outside) / hours, 0)} % of the time, above all ${limits[0][0]} (${withUnit(limits[0][1], 0, "h")}).` : "The climate never left its limits.",

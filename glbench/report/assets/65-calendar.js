@@ -20,6 +20,7 @@ const calendarPart = (profile, task) => {
     h("h2", {}, "When limits were broken"),
     h("p", { class: "soft" }, `Every column is a day, every row an hour (${task.clock}). The redder a cell, the more of that hour was outside the limit, mean over the runs.`,
       kept.length ? ` Never or hardly ever: ${sentence(kept.map((limit) => lower(limit.label)))}.` : ""),
+    shown.length ? h("p", { class: "small soft ramp" }, "0 min", h("span", { "aria-hidden": "true" }), "60 min of the hour outside the limit") : null,
     shown.length ? h("div", { class: "grid two" }, shown.map(figure)) : h("p", {}, "No limit was broken."),
   ];
 };
@@ -36,16 +37,18 @@ const hardestDay = (profile) => {
 const reasons = (result, task, profile) => {
   const row = result.seeds.indexOf(profile.seeds.worst), of = (metric) => valuesOf(result, metric);
   const gap = (metric) => (of(metric) ? of(metric)[row] - mean(of(metric)) : 0);
-  const behind = -gap(SCORE), share = (100 * behind) / Math.abs(mean(of(SCORE)));
+  const { items, violations } = wordsOf(task), priced = inMoney(task, SCORE);
+  // A score in money may be near 0, so it is measured by all the money that changed hands.
+  const behind = -gap(SCORE), whole = priced ? sum(items.map((one) => Math.abs(mean(of(one.money) ?? [0])))) : Math.abs(mean(of(SCORE))), share = (100 * behind) / whole;
   if (!(behind > 1e-6 * Math.abs(mean(of(SCORE))))) return ["All runs are alike: there is no worst one. This is the first."];
-  const { items, violations } = wordsOf(task), [item] = items.map((one) => [one, one.sign * gap(one.money)]).sort((a, b) => a[1] - b[1])[0] ?? [];
+  const [item] = items.map((one) => [one, one.sign * gap(one.money)]).sort((a, b) => a[1] - b[1])[0] ?? [];
   const worse = violations.map((one) => [one, gap(one.name)]).sort((a, b) => b[1] - a[1])[0] ?? [null, 0];
   const why = [];
   if (item && gap(PROFIT) < 0) why.push(`it earned ${withUnit(-gap(PROFIT), 3, "EUR/m\u00b2")} less, most of it by ${item.sign > 0 ? `less ${lower(item.label)}` : `a dearer bill for ${lower(item.label)}`}`);
-  const priced = inMoney(task, PENALTY), penaltyText = (value) => (priced ? amountOf(task, PENALTY, value) : number(value, 1));
+  const penaltyText = (value) => (priced ? amountOf(task, PENALTY, value) : number(value, 1));
   if (gap(PENALTY) > 0) why.push(`${priced ? `its violations cost ${penaltyText(gap(PENALTY))} more` : `its penalty was ${penaltyText(gap(PENALTY))} higher`}${worse[1] > 0.05 ? ` (${lower(worse[0].label)} for ${withUnit(worse[1], 1, "h")} longer)` : ""}`);
   const { day, penalty } = hardestDay(profile);
-  return [`Seed ${profile.seeds.worst} got a ${lower(wordsOf(task).metric[SCORE].label)} of ${amountOf(task, SCORE, of(SCORE)[row])}, ${inMoney(task, SCORE) ? amountOf(task, SCORE, behind) : number(behind, behind < 10 ? 1 : 0)} (${number(share, share < 1 ? 2 : 1)} %) below the mean of all runs`,
+  return [`Seed ${profile.seeds.worst} got a ${lower(wordsOf(task).metric[SCORE].label)} of ${amountOf(task, SCORE, of(SCORE)[row])}, ${priced ? amountOf(task, SCORE, behind) : `${number(behind, behind < 10 ? 1 : 0)} (${number(share, share < 1 ? 2 : 1)} %)`} below the mean of all runs`,
     why.length ? `: ${why.join(", and ")}. ` : ". ", penalty > 0 ? `Its hardest day was ${date(task.start, day)}, with ${priced ? `violations that cost ${penaltyText(penalty)}` : `a penalty of ${penaltyText(penalty)}`}.` : "",
     share < 1 ? " The runs hardly differ: this is how every run looks." : ""];
 };

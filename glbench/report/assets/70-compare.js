@@ -15,30 +15,46 @@ const comparePage = (first, second, short) => {
       h("p", { class: "story" }, verdict(one, two, task)),
       priceField(task, (focus) => show(focus)),
       [one, two].filter((result) => result.members).map((result) => h("p", { class: "note" }, `${result.agent} is the mean of ${plural(result.trainings, "training")}, run by run. By hour of the day and on typical days it is the training with seed ${trainingsOf(result)[0].training_seed}.`)),
+      sharedWords(one, two),
       byItem(one, two, task),
       one.profile && two.profile ? byHour(one, two, task) : [one, two].filter((result) => !result.profile).map((result) => [h("p", {}, h("b", {}, result.agent), ":"), noProfile(result, task)]),
     ],
   };
 };
 
-// Differences of one metric over the seeds that both have, with the interval of their mean.
-const difference = (one, two, metric) => {
-  const [x, y] = [valuesOf(one, metric), valuesOf(two, metric)];
-  if (!x || !y) return { ...UNKNOWN, shared: 0 };
+// Places of the seeds that both have, in the runs of each.
+const sharedRuns = (one, two) => {
   const place = new Map(two.seeds.map((seed, i) => [seed, i]));
-  const values = one.seeds.map((seed, i) => (place.has(seed) ? x[i] - y[place.get(seed)] : null)).filter((value) => value !== null);
-  if (!values.length) return { mean: mean(x) - mean(y), low: null, high: null, shared: 0 };
-  const [low, high] = interval(values);
-  return { mean: mean(values), low, high, shared: values.length };
+  return one.seeds.map((seed, i) => [i, place.get(seed)]).filter(([, j]) => j !== undefined);
+};
+const sameSeeds = (one, two) => one.seeds.length === two.seeds.length && sharedRuns(one, two).length === one.seeds.length;
+
+// Both means and their difference over the seeds that both have, with the interval of the difference; without shared seeds over the runs of each.
+const difference = (one, two, metric) => {
+  const [x, y] = [valuesOf(one, metric), valuesOf(two, metric)], runs = sharedRuns(one, two);
+  const of = (values, side) => (values ? mean(runs.length ? runs.map((pair) => values[pair[side]]) : values) : null);
+  const [first, second] = [of(x, 0), of(y, 1)];
+  if (!x || !y) return { ...UNKNOWN, first, second };
+  if (!runs.length) return { ...UNKNOWN, first, second, mean: first - second };
+  const gaps = runs.map(([i, j]) => x[i] - y[j]), [low, high] = interval(gaps);
+  return { first, second, mean: mean(gaps), low, high };
+};
+
+// Over which runs the two are compared, where they do not have the same ones.
+const sharedWords = (one, two) => {
+  const runs = sharedRuns(one, two).length, own = `${one.agent} has ${plural(one.seeds.length, "run")}, ${two.agent} has ${two.seeds.length}`;
+  if (sameSeeds(one, two)) return null;
+  return h("p", { class: "note" }, runs ? `${own}. Everything here is over the ${plural(runs, "seed")} that they share, so means differ from those on the leaderboard.`
+    : `${own}, and they share no seed: each mean is over an agent\u2019s own runs, so part of every difference comes from other draws.`);
 };
 
 const verdict = (one, two, task) => {
-  const profit = difference(one, two, PROFIT), reward = difference(one, two, SCORE), penalty = difference(one, two, PENALTY);
+  const profit = difference(one, two, PROFIT), reward = difference(one, two, SCORE), penalty = difference(one, two, PENALTY), runs = sharedRuns(one, two).length;
   const clear = profit.low !== null && profit.high > profit.low && profit.low * profit.high > 0;
   const sure = number(profit.low, 2) !== number(profit.high, 2) ? ` (95 % interval over the ${wordsOf(task).draws} ${number(profit.low, 2, true)} to ${number(profit.high, 2, true)})` : "";
   return [
     h("b", {}, one.agent), ` earns `, h("b", { class: profit.mean >= 0 ? "gain" : "loss" }, withUnit(Math.abs(profit.mean), 2, "EUR/m\u00b2")), ` ${profit.mean >= 0 ? "more" : "less"} than `, h("b", {}, two.agent),
-    `${sure}${clear || !(profit.high > profit.low) ? "" : ", which may be chance"}. ${inMoney(task, PENALTY) ? `Its violations cost ${amountOf(task, PENALTY, Math.abs(penalty.mean))} ${penalty.mean >= 0 ? "more" : "less"}` : `Its penalty is ${amountOf(task, PENALTY, Math.abs(penalty.mean))} ${penalty.mean >= 0 ? "higher" : "lower"}`}, its ${lower(wordsOf(task).metric[SCORE].label)} is ${amountOf(task, SCORE, Math.abs(reward.mean))} ${reward.mean >= 0 ? "higher" : "lower"}, over ${plural(profit.shared, "shared seed")}.`,
+    `${sure}${clear || !(profit.high > profit.low) ? "" : ", which may be chance"}. ${inMoney(task, PENALTY) ? `Its violations cost ${amountOf(task, PENALTY, Math.abs(penalty.mean))} ${penalty.mean >= 0 ? "more" : "less"}` : `Its penalty is ${amountOf(task, PENALTY, Math.abs(penalty.mean))} ${penalty.mean >= 0 ? "higher" : "lower"}`}, its ${lower(wordsOf(task).metric[SCORE].label)} is ${amountOf(task, SCORE, Math.abs(reward.mean))} ${reward.mean >= 0 ? "higher" : "lower"}, ${runs ? `over ${plural(runs, "shared seed")}` : "with no shared seed"} of ${task.short}.`,
   ];
 };
 
@@ -53,37 +69,36 @@ const byItem = (one, two, task) => {
     }],
     layout: layout({ hovermode: false, bargap: 0.4, yaxis: { autorange: "reversed", showgrid: false }, xaxis: { range: [ends[0] - room, ends[1] + room], zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5, title: axisTitle("EUR/m\u00b2, A minus B") } }),
   });
-  const average = (result, name) => { const values = valuesOf(result, name); return values ? mean(values) : null; };
+  const runs = sharedRuns(one, two).length, over = runs ? `means over ${plural(runs, "shared seed")}` : "means over each agent\u2019s own runs";
   const rows = [...items.map(([name]) => name), ...words.columns.map((metric) => metric.name).filter((name) => name !== PROFIT), ...words.ofKind("unknown").map((metric) => metric.name)].map((name) => {
     const metric = METRICS[name], d = difference(one, two, name), unit = metric.unit, cost = metric.kind === "paid";
-    return [[`${cost ? "Cost of " : ""}${cost ? lower(metric.label) : metric.label}`, unit ? h("span", { class: "soft" }, ` ${unit}`) : null], number(average(one, name), metric.decimals), number(average(two, name), metric.decimals),
+    return [[`${cost ? "Cost of " : ""}${cost ? lower(metric.label) : metric.label}`, unit ? h("span", { class: "soft" }, ` ${unit}`) : null], number(d.first, metric.decimals), number(d.second, metric.decimals),
       number(d.mean, metric.decimals, true), number(d.low, metric.decimals, true) !== number(d.high, metric.decimals, true) ? `${number(d.low, metric.decimals, true)} to ${number(d.high, metric.decimals, true)}` : "\u2013"];
   });
   return [
     h("h2", {}, "By item"),
     h("div", { class: "grid two" },
       chart(captionOf(`${one.agent} minus ${two.agent}`, "EUR/m\u00b2; to the right, A is better"), build, { height: 460, says: gaps.map((gap) => `${gap.label} ${number(gap.value, 2, true)}`).join(", ") }),
-      plainTable(`A is ${one.agent}, B is ${two.agent}; differences with 95 % intervals over shared seeds: ${wordsOf(task).draws}, these trainings (\u2013: narrower than the digits shown)`, ["", "A", "B", "A \u2212 B", "95 % interval"], rows)),
+      plainTable(`A is ${one.agent}, B is ${two.agent}; ${over}, differences with 95 % intervals: ${wordsOf(task).draws}, these trainings (\u2013: narrower than the digits shown)`, ["", "A", "B", "A \u2212 B", "95 % interval"], rows)),
   ];
 };
 
 const byHour = (one, two, task) => later(1500, async () => {
   const [x, y] = await Promise.all([block(one.profile), block(two.profile)]), prices = pricesOf(task);
   const perRun = (profile, name) => unpack(profile.hours[name]);
-  const shared = one.seeds.map((seed, i) => [i, two.seeds.indexOf(seed)]).filter(([, j]) => j >= 0);
-  const pairs = shared.length ? shared : null;
+  const shared = sharedRuns(one, two), pairs = shared.length ? shared : null;
   const gap = (name, factorAt) => {
     const [p, q] = [perRun(x, name), perRun(y, name)];
     return p.map((row, hour) => (pairs ? pairs.map(([i, j]) => factorAt(hour) * (row[i] - q[hour][j])) : [factorAt(hour) * (mean(row) - mean(q[hour]))]));
   };
   // A price that changes by the hour is that of its hour; one that changes otherwise is what A paid on average.
-  const paid = (one, name) => sum(one.values[name]), priceAt = (item) => {
+  const paid = (name) => sum(pairs ? pairs.map(([i]) => one.values[name][i]) : one.values[name]), priceAt = (item) => {
     const { money, amount, table } = item;
     if (!table) return () => prices[money];
-    const hourly = task.hourly_prices[money], average = paid(one, money) / (paid(one, amount) || 1);
+    const hourly = task.hourly_prices[money], average = paid(money) / (paid(amount) || 1);
     return (hour) => prices[money] * (prices[flatOf(money)] ? meanPrice(task, item) : hourly.length ? hourly[hour] : average) + prices[addedTo(money)];
   };
-  const { items, charts, controls } = wordsOf(task), shown = items.filter(({ column }) => x.hours[column] && y.hours[column]), atEnd = items.filter((item) => !shown.includes(item)), averaged = shown.filter(({ money, table }) => table && !task.hourly_prices[money].length);
+  const { items } = wordsOf(task), shown = items.filter(({ column }) => x.hours[column] && y.hours[column]), atEnd = items.filter((item) => !shown.includes(item)), averaged = shown.filter(({ money, table }) => table && !task.hourly_prices[money].length);
   const parts = shown.map((item) => ({ label: item.label, runs: gap(item.column, (hour) => item.sign * priceAt(item)(hour)), ink: item.colour }));
   const penalty = gap(PENALTY, () => -1), profit = penalty.map((row, hour) => row.map((_, run) => sum(parts.map((part) => part.runs[hour][run]))));
   const spread = profit.map((values) => [mean(values), ...(values.length > 1 ? interval(values) : [mean(values), mean(values)])]);
@@ -103,16 +118,24 @@ const byHour = (one, two, task) => later(1500, async () => {
   });
   return [
     h("h2", {}, "By hour of the day"),
-    h("p", { class: "soft" }, ranges ? `${one.agent} earns more than ${two.agent} ${ranges}` : `${one.agent} earns more than ${two.agent} in no hour of the day`, `. Sums over the whole season, A minus B, mean over the shared seeds; hours are ${task.clock}.`, atEnd.length ? ` Not by the hour: ${sentence(atEnd.map((item) => lower(item.label)))}.` : "", averaged.length ? ` Its price changes with the calendar, so at its mean price: ${sentence(averaged.map((item) => lower(item.label)))}.` : ""),
+    h("p", { class: "soft" }, ranges ? `${one.agent} earns more than ${two.agent} ${ranges}` : `${one.agent} earns more than ${two.agent} in no hour of the day`, `. Sums over the whole season, A minus B, ${pairs ? "mean over the shared seeds" : "means over each agent\u2019s own runs"}; hours are ${task.clock}.`, atEnd.length ? ` Not by the hour: ${sentence(atEnd.map((item) => lower(item.label)))}.` : "", averaged.length ? ` Its price changes with the calendar, so at its mean price: ${sentence(averaged.map((item) => lower(item.label)))}.` : ""),
     chart(captionOf("Profit, A minus B", "EUR/m\u00b2; above the line, A is better"), money, { height: 330, says: `Profit by hour of the day, ${one.agent} minus ${two.agent}: ${spread.map(([value], hour) => `${hour} h ${number(value, 2, true)}`).join(", ")}` }),
     h("div", { style: { height: "14px" } }),
     chart(captionOf(`${spared} spared, A against B`, `${inMoney(task, PENALTY) ? `${wordsOf(task).metric[PENALTY].unit}; ` : ""}above the line, A keeps the limits better`), limits, { height: 200, says: `${spared} spared by hour: ${penalty.map((values, hour) => `${hour} h ${number(mean(values), inMoney(task, PENALTY) ? 3 : 1, true)}`).join(", ")}` }),
     h("h2", {}, "Their typical days"),
+    ...(sameSeeds(one, two) ? typicalDays(one, two, x, y, task) : [h("p", { class: "soft" }, "Not drawn side by side: a typical day is that of all runs of a result, and these two results have different runs, with other draws. Each is on its agent\u2019s page: ",
+      h("a", { href: link("agent", one.agent, task.short) }, one.agent), ", ", h("a", { href: link("agent", two.agent, task.short) }, two.agent), ".")]),
+  ];
+});
+
+const typicalDays = (one, two, x, y, task) => {
+  const { charts, controls } = wordsOf(task);
+  return [
     h("p", { class: "soft" }, "Median over all days and runs, with 50 % bands; dotted lines are limits."),
     h("ul", { class: "legend", "aria-label": "Colours" }, [one, two].map((result) => h("li", {}, swatch(result.agent), result.agent, "\u2003"))),
     h("div", { class: "grid" }, [...charts.climate, ...controls, ...charts.compared].filter((name) => x.day.columns[name] && y.day.columns[name]).map((name) => dayChart(task, name, [[one, x], [two, y]].map(([result, profile]) => ({ agent: result.agent, packed: profile.day.columns[name] })), x.day.slot_seconds))),
   ];
-});
+};
 
 // Hours for which something holds, in words: "from 06:00 to 11:00".
 const stretches = (holds) => {

@@ -7,7 +7,7 @@ const tasksPage = () => ({
     h("p", { class: "lead" }, "A task fixes everything that decides a result: weather, greenhouse, crop, what is uncertain, what an agent sees and does, limits, prices and seeds."),
     taskGroups().map(({ title, members }) => [h("h2", {}, title), plainTable(`${title}: ${plural(members.length, "task")} with results`, ["Task", "Delta", "Results", "Best agent", "Its score"], members.map((task) => {
       const rows = ranked(task.id), best = rows[0];
-      return [h("a", { href: link("task", task.short) }, task.title), task.delta === undefined ? "\u2013" : `${task.delta}\u00a0%`, number(rows.length, 0), best.rank ? labelOf(best.result) : "\u2013", best.rank ? number(estimate(best.result, task.metric).mean, wordsOf(task).metric[task.metric].decimals) : "\u2013"];
+      return [h("a", { href: link("task", task.short) }, taskName(task)), task.delta === undefined ? "\u2013" : `${task.delta}\u00a0%`, number(rows.length, 0), best.rank ? labelOf(best.result) : "\u2013", best.rank ? number(estimate(best.result, task.metric).mean, wordsOf(task).metric[task.metric].decimals) : "\u2013"];
     }))]),
   ],
 });
@@ -16,9 +16,9 @@ const taskPage = (short) => {
   const task = BY_SHORT[short];
   if (!task) return missingPage(`There are no results of a task \u201c${short}\u201d here.`);
   return {
-    title: task.title,
+    title: taskName(task),
     content: [
-      h("h1", {}, task.title),
+      h("h1", {}, taskName(task)),
       h("p", { class: "lead" }, task.description || "A task of somebody\u2019s own."),
       h("div", { class: "fields" }, taskField(task.short, (value) => go("task", value)), h("a", { class: "small", href: link("", task.short) }, "Its leaderboard")),
       task.words ? definition(task) : h("div", { class: "missing" }, "The definition of this task is not stored with its results: it is in the file that they were made with."),
