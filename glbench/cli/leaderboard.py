@@ -102,6 +102,9 @@ def leaderboard(
         output().out(json.dumps(json.loads(rows), indent=2), highlight=False)
     else:
         _print(shown, suites_shown, members=members)
+        for item in stored:
+            if item.confirmed and item.board in {table.task_id for table in shown}:
+                _say(f"Your own result of {item.result.agent.name} on {item.board} is the same as the released one.")
         hidden = boards - len(shown) if shown else 0
         if hidden > 0:
             have = "task has" if hidden == 1 else "tasks have"
@@ -226,6 +229,10 @@ def _print_task(table: TaskTable, *, members: bool) -> None:
         marks = " " * (not (row.privileged or row.unsandboxed)) + t.REPRODUCED_MARK
         return t.agent_label(row) + marks * row.reproduced
 
+    def named(row: Row) -> str:
+        """For the table without a column for the source."""
+        return t.agent_label(row) + " (trial)" * (row.origin == "trial" and row.training_seed is None)
+
     def span(row: Row) -> str:
         one = row.estimates.get(first.name)
         if one is None or not one.low < one.high:
@@ -266,7 +273,7 @@ def _print_task(table: TaskTable, *, members: bool) -> None:
         title += f"\n[yellow]{escape(table.draws)}[/yellow]"
     _print_fitted(title, scores, rows, agent, lambda row: row.rank is None or row.training_seed is not None, ranks)
     used = _resources(t.resources(table.words, without_intervals=True), before=0)
-    _print_fitted("Harvest, resources, climate", used, rows, t.agent_label, lambda row: row.training_seed is not None)
+    _print_fitted("Harvest, resources, climate", used, rows, named, lambda row: row.training_seed is not None)
 
 
 def _print_suite(table: SuiteTable) -> None:

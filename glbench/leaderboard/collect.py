@@ -41,6 +41,8 @@ class StoredResult:
     reproduced: bool = False
     trial: bool = False
     """Whether its seeds are known not to be the task's."""
+    confirmed: bool = False
+    """Whether it came with glbench, and the user's own evaluation gave the same runs."""
 
     @property
     def released(self) -> bool:
@@ -213,9 +215,20 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
             own.append(replace(item, trial=is_trial))
         single, doubles = _one_each(own, folder.parent)
         problems += doubles
-        chosen = {**single, **chosen}
+        chosen = {**single, **chosen, **_confirmed(single, chosen)}
     kept, strangers = _one_version_each([chosen[key] for key in sorted(chosen)])
     return kept, (*problems, *strangers)
+
+
+def _confirmed(
+    own: Mapping[tuple[str, str], StoredResult], chosen: Mapping[tuple[str, str], StoredResult]
+) -> dict[tuple[str, str], StoredResult]:
+    """Those released results of which the user's own evaluation has the same runs."""
+    return {
+        key: replace(chosen[key], confirmed=True)
+        for key, item in own.items()
+        if key in chosen and chosen[key].released and chosen[key].result.results_digest == item.result.results_digest
+    }
 
 
 class _Names:

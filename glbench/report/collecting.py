@@ -216,6 +216,7 @@ def entry_facts(
         **first,
         "members": [training_name(entry, row) for row in entry.trainings],
         "reproduced": entry.reproduced,
+        "confirmed": all(item.stored.confirmed for item in items),
         "runs": entry.runs,
         "failed": entry.failed,
         "reasons": [reason for one in results for reason in one["reasons"]],
@@ -253,6 +254,7 @@ def result_facts(item: Known) -> dict[str, Any]:
     return {
         "task": row.task_id,
         **same,
+        "confirmed": item.stored.confirmed,
         "sees": result.agent.information,
         "seeds": list(result.evaluation.seeds),
         "reasons": [[run.seed, run.status, run.reason, run.steps] for run in result.failed],

@@ -95,6 +95,18 @@ def test_every_row_says_its_source(reports, monkeypatch):
     assert sources == {"better": "own", "hasty": "trial"}
 
 
+def test_it_says_where_ones_result_is_the_released_one_and_marks_trials_in_both_tables(reports, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    console.output.cache_clear()
+    released = load_result(result_path(data_folder("reports/released"), PAPER_TASK, "rule_based"))
+    save_result(released, reports)
+    told = " ".join(run("--out", reports, "--task", PAPER_TASK).stdout.split())
+    assert f"Your own result of rule_based on {PAPER_TASK} is the same as the released one." in told
+    shown = run("--out", reports, "--task", "Meadow-v1").stdout
+    assert "is the same" not in shown
+    assert "hasty (trial)" in shown.partition("Harvest, resources")[2]
+
+
 def test_trainings_are_one_row_and_each_by_itself_on_request(reports, monkeypatch):
     for seed, name in enumerate(("mine", "mine_seed1", "mine_seed2")):
         save_result(make_result(name, [100.0 + 10 * seed] * 4), reports)

@@ -55,6 +55,8 @@ def test_ones_own_evaluation_with_the_released_bits_needs_no_second_row(tmp_path
     (row,) = rows(tmp_path, "rule_based")
     assert row.origin == "released"
     assert row.reproduced
+    assert row.confirmed
+    assert not any(item.confirmed for item in own_and_released_results(tmp_path)[0] if item.path != row.path)
     assert own_and_released_results(tmp_path)[1] == ()
 
 

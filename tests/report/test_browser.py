@@ -358,6 +358,17 @@ def test_weeks_are_a_table(visit):
     assert page.locator("#weeks tbody tr").count() == 1  # two days
 
 
+def test_a_released_result_that_is_ones_own_too_says_so(visit, made, tmp_path):
+    results = [{**one, "confirmed": one["agent"] == "thrifty"} for one in made.report.data["results"]]
+    before, _, rest = made.report.html.partition('id="block-data">')
+    packed = packed_data({**made.report.data, "results": results})
+    file = tmp_path / "confirmed.html"
+    file.write_text(before + 'id="block-data">' + packed + rest[rest.index("</script>") :], encoding="utf-8")
+    rows = visit("#/Days-v1", file=file).locator("table.ranks tbody tr")
+    assert "yours is the same" in rows.filter(has_text="thrifty").inner_text()
+    assert "yours is the same" not in rows.filter(has_text="lavish").inner_text()
+
+
 def test_the_skip_link_and_the_names_of_fields_are_there(visit):
     page = visit("#/Days-v1")
     page.keyboard.press("Tab")
