@@ -85,12 +85,13 @@ def _other(path: Path, result: Result, against: str | None) -> Path:
 
 
 def _out_of(path: Path) -> str:
-    """The option by which an evaluation lands beside ``path``, where it has to be given."""
-    from glbench.evaluation.preparing import TRIALS
+    """The options by which an evaluation lands beside ``path``, where they have to be given."""
+    from glbench.evaluation.preparing import TRIALS, VALIDATION
 
     out = path.resolve().parent.parent.parent  # OUT/results/TASK/agent.json, of a trial OUT/trials/results/...
-    out = out.parent if out.name == TRIALS else out
-    return "" if out == REPORTS.resolve() else f" --out {shlex.quote(str(out))}"
+    split = " --split validation" if out.name == VALIDATION else ""
+    out = out.parent if out.name in (TRIALS, VALIDATION) else out
+    return split + ("" if out == REPORTS.resolve() else f" --out {shlex.quote(str(out))}")
 
 
 def _default(result: Result, path: Path) -> str:

@@ -41,9 +41,9 @@ STEP = "step"
 _LINE_WIDTH = 1.6
 _MARGIN = 0.04
 _LIVE_MARGIN = 0.35
+"""Room above and below limits and curves, as a share of their range; more where the curves are still to come."""
 _NOISE = 1e-9
 """Curves that nowhere get this far from 0, in their unit, are drawn as 0: what is left of rounding does not get a scale of its own."""
-"""Room above and below limits and curves, as a share of their range; more where the curves are still to come."""
 _PLAYBACK_SPEED = 3600.0
 """Played back, an hour passes in a second."""
 _PLOTS_ABREAST = 2
