@@ -400,7 +400,7 @@ def _metrics_table(pair: Pair) -> Table:
         f"{named(pair.first, pair.trainings[0])}, A, and {named(pair.second, pair.trainings[1])}, B, "
         f"on {escape(harmless(pair.task_id))}: {pair.runs} pairs of runs",
         "Sum over the period", "Unit", "A", "B", "A - B", *spans,
-        right=("A", "B", "A - B", "95 % interval", "Overall 95 %"), padding=(0, 1, 0, 0),
+        right=("A", "B", "A - B", "95 % interval", "Overall 95 %"), folded=("Sum over the period",), padding=(0, 1, 0, 0),
     )  # fmt: skip
     shown = shown_metrics(pair.words, pair.metrics, {name: one.unit for name, one in pair.metrics.items()})
     rows = [(metric.line, metric, pair.metrics[metric.name]) for metric in shown]

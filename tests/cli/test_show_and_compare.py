@@ -38,6 +38,13 @@ def test_compare_says_who_earns_more_and_from_what(glbench):
     assert "EUR/m² more than rule_based_fair" in done.out
 
 
+def test_compare_keeps_every_digit_at_80_columns(glbench, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    told = glbench("compare", "rule_based", "rule_based_fair", "--task", TASK).out
+    assert "A - B" in told
+    assert "…" not in told
+
+
 def test_compare_of_few_runs_does_not_decide_and_leaves_out_what_neither_has(here, glbench):
     for name, level in (("lazy", 0.0), ("busy", 0.01)):
         text = (here / "steady.py").read_text(encoding="utf-8").replace("0.01", str(level))
