@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.text import Text
 
-from glbench.cli.console import messages, output, put, put_json, table
+from glbench.cli.console import messages, output, put, put_json, say, table
 from glbench.cli.options import AsJson
 
 if TYPE_CHECKING:
@@ -355,10 +355,16 @@ def _degrees(value: float, positive: str, negative: str) -> str:
 
 
 def _report_saved(record: WeatherRecord, path: Path) -> None:
+    from glbench.weather.plausible import doubts, in_figures
+
     saved = f"Weather '{path.stem}': {record.period}, {record.hours:,} h, SHA-256 {record.digest[:12]}, in {path}"
     put(saved)
     for note in record.notes:
         put(f"Note: {note}")
+    for figures in in_figures(record):
+        put(f"  {figures}")
+    for doubt in doubts(record):
+        say(messages(), f"Warning: {doubt}", "yellow")
 
 
 def _as_json(one: WeatherInfo | WeatherRecord, *fields: str, **more: object) -> dict[str, Any]:

@@ -157,6 +157,9 @@ def _split(text: str, file: str) -> tuple[dict[str, str], list[str], list[list[s
         elif line.strip():
             fields = [field.strip() for field in next(csv.reader([line]))]
             if not header:
+                if ";" in line:
+                    msg = f"{file}, row {number}: {SEMICOLONS}"
+                    raise WeatherError(msg)
                 header = fields
                 continue
             if len(fields) != len(header):

@@ -154,6 +154,21 @@ def test_a_csv_is_imported_under_a_name(tmp_path: Path) -> None:
     assert "CC0" in run("show", "veld")
 
 
+def test_an_import_prints_what_a_person_can_check_and_warns_of_a_wrong_clock(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(csv_text(csv_rows(240)))
+    right = CliRunner().invoke(app, ["import", str(path), "--name", "right"], catch_exceptions=False)
+    assert "lowest 15.5 degC, mean 15.5 degC, highest 15.5 degC" in right.stdout
+    assert "1152 J/cm2" in right.stdout
+    assert "mean 3.2 m/s" in right.stdout
+    assert "Warning" not in right.output
+    path.write_text(csv_text(csv_rows(240, dt.datetime(2020, 6, 1, 9))))
+    path.write_text(path.read_text().replace("# longitude: 5.0", "# longitude: -100"))
+    wrong = CliRunner().invoke(app, ["import", str(path), "--name", "wrong"], catch_exceptions=False)
+    assert "Warning: sun at night in" in " ".join(wrong.stderr.split())
+    assert load_weather("wrong").hours == 240
+
+
 def test_an_epw_is_imported_with_its_zone_and_year(tmp_path: Path) -> None:
     path = write_epw(tmp_path / "typical.epw", {month: 1990 + month for month in range(1, 13)})
     shown = run("import", path, "--name", "epw", "--timezone", "Europe/Amsterdam", "--year", "2014")
