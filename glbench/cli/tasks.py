@@ -12,7 +12,7 @@ import typer
 from rich.padding import Padding
 from rich.text import Text
 
-from glbench.cli.console import harmless, messages, output, put_json, table
+from glbench.cli.console import harmless, messages, output, put, put_json, table
 from glbench.cli.options import AsJson, Out
 from glbench.errors import GlbenchError, TaskError, UnknownNameError, did_you_mean
 
@@ -96,6 +96,7 @@ def check_command(
     """
     from glbench.registration import DRAFTS, draft_files
     from glbench.tasks import TaskSpec
+    from glbench.tasks.stale_prices import series_in_words
 
     drafts = {} if tasks else {f"tasks/{DRAFTS}/{path.name}": path for path in draft_files()}
     found = {name: _check(name) for name in tasks} if tasks else _check_all()
@@ -111,6 +112,8 @@ def check_command(
                 )
                 output().print(f"[green]ok[/green]     {outcome.id}  {outcome.digest[:8]}  {state}", soft_wrap=True)
                 if name.endswith(".toml") and not outcome.locked and name not in drafts:
+                    for words in series_in_words(outcome):
+                        put(f"       {words}")
                     output().print(_first_weather(outcome))
             else:
                 output().print("[red]wrong[/red]  ", end="")
@@ -288,6 +291,7 @@ def _common(task: TaskSpec) -> str:
 def _explanation(task: TaskSpec) -> Iterator[RenderableType]:
     """The task in words and tables."""
     from glbench.report.task_words import definition_in_words
+    from glbench.tasks.stale_prices import series_in_words
 
     task.record()  # a mistake in the weather has to show
     state = "published" if task.locked else "not published"
@@ -303,6 +307,10 @@ def _explanation(task: TaskSpec) -> Iterator[RenderableType]:
             for row in section.rows:
                 view.add_row(*map(Text, row))
             yield Padding(view, (0, 0, 0, 2), expand=False)
+    series = series_in_words(task)
+    if series:
+        yield Text("\nSeries of prices", style="bold")
+        yield Padding(Text("\n".join(series)), (0, 0, 0, 2), expand=False)
 
 
 def _explained(task: TaskSpec) -> dict[str, Any]:

@@ -14,14 +14,13 @@ from __future__ import annotations
 
 import csv
 import datetime as dt
-import io
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.errors import SEMICOLONS, TaskError, UnknownNameError, did_you_mean
 from glbench.registration import task_files, task_ids
 from glbench.resources import data_folder
 from glbench.untrusted import MIB, read_regular
@@ -187,6 +186,10 @@ def as_schema_2(content: Mapping[str, Any]) -> dict[str, Any]:
 
 _PRICE_FACTORS = {("EUR/MWh", "EUR kWh-1"): 1e-3, ("EUR/kWh", "EUR kWh-1"): 1.0}
 """From a column of prices with this title to a table in that unit."""
+_PRICE_FILE = (
+    "It must be a CSV file with the header time,price and lines such as 2010-03-01T00:00,0.09, or with the header hour,EUR/MWh and "
+    "lines such as 2023-03-01T00:00+01:00,87.5 for a table in EUR kWh-1."
+)
 
 
 def take_over_prices(content: Mapping[str, Any], folder: Path, shown: str) -> tuple[Path, ...]:
@@ -205,27 +208,51 @@ def take_over_prices(content: Mapping[str, Any], folder: Path, shown: str) -> tu
         files.append((folder / str(file)).resolve())
         where = f"{shown}: [price_tables.{name}] file = {as_written(file)}"
         try:
-            rows = list(csv.reader(io.StringIO(read_regular(folder / str(file), _LARGEST_FILE).decode())))
-            header, points = rows[0], [row for row in rows[1:] if row]
-            titles = [title.strip() for title in header]
-            time = titles.index("hour" if "hour" in titles else "time")
-            price = 1 - time
-            title, unit = titles[price], str(table.get("unit"))
-            factor = 1.0 if title == "price" else _PRICE_FACTORS[title, unit]
-            table["series"] = [
-                {"time": dt.datetime.fromisoformat(row[time].strip()), "price": float(row[price]) * factor}
-                for row in points
-            ]
+            text = read_regular(folder / str(file), _LARGEST_FILE).decode("utf-8-sig")
         except (OSError, UnicodeDecodeError) as error:
             msg = f"{where}: it cannot be read: {error}."
             raise TaskError(msg) from error
-        except (ValueError, LookupError, csv.Error) as error:
-            msg = (
-                f"{where}: it must be a CSV file with the header time,price and lines such as 2010-03-01T00:00,0.09, or with the "
-                "header hour,EUR/MWh and lines such as 2023-03-01T00:00+01:00,87.5 for a table in EUR kWh-1."
-            )
+        try:
+            table["series"] = _series(text, table.get("unit"))
+        except (ValueError, csv.Error) as error:
+            msg = f"{where}: {error}"
             raise TaskError(msg) from error
     return tuple(files)
+
+
+def _series(text: str, unit: object) -> list[dict[str, Any]]:
+    """The prices in the text of a CSV file for a table in ``unit``. Errors are ``ValueError`` with what is wrong."""
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    header = lines[0][1] if lines else ""
+    if ";" in header:
+        raise ValueError(SEMICOLONS)
+    titles = [title.strip() for title in next(csv.reader([header]), [])]
+    times = [title for title in titles if title in ("hour", "time")]
+    if len(titles) != 2 or len(times) != 1:
+        msg = f"its header is {as_written(header)}. {_PRICE_FILE}"
+        raise ValueError(msg)
+    time = titles.index(times[0])
+    title = titles[1 - time]
+    factor = 1.0 if title == "price" else _PRICE_FACTORS.get((title, str(unit)))
+    if factor is None:
+        known = any(title == one for one, _ in _PRICE_FACTORS)
+        has = "has no unit" if unit is None else f"has the unit {as_written(unit)}"
+        why = f'the table {has}: write unit = "EUR kWh-1" in it' if known else f"'{title}' is no title of prices"
+        msg = f"its header is {as_written(header)}, and {why}. {_PRICE_FILE}"
+        raise ValueError(msg)
+    series = []
+    for number, line in lines[1:]:
+        row = next(csv.reader([line]))
+        try:
+            first, second = row
+            moment_text, price_text = (first, second) if time == 0 else (second, first)
+            moment, price = dt.datetime.fromisoformat(moment_text.strip()), float(price_text)
+        except ValueError as error:
+            why = f"{len(row)} fields instead of 2" if len(row) != 2 else str(error)
+            msg = f"its line {number}, {as_written(line)}, has no time and price: {why}. {_PRICE_FILE}"
+            raise ValueError(msg) from error
+        series.append({"time": moment, "price": price * factor})
+    return series
 
 
 def shipped_file(wanted: str) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
@@ -14,7 +15,9 @@ from glbench.tasks.given import given_task
 from glbench.tasks.lock import LOCK_WORDS, LockEntry, canonical_sha256, lock_path, read_lock, write_lock
 from glbench.tasks.reading import read_task, task_of
 from glbench.tasks.spec import TaskSpec
+from glbench.tasks.stale_prices import stale_prices
 
+logger = logging.getLogger(__name__)
 _State = tuple[int, int]
 """When a file was changed, and its size."""
 
@@ -173,6 +176,8 @@ def _checked(file: Path, written: Written, _lock: Path, _lock_state: _State) -> 
     entry = read_lock().get(task.id)
     if entry is None:
         task.fingerprint()  # whatever cannot be resolved is reported now and not in the middle of a run
+        for gap in stale_prices(task):
+            logger.warning("%s", gap)
     elif _is_shipped(file):
         check_against_lock(task, entry)
         tell_if_deprecated(task.id)

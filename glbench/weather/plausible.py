@@ -37,7 +37,7 @@ def in_figures(record: WeatherRecord) -> list[str]:
 
 def doubts(record: WeatherRecord) -> list[str]:
     """What about the radiation does not fit the sun over the station, one a sentence or two; empty when nothing does."""
-    moments = record.begin + np.arange(record.hours * _PARTS + 1) * (SLOT_SECONDS / _PARTS)
+    moments = record.begin + np.arange(record.hours * _PARTS + 1, dtype=np.float64) * (SLOT_SECONDS / _PARTS)
     sine = sine_of_elevation(moments, record.place)
     of_slot = np.stack([sine[part : sine.size - _PARTS + part : _PARTS] for part in range(_PARTS + 1)], axis=1)
     radiation, highest = record.values("global_radiation"), of_slot.max(axis=1)
@@ -58,8 +58,8 @@ def doubts(record: WeatherRecord) -> list[str]:
         ]
     if usual > USUAL_HIGH:
         return [
-            f"radiation is high: with a high sun, one hour in ten has more than {100 * usual:.0f} % of what a clear sky gives. Is it in the unit of the "
-            "column's title? W/m2 taken for J/cm2 makes it 2.8 times what it is."
+            f"radiation is high: with a high sun, one hour in ten has more than {100 * usual:.0f} % of what a clear sky gives. "
+            "Is it in the unit of the column's title? W/m2 taken for J/cm2 makes it 2.8 times what it is."
         ]
     return []
 

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 import numpy as np
 
-from glbench.errors import UnknownNameError, WeatherError, did_you_mean
+from glbench.errors import SEMICOLONS, UnknownNameError, WeatherError, did_you_mean
 from glbench.weather.assemble import USUAL_TIMING, Origin, Rows, assemble, check_order, require_columns
 from glbench.weather.knmi import read_knmi
 from glbench.weather.preprocessing import KELVIN

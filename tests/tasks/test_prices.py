@@ -15,6 +15,7 @@ from glbench.errors import GlbenchError, TaskError
 from glbench.report.task_words import definition_in_words
 from glbench.tasks import PriceTable, TaskSpec, get_task
 from glbench.tasks.prices import SHAPE, Market, SeasonOfPrices, day_ahead, price_rows
+from glbench.tasks.stale_prices import series_in_words
 
 Write = Callable[[str], Path]
 
@@ -231,6 +232,53 @@ def test_a_file_of_an_exchange_is_read_in_its_unit(write: Write, header: str, fi
 def test_a_file_in_another_unit_or_with_another_header_is_refused(write: Write, header: str, unit: str) -> None:
     with pytest.raises(TaskError, match=r"\[price_tables.power\] file = .*hour,EUR/MWh.*for a table in EUR kWh-1"):
         with_file(write, f"{header}\n2010-10-01T00:00,87.5\n", '"EUR kWh-1"', f'"{unit}"')
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("hour;EUR/MWh\n2010-10-01T00:00;87,5\n", "separated by semicolons"),
+        ("hour,EUR/MWh\n2010-10-01T00:00,87,5\n", 'its line 2, "2010-10-01T00:00,87,5", has no time and price: 3 fields instead of 2'),
+        ("hour,EUR/MWh\nyesterday,87.5\n", 'its line 2, "yesterday,87.5"'),
+        ("", 'its header is ""'),
+    ],
+)  # fmt: skip
+def test_a_file_that_is_written_otherwise_is_refused_in_words(write: Write, text: str, words: str) -> None:
+    with pytest.raises(TaskError) as caught:
+        with_file(write, text)
+    assert words in str(caught.value)
+
+
+def test_a_file_for_a_table_without_a_unit_is_refused_for_that(write: Write) -> None:
+    with pytest.raises(TaskError) as caught:
+        with_file(write, "hour,EUR/MWh\n2010-10-01T00:00,87.5\n", 'unit = "EUR kWh-1"\n', "")
+    assert 'its header is "hour,EUR/MWh", and the table has no unit: write unit = "EUR kWh-1"' in str(caught.value)
+
+
+def hourly_file(first: str, hours: int) -> str:
+    times, _ = hours_from(first, hours)
+    return "hour,EUR/MWh\n" + "".join(f"{at},{50 + at.astype(int) // 3600 % 24}\n" for at in times)
+
+
+def test_hours_that_a_file_does_not_have_are_told(write: Write, caplog: pytest.LogCaptureFixture) -> None:
+    yearly = ('file = "power.csv"', 'file = "power.csv"\nyearly = true')
+    with_file(write, hourly_file("2023-01-01T00:00", 199), *yearly)
+    (warning,) = caplog.messages
+    assert "[price_tables.power] has no price for" in warning
+    assert "hours that runs may use" in warning
+    caplog.clear()
+    task = with_file(write, hourly_file("2023-01-01T00:00", 8760), *yearly)
+    assert caplog.messages == []
+    assert series_in_words(task)[0] == (
+        "Price 'power': 8,760 prices from 2023-01-01 00:00 to 2023-12-31 23:00 UTC, repeated every year; mean 0.0615, lowest 0.05, "
+        "highest 0.073 EUR kWh-1."
+    )
+
+
+def test_a_price_of_every_month_has_no_gaps(write: Write, caplog: pytest.LogCaptureFixture) -> None:
+    rows = "".join(f"2023-{month:02d}-01T00:00,{40 + month}\n" for month in range(1, 13))
+    with_file(write, f"hour,EUR/MWh\n{rows}", 'file = "power.csv"', 'file = "power.csv"\nyearly = true')
+    assert caplog.messages == []
 
 
 POWER = "price_tables.power"

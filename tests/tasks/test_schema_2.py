@@ -130,9 +130,9 @@ def test_a_series_of_prices_may_stand_in_a_file(toys: Callable[..., TaskSpec], t
     assert (prices == np.where(weather.times < np.datetime64("2010-05-02T06:00"), 1.0, 4.0)).all()
     (tmp_path / "market.csv").write_text("time,price\n2010-05-01T00:00,5.0\n", encoding="utf-8")
     assert set(get_task(task.source).price_tables["market"].values(weather.times, weather.hour_of_day)) == {5.0}
-    (tmp_path / "market.csv").write_text("time;price\n", encoding="utf-8")
+    (tmp_path / "market.csv").write_text("time,cost\n", encoding="utf-8")
     with pytest.raises(
-        TaskError, match=r"\[price_tables.market\] file = .*it must be a CSV file with the header time,price"
+        TaskError, match=r"\[price_tables.market\] file = .*It must be a CSV file with the header time,price"
     ):
         toys(hourly, 'file = "market.csv"', "Water a toy", "Water it")
 

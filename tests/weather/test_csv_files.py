@@ -86,6 +86,7 @@ def test_csv_with_measured_sky_temperature_uses_it(tmp_path: Path) -> None:
             csv_text(csv_rows(2), header=CSV_HEADER.replace("slot_end [UTC]", "cloud_cover [tenths]")),
             "two columns for cloud_cover",
         ),
+        (csv_text(csv_rows(2)).replace(",", ";").replace(".", ","), "row 8: its columns are separated by semicolons"),
         (csv_text(["2020-06-01T01:00,20"]), "2 fields instead of 6"),
         (csv_text(["yesterday,20,70,5,0,4"]), "'yesterday' is no time such as"),
         (csv_text(["2020-06-01T01:00,20,wet,5,0,4"]), r"row 9: 'wet' for relative_humidity \[%\] is not a number"),
