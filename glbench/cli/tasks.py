@@ -166,6 +166,7 @@ def _check(name: str, *, published: bool = False) -> TaskSpec | str:
     from glbench.env.accounts import make_accounts
     from glbench.env.behaviour import check_behaviour
     from glbench.env.rewards import make_reward
+    from glbench.env.weather_pool import WeatherPool
     from glbench.tasks import get_task
     from glbench.tasks.library import check_file_name
 
@@ -180,6 +181,8 @@ def _check(name: str, *, published: bool = False) -> TaskSpec | str:
         make_reward(task, make_accounts(task))
         if task.locked:
             check_behaviour(task)
+        else:
+            WeatherPool.of(task.scored)  # the weather of all seasons, with what a forecast shows beyond their end
     except GlbenchError as error:
         return str(error)
     return task

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import GlbenchError, ParameterError, TaskError, UnknownNameError, did_you_mean
+from glbench.errors import GlbenchError, ParameterError, TaskError, UnknownNameError, WeatherError, did_you_mean
 from glbench.showing import html_of
 from glbench.tasks.ledger import (
     FLOW,
@@ -554,7 +554,18 @@ class TaskSpec:
         rows = self.steps + 1 + extra_rows + self.scenario.start_within_days * self.steps_per_day
         with self._asked_by("scenario" if self.schema_version > 1 else "weather"):
             table = self.weather.model_copy(update={"source": season.source, "start": season.start})
-            return _disturbances(table, rows)
+            try:
+                return _disturbances(table, rows)
+            except WeatherError as error:
+                late, ahead = self.scenario.start_within_days, (extra_rows + 1) / self.steps_per_day
+                parts = [f"{self.weather.days} days of a run"]
+                if late:
+                    parts.append(
+                        f"{late} days by which it may start later (scenario.start_within_days = {late}; 0 needs none)"
+                    )
+                parts.append(f"{ahead:.2g} days beyond its end, which are observed or forecast")
+                msg = f"{error} What was asked for is {', '.join(parts)}."
+                raise WeatherError(msg) from error
 
     # What the agent does and sees.
 

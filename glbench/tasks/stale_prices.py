@@ -1,4 +1,4 @@
-"""Series of prices: what they cover in words, and hours of a task that lie in their gaps, where an old price goes on being charged."""
+"""Series of prices: what they cover in words, and the hours of a task in their gaps, where an old price is charged."""
 
 from __future__ import annotations
 

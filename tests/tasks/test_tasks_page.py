@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import re
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
+from glbench.cli.app import app
 from glbench.env import GreenhouseEnv
 from glbench.errors import TaskError
 from glbench.tasks import TaskFile1, get_task, list_drafts, list_tasks
@@ -25,6 +29,7 @@ from glbench.tasks.tables import (
     SplitTable,
     StartGroupTable,
 )
+from glbench.weather import load_weather, save_weather
 
 Write = Callable[[str], Path]
 PAGE = Path(__file__).parents[2] / "docs" / "tasks.md"
@@ -144,3 +149,30 @@ def test_every_word_is_explained(page: str, shipped_words: dict[str, list[str]])
         assert names, kind
         for name in names:
             assert f"`{name}`" in page
+
+
+def keep_record(name: str, days: int) -> None:
+    """So many days from local midnight of 1 May 2024, with the weather of another year, kept under a name."""
+    source = load_weather("schiphol")
+    begin = int(dt.datetime(2024, 4, 30, 22, tzinfo=dt.UTC).timestamp())
+    counts = {name: values[24 * 120 : 24 * (120 + days)] for name, values in source.counts.items()}
+    save_weather(replace(source, name=name, begin=begin, counts=counts), name)
+
+
+def test_the_task_with_weather_of_ones_own_runs(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GLBENCH_DATA", str(tmp_path / "data"))
+    text = block(PAGE.with_name("weather.md").read_text(encoding="utf-8"), "toml", "OwnWeather-v1")
+    keep_record("my-greenhouse", 12)
+    with GreenhouseEnv(write(text), split="test") as env:
+        env.reset(seed=1)
+        env.step(env.action_space.sample())
+    assert env.task.steps == 960
+    late = text.replace("scenario.start_within_days = 0\n", "")
+    with pytest.raises(
+        TaskError, match=r"28 days by which it may start later \(scenario.start_within_days = 28; 0 needs"
+    ):
+        get_task(write(late))
+    keep_record("short", 11)
+    checked = CliRunner().invoke(app, ["tasks", "check", str(write(text.replace("my-greenhouse", "short")))])
+    assert checked.exit_code == 1
+    assert "2 days beyond its end, which are observed or forecast" in " ".join(checked.stdout.split())
