@@ -34,6 +34,9 @@ def make_agent(task):
     """Called by glbench once."""
     unknown = sorted(PAGE.keys() - set(task.action_names))
     if unknown:
-        msg = f"{task.id} has no {unknown[0]}: this page is for tasks such as SpringSetpoints-v1 (--task)."
+        msg = (
+            f"{task.id} has no set point '{unknown[0]}'; it has {', '.join(task.action_names)}. Correct the name, or choose a "
+            "task that has it, such as SpringSetpoints-v1 (--task)."
+        )
         raise ValueError(msg)
     return Page()

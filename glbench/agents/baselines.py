@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from glbench.agents.card import read_toml
 from glbench.agents.identity import baseline_names, check_file, check_sizes, files_of_folder
+from glbench.agents.pages import said_better
 from glbench.agents.protocol import Agent, PrivilegedController, ScenarioController, Sight
 from glbench.errors import GlbenchError, SubmissionError, did_you_mean
 from glbench.model import get_model
@@ -73,7 +74,7 @@ class _Controller:
 
     def read(self, place: Path) -> Settings:
         """Read what the card calls the controller's settings: rules, a grower's page, trained policies, or recorded actions."""
-        with _damage_in_words():
+        with _damage_in_words(), said_better(place, self.reader[0]):
             settings: Settings = _found(self.reader)(place)
         return settings
 
