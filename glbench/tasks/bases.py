@@ -99,14 +99,15 @@ def read_written(path: Path, above: tuple[Path, ...] = ()) -> Written:
         msg = f"{shown} is the base of a base of a base, {LONGEST_CHAIN} times over. Write one of these tasks out."
         raise TaskError(msg)
     content = _read_toml(path, shown)
-    prices = take_over_prices(content, path.parent, shown)
     under = _file_of(content.get(BASE), path, shown)
     if under is None:
+        prices = take_over_prices(content, path.parent, shown)
         if WITHOUT in content:
             msg = f"{shown}: without = {as_written(content[WITHOUT])} says what of a base is left out, and there is no base. Add one."
             raise TaskError(msg)
         return Written(content, files=prices)
     found = read_written(under, files)
+    prices = take_over_prices(content, path.parent, shown, found.content)
     base = content.pop(BASE)
     return combined(found.content, content, base, shown, (*prices, under.resolve(), *found.files))
 
@@ -132,9 +133,31 @@ def combined(
     kept = _left_out(inherited, own.pop(WITHOUT, []), base, shown)
     if _states_years(own.get(SPLITS)):
         kept = {key: value for key, value in kept.items() if key != SPLITS}
+    _check_parts(kept, own, base, shown)
     merged = _merged(kept, own)
     _take_one_cost_of_violations(merged, own)
     return Written(merged, base, tuple(_changes(inherited, merged)), files)
+
+
+_NEW_PART = {"ledger": "side", "price_tables": "unit"}
+"""Tables whose parts have names of their own, and the key that every new part states."""
+
+
+def _check_parts(kept: Mapping[str, Any], own: Mapping[str, Any], base: str, shown: str) -> None:
+    """Refuse keys of a part that the base does not have, unless they make a new one."""
+    for table, needed in _NEW_PART.items():
+        known, parts = kept.get(table), own.get(table)
+        if not isinstance(known, Mapping) or not isinstance(parts, Mapping):
+            continue
+        for name, part in parts.items():
+            if name not in known and isinstance(part, Mapping) and needed not in part:
+                near = did_you_mean(name, known, list_few=False)
+                has = ", ".join(known) or "none"
+                msg = (
+                    f"{shown}: {as_written(base)} has no {table}.{name}.{near} It has {has}. A new one also needs '{needed}' and what "
+                    "docs/tasks.md lists."
+                )
+                raise TaskError(msg)
 
 
 def _states_years(splits: object) -> bool:
@@ -192,8 +215,12 @@ _PRICE_FILE = (
 )
 
 
-def take_over_prices(content: Mapping[str, Any], folder: Path, shown: str) -> tuple[Path, ...]:
+def take_over_prices(
+    content: Mapping[str, Any], folder: Path, shown: str, below: Mapping[str, Any] | None = None
+) -> tuple[Path, ...]:
     """Replace ``file = "gas.csv"`` of a price table by the series in that file of ``folder``; the files of prices.
+
+    A table that states no unit has that of the base, whose tables are ``below``.
 
     Raises
     ------
@@ -201,6 +228,7 @@ def take_over_prices(content: Mapping[str, Any], folder: Path, shown: str) -> tu
         When a file cannot be read, or is no CSV file of prices.
     """
     tables, files = content.get("price_tables"), []
+    inherited = (below or {}).get("price_tables", {})
     for name, table in tables.items() if isinstance(tables, dict) else ():
         if not isinstance(table, dict) or "file" not in table:
             continue
@@ -213,7 +241,7 @@ def take_over_prices(content: Mapping[str, Any], folder: Path, shown: str) -> tu
             msg = f"{where}: it cannot be read: {error}."
             raise TaskError(msg) from error
         try:
-            table["series"] = _series(text, table.get("unit"))
+            table["series"] = _series(text, table.get("unit", inherited.get(name, {}).get("unit")))
         except (ValueError, csv.Error) as error:
             msg = f"{where}: {error}"
             raise TaskError(msg) from error

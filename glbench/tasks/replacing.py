@@ -51,8 +51,9 @@ def replaced(task: TaskSpec, *changes: Mapping[str, Any]) -> TaskSpec:
         )
         raise TaskError(msg)
     check_plain(own, shown)
-    take_over_prices(own, Path(), shown)
-    made = _made(combined(tables_of(task), with_dates(own), task.id, shown), shown)
+    below = tables_of(task)
+    take_over_prices(own, Path(), shown, below)
+    made = _made(combined(below, with_dates(own), task.id, shown), shown)
     has = made.splits.names if made.splits is not None else ()
     return made.in_split(task.split, task.sealed) if task.split in has and task.split is not None else made
 

@@ -688,6 +688,9 @@ class BeyondTable(Table):
         return read
 
 
+_NUMBER = re.compile(r"[+-]?\d*[.,]?\d+")
+
+
 class ItemTable(Table):
     """``[ledger.<column>]``: what is earned or paid, and at which price."""
 
@@ -705,9 +708,16 @@ class ItemTable(Table):
     @model_validator(mode="before")
     @classmethod
     def _price_with_unit(cls, given: object) -> object:
-        if not isinstance(given, Mapping) or isinstance(given.get("price"), str) or "price" not in given:
+        if not isinstance(given, Mapping) or "price" not in given:
             return given
         price = given["price"]
+        text = price.get("value") if isinstance(price, Mapping) else price
+        if isinstance(text, str) and _NUMBER.fullmatch(text.strip()):
+            plain = text.strip().replace(",", ".")
+            msg = f'price is "{text}": a number is written without quotes, price = {{ value = {plain}, unit = "EUR kWh-1" }}.'
+            raise ValueError(msg)
+        if isinstance(price, str):
+            return given
         if not isinstance(price, Mapping) or set(price) != {"value", "unit"} or not isinstance(price["unit"], str):
             msg = 'Write the price with its unit, price = { value = 0.09, unit = "EUR kWh-1" }, or name a price table.'
             raise ValueError(msg)

@@ -121,7 +121,9 @@ def test_the_example_agent_warms_up_before_the_sun_that_is_forecast() -> None:
 
 
 def test_a_page_of_set_points_says_on_which_tasks_it_means_anything(card: TaskCard) -> None:
-    with pytest.raises(Exception, match=r"has no set point 'co2_set_point'; it has uBoil, .*such as SpringSetpoints-v1"):
+    with pytest.raises(
+        Exception, match=r"has no set point 'co2_set_point'; it has uBoil, .*such as SpringSetpoints-v1"
+    ):
         made(SET_POINTS, card, 1)
 
 

@@ -249,9 +249,15 @@ def test_a_file_that_is_written_otherwise_is_refused_in_words(write: Write, text
     assert words in str(caught.value)
 
 
-def test_a_file_for_a_table_without_a_unit_is_refused_for_that(write: Write) -> None:
+def test_a_table_has_the_unit_of_its_base_or_is_refused_for_lack_of_one(write: Write) -> None:
+    text, no_unit = "hour,EUR/MWh\n2010-10-01T00:00,87.5\n", ('unit = "EUR kWh-1"\n', "")
+    task = with_file(
+        write, text, *no_unit, 'without = ["price_tables.power"]', 'without = ["price_tables.power.market"]'
+    )
+    assert task.price_tables["power"].series[0][1] == pytest.approx(0.0875)
+    own = ("[price_tables.power]", "[price_tables.gas]")
     with pytest.raises(TaskError) as caught:
-        with_file(write, "hour,EUR/MWh\n2010-10-01T00:00,87.5\n", 'unit = "EUR kWh-1"\n', "")
+        with_file(write, text, *no_unit, *own)
     assert 'its header is "hour,EUR/MWh", and the table has no unit: write unit = "EUR kWh-1"' in str(caught.value)
 
 
@@ -315,6 +321,10 @@ def series(*moments: str) -> dict[str, Any]:
         ({"observation.day_ahead.hours": [2, 2]}, "hours = [2, 2] must be different whole hours"),
         ({"observation.day_ahead": None}, "add [observation.day_ahead] with prices"),
         ({"observation.modules": ["indoor_climate", "prices"], "observation.forecast": None}, 'add "day_ahead_prices" to the modules'),
+        ({"ledger.cost_heat.price.value": "0.15"}, 'price is "0.15": a number is written without quotes, price = { value = 0.15, unit'),
+        ({"ledger.cost_heat.price": "0,15"}, 'price is "0,15": a number is written without quotes, price = { value = 0.15, unit'),
+        ({"ledger.cost_gas.price.value": 0.15}, "has no ledger.cost_gas. Did you mean 'cost_heat'"),
+        ({"price_tables.pwr.times": 2.0}, "has no price_tables.pwr. Did you mean 'power'? It has fruit, power."),
         ({"ledger.cost_electricity.beyond": BEYOND}, "beyond needs a price that is a number, and this one is the table 'power'."),
         ({"ledger.cost_heat.beyond": BEYOND}, "season-1.0.0 has no meter on 'heat'. It has fruit_harvested, co2_metered."),
         (
