@@ -292,6 +292,10 @@ def is_built_in(path: Path) -> bool:
     return path.is_dir() and (path / CARD_FILE).is_file() and not (path / AGENT_FILE).is_file()
 
 
+_PAGES = (".yml", ".toml")
+"""Of settings for a controller of glbench."""
+
+
 def read_identity(path: Path) -> Identity:
     """Find out what the file or folder ``path`` is.
 
@@ -300,6 +304,10 @@ def read_identity(path: Path) -> Identity:
     SubmissionError
         When it is no submission, its name cannot be used, its card is wrong, or its files cannot be read.
     """
+    settings = next((one for one in list(path.parents)[:2] if is_built_in(one)), None)
+    if path.suffix in _PAGES and settings is not None:
+        msg = f"{path} is a page of settings. Name the folder with its card.toml, such as: glbench evaluate {settings}"
+        raise SubmissionError(msg)
     name = name_of(path)
     given, folder = path.resolve(), path.resolve() if path.is_dir() else None
     root = folder or given.parent

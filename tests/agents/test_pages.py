@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 from glbench.agents.baselines import read_baseline
+from glbench.agents.loading import load_agent
 from glbench.errors import SubmissionError
+from glbench.evaluation.submitting import check_submission
 from glbench.resources import data_folder
 
 
@@ -61,3 +63,26 @@ def test_a_misspelt_field_of_a_growers_page_is_told_with_the_nearest(tmp_path: P
     said = refused(folder)
     assert "radiation_limt'. Did you mean 'radiation_limit'" in said
     assert "Field required" not in said
+
+
+def test_a_folder_of_settings_is_checked_without_code(rules: Path) -> None:
+    report = check_submission(rules, "Spring-v1")
+    assert report.ok
+    assert "rule_based_tuned; no code to run" in report.facts["loading"]
+    page = rules / "rules" / "spring.yml"
+    page.write_text(
+        page.read_text(encoding="utf-8").replace("heating_night: 16.57", "heating_night: 60"), encoding="utf-8"
+    )
+    (finding,) = check_submission(rules, "Spring-v1").problems
+    assert "'heating_night' is 60 degC" in finding.text
+
+
+def test_a_task_that_the_settings_do_not_serve_is_a_problem(rules: Path) -> None:
+    assert not check_submission(rules, "SpringSetpoints-v1").ok
+
+
+def test_a_page_that_is_named_alone_leads_to_its_folder(rules: Path) -> None:
+    with pytest.raises(
+        SubmissionError, match=r"is a page of settings. Name the folder .*: glbench evaluate \S*my_rules$"
+    ):
+        load_agent(rules / "rules" / "spring.yml")

@@ -10,12 +10,14 @@ from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents.identity import FORM_WORDS, Identity, baseline_names, is_built_in, read_identity
 from glbench.agents.loading import find_submission
+from glbench.agents.protocol import Agent
 from glbench.env import Simulation
 from glbench.errors import GlbenchError, SandboxError, SubmissionError
 from glbench.evaluation.limits import Failure, TimeLimits
@@ -84,8 +86,7 @@ def check_submission(
         raise SubmissionError(msg)
     path = find_submission(ref)
     if is_built_in(path):
-        msg = f"{path} holds settings for a controller of glbench and no code: there is nothing to check. Evaluate it."
-        raise SubmissionError(msg)
+        return _look_at_settings(path, spec, began)
     book = _Book()
     card, found = findings.card_findings(path)
     book.add(found, "card")
@@ -103,6 +104,27 @@ def check_submission(
             _DryRun(identity, spec, book, left, walls=protection == "bubblewrap").run()
     found = list(dict.fromkeys(book.findings))
     return Report(name, what, spec.id, tuple(found), frozenset(book.checked), book.facts, time.monotonic() - began)
+
+
+def _look_at_settings(path: Path, spec: TaskSpec, began: float) -> Report:
+    """A folder of settings for a controller of glbench has no code to run: whether they can be read, and serve the task."""
+    from glbench.agents.baselines import read_baseline
+
+    book, card = _Book(), task_card(spec)
+    try:
+        baseline = read_baseline(path)
+        book.add([], "card", "files")
+        agent = baseline.make(card)
+        if baseline.sees == "observations":
+            cast(Agent, agent).reset(card, 1)
+        book.add([], "loading")
+        book.facts["loading"] = f"settings for glbench's controller {baseline.card.controller}; no code to run"
+    except GlbenchError as error:
+        book.add([problem("loading", str(error))])
+    name = path.resolve().name
+    return Report(
+        name, "settings", spec.id, tuple(book.findings), frozenset(book.checked), book.facts, time.monotonic() - began
+    )
 
 
 @dataclass
