@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from glbench.evaluation.submitting import Report
+    from glbench.tasks import TaskSpec
 
 app = typer.Typer(
     name="submit",
@@ -44,14 +45,14 @@ def check(
     that plans takes longer for them, and the check as much longer. Exits with 0 when nothing has to be fixed, else with 1.
     """
     from glbench.evaluation.submitting import check_submission
-    from glbench.tasks import DEFAULT_TASK
+    from glbench.tasks import DEFAULT_TASK, get_task
 
     with messages().status(f"checking {escape(harmless(path))}"):
         report = check_submission(path, task or DEFAULT_TASK, sandbox=sandbox.value)
     if as_json:
         put_json(_plain(report), indent=None)
     else:
-        _show(report, path, task)
+        _show(report, path, task, get_task(task or DEFAULT_TASK))
     raise typer.Exit(0 if report.ok else 1)
 
 
@@ -114,7 +115,7 @@ def _untrained_model(folder: Path) -> tuple[Path, ...]:
     return (folder / "model.zip", folder / "vecnormalize.pkl")
 
 
-def _show(report: Report, path: str, task: str | None) -> None:
+def _show(report: Report, path: str, named: str | None, task: TaskSpec) -> None:
     output().print(_table(report))
     for finding in report.findings:
         style, word = ("bold red", "Problem") if finding.level == "problem" else ("bold yellow", "Note")
@@ -123,8 +124,11 @@ def _show(report: Report, path: str, task: str | None) -> None:
     said = "No problems found." if report.ok else f"{count} problem{'s' if count > 1 else ''} found."
     output().print(f"[bold]{said}[/] Checked in {report.seconds:.1f} s.", soft_wrap=True)
     if report.ok:
-        on = "" if task is None else f" --task {harmless(task)}"
-        tell(f"Next: glbench evaluate {harmless(path)}{on} --runs 2, then without --runs.")
+        on = "" if named is None else f" --task {harmless(named)}"
+        # The test scores: what is tried out belongs in the validation split, where the task has one.
+        held_out = task.splits is not None and "validation" in task.splits.names
+        trial, score = (" --split validation", "these options: the score") if held_out else ("", "--runs")
+        tell(f"Next: glbench evaluate {harmless(path)}{on} --runs 2{trial}, then without {score}.")
 
 
 def _table(report: Report) -> Table:

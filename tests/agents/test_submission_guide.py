@@ -55,12 +55,17 @@ def test_the_guides_check_of_actions_runs_and_finds_nothing_wrong_with_the_templ
     assert capsys.readouterr().out == "{}\n"
 
 
-def test_the_guides_trial_on_the_validation_split_runs(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(ROOT)
-    exec(compile(snippet(GUIDE, "python", 'in_split("validation")'), "docs/submit.md", "exec"), {})
-    assert re.fullmatch(r"earned in a day: \[.*\] EUR/m2\n", capsys.readouterr().out)
+@pytest.mark.parametrize(
+    "file", ["README.md", "docs/submit.md", *sorted(f"submissions/templates/{kind}" for kind in KINDS)]
+)
+def test_whoever_tries_things_out_is_sent_to_the_validation_split(file: str) -> None:
+    path = ROOT / file
+    for page in [path] if path.is_file() else [*path.glob("*.md"), *path.glob("agent.py")]:
+        text = page.read_text(encoding="utf-8")
+        trials = re.findall(r"^.*glbench evaluate .*--runs.*$", text, re.MULTILINE)
+        assert trials, page
+        assert [line for line in trials if "--split validation" not in line] == []
+    get_task(DEFAULT_TASK).in_split("validation")
 
 
 def snippet(guide: str, language: str, word: str) -> str:

@@ -1,7 +1,7 @@
 """Model predictive control with a model of one's own: try plans in the model, take the first step of the best one, do it again.
 
 glbench submit check FOLDER
-glbench evaluate FOLDER --runs 2
+glbench evaluate FOLDER --runs 2 --split validation
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
 """A greenhouse controller of rules: every control follows what is measured now.
 
 glbench submit check FOLDER
-glbench evaluate FOLDER --runs 2
+glbench evaluate FOLDER --runs 2 --split validation
 """
 
 import numpy as np

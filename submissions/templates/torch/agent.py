@@ -1,7 +1,7 @@
 """A network in PyTorch. Train it wherever you like, save its weights as weights.pt beside this file, and it acts with them.
 
 glbench submit check FOLDER
-glbench evaluate FOLDER --runs 2
+glbench evaluate FOLDER --runs 2 --split validation
 """
 
 from pathlib import Path
