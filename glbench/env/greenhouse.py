@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from glbench.env.info import FAILURE, STEP_REWARD, InfoWriter
 from glbench.env.panel import panel
-from glbench.env.rendering import FRAMES_PER_SECOND, PICTURES, RENDER_MODES, Camera, checked_render_mode
+from glbench.env.rendering import FRAMES_PER_SECOND, PICTURES, RENDER_MODES, Camera, checked_render_mode, drawable_modes
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
 from glbench.env.simulation import Simulation
 from glbench.env.spaces import STATE, action_space, check_names, observation_space, state_option, task_of_environment
@@ -87,7 +87,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     * v1: first version (glbench 0.1.0). The version at the end of an id is the task's: a published task never changes.
     """
 
-    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": FRAMES_PER_SECOND}  # noqa: RUF012  # as Gymnasium declares it
+    metadata: dict[str, Any] = {"render_modes": list(drawable_modes()), "render_fps": FRAMES_PER_SECOND}  # noqa: RUF012  # as Gymnasium declares it
 
     def __init__(
         self,
@@ -99,6 +99,8 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     ) -> None:
         self.task = task_of_environment(task, split, overrides)
         self.render_mode = checked_render_mode(render_mode)
+        if render_mode == PICTURES:  # Gymnasium would refuse to render, before ``render`` can say what to install
+            self.metadata = {**self.metadata, "render_modes": list(RENDER_MODES)}
         self.observation_space = observation_space(self.task)
         self.action_space = action_space(self.task)
         self.simulation = Simulation(self.task, 1, kernel)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 TEXT, PICTURES = "ansi", "rgb_array"
 RENDER_MODES = (TEXT, PICTURES)
+"""Those that there are; ``drawable_modes`` tells which of them can be drawn here."""
 FRAMES_PER_SECOND = 24
 """Of a video: a day of 96 steps in 4 s."""
 
@@ -31,6 +32,11 @@ NO_PICTURES = (
     "The render mode 'rgb_array' needs matplotlib, which is not installed: pip install 'glbench[video]'. "
     "Without it the environment works, but cannot be drawn."
 )
+
+
+def drawable_modes() -> tuple[str, ...]:
+    """Render modes whose packages can be found, without importing them."""
+    return RENDER_MODES if importlib.util.find_spec("matplotlib") is not None else (TEXT,)
 
 
 def checked_render_mode(render_mode: str | None) -> str | None:
@@ -44,7 +50,7 @@ def checked_render_mode(render_mode: str | None) -> str | None:
     if render_mode is not None and render_mode not in RENDER_MODES:
         msg = f"There is no render mode {render_mode!r}. Use {', '.join(map(repr, RENDER_MODES))} or None."
         raise UnknownNameError(msg)
-    if render_mode == PICTURES and importlib.util.find_spec("matplotlib") is None:
+    if render_mode == PICTURES and PICTURES not in drawable_modes():
         _warn_without_matplotlib()
     return render_mode
 

@@ -245,6 +245,27 @@ def test_without_matplotlib_there_is_one_warning_and_an_environment_that_works(d
         recorded.reset(seed=1)
 
 
+def test_without_matplotlib_gymnasiums_check_finds_nothing_wrong() -> None:
+    code = (
+        "import sys; sys.modules['matplotlib'] = None\n"
+        "import warnings, gymnasium\n"
+        "from gymnasium.utils.env_checker import check_env\n"
+        f"environment = gymnasium.make({ID!r}, kernel='fast').unwrapped\n"
+        "print(environment.metadata['render_modes'])\n"
+        "check_env(environment)\n"
+        "warnings.simplefilter('ignore')\n"
+        f"asked = gymnasium.make({ID!r}, render_mode='rgb_array', kernel='fast')\n"
+        "asked.reset(seed=1)\n"
+        "try:\n    asked.render()\nexcept Exception as error:\n    print(error)\n"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300)
+    modes, error = told.stdout.splitlines()
+    assert modes == "['ansi']"
+    assert "pip install 'glbench[video]'" in error
+    assert "matplotlib" not in told.stderr
+    assert GreenhouseEnv.metadata["render_modes"] == ["ansi", "rgb_array"]  # with matplotlib, as here
+
+
 def test_nothing_of_matplotlib_is_loaded_for_an_environment_that_does_not_draw() -> None:
     code = (
         "import sys, numpy as np, gymnasium\n"
