@@ -752,6 +752,10 @@ CLAIMS: dict[str, list[Claim]] = {
             ),
         ),
         (
+            "of the task file: {} to {} in `Spring-v1`",
+            lambda: (HEADLINE.evaluation.seeds[0], HEADLINE.evaluation.seeds[-1]),
+        ),
+        (
             "benchmark's prices {} and {} EUR m-2 a step",
             lambda: (make_accounts(TASK).lowest_epi, make_accounts(TASK).highest_epi),
         ),
