@@ -489,7 +489,7 @@ def needs_the_extra(extra: str) -> Iterator[None]:
     except ModuleNotFoundError as error:
         msg = (
             f"This needs packages that are not installed ({error.name}). "
-            f'Install them with `pip install "glbench[{extra}]"`, or in a checkout with `uv sync --extra {extra}`.'
+            f'Install them with `pip install "glbench[{extra}]"`, or in a checkout with `uv sync --inexact --extra {extra}`.'
         )
         raise TrainingError(msg) from error
 

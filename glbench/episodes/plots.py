@@ -23,7 +23,10 @@ try:
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
     from matplotlib.figure import Figure
 except ImportError as error:
-    _msg = "The plots need matplotlib, which is not installed: pip install 'glbench[video]', or `uv sync --extra video` in a checkout."
+    _msg = (
+        "The plots need matplotlib, which is not installed: pip install 'glbench[video]', "
+        "or `uv sync --inexact --extra video` in a checkout."
+    )
     raise GlbenchError(_msg) from error
 
 __all__ = ["Drawing", "climate", "controls", "money", "typical_day"]

@@ -44,7 +44,7 @@ def load_rerun() -> Any:
     except ImportError as error:
         msg = (
             "The viewer is not installed: it needs the package rerun-sdk. "
-            'Install it with `pip install "glbench[view]"`, or in a checkout with `uv sync --extra view`.'
+            'Install it with `pip install "glbench[view]"`, or in a checkout with `uv sync --inexact --extra view`.'
         )
         raise GlbenchError(msg) from error
 

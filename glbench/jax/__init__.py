@@ -12,7 +12,7 @@ try:
 except ImportError as error:
     _msg = (
         'glbench.jax needs JAX, which is not installed. Install it with `pip install "glbench[jax]"`, or in a checkout with '
-        "`uv sync --extra jax`."
+        "`uv sync --inexact --extra jax`."
     )
     raise GlbenchError(_msg) from error
 
