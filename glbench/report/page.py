@@ -147,7 +147,7 @@ def optional(name: str) -> Any:
     except ImportError as error:
         msg = (
             f"The report cannot be made: it needs the package {name.partition('.')[0]}. "
-            'Install it with `pip install "glbench[report]"`, or in a checkout with `uv sync --extra report`.'
+            'Install it with `pip install "glbench[report]"`, or in a checkout with `uv sync --inexact --extra report`.'
         )
         raise GlbenchError(msg) from error
 

@@ -186,9 +186,10 @@ def _period(task: TaskSpec, card: TaskCard | None) -> list[str]:
         place = f"{at.station}, {abs(at.latitude):g} {north}, {abs(at.longitude):g} {east}, {at.altitude:g} m"
     when = f"{weather.days} days, from {day(weather.start)} 00:00 to {day(end)} 00:00"
     if _drawn_period(task):
-        when = (
-            f"{period(task)}, {'another for every season' if task.scenario.generated else 'drawn evenly for every run'}"
-        )
+        scenario = task.scenario
+        varies = len(scenario.seasons) > 1 or scenario.start_within_days > 0
+        drawn = "another for every season" if scenario.generated else "drawn evenly" if varies else "the same"
+        when = f"{period(task)}, {drawn}{'' if scenario.generated else ' for every run'}"
     between = task.scenario.generated.co2_range if task.scenario.generated is not None else None
     co2 = f"{weather.co2_ppm:g} ppm" if between is None else f"wanders between {between[0]:g} and {between[1]:g} ppm"
     return [

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 _NOT_INSTALLED = (
     'Weights & Biases is not installed. Install it with `pip install "glbench[train,wandb]"`, '
-    "or in a checkout with `uv sync --extra train --extra wandb`."
+    "or in a checkout with `uv sync --inexact --extra train --extra wandb`."
 )
 _NOT_IN_AN_ID = re.compile(r"[^A-Za-z0-9_-]")
 

@@ -396,8 +396,9 @@ class _DryRun:
         if told["c"]:
             text = f"It connects to {', '.join(told['c'])}. In the evaluation there is no network: bring along what it needs."
             self._book.add([problem("surroundings", text)])
-        if told["w"]:
-            text = f"It writes to {', '.join(told['w'])}. In the evaluation only /tmp can be written to, and that is gone afterwards."
+        written = [file for file in told["w"] if "__pycache__" not in file]  # by Python, of what is imported first here
+        if written:
+            text = f"It writes to {', '.join(written)}. In the evaluation only /tmp can be written to, and that is gone afterwards."
             self._book.add([problem("surroundings", text)])
 
     def _book_printing(self) -> None:
