@@ -358,8 +358,11 @@ def name_of(place: Path) -> str:
     Raises
     ------
     SubmissionError
-        When it cannot be a name, or is that of a baseline or too much like it.
+        When it cannot be a name, or is that of a baseline or too much like it; or when ``place`` is a link, which has two names.
     """
+    if place.is_symlink():
+        msg = f"{place} is a link. Name the file or folder that it leads to, under whose name results are filed, or copy it."
+        raise SubmissionError(msg)
     resolved = place.resolve()
     name = resolved.stem if resolved.is_file() else resolved.name
     if not is_agent_name(name):

@@ -106,6 +106,17 @@ def test_links_to_files_without_end_are_not_followed(folder: Path, place: str, n
         read_identity(folder)
 
 
+def test_a_submission_that_is_itself_a_link_is_refused(folder: Path, tmp_path: Path) -> None:
+    for target in (folder, folder / "agent.py"):
+        link = tmp_path / f"eve{target.suffix}"
+        link.symlink_to(target)
+        for read in (identify, load_agent):
+            with pytest.raises(
+                SubmissionError, match=r"eve(\.py)? is a link\. Name the file or folder that it leads to"
+            ):
+                read(link)
+
+
 def test_a_file_beside_a_submission_that_is_a_link_to_elsewhere_is_refused(tmp_path: Path) -> None:
     (tmp_path / "anna").mkdir()
     (tmp_path / "anna" / "anna.onnx").write_bytes(b"x")
