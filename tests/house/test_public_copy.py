@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +17,7 @@ import pytest
 import yaml
 
 from glbench.cli.app import main
+from glbench.evaluation.sandbox.choosing import EXAMPLES
 
 ROOT = Path(__file__).resolve().parents[2]
 WORKFLOWS = {file.name: file for file in sorted((ROOT / ".github" / "workflows").glob("*.yml"))}
@@ -124,10 +128,12 @@ def test_code_of_a_pull_request_runs_in_the_sandbox_only() -> None:
             continue
         (first,) = taken
         rest = {"steps": steps[first:]}
-        assert 'git checkout --quiet "$HEAD" -- submissions' in commands(rest), "nothing but submissions is taken"
+        checkout = commands(rest).index('git checkout --quiet "$HEAD" -- submissions')  # nothing but submissions
+        assert commands(rest)[checkout - 1] == "git rm -rq submissions", "what the pull request deletes is gone"
         known = re.compile(
-            r'git (fetch|checkout) .*|\.ci/changed-submissions "\$BASE" "\$HEAD" \| tee changed\.txt'
-            r"|xargs -r -d '\\n' \.ci/submission < changed\.txt|mkdir posted|echo \"\$NUMBER\" > posted/number"
+            r'git (fetch|checkout) .*|git rm -rq submissions|\.ci/changed-submissions "\$BASE" "\$HEAD" \| tee changed\.txt'
+            r"|\[ -s changed\.txt \] \|\| \{ echo .*; exit 1; \}|xargs -r -d '\\n' \.ci/submission < changed\.txt"
+            r"|sed -E 's/[^']*' changed\.txt > posted/names|grep -ro '\"results_digest\": \"\[0-9a-f\]\*\"' .*"
             r"|(COLUMNS=120 NO_COLOR=1 )?uv run --no-sync glbench leaderboard .*|head -c \d+ reports/leaderboard\.md .*"
         )
         assert [line for line in commands(rest) if not known.fullmatch(line)] == []
@@ -153,6 +159,81 @@ def test_the_labels_and_names_that_the_workflows_wait_for_fit_together() -> None
     assert uploaded == {"posted", "results"}
     assert 'gh run download "$RUN" --name posted --dir posted' in commands(report["jobs"]["post"])
     assert "label `evaluate`" in (ROOT / ".github" / "pull_request_template.md").read_text(encoding="utf-8")
+
+
+def report(folder: Path, conclusion: str, **files: str) -> str:
+    """What the workflow posts after an evaluation that ended like that and left these files."""
+    (folder / "posted").mkdir()
+    for name, text in files.items():
+        (folder / "posted" / name).write_text(text)
+    stand_in(folder, "gh", "true")
+    (_, step) = read(WORKFLOWS["submission-report.yml"])["jobs"]["post"]["steps"]
+    own = {
+        "PATH": f"{folder}:{os.environ['PATH']}",
+        "GH_REPO": "a/b",
+        "CONCLUSION": conclusion,
+        "PAGE": "https://x.org",
+    }
+    done = subprocess.run(
+        ["bash", "-eo", "pipefail", "-c", step["run"]], cwd=folder, env=own, capture_output=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return (folder / "comment.md").read_text()
+
+
+def stand_in(folder: Path, name: str, *lines: str) -> None:
+    """A program of that name in ``folder``, in bash."""
+    (folder / name).write_text("\n".join(("#!/usr/bin/env bash", *lines, "")))
+    (folder / name).chmod(0o755)
+
+
+def test_the_report_of_a_success_names_what_was_evaluated_if_its_name_is_plain(tmp_path: Path) -> None:
+    names = "anna\nben_2\n@everybody\n[x](https://y.org)\n"
+    text = report(tmp_path, "success", number="12", names=names, **{"leaderboard.txt": "1 anna ~~~~~~ 7\n"})
+    assert text.startswith("Evaluated in the sandbox and reproduced from its record: anna ben_2. ")
+    assert "everybody" not in text
+    assert "y.org" not in text
+    assert "~~~~~~text\n1 anna ~~~ 7\n" in text
+
+
+@pytest.mark.parametrize("conclusion", ["failure", "cancelled", "timed_out"])
+def test_the_report_of_a_failure_is_one_sentence_of_our_own(tmp_path: Path, conclusion: str) -> None:
+    text = report(tmp_path, conclusion, number="12", names="anna\n", **{"leaderboard.txt": "1 anna"})
+    assert text.startswith("There is no result: ")
+    assert "[This run](https://x.org)" in text
+    assert "anna" not in text
+
+
+def test_the_number_for_the_report_is_kept_when_an_evaluation_fails() -> None:
+    steps = read(WORKFLOWS["submission-evaluate.yml"])["jobs"]["evaluate"]["steps"]
+    number = next(i for i, step in enumerate(steps) if "posted/number" in step.get("run", ""))
+    fetched = next(i for i, step in enumerate(steps) if "git fetch" in step.get("run", ""))
+    assert number < fetched
+    (posted,) = (step for step in steps if step.get("with", {}).get("name") == "posted")
+    assert posted["if"] == "always()"
+
+
+def test_a_pull_request_without_a_submission_is_no_success(tmp_path: Path) -> None:
+    steps = read(WORKFLOWS["submission-evaluate.yml"])["jobs"]["evaluate"]["steps"]
+    (line,) = (line for step in steps for line in step.get("run", "").splitlines() if "No submission changed" in line)
+    for text, code in (("", 1), ("submissions/anna.py\n", 0)):
+        (tmp_path / "changed.txt").write_text(text)
+        assert subprocess.run(["bash", "-ec", line], cwd=tmp_path, capture_output=True, check=False).returncode == code
+
+
+def test_the_page_of_a_run_has_the_digests_of_its_results(tmp_path: Path) -> None:
+    steps = read(WORKFLOWS["submission-evaluate.yml"])["jobs"]["evaluate"]["steps"]
+    (line,) = (line for step in steps for line in step.get("run", "").splitlines() if line.startswith("grep -ro"))
+    folder = tmp_path / "reports" / "results" / "Spring-v1"
+    folder.mkdir(parents=True)
+    released = next((ROOT / "reports/released/results/Spring-v1").glob("my_agent.json"))
+    (folder / "anna.json").write_bytes(released.read_bytes())
+    own = {"GITHUB_STEP_SUMMARY": str(tmp_path / "summary"), "PATH": os.environ["PATH"]}
+    subprocess.run(["bash", "-eo", "pipefail", "-c", line], cwd=tmp_path, env=own, check=True)
+    digest = json.loads(released.read_bytes())["results_digest"]
+    assert (
+        tmp_path / "summary"
+    ).read_text() == f'    reports/results/Spring-v1/anna.json:"results_digest": "{digest}"\n'
 
 
 def uv_commands() -> list[list[str]]:
@@ -217,8 +298,15 @@ def git(folder: Path, *words: str) -> str:
 
 @pytest.fixture
 def copy(tmp_path: Path) -> Path:
-    """A repository with two submissions and a baseline."""
-    for name in ("submissions/anna.py", "submissions/ben/agent.py", "baselines/grower/card.toml", "glbench.py"):
+    """A repository with two submissions, a baseline and a released result."""
+    for name in (
+        "submissions/anna.py",
+        "submissions/anna.toml",
+        "submissions/ben/agent.py",
+        "baselines/grower/card.toml",
+        "reports/released/results/Spring-v1/carl.json",
+        "glbench.py",
+    ):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("first\n")
     git(tmp_path, "init", "-q")
@@ -256,6 +344,9 @@ def test_changed_submissions_are_found_and_nothing_else(copy: Path) -> None:
         ("a b.py", "is refused"),
         ("grower.py", "is the name of a baseline"),
         ("alone.toml", "belongs to no submission"),
+        ("carl.py", "has a released result"),
+        ("Carl.py", "has a released result"),
+        *((f"{name}.py", "is the name of an example") for name in EXAMPLES),
     ],
 )
 def test_names_that_could_do_harm_are_refused(copy: Path, name: str, reason: str) -> None:
@@ -264,3 +355,111 @@ def test_names_that_could_do_harm_are_refused(copy: Path, name: str, reason: str
     result = changed(copy, base)
     assert result.returncode != 0
     assert reason in result.stderr
+
+
+@pytest.mark.parametrize("place", ["submissions/eve", "submissions/ben/weights.npz", "submissions"])
+def test_links_are_refused_wherever_they_are(copy: Path, tmp_path_factory: pytest.TempPathFactory, place: str) -> None:
+    base = git(copy, "rev-parse", "HEAD")
+    if (copy / place).is_dir():
+        shutil.rmtree(copy / place)
+    (copy / place).symlink_to(tmp_path_factory.mktemp("outside"))
+    result = changed(copy, base)
+    assert result.returncode != 0
+    assert result.stdout == ""
+    assert f"Links and submodules are refused, because they name what is somewhere else: {place}." in result.stderr
+
+
+def test_a_submodule_is_refused(copy: Path) -> None:
+    base = git(copy, "rev-parse", "HEAD")
+    git(copy, "update-index", "--add", "--cacheinfo", f"160000,{base},submissions/eve")
+    git(copy, "commit", "-qm", "second")
+    script = [str(ROOT / ".ci" / "changed-submissions"), base]
+    result = subprocess.run(["bash", *script], cwd=copy, capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stdout) == (1, "")
+    assert "Links and submodules are refused" in result.stderr
+
+
+def test_a_deleted_part_changes_its_submission_and_a_deleted_submission_is_none(copy: Path) -> None:
+    base = git(copy, "rev-parse", "HEAD")
+    (copy / "submissions" / "anna.toml").unlink()
+    shutil.rmtree(copy / "submissions" / "ben")
+    result = changed(copy, base)
+    assert (result.returncode, result.stdout.split()) == (0, ["submissions/anna.py"])
+
+
+def submission(folder: Path, *saved: str, **settings: str) -> tuple[subprocess.CompletedProcess[str], list[str]]:
+    """Run ``.ci/submission`` where an evaluation leaves the results ``saved``; and the commands of glbench that it ran."""
+    (folder / "submissions").mkdir()
+    (folder / "submissions" / "anna.py").write_text("")
+    results = " ".join(f"reports/results/{name}" for name in saved)
+    made = f"for file in {results}; do mkdir -p $(dirname $file); touch $file; done"
+    stand_in(folder, "uv", 'echo "${@:4}" >> ran', f'[ "$4" != evaluate ] || {{ mkdir -p reports/results; {made}; }}')
+    done = subprocess.run(
+        ["bash", str(ROOT / ".ci" / "submission"), "submissions/anna.py"],
+        cwd=folder,
+        env={"PATH": f"{folder}:{os.environ['PATH']}", **settings},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done, (folder / "ran").read_text().splitlines()
+
+
+def test_a_submission_without_a_result_of_its_name_is_no_success(tmp_path: Path) -> None:
+    done, ran = submission(tmp_path, "Spring-v1/target.json")
+    assert done.returncode == 1
+    assert "There is no result of 'anna' in reports/results" in done.stderr
+    assert not [line for line in ran if line.startswith(("verify", "leaderboard", "badge"))]
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({}, "badge anna --task glbench/Spring-v1"),
+        ({"TASK": "tasks/own.toml"}, "badge anna --task tasks/own.toml"),
+        ({"SUITE": "paper"}, "badge anna"),
+    ],
+    ids=["default", "file", "suite"],
+)
+def test_a_badge_is_drawn_whatever_names_the_task(tmp_path: Path, settings: dict[str, str], words: str) -> None:
+    done, ran = submission(tmp_path, "Own-v1/anna.json", **settings)
+    assert done.returncode == 0, done.stderr
+    assert "verify reports/results/Own-v1/anna.json" in ran
+    assert f"{words} --out reports --file reports/anna.badge.svg" in ran
+
+
+def ruff(*words: str, text: str) -> int:
+    name = words[-1]
+    command = [sys.executable, "-m", "ruff", *words[:-1], "--force-exclude", "--stdin-filename", name, "-"]
+    return subprocess.run(command, cwd=ROOT, input=text, capture_output=True, text=True, check=False).returncode
+
+
+@pytest.mark.parametrize("name", ["submissions/eve.py", "submissions/eve/deep/agent.py"])
+def test_the_style_of_others_fails_no_check(name: str) -> None:
+    text = "import os,sys\nclass  A:\n  pass\n"
+    assert ruff("check", "baselines/eve.py", text=text) != 0
+    assert ruff("format", "--check", "baselines/eve.py", text=text) != 0
+    assert ruff("check", name, text=text) == 0
+    assert ruff("format", "--check", name, text=text) == 0
+
+
+def test_the_linters_still_look_at_every_example_and_template() -> None:
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    (ours,) = re.findall(r"^ours=\(.*\)$", script, re.MULTILINE)
+    listed = subprocess.run(
+        ["bash", "-c", f'{ours}; printf "%s\n" "${{ours[@]}}"'], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    templates = {file.relative_to(ROOT).as_posix() for file in (ROOT / "submissions/templates").rglob("*.py")}
+    assert set(listed.stdout.split()) == templates | {f"submissions/{name}.py" for name in EXAMPLES}
+    assert re.findall(r"ruff (.*)", script) == ['check . "${ours[@]}"', 'format --check . "${ours[@]}"']
+
+
+def test_the_page_for_reports_in_private_names_no_address_and_links_to_what_is_there() -> None:
+    page, maintain = (ROOT / name for name in ("SECURITY.md", "docs/maintain.md"))
+    text = page.read_text(encoding="utf-8")
+    assert "Use GitHub's private vulnerability reporting" in text
+    assert not re.search(r"\S@\S|mailto|https?:", text)
+    for file, _, anchor in (target.partition("#") for target in re.findall(r"\]\(([^)]+)\)", text)):
+        headings = re.findall(r"^#+ (.*)$", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE)
+        assert not anchor or anchor in [heading.lower().replace(" ", "-") for heading in headings]
+    assert "`SECURITY.md`" in maintain.read_text(encoding="utf-8")
