@@ -59,13 +59,19 @@ def find_results(wanted: str, tasks: Sequence[str], reports: Path) -> list[Store
 
 
 def tables_by_name(tables: Sequence[TaskTable]) -> dict[str, TaskTable]:
-    """Tables by the id of their task and by its short form, which means the published task where several have it."""
+    """Tables by their board and by its short form, which means the published task where several have it.
+
+    A task whose only board is one of other draws (``ID@...``) is that board.
+    """
+    from glbench.leaderboard.collect import task_of_board
     from glbench.registration import task_ids
 
     published = task_ids()
     ordered = sorted(tables, key=lambda table: table.task_id in published)
-    short = {table.task_id.rpartition("/")[2]: table for table in ordered}
-    return {**short, **{table.task_id: table for table in tables}}
+    tasks = [task_of_board(table.task_id) for table in ordered]
+    only = {task: table for task, table in zip(tasks, ordered, strict=True) if tasks.count(task) == 1}
+    named = [*only.items(), *((table.task_id, table) for table in ordered)]
+    return {**{name.rpartition("/")[2]: table for name, table in named}, **dict(named)}
 
 
 def check_folder(out: Path) -> None:

@@ -175,7 +175,7 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
 
     A released result always keeps its place. The user's own evaluation of a built-in agent takes a place that is free, is not needed
     where it has the bits of the released one, and is left out where it differs. Whatever bears the name of a released agent and is
-    another one is left out.
+    another one is left out. In the folder of a sealed round, where all results are of one, only these are returned.
 
     Returns
     -------
@@ -216,6 +216,9 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
         single, doubles = _one_each(own, folder.parent)
         problems += doubles
         chosen = {**single, **chosen, **_confirmed(single, chosen)}
+    mine = {key: item for key, item in chosen.items() if not item.released}
+    if mine and all(item.result.task.salt_commitment for item in mine.values()):
+        chosen = mine
     kept, strangers = _one_version_each([chosen[key] for key in sorted(chosen)])
     return kept, (*problems, *strangers)
 
