@@ -180,6 +180,10 @@ def _by_names(tables: Sequence[TaskTable], wanted: Sequence[str]) -> list[TaskTa
     by_name = tables_by_name(tables)
     for name in wanted:
         if name not in by_name:
+            boards = [board for board in by_name if board.startswith(f"{name}@")]
+            if boards:
+                msg = f"'{name}' has several boards here, of sealed rounds or other splits. Name one: {', '.join(boards)}."
+                raise ResultError(msg)
             msg = f"There are no results of a task '{name}'.{did_you_mean(name, [table.task_id for table in tables])}"
             raise ResultError(msg)
     return list({by_name[name].task_id: by_name[name] for name in wanted}.values())
@@ -226,7 +230,7 @@ def _print_task(table: TaskTable, *, members: bool) -> None:
     from glbench.leaderboard import tables as t
 
     def agent(row: Row) -> str:
-        marks = " " * (not (row.privileged or row.unsandboxed)) + t.REPRODUCED_MARK
+        marks = " " * (t.agent_label(row) == t.entry_label(row)) + t.REPRODUCED_MARK
         return t.agent_label(row) + marks * row.reproduced
 
     def named(row: Row) -> str:

@@ -30,7 +30,7 @@ from glbench.untrusted import visible
 if TYPE_CHECKING:
     import pandas as pd
 
-PRIVILEGED_MARK, UNSANDBOXED_MARK, REPRODUCED_MARK, RANGE_MARK, SEEN_MARK = "†", "‡", "✓", "↔", "§"
+PRIVILEGED_MARK, UNSANDBOXED_MARK, REPRODUCED_MARK, RANGE_MARK, SEEN_MARK, FAILED_MARK = "†", "‡", "✓", "↔", "§", "✗"
 NONE = "–"
 OVERALL_NOTE = (
     "Overall 95 %: bootstrap interval of the mean over all that was drawn, and not the runs alone: whole groups of runs, where runs fall "
@@ -38,6 +38,7 @@ OVERALL_NOTE = (
     "covers the truth in about 60 of 100 cases, from three in about 80."
 )
 SEEN_NOTE = f"{SEEN_MARK} its training saw what it is judged by, as its card states: the test split, or weather of the years of that split."
+FAILED_NOTE = f"{FAILED_MARK} some runs failed: they count at the task's stated penalty."
 REGRET_NOTE = (
     "Regret: reward of the best known run with the same seed minus that of the run, mean over the runs. Its parts are the profit that is "
     "given away and the violations that are added. Who made a best known run may have known the whole season in advance. It is no bound: "
@@ -82,6 +83,7 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     name = "Profit" if priced == {True} else "EPI"
     rows = [row for table in tables for row in table.rows]
     extra = [OVERALL_NOTE] * any(map(_has_overall, rows)) + [SEEN_NOTE] * any(row.saw_scored for row in rows)
+    extra += [FAILED_NOTE] * any(row.failed for row in rows)
     extra += [REGRET_NOTE] * any(map(has_regret, tables))
     profit = profit or (_PROFIT if name == "Profit" else f"the profit: {_PROFIT}")
     words = catalogue(*tasks)
@@ -755,9 +757,9 @@ def entry_label(row: Row) -> str:
 
 
 def agent_label(row: Row) -> str:
-    """``entry_label`` with the marks of the privileged and the unsandboxed."""
+    """``entry_label`` with the marks of the privileged, the unsandboxed, those that saw scored runs, and those with failed runs."""
     marks = (PRIVILEGED_MARK if row.privileged else "") + (UNSANDBOXED_MARK if row.unsandboxed else "")
-    marks += SEEN_MARK if row.saw_scored else ""
+    marks += SEEN_MARK * bool(row.saw_scored) + FAILED_MARK * bool(row.failed)
     return f"{entry_label(row)} {marks}" if marks else entry_label(row)
 
 

@@ -58,6 +58,21 @@ def test_leaderboard(glbench: Command, stored: list[StoredResult]) -> None:
     assert '"gas_mean [m3 m-2]": 1.5' in glbench("leaderboard", "--task", "Meadow-v1", "--json").out
 
 
+def test_a_row_with_failed_runs_is_marked_also_where_no_column_says_so(
+    glbench: Command, stored: list[StoredResult], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stored.append(StoredResult(Path("failing.json"), make_result("failing", [40.0, 41.0], crashed=1)))
+    monkeypatch.setenv("COLUMNS", "60")
+    console.output.cache_clear()
+    done = glbench("leaderboard", "--task", "Meadow-v1")
+    assert done.code == 0, done.err
+    assert "No room for:" in done.out
+    names = {line.split()[1]: line.split()[2] for line in done.out.splitlines() if line.split()[:1] in (["1"], ["2"])}
+    assert names["failing"] == "✗"
+    assert names["usual"] != "✗"
+    assert "✗ some runs failed: they count at the task's stated penalty." in " ".join(done.out.split())
+
+
 def test_money_is_shown_as_far_as_it_is_known() -> None:
     lines = results.money_lines(OTHER, catalogue())
     assert [line.split()[0] for line in lines] == ["fruit", "lamps", "CO2"]
