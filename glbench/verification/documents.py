@@ -13,10 +13,11 @@ from glbench.episodes import ActionLog, Episode, read_episode, read_log
 from glbench.episodes.definition import task_of
 from glbench.episodes.header import PARTS
 from glbench.errors import EpisodeError, GlbenchError, ResultError
-from glbench.evaluation import Result, load_result
+from glbench.evaluation import Result, load_result, result_path
 from glbench.evaluation.episodes import run_facts
 from glbench.evaluation.metrics import with_missing_steps
 from glbench.registration import task_ids
+from glbench.resources import data_folder, is_released
 from glbench.tasks import Round, TaskSpec, get_task
 from glbench.verification.verdict import Agreement, cannot_tell, refute
 
@@ -36,6 +37,20 @@ def read_result(path: Path) -> Result:
         cannot_tell("no_result", str(error))
 
 
+def _how_to_get_the_record(path: Path, result: Result) -> str:
+    """What to do where the recorded actions are missing. Released results come without them."""
+    if not is_released(path):
+        return "Put the file back beside the result."
+    name, task = result.agent.name, result.task.id
+    ref = name if result.agent.kind == "baseline" else f"submissions/{name}"
+    if (data_folder("submissions") / f"{name}.py").is_file():
+        ref += ".py"
+    return (
+        f"Released results come without them. Evaluate the agent again with `glbench evaluate {ref} --task {task} --fresh --out again`, "
+        f"and compare the results_digest in {result_path(Path('again'), task, name)} with {result.results_digest}."
+    )
+
+
 def read_record(path: Path, result: Result) -> ActionLog:
     """The recorded actions of ``result``, after everything that can be compared without simulating."""
     if result.record is None:
@@ -44,7 +59,7 @@ def read_record(path: Path, result: Result) -> ActionLog:
         )
     file = path.with_name(result.record.file)
     if not file.exists():
-        cannot_tell("no_record", f"The recorded actions {file} are not there. Put the file back beside the result.")
+        cannot_tell("no_record", f"The recorded actions {file} are not there. {_how_to_get_the_record(path, result)}")
     try:
         log = read_log(file)
     except EpisodeError as error:

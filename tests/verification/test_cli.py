@@ -13,6 +13,7 @@ from glbench.cli.app import app
 from glbench.cli.console import messages, output
 from glbench.evaluation import result_path
 from glbench.leaderboard import collect_results, rank, to_frame, to_markdown
+from glbench.resources import data_folder
 from glbench.verification import proof_path, read_proof, save_proof, verify, was_reproduced
 from tests.verification.forging import record_of, rewrite, rewrite_record
 
@@ -85,6 +86,20 @@ def test_a_missing_record_leaves_with_2(wavy):
     done = run("verify", wavy)
     assert done.exit_code == 2
     assert "cannot tell" in done.stdout
+
+
+@pytest.mark.parametrize(("agent", "ref"), [("rule_based", "rule_based"), ("my_agent", "submissions/my_agent.py")])
+def test_a_released_result_says_how_to_get_its_record(agent, ref):
+    released = data_folder("reports/released/results") / "Spring-v1" / f"{agent}.json"
+    if record_of(released).exists():
+        pytest.skip("this copy has the record")
+    done = run("verify", released)
+    said = " ".join(done.stdout.split())
+    assert done.exit_code == 2
+    assert f"`glbench evaluate {ref} --task glbench/Spring-v1 --fresh --out again`" in said
+    digest = json.loads(released.read_bytes())["results_digest"]
+    assert f"compare the results_digest in again/results/Spring-v1/{agent}.json with {digest}." in said
+    assert "Put the file back" not in said
 
 
 def test_of_several_results_the_refuted_one_decides_and_all_are_judged(reports, day_task):
