@@ -107,8 +107,11 @@ def test_an_agent_that_hangs_costs_its_time_and_no_more(tmp_path: Path, day_task
     began = time.monotonic()
     before = "while True:\n    try: __import__('time').sleep(9)\n    except BaseException: pass\n"
     report = looked_at(tmp_path, day_task_file, "pass", sandbox, before=before, seconds=10.0)
-    assert [finding.subject for finding in report.problems] == ["time"]
-    assert "It did not come back while its file was loaded" in report.problems[0].text
+    assert [finding.subject for finding in report.problems] == ["loading"]
+    assert "It did not come back within 30 s while its file was loaded" in report.problems[0].text
+    assert "The limit of an evaluation is 5 min." in report.problems[0].text
+    assert "loading" in report.checked
+    assert "time" not in report.checked
     assert time.monotonic() - began < 240
 
 

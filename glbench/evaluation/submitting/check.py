@@ -233,11 +233,11 @@ class _DryRun:
         except SubmissionError as error:
             late = isinstance(error.__cause__, LostError) and error.__cause__.status == "timed_out"
             text = (
-                "It did not come back while its file was loaded or in make_agent: it hangs, waits for something, or this machine is too "
-                "busy for it to start."
+                f"It did not come back within {_duration(hasty.start)} while its file was loaded or in make_agent: it hangs, waits for "
+                f"something, or this machine is too busy for it to start. The limit of an evaluation is {_duration(self._limits.start)}."
             )
             told = f"The agent cannot be made{when}: {str(error).rstrip('.')}." if again else str(error)
-            self._book.add([problem("time", text) if late else problem("loading", told)])
+            self._book.add([problem("loading", text if late else told)])
             return False
         self._stack.callback(self._runner.close)  # it may have started another process
         failure = next(iter(self._runner.start()), None)
