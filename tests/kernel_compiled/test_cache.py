@@ -107,6 +107,12 @@ def test_a_compiler_that_does_not_exist_is_named(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.usefixtures("empty_cache")
+def test_no_compiler_can_be_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CXX", "none")
+    assert availability() == "CXX=none asks for no compiler. Unset it to use c++, g++ or clang++."
+
+
+@pytest.mark.usefixtures("empty_cache")
 def test_a_compiler_that_fails_is_quoted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     script = tmp_path / "failing"
     script.write_text(

@@ -82,7 +82,7 @@ def find_compiler() -> Compiler:
     Raises
     ------
     CompiledUnavailable
-        When there is none, or the one that CXX or CC names does not run.
+        When there is none, or the one that CXX or CC names does not run, or ``CXX=none`` asks for none.
     """
     return _find(os.environ.get("CXX", ""), os.environ.get("CC", ""), os.environ.get("PATH", ""))
 
@@ -103,7 +103,9 @@ def _find(cxx: str, cc: str, path: str) -> Compiler:
         place = shutil.which(command[0])
         if place is not None:
             broken.append(place)
-    if wish:
+    if cxx.strip() == "none":
+        msg = "CXX=none asks for no compiler. Unset it to use c++, g++ or clang++."
+    elif wish:
         msg = f"The compiler that {wish} asks for does not run. Correct the variable, or unset it to use c++, g++ or clang++."
     elif broken:
         msg = (
