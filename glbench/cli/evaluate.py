@@ -178,7 +178,9 @@ def _say_if_slow() -> None:
 
     reason = why_not_compiled()
     if reason is not None:
-        print_warning(f"{reason} Until then CasADi's own integrator steps the model: minutes instead of seconds.")
+        print_warning(
+            f"{reason} Until then CasADi's own integrator steps the model: half an hour instead of seconds for the default task."
+        )
 
 
 def _tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | None, split: str = "test") -> list[TaskSpec]:
