@@ -22,7 +22,7 @@ EXAMPLES: Final = {
     "energy_agent": "d63c9893025d52df52f5ec737098d3e0edfa8da2c51a41914489ad3cb3c2874f",
     "my_agent": "ba408deb1c674625d6159ecae8a43357fe56eabb27f2be95b7513351d89098e3",
     "pi_controller": "5dc7c819766dfdaa818e9ad939e5852b9a82a9aa233aa8321f9cb6ff7b578c1a",
-    "setpoints": "146bded6f6cecb3b680bc5b0d47c425a4cd19a27b81fa2ca3cda7a7b062df648",
+    "setpoints": "19428558fcc2e51e20502b4346ffcd377cd2811675b516e49417f2baf3d07b59",
 }
 """Examples that come with glbench, by name, and the digests that they have as long as nobody changed them."""
 
