@@ -186,7 +186,8 @@ def summary_table(result: Result, known: Catalogue) -> Table:
     )  # fmt: skip
     estimates, before, nothing = estimates_of(result), "", list[str]()
     for metric in shown_metrics(known, result.summary.mean, result.units):
-        if metric.kind in _MAY_BE_NOTHING and max(map(abs, result.values(metric.name))) < _NOTHING:
+        measured = metric.kind in _MAY_BE_NOTHING and metric.name in result.units
+        if measured and max(map(abs, result.values(metric.name))) < _NOTHING:
             line = metric.line.strip().lower()
             nothing += [line] if line not in nothing else []
             continue

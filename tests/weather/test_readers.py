@@ -59,22 +59,18 @@ def test_an_unknown_content_is_refused(tmp_path: Path) -> None:
         read_weather(path)
 
 
-@pytest.mark.parametrize(
-    "header", ["time,temp,rh", "Timestamp;Temp;RH", "# a remark\nDate,Temperature (C),Humidity (%)"]
-)
+@pytest.mark.parametrize("header", ["time,temp,rh", "# a remark\nDate,Temperature (C),Humidity (%)"])
 def test_a_plain_table_is_told_what_its_titles_should_be(tmp_path: Path, header: str) -> None:
-    row = "2024-05-01T01:00Z,9.4,88".replace(",", ";" if ";" in header else ",")
-    path = csv_file(tmp_path, f"{header}\n{row}\n")
+    path = csv_file(tmp_path, f"{header}\n2024-05-01T01:00Z,9.4,88\n")
     with pytest.raises(WeatherError) as refused:
         read_weather(path)
     words = str(refused.value)
     assert "expected: slot_end [UTC],air_temperature [degC],relative_humidity [%],wind_speed [m/s]," in words
-    if "," in header:
-        assert "Did you mean 'air_temperature [degC]'?" in words
-        assert "Did you mean 'relative_humidity [%]'?" in words
-        assert "Did you mean 'slot_end [UTC]'?" in words
-        assert "missing: air_temperature [degC], relative_humidity [%], wind_speed [m/s]" in words
-        assert f"found:    {header.splitlines()[-1]}" in words
+    assert "Did you mean 'air_temperature [degC]'?" in words
+    assert "Did you mean 'relative_humidity [%]'?" in words
+    assert "Did you mean 'slot_end [UTC]'?" in words
+    assert "missing: air_temperature [degC], relative_humidity [%], wind_speed [m/s]" in words
+    assert f"found:    {header.splitlines()[-1]}" in words
 
 
 def test_an_unknown_format_is_refused(tmp_path: Path) -> None:
