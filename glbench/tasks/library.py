@@ -86,12 +86,12 @@ def list_drafts() -> list[TaskSpec]:
 
 
 def list_suites() -> dict[str, tuple[str, ...]]:
-    """Names of the suites and the ids of their tasks."""
+    """Names of the suites and the ids of their tasks; those of the default task come first."""
     suites: dict[str, list[str]] = {}
-    for task in list_tasks():
+    for task in sorted(list_tasks(), key=lambda task: task.id != DEFAULT_TASK):
         for suite in task.suites:
             suites.setdefault(suite, []).append(task.id)
-    return {suite: tuple(ids) for suite, ids in suites.items()}
+    return {suite: tuple(sorted(ids)) for suite, ids in suites.items()}
 
 
 def get_suite(name: str) -> tuple[TaskSpec, ...]:
