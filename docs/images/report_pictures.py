@@ -23,7 +23,7 @@ TASK = "Schiphol2010-Delta10-v1"
 Picture = tuple[str, tuple[int, int], str, int | str]
 PICTURES: dict[str, Picture] = {
     "report-leaderboard": (f"#/{TASK}", (1250, 1340), "light", 0),
-    "report-overall": ("#/overall", (1250, 960), "light", 1910),
+    "report-overall": ("#/overall", (1250, 960), "light", "#profiles"),
     "report-compare": (f"#/compare/ppo/rule_based/{TASK}", (1250, 790), "light", 1040),
     "report-phone": (f"#/agent/ppo/{TASK}", (390, 1000), "dark", 0),
 }

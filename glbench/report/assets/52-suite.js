@@ -111,7 +111,7 @@ const profilePart = (suite) => {
   const shares = [0.5, 0.8, 0.9, 0.95, 1];
   const shareAbove = (name, wanted) => suite.profiles[name][0][Math.max(0, suite.thresholds.findLastIndex((value) => value <= wanted + 1e-9))];
   return [
-    h("h2", {}, "How often does an agent reach a score?"),
+    h("h2", { id: "profiles" }, "How often does an agent reach a score?"),
     h("p", { class: "soft" }, `Go along the scores: the height of a line is the share of an agent\u2019s runs that score more than that, averaged over the tasks (a performance profile), the band its 95 % interval over the ${wordsOf(suite).draws} and these trainings. A line that is higher everywhere belongs to the better agent; a slow fall means luck, a sudden one a steady hand.`),
     legend, h("div", { class: "fields tight" }, lens), h("figure", {}, place),
     h("details", { class: "data" }, h("summary", {}, "This figure as a table"), plainTable("Share of runs with a score above", ["Agent", ...shares.map((value) => number(value, 2))], Object.keys(suite.profiles).map((name) => [breakable(name), ...shares.map((value) => `${number(shareAbove(name, value) / 10, 0)}\u00a0%`)]))),
