@@ -66,7 +66,7 @@ class Machines:
             free.bind(("127.0.0.1", 0))
             self._port = free.getsockname()[1]
         self.address = f"127.0.0.1:{self._port}"
-        kept = {name: value for name, value in os.environ.items() if not name.startswith(("GLBENCH_", "RAY_"))}
+        kept = {name: value for name, value in os.environ.items() if not name.startswith(("GLBENCH_", "RAY_", "XDG_"))}
         self._ray = {
             "RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32), "RAY_ENABLE_UV_RUN_RUNTIME_ENV": "0",
             "RAY_enable_worker_prestart": "0", "RAY_worker_niceness": "0",

@@ -217,6 +217,7 @@ def test_a_training_goes_on_from_its_checkpoint_when_its_machine_is_lost(machine
 
 @pytest.mark.train
 def test_seeds_and_sweeps_are_trained_there_and_kept_here(machines: Machines, task: TaskSpec) -> None:
+    pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 is not installed")
     (machines.command_folder / "few.yml").write_text(SETTINGS.replace("4000", "96"), encoding="utf-8")
     there = ("--engine", "ray", "--address", machines.address)
     command = (
