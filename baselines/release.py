@@ -121,9 +121,13 @@ def main() -> int:
     if refused:
         log.info("%d of %d results are not released; the lines above say why", refused, len(jobs))
         return 1
-    older = unlike(arguments.out, work)
-    if older:
+    if edited := of_changed_checkouts(arguments.out):
+        log.info("Of a changed checkout: %s. Release them again.", ", ".join(edited))
+        return 1
+    if older := unlike(arguments.out, work):
         log.info("%d released results are of another build of the kernel, the first is %s", len(older), older[0])
+        if not (arguments.only or tasks):  # of a release of everything none may be left
+            return 1
     return write_tables(arguments.out)
 
 
@@ -188,15 +192,21 @@ def is_released(job: Job, out: Path, work: Path) -> bool:
 
 
 def unlike(out: Path, work: Path) -> list[str]:
-    """Results in ``out`` that stem from another build of the kernel than those in ``work``, or from a changed checkout."""
+    """Results in ``out`` that stem from another build of the kernel than those in ``work``."""
     ours = [item.result for item in read_folder(work / "results")[0]]
     builds = {model_of(result): result.evaluation.kernel["library_digest"] for result in ours}
     found = []
     for item in read_folder(out / "results")[0]:
-        build, git = item.result.evaluation.kernel.get("library_digest"), item.result.git
-        if git is None or git.dirty or builds.get(model_of(item.result), build) != build:
+        build = item.result.evaluation.kernel.get("library_digest")
+        if builds.get(model_of(item.result), build) != build:
             found.append(str(item.path.relative_to(out)))
     return found
+
+
+def of_changed_checkouts(out: Path) -> list[str]:
+    """Results in ``out`` that no commit stands for."""
+    stored = read_folder(out / "results")[0]
+    return [str(i.path.relative_to(out)) for i in stored if i.result.git is None or i.result.git.dirty]
 
 
 def copies(job: Job, work: Path, out: Path) -> list[tuple[Path, Path]]:

@@ -96,6 +96,13 @@ def test_builds_of_the_kernel_are_not_mixed(release, result, tmp_path):
     assert release.unlike(tmp_path / "out", tmp_path / "out") == []
 
 
+def test_a_released_result_of_a_changed_checkout_is_found(release, result, tmp_path):
+    save_result(result, tmp_path)
+    assert release.of_changed_checkouts(tmp_path) == []
+    save_result(result.model_copy(update={"git": GitState(commit="c" * 40, dirty=True)}), tmp_path)
+    assert release.of_changed_checkouts(tmp_path) == ["results/Schiphol2010-Delta10-v1/rule_based.json"]
+
+
 def test_what_is_copied_is_done_until_it_changes(release, result, tmp_path):
     job = release.Job("rule_based", result.task.id, None)
     for folder in ("work", "out"):
