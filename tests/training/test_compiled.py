@@ -245,7 +245,7 @@ def test_impossible_settings_are_refused_in_words(day: TaskSpec, tmp_path: Path)
 def test_the_shipped_settings_hold_for_shipped_tasks(name: str) -> None:
     task = get_task(name)
     settings = read_compiled_settings(None, task, steps=10_000)
-    assert settings.updates == 3
+    assert settings.updates == 2
     assert min(settings.seeds) >= 10_000_000_000
     if name == "Spring-v1":
         assert settings.accrual is not None
