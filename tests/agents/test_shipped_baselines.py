@@ -5,8 +5,10 @@ from __future__ import annotations
 import csv
 import json
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -14,7 +16,10 @@ from glbench.agents.baselines import read_baseline
 from glbench.agents.energy_rule_settings import read_energy_rule_page
 from glbench.agents.rule_settings import RuleSettings
 from glbench.agents.tuned_rule_settings import read_rule_page
-from glbench.tasks import get_task
+from glbench.env.generated import SeasonMaker
+from glbench.env.scenario import run_weather
+from glbench.env.weather_pool import WeatherPool
+from glbench.tasks import TaskSpec, get_task
 from glbench.training.card import digest_of_tasks, settings_digest
 from glbench.training.compiled_settings import NAME, read_compiled_settings
 from glbench.training.rule_search import Page, RuleSearchSettings, about_energy, reward_of
@@ -73,6 +78,43 @@ def test_a_shipped_training_is_of_the_settings_beside_it_but_for_their_seeds_and
     assert policy.is_file()
     if "settings" in card:
         assert (file.parent / card["settings"]).resolve() == policy
+
+
+@pytest.mark.parametrize("file", RECORDS, ids=lambda file: f"{file.parts[-3]}-{file.stem}")
+def test_nothing_was_trained_or_chosen_in_weather_of_a_test(file: Path) -> None:
+    card = tomllib.loads(file.read_text(encoding="utf-8"))
+    training, best = card["training"], card["best"]
+    for task_id in card["task"].get("ids") or [card["task"]["id"]]:
+        task = get_task(task_id)
+        if task.splits is None:  # the paper's: training and score share their only season
+            assert "split" not in training
+            continue
+        assert (training["split"], training["chosen_on"]) == ("training", "validation")
+        chosen_on = task.chosen_on
+        assert set(training["years"]) == set(task.season_years or ()) | set(chosen_on.season_years or ())
+        assert not set(training["years"]) & set(task.scored.season_years or ())
+        first = training.get("first_env_seed") or training["season_seeds"][0]
+        learnt, judged, scored = (first, first + 1), best["evaluation_seeds"], task.scored.evaluation.seeds
+        assert not {*learnt, *judged} & {*scored}
+        assert years_of_the_weather(task, learnt) | years_of_the_weather(chosen_on, judged[:2]) <= set(
+            training["years"]
+        )
+        assert years_of_the_weather(task.scored, scored[:2]) <= set(task.scored.season_years or ())
+
+
+def years_of_the_weather(task: TaskSpec, seeds: Sequence[int]) -> set[int]:
+    """Years of the days that the weather of the runs with these seeds was measured on."""
+    generated = task.scenario.generated
+    assert generated is not None
+    pool, found = WeatherPool.of(task), set[int]()
+    maker = SeasonMaker(task, task.season(task.scenario.seasons[0], 0).times[0])
+    for seed in seeds:
+        of_run = run_weather(task, seed)
+        season = maker.season((seed - generated.first_seed) % generated.seasons, pool.day * pool.days)
+        np.testing.assert_array_equal(season.values[: len(of_run.values)], of_run.values)
+        days = season.drawn.sources.astype("datetime64[D]")
+        found |= {int(year) for year in days.astype("datetime64[Y]").astype(np.int64) + 1970}
+    return found
 
 
 def test_every_shipped_policy_has_a_training_that_is_told() -> None:
