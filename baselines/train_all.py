@@ -93,7 +93,7 @@ def plan() -> list[Job]:
     seeds = [
         Job(recipe, _paper(level), seed) for seed in (1, 2) for level in SEEDED_LEVELS for recipe in ("ppo", "sac")
     ]
-    fast = [Job("ppo_fast", task, seed) for task in (*OF_CONTROL, _paper("10")) for seed in range(3)]
+    fast = [Job("ppo_fast", task, seed) for task in (*OF_CONTROL, *map(_paper, SEEDED_LEVELS)) for seed in range(3)]
     memory = [Job("ppo_memory", task, seed) for task in OF_CONTROL for seed in range(3)]
     long = [Job("ppo_long", task, seed) for task in OF_CONTROL[:3] for seed in range(3)]
     off_policy = [Job("sac_fast", task, 0) for task in OF_CONTROL]

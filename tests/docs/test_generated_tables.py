@@ -11,6 +11,7 @@ from docs import (
     realism_figure,
     realism_setpoints,
     speed_figure,
+    springs_table,
     study_figures,
     uncertainty_figures,
     weather_table,
@@ -40,6 +41,11 @@ def test_the_study_holds_the_released_results() -> None:
     assert study_figures.picture(study) == (DOCS / "images" / "study.svg").read_text(encoding="utf-8")
     for name in study.parts:  # and none of them lacks a place
         assert f"<!-- {name} -->" in page
+
+
+def test_the_table_of_unseen_springs_holds_the_measurements() -> None:
+    page = (DOCS / "training.md").read_text(encoding="utf-8")
+    assert springs_table.filled(page, springs_table.read()) == page
 
 
 def test_the_table_of_trajectories_holds_the_measurements() -> None:
