@@ -1,7 +1,8 @@
 """The agent behind the compiled PPO's policies: a network with what stands before and behind it, in one file without code in it.
 
 Before the network stand traces: running means of what sensors read, each with a time constant of its own. They are the policy's memory, and
-average noise. Behind it, what the network says is where a control should stand, and the action brings it there as fast as the task lets it.
+average noise. A recurrent unit may stand there too: what it remembers, it has learnt. Behind it, what the network says is where a control
+should stand, and the action brings it there as fast as the task lets it.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.agents.gru import Gru
 from glbench.agents.network_policy import NetworkPolicy
 from glbench.errors import ShapeError, SubmissionError
 
@@ -31,8 +33,8 @@ class Actor:
     Attributes
     ----------
     network
-        From the observed columns and, after them, the traces to one number an action. Its bounds are those of these numbers: 0 and 1 where
-        it says where the control should stand, those of the action elsewhere.
+        From the observed columns and, after them, the traces and the recurrent unit's memory to one number an action. Its bounds are those
+        of these numbers: 0 and 1 where it says where the control should stand, those of the action elsewhere.
     traced
         Columns that leave traces ``(t,)``.
     shares
@@ -42,6 +44,8 @@ class Actor:
         How far an action of 1 moves its control in a step ``(m,)``, of its range; 0 where the network gives the action itself.
     low, high
         Bounds of the actions ``(m,)``.
+    gru
+        The recurrent unit, which sees columns and traces as the network sees them; ``None`` for none.
     """
 
     network: NetworkPolicy
@@ -50,9 +54,10 @@ class Actor:
     max_change: Floats
     low: Floats
     high: Floats
+    gru: Gru | None = None
 
     def __post_init__(self) -> None:
-        columns = len(self.network.observation_names) - len(self.traced) * len(self.shares)
+        columns = len(self.columns)
         actions = len(self.network.action_names)
         well = (
             self.traced.ndim == 1
@@ -61,6 +66,7 @@ class Actor:
             and bool(((self.shares > 0) & (self.shares <= 1)).all())
             and {self.max_change.shape, self.low.shape, self.high.shape} == {(actions,)}
             and bool((self.max_change >= 0).all())
+            and (self.gru is None or len(self.gru.weights) + self.gru.units == len(self.network.observation_names))
         )
         if not well or not np.isfinite([self.low, self.high]).all():
             msg = (
@@ -72,8 +78,9 @@ class Actor:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the observed columns."""
+        units = 0 if self.gru is None else self.gru.units
         return self.network.observation_names[
-            : len(self.network.observation_names) - len(self.traced) * len(self.shares)
+            : len(self.network.observation_names) - units - len(self.traced) * len(self.shares)
         ]
 
     def why_not(self, task: TaskCard) -> str | None:
@@ -91,6 +98,8 @@ class Actor:
         """The policy as the bytes of its file; equal policies give equal bytes."""
         file = io.BytesIO()
         own = {name: getattr(self, name) for name in _OWN}
+        if self.gru is not None:
+            own |= {f"gru_{name}": getattr(self.gru, name) for name in _GRU}
         np.savez_compressed(file, allow_pickle=False, network=np.frombuffer(self.network.to_bytes(), np.uint8), **own)
         return file.getvalue()
 
@@ -107,13 +116,16 @@ class Actor:
             with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as found:
                 network = NetworkPolicy.from_bytes(found["network"].tobytes(), str(file))
                 traced, *numbers = (found[name] for name in _OWN)
-                return cls(network, traced.astype(np.int64), *(array.astype(np.float64) for array in numbers))
+                shares, max_change, low, high = (array.astype(np.float64) for array in numbers)
+                gru = Gru(*(found[f"gru_{name}"].astype(np.float32) for name in _GRU)) if "gru_bias" in found else None
+                return cls(network, traced.astype(np.int64), shares, max_change, low, high, gru)
         except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, ShapeError) as error:
             msg = f"{file} is no policy of glbench train ppo, or a damaged one: {error}. Train it anew."
             raise SubmissionError(msg) from error
 
 
 _OWN = ("traced", "shares", "max_change", "low", "high")
+_GRU = ("weights", "bias", "recurrent")
 
 
 @dataclass(frozen=True)
@@ -139,7 +151,7 @@ class ActorFiles:
 
 
 class ActorAgent:
-    """An ``Agent`` that does what its policy says, and keeps the traces and positions of every run.
+    """An ``Agent`` that does what its policy says, and keeps the traces, memory and positions of every run.
 
     Of several policies the one acts that was trained on the task itself; for another task with the same observations and actions, the
     first that fits. A reading that is missing (not finite) leaves a trace as it is, and counts as the
@@ -167,6 +179,7 @@ class ActorAgent:
         self.policy = min(fitting, key=lambda policy: policy.network.task_id != task.id)
         self._positions = np.zeros((n_runs, len(self.policy.max_change)))
         self._traces = np.full((n_runs, len(self.policy.shares), len(self.policy.traced)), np.nan)
+        self._memory = np.zeros((n_runs, 0 if self.policy.gru is None else self.policy.gru.units))
 
     def act(self, observations: NDArray[np.float32], /) -> Floats:
         """Actions (n_runs, actions).
@@ -188,7 +201,10 @@ class ActorAgent:
         traces = np.where(np.isnan(traces), read, np.where(np.isfinite(read), moved, traces))
         self._traces = traces
         seen = np.concatenate([given, traces.reshape(len(given), -1)], axis=1)
-        wanted = policy.network.act(np.where(np.isfinite(seen), seen, policy.network.mean))
+        seen = np.where(np.isfinite(seen), seen, policy.network.mean[: seen.shape[1]])
+        if policy.gru is not None:
+            self._memory = policy.gru(policy.network.normalised(seen), self._memory)
+        wanted = policy.network.act(np.concatenate([seen, self._memory], axis=1))
         steered = policy.max_change > 0
         change = np.where(steered, policy.max_change, 1.0)
         actions: Floats = np.where(steered, (wanted - self._positions) / change, wanted)

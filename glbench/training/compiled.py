@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents.actor import Actor, ActorAgent
+from glbench.agents.gru import Gru
 from glbench.agents.network_policy import NetworkPolicy
 from glbench.errors import ShapeError, TrainingError
 from glbench.resources import write_atomically
@@ -125,6 +126,7 @@ class _Training:
         columns, layers, names = learning.columns, learning.weights["actor"], card.observation_names
         hours, steered = self.settings.memory.hours, learner.max_change > 0
         mean, spread = np.asarray(columns.mean, np.float64), np.sqrt(np.asarray(columns.variance, np.float64))
+        units, varying = self.settings.memory.gru, spread > _STEADY * np.abs(mean)
         low, high = card.action_bounds
         try:
             network = NetworkPolicy(
@@ -133,12 +135,13 @@ class _Training:
                 observation_names=(
                     *names,
                     *(f"{names[i]}, mean of {hour:g} h" for hour in hours for i in learner.traced),
+                    *(f"memory {i}" for i in range(units)),
                 ),
                 action_names=card.action_names,
                 low=np.where(steered, 0.0, low),
                 high=np.where(steered, 1.0, high),
-                mean=mean,
-                scale=np.asarray(learner.scale(columns), np.float64),
+                mean=np.append(mean, np.zeros(units)),
+                scale=np.append(np.asarray(learner.scale(columns), np.float64), np.ones(units)),
                 clip=self.settings.normalize.clip_observations,
                 weights=tuple(np.asarray(weights) for weights, _ in layers),
                 biases=tuple(np.asarray(bias) for _, bias in layers),
@@ -151,18 +154,23 @@ class _Training:
                     "task_digest": self.task.digest,
                 },
             )
+            gru = self._gru(varying) if units else None
         except ShapeError as error:
             msg = (
                 f"The training diverged within {self.steps:,} steps: {error} Lower the learning rate, or max_grad_norm."
             )
             raise TrainingError(msg) from error
-        network = without_steady_columns(network, spread > _STEADY * np.abs(mean))
-        return Actor(network, learner.traced, learner.shares, learner.max_change, low, high)
+        network = without_steady_columns(network, np.append(varying, np.ones(units, np.bool_)))
+        return Actor(network, learner.traced, learner.shares, learner.max_change, low, high, gru)
+
+    def _gru(self, varying: NDArray[np.bool_]) -> Gru:
+        of = {name: np.asarray(value) for name, value in self._learning.weights["gru"].items()}
+        return Gru(np.where(varying[:, None], of["weights"], np.float32(0.0)), of["bias"], of["recurrent"])
 
     def evaluate(self, policy: Actor) -> CurvePoint:
         """A point of the learning curve."""
         with self.history.time.spend("evaluation"):
-            agent = ActorAgent(replace(policy, network=_quick(policy.network)))
+            agent = ActorAgent(_quick(policy))
             agent.reset(task_card(self.task), len(self._probe.seeds))
             result = self._probe.of(agent.act)
         if self.steps >= self.history.next_evaluation:  # an end between two evaluations does not shift them
@@ -258,15 +266,32 @@ class _QuickNetwork(NetworkPolicy):
     """Acts like the network up to rounding: ``NetworkPolicy`` gives the same bits everywhere, but takes far longer."""
 
     def act(self, observations: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-        x = np.clip((observations - self.mean) / self.scale, -self.clip, self.clip)
+        x = self.normalised(observations)
         *hidden, (weights, biases) = zip(self.weights, self.biases, strict=True)
         for matrix, bias in hidden:
             x = np.tanh(x @ matrix + bias)
         return np.clip(x @ weights + biases, self.low, self.high)
 
 
-def _quick(network: NetworkPolicy) -> NetworkPolicy:
-    return _QuickNetwork(**{field.name: getattr(network, field.name) for field in fields(network)})
+class _QuickGru(Gru):
+    """Remembers like the recurrent unit up to rounding."""
+
+    def __call__(self, seen: NDArray[np.float64], memory: NDArray[np.float64]) -> NDArray[np.float64]:
+        keep, reset, new = np.split(seen @ self.weights + self.bias, 3, axis=1)
+        keep_too, reset_too, new_too = np.split(memory @ self.recurrent, 3, axis=1)
+        new = np.tanh(new + _sigmoid(reset + reset_too) * new_too)
+        result: NDArray[np.float64] = new + _sigmoid(keep + keep_too) * (memory - new)
+        return result
+
+
+def _sigmoid(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    return 0.5 + 0.5 * np.tanh(0.5 * x)
+
+
+def _quick(policy: Actor) -> Actor:
+    network = _QuickNetwork(**{field.name: getattr(policy.network, field.name) for field in fields(policy.network)})
+    gru = policy.gru and _QuickGru(policy.gru.weights, policy.gru.bias, policy.gru.recurrent)
+    return replace(policy, network=network, gru=gru)
 
 
 def _digest(facts: dict[str, Any], leaves: Sequence[NDArray[Any]]) -> str:

@@ -32,11 +32,13 @@ COMPILED = "compiled"
 
 
 class Memory(FrozenSettings):
-    """Traces that the policy keeps: for every column, a running mean with each of the time constants."""
+    """What the policy remembers: for every column, running means with each of the time constants; and what it learns to remember."""
 
     hours: tuple[float, ...] = ()
     """Time constants [h]."""
     columns: tuple[str, ...] = ("air_temperature", "co2", "relative_humidity")
+    gru: int = Field(default=0, ge=0, exclude_if=lambda units: units == 0)
+    """Units of a gated recurrent unit that actor and critic also see; 0 for none."""
 
     @field_validator("hours")
     @classmethod
@@ -113,6 +115,9 @@ class CompiledSettings(FrozenSettings):
     def _whole_batches(self) -> Self:
         if self.rollout % self.batch_size:
             msg = f"'batch_size: {self.batch_size}' does not divide the {self.rollout} steps of a rollout (n_envs times n_steps)"
+            raise ValueError(msg)
+        if self.memory.gru and self.batch_size % self.n_steps:
+            msg = f"with 'memory.gru', a batch has whole sequences: 'n_steps: {self.n_steps}' divides 'batch_size: {self.batch_size}'"
             raise ValueError(msg)
         if not (self.normalize.observations and self.normalize.rewards):
             msg = "the compiled PPO always normalises observations and rewards; leave out the keys that switch this off"

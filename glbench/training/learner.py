@@ -73,6 +73,8 @@ class Greenhouses(NamedTuple):
     """Whether an episode begins here, so that ``told`` belongs to an earlier one."""
     discounted: Any
     """Rewards so far, discounted."""
+    memory: Any
+    """Of the recurrent unit, before what is seen now; ``None`` without one."""
 
 
 class Learning(NamedTuple):
@@ -177,15 +179,17 @@ class Learner:
     def begin(self, key: Any) -> Learning:
         """An untrained learner, its greenhouses spread over seasons."""
         s, environment = self.settings, self.environment
-        inputs, actions = len(self.least_scale), environment.num_actions
+        inputs, actions, units = len(self.least_scale), environment.num_actions, s.memory.gru
         keys = jax.random.split(key, 3)
-        actor = _network(keys[0], [inputs, *s.net_arch, actions], last=0.01)
+        actor = _network(keys[0], [inputs + units, *s.net_arch, actions], last=0.01)
         actor[-1] = (actor[-1][0], jnp.where(self.max_change > 0, 0.5, 0.0).astype(np.float32))
         weights = {
             "actor": actor,
-            "critic": _network(keys[1], [inputs + len(s.critic_sees), *s.net_arch, 1], last=1.0),
+            "critic": _network(keys[1], [inputs + len(s.critic_sees) + units, *s.net_arch, 1], last=1.0),
             "spread": jnp.full(actions, s.log_std_init, np.float32),
         }
+        if units:
+            weights["gru"] = _gru(jax.random.fold_in(key, 0), inputs, units)
         nothing = jax.tree.map(jnp.zeros_like, weights)
         observation, state = jax.vmap(environment.reset)(jax.random.split(keys[2], s.n_envs))
         none = jnp.zeros(s.n_envs)
@@ -196,6 +200,7 @@ class Learner:
             dict.fromkeys(environment.info, none),
             jnp.ones(s.n_envs, jnp.bool_),
             none,
+            jnp.zeros((s.n_envs, units)) if units else None,
         )
         return Learning(
             weights,
@@ -225,7 +230,11 @@ class Learner:
         last = self._value(learning, now)[1]
         gain = self._advantages(all_of.value, scaled, all_of.done, last)
         of_batch = all_of.actor_input, all_of.critic_input, all_of.given, all_of.likelihood, gain, gain + all_of.value
-        rows = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), of_batch)
+        if s.memory.gru:  # a row is the sequence of a greenhouse
+            rows = jax.tree.map(lambda a: a.swapaxes(0, 1), (*of_batch, all_of.done)), learning.now.memory
+        else:
+            rows = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), of_batch)
+        n_rows, n_batches = s.n_envs if s.memory.gru else s.rollout, s.rollout // s.batch_size
         rate = s.learning_rate + (s.last_learning_rate - s.learning_rate) * share
 
         def batch(learner: Any, chosen: Any) -> Any:
@@ -234,7 +243,7 @@ class Learner:
             return self._adam(weights, moments, gradient, rate), None
 
         def epoch(learner: Any, key: Any) -> Any:
-            return jax.lax.scan(batch, learner, jax.random.permutation(key, s.rollout).reshape(-1, s.batch_size))
+            return jax.lax.scan(batch, learner, jax.random.permutation(key, n_rows).reshape(n_batches, -1))
 
         (weights, moments), _ = jax.lax.scan(epoch, (learning.weights, learning.moments), keys[s.n_steps :])
         columns = learning.columns.with_rows(all_of.seen.reshape(s.rollout, -1))
@@ -256,20 +265,22 @@ class Learner:
         names = self.settings.critic_sees
         return jnp.stack([now.told[name] for name in names], 1) if names else jnp.zeros((len(now.begun), 0))
 
-    def _value(self, learning: Learning, now: Greenhouses) -> tuple[Any, Any, Any]:
-        """Input of the critic, its output, and the part of the input that the actor sees."""
+    def _value(self, learning: Learning, now: Greenhouses) -> tuple[Any, Any, Any, Any]:
+        """Input of the critic and its output, input of the actor, and the memory that both see besides."""
         actor_input, told = self._seen(learning.columns, now.seen), learning.told
         limit = self.settings.normalize.clip_observations
         floor = _LEAST * jnp.abs(told.mean) + _TINY
         besides = jnp.clip((self._told(now) - told.mean) / jnp.sqrt(told.variance + floor**2), -limit, limit)
         critic_input = jnp.concatenate([actor_input, jnp.where(now.begun[:, None], 0.0, besides)], 1)
-        return critic_input, _apply(learning.weights["critic"], critic_input)[:, 0], actor_input
+        memory = None if now.memory is None else _remember(learning.weights["gru"], actor_input, now.memory)
+        value = _apply(learning.weights["critic"], _beside(critic_input, memory))[:, 0]
+        return critic_input, value, actor_input, memory
 
     def _step(self, learning: Learning, now: Greenhouses, key: Any) -> tuple[Greenhouses, Rollout]:
         """One step of all greenhouses with the noise of exploration."""
         s, keys = self.settings, jax.random.split(key, self.settings.n_envs + 1)
-        critic_input, value, actor_input = self._value(learning, now)
-        mean, spread = _apply(learning.weights["actor"], actor_input), learning.weights["spread"]
+        critic_input, value, actor_input, memory = self._value(learning, now)
+        mean, spread = _apply(learning.weights["actor"], _beside(actor_input, memory)), learning.weights["spread"]
         given = mean + jnp.exp(spread) * jax.random.normal(keys[0], mean.shape)
         action, positions = self._act(given, now.positions)
         observation, state, reward, done, info = jax.vmap(self.environment.step)(keys[1:], now.state, action)
@@ -288,6 +299,7 @@ class Learner:
             {name: info[name] for name in now.told},
             done,
             jnp.where(done, 0.0, discounted),
+            None if memory is None else jnp.where(done[:, None], 0.0, memory),
         )
         likelihood = _log_likelihood(mean, spread, given)
         return after, Rollout(
@@ -325,8 +337,23 @@ class Learner:
         told = value, reward, 1.0 - done
         return jax.lax.scan(back, (jnp.zeros_like(last), last), told, reverse=True)[1]
 
+    def _replayed(self, weights: Any, sequences: Any) -> Any:
+        """The batch of the steps of sequences, with what the recurrent unit remembers at each: gradients go through all of them."""
+        (actor_input, critic_input, *others, done), memory = sequences
+        told = _read(weights["gru"], actor_input).swapaxes(0, 1), done.swapaxes(0, 1)[..., None]
+
+        def step(memory: Any, now: Any) -> Any:
+            after = _renewed(weights["gru"], now[0], memory)
+            return jnp.where(now[1], 0.0, after), after
+
+        memories = jax.lax.scan(step, memory, told)[1].swapaxes(0, 1)
+        batch = _beside(actor_input, memories), _beside(critic_input, memories), *others
+        return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), batch)
+
     def _loss(self, weights: Any, batch: Any) -> Any:
         s = self.settings
+        if s.memory.gru:
+            batch = self._replayed(weights, batch)
         actor_input, critic_input, given, before, gain, target = batch
         gain = (gain - gain.mean()) / (gain.std() + _TINY)
         ratio = jnp.exp(_log_likelihood(_apply(weights["actor"], actor_input), weights["spread"], given) - before)
@@ -370,6 +397,37 @@ def _apply(network: list[tuple[Any, Any]], x: Any) -> Any:
     for weights, bias in network[:-1]:
         x = jnp.tanh(x @ weights + bias)
     return x @ network[-1][0] + network[-1][1]
+
+
+def _gru(key: Any, inputs: int, units: int) -> dict[str, Any]:
+    """Weights of a gated recurrent unit, as ``glbench.agents.gru`` has them: orthogonal; at first it keeps three quarters in a step."""
+    keys, initial = jax.random.split(key, 6), jax.nn.initializers.orthogonal()
+    return {
+        "weights": jnp.concatenate([initial(one, (inputs, units), jnp.float32) for one in keys[:3]], 1),
+        "bias": jnp.zeros(3 * units).at[:units].set(1.0),
+        "recurrent": jnp.concatenate([initial(one, (units, units), jnp.float32) for one in keys[3:]], 1),
+    }
+
+
+def _read(gru: dict[str, Any], seen: Any) -> Any:
+    """What is seen, as the gates get it: for all steps at once."""
+    return seen @ gru["weights"] + gru["bias"]
+
+
+def _renewed(gru: dict[str, Any], read: Any, memory: Any) -> Any:
+    """The memory after ``read``."""
+    keep, reset, new = jnp.split(read, 3, -1)
+    keep_too, reset_too, new_too = jnp.split(memory @ gru["recurrent"], 3, -1)
+    new = jnp.tanh(new + jax.nn.sigmoid(reset + reset_too) * new_too)
+    return new + jax.nn.sigmoid(keep + keep_too) * (memory - new)
+
+
+def _remember(gru: dict[str, Any], seen: Any, memory: Any) -> Any:
+    return _renewed(gru, _read(gru, seen), memory)
+
+
+def _beside(x: Any, memory: Any) -> Any:
+    return x if memory is None else jnp.concatenate([x, memory], -1)
 
 
 def _log_likelihood(mean: Any, spread: Any, action: Any) -> Any:

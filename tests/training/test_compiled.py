@@ -13,6 +13,7 @@ import pytest
 
 from glbench.agents import load_agent
 from glbench.agents.actor import Actor, ActorAgent
+from glbench.agents.gru import Gru
 from glbench.env import GreenhouseVectorEnv
 from glbench.errors import TrainingError
 from glbench.kernel import why_not_compiled
@@ -26,9 +27,9 @@ pytestmark = [
     pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled())),
 ]
 
-from glbench.training.compiled import _Training, train_compiled  # noqa: E402
+from glbench.training.compiled import _quick, _Training, train_compiled  # noqa: E402
 from glbench.training.compiled_settings import CompiledSettings, read_compiled_settings  # noqa: E402
-from glbench.training.learner import Learner, Statistics, steps_of_controls  # noqa: E402
+from glbench.training.learner import Greenhouses, Learner, Statistics, _apply, steps_of_controls  # noqa: E402
 
 TINY = """
 default:
@@ -45,6 +46,7 @@ test/Day-v1:
   accrual: {state: cBuf, price: 5.5e-4}
 """
 MEMORY = "  memory: {hours: [1, 4]}\n  critic_sees: [tAir, epi]\n"
+GRU = "  memory: {hours: [1, 4], gru: 8}\n  critic_sees: [tAir, epi]\n"
 
 
 def tiny(day: TaskSpec, folder: Path, more: str = "") -> CompiledSettings:
@@ -186,6 +188,56 @@ def test_a_policy_with_a_memory_acts_as_it_learnt_to(day: TaskSpec, tmp_path: Pa
     assert np.allclose(agent._traces.reshape(16, -1), np.asarray(rollout.seen)[-1, :, columns:], rtol=1e-5)
 
 
+def test_a_recurrent_unit_remembers_what_it_did_in_training(day: TaskSpec, tmp_path: Path) -> None:
+    """In the rollout, when a batch is replayed, and in the agent of the file."""
+    trained = train_compiled(day, tiny(day, tmp_path, GRU), tmp_path / "run", seed=3)
+    assert trained.learnt
+    actor = Actor.at(trained.folder / "policy.npz")
+    assert actor.gru is not None
+    assert actor.to_bytes() == (trained.folder / "policy.npz").read_bytes()
+
+    learner = Learner.of(day, tiny(day, tmp_path, GRU + "  places: 4\n"))
+    begun = learner.begin(jax.random.key(0))
+    weights = {**begun.weights, "spread": jax.numpy.full(6, -30.0)}
+    quiet = begun._replace(weights=weights, columns=begun.columns._replace(mean=begun.now.seen.mean(0)))
+
+    def step(now: Greenhouses, key: object) -> object:
+        return learner._step(quiet, now, key)
+
+    now, rollout = jax.lax.scan(step, quiet.now, jax.random.split(jax.random.key(1), 40))
+    assert rollout.done.any(), "seasons begin in between"
+    told = rollout.actor_input, rollout.critic_input, rollout.given, rollout.done
+    rows = jax.tree.map(lambda a: a.swapaxes(0, 1), told), quiet.now.memory
+    actor_input, _, given = learner._replayed(weights, rows)
+    assert np.allclose(_apply(weights["actor"], actor_input), given, atol=1e-5)
+
+    columns, units = len(actor.columns), 8
+    network = replace(
+        actor.network,
+        mean=np.append(quiet.columns.mean, np.zeros(units)),
+        scale=np.append(learner.scale(quiet.columns), np.ones(units)),
+        weights=tuple(np.asarray(weights) for weights, _ in weights["actor"]),
+        biases=tuple(np.asarray(bias) for _, bias in weights["actor"]),
+    )
+    gru = Gru(*(np.asarray(weights["gru"][name]) for name in ("weights", "bias", "recurrent")))
+    exact = replace(actor, network=network, gru=gru)
+    whole = ~np.asarray(rollout.done).any(0)
+    for policy in (exact, _quick(exact)):
+        agent = ActorAgent(policy)
+        agent.reset(task_card(day), 16)
+        for seen in np.asarray(rollout.seen):
+            agent.act(seen[:, :columns])
+        assert np.abs(agent._memory).max() > 0.1
+        assert np.allclose(agent._memory[whole], now.memory[whole], atol=1e-4)
+        assert np.allclose(agent._positions[whole], now.positions[whole], atol=1e-4)
+
+
+def test_settings_without_a_recurrent_unit_keep_their_digest(day: TaskSpec, tmp_path: Path) -> None:
+    assert "gru" not in tiny(day, tmp_path, MEMORY).model_dump(mode="json")["memory"]
+    assert tiny(day, tmp_path, GRU).model_dump(mode="json")["memory"]["gru"] == 8
+    assert tiny(day, tmp_path, GRU).digest != tiny(day, tmp_path, MEMORY).digest
+
+
 def test_the_critic_alone_sees_what_is_told(day: TaskSpec, tmp_path: Path) -> None:
     learner = Learner.of(day, tiny(day, tmp_path, MEMORY))
     learning = learner.begin(jax.random.key(0))
@@ -226,6 +278,7 @@ def test_impossible_settings_are_refused_in_words(day: TaskSpec, tmp_path: Path)
         "  batch_size: 50\n": "'batch_size: 50' does not divide the 192 steps of a rollout",
         "  first_env_seed: 666\n": "666 is not a seed for training",
         "  learning_rat: 1e-3\n": "There is no setting 'learning_rat'. Did you mean 'learning_rate'",
+        "  memory: {gru: 8}\n  batch_size: 32\n": "a batch has whole sequences: 'n_steps: 12' divides 'batch_size: 32'",
         "  memory: {hours: [1, -4]}\n": "time constants are positive numbers of hours, not 1, -4",
         "  normalize: {rewards: false}\n": "always normalises observations and rewards",
     }.items():
@@ -261,9 +314,10 @@ def test_what_the_compiled_kernel_cannot_step_is_referred_to_stable_baselines3(d
             Learner.of(day, tiny(day, tmp_path))
 
 
-def test_an_update_is_compiled_once(day: TaskSpec, tmp_path: Path) -> None:
+@pytest.mark.parametrize("memory", [MEMORY, GRU])
+def test_an_update_is_compiled_once(day: TaskSpec, tmp_path: Path, memory: str) -> None:
     """What it takes and what it returns have the same types; weak ones count, or the second update would be compiled again."""
-    learner = Learner.of(day, tiny(day, tmp_path, MEMORY))
+    learner = Learner.of(day, tiny(day, tmp_path, memory))
     begun = jax.eval_shape(learner.begin, jax.random.key(0))
     after, _ = jax.eval_shape(learner.update, begun, jax.random.key(0), 0.0)
     kinds = [[(leaf.shape, leaf.dtype, leaf.weak_type) for leaf in jax.tree.leaves(one)] for one in (begun, after)]
