@@ -71,7 +71,7 @@ class Actor:
         if not well or not np.isfinite([self.low, self.high]).all():
             msg = (
                 f"A policy of {columns} columns and {actions} actions cannot have traces of the columns {self.traced.tolist()} with shares "
-                f"{self.shares.tolist()}, nor changes of {self.max_change.tolist()} a step."
+                f"{self.shares.tolist()}, changes of {self.max_change.tolist()} a step, or a recurrent unit of other sizes."
             )
             raise ShapeError(msg)
 
@@ -203,7 +203,7 @@ class ActorAgent:
         seen = np.concatenate([given, traces.reshape(len(given), -1)], axis=1)
         seen = np.where(np.isfinite(seen), seen, policy.network.mean[: seen.shape[1]])
         if policy.gru is not None:
-            self._memory = policy.gru(policy.network.normalised(seen), self._memory)
+            self._memory = policy.gru(_normalised(policy.network, seen), self._memory)
         wanted = policy.network.act(np.concatenate([seen, self._memory], axis=1))
         steered = policy.max_change > 0
         change = np.where(steered, policy.max_change, 1.0)
@@ -211,3 +211,10 @@ class ActorAgent:
         actions = np.clip(actions, policy.low, policy.high)
         self._positions = np.clip(self._positions + change * actions, 0.0, 1.0)
         return actions
+
+
+def _normalised(network: NetworkPolicy, seen: Floats) -> Floats:
+    """The first columns of what a network sees, as its first layer gets them."""
+    columns = seen.shape[1]
+    x: Floats = np.clip((seen - network.mean[:columns]) / network.scale[:columns], -network.clip, network.clip)
+    return x

@@ -164,7 +164,7 @@ _CONTROLLERS = {
         information="observations and the public task card",
         reader=("actor", "ActorFiles.at"),
         maker=("actor", "ActorAgent"),
-        modules=("exact_math.py", "network_policy.py", "actor.py"),
+        modules=("exact_math.py", "network_policy.py", "gru.py", "actor.py"),
     ),
     "grower": _Controller(
         sees="observations",

@@ -98,12 +98,6 @@ def silu(x: Floats) -> Floats:
     return x / (1.0 + exp(-x))
 
 
-def sigmoid(x: Floats) -> Floats:
-    """``1 / (1 + exp(-x))``."""
-    result: Floats = 1.0 / (1.0 + exp(-x))
-    return result
-
-
 def tanh(x: Floats) -> Floats:
     """Hyperbolic tangent; absolute error below 1e-15."""
     return 1.0 - 2.0 / (exp(2.0 * x) + 1.0)

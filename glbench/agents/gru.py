@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.agents.exact_math import ExactLinear, sigmoid, tanh
+from glbench.agents.exact_math import ExactLinear, exp, tanh
 from glbench.errors import ShapeError
 
 Floats = NDArray[np.float64]
@@ -50,6 +50,10 @@ class Gru:
         of_seen, of_memory = self._layers  # type: ignore[attr-defined]
         keep, reset, new = np.split(of_seen(seen), 3, axis=1)
         keep_too, reset_too, new_too = np.split(of_memory(memory), 3, axis=1)
-        new = tanh(new + sigmoid(reset + reset_too) * new_too)
-        result: Floats = new + sigmoid(keep + keep_too) * (memory - new)
+        new = tanh(new + _sigmoid(reset + reset_too) * new_too)
+        result: Floats = new + _sigmoid(keep + keep_too) * (memory - new)
         return result
+
+
+def _sigmoid(x: Floats) -> Floats:
+    return 1.0 / (1.0 + exp(-x))

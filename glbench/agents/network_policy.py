@@ -93,7 +93,8 @@ class NetworkPolicy:
 
     def act(self, observations: NDArray[np.floating[Any]]) -> Floats:
         """Actions ``(rows, actions)`` for ``observations`` ``(rows, observations)``: each row the same bits in any batch."""
-        x = self.normalised(observations)
+        normalised = (observations.astype(np.float64) - self.mean) / self.scale
+        x = np.clip(normalised, -self.clip, self.clip)
         layers: tuple[ExactLinear, ...] = self._layers  # type: ignore[attr-defined]
         between = ACTIVATIONS[self.activation]
         for layer in layers[:-1]:
@@ -103,12 +104,6 @@ class NetworkPolicy:
             x = self.low + 0.5 * (tanh(x) + 1.0) * (self.high - self.low)
         actions: Floats = np.clip(x, self.low, self.high)
         return actions
-
-    def normalised(self, observations: NDArray[np.floating[Any]]) -> Floats:
-        """``observations``, of all columns or the first ones, as the first layer gets them."""
-        n = observations.shape[1]
-        x: Floats = (observations.astype(np.float64) - self.mean[:n]) / self.scale[:n]
-        return np.clip(x, -self.clip, self.clip)
 
     def why_not(self, task: TaskCard) -> str | None:
         """Why this policy cannot act in ``task``, in words; ``None`` when it can."""

@@ -266,7 +266,7 @@ class _QuickNetwork(NetworkPolicy):
     """Acts like the network up to rounding: ``NetworkPolicy`` gives the same bits everywhere, but takes far longer."""
 
     def act(self, observations: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-        x = self.normalised(observations)
+        x = np.clip((observations - self.mean) / self.scale, -self.clip, self.clip)
         *hidden, (weights, biases) = zip(self.weights, self.biases, strict=True)
         for matrix, bias in hidden:
             x = np.tanh(x @ matrix + bias)
@@ -310,6 +310,8 @@ def _making(under_way: _Training) -> Making:
         if memory.hours
         else ""
     )
+    if memory.gru:
+        traces += f" It remembers with a gated recurrent unit of {memory.gru} units."
     paid = "" if accrual is None else f" {accrual.in_words}"
     return Making(
         title=f"Compiled PPO trained on {under_way.task.id}, seed {identity['seed']}",

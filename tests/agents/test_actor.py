@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from glbench.agents.actor import Actor, ActorAgent, ActorFiles
+from glbench.agents.gru import Gru
 from glbench.agents.network_policy import NetworkPolicy
 from glbench.env import Simulation
 from glbench.errors import ShapeError, SubmissionError
@@ -21,12 +22,16 @@ def spring() -> TaskSpec:
     return get_task("Spring-v1")
 
 
-def policy(spring: TaskSpec, hours: tuple[float, ...] = (1.0, 4.0), max_change: float = 0.1) -> Actor:
-    """Random weights, with traces of the first two columns."""
+def policy(spring: TaskSpec, hours: tuple[float, ...] = (1.0, 4.0), max_change: float = 0.1, units: int = 0) -> Actor:
+    """Random weights, with traces of the first two columns, and a recurrent unit."""
     card, rng = task_card(spring), np.random.default_rng(0)
     names, actions = card.observation_names, len(card.actions)
     traced = np.arange(2)
-    inputs = (*names, *(f"{names[i]}, {hour}" for hour in hours for i in traced))
+    inputs = (
+        *names,
+        *(f"{names[i]}, {hour}" for hour in hours for i in traced),
+        *(f"memory {i}" for i in range(units)),
+    )
     sizes = [len(inputs), 5, actions]
     network = NetworkPolicy(
         task_id=spring.id,
@@ -35,8 +40,8 @@ def policy(spring: TaskSpec, hours: tuple[float, ...] = (1.0, 4.0), max_change: 
         action_names=card.action_names,
         low=np.zeros(actions),
         high=np.ones(actions),
-        mean=rng.normal(size=len(inputs)),
-        scale=rng.uniform(10.0, 20.0, len(inputs)),
+        mean=np.append(rng.normal(size=len(inputs) - units), np.zeros(units)),
+        scale=np.append(rng.uniform(10.0, 20.0, len(inputs) - units), np.ones(units)),
         clip=10.0,
         weights=tuple(rng.normal(size=size).astype(np.float32) for size in pairwise(sizes)),
         biases=tuple(rng.normal(size=size).astype(np.float32) for size in sizes[1:]),
@@ -45,7 +50,13 @@ def policy(spring: TaskSpec, hours: tuple[float, ...] = (1.0, 4.0), max_change: 
         about={},
     )
     shares = -np.expm1(-spring.step_seconds / (3600.0 * np.array(hours)))
-    return Actor(network, traced, shares, np.full(actions, max_change), *card.action_bounds)
+    unit = [
+        rng.normal(size=size).astype(np.float32)
+        for size in ((len(inputs) - units, 3 * units), 3 * units, (units, 3 * units))
+    ]
+    return Actor(
+        network, traced, shares, np.full(actions, max_change), *card.action_bounds, Gru(*unit) if units else None
+    )
 
 
 def test_the_network_is_shown_running_means(spring: TaskSpec) -> None:
@@ -88,8 +99,29 @@ def test_an_action_that_is_no_rate_is_given_as_it_is(spring: TaskSpec) -> None:
     assert np.array_equal(agent.act(seen), np.clip(actor.network.act(seen), actor.low, actor.high))
 
 
-def test_a_run_gets_the_same_bits_alone_and_among_others(spring: TaskSpec) -> None:
-    actor, card = policy(spring), task_card(spring)
+def test_a_recurrent_unit_remembers(spring: TaskSpec) -> None:
+    """Its equations as PyTorch's documentation of GRU has them (Cho et al., 2014)."""
+    actor, card, units = policy(spring, (), units=3), task_card(spring), 3
+    gru, network = actor.gru, actor.network
+    assert gru is not None
+    agent = ActorAgent(actor)
+    agent.reset(card, 2)
+    memory = np.zeros((2, units))
+    for seen in np.random.default_rng(4).normal(10.0, 15.0, (8, 2, len(card.observation_names))):
+        agent.act(seen.astype(np.float32))
+        x = np.clip((seen.astype(np.float32) - network.mean[:-units]) / network.scale[:-units], -10.0, 10.0)
+        z, r, n = np.split(x @ gru.weights + gru.bias, 3, axis=1)
+        hz, hr, hn = np.split(memory @ gru.recurrent, 3, axis=1)
+        z, r = (1.0 / (1.0 + np.exp(-gate)) for gate in (z + hz, r + hr))
+        memory = (1.0 - z) * np.tanh(n + r * hn) + z * memory
+        assert np.allclose(agent._memory, memory, atol=1e-9)
+    agent.reset(card, 2)
+    assert not agent._memory.any(), "a run begins without memories"
+
+
+@pytest.mark.parametrize("units", [0, 4])
+def test_a_run_gets_the_same_bits_alone_and_among_others(spring: TaskSpec, units: int) -> None:
+    actor, card = policy(spring, units=units), task_card(spring)
     readings = np.random.default_rng(3).normal(20.0, 5.0, (5, 7, len(card.observation_names))).astype(np.float32)
     together, alone = ActorAgent(actor), ActorAgent(actor)
     together.reset(card, 7)
@@ -108,14 +140,18 @@ def test_a_reading_that_is_missing_leaves_a_trace_as_it_is(spring: TaskSpec) -> 
         agent.reset(card, 1)
         agent.act(seen)
         assert np.isfinite(agent.act(second)).all()
+    recurrent = ActorAgent(policy(spring, units=4))
+    recurrent.reset(card, 1)
+    assert all(np.isfinite(recurrent.act(one)).all() for one in (missing, seen)), "what is missing is not remembered"
     steady = [agent.act(seen) for agent in agents]
     for _ in range(30):  # positions come together
         steady = [agent.act(seen) for agent in agents]
     assert np.array_equal(steady[0], steady[1]), "the trace of 20 was left as it was"
 
 
-def test_the_file_holds_the_policy(spring: TaskSpec, tmp_path: Path) -> None:
-    actor = policy(spring)
+@pytest.mark.parametrize("units", [0, 4])
+def test_the_file_holds_the_policy(spring: TaskSpec, tmp_path: Path, units: int) -> None:
+    actor = policy(spring, units=units)
     file = tmp_path / "policy.npz"
     file.write_bytes(actor.to_bytes())
     again = Actor.at(file)
@@ -135,6 +171,14 @@ def test_what_does_not_fit_is_refused(spring: TaskSpec) -> None:
     for wrong in ({"shares": np.array([0.5, 2.0])}, {"max_change": np.zeros(2)}, {"traced": np.array([0, 99])}):
         with pytest.raises(ShapeError, match="cannot have traces"):
             replace(actor, **wrong)
+    unit = policy(spring, units=4).gru
+    assert unit is not None
+    with pytest.raises(ShapeError, match="cannot have traces"):
+        replace(policy(spring, units=3), gru=unit)
+    with pytest.raises(ShapeError, match="cannot have weights of shapes"):
+        replace(unit, bias=unit.bias[:-1])
+    with pytest.raises(ShapeError, match="weights that are not finite"):
+        replace(unit, recurrent=unit.recurrent * np.float32(np.nan))
     agent = ActorAgent(actor)
     with pytest.raises(SubmissionError, match="does not fit this task: it was trained on"):
         agent.reset(replace(card, observations=card.observations[1:]), 1)

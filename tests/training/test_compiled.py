@@ -195,6 +195,11 @@ def test_a_recurrent_unit_remembers_what_it_did_in_training(day: TaskSpec, tmp_p
     actor = Actor.at(trained.folder / "policy.npz")
     assert actor.gru is not None
     assert actor.to_bytes() == (trained.folder / "policy.npz").read_bytes()
+    with pytest.raises(PowerCutError):
+        train_compiled(day, tiny(day, tmp_path, GRU), tmp_path / "cut", seed=3, listeners=[Watching(31)])
+    again = train_compiled(day, tiny(day, tmp_path, GRU), tmp_path / "cut", seed=3, resume=True)
+    assert (again.folder / "policy.npz").read_bytes() == actor.to_bytes()
+    assert "It remembers with a gated recurrent unit of 8 units." in (again.folder / "card.toml").read_text("utf-8")
 
     learner = Learner.of(day, tiny(day, tmp_path, GRU + "  places: 4\n"))
     begun = learner.begin(jax.random.key(0))
