@@ -197,6 +197,12 @@ def fast_settings() -> dict[str, Any]:
 
 
 @cache
+def memories() -> dict[str, Any]:
+    """What trainings with different memories earned on the validation split."""
+    return dict(json.loads((ROOT / "docs" / "measurements" / "memory.json").read_text(encoding="utf-8")))
+
+
+@cache
 def settings(agent: str) -> dict[str, Any]:
     """Settings of an algorithm."""
     file = "paper.yml" if agent == "ppo" else f"{agent}.yml"
@@ -859,6 +865,14 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
         ("the rules {}, `mpc` {}. On", lambda: (of_spring("rule_based_tuned", "penalty"), of_spring("mpc", "penalty"))),
         ("`ppo_fast` earns {} and the paper's PPO {}.", lambda: (mean("ppo_fast", 10), mean("ppo", 10))),
+        *(
+            (phrase, lambda memory=memory: tuple(memories()[memory]))
+            for phrase, memory in {
+                "EUR/m2: {} and {} with\nrunning means": "memory: {hours: [1, 4]}",
+                "running means, {} and {} with a GRU": "memory: {gru: 64}",
+                "units instead, {} and {} with both": "memory: {hours: [1, 4], gru: 64}",
+            }.items()
+        ),
         ("eight seasons are {} of 2 million", lambda: settings("ppo")["n_envs"] * TASK.steps),
         ("earns {} EUR/m2 on the test split of `Spring-v1`; the tuned", lambda: score("sac_fast", "Spring-v1")),
         ("tuned rules\nearn {}, and", lambda: score("rule_based_tuned", "Spring-v1")),
