@@ -1,7 +1,8 @@
 """What a result's agent was trained for: from the card of a submission, or from the trainings that a shipped baseline keeps.
 
-A baseline that ships several policies acts with the one trained under the nearest uncertainty, so that one's training counts; of
-tuned rules that of the page for the task's reward. What is not stated is ``None`` and not 0.
+A baseline that ships several policies acts with the one trained on the task itself, or else, of those that see and do the same, under the
+nearest uncertainty; that one's training counts. Of tuned rules it is that of the page for the task's reward. What is not stated is ``None``
+and not 0.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from glbench.agents.tuned_rule_settings import RulePages
 from glbench.errors import GlbenchError
 from glbench.evaluation import Result
 from glbench.resources import data_folder, left_out
-from glbench.tasks import list_tasks
+from glbench.tasks import get_task, list_tasks, task_card
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,12 @@ def budget_of(result: Result) -> Budget:
     trained = _trainings(data_folder("baselines") / _trained(agent.name) / "training")
     if not trained:
         return Budget(0, 0.0)
-    delta = _deltas().get(result.task.id)
-    return UNKNOWN if delta is None else trained[min(trained, key=lambda level: (abs(level - delta), level))]
+    task, published = result.task.id, _deltas()
+    fitting = [one for one in trained if task in published and _interface(one) == _interface(task)]
+    if not fitting:
+        return UNKNOWN
+    delta = published[task]
+    return trained[min(fitting, key=lambda one: (one != task, abs(published[one] - delta), published[one]))]
 
 
 def _settings(name: str) -> object:
@@ -96,6 +101,13 @@ def _deltas() -> Mapping[str, float]:
 
 
 @cache
+def _interface(task_id: str) -> tuple[tuple[str, ...], ...]:
+    """What a policy for a task sees, and what it does."""
+    card = task_card(get_task(task_id))
+    return card.observation_names, card.action_names
+
+
+@cache
 def _rewards() -> Mapping[str, tuple[str, ...]]:
     return {task.id: tuple(task.reward.modules) for task in list_tasks()}
 
@@ -112,15 +124,10 @@ def _years() -> Mapping[str, tuple[int, ...]]:
 
 
 @cache
-def _trainings(folder: Path) -> Mapping[float, Budget]:
-    """Budgets by the uncertainty of the task that they were trained on."""
-    found = {}
-    for path in sorted(folder.glob("*.toml")):
-        card = tomllib.loads(path.read_text(encoding="utf-8"))
-        delta = _deltas().get(card["task"].get("id", ""))
-        if delta is not None:
-            found[delta] = _spent(card)
-    return found
+def _trainings(folder: Path) -> Mapping[str, Budget]:
+    """Budgets by the published task that they were trained on."""
+    cards = [tomllib.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*.toml"))]
+    return {card["task"]["id"]: _spent(card) for card in cards if card["task"].get("id") in _deltas()}
 
 
 def _spent(card: Mapping[str, Any]) -> Budget:

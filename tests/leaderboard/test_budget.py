@@ -52,6 +52,23 @@ def test_of_a_shipped_policy_the_training_at_the_nearest_uncertainty_counts():
     assert budget_of(stranger) == UNKNOWN, "of another policy of that name nothing is known"
 
 
+@pytest.mark.parametrize(
+    ("agent", "task", "training"),
+    [
+        ("ppo_long", "Spring-v1", "spring"),
+        ("ppo_long", "SpringMismatch-v1", "springmismatch"),
+        ("ppo_long", "Transfer-Miami-v1", "spring"),
+        ("sac_fast", "Lettuce-v1", "lettuce"),
+        ("ppo_fast", "Schiphol2010-Delta30-v1", "delta30"),
+        ("ppo", "SpringYears-v1", "delta10"),
+    ],
+)
+def test_of_a_shipped_policy_the_training_of_the_one_that_acts_counts(agent: str, task: str, training: str):
+    card = tomllib.loads((data_folder("baselines") / agent / f"training/{training}.toml").read_text(encoding="utf-8"))
+    budget = budget_of(released(agent, task))
+    assert (budget.steps, budget.tasks) == (card["training"]["steps"], (card["task"]["id"],))
+
+
 def test_a_policy_that_another_one_was_made_of_counts_with_it():
     card = tomllib.loads((data_folder("baselines") / "ppo_tuned/training/delta10.toml").read_text(encoding="utf-8"))
     steps = card["training"]["steps"] + card["start"]["steps"]
