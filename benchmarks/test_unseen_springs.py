@@ -42,7 +42,7 @@ NOMINAL, REDRAWN = "Schiphol2010-Delta00-v1", "Schiphol2010-Delta10-v1"
 SEEDS = range(3)
 STEPS = 4_000_000
 LEAST = {"redrawn": 3790.0, "nominal": 3800.0, "differs": 3785.0, "sensors": 3745.0, "default": 3800.0}
-"""The median reward of three trainings."""
+"""Least accepted median reward of three trainings, by task."""
 YEARS = {
     "training": {"years": [2008, 2009, 2010]},
     "validation": {"years": [2008, 2009, 2010]},

@@ -36,7 +36,7 @@ WHERE = {
 
 
 def kept(benchmarks: Mapping[str, Any]) -> dict[str, Any]:
-    """What pytest-benchmark was told, by what was learnt in."""
+    """The ``extra_info`` of each benchmark, by the task that was trained on."""
     return {one["param"].rpartition("-")[2]: one["extra_info"] for one in benchmarks["benchmarks"]}
 
 

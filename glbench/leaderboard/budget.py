@@ -1,8 +1,8 @@
 """What a result's agent was trained for: from the card of a submission, or from the trainings that a shipped baseline keeps.
 
-A baseline that ships several policies acts with the one trained on the task itself, or else, of those that see and do the same, under the
-nearest uncertainty; that one's training counts. Of tuned rules it is that of the page for the task's reward. What is not stated is ``None``
-and not 0.
+A baseline that ships several policies acts with the one trained on the task itself; failing that, with the one of the nearest uncertainty
+among those with the same observations and actions. The budget is that policy's. For tuned rules it is that of the page for the task's
+reward. What is not stated is ``None`` and not 0.
 """
 
 from __future__ import annotations

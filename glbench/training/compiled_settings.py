@@ -117,7 +117,7 @@ class CompiledSettings(FrozenSettings):
             msg = f"'batch_size: {self.batch_size}' does not divide the {self.rollout} steps of a rollout (n_envs times n_steps)"
             raise ValueError(msg)
         if self.memory.gru and self.batch_size % self.n_steps:
-            msg = f"with 'memory.gru', a batch has whole sequences: 'n_steps: {self.n_steps}' divides 'batch_size: {self.batch_size}'"
+            msg = f"with 'memory.gru', a batch has whole sequences: 'n_steps: {self.n_steps}' must divide 'batch_size: {self.batch_size}'"
             raise ValueError(msg)
         if not (self.normalize.observations and self.normalize.rewards):
             msg = "the compiled PPO always normalises observations and rewards; leave out the keys that switch this off"

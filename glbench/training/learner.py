@@ -74,7 +74,7 @@ class Greenhouses(NamedTuple):
     discounted: Any
     """Rewards so far, discounted."""
     memory: Any
-    """Of the recurrent unit, before what is seen now; ``None`` without one."""
+    """The recurrent unit's memory before the current observation; ``None`` without a unit."""
 
 
 class Learning(NamedTuple):
