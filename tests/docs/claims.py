@@ -888,7 +888,7 @@ CLAIMS: dict[str, list[Claim]] = {
             for phrase, memory in {
                 "EUR/m2: {} and {} with\nrunning means": "memory: {hours: [1, 4]}",
                 "running means, {} and {} with a GRU": "memory: {gru: 64}",
-                "units instead, {} and {} with both": "memory: {hours: [1, 4], gru: 64}",
+                "{} and {} with both": "memory: {hours: [1, 4], gru: 64}",
             }.items()
         ),
         ("eight seasons are {} of 2 million", lambda: settings("ppo")["n_envs"] * TASK.steps),
