@@ -54,7 +54,8 @@ def train_compiled(
     Parameters
     ----------
     task, settings, seed
-        What to train. The seed is the learner's: first weights, first places, exploration, batches.
+        What to train. The seed is the learner's: first weights, first places, exploration, batches. The bits of the policy also depend on
+        the number of cores, or ``PJRT_NPROC``.
     folder
         Where to keep the learner's state, the best policy, the learning curve and the card.
     resume
