@@ -6,7 +6,6 @@ paper's task as shipped, a rollout and what is learnt from it at a time, with on
 
 from __future__ import annotations
 
-import os
 import time
 from typing import Any
 
@@ -15,7 +14,6 @@ import pytest
 from glbench.kernel import why_not_compiled
 from glbench.tasks import get_task
 
-os.environ.setdefault("PJRT_NPROC", "1")  # as PyTorch: threads that wait count as processor time
 jax = pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
 pytest.importorskip("stable_baselines3", reason="training needs the extra 'train'")
 
