@@ -1,13 +1,12 @@
 """What predictive control gains when it carries the public weather of the test years: measured, for threat-model.md.
 
-``python -m docs.carried_weather`` evaluates it on the first runs of the test of Spring-v1, takes the released runs of plain ``mpc`` with the
-same seeds, and writes measurements/carried-weather.json. The agent was made on the validation split (``--split validation``), and run once
-on the test. It is no baseline: it knows what it should not, and shows what a score in known years can hide.
+``python -m docs.carried_weather`` evaluates it on the first runs of the test of Spring-v1, beside the released runs of plain ``mpc`` with
+the same seeds, and writes measurements/carried-weather.json. The agent was made by the errors of its outlook on the validation split, and
+run once on the test. It is no baseline: it knows what it should not, and shows what a score in known years can hide.
 """
 
 from __future__ import annotations
 
-import argparse
 import datetime as dt
 import json
 from pathlib import Path
@@ -107,7 +106,9 @@ class CarriedOutlook(Outlook):
         for run in np.flatnonzero(self.places >= 0).tolist():
             rows = self.places[run] + np.arange(steps)
             times = self._begin[run] + (self._k + np.arange(steps)) * STEP
-            temperature = self._record["tOut"][rows] + self._now[run, self._columns["tOut"]] - self._record["tOut"][rows[0]]
+            temperature = (
+                self._record["tOut"][rows] + self._now[run, self._columns["tOut"]] - self._record["tOut"][rows[0]]
+            )
             until = self._agreed(run, temperature)
             here, there = self.climatology.clear(times), self.climatology.clear(self._times[rows])
             share = np.where(np.minimum(here, there) > BRIGHT, here / np.maximum(there, 1.0), 1.0)
@@ -188,17 +189,5 @@ def measured(split: str, runs: int) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    """Measure, and write the figures; on the validation split only print them."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--split", choices=("validation", "test"), default="test")
-    parser.add_argument("--runs", type=int, default=RUNS)
-    arguments = parser.parse_args()
-    text = json.dumps(measured(arguments.split, arguments.runs), indent=1) + "\n"
-    if arguments.split == "test" and arguments.runs == RUNS:
-        FILE.write_text(text, encoding="utf-8")
-    print(text)
-
-
 if __name__ == "__main__":
-    main()
+    FILE.write_text(json.dumps(measured("test", RUNS), indent=1) + "\n", encoding="utf-8")

@@ -266,14 +266,13 @@ def _say_if_borrowed(agent: LoadedAgent) -> None:
         )
 
 
-def _evaluate(
-    evaluation: Evaluation, *, as_json: bool, viewer: str | None = None, again: Job | None = None
-) -> Result:
+def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = None, again: Job | None = None) -> Result:
     """Run one evaluation, or take its stored result, and show it; ``viewer`` is the address of a live view.
 
     ``again`` is the job that it is of, where it is wanted with fresh draws, too.
     """
     from glbench.evaluation import SavingError
+    from glbench.leaderboard.fresh_draws import fresh_words
 
     if not as_json:
         say(messages(), _announcement(evaluation))
@@ -293,7 +292,7 @@ def _evaluate(
     _show(result, evaluation.task, as_json=as_json)
     if again is not None and not as_json:
         result = _again(again, as_json=False)
-        say(output(), f"With fresh draws: {escape(_fresh_in_words(result, evaluation.task))}")
+        say(output(), f"With fresh draws: {escape(fresh_words(result, _ranks(evaluation.task)))}")
     if evaluation.path is not None and not as_json:
         tell(f"Saved: {_shown(evaluation.path)}")
         sealed = "" if result.task.salt_commitment is None else " --round FILE"
@@ -313,20 +312,6 @@ def _again(job: Job, *, as_json: bool) -> Result:
         return evaluation.stored or _run(evaluation, as_json=as_json, viewer=None)
 
     return add_fresh_draws(job, run)
-
-
-def _fresh_in_words(result: Result, task: TaskSpec) -> str:
-    """What ranks with fresh draws, and whether that marks the agent."""
-    from glbench.leaderboard.fresh_draws import fresh_note, fresh_score
-    from glbench.leaderboard.tables import DROP_MARK
-
-    score, metric = fresh_score(result), _ranks(task)
-    if score is None:
-        return "not evaluated"
-    words = f"{metric.said(score.mean)}, published {metric.number(result.summary.mean[metric.name])}."
-    if score.marked:
-        return f"{words} {DROP_MARK} {fresh_note(result.agent.name, score, metric)}"
-    return f"{words} Beside {score.reference} it dropped by {metric.number(score.drop)}, no more than chance explains."
 
 
 class _WithFreshDraws:
@@ -461,6 +446,7 @@ def _next(coming: Iterator[Outcome], *, quiet: bool) -> Outcome | None:
 def _print(outcome: Outcome, number: str, *, as_json: bool, prints: bool) -> None:
     """A line a job, and why runs failed; with ``as_json`` the result as one line on standard output, and the words beside it."""
     from glbench.cli.results import print_reasons
+    from glbench.leaderboard.fresh_draws import fresh_words
 
     result, name = outcome.result, outcome.job.agent_name
     if as_json:
@@ -474,7 +460,7 @@ def _print(outcome: Outcome, number: str, *, as_json: bool, prints: bool) -> Non
         took = "already there" if outcome.stored else f"{outcome.seconds:.1f} s"
         said = f"{_score_in_words(result, _ranks(outcome.job.task))}, {_runs(result)}, {took}"
         if result.fresh_draws is not None:
-            said += f"; with fresh draws {escape(_fresh_in_words(result, outcome.job.task))}"
+            said += f"; with fresh draws {escape(fresh_words(result, _ranks(outcome.job.task)))}"
     messages().print(begin + said, soft_wrap=True)
     if result is not None and (prints or result.failed):
         print_reasons(result, _SHOWN_REASONS, indent="    ")

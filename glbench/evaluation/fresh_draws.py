@@ -27,7 +27,7 @@ from glbench.tasks import Round, TaskSpec, read_round
 from glbench.tasks.sealed import write_round
 
 FOLDER: Final = "fresh-draws"
-"""Folder below ``out`` for unfinished evaluations with fresh draws and their salts, and for the reference agents with the published draws."""
+"""Folder below ``out`` for unfinished evaluations with fresh draws, their salts, and reference agents with the published draws."""
 REFERENCES: Final = ("rule_based_tuned", "rule_based_unlit", "rule_based_energy", "rule_based_fair", "rule_based")
 """Sensible agents that take no time, in the order in which they are tried: the first ``WANTED`` that can act in the task are taken."""
 WANTED: Final = 2
@@ -91,7 +91,9 @@ def add_fresh_draws(job: Job, run: Run) -> Result:
     evaluation = replace(job, options=replace(job.options, fresh=False)).prepare()
     result = evaluation.stored
     if result is None or evaluation.out is None:
-        msg = f"'{job.agent_name}' has no result on {job.task.id} that fresh draws could be added to. Evaluate it first."
+        msg = (
+            f"'{job.agent_name}' has no result on {job.task.id} that fresh draws could be added to. Evaluate it first."
+        )
         raise ResultError(msg)
     if result.fresh_draws is not None:
         return result

@@ -98,7 +98,19 @@ def fresh_score_over(trainings: Sequence[FreshScore | None]) -> FreshScore | Non
 def fresh_note(agent: str, score: FreshScore, metric: Metric) -> str:
     """Why an agent is marked, in words."""
     return (
-        f"{agent} earns {metric.said(score.drop)} less with fresh draws than with the published ones, beside what {score.reference} "
-        f"earns in the same runs (at least {metric.number(score.low or 0.0)}; the reference agents differ by {metric.number(score.margin)}). "
-        "It may know the published draws."
+        f"With fresh draws {agent} drops by {metric.number(score.drop)} more in what ranks ({metric.words}) than {score.reference} "
+        f"in the same seasons, by at least {metric.number(score.low or 0.0)}; reference agents differ by "
+        f"{metric.number(score.margin)} in this. It may know the published draws."
     )
+
+
+def fresh_words(result: Result, metric: Metric) -> str:
+    """What a result with fresh draws has in ``metric``, which ranks, and whether that marks its agent."""
+    score = fresh_score(result)
+    assert score is not None
+    words = f"{metric.said(score.mean)}, published {metric.number(result.summary.mean[metric.name])}."
+    if score.marked:
+        return f"{words} {fresh_note(result.agent.name, score, metric)}"
+    if score.low is None:
+        return f"{words} From {len(result.runs)} runs nothing follows."
+    return f"{words} Beside {score.reference} it dropped by {metric.number(score.drop)}, no more than chance explains."

@@ -550,9 +550,7 @@ def _metrics(tables: Sequence[TaskTable]) -> list[Metric]:
     return [known.metric(name, units) for name in known.known_first(name for row in rows for name in row.estimates)]
 
 
-def _record(
-    table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *, fresh: bool
-) -> dict[str, object]:
+def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *, fresh: bool) -> dict[str, object]:
     record: dict[str, object] = {
         "task": row.task_id,
         "rank": row.rank,
