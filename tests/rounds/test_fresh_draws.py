@@ -200,16 +200,14 @@ def test_validation_rounds_and_agents_without_a_sandbox_are_refused(
         check_fresh_draws(Job(split, "", rules, Options(tmp_path)))
 
 
-def test_a_salt_in_the_folder_of_a_submission_is_refused(tmp_path: Path, write_agent: AgentWriter) -> None:
-    folder = tmp_path / "mine"
-    folder.mkdir()
-    write_agent().rename(folder / "agent.py")
-    submission = identify(folder)
+def test_a_salt_where_the_sandbox_shows_what_is_there_is_refused(tmp_path: Path, write_agent: AgentWriter) -> None:
+    agent = write_agent()
+    submission = identify(agent)
     assert submission is not None
-    agent = Protected(load_agent(folder), "bubblewrap", submission)
+    sandboxed = Protected(load_agent(agent), "bubblewrap", submission)
     with pytest.raises(SandboxError, match="would see"):
-        keep_out_of_sight(folder / "reports" / FOLDER / "Tiny-v1" / "mine.toml", [agent])
-    keep_out_of_sight(tmp_path / "reports" / FOLDER / "Tiny-v1" / "mine.toml", [agent])
+        keep_out_of_sight(Path("/usr/share/reports") / FOLDER / "Tiny-v1" / "mine.toml", [sandboxed])
+    keep_out_of_sight(tmp_path / "reports" / FOLDER / "Tiny-v1" / "mine.toml", [sandboxed])
 
 
 # What the agent is told
