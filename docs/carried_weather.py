@@ -1,8 +1,9 @@
 """What predictive control gains when it carries the public weather of the test years: measured, for threat-model.md.
 
-``python -m docs.carried_weather`` evaluates it on the first runs of the test of Spring-v1, beside the released runs of plain ``mpc`` with
-the same seeds, and writes measurements/carried-weather.json. The agent was made by the errors of its outlook on the validation split, and
-run once on the test. It is no baseline: it knows what it should not, and shows what a score in known years can hide.
+``python -m docs.carried_weather`` evaluates it on the first runs of the test of Spring-v1, with the published draws beside the released runs
+of plain ``mpc``, and with the fresh draws that ``mpc`` had (docs/fresh_draws_table.py), and writes measurements/carried-weather.json. The
+agent was made by the errors of its outlook on the validation split, and run once on the test. It is no baseline: it knows what it should
+not, and shows what a score in known years can hide.
 """
 
 from __future__ import annotations
@@ -16,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from docs import fresh_draws_table
 from glbench.agents import LoadedAgent
 from glbench.agents.predictive import PredictiveAgent, PredictiveSettings, read_predictive_settings
 from glbench.control import Climatology, Outlook
 from glbench.control.outlook import Ahead
 from glbench.evaluation import evaluate, load_result, result_path
 from glbench.resources import data_folder
-from glbench.tasks import TaskCard, TaskSpec, get_task
+from glbench.tasks import Round, TaskCard, TaskSpec, get_task
 from glbench.weather import disturbances, load_weather
 from glbench.weather.preprocessing import saturation_vapour_pressure, vapour_pressure
 
@@ -166,28 +168,34 @@ def carrying(task: TaskSpec) -> LoadedAgent:
     )
 
 
-def measured(split: str, runs: int) -> dict[str, Any]:
-    """Rewards of the runs with and without the carried weather, and the mean gain with its interval (t, over runs)."""
-    task = get_task(TASK).in_split(split)
-    carried = evaluate(task, carrying(task), runs=runs)
-    if split == "test":
-        plain = load_result(result_path(data_folder("reports/released"), task.id, "mpc"))
-    else:
-        plain = evaluate(task, "mpc", runs=runs)
-    values = {name: list(one.values("reward")[:runs]) for name, one in (("carried", carried), ("plain", plain))}
-    gains = np.subtract(values["carried"], values["plain"])
-    half = float(stats.t.ppf(0.5 + LEVEL / 2.0, runs - 1) * gains.std(ddof=1) / np.sqrt(runs))
-    return {
-        "task": task.id,
-        "split": split,
-        "seeds": list(carried.evaluation.seeds),
-        "years": list(task.season_years or ()),
-        **values,
-        "gain": float(gains.mean()),
-        "low": float(gains.mean()) - half,
-        "high": float(gains.mean()) + half,
+def measured(task: TaskSpec, plain: list[float]) -> dict[str, Any]:
+    """Rewards of the first runs of ``task`` with the carried weather, beside ``plain``, and the mean gain with its interval (t, over runs)."""
+    carried = list(evaluate(task, carrying(task), runs=len(plain)).values("reward"))
+    gains = np.subtract(carried, plain)
+    half = float(stats.t.ppf(0.5 + LEVEL / 2.0, len(plain) - 1) * gains.std(ddof=1) / np.sqrt(len(plain)))
+    gain = float(gains.mean())
+    return {"carried": carried, "plain": plain, "gain": gain, "low": gain - half, "high": gain + half}
+
+
+def read() -> dict[str, Any]:
+    """What was measured."""
+    return dict(json.loads(FILE.read_text(encoding="utf-8")))
+
+
+def main() -> None:
+    """Measure with the published draws, and with the fresh draws that ``mpc`` had in measurements/fresh-draws.json."""
+    test = get_task(TASK).in_split("test")
+    released = load_result(result_path(data_folder("reports/released"), test.id, "mpc"))
+    fresh = fresh_draws_table.read()["mpc"]
+    sealed = test.in_split("test", Round(fresh["salt"]).secret)
+    found = {
+        "task": test.id,
+        "years": list(test.season_years or ()),
+        "published": measured(test, list(released.values("reward")[:RUNS])),
+        "fresh": {"salt": fresh["salt"], **measured(sealed, fresh["values"])},
     }
+    FILE.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    FILE.write_text(json.dumps(measured("test", RUNS), indent=1) + "\n", encoding="utf-8")
+    main()

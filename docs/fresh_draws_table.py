@@ -100,11 +100,17 @@ def facts(result: Result) -> dict[str, Any]:
     assert score is not None
     assert fresh is not None
     published = result.summary.mean[fresh.metric]
-    return {"runs": len(fresh.runs), "salt": fresh.salt, "published": published, **score.model_dump()}
+    values = [run.metrics[fresh.metric] for run in fresh.runs]
+    return {"runs": len(values), "salt": fresh.salt, "published": published, **score.model_dump(), "values": values}
 
 
-def table(found: dict[str, Any]) -> str:
-    """The page's table."""
+def read() -> dict[str, Any]:
+    """What was measured."""
+    return dict(json.loads(FILE.read_text(encoding="utf-8")))
+
+
+def filled(page: str, found: dict[str, Any]) -> str:
+    """The page with its table."""
     rows = [
         "| agent | runs | published | fresh | drop | at least | margin | marked |",
         "|---|---:|---:|---:|---:|---:|---:|---|",
@@ -112,10 +118,10 @@ def table(found: dict[str, Any]) -> str:
     for name, one in found.items():
         numbers = " | ".join(f"{one[key]:.2f}" for key in ("published", "mean", "drop", "low", "margin"))
         rows.append(f"| `{name}` | {one['runs']} | {numbers} | {'yes' if one['marked'] else 'no'} |")
-    return "\n".join(rows)
+    return with_tables(page, {"fresh": "\n".join(rows)})
 
 
 if __name__ == "__main__":
     measured = {name: facts(evaluated(name, runs, Path(sys.argv[1]))) for name, runs in AGENTS}
     FILE.write_text(json.dumps(measured, indent=1) + "\n", encoding="utf-8")
-    PAGE.write_text(with_tables(PAGE.read_text(encoding="utf-8"), {"fresh draws": table(measured)}), encoding="utf-8")
+    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), measured), encoding="utf-8")
