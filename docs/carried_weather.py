@@ -1,8 +1,8 @@
 """What predictive control gains when it carries the public weather of the test years: measured, for threat-model.md.
 
-``python -m docs.carried_weather`` evaluates it on the first runs of the test of Spring-v1, with the published draws beside the released runs
-of plain ``mpc``, and with the fresh draws that ``mpc`` had (docs/fresh_draws_table.py), and writes measurements/carried-weather.json. The
-agent was made by the errors of its outlook on the validation split, and run once on the test. It is no baseline: it knows what it should
+``python -m docs.carried_weather`` evaluates it on the first runs of the test of Spring-v1: with the published draws beside released runs of
+plain ``mpc``, and with the fresh draws that ``mpc`` had (docs/fresh_draws_table.py). It writes measurements/carried-weather.json. The
+agent was made by the errors of its outlook on the validation split, and run once on the test. It is not a baseline: it knows what it should
 not, and shows what a score in known years can hide.
 """
 
@@ -169,7 +169,7 @@ def carrying(task: TaskSpec) -> LoadedAgent:
 
 
 def measured(task: TaskSpec, plain: list[float]) -> dict[str, Any]:
-    """Rewards of the first runs of ``task`` with the carried weather, beside ``plain``, and the mean gain with its interval (t, over runs)."""
+    """Rewards of the first runs of ``task`` with carried weather, beside ``plain``, and the mean gain with its interval (t, over runs)."""
     carried = list(evaluate(task, carrying(task), runs=len(plain)).values("reward"))
     gains = np.subtract(carried, plain)
     half = float(stats.t.ppf(0.5 + LEVEL / 2.0, len(plain) - 1) * gains.std(ddof=1) / np.sqrt(len(plain)))

@@ -37,6 +37,9 @@ class FreshScore(Published):
     )
     margin: float = Field(description="how much one reference agent dropped more than another")
     reference: str = Field(description="the reference agent that speaks most for it")
+    failed: int = Field(
+        description="runs with fresh draws that failed; of several trainings those of the one that dropped most"
+    )
     marked: bool = Field(description="whether the drop is above the margin beyond chance, with every reference agent")
 
 
@@ -60,6 +63,7 @@ def fresh_score(result: Result) -> FreshScore | None:
         low=None if few else low,
         margin=margin,
         reference=fresh.references[place].name,
+        failed=sum(run.status != "ok" for run in fresh.runs),
         marked=not few and low > margin,
     )
 
@@ -100,7 +104,12 @@ def fresh_note(agent: str, score: FreshScore, metric: Metric) -> str:
     return (
         f"With fresh draws {agent} drops by {metric.number(score.drop)} more in what ranks ({metric.words}) than {score.reference} "
         f"in the same seasons, by at least {metric.number(score.low or 0.0)}; reference agents differ by "
-        f"{metric.number(score.margin)} in this. It may know the published draws."
+        f"{metric.number(score.margin)} in this. "
+        + (
+            f"{score.failed} of its runs with fresh draws failed."
+            if score.failed
+            else "It may know the published draws."
+        )
     )
 
 
@@ -109,6 +118,8 @@ def fresh_words(result: Result, metric: Metric) -> str:
     score = fresh_score(result)
     assert score is not None
     words = f"{metric.said(score.mean)}, published {metric.number(result.summary.mean[metric.name])}."
+    if score.failed and not score.marked:
+        words += f" {score.failed} runs with fresh draws failed."
     if score.marked:
         return f"{words} {fresh_note(result.agent.name, score, metric)}"
     if score.low is None:

@@ -598,7 +598,7 @@ def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *
         record[f"worst_tenth_{part}"] = row.worst_tenth and getattr(row.worst_tenth, part)
     record |= _regret_record(entry, row)
     if fresh:
-        for name in ("mean", "drop", "low", "margin", "reference", "marked"):
+        for name in ("mean", "drop", "low", "margin", "reference", "failed", "marked"):
             record[f"fresh_draws_{name}"] = row.fresh_draws and getattr(row.fresh_draws, name)
     return {**record, "task_digest": row.task_digest, "results_digest": row.results_digest}
 

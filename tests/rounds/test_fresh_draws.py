@@ -26,8 +26,10 @@ from glbench.evaluation.sandbox.bubblewrap import why_no_sandbox
 from glbench.evaluation.sandbox.choosing import Protected, keep_out_of_sight
 from glbench.evaluation.sandbox.process import Prints
 from glbench.leaderboard import StoredResult, rank, to_frame, to_markdown
-from glbench.leaderboard.fresh_draws import ERROR, FEWEST, drop_beside, fresh_score
+from glbench.leaderboard.catalogue import catalogue
+from glbench.leaderboard.fresh_draws import ERROR, FEWEST, drop_beside, fresh_score, fresh_words
 from glbench.leaderboard.tables import DROP_MARK, FRESH_NOTE, to_json, to_latex
+from glbench.report import build_report
 from glbench.tasks import Round, TaskSpec, get_task, read_round, task_card
 from glbench.verification import verify, was_reproduced
 from tests.cli.command_line import Command
@@ -385,7 +387,10 @@ def test_an_agent_that_carries_the_published_plans_is_marked_and_without_them_it
     assert f"{DROP_MARK} With fresh draws thief drops by" in page
     assert r"\P" in paper
     assert frame["fresh_draws_marked"].to_dict() == {"thief": True, "without": False}
-    assert json.loads(to_json([table]))["tasks"][0]["rows"][0]["fresh_draws"]["marked"] is True
+    rows = {row["agent"]: row for row in json.loads(to_json([table]))["tasks"][0]["rows"]}
+    assert {name: row["fresh_draws"]["marked"] for name, row in rows.items()} == {"thief": True, "without": False}
+    facts = {one["agent"]: one["fresh_draws"] for one in build_report(stored).data["results"]}
+    assert facts["thief"] == {"mean": pytest.approx(score.mean), "marked": True}
 
 
 @needs_sandbox
@@ -498,6 +503,18 @@ def test_few_runs_mark_nobody_and_every_reference_agent_has_to_agree(honest: Pat
     assert beside is not None
     assert not beside.marked, "a sensible agent fell as deep"
     assert beside.reference == second.name
+
+
+def test_runs_that_failed_with_fresh_draws_are_said(honest: Path) -> None:
+    result = changed(load_result(honest), 6, 100.0)
+    fresh = result.fresh_draws
+    assert fresh is not None
+    lost = tuple(run.model_copy(update={"status": "crashed", "reason": "the pump broke"}) for run in fresh.runs)
+    failing = result.model_copy(update={"fresh_draws": fresh.model_copy(update={"runs": lost})})
+    metric = catalogue(get_task("Spring-v1")).score
+    assert "6 of its runs with fresh draws failed" in fresh_words(failing, metric)
+    assert "It may know the published draws" in fresh_words(result, metric)
+    assert "no more than chance explains" in fresh_words(load_result(honest), metric)
 
 
 def test_reference_agents_are_baselines_that_do_not_know_the_scenario() -> None:
