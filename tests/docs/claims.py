@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from docs import accuracy_table, realism_figure, realism_setpoints, weather_table
+from docs import accuracy_table, carried_weather, fresh_draws_table, realism_figure, realism_setpoints, weather_table
 from glbench.env.accounts import make_accounts
 from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
@@ -29,6 +29,7 @@ from glbench.kernel.compiled.stepper import absent_equipment
 from glbench.kernel.compiled.tolerances import LARGEST_SUBSTEPS, PRESETS, SMALLEST_SUBSTEP
 from glbench.kernel.sundials import SUBSTEP_LIMIT
 from glbench.leaderboard.comparisons import RESOLUTION
+from glbench.leaderboard.fresh_draws import ERROR, FEWEST
 from glbench.leaderboard.statistics import RESAMPLES, bootstrap_interval, crossed_interval
 from glbench.model import (
     CONTROL_NAMES,
@@ -194,6 +195,14 @@ def fast_settings() -> dict[str, Any]:
     """Settings of the compiled PPO that hold for every task."""
     text = (ROOT / "baselines" / "ppo" / "fast.yml").read_text(encoding="utf-8")
     return dict(yaml.safe_load(text)["default"])
+
+
+def width_of_drops() -> tuple[float, float]:
+    """How far the lower end of a drop with fresh draws is below it, smallest and largest, over all runs of the test [EUR m-2]."""
+    widths = [
+        one["drop"] - one["low"] for one in fresh_draws_table.read().values() if one["runs"] == HEADLINE.evaluation.runs
+    ]
+    return min(widths), max(widths)
 
 
 @cache
@@ -810,6 +819,9 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: (TASK.evaluation.runs, TASK.evaluation.runs - 2 * (TASK.evaluation.runs // 4)),
         ),
         ("of one training, {} resamples", lambda: RESAMPLES),
+        ("above 0 in at most {} of 1,000 evaluations", lambda: 1000 * ERROR),
+        ("Fewer than {} runs mark nobody", lambda: FEWEST),
+        ("with 100 runs, the lower end is {} to {} EUR/m² below", width_of_drops),
         ("Differences of the reward up to {} count as none", lambda: RESOLUTION),
     ],
     "docs/prices.md": [
@@ -1127,6 +1139,9 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     ],
     "docs/statistics.md": [
         ("overall 95 %", "definition: CONFIDENCE"),
+        ("t(0.999, ν)", "definition: glbench/leaderboard/fresh_draws.py"),
+        ("at most 1 of 1,000 evaluations", "definition: glbench/leaderboard/fresh_draws.py"),
+        ("simulates 20,000 agents a case", "tests/rounds/test_fresh_draws.py does it"),
         ("section 3.8", "source: the book"),
         ("The 2.5 and 97.5 % percentiles", "definition: CONFIDENCE"),
         ("95 % interval", "definition"),
