@@ -322,9 +322,12 @@ class _WithFreshDraws:
 
     def run(self, jobs: Sequence[Job], report: Report) -> Iterator[Outcome]:
         """Do the jobs, each with fresh draws after those published."""
+        from glbench.evaluation.engines import LocalEngine
         from glbench.evaluation.fresh_draws import add_fresh_draws
 
-        for outcome in self._engine.run(jobs, report):
+        coming = self._engine.run(jobs, report)
+        # A cluster is left before it is joined again.
+        for outcome in coming if isinstance(self._engine, LocalEngine) else tuple(coming):
 
             def run(part: Job, whole: Outcome = outcome) -> Result:
                 (done,) = self._engine.run([part], lambda _, standing: report(whole.job, standing))
