@@ -13,7 +13,6 @@ from typing import Final
 
 import numpy as np
 from pydantic import Field
-from scipy import special
 
 from glbench.evaluation import Result
 from glbench.leaderboard.catalogue import Metric
@@ -78,6 +77,8 @@ def drop_beside(published: Array, fresh: Array, error: float = ERROR) -> tuple[f
     error
         Chance that the lower end lies above the true difference.
     """
+    from scipy import special  # not at the top: most boards have no fresh draws
+
     drop = float(published.mean() - fresh.mean())
     parts = [float(values.var(ddof=1)) / len(values) if len(values) > 1 else math.inf for values in (published, fresh)]
     if not math.isfinite(sum(parts)):
