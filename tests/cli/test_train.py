@@ -184,7 +184,7 @@ def test_a_tuned_folder_is_an_agent(glbench: Command, settings: Path) -> None:
     command = ("tune", "run", "--task", "day.toml", "--config", "tune.yml", "--generations", "3", "--out", "tuned")
     tuned = glbench(*command)
     assert tuned.code == 0, tuned.err
-    assert "3 generations of 6 seasons" in tuned.err
+    assert "3 generations of 6 runs" in tuned.err
     assert "Best policy: reward" in tuned.out
     card = tomllib.loads((settings / "tuned" / "card.toml").read_text(encoding="utf-8"))
     assert card["training"]["generations"] == 3

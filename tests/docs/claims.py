@@ -44,6 +44,7 @@ from glbench.speed import SpeedRecord, read_record
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task, task_card
 from glbench.tasks.prices import RADIATION, SHAPE
 from glbench.tasks.tables import ProcessComputerTable
+from glbench.training.compiled_settings import CompiledSettings, read_compiled_settings
 from glbench.weather import load_weather
 from tests.kernel.known_steps import known_steps
 
@@ -187,6 +188,19 @@ def card(agent: str, level: int) -> dict[str, Any]:
     """What a training says about itself."""
     file = ROOT / "baselines" / agent / "training" / f"delta{level:02d}.toml"
     return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+@cache
+def recipe(name: str, task: str = "Spring-v1") -> CompiledSettings:
+    """Settings of a recipe of the compiled PPO, for one task."""
+    return read_compiled_settings(ROOT / "baselines" / "ppo" / f"{name}.yml", get_task(task))
+
+
+def training_seasons(name: str, task: str = "Spring-v1") -> int:
+    """How many different seasons the training scenarios of a recipe are in: those that the split has, at most."""
+    generated = get_task(task).in_split("training").scenario.generated
+    assert generated is not None
+    return len({(seed - generated.first_seed) % generated.seasons for seed in recipe(name, task).seeds})
 
 
 @cache
@@ -616,7 +630,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ("CO2 costs it {} EUR/m².", lambda: mean("ppo", 10, "cost_co2")),
         ("a discount of {} a step", lambda: settings("ppo")["gamma"]),
         (
-            "{} seasons, {} million steps, {} minutes on one core",
+            "{} runs, {} million steps, {} minutes on one core",
             lambda: (tuned_steps() / TASK.steps, tuned_steps() / 1e6, minutes("ppo_tuned", 10)),
         ),
         (
@@ -850,7 +864,37 @@ CLAIMS: dict[str, list[Claim]] = {
             ),
         ),
     ],
+    "docs/study.md": [
+        (
+            "{} million steps instead of {} million; {} scenarios instead of {}, which are other crops, houses, starts\n  and sensors in the same {} seasons",
+            lambda: (
+                *(recipe(name).n_timesteps / 1e6 for name in ("long", "memory")),
+                *(len(recipe(name).seeds) for name in ("long", "memory")),
+                training_seasons("long"),
+            ),
+        ),
+        (
+            "chosen over {} validation runs instead of {}.",
+            lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory")),
+        ),
+    ],
+    "baselines/ppo_long/card.toml": [
+        (
+            "for {} million steps instead of {} million, in {} scenarios instead of {}.",
+            lambda: (
+                *(recipe(name).n_timesteps / 1e6 for name in ("long", "memory")),
+                *(len(recipe(name).seeds) for name in ("long", "memory")),
+            ),
+        ),
+        ("training split (all {} of", lambda: training_seasons("long")),
+        ("over {} runs instead of {}.", lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory"))),
+    ],
     "docs/training.md": [
+        ("number of seasons ({} for training on `Spring-v1`)", lambda: training_seasons("long")),
+        (
+            "chosen over {} runs instead of {} (`ppo_long`",
+            lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory")),
+        ),
         ("| `n_timesteps` | {} |", lambda: settings("ppo")["n_timesteps"]),
         ("state at every evaluation, every {} steps", lambda: fast_settings()["evaluation"]["every"]),
         (
@@ -859,7 +903,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
         ("seeds 1 and 2) earn {}, {} and {} EUR/m2 on the test", lambda: compiled("ppo_fast", "reward")),
         ("they earn {}, {} and {}, a little more", lambda: compiled("ppo_memory", "reward")),
-        (") earn {}, {} and {}.\nThe tuned", lambda: compiled("ppo_long", "reward")),
+        ("some twenty minutes of one core), earn {}, {} and {}.\nThe tuned", lambda: compiled("ppo_long", "reward")),
         ("The tuned rules earn {} and `mpc`", lambda: score("rule_based_tuned", "Spring-v1")),
         ("and `mpc` {}. Violations", lambda: score("mpc", "Spring-v1")),
         (
@@ -891,7 +935,7 @@ CLAIMS: dict[str, list[Claim]] = {
                 "{} and {} with both": "memory: {hours: [1, 4], gru: 64}",
             }.items()
         ),
-        ("eight seasons are {} of 2 million", lambda: settings("ppo")["n_envs"] * TASK.steps),
+        ("eight episodes are {} of 2 million", lambda: settings("ppo")["n_envs"] * TASK.steps),
         ("earns {} EUR/m2 on the test split of `Spring-v1`; the tuned", lambda: score("sac_fast", "Spring-v1")),
         ("tuned rules\nearn {}, and", lambda: score("rule_based_tuned", "Spring-v1")),
         ("of `ppo_fast` between {} and {}.", lambda: low_high(compiled("ppo_fast", "reward"))),
@@ -1187,6 +1231,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("bubblewrap 0.7", "definition: a version"),
         ("Ubuntu 24.04", "definition: a version"),
     ],
+    "baselines/ppo_long/card.toml": [("arXiv:1707.06347", "source: number of a paper")],
     "docs/training.md": [
         ("takes 4.5 GB, 3.4 GB of it", "measured: du -sm of torch, nvidia and triton in site-packages"),
         ("These 12,288 steps only", "definition: the example above it"),

@@ -2,9 +2,38 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 
+from glbench.tasks import list_tasks
 from tests.docs.claims import LEVELS, NotReleasedError, mean, mean_of_trainings, trainings
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def written() -> list[Path]:
+    """Pages, cards and settings that say in how many seasons something was trained, tuned or tried."""
+    texts = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("docs/notebooks/*.ipynb")]
+    texts += [file for kind in ("card.toml", "card.in.toml", "*.yml") for file in ROOT.glob(f"baselines/*/{kind}")]
+    return sorted(set(texts) - {ROOT / "docs" / "weather.md"})  # which tries the generator itself, without a split
+
+
+def test_no_text_has_more_seasons_than_a_split() -> None:
+    """A scenario is a season with its draws: 1,024 scenarios of a split of 256 seasons are in 256 seasons."""
+    splits = [split for task in list_tasks() if task.splits for _, split in task.splits if split]
+    most = max(split.seasons or 0 for split in splits)
+    wrong = [
+        f'{file.relative_to(ROOT)}: "{claim[0]}": no split has more than {most} seasons. Scenarios, runs or episodes?'
+        for file in written()
+        for claim in re.finditer(
+            r"\b(\d{1,3}(?:,\d{3})+|\d+) (?:[a-z]+ )?seasons|(?:thousands|times as many) (?:\w+ )?(?:of )?(?:\w+ )?seasons",
+            file.read_text(encoding="utf-8"),
+        )
+        if claim[1] is None or int(claim[1].replace(",", "")) > most
+    ]
+    assert not wrong, "\n" + "\n".join(wrong)
 
 
 @pytest.mark.parametrize("level", LEVELS)
