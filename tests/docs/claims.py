@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from docs import accuracy_table, realism_figure, realism_setpoints, weather_table
+from docs import accuracy_table, realism_figure, realism_setpoints, uncertainty_figures, weather_table
 from glbench.env.accounts import make_accounts
 from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
@@ -447,6 +447,12 @@ def other_set_points(change: str, what: str = "heat") -> float:
     return realism_setpoints.change(realism_setpoints.read(), change, what)
 
 
+def radiation_bias() -> tuple[float, float]:
+    """How much too low radiation is forecast a day ahead, by day, on training seasons [W m-2], and in percent of what comes."""
+    came, errors = next(iter(uncertainty_figures.forecast_bias(get_task(str(uncertainty_figures.TASK))).values()))
+    return float(-errors[-1]), float(-100.0 * errors[-1] / came)
+
+
 CLAIMS: dict[str, list[Claim]] = {
     "docs/benchmark-design.md": [
         ("best agent, {} numbers, replayed", lambda: TASK.steps * len(TASK.actuation.controls)),
@@ -866,7 +872,8 @@ CLAIMS: dict[str, list[Claim]] = {
     ],
     "docs/study.md": [
         (
-            "{} million steps instead of {} million; {} scenarios instead of {}, which are other crops, houses, starts\n  and sensors in the same {} seasons",
+            "{} million steps instead of {} million; {} scenarios instead of {}, which are other crops, houses, starts\n"
+            "  and sensors in the same {} seasons",
             lambda: (
                 *(recipe(name).n_timesteps / 1e6 for name in ("long", "memory")),
                 *(len(recipe(name).seeds) for name in ("long", "memory")),
@@ -877,6 +884,10 @@ CLAIMS: dict[str, list[Claim]] = {
             "chosen over {} validation runs instead of {}.",
             lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory")),
         ),
+    ],
+    "docs/uncertainty.md": [
+        ("forecasts are {} W/m2 too low by day,\n{} % of what comes", radiation_bias),
+        ("by hours ahead, over {} seasons of the training split", lambda: uncertainty_figures.BIAS_SEASONS),
     ],
     "baselines/ppo_long/card.toml": [
         (
