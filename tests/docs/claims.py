@@ -7,6 +7,7 @@ code's constants. ``ALLOWED`` are definitions, bounds that another test holds, a
 
 from __future__ import annotations
 
+import datetime as dt
 import json
 import re
 import tomllib
@@ -45,7 +46,7 @@ from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task, task_card
 from glbench.tasks.prices import RADIATION, SHAPE
 from glbench.tasks.tables import ProcessComputerTable
 from glbench.training.compiled_settings import CompiledSettings, read_compiled_settings
-from glbench.weather import load_weather
+from glbench.weather import SeasonGenerator, load_weather, resemblance
 from tests.kernel.known_steps import known_steps
 
 STATE_SCALE = state_scale(TOMATO)
@@ -445,6 +446,26 @@ def heat_ratios(*names: str) -> tuple[float, ...]:
 def other_set_points(change: str, what: str = "heat") -> float:
     """By how much other set points change heat or fruit [%], of docs/measurements/realism-setpoints.json."""
     return realism_setpoints.change(realism_setpoints.read(), change, what)
+
+
+def size_at_joints(measurement: str, quantity: str) -> float:
+    """How far the sizes of changes at joints are from those of real midnights: Kolmogorov-Smirnov distance."""
+    figures = weather_table.read()[measurement]["figures"]
+    return next(
+        float(one["value"]) for one in figures if one["name"].startswith(f"size of changes at joints, {quantity}")
+    )
+
+
+@cache
+def calm_midnights() -> tuple[float, float]:
+    """Share of the joined midnights of generated seasons, and of the real ones, over which wind does not change [%]."""
+    generator, first = SeasonGenerator(load_weather("schiphol"), (2008, 2009, 2010)), dt.date(2010, 2, 15)
+    made, real = resemblance._generated(generator, first, 28, 60, 1000, 1), resemblance._real(generator, first, 28, 60)
+    joined, plain = (
+        resemblance._changes(made)["wind_speed"][made.joints[:, 1:]],
+        resemblance._changes(real)["wind_speed"],
+    )
+    return 100.0 * float((joined == 0.0).mean()), 100.0 * float((plain == 0.0).mean())
 
 
 def radiation_bias() -> tuple[float, float]:
@@ -959,6 +980,15 @@ CLAIMS: dict[str, list[Claim]] = {
         ("North Carolina ({}° N", lambda: load_weather("greensboro").latitude),
         ("Alaska ({}° N", lambda: load_weather("sand_point").latitude),
         ("Florida ({}° N", lambda: load_weather("miami").latitude),
+        (
+            "just keep it ({}, and {} with other draws)",
+            lambda: tuple(size_at_joints(name, "wind speed") for name in ("training", "again")),
+        ),
+        (
+            "are close to it ({} and {}).",
+            lambda: tuple(size_at_joints(name, "relative humidity") for name in ("training", "again")),
+        ),
+        ("does not change over {} % of the joined midnights,\n  and over {} % of the real ones", calm_midnights),
         ("compares {} seasons of 60 days", lambda: weather_table.read()["training"]["seasons"]),
     ],
 }
