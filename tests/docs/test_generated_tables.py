@@ -82,6 +82,8 @@ def test_the_page_of_realism_holds_what_was_compared() -> None:
     assert realism_figure.filled(page, comparison) == page
     assert comparison.digest == realism.model().digest, "the model has changed: compare anew"
     assert comparison.settings == read_settings()
+    ratios = {house.name: house.pipe_heat / house.mean(lambda one: one.heat.simulated) for house in comparison.houses}
+    assert all(abs(ratio - 1.0) < 0.04 for name, ratio in ratios.items() if name != "paper"), "as the page says"
 
 
 def test_the_table_of_other_set_points_holds_what_was_simulated() -> None:
