@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import tomllib
+from importlib.metadata import metadata
 from pathlib import Path
 
 import pytest
@@ -34,6 +36,18 @@ def test_no_text_has_more_seasons_than_a_split() -> None:
         if claim[1] is None or int(claim[1].replace(",", "")) > most
     ]
     assert not wrong, "\n" + "\n".join(wrong)
+
+
+def test_the_page_of_licences_has_every_weather_record_and_every_copyleft_package() -> None:
+    page = (ROOT / "docs" / "provenance.md").read_text(encoding="utf-8")
+    records = tomllib.loads((ROOT / "weather" / "manifest.toml").read_text(encoding="utf-8"))["record"]
+    assert [name for name in records if f"`{name}`" not in page] == []
+    needed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
+    for name in (re.split("[<>=]", one)[0] for one in needed):
+        about = metadata(name)
+        stated = [about.get("License-Expression", ""), about.get("License", "")[:80], *about.get_all("Classifier", [])]
+        if re.search(r"GPL|Mozilla|GNU", " ".join(stated)):
+            assert name in page.lower(), f"{name} is under {stated[:2]}: say so"
 
 
 @pytest.mark.parametrize("level", LEVELS)
