@@ -20,7 +20,14 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from docs import accuracy_table, realism_figure, realism_setpoints, uncertainty_figures, weather_table
+from docs import (
+    accuracy_table,
+    benchmark_design_figures,
+    realism_figure,
+    realism_setpoints,
+    uncertainty_figures,
+    weather_table,
+)
 from glbench.env.accounts import make_accounts
 from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
@@ -482,6 +489,12 @@ def radiation_bias() -> tuple[float, float]:
 
 CLAIMS: dict[str, list[Claim]] = {
     "docs/benchmark-design.md": [
+        (
+            "`grower`, for example, earns {} EUR/m² here and",
+            lambda: float(
+                np.mean(benchmark_design_figures.read()["evaluations"]["SpringSetpoints"]["grower"]["reward"])
+            ),
+        ),
         ("best agent, {} numbers, replayed", lambda: TASK.steps * len(TASK.actuation.controls)),
         (
             "earn {} on the default task of the suite `paper`; the agent itself earns {}.",
@@ -1031,6 +1044,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("a change of 0.5 g m⁻³", "definition: docs/realism_setpoints.py"),
     ],
     "docs/benchmark-design.md": [
+        ("and -3.18 on the test split", "tests/docs/test_benchmark_design.py evaluates it"),
         ("every 15 minutes", "definition: the control step"),
         ("replacement, 4000 times", "definition: docs/benchmark_design_figures.py"),
         ("at a level of 5 %", "definition: docs/benchmark_design_figures.py"),

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import tomllib
+from collections.abc import Callable
 from importlib.metadata import metadata
 from pathlib import Path
 
 import pytest
 
 from glbench.tasks import list_tasks
-from tests.docs.claims import LEVELS, NotReleasedError, mean, mean_of_trainings, trainings
+from tests.docs import claims
+from tests.docs.claims import CLAIMS, LEVELS, NotReleasedError, mean, mean_of_trainings, trainings
+from tests.docs.quoted import places, text_of
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -84,3 +88,37 @@ def test_a_blind_recording_is_ahead_of_all_but_the_policy_it_was_made_of() -> No
     others = [*trainings("ppo", 10), *trainings("sac", 10), "rule_based", "rule_based_fair", "rule_based_unlit"]
     assert blind > max(mean(agent, 10) for agent in others)
     assert abs(blind - mean("ppo_tuned", 10)) < 3.0
+
+
+def sections(page: str) -> list[tuple[int, str]]:
+    """Where each section of a page begins, and its text."""
+    begins = [0, *(found.start() for found in re.finditer(r"^#+ ", page, re.MULTILINE))]
+    return [(begin, page[begin:end]) for begin, end in itertools.pairwise([*begins, len(page)])]
+
+
+@pytest.mark.parametrize("page", sorted(CLAIMS))
+def test_a_score_of_a_task_with_splits_says_of_which_split_it_is(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Released results are of the test split: the section that quotes one says so, or the page does at its head."""
+    asked: list[str] = []
+
+    def noted(read: Callable[..., float]) -> Callable[..., float]:
+        def call(*which: str) -> float:
+            asked.append(which[0])
+            return read(*which)
+
+        return call
+
+    for name in ("score", "of_spring", "lamp_hours"):
+        monkeypatch.setattr(claims, name, noted(getattr(claims, name)))
+    text, silent = text_of(ROOT / page), []
+    head = text.partition("\n## ")[0]
+    for words, compute in CLAIMS[page]:
+        asked.clear()
+        compute()
+        if not asked or "of the test split" in head:
+            continue
+        for numbers in places(text, words):
+            section = [part for begin, part in sections(text) if begin <= numbers[0][0]][-1]
+            if not re.search(r"\btest\b", section):
+                silent.append(f'{page}: "{words}" is a score on the test split. Say so in its section.')
+    assert not silent, "\n".join(silent)
