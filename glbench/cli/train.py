@@ -432,7 +432,7 @@ def _watched(
             tell_interrupted(
                 "The same command with --resume continues from the last checkpoint."
                 if begun()
-                else "Nothing was trained long enough to be kept: the same command starts again."
+                else "Interrupted before the first checkpoint; the same command starts over."
             )
             raise typer.Exit(INTERRUPTED) from None
 

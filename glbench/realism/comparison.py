@@ -187,7 +187,7 @@ class Comparison(_Frozen):
 
 
 Progress = Callable[[House, int, int], None]
-"""Is told the house, days done and days in all."""
+"""Called with the house, days done and days in all."""
 
 
 def compare(

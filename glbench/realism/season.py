@@ -32,7 +32,7 @@ _ALWAYS = 2000.0  # W m-2: no sun is brighter
 _STEERED = (names.BOILER, names.VENTS, names.LAMPS, names.SCREEN, names.BLACKOUT)
 
 Progress = Callable[[int, int], None]
-"""Is told days done and days in all."""
+"""Called with days done and days in all."""
 
 
 @dataclass(frozen=True, eq=False)

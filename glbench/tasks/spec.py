@@ -515,7 +515,7 @@ class TaskSpec:
             return _record(self.weather.source)
 
     def season_record(self) -> WeatherRecord:
-        """The record that the seasons of the split are made of: the task's, or the round's own, of which agents are told nothing.
+        """The record that the seasons of the split are made of: the task's, or the round's own, of which agents learn nothing.
 
         Raises
         ------

@@ -185,5 +185,5 @@ def test_what_does_not_fit_is_refused(spring: TaskSpec) -> None:
     with pytest.raises(SubmissionError, match="its actions are not those of"):
         agent.reset(replace(card, actions=card.actions[:2]), 1)
     agent.reset(card, 2)
-    with pytest.raises(ShapeError, match="observations of 1 runs, reset was told of 2"):
+    with pytest.raises(ShapeError, match="observations of 1 runs, reset was called with 2"):
         agent.act(np.zeros((1, len(card.observation_names)), np.float32))

@@ -54,7 +54,7 @@ def test_every_row_gets_the_recorded_actions_whatever_it_observes(card):
 def test_another_number_of_rows_is_refused(card):
     agent = RecordingAgent(short())
     agent.reset(card, 2)
-    with pytest.raises(ShapeError, match="observations of 3 runs, reset was told of 2"):
+    with pytest.raises(ShapeError, match="observations of 3 runs, reset was called with 2"):
         agent.act(np.zeros((3, 22), np.float32))
 
 

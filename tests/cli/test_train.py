@@ -253,7 +253,7 @@ def test_an_interrupted_training_says_once_what_was_kept(
     arguments = ("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "run")
     nothing = glbench(*arguments)
     assert (nothing.code, nothing.err.count("Interrupted.")) == (130, 1)
-    assert "Nothing was trained long enough to be kept: the same command starts again." in nothing.err
+    assert "Interrupted before the first checkpoint; the same command starts over." in nothing.err
     monkeypatch.setattr("glbench.training.folder.find_checkpoint", lambda folder: folder)
     assert "with --resume continues from the last checkpoint" in glbench(*arguments).err
 
