@@ -160,7 +160,7 @@ def test_the_file_holds_the_policy(spring: TaskSpec, tmp_path: Path, units: int)
     assert ActorFiles.at(tmp_path).files == (file,)
     for damaged in (b"nothing", actor.to_bytes()[:-40], actor.network.to_bytes()):
         file.write_bytes(damaged)
-        with pytest.raises(SubmissionError, match="no policy of glbench train ppo"):
+        with pytest.raises(SubmissionError, match="not a policy of glbench train ppo"):
             Actor.at(file)
     with pytest.raises(SubmissionError, match="There is no policy at"):
         ActorFiles.at(tmp_path / "none.npz")

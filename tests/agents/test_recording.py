@@ -87,7 +87,7 @@ def test_equal_recordings_give_equal_bytes_and_read_back(tmp_path):
 def test_a_file_that_is_no_recording_is_refused_in_words(tmp_path, data):
     file = tmp_path / "actions.npz"
     file.write_bytes(data)
-    with pytest.raises(SubmissionError, match="no recording of actions"):
+    with pytest.raises(SubmissionError, match="not a recording of actions"):
         read_recording(file)
 
 
