@@ -119,7 +119,8 @@ def tables(task: TaskSpec) -> dict[str, list[str]]:
         "|---|---:|" + "---:|" * len(hours),
     ]
     for label, (came, errors) in forecast_bias(task).items():
-        cells = " | ".join(f"{error:+.{1 if came > 100 else 2}f}" for error in errors)
+        digits = 1 if came > 100 else 2
+        cells = " | ".join(f"{round(float(error), digits) + 0.0:+.{digits}f}" for error in errors)
         bias.append(f"| {label} | {came:.{0 if came > 10 else 1}f} | {cells} |")
     return {"sensors": sensor, "errors": ahead, "bias": bias, "groups": groups, "splits": splits}
 
