@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-
 from glbench import __version__
 from glbench.agents import Identity, LoadedAgent
 from glbench.canonical import canonical_sha256
@@ -538,9 +537,7 @@ class Evaluation:
             key["split"] = self.task.split
         if self.task.salt_commitment is not None:
             key["salt_commitment"] = self.task.salt_commitment
-        return (
-            agent_folder(self.out, self.task.id, self.agent.name) / canonical_sha256(key)[:16]
-        )
+        return agent_folder(self.out, self.task.id, self.agent.name) / canonical_sha256(key)[:16]
 
 
 def agent_record(agent: LoadedAgent) -> AgentRecord:

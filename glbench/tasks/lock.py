@@ -12,9 +12,8 @@ from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from glbench.canonical import canonical_sha256
 from glbench.errors import TaskError
 from glbench.resources import data_folder, write_atomically
 
