@@ -33,6 +33,7 @@ from glbench.cli.options import (
 from glbench.cli.progress import Bar
 from glbench.cli.view import live_view, live_viewer
 from glbench.errors import GlbenchError, SubmissionError, TaskError
+from glbench.extras import require
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -123,6 +124,10 @@ def evaluate(
     Results depend neither on --workers nor on --engine. What is interrupted (Ctrl-C, a crash, a power cut) continues with the
     same command, and what is finished is not done again.
     """
+    if live:
+        require("--live", "view", "rerun")
+    if engine is EngineName.RAY:
+        require("--engine ray", "ray", "ray")
     with leaving_at_once():
         from glbench.evaluation.engines import Job, Options
         from glbench.evaluation.fresh_draws import check_fresh_draws

@@ -7,11 +7,9 @@ some that it knows, but for the one that ranks. ``docs/results.md`` explains the
 
 from __future__ import annotations
 
-import hashlib
 import math
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
-import rfc8785
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -24,6 +22,7 @@ from pydantic import (
 )
 
 from glbench.agents.card import Split, SubmissionCard, Year
+from glbench.canonical import canonical_sha256
 from glbench.errors import ResultError
 from glbench.evaluation.metrics import COMMON_UNITS, MONEY_TOO, PAPER_ONLY, UNITS
 from glbench.fields import MOST_ENTRIES, Count, Text, Word
@@ -219,7 +218,7 @@ class FreshDraws(Record):
     def computed_digest(self, results_digest: str) -> str:
         """What ``digest`` has to be in a result with this ``results_digest``."""
         content = {"result": results_digest, **self.model_dump(mode="json", exclude={"record", "digest"})}
-        return hashlib.sha256(rfc8785.dumps(content)).hexdigest()
+        return canonical_sha256(content)
 
 
 class Result(Sparse):
@@ -398,7 +397,7 @@ def results_digest(
         "runs": [run.model_dump(mode="json") for run in runs],
         **({} if salt_commitment is None else {"salt_commitment": salt_commitment}),
     }
-    return hashlib.sha256(rfc8785.dumps(deterministic)).hexdigest()
+    return canonical_sha256(deterministic)
 
 
 def _short(seeds: tuple[int, ...]) -> str:
