@@ -74,7 +74,7 @@ class _Controller:
 
     def read(self, place: Path) -> Settings:
         """Read what the card calls the controller's settings: rules, a grower's page, trained policies, or recorded actions."""
-        with _damage_in_words(), said_better(place, self.reader[0]):
+        with _damage_in_words(), said_better(self.reader[0]):
             settings: Settings = _found(self.reader)(place)
         return settings
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from glbench.errors import TrainingError, did_you_mean
 from glbench.resources import data_folder
+from glbench.yaml_reader import read_yaml
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -252,6 +253,8 @@ def numbers(content: Any) -> Any:
         number = float(content)
     except ValueError:
         return content
+    if not math.isfinite(number):
+        return content
     return int(number) if number.is_integer() else number
 
 
@@ -300,16 +303,12 @@ def _said(place: tuple[str | int, ...], problem: str, words: str, kind: type[Fro
 
 
 def _sections(file: Path) -> dict[str, dict[str, Any]]:
-    try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        msg = f"Cannot read the settings {file}: {error}."
-        raise TrainingError(msg) from error
-    if not isinstance(content, dict) or not all(isinstance(part, dict) or part is None for part in content.values()):
+    content = read_yaml(file, "the settings", TrainingError)
+    if not all(isinstance(part, dict) or part is None for part in content.values()):
         msg = f"{file} is not a settings file: it needs a section 'default:' and may have sections named by task ids."
         raise TrainingError(msg)
     if "default" not in content:
         found = ", ".join(f"'{name}'" for name in content)
         msg = f"{file} has no section 'default:' (only {found}). Put the settings that hold for every task there."
         raise TrainingError(msg)
-    return {str(name): part or {} for name, part in content.items()}
+    return {name: part or {} for name, part in content.items()}
