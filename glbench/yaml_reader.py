@@ -17,7 +17,7 @@ _MOST_VALUES: Final = 10_000
 """Values with those that aliases stand for: nine aliases of nine aliases of ... are billions."""
 _MOST_DIGITS: Final = 30
 _TAG: Final = "tag:yaml.org,2002:"
-_RULE: Final = "Every line is 'name: value' and begins at the left edge or, below a name, in one column; brackets and quotes are closed."
+_RULE: Final = "Every line is 'name: value' and begins at the left edge. What belongs to a name begins in one column; brackets and quotes are closed."
 
 
 class _RefusedError(Exception):
@@ -72,7 +72,8 @@ def _content(text: str) -> dict[str, Any]:
     except yaml.MarkedYAMLError as error:
         tab = "\\t" in (error.problem or "")
         raise _RefusedError(
-            "a tab begins it. Use spaces." if tab else _RULE, error.problem_mark or error.context_mark
+            "a tab begins it. Use spaces." if tab else f"it is no valid YAML. {_RULE}",
+            error.problem_mark or error.context_mark,
         ) from error
     if not isinstance(node, yaml.MappingNode):
         raise _RefusedError("it is empty." if node is None else f"it is no table of names and values. {_RULE}")
@@ -136,7 +137,8 @@ class _Loader(yaml.SafeLoader):
         merged = table.pop("<<", {})
         for more in merged if isinstance(merged, list) else [merged]:
             if not isinstance(more, dict):
-                raise _RefusedError("'<<' takes in tables, and this is none.", node.start_mark)
+                msg = "'<<' takes in tables, and this is none."
+                raise _RefusedError(msg, node.start_mark)
             table = {**more, **table}
         return table
 
