@@ -17,7 +17,10 @@ _MOST_VALUES: Final = 10_000
 """Values with those that aliases stand for: nine aliases of nine aliases of ... are billions."""
 _MOST_DIGITS: Final = 30
 _TAG: Final = "tag:yaml.org,2002:"
-_RULE: Final = "Every line is 'name: value' and begins at the left edge. What belongs to a name begins in one column; brackets and quotes are closed."
+_RULE: Final = (
+    "Every line is 'name: value' and begins at the left edge. "
+    "What belongs to a name begins in one column; brackets and quotes are closed."
+)
 
 
 class _RefusedError(Exception):

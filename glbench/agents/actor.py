@@ -70,11 +70,11 @@ class Actor:
             and (self.gru is None or len(self.gru.weights) + self.gru.units == len(self.network.observation_names))
         )
         if not well or not np.isfinite([self.low, self.high]).all():
-            msg = (
-                f"A policy of {columns} columns and {actions} actions cannot have traces of the columns "
-                f"{quoted(self.traced.tolist())} with shares {quoted(self.shares.tolist())}, changes of {quoted(self.max_change.tolist())} a step, such bounds, or a recurrent "
-                "unit of other sizes."
+            traces = f"traces of the columns {quoted(self.traced.tolist())} with shares {quoted(self.shares.tolist())}"
+            changes = (
+                f"changes of {quoted(self.max_change.tolist())} a step, such bounds, or a recurrent unit of other sizes"
             )
+            msg = f"A policy of {columns} columns and {actions} actions cannot have {traces}, {changes}."
             raise ShapeError(msg)
 
     @property

@@ -29,7 +29,7 @@ from glbench.cli.options import (
     check_address,
     round_of,
 )
-from glbench.cli.progress import Bar
+from glbench.cli.progress import Bar, Wait
 from glbench.cli.view import live_view, live_viewer
 from glbench.errors import GlbenchError, SandboxError, SubmissionError, TaskError
 
@@ -113,13 +113,17 @@ def evaluate(
     """Evaluate agents on tasks: seeded runs in lockstep, a table with intervals, and a result file each.
 
     Results depend neither on --workers nor on --engine. What is interrupted (Ctrl-C, a crash, a power cut) continues with the
-    same command, and what is finished is not done again.
+    same command, and what is finished is not done again. Exits with 1 when an agent cannot be used or all of its runs failed.
     """
     with leaving_at_once():
         from glbench.evaluation.engines import Job, Options
 
     try:
-        with _quiet_agents(as_json), messages().status("preparing") as status:
+        with (
+            _quiet_agents(as_json),
+            messages().status("preparing") as status,
+            Wait(status.update, "the agents to load"),
+        ):
             tasks = _tasks(task or [], suite or [], round_of(round_file), split)
             usable, unusable = _agents(agents, sandbox.value)
             if round_file is not None:
@@ -138,6 +142,9 @@ def evaluate(
     if first is not None:
         with live_viewer() if live else contextlib.nullcontext() as viewer:
             result = _evaluate(first, as_json=as_json, viewer=viewer)
+        succeeded = len(result.failed) < len(result.runs)
+        if not succeeded:
+            messages().print(f"[bold red]{escape(_all_failed(result))}[/bold red]", soft_wrap=True)
         begun = any(run.steps for run in result.runs)
         if show_prints or result.failed:
             _print_prints(first.agent.name, first.prints.text(), everything=show_prints)
@@ -145,14 +152,22 @@ def evaluate(
         if live:
             msg = "--live shows one evaluation on this machine: name one agent and one task, without --engine."
             raise GlbenchError(msg)
-        if not _evaluate_many(jobs, _engine(engine, address, workers), unusable, as_json=as_json, prints=show_prints):
-            raise typer.Exit(1)
-    if not as_json:
+        succeeded = _evaluate_many(
+            jobs, _engine(engine, address, workers), unusable, as_json=as_json, prints=show_prints
+        )
+    if not as_json and (succeeded or first is not None):
         from glbench.evaluation.preparing import results_folder
 
         folder = results_folder(out, tasks[0])
         board = f"leaderboard{'' if folder == REPORTS else f' --out {folder}'}"
         tell(f"Next: glbench {board if begun else f'submit check {agents[0]}'}")
+    if not succeeded:
+        raise typer.Exit(1)
+
+
+def _all_failed(result: Result) -> str:
+    runs = "The only run" if len(result.runs) == 1 else f"All {len(result.runs)} runs"
+    return f"{runs} of {result.agent.name} failed: the result counts missing steps at the task's price alone, and is no evaluation."
 
 
 def _engine(name: EngineName, address: str | None, workers: int | None) -> Engine:
@@ -354,7 +369,7 @@ def _shown(path: Path) -> str:
 def _evaluate_many(
     jobs: Sequence[Job], engine: Engine, unusable: dict[str, str], *, as_json: bool, prints: bool
 ) -> bool:
-    """Do all ``jobs`` and say how each ended: as JSON only, or in words; whether none failed.
+    """Do all ``jobs`` and say how each ended: as JSON only, or in words; whether each agent succeeded in a run.
 
     ``unusable`` names the agents that could not be loaded, with the reasons. With ``prints`` everything that agents print is shown, else
     the last lines of those that fail.
@@ -376,6 +391,11 @@ def _evaluate_many(
         )
         raise typer.Exit(INTERRUPTED) from None
     failures = [(f"{o.job.agent_name} on {o.job.task.short_id}", o.reason) for o in outcomes if o.reason is not None]
+    failures += [
+        (f"{o.job.agent_name} on {o.job.task.short_id}", _all_failed(o.result))
+        for o in outcomes
+        if o.result is not None and len(o.result.failed) == len(o.result.runs)
+    ]
     failures += list(unusable.items())
     if not as_json:
         output().print(_summary(jobs, outcomes))
@@ -508,10 +528,15 @@ class _JobsBar(Bar):
         super().__init__("starting", jobs, "{task.fields[done]} done", done=f"0 of {jobs}")
         self._jobs = jobs
         self._parts: dict[int, float] = {}
+        self._heard: dict[int, Standing] = {}
         self._done = 0
 
     def report(self, job: Job, standing: Standing) -> None:
         """A job has come to a step."""
+        if self._heard.get(id(job)) != standing:
+            self._heard[id(job)] = standing
+            what = f"{standing.waiting} of {job.agent_name} on {job.task.short_id}" if standing.waiting else ""
+            self.wait.begin(what, standing.limit)
         self._parts[id(job)] = standing.step / standing.steps
         if self.is_time():
             alone = len(self._parts) == 1
@@ -520,6 +545,7 @@ class _JobsBar(Bar):
     def ended(self, outcome: Outcome) -> None:
         """A job has ended."""
         self._parts.pop(id(outcome.job), None)
+        self.wait.begin("")
         self._done += 1
         self._show("running")
 
@@ -534,13 +560,16 @@ class _Progress(Bar):
     def __init__(self, evaluation: Evaluation) -> None:
         columns = ("step {task.completed:.0f} of {task.total:.0f}", "{task.fields[speed]}")
         super().__init__("starting", evaluation.task.steps, *columns, time_left=True, speed="")
-        self._runs = len(evaluation.seeds)
+        self._runs, self._agent = len(evaluation.seeds), evaluation.agent.name
         self._line = (time.monotonic(), 0)
         self._began: tuple[float, int] | None = None
 
     def update(self, standing: Standing) -> None:
         """Show where the evaluation stands."""
         now = time.monotonic()
+        self.wait.begin(f"{standing.waiting} of {self._agent}" if standing.waiting else "", standing.limit)
+        if standing.waiting in ("loading", "reset"):
+            return
         if not standing.replaying and self._began is None:
             # What was replayed says nothing about the speed of what is simulated now.
             self.reset(standing.step, description="running")

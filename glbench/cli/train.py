@@ -333,6 +333,9 @@ def sweep(
         tell_interrupted("Finished trials are kept. Run the same command again to continue.")
         raise typer.Exit(INTERRUPTED) from None
     _print_trials(trials, score)
+    if not any(trial.state != "fail" for trial in trials):
+        msg = f"None of the {len(trials)} trials succeeded; the reasons are above. Correct {config} and choose another folder with --out."
+        raise TrainingError(msg)
 
 
 def _folders(out: Path | None, name: str, seeds: list[int]) -> dict[int, Path]:

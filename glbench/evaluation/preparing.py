@@ -36,7 +36,7 @@ from glbench.evaluation.records import (
     results_digest,
     summarise,
 )
-from glbench.evaluation.rollout import ProgressCallback, RolloutLoop, RunTotals, StepCallback
+from glbench.evaluation.rollout import Progress, ProgressCallback, RolloutLoop, RunTotals, StepCallback
 from glbench.evaluation.runners import (
     AgentRunner,
     PerRunRunner,
@@ -424,7 +424,9 @@ class Evaluation:
         callback: StepCallback | None,
     ) -> tuple[Result, Recorder] | None:
         """Result and record of a fresh agent, from the start or on from ``saved``; ``None`` when it cannot be brought back there."""
-        totals = RunTotals(self.task, self.seeds)
+        totals, n = RunTotals(self.task, self.seeds), len(self.seeds)
+        if progress is not None:
+            progress(Progress(0, self.task.steps, n, n, waiting="loading", limit=self.limits.start))
         checkpoint = Checkpoint(self.folder, self.checkpoint_seconds)
         with closing(self._runner()) as runner:
             recorder = Recorder(simulation, runner.shape[1], traced=self.out is not None)
