@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import datetime as dt
 import os
 import sys
 import time
@@ -109,6 +110,9 @@ def evaluate(
             "--split", help="Scenarios: test, which scores, or validation, to choose between agents (a trial)."
         ),
     ] = "test",
+    late: Annotated[
+        bool, typer.Option("--late", help="Evaluate although the round (--round) has closed; its board says so.")
+    ] = False,
 ) -> None:
     """Evaluate agents on tasks: seeded runs in lockstep, a table with intervals, and a result file each.
 
@@ -124,7 +128,9 @@ def evaluate(
             messages().status("preparing") as status,
             Wait(status.update, "the agents to load"),
         ):
-            tasks = _tasks(task or [], suite or [], round_of(round_file), split)
+            sealed = round_of(round_file)
+            _check_open(sealed, late=late)
+            tasks = _tasks(task or [], suite or [], sealed, split)
             usable, unusable = _agents(agents, sandbox.value)
             if round_file is not None:
                 _keep_out_of_sight(round_file, usable.values())
@@ -222,6 +228,23 @@ def _tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | None, sp
             raise TaskError(msg)
         return [task.in_split(split) for task in chosen]
     return chosen if sealed is None else [task.in_split("test", sealed.secret) for task in chosen]
+
+
+def _check_open(sealed: Round | None, *, late: bool) -> None:
+    """Refuse to evaluate in a round that has closed, or say so where that is wanted.
+
+    Raises
+    ------
+    TaskError
+        When it has closed.
+    """
+    if sealed is None or not sealed.is_late(dt.datetime.now(dt.UTC)):
+        return
+    msg = f"This round closed at {sealed.closing_words}."
+    if not late:
+        msg += " A result made now is late: --late makes it nevertheless. Or begin a new round: glbench round new."
+        raise TaskError(msg)
+    print_warning(f"{msg} The result is late, and glbench leaderboard --round says so.")
 
 
 def _keep_out_of_sight(round_file: Path, agents: Iterable[Protected]) -> None:

@@ -111,8 +111,8 @@ def test_failures_of_all_kinds_stop_no_other_and_stand_in_the_end_with_their_rea
     assert answer.code == 1
     assert load_result(PLACE / "steady.json").summary.ok == 3
     assert "3 runs, 3 failed" in answer.err, "failed runs are a result"
-    assert "3 failed:" in answer.err
-    end = answer.err.rpartition("3 failed:")[2]
+    assert "4 failed:" in answer.err
+    end = answer.err.rpartition("4 failed:")[2]
     for words in ("unmade on Day-v1", "no weights", "nowhere.py: There is no file", "wrong.py is no valid Python"):
         assert words in end
 
