@@ -25,6 +25,7 @@ from glbench.cli.options import (
 from glbench.cli.progress import Bar
 from glbench.cli.seeds import Where, on_cluster, seeds_of, train_with_seeds
 from glbench.errors import TrainingError
+from glbench.untrusted import real_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -217,7 +218,7 @@ def tune_policy(
     with needs_the_extra("train"):
         from glbench.training.season_search import SearchSettings, read_season_search, search
     chosen = the_task(task)
-    file = (policy / "policy.npz" if policy.is_dir() else policy).resolve()
+    file = real_path(policy / "policy.npz" if policy.is_dir() else policy)
     settings = read_season_search(config, chosen.id, file) if config else SearchSettings.of(file)
     if generations is not None:
         settings = settings.model_copy(update={"generations": generations})

@@ -51,6 +51,7 @@ from glbench.evaluation.sandbox.process import Prints
 from glbench.evaluation.saving import Computed, agent_folder, result_lock, save, settle, tidy
 from glbench.kernel import Kernel, make_kernel
 from glbench.tasks import TaskSpec, get_task, task_card
+from glbench.untrusted import real_path
 
 if TYPE_CHECKING:
     from glbench.agents.card import Split
@@ -104,7 +105,7 @@ def prepare(
         msg = f"An evaluation needs at least one worker; got {workers}."
         raise GlbenchError(msg)
     # Absolute at once: an agent may change the working directory.
-    folder = None if out is None else results_folder(Path(out).expanduser().resolve(), task)
+    folder = None if out is None else results_folder(real_path(Path(out).expanduser()), task)
     kernel = shared_kernel(task.model_value, task.step_seconds).describe()
     stored = None
     if folder is not None and task.split == "validation":

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from glbench.errors import TrainingError, did_you_mean
 from glbench.resources import data_folder
+from glbench.untrusted import real_path
 from glbench.yaml_reader import read_yaml
 
 if TYPE_CHECKING:
@@ -223,7 +224,7 @@ def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
     merged = section(file, task_id)
     own = {key: value for key, value in merged.items() if key in OWN}
     if isinstance(own.get("start_from"), str):
-        own["start_from"] = (file.parent / own["start_from"]).resolve()
+        own["start_from"] = real_path(file.parent / own["start_from"])
     rest = {key: value for key, value in merged.items() if key not in OWN}
     for key, value in rest.items():
         if isinstance(value, str) and _LIKE_A_NUMBER.match(value):

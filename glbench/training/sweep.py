@@ -38,6 +38,7 @@ from glbench.training.settings import (
     read_settings,
     shipped_settings,
 )
+from glbench.untrusted import real_path
 from glbench.yaml_reader import read_yaml
 
 if TYPE_CHECKING:
@@ -169,7 +170,7 @@ def read_search(file: Path) -> Search:
         msg = f"The search in {file} cannot be used: {problems}. docs/training.md shows one."
         raise TrainingError(msg) from error
     config = search.config
-    return search if config is None else search.model_copy(update={"config": (file.parent / config).resolve()})
+    return search if config is None else search.model_copy(update={"config": real_path(file.parent / config)})
 
 
 def with_choices(settings: TrainingSettings, choices: dict[str, Any], steps: int) -> TrainingSettings:
