@@ -27,7 +27,7 @@ _NUMPY_ERRORS: Final = (
     OverflowError,
     tokenize.TokenError,
 )
-"""What numpy raises for a header that is none."""
+"""What numpy raises for a damaged header."""
 
 
 def real_numbers(value: object) -> NDArray[Any] | None:
@@ -55,7 +55,7 @@ class ArrayFile:
         Raises
         ------
         OSError, ValueError
-            When it cannot be read, is larger, or is no file of such arrays; the message continues a sentence that begins with "it".
+            When it cannot be read, is larger, or is not a file of such arrays; the message continues a sentence that begins with "it".
         """
         return cls.of(read_regular(file, largest), largest)
 
@@ -80,7 +80,7 @@ class ArrayFile:
             NotImplementedError,
             RuntimeError,
         ) as error:
-            msg = "it is no archive of arrays (.npz), or a damaged one"
+            msg = "it is not an archive of arrays (.npz), or a damaged one"
             raise ValueError(msg) from error
 
     def __contains__(self, name: str) -> bool:
@@ -102,7 +102,7 @@ class ArrayFile:
         """A whole number."""
         array = self._entry(name, 0)
         if array.dtype.kind == "f":
-            msg = f"'{name}' is no whole number"
+            msg = f"'{name}' is not a whole number"
             raise ValueError(msg)
         return int(array)
 
@@ -116,7 +116,7 @@ class ArrayFile:
         with np.errstate(over="ignore"):
             cast: NDArray[Any] = array.astype(kind)
         if array.dtype.kind != "f" or not np.isfinite(cast).all():
-            msg = f"'{name}' has entries that are no finite floating-point numbers"
+            msg = f"'{name}' has entries that are not finite floating-point numbers"
             raise ValueError(msg)
         return cast
 
@@ -132,7 +132,7 @@ class ArrayFile:
         """The object of a JSON text."""
         table = parse_json(self.text(name))
         if not isinstance(table, dict):
-            msg = f"'{name}' is no table"
+            msg = f"'{name}' is not a table"
             raise ValueError(msg)  # noqa: TRY004  the file's fault
         return table
 
@@ -141,7 +141,7 @@ class ArrayFile:
         try:
             return array.tolist()
         except ValueError as error:
-            msg = f"'{name}' has characters that are none"
+            msg = f"'{name}' has characters that do not exist"
             raise ValueError(msg) from error
 
     def _entry(self, name: str, dimensions: int, *, text: bool = False) -> NDArray[Any]:
@@ -165,7 +165,7 @@ def checked_facts(facts: object) -> dict[str, str | int | float]:
         When it is none.
     """
     if not isinstance(facts, dict):
-        msg = f"{quoted(facts)} is no table"
+        msg = f"{quoted(facts)} is not a table"
         raise ValueError(msg)  # noqa: TRY004  the file's fault
     for name, value in facts.items():
         if not isinstance(value, str | int | float) or (isinstance(value, float) and not math.isfinite(value)):
@@ -184,10 +184,10 @@ def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
         left = len(content.getbuffer()) - content.tell()
         fits = dtype.itemsize > 0 and math.prod(shape) * dtype.itemsize == left and min(shape, default=0) >= 0
     except _NUMPY_ERRORS as error:
-        msg = f"its entry {quoted(entry.filename)} is no array of plain numbers or text"
+        msg = f"its entry {quoted(entry.filename)} is not an array of plain numbers or text"
         raise ValueError(msg) from error
     if not fits or (dtype.kind != "U" and dtype.str not in _KINDS):
-        msg = f"its entry {quoted(entry.filename)} is no array of plain numbers or text, or not all of one"
+        msg = f"its entry {quoted(entry.filename)} is not an array of plain numbers or text, or only part of one"
         raise ValueError(msg)
     array: NDArray[Any] = np.frombuffer(content.read(), dtype=dtype)
     return array.reshape(shape, order="F" if by_columns else "C").copy(order="K")

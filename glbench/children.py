@@ -34,7 +34,7 @@ def end_with_parent() -> None:
     if parent is None:
         return
     _signal_on_end(parent.sentinel, os.getpid())
-    # Where the kernel sends no signal, this thread is as good while Python's lock is free; and the parent may have gone already.
+    # Where the kernel sends no signal, this thread is as good while Python's lock is free, and the parent may have gone already.
     threading.Thread(target=_end_after, args=(parent.sentinel,), daemon=True, name="end with parent").start()
 
 

@@ -79,7 +79,7 @@ def _content(text: str) -> dict[str, Any]:
             error.problem_mark or error.context_mark,
         ) from error
     if not isinstance(node, yaml.MappingNode):
-        raise _RefusedError("it is empty." if node is None else f"it is no table of names and values. {_RULE}")
+        raise _RefusedError("it is empty." if node is None else f"it is not a table of names and values. {_RULE}")
     return dict(loader.value(node))
 
 
@@ -140,7 +140,7 @@ class _Loader(yaml.SafeLoader):
         merged = table.pop("<<", {})
         for more in merged if isinstance(merged, list) else [merged]:
             if not isinstance(more, dict):
-                msg = "'<<' takes in tables, and this is none."
+                msg = "'<<' takes tables, and this is not one."
                 raise _RefusedError(msg, node.start_mark)
             table = {**more, **table}
         return table
@@ -160,6 +160,6 @@ class _Loader(yaml.SafeLoader):
         except (ValueError, OverflowError):  # such as 0x_
             value = math.nan
         if isinstance(value, float) and not math.isfinite(value):
-            msg = f"{quoted(written)} is no finite number of at most {_MOST_DIGITS} characters."
+            msg = f"{quoted(written)} is not a finite number of at most {_MOST_DIGITS} characters."
             raise _RefusedError(msg, node.start_mark)
         return value

@@ -14,7 +14,7 @@ from glbench.cli.console import messages
 
 _REFRESH_SECONDS = 0.1
 _PATIENCE_SECONDS = 10.0
-"""A wait that takes longer is told; where there is no bar again after three times as long, and so on."""
+"""A longer wait is reported; without a bar, again after three times as long, and so on."""
 
 
 def wait_words(what: str, seconds: float, limit: float) -> str:

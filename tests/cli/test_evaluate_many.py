@@ -174,7 +174,7 @@ def test_why_runs_failed_and_what_was_printed_is_shown_for_each(glbench: Command
     sandbox = ("--sandbox", "none") if why_no_sandbox() is not None else ("--sandbox", "bubblewrap")
     answer = glbench("evaluate", "broken.py", "steady.py", "-t", "day.toml", *sandbox)
 
-    assert answer.code == 0
+    assert answer.code == 1
     assert (
         "crashed after 0 steps (3 runs: seed 666, 667, 668): ZeroDivisionError: division by zero (broken.py:"
         in answer.err

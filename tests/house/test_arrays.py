@@ -156,7 +156,7 @@ class TestFiles:
 
     @pytest.mark.parametrize("content", DAMAGED.values(), ids=DAMAGED)
     def test_a_damaged_entry_is_told(self, tmp_path: Path, reader, file: Path, said: str, content: bytes) -> None:
-        with pytest.raises(SubmissionError, match=f"{said}.* no array of plain numbers"):
+        with pytest.raises(SubmissionError, match=f"{said}.* not an array of plain numbers"):
             reader(written(tmp_path / "x.npz", format=content, low=content))
 
     def test_what_unpacks_to_much_more_is_not_unpacked(self, tmp_path: Path, reader, file: Path, said: str) -> None:
