@@ -127,7 +127,7 @@ class Actor:
             gru = None if unit is None else Gru(*unit)
             return cls(network, arrays.integers(traced, 1, np.int64), **own, gru=gru)
         except (ValueError, OSError, ShapeError) as error:
-            msg = f"{file} is no policy of glbench train ppo, or a damaged one: {error}. Train it anew."
+            msg = f"{file} is not a policy of glbench train ppo, or is damaged: {error}. Train it again."
             raise SubmissionError(msg) from error
 
 
@@ -199,9 +199,7 @@ class ActorAgent:
         """
         policy, traces = self.policy, self._traces
         if len(observations) != len(traces):
-            msg = (
-                f"act got observations of {len(observations)} runs, reset was told of {len(traces)}. Call reset first."
-            )
+            msg = f"act got observations of {len(observations)} runs, reset was called with {len(traces)}. Call reset first."
             raise ShapeError(msg)
         given = observations.astype(np.float64)
         read = given[:, None, policy.traced]
