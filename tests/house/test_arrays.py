@@ -257,7 +257,7 @@ def test_a_book_that_cannot_be_is_refused(tmp_path: Path, name: str, value: Any)
     ],
 )
 def test_an_actor_that_cannot_be_is_refused(tmp_path: Path, name: str, value: Any) -> None:
-    with pytest.raises(SubmissionError, match="not a (glbench )?policy"):
+    with pytest.raises(SubmissionError, match=r"not a (glbench )?policy"):
         Actor.at(changed(ACTOR, tmp_path / "x.npz", **{name: value}))
 
 
