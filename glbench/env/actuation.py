@@ -341,12 +341,11 @@ class ActionReader:
         """
         numbers = real_numbers(given)
         if numbers is None:
-            what = (
-                f"an array of {given.dtype}"
-                if isinstance(given, np.ndarray)
-                else f"a {type(given).__name__} of something else"
+            kind = f"array of {given.dtype}" if isinstance(given, np.ndarray) else type(given).__name__
+            problem = (
+                f"The {self.what}s ({kind}) cannot be read as numbers: they are not real numbers in rows of one length."
             )
-            msg = f"The {self.what}s are {what}, and not real numbers in rows of one length. {self._expected(n)}"
+            msg = f"{problem} {self._expected(n)}"
             raise ActionError(msg)
         actions = numbers.astype(np.float64)
         if actions.shape != (n, len(self.names)):
