@@ -42,7 +42,7 @@ def task_ids() -> dict[str, Path]:
     """
     ids: dict[str, Path] = {}
     for path in (*task_files(), *draft_files()):
-        with suppress(OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        with suppress(OSError, ValueError, RecursionError):
             status = path.stat()
             task_id = _id_in(path, status.st_mtime_ns, status.st_size)
             if isinstance(task_id, str):

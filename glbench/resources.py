@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Literal
 
 from glbench.errors import GlbenchError
+from glbench.untrusted import real_path
 
 DataFolder = Literal["tasks", "baselines", "weather", "submissions", "reports/released/results"]
 
@@ -98,7 +99,7 @@ def how_to_get_data() -> str:
 
 def is_released(path: Path) -> bool:
     """Whether ``path`` is one of the results that came with glbench: read-only data, renewed by a release alone."""
-    return path.resolve().is_relative_to(data_folder("reports/released/results").resolve())
+    return real_path(path).is_relative_to(data_folder("reports/released/results").resolve())
 
 
 def user_data_folder() -> Path:

@@ -71,6 +71,11 @@ def open_regular(path: Path) -> Iterator[IO[bytes]]:
         os.close(handle)
 
 
+def real_path(path: Path) -> Path:
+    """``path`` without links and ``..``. A link that leads back to itself stays, where ``Path.resolve`` raises a ``RuntimeError``."""
+    return Path(os.path.realpath(path))
+
+
 def gunzip(data: bytes, largest: int) -> bytes:
     """The content of a gzip file.
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import real_numbers
+
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
@@ -61,11 +63,8 @@ def _converted(returned: object) -> object:
     """``returned`` as an array of numbers, if it is one: what converts itself may look different every time."""
     if isinstance(returned, np.ndarray):
         return returned
-    try:
-        array = np.asarray(returned)
-    except (TypeError, ValueError):  # told in words by who looks at it
-        return returned
-    return array if array.dtype.kind in "fiu" else returned
+    array = real_numbers(returned)
+    return returned if array is None else array  # what is none is told in words by who looks at it
 
 
 def _problem_of_the_whole(returned: object, task: TaskCard, n_runs: int) -> str | None:

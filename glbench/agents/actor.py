@@ -8,7 +8,6 @@ should stand, and the action brings it there as fast as the task lets it.
 from __future__ import annotations
 
 import io
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +17,9 @@ from numpy.typing import NDArray
 
 from glbench.agents.gru import Gru
 from glbench.agents.network_policy import NetworkPolicy
+from glbench.arrays import ArrayFile
 from glbench.errors import ShapeError, SubmissionError
+from glbench.untrusted import quoted
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
@@ -65,14 +66,15 @@ class Actor:
             and self.shares.ndim == 1
             and bool(((self.shares > 0) & (self.shares <= 1)).all())
             and {self.max_change.shape, self.low.shape, self.high.shape} == {(actions,)}
-            and bool((self.max_change >= 0).all())
+            and bool((np.isfinite(self.max_change) & (self.max_change >= 0) & (self.low < self.high)).all())
             and (self.gru is None or len(self.gru.weights) + self.gru.units == len(self.network.observation_names))
         )
         if not well or not np.isfinite([self.low, self.high]).all():
-            msg = (
-                f"A policy of {columns} columns and {actions} actions cannot have traces of the columns {self.traced.tolist()} with shares "
-                f"{self.shares.tolist()}, changes of {self.max_change.tolist()} a step, or a recurrent unit of other sizes."
+            traces = f"traces of the columns {quoted(self.traced.tolist())} with shares {quoted(self.shares.tolist())}"
+            changes = (
+                f"changes of {quoted(self.max_change.tolist())} a step, such bounds, or a recurrent unit of other sizes"
             )
+            msg = f"A policy of {columns} columns and {actions} actions cannot have {traces}, {changes}."
             raise ShapeError(msg)
 
     @property
@@ -113,19 +115,25 @@ class Actor:
             When it cannot be read.
         """
         try:
-            with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as found:
-                network = NetworkPolicy.from_bytes(found["network"].tobytes(), str(file))
-                traced, *numbers = (found[name] for name in _OWN)
-                shares, max_change, low, high = (array.astype(np.float64) for array in numbers)
-                gru = Gru(*(found[f"gru_{name}"].astype(np.float32) for name in _GRU)) if "gru_bias" in found else None
-                return cls(network, traced.astype(np.int64), shares, max_change, low, high, gru)
-        except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, ShapeError) as error:
+            arrays = ArrayFile.at(file)
+            network = NetworkPolicy.from_bytes(arrays.integers("network", 1, np.uint8).tobytes(), str(file))
+            traced, *numbers = _OWN
+            unit = (
+                [arrays.floats(f"gru_{name}", of, np.float32) for name, of in _GRU.items()]
+                if "gru_bias" in arrays
+                else None
+            )
+            own = {name: arrays.floats(name, 1) for name in numbers}
+            gru = None if unit is None else Gru(*unit)
+            return cls(network, arrays.integers(traced, 1, np.int64), **own, gru=gru)
+        except (ValueError, OSError, ShapeError) as error:
             msg = f"{file} is not a policy of glbench train ppo, or is damaged: {error}. Train it again."
             raise SubmissionError(msg) from error
 
 
 _OWN = ("traced", "shares", "max_change", "low", "high")
-_GRU = ("weights", "bias", "recurrent")
+_GRU = {"weights": 2, "bias": 1, "recurrent": 2}
+"""And how many dimensions they have."""
 
 
 @dataclass(frozen=True)

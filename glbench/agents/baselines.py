@@ -26,7 +26,7 @@ from glbench.errors import GlbenchError, SubmissionError, did_you_mean
 from glbench.model import get_model
 from glbench.resources import data_folder, how_to_get_data, left_out, sha256_of_files
 from glbench.tasks.quantities import PAPER_MODEL
-from glbench.untrusted import MIB, quoted
+from glbench.untrusted import MIB, quoted, real_path
 
 if TYPE_CHECKING:
     from glbench.agents.energy_rule_settings import EnergyRulePages
@@ -74,7 +74,7 @@ class _Controller:
 
     def read(self, place: Path) -> Settings:
         """Read what the card calls the controller's settings: rules, a grower's page, trained policies, or recorded actions."""
-        with _damage_in_words(), said_better(place, self.reader[0]):
+        with _damage_in_words(), said_better(self.reader[0]):
             settings: Settings = _found(self.reader)(place)
         return settings
 
@@ -294,7 +294,7 @@ def read_baseline(ref: str | Path) -> Baseline:
         check_file(folder / "card.toml", folder)
     card = _read_card(folder / "card.toml")
     with _damage_in_words():
-        place = (folder / card.settings).resolve()
+        place = real_path(folder / card.settings)
     if not isinstance(ref, str) and place.exists():
         _check_place(place, folder)
     if not place.exists() and (folder / _SAVED_MODEL).is_file():

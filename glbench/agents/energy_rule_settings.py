@@ -10,17 +10,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import Field, ValidationError
 
 from glbench.agents.tuned_rule_settings import TunedRuleSettings, rounded
 from glbench.errors import SubmissionError, did_you_mean
-from glbench.untrusted import quoted, read_regular
+from glbench.untrusted import quoted
+from glbench.yaml_reader import read_yaml
 
 TASKS = "tasks"
 """Key of a page beside the numbers: ids of the tasks that it is for."""
 _COMMENT_COLUMN = 32
-_LARGEST_FILE = 64 * 1024
 
 
 def _number(low: float, high: float, unit: str, words: str, section: str | None = None, *, tuned: bool = True) -> Any:
@@ -146,17 +145,7 @@ def read_energy_rule_pages(place: Path) -> EnergyRulePages:
 
 def read_energy_rule_page(file: Path) -> EnergyRulePage:
     """Read one page. Errors as for ``read_energy_rule_pages``."""
-    try:
-        content = yaml.safe_load(read_regular(file, _LARGEST_FILE).decode("utf-8"))
-    except OSError as error:
-        msg = f"Cannot read the energy rules {file}: {error.strerror or error}."
-        raise SubmissionError(msg) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        msg = f"The energy rules {file} are no valid YAML: {' '.join(str(error).split())}"
-        raise SubmissionError(msg) from error
-    if not isinstance(content, dict):
-        msg = f"The energy rules {file} must be a list of 'name: value' lines, found {type(content).__name__}."
-        raise SubmissionError(msg)
+    content = read_yaml(file, "the energy rules", SubmissionError)
     try:
         page = _Page.model_validate(content)
     except ValidationError as error:

@@ -30,7 +30,7 @@ from typing import IO, TYPE_CHECKING, Literal
 
 from glbench.errors import SubmissionError
 from glbench.resources import data_folder
-from glbench.untrusted import AGENT_NAME_RULE, MIB, is_agent_name, open_regular
+from glbench.untrusted import AGENT_NAME_RULE, MIB, is_agent_name, open_regular, real_path
 
 if TYPE_CHECKING:
     from glbench.agents.card import SubmissionCard
@@ -120,7 +120,7 @@ def check_file(file: Path, root: Path) -> None:
         if not file.is_file():
             msg = f"{file} is a link to a folder or to nothing, so the digest would not cover what it holds. Copy the files."
             raise SubmissionError(msg)
-        if file.readlink().is_absolute() or not file.resolve().is_relative_to(root.resolve()):
+        if file.readlink().is_absolute() or not real_path(file).is_relative_to(real_path(root)):
             msg = f"{file} is a link that leads out of the submission's folder, and out of its sandbox. Copy the file."
             raise SubmissionError(msg)
     elif not file.is_file():

@@ -9,7 +9,6 @@ from __future__ import annotations
 import io
 import itertools
 import json
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents.exact_math import ExactLinear, relu, silu, tanh
+from glbench.arrays import ArrayFile, checked_facts
 from glbench.errors import ShapeError, SubmissionError
+from glbench.untrusted import MIB, quoted, read_regular
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
@@ -71,11 +72,16 @@ class NetworkPolicy:
     def __post_init__(self) -> None:
         sizes = [len(self.observation_names), *(len(bias) for bias in self.biases)]
         shapes = [matrix.shape for matrix in self.weights]
-        if shapes != list(itertools.pairwise(sizes)) or sizes[-1] != len(self.action_names):
-            msg = f"A policy of {sizes[0]} observations and {len(self.action_names)} actions cannot have layers of shapes {shapes}."
+        if not shapes or shapes != list(itertools.pairwise(sizes)) or sizes[-1] != len(self.action_names):
+            msg = f"A policy of {sizes[0]} observations and {len(self.action_names)} actions cannot have layers of shapes {quoted(shapes)}."
+            raise ShapeError(msg)
+        sides = {name: getattr(self, name).shape for name in ("mean", "scale", "low", "high")}
+        if list(sides.values()) != [(sizes[0],)] * 2 + [(sizes[-1],)] * 2:
+            msg = f"A policy of {sizes[0]} observations and {sizes[-1]} actions cannot have the shapes {sides}."
             raise ShapeError(msg)
         if self.activation not in ACTIVATIONS or self.output not in ("clip", "tanh"):
-            msg = f"Unknown activation '{self.activation}' or output '{self.output}'. Known: {', '.join(ACTIVATIONS)}; clip, tanh."
+            known = f"Known: {', '.join(ACTIVATIONS)}; clip, tanh."
+            msg = f"Unknown activation {quoted(self.activation)} or output {quoted(self.output)}. {known}"
             raise ShapeError(msg)
         arrays: tuple[NDArray[np.floating[Any]], ...] = (
             self.low,
@@ -87,6 +93,11 @@ class NetworkPolicy:
         )
         if not all(np.isfinite(array).all() for array in arrays):
             msg = "A policy has weights or bounds that are not finite."
+            raise ShapeError(msg)
+        if not ((self.scale > 0.0).all() and (self.low < self.high).all() and self.clip > 0.0):
+            msg = (
+                "A policy has a scale or a clip that is not above 0, or a lower bound that is not below the upper one."
+            )
             raise ShapeError(msg)
         layers = tuple(ExactLinear.of(matrix, bias) for matrix, bias in zip(self.weights, self.biases, strict=True))
         object.__setattr__(self, "_layers", layers)
@@ -148,12 +159,12 @@ class NetworkPolicy:
             When the bytes are no policy, or a damaged one.
         """
         try:
-            with np.load(io.BytesIO(data), allow_pickle=False) as file:
-                if int(file["format"]) != FORMAT:
-                    msg = f"The policy {name} has format {int(file['format'])}; this version of glbench reads format {FORMAT}."
-                    raise SubmissionError(msg)
-                return cls(**_fields(file))
-        except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile, ShapeError) as error:
+            file = ArrayFile.of(data)
+            if file.integer("format") != FORMAT:
+                msg = f"The policy {name} has format {file.integer('format')}; this version of glbench reads format {FORMAT}."
+                raise SubmissionError(msg)
+            return cls(**_fields(file))
+        except (ValueError, ShapeError) as error:
             msg = f"{name} is not a glbench policy, or is damaged: {error}. Write it again with glbench export."
             raise SubmissionError(msg) from error
 
@@ -167,27 +178,27 @@ def read_policy(file: Path) -> NetworkPolicy:
         When it cannot be read.
     """
     try:
-        data = file.read_bytes()
+        data = read_regular(file, 64 * MIB)
     except OSError as error:
         msg = f"Cannot read the policy {file}: {error.strerror or error}."
         raise SubmissionError(msg) from error
     return NetworkPolicy.from_bytes(data, str(file))
 
 
-def _fields(file: Any) -> dict[str, Any]:
-    count = sum(name.startswith("weight_") for name in file.files)
+def _fields(file: ArrayFile) -> dict[str, Any]:
+    layers = range(file.count("weight_"))
     return {
-        "task_id": str(file["task_id"]),
-        "delta": float(file["delta"]),
-        "observation_names": tuple(file["observation_names"].tolist()),
-        "action_names": tuple(file["action_names"].tolist()),
-        **{name: file[name].astype(np.float64) for name in ("low", "high", "mean", "scale")},
-        "clip": float(file["clip"]),
-        "weights": tuple(file[f"weight_{i}"].astype(np.float32) for i in range(count)),
-        "biases": tuple(file[f"bias_{i}"].astype(np.float32) for i in range(count)),
-        "activation": str(file["activation"]),
-        "output": str(file["output"]),
-        "about": json.loads(str(file["about"])),
+        "task_id": file.text("task_id"),
+        "delta": file.number("delta"),
+        "observation_names": file.texts("observation_names"),
+        "action_names": file.texts("action_names"),
+        **{name: file.floats(name, 1) for name in ("low", "high", "mean", "scale")},
+        "clip": file.number("clip"),
+        "weights": tuple(file.floats(f"weight_{layer}", 2, np.float32) for layer in layers),
+        "biases": tuple(file.floats(f"bias_{layer}", 1, np.float32) for layer in layers),
+        "activation": file.text("activation"),
+        "output": file.text("output"),
+        "about": checked_facts(file.table("about")),
     }
 
 

@@ -1,7 +1,7 @@
 """What is wrong with a page of settings, in words for the person who wrote it.
 
-The readers of the pages are part of the released agents' digests and stay as they are. This goes before and after them: a file of YAML is
-looked at before it is read, and a refusal is said again with value, unit and bounds.
+The readers of the pages are part of the released agents' digests and stay as they are: what they refuse is said again with value, unit and
+bounds.
 """
 
 from __future__ import annotations
@@ -10,31 +10,25 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import BaseModel, ValidationError
 
 from glbench.errors import SubmissionError, did_you_mean
-from glbench.untrusted import quoted, read_regular
+from glbench.untrusted import quoted
 
-_LARGEST_FILE = 64 * 1024
 _DECIMAL_COMMA = re.compile(r"\s*([+-]?\d+),(\d+)\s*")
 
 
 @contextmanager
-def said_better(place: Path, module: str) -> Iterator[None]:
-    """Refuse YAML pages in ``place`` that say something twice or are no YAML, and say again what the reader in ``module`` refuses.
+def said_better(module: str) -> Iterator[None]:
+    """Say again what the reader in ``module`` refuses.
 
     Raises
     ------
     SubmissionError
         With file, line or setting, value, unit and bounds.
     """
-    files = sorted(place.glob("*.yml")) if place.is_dir() else [place] if place.suffix == ".yml" else []
-    for file in files:
-        check_yaml(file)
     try:
         yield
     except SubmissionError as error:
@@ -46,43 +40,6 @@ def said_better(place: Path, module: str) -> Iterator[None]:
         problems = "; ".join(dict.fromkeys(_in_words(problem, kind) for problem in cause.errors()))
         msg = f"{head} cannot be used: {problems}."
         raise SubmissionError(msg) from cause
-
-
-def check_yaml(file: Path) -> None:
-    """Refuse a page of ``name: value`` lines that is no YAML, or has a name twice. What cannot be read is left to its reader.
-
-    Raises
-    ------
-    SubmissionError
-        With the line, or both lines.
-    """
-    try:
-        text = read_regular(file, _LARGEST_FILE).decode("utf-8")
-        page = yaml.compose(text, Loader=yaml.SafeLoader)
-    except (OSError, UnicodeDecodeError, RecursionError):
-        return
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        if mark is None:
-            return
-        lines, number = text.splitlines(), mark.line + 1
-        line = lines[mark.line] if mark.line < len(lines) else ""
-        msg = (
-            f"The page {file} cannot be read at line {number}, {quoted(line)} ({error.problem}). Every line is 'name: value' and begins "
-            "at the left edge."
-        )
-        raise SubmissionError(msg) from error
-    except yaml.YAMLError:
-        return
-    if not isinstance(page, yaml.MappingNode):
-        return
-    first: dict[str, int] = {}
-    for key, _ in page.value:
-        name, number = str(key.value), key.start_mark.line + 1
-        if name in first:
-            msg = f"The page {file} has {quoted(name)} twice, in lines {first[name]} and {number}. Keep one of them."
-            raise SubmissionError(msg)
-        first[name] = number
 
 
 def _in_words(problem: Any, page: type[BaseModel] | None) -> str:

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glbench.arrays import ArrayFile, checked_facts
 from glbench.errors import ShapeError, SubmissionError
 from glbench.resources import write_atomically
 
@@ -66,6 +66,10 @@ class PlanBook:
     def __post_init__(self) -> None:
         if self.actions.ndim != 3 or self.actions.shape[:2] != (len(self.about), len(self.names)):
             msg = f"{len(self.about)} plans of {len(self.names)} actions cannot have the shape {self.actions.shape}"
+            raise ShapeError(msg)
+        sides = list(zip(self.low, self.high, strict=False))
+        if not len(self.low) == len(self.high) == len(self.names) or not all(low < high for low, high in sides):
+            msg = "it has not one lower and one upper bound for each action, or a lower one that is not below the upper one"
             raise ShapeError(msg)
         if self.actions.size and self.actions.max() > 2 * HALF_SCALE:
             msg = f"it has a number above {2 * HALF_SCALE}"
@@ -218,37 +222,33 @@ def read_book(file: Path) -> PlanBook:
         When it cannot be read or is none.
     """
     try:
-        with zipfile.ZipFile(file) as archive:
-            if sum(item.file_size for item in archive.infolist()) > _LARGEST:
-                msg = f"{file} unpacks to more than {_LARGEST // 2**20} MiB, which no book of plans has. {_ADVICE}"
-                raise SubmissionError(msg)
-        with np.load(file, allow_pickle=False) as arrays:
-            if int(arrays["format"]) != FORMAT:
-                msg = f"The book of plans {file} has format {int(arrays['format'])}; this version of glbench reads format {FORMAT}."
-                raise SubmissionError(msg)
-            facts: dict[str, Any] = json.loads(str(arrays["facts"]))
-            return PlanBook(
-                task_id=str(facts["task"]),
-                task_digest=str(facts["digest"]),
-                split=str(facts["split"]),
-                names=tuple(arrays["names"].tolist()),
-                low=tuple(arrays["low"].tolist()),
-                high=tuple(arrays["high"].tolist()),
-                actuation=str(facts["actuation"]),
-                runs=dict(zip(arrays["seeds"].tolist(), arrays["places"].tolist(), strict=True)),
-                actions=arrays["actions"].astype(np.uint16),
-                about=tuple(dict(about) for about in facts["about"]),
-            )
-    except (
-        KeyError,
-        TypeError,
-        ValueError,
-        OSError,
-        EOFError,
-        zipfile.BadZipFile,
-        zipfile.LargeZipFile,
-        ShapeError,
-    ) as error:
+        arrays = ArrayFile.at(file, _LARGEST)
+        if arrays.integer("format") != FORMAT:
+            msg = f"The book of plans {file} has format {arrays.integer('format')}; this version of glbench reads format {FORMAT}."
+            raise SubmissionError(msg)
+        facts = arrays.table("facts")
+        about = facts.pop("about", None)
+        seeds, places = arrays.integers("seeds", 1, np.uint64).tolist(), arrays.integers("places", 1, np.int64).tolist()
+        if (
+            not {"task", "digest", "split", "actuation"} <= set(checked_facts(facts))
+            or not isinstance(about, list)
+            or not len(set(seeds)) == len(seeds) == len(places)
+        ):
+            msg = "its facts do not name task, digest, split and actuation, or it has a seed twice or without a plan"
+            raise ShapeError(msg)  # noqa: TRY301
+        return PlanBook(
+            task_id=str(facts["task"]),
+            task_digest=str(facts["digest"]),
+            split=str(facts["split"]),
+            names=arrays.texts("names"),
+            low=tuple(arrays.floats("low", 1).tolist()),
+            high=tuple(arrays.floats("high", 1).tolist()),
+            actuation=str(facts["actuation"]),
+            runs=dict(zip(seeds, places, strict=True)),
+            actions=arrays.integers("actions", 3, np.uint16),
+            about=tuple(checked_facts(one) for one in about),
+        )
+    except (ValueError, OSError, ShapeError) as error:
         msg = f"{file} is no book of plans, or a damaged one: {error}. {_ADVICE}"
         raise SubmissionError(msg) from error
 

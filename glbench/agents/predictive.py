@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from glbench.control import Climatology, EndValue, Outlook, PredictiveController, Scenario, StateEstimator, actions_of
 from glbench.env.actuation import make_actuation
 from glbench.errors import GlbenchError, ShapeError, SubmissionError, did_you_mean
+from glbench.yaml_reader import read_yaml
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec
@@ -80,8 +80,8 @@ def read_predictive_settings(path: Path) -> PredictiveSettings:
     SubmissionError
         When the file cannot be read, lacks a setting, or has an unknown or impossible one.
     """
+    content = read_yaml(path, "the settings of predictive control", SubmissionError)
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
         settings = PredictiveSettings.model_validate(content)
         for value in settings.end_values.values():
             EndValue.read(value)
@@ -89,7 +89,7 @@ def read_predictive_settings(path: Path) -> PredictiveSettings:
         problems = "; ".join(f"'{'.'.join(map(str, p['loc'])) or 'file'}': {p['msg']}" for p in error.errors())
         msg = f"The settings of predictive control in {path} cannot be used: {problems}."
         raise SubmissionError(msg) from error
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, GlbenchError) as error:
+    except GlbenchError as error:
         msg = f"The settings of predictive control in {path} cannot be used: {error}"
         raise SubmissionError(msg) from error
     return settings

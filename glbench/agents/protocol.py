@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import real_numbers
 from glbench.errors import ActionError, ShapeError
 
 if TYPE_CHECKING:
@@ -142,12 +143,12 @@ class PerRunAgent:
 
     @staticmethod
     def _row(run: int, returned: object) -> Actions:
-        try:
-            row = np.asarray(returned, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            msg = f"act returned {type(returned).__name__} in run {run}, expected a row of numbers, one for each action: {error}"
-            raise ActionError(msg) from error
+        row = real_numbers(returned)
+        if row is None:
+            what = f"an array of {returned.dtype}" if isinstance(returned, np.ndarray) else type(returned).__name__
+            msg = f"act returned {what} in run {run}, expected a row of real numbers, one for each action."
+            raise ActionError(msg)
         if row.ndim != 1:
             msg = f"act returned an array of shape {row.shape} in run {run}, expected one row of numbers, one for each action."
             raise ActionError(msg)
-        return row
+        return row.astype(np.float64)

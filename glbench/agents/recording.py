@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import ArrayFile, checked_facts
 from glbench.errors import ShapeError, SubmissionError
 
 if TYPE_CHECKING:
@@ -52,6 +52,10 @@ class Recording:
     def __post_init__(self) -> None:
         if self.actions.ndim != 2 or not len(self.actions) or self.actions.shape[1] != len(self.names):
             msg = f"a recording of {len(self.names)} actions cannot have the shape {self.actions.shape}"
+            raise ShapeError(msg)
+        sides = list(zip(self.low, self.high, strict=False))
+        if not len(self.low) == len(self.high) == len(self.names) or not all(low < high for low, high in sides):
+            msg = "it has not one lower and one upper bound for each action, or a lower one that is not below the upper one"
             raise ShapeError(msg)
         if not np.isfinite(self.actions).all():
             msg = "it has actions that are not finite"
@@ -94,23 +98,19 @@ def read_recording(file: Path) -> Recording:
     """
     advice = "`glbench episodes recording` writes one."
     try:
-        with zipfile.ZipFile(file) as archive:
-            if sum(item.file_size for item in archive.infolist()) > _LARGEST:
-                msg = f"{file} unpacks to more than {_LARGEST // 2**20} MiB, which no recording has. {advice}"
-                raise SubmissionError(msg)
-        with np.load(file, allow_pickle=False) as arrays:
-            if int(arrays["format"]) != FORMAT:
-                msg = f"The recording {file} has format {int(arrays['format'])}; this version of glbench reads format {FORMAT}."
-                raise SubmissionError(msg)
-            return Recording(
-                actions=arrays["actions"].astype(np.float32),
-                names=tuple(arrays["names"].tolist()),
-                low=tuple(arrays["low"].tolist()),
-                high=tuple(arrays["high"].tolist()),
-                actuation=str(arrays["actuation"]),
-                about=json.loads(str(arrays["about"])),
-            )
-    except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile, ShapeError) as error:
+        arrays = ArrayFile.at(file, _LARGEST)
+        if arrays.integer("format") != FORMAT:
+            msg = f"The recording {file} has format {arrays.integer('format')}; this version of glbench reads format {FORMAT}."
+            raise SubmissionError(msg)
+        return Recording(
+            actions=arrays.floats("actions", 2, np.float32),
+            names=arrays.texts("names"),
+            low=tuple(arrays.floats("low", 1).tolist()),
+            high=tuple(arrays.floats("high", 1).tolist()),
+            actuation=arrays.text("actuation"),
+            about=checked_facts(arrays.table("about")),  # type: ignore[arg-type]
+        )
+    except (ValueError, OSError, ShapeError) as error:
         msg = f"{file} is not a recording of actions, or is damaged: {error}. {advice}"
         raise SubmissionError(msg) from error
 

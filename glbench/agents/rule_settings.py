@@ -8,10 +8,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from glbench.errors import SubmissionError, did_you_mean
+from glbench.yaml_reader import read_yaml
 
 _Hour = Annotated[float, Field(ge=0.0, le=24.0)]
 _Radiation = Annotated[float, Field(ge=0.0)]
@@ -89,17 +89,7 @@ def read_rule_settings(path: Path) -> RuleSettings:
     SubmissionError
         When the file is missing, is no YAML mapping, lacks a setting, or has an unknown or impossible one.
     """
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        msg = f"Cannot read the rule settings {path}: {error.strerror or error}."
-        raise SubmissionError(msg) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        msg = f"The rule settings {path} are no valid YAML: {' '.join(str(error).split())}"
-        raise SubmissionError(msg) from error
-    if not isinstance(content, dict):
-        msg = f"The rule settings {path} must be a list of 'name: value' lines, found {type(content).__name__}."
-        raise SubmissionError(msg)
+    content = read_yaml(path, "the rule settings", SubmissionError)
     try:
         return RuleSettings.model_validate(content)
     except ValidationError as error:

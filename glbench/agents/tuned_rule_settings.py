@@ -11,17 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from glbench.errors import SubmissionError, did_you_mean
-from glbench.untrusted import read_regular
+from glbench.yaml_reader import read_yaml
 
 REWARD = "reward"
 """Key of a file beside the numbers: the reward modules of the tasks that they are for."""
 _SIGNIFICANT = 4
 _COMMENT_COLUMN = 32
-_LARGEST_FILE = 64 * 1024
 
 
 def _number(low: float, high: float, unit: str, words: str, *, section: str | None = None, tuned: bool = True) -> Any:
@@ -185,17 +183,7 @@ def read_rule_pages(place: Path) -> RulePages:
 
 def read_rule_page(file: Path) -> RulePage:
     """Read one page. Errors as for ``read_rule_pages``."""
-    try:
-        content = yaml.safe_load(read_regular(file, _LARGEST_FILE).decode("utf-8"))
-    except OSError as error:
-        msg = f"Cannot read the rules {file}: {error.strerror or error}."
-        raise SubmissionError(msg) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        msg = f"The rules {file} are no valid YAML: {' '.join(str(error).split())}"
-        raise SubmissionError(msg) from error
-    if not isinstance(content, dict):
-        msg = f"The rules {file} must be a list of 'name: value' lines, found {type(content).__name__}."
-        raise SubmissionError(msg)
+    content = read_yaml(file, "the rules", SubmissionError)
     try:
         page = _Page.model_validate(content)
     except ValidationError as error:

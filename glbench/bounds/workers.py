@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from glbench import __version__
 from glbench.agents.plans import PlanBook
 from glbench.bounds.replay import replayed
+from glbench.children import end_with_parent
 from glbench.control import Iteration, Scenario, plan_season
 from glbench.errors import GlbenchError
 from glbench.evaluation.engines.cluster import LOOK_SECONDS, TRIES, Cluster, Teller, board_of, in_words, one_thread
@@ -62,7 +63,7 @@ def here(jobs: Sequence[PlanJob], workers: int, listener: Listener | None) -> It
         return
     context = multiprocessing.get_context("spawn")
     told = context.Queue()
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_tell, initargs=(told,))
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(told,))
     try:
         running = {pool.submit(_planned_there, job): job for job in jobs}
         waiting = set(running)
@@ -116,7 +117,8 @@ _TOLD: list[Any] = []
 """In a process of the pool: the queue to the listener."""
 
 
-def _tell(told: Any) -> None:
+def _begin(told: Any) -> None:
+    end_with_parent()
     _TOLD.append(told)
 
 

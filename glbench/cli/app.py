@@ -91,6 +91,13 @@ def main(arguments: list[str] | None = None) -> NoReturn:
                 raise
             print_error(_in_words(error))
             sys.exit(1)
+        except RuntimeError as error:
+            if debugging() or not str(error).startswith("Symlink loop"):  # of pathlib, before Python 3.13
+                raise
+            print_error(
+                f"A link leads back to itself: {str(error).removeprefix('Symlink loop from ')}. Remove it, or name a real file."
+            )
+            sys.exit(1)
         except KeyboardInterrupt:
             interruption.tell()
             sys.exit(interruption.exit_code)

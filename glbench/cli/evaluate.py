@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import datetime as dt
 import os
 import sys
 import time
@@ -30,7 +31,7 @@ from glbench.cli.options import (
     check_address,
     round_of,
 )
-from glbench.cli.progress import Bar
+from glbench.cli.progress import Bar, Wait
 from glbench.cli.view import live_view, live_viewer
 from glbench.errors import GlbenchError, SubmissionError, TaskError
 from glbench.extras import require
@@ -118,11 +119,14 @@ def evaluate(
             "--split", help="Scenarios: test, which scores, or validation, to choose between agents (a trial)."
         ),
     ] = "test",
+    late: Annotated[
+        bool, typer.Option("--late", help="Evaluate although the round (--round) has closed; its board says so.")
+    ] = False,
 ) -> None:
     """Evaluate agents on tasks: seeded runs in lockstep, a table with intervals, and a result file each.
 
     Results depend neither on --workers nor on --engine. What is interrupted (Ctrl-C, a crash, a power cut) continues with the
-    same command, and what is finished is not done again.
+    same command, and what is finished is not done again. Exits with 1 when an agent cannot be used or all of its runs failed.
     """
     if live:
         require("--live", "view", "rerun")
@@ -134,8 +138,14 @@ def evaluate(
         from glbench.evaluation.sandbox.choosing import keep_out_of_sight
 
     try:
-        with _quiet_agents(as_json), messages().status("preparing") as status:
-            tasks = _tasks(task or [], suite or [], round_of(round_file), split)
+        with (
+            _quiet_agents(as_json),
+            messages().status("preparing") as status,
+            Wait(status.update, "the agents to load"),
+        ):
+            sealed = round_of(round_file)
+            _check_open(sealed, late=late)
+            tasks = _tasks(task or [], suite or [], sealed, split)
             usable, unusable = _agents(agents, sandbox.value)
             if round_file is not None:
                 keep_out_of_sight(round_file, usable.values())
@@ -155,6 +165,9 @@ def evaluate(
     if first is not None:
         with live_viewer() if live else contextlib.nullcontext() as viewer:
             result = _evaluate(first, as_json=as_json, viewer=viewer, again=jobs[0] if fresh_draws else None)
+        succeeded = len(result.failed) < len(result.runs)
+        if not succeeded:
+            messages().print(f"[bold red]{escape(_all_failed(result))}[/bold red]", soft_wrap=True)
         begun = any(run.steps for run in result.runs)
         if show_prints or result.failed:
             _print_prints(first.agent.name, first.prints.text(), everything=show_prints)
@@ -165,14 +178,20 @@ def evaluate(
         chosen_engine = _engine(engine, address, workers)
         if fresh_draws:
             chosen_engine = _WithFreshDraws(chosen_engine)
-        if not _evaluate_many(jobs, chosen_engine, unusable, as_json=as_json, prints=show_prints):
-            raise typer.Exit(1)
-    if not as_json:
+        succeeded = _evaluate_many(jobs, chosen_engine, unusable, as_json=as_json, prints=show_prints)
+    if not as_json and (succeeded or first is not None):
         from glbench.evaluation.preparing import results_folder
 
         folder = results_folder(out, tasks[0])
         board = f"leaderboard{'' if folder == REPORTS else f' --out {folder}'}"
         tell(f"Next: glbench {board if begun else f'submit check {agents[0]}'}")
+    if not succeeded:
+        raise typer.Exit(1)
+
+
+def _all_failed(result: Result) -> str:
+    runs = "The only run" if len(result.runs) == 1 else f"All {len(result.runs)} runs"
+    return f"{runs} of {result.agent.name} failed: the result counts missing steps at the task's price alone, and is no evaluation."
 
 
 def _engine(name: EngineName, address: str | None, workers: int | None) -> Engine:
@@ -227,6 +246,23 @@ def _tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | None, sp
             raise TaskError(msg)
         return [task.in_split(split) for task in chosen]
     return chosen if sealed is None else [task.in_split("test", sealed.secret) for task in chosen]
+
+
+def _check_open(sealed: Round | None, *, late: bool) -> None:
+    """Refuse to evaluate in a round that has closed, or say so where that is wanted.
+
+    Raises
+    ------
+    TaskError
+        When it has closed.
+    """
+    if sealed is None or not sealed.is_late(dt.datetime.now(dt.UTC)):
+        return
+    msg = f"This round closed at {sealed.closing_words}."
+    if not late:
+        msg += " A result made now is late: --late makes it nevertheless. Or begin a new round: glbench round new."
+        raise TaskError(msg)
+    print_warning(f"{msg} The result is late, and glbench leaderboard --round says so.")
 
 
 def _agents(refs: Sequence[str], sandbox: ChosenSandbox) -> tuple[dict[str, Protected], dict[str, str]]:
@@ -414,7 +450,7 @@ def _shown(path: Path) -> str:
 def _evaluate_many(
     jobs: Sequence[Job], engine: Engine, unusable: dict[str, str], *, as_json: bool, prints: bool
 ) -> bool:
-    """Do all ``jobs`` and say how each ended: as JSON only, or in words; whether none failed.
+    """Do all ``jobs`` and say how each ended: as JSON only, or in words; whether each agent succeeded in a run.
 
     ``unusable`` names the agents that could not be loaded, with the reasons. With ``prints`` everything that agents print is shown, else
     the last lines of those that fail.
@@ -436,6 +472,11 @@ def _evaluate_many(
         )
         raise typer.Exit(INTERRUPTED) from None
     failures = [(f"{o.job.agent_name} on {o.job.task.short_id}", o.reason) for o in outcomes if o.reason is not None]
+    failures += [
+        (f"{o.job.agent_name} on {o.job.task.short_id}", _all_failed(o.result))
+        for o in outcomes
+        if o.result is not None and len(o.result.failed) == len(o.result.runs)
+    ]
     failures += list(unusable.items())
     if not as_json:
         output().print(_summary(jobs, outcomes))
@@ -571,10 +612,15 @@ class _JobsBar(Bar):
         super().__init__("starting", jobs, "{task.fields[done]} done", done=f"0 of {jobs}")
         self._jobs = jobs
         self._parts: dict[int, float] = {}
+        self._heard: dict[int, Standing] = {}
         self._done = 0
 
     def report(self, job: Job, standing: Standing) -> None:
         """A job has come to a step."""
+        if self._heard.get(id(job)) != standing:
+            self._heard[id(job)] = standing
+            what = f"{standing.waiting} of {job.agent_name} on {job.task.short_id}" if standing.waiting else ""
+            self.wait.begin(what, standing.limit)
         self._parts[id(job)] = standing.step / standing.steps
         if self.is_time():
             alone = len(self._parts) == 1
@@ -583,6 +629,7 @@ class _JobsBar(Bar):
     def ended(self, outcome: Outcome) -> None:
         """A job has ended."""
         self._parts.pop(id(outcome.job), None)
+        self.wait.begin("")
         self._done += 1
         self._show("running")
 
@@ -597,13 +644,16 @@ class _Progress(Bar):
     def __init__(self, evaluation: Evaluation) -> None:
         columns = ("step {task.completed:.0f} of {task.total:.0f}", "{task.fields[speed]}")
         super().__init__("starting", evaluation.task.steps, *columns, time_left=True, speed="")
-        self._runs = len(evaluation.seeds)
+        self._runs, self._agent = len(evaluation.seeds), evaluation.agent.name
         self._line = (time.monotonic(), 0)
         self._began: tuple[float, int] | None = None
 
     def update(self, standing: Standing) -> None:
         """Show where the evaluation stands."""
         now = time.monotonic()
+        self.wait.begin(f"{standing.waiting} of {self._agent}" if standing.waiting else "", standing.limit)
+        if standing.waiting in ("loading", "reset"):
+            return
         if not standing.replaying and self._began is None:
             # What was replayed says nothing about the speed of what is simulated now.
             self.reset(standing.step, description="running")

@@ -18,7 +18,7 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from glbench.cli.console import harmless, messages, output, print_warning, tell
-from glbench.cli.options import REPORTS, AsJson, Out
+from glbench.cli.options import REPORTS, AsJson, Out, round_of
 from glbench.cli.stored import check_folder, tables_by_name, task_ids, warn_of
 from glbench.errors import ResultError, did_you_mean
 from glbench.untrusted import visible
@@ -61,6 +61,12 @@ def leaderboard(
     ] = False,
     as_json: AsJson = False,
     strict: Annotated[bool, typer.Option("--strict", help="Exit code 1 when a result file cannot be used.")] = False,
+    round_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--round", help="The file of a sealed round (docs/maintain.md): name entries made after it closed."
+        ),
+    ] = None,
 ) -> None:
     """Rank all results, with 95 % intervals. Nothing is written unless you ask for it (--write).
 
@@ -74,6 +80,7 @@ def leaderboard(
     from glbench.tasks import list_suites
 
     check_folder(out)
+    sealed = round_of(round_file)
     task = task_ids(task or [])
     stored, problems = own_and_released_results(out)
     warn_of(problems)
@@ -89,6 +96,10 @@ def leaderboard(
             raise ResultError(msg)
     boards = len({item.board for item in stored})
     tables = rank(stored if write or show_all or suite else _of_boards(stored, task), expected)
+    if sealed is not None:
+        from glbench.leaderboard.ranking import with_late_entries
+
+        tables = with_late_entries(tables, stored, sealed)
     shown = _chosen(tables, stored, task, show_all) if task or show_all or not suite else []
     aggregated = suite_tables(stored, expected, tables) if write or suite or show_all else ()
     suites_shown = aggregated if show_all else [table for table in aggregated if table.suite in (suite or [])]

@@ -2,14 +2,63 @@
 
 from __future__ import annotations
 
+import threading
 import time
+from collections.abc import Callable
 from typing import Any, Self
 
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from glbench.cli.console import messages
 
 _REFRESH_SECONDS = 0.1
+_PATIENCE_SECONDS = 10.0
+"""A longer wait is reported; without a bar, again after three times as long, and so on."""
+
+
+def wait_words(what: str, seconds: float, limit: float) -> str:
+    """``waiting for reset, 120 of 300 s``."""
+    return f"waiting for {what}, {seconds:.0f}{f' of {limit:.0f}' if limit else ''} s"
+
+
+class Wait:
+    """Says while somebody else is waited for, from a thread of its own: whoever is waited for may hold this one. To be entered.
+
+    ``show`` gets the words every second on a terminal; elsewhere a line is printed now and then.
+    """
+
+    def __init__(self, show: Callable[[str], None] | None = None, what: str = "") -> None:
+        self._show = show if messages().is_terminal else None
+        self._thread = threading.Thread(target=self._look, daemon=True, name="waiting")
+        self._end = threading.Event()
+        self._for = (what, 0.0, time.monotonic())
+
+    def begin(self, what: str, limit: float = 0.0) -> None:
+        """From now on ``what`` is waited for, at most ``limit`` seconds; nothing where it is empty."""
+        self._for = (what, limit, time.monotonic())
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+
+    def _look(self) -> None:
+        told, due = self._for, _PATIENCE_SECONDS
+        while not self._end.wait(1.0):
+            what, limit, since = now = self._for
+            if now is not told:
+                told, due = now, _PATIENCE_SECONDS
+            seconds = time.monotonic() - since
+            if not what or seconds < (_PATIENCE_SECONDS if self._show else due):
+                continue
+            if self._show is None:
+                messages().print(wait_words(what, seconds, limit), soft_wrap=True, markup=False)
+                due = 3.0 * due
+            else:
+                self._show(wait_words(what, seconds, limit))
 
 
 class Bar:
@@ -22,12 +71,15 @@ class Bar:
         self._bar = Progress(SpinnerColumn(), *words, console=messages(), transient=True, disable=not self.on_terminal)
         self._task = self._bar.add_task(description, total=total, **fields)
         self._shown = 0.0
+        self.wait = Wait(lambda words: self._bar.update(self._task, description=escape(words)))
 
     def __enter__(self) -> Self:
         self._bar.start()
+        self.wait.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.wait.__exit__()
         self._bar.stop()
 
     def is_time(self) -> bool:

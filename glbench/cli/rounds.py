@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from glbench.cli.console import put, tell
+from glbench.cli.console import print_warning, put, tell
 from glbench.errors import GlbenchError
 
 app = typer.Typer(
@@ -31,17 +32,28 @@ def new(
     year: Annotated[
         list[int] | None, typer.Option("--year", help="A whole year of that record to draw from; repeatable.")
     ] = None,
+    closes: Annotated[
+        str | None,
+        typer.Option(
+            "--closes", help="When the round closes, such as 2027-03-01T18:00+01:00: results made later are late."
+        ),
+    ] = None,
 ) -> None:
-    """Make the secret of a round, write it to FILE, and print the commitment, which is to be published."""
-    from glbench.tasks.sealed import Round, round_weather, write_round
+    """Make the secret of a round, write it to FILE, and print the commitment, which is to be published with the closing time."""
+    from glbench.tasks.sealed import Round, closing_time, round_weather, write_round
 
     if (weather is None) != (not year):
         msg = "Weather of the round's own has a record and years: give --weather NAME and --year YEAR, or neither."
         raise GlbenchError(msg)
-    sealed = Round.new(None if weather is None else round_weather(weather, year or ()))
+    closing = None if closes is None else closing_time(closes)
+    sealed = Round.new(None if weather is None else round_weather(weather, year or ()), closing)
     write_round(sealed, file)
     put(sealed.commitment)
     tell(f"{file} is secret until the round is over: keep it, and a copy of it. Publish the commitment above.")
+    if closing is None:
+        print_warning("This round never closes, and no entry can be late. --closes gives it a closing time.")
+    else:
+        tell(f"The round closes at {sealed.closing_words}. Publish that, too; the commitment covers it.")
 
 
 @app.command()
@@ -51,7 +63,7 @@ def check(
         str | None, typer.Argument(metavar="[COMMITMENT]", help="The commitment that was published.")
     ] = None,
 ) -> None:
-    """Check that the secret in FILE fits its commitment, and the one that was published; print the commitment."""
+    """Check that the secret in FILE fits its commitment, and the one that was published; print the commitment, and say if it is open."""
     from glbench.tasks import read_round
 
     sealed = read_round(file)
@@ -61,4 +73,10 @@ def check(
     put(sealed.commitment)
     weather = sealed.weather
     own = "" if weather is None else f" Weather {weather.digest}, years {', '.join(map(str, weather.years))}."
-    tell(f"The secret in {file} fits.{own}")
+    state = "closed" if sealed.is_late(dt.datetime.now(dt.UTC)) else "open"
+    until = (
+        " It has no closing time."
+        if sealed.closes is None
+        else f" The round is {state}: it closes at {sealed.closing_words}."
+    )
+    tell(f"The secret in {file} fits.{own}{until.replace('it closes', 'it closed') if state == 'closed' else until}")

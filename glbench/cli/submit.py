@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,6 +10,7 @@ import typer
 from rich.box import HEAVY_HEAD
 from rich.markup import escape
 
+from glbench import children
 from glbench.cli.console import harmless, messages, output, print_warning, put_json, table, tell
 from glbench.cli.options import AsJson, OneTask, Sandbox, SandboxChoice
 
@@ -101,13 +101,7 @@ def _untrained_model(folder: Path) -> tuple[Path, ...]:
         )
         return ()
     with messages().status("saving an untrained model (python train.py --steps 0)"):
-        done = subprocess.run(
-            [sys.executable, str(folder / "train.py"), "--steps", "0"],
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=_TRAINING_SECONDS,
-        )
+        done = children.run([sys.executable, str(folder / "train.py"), "--steps", "0"], timeout=_TRAINING_SECONDS)
     if done.returncode != 0:
         last = (done.stderr.strip().splitlines() or ["no message"])[-1]
         print_warning(f"The folder has no model yet: python {folder / 'train.py'} --steps 0 fails ({last}).")

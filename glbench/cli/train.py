@@ -26,6 +26,7 @@ from glbench.cli.progress import Bar
 from glbench.cli.seeds import Where, on_cluster, seeds_of, train_with_seeds
 from glbench.errors import TrainingError
 from glbench.extras import require
+from glbench.untrusted import real_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -226,7 +227,7 @@ def tune_policy(
     with needs_the_extra("train"):
         from glbench.training.season_search import SearchSettings, read_season_search, search
     chosen = the_task(task)
-    file = (policy / "policy.npz" if policy.is_dir() else policy).resolve()
+    file = real_path(policy / "policy.npz" if policy.is_dir() else policy)
     settings = read_season_search(config, chosen.id, file) if config else SearchSettings.of(file)
     if generations is not None:
         settings = settings.model_copy(update={"generations": generations})
@@ -346,6 +347,9 @@ def sweep(
         tell_interrupted("Finished trials are kept. Run the same command again to continue.")
         raise typer.Exit(INTERRUPTED) from None
     _print_trials(trials, score)
+    if not any(trial.state != "fail" for trial in trials):
+        msg = f"None of the {len(trials)} trials succeeded; the reasons are above. Correct {config} and choose another folder with --out."
+        raise TrainingError(msg)
 
 
 def _folders(out: Path | None, name: str, seeds: list[int]) -> dict[int, Path]:

@@ -56,6 +56,7 @@ def verify(
     Exits with 0 when all are reproduced, 1 when one is refuted, 2 when (none is refuted and) one cannot be told, 3 when one cannot
     be told before its round is over.
     """
+    from glbench.evaluation import load_result
     from glbench.resources import is_released
     from glbench.verification import save_proof
     from glbench.verification import verify as verify_result
@@ -65,6 +66,13 @@ def verify(
         with messages().status(f"simulating {escape(harmless(path.name))} again"):
             verdict = verify_result(path, episodes=episodes, task=task, sealed=sealed, workers=workers)
         codes.append(verdict.exit_code)
+        if (
+            sealed is not None
+            and verdict.outcome == "reproduced"
+            and sealed.is_late(created := load_result(path).created)
+        ):
+            closed = f"the round closed at {sealed.closing_words}"
+            print_warning(f"{path.name} is late: it says that it was made at {harmless(created)}, and {closed}.")
         if proof and not is_released(path):  # released results keep the note that came with them
             try:
                 save_proof(verdict)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import real_numbers
 from glbench.env import process_computer
 from glbench.env.factories import Factories
 from glbench.env.logic import at_least, held_switch, select, within
@@ -338,11 +339,15 @@ class ActionReader:
         ActionError
             For a wrong shape or type.
         """
-        try:
-            actions = np.array(given, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            msg = f"The {self.what}s cannot be read as numbers: {error}. {self._expected(n)}"
-            raise ActionError(msg) from error
+        numbers = real_numbers(given)
+        if numbers is None:
+            kind = f"array of {given.dtype}" if isinstance(given, np.ndarray) else type(given).__name__
+            problem = (
+                f"The {self.what}s ({kind}) cannot be read as numbers: they are not real numbers in rows of one length."
+            )
+            msg = f"{problem} {self._expected(n)}"
+            raise ActionError(msg)
+        actions = numbers.astype(np.float64)
         if actions.shape != (n, len(self.names)):
             msg = f"The {self.what}s have shape {actions.shape}. {self._expected(n)}"
             raise ActionError(msg)

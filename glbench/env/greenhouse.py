@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import real_numbers
 from glbench.env.info import FAILURE, STEP_REWARD, InfoWriter
 from glbench.env.panel import panel
 from glbench.env.rendering import FRAMES_PER_SECOND, PICTURES, RENDER_MODES, Camera, checked_render_mode, drawable_modes
@@ -168,9 +169,10 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def _check_shape(self, action: NDArray[np.float32]) -> None:
         """Words for a wrong shape that speak of one action and not of a row of a batch."""
-        if np.shape(action) != self.action_space.shape:
+        numbers = real_numbers(action)
+        if numbers is not None and numbers.shape != self.action_space.shape:
             names = ", ".join(action.name for action in self.task.actions)
-            msg = f"The action has shape {np.shape(action)}. Expected shape {self.action_space.shape}: {names}."
+            msg = f"The action has shape {numbers.shape}. Expected shape {self.action_space.shape}: {names}."
             raise ActionError(msg) from None
 
     def render(self) -> str | NDArray[np.uint8] | None:

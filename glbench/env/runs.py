@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glbench.arrays import real_numbers
 from glbench.env.actuation import ActionReader
 from glbench.env.program import air_columns, info_columns, make_program
 from glbench.env.quantities import REWARD
@@ -191,7 +192,8 @@ class Runs:
         if type(action) is np.ndarray and action.shape == self._one_action and action.dtype.char in _PLAIN:
             given[:] = action
         else:
-            self._give("given", np.asarray(action)[None])
+            numbers = real_numbers(action)
+            self._give("given", action if numbers is None else numbers[None])
         failed = self._all.step()
         if failed:
             self._refuse("given", failed)

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Self
 from urllib.parse import quote
 
+from glbench.children import Child
 from glbench.errors import GlbenchError
 from glbench.resources import write_atomically
 
@@ -223,12 +224,10 @@ class Viewer:
 
     def __init__(self, program: Path, arguments: Sequence[str]) -> None:
         self._said = tempfile.TemporaryFile()  # noqa: SIM115  closed on leaving
-        self._process = subprocess.Popen(
-            [str(program), *arguments],
-            stdin=subprocess.DEVNULL,
-            stdout=self._said,
-            stderr=self._said,
-            start_new_session=True,
+        # A window that is to stay is in nobody's hands; its program starts another one and ends.
+        start: type[subprocess.Popen[Any]] = subprocess.Popen if "--detach-process" in arguments else Child
+        self._process = start(
+            [str(program), *arguments], stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said
         )
 
     def wait(self) -> None:

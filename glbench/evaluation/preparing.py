@@ -34,7 +34,7 @@ from glbench.evaluation.records import (
     results_digest,
     summarise,
 )
-from glbench.evaluation.rollout import ProgressCallback, RolloutLoop, RunTotals, StepCallback
+from glbench.evaluation.rollout import Progress, ProgressCallback, RolloutLoop, RunTotals, StepCallback
 from glbench.evaluation.runners import (
     AgentRunner,
     PerRunRunner,
@@ -49,6 +49,7 @@ from glbench.evaluation.sandbox.process import Prints
 from glbench.evaluation.saving import Computed, agent_folder, result_lock, save, settle, tidy
 from glbench.kernel import Kernel, make_kernel
 from glbench.tasks import TaskSpec, get_task, task_card
+from glbench.untrusted import real_path
 
 if TYPE_CHECKING:
     from glbench.agents.card import Split
@@ -102,7 +103,7 @@ def prepare(
         msg = f"An evaluation needs at least one worker; got {workers}."
         raise GlbenchError(msg)
     # Absolute at once: an agent may change the working directory.
-    folder = None if out is None else results_folder(Path(out).expanduser().resolve(), task)
+    folder = None if out is None else results_folder(real_path(Path(out).expanduser()), task)
     kernel = shared_kernel(task.model_value, task.step_seconds).describe()
     stored = None
     if folder is not None and task.split == "validation":
@@ -422,7 +423,9 @@ class Evaluation:
         callback: StepCallback | None,
     ) -> tuple[Result, Recorder] | None:
         """Result and record of a fresh agent, from the start or on from ``saved``; ``None`` when it cannot be brought back there."""
-        totals = RunTotals(self.task, self.seeds)
+        totals, n = RunTotals(self.task, self.seeds), len(self.seeds)
+        if progress is not None:
+            progress(Progress(0, self.task.steps, n, n, waiting="loading", limit=self.limits.start))
         checkpoint = Checkpoint(self.folder, self.checkpoint_seconds)
         with closing(self._runner()) as runner:
             recorder = Recorder(simulation, runner.shape[1], traced=self.out is not None)

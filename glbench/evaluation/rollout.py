@@ -115,7 +115,8 @@ class RunTotals:
 class Progress:
     """Where an evaluation stands: ``step`` of ``steps``, ``alive`` of ``runs`` still running.
 
-    While ``replaying``, an interrupted evaluation shows its agent again what it had seen before.
+    While ``replaying``, an interrupted evaluation shows its agent again what it had seen before. ``waiting`` says what the agent is asked
+    for next (``"loading"``, ``"reset"``, ``"act"``; empty when nothing), and ``limit`` how long that may take [s].
     """
 
     step: int
@@ -123,6 +124,8 @@ class Progress:
     alive: int
     runs: int
     replaying: bool = False
+    waiting: str = ""
+    limit: float = 0.0
 
 
 ProgressCallback = Callable[[Progress], None]
@@ -168,6 +171,8 @@ class RolloutLoop:
 
     def start(self) -> None:
         """Make the agent ready; when that fails, all of its runs have failed before the first step."""
+        limit = self._limits.start * (self._runner.n if self._runner.one_by_one else 1)
+        self._report(0, waiting="reset", limit=limit)
         self._totals.end(self._runner.start())
 
     def replay(self, saved: Saved) -> bool:
@@ -256,7 +261,9 @@ class RolloutLoop:
         facts = {"ends": self._totals.ends(), "wall_seconds": self.wall_seconds}
         self._checkpoint.save(step, {**self._totals.arrays(), **self._recorder.arrays(), "simulation": snapshot}, facts)
 
-    def _report(self, step: int, *, replaying: bool = False) -> None:
+    def _report(self, step: int, *, replaying: bool = False, waiting: str = "act", limit: float | None = None) -> None:
         if self._progress is not None:
-            alive = int(np.count_nonzero(self._totals.alive))
-            self._progress(Progress(step, self._simulation.task.steps, alive, len(self._totals.seeds), replaying))
+            alive, steps = int(np.count_nonzero(self._totals.alive)), self._simulation.task.steps
+            waiting = waiting if alive and step < steps else ""
+            limit = (self._limits.step * alive if limit is None else limit) if waiting else 0.0
+            self._progress(Progress(step, steps, alive, len(self._totals.seeds), replaying, waiting, limit))

@@ -74,6 +74,9 @@ class Decision:
 class AgentRunner(ABC):
     """An agent in its harness, for ``n`` runs; ``card`` holds names and bounds of what it decides."""
 
+    one_by_one = False
+    """Whether there is an agent for each run, each asked by itself and with its own time."""
+
     def __init__(self, card: TaskCard, n: int, limits: TimeLimits) -> None:
         self.card, self.n, self.limits = card, n, limits
         self.shape = (n, len(card.actions))
@@ -263,6 +266,8 @@ class ScenarioRunner(BatchRunner):
 
 class PerRunRunner(AgentRunner):
     """One agent a run, each asked by itself."""
+
+    one_by_one = True
 
     def __init__(self, agents: list[PerRunAgent], card: TaskCard, limits: TimeLimits) -> None:
         super().__init__(card, len(agents), limits)
@@ -512,6 +517,8 @@ class _Exchange:
 
 class SandboxedRuns(AgentRunner):
     """One agent a run, all in one process: what ends the process ends the run that was being asked."""
+
+    one_by_one = True
 
     def __init__(self, agent: SandboxedAgent, process: AgentProcess) -> None:
         super().__init__(agent.card, agent.runs, agent.time)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from glbench.env.kernels import check_kernel
 from glbench.env.seeds import checked_seed
 from glbench.env.spaces import action_space, observation_space, task_of_environment
-from glbench.errors import ShapeError, whole_number
+from glbench.errors import ActionError, ShapeError, whole_number
 from glbench.jax.door import open_door
 from glbench.jax.library import RESET, STEP
 from glbench.jax.spaces import Box
@@ -226,7 +226,15 @@ class Environment:
         self, state: State, action: jax.Array, fresh: jax.Array, *, autoreset: bool
     ) -> tuple[jax.Array, State, jax.Array, jax.Array, dict[str, jax.Array]]:
         door, real = self._door, jax.dtypes.canonicalize_dtype(np.float64)
-        action = jnp.asarray(action, real)
+        try:
+            action = jnp.asarray(action)
+        except (TypeError, ValueError, OverflowError) as error:
+            msg = f"An action of {self.task.id} is an array of real numbers, not {type(action).__name__} of something else."
+            raise ActionError(msg) from error
+        if not jnp.issubdtype(action.dtype, jnp.floating) and not jnp.issubdtype(action.dtype, jnp.integer):
+            msg = f"An action of {self.task.id} is an array of real numbers, not of {action.dtype}."
+            raise ActionError(msg)
+        action = action.astype(real)
         if action.shape != (door.actions,):
             msg = f"An action of {self.task.id} has the shape ({door.actions},), not {action.shape}. Map over rows with jax.vmap."
             raise ShapeError(msg)

@@ -20,6 +20,7 @@ from glbench.evaluation.records import AgentRecord
 from glbench.leaderboard.catalogue import Metric, catalogue
 from glbench.resources import data_folder, is_released
 from glbench.tasks import list_tasks, published_task, read_lock
+from glbench.untrusted import real_path
 from glbench.verification import SUFFIX, was_reproduced
 
 if TYPE_CHECKING:
@@ -193,7 +194,7 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
     names = _Names(released)
     expected = published_expectations()
     for folder in (out / "results", *(out / trials / "results" for trials in (TRIALS, VALIDATION))):
-        if folder.resolve() == home.resolve():
+        if real_path(folder) == real_path(home):
             continue
         found, unreadable = read_folder(folder)
         problems += unreadable

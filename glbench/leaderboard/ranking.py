@@ -21,6 +21,7 @@ from glbench.leaderboard.regret import BestKnownMeans, Regret, best_known_means,
 from glbench.leaderboard.seen import Seen, seen_by, what_it_should_not_have_seen
 from glbench.leaderboard.statistics import Interval, Published
 from glbench.showing import html_of
+from glbench.tasks import Round
 
 Sandbox = Literal["bubblewrap", "unsandboxed", "built-in"]
 SANDBOXES = ("unknown", "unsandboxed", "bubblewrap", "built-in")
@@ -131,6 +132,8 @@ class TaskTable(Published):
     )
     task: Any = Field(default=None, exclude=True)
     """The task's definition, where a result has it."""
+    late: tuple[str, ...] = Field(default=(), exclude=True)
+    """Which entries were made after the round closed, in sentences."""
 
     @property
     def draws(self) -> str:
@@ -171,6 +174,25 @@ class TaskTable(Published):
                 found.setdefault((row.kernel, row.build), []).append(row.agent)
         ordered = sorted(found.items(), key=lambda item: (-len(item[1]), item[0]))
         return {kernel: tuple(agents) for kernel, agents in ordered}
+
+
+def with_late_entries(
+    tables: Sequence[TaskTable], stored: Sequence[StoredResult], sealed: Round
+) -> tuple[TaskTable, ...]:
+    """The same tables; those of the round ``sealed`` name the results that were made after it closed, as they themselves state."""
+    closed = f"the round closed at {sealed.closing_words}"
+    late = [
+        (
+            item.board,
+            f"{item.result.agent.name} is late: its result says that it was made at {item.result.created}, and {closed}.",
+        )
+        for item in stored
+        if item.result.task.salt_commitment == sealed.commitment and sealed.is_late(item.result.created)
+    ]
+    return tuple(
+        table.model_copy(update={"late": tuple(words for board, words in late if board == table.task_id)})
+        for table in tables
+    )
 
 
 def rank(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> tuple[TaskTable, ...]:

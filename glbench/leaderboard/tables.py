@@ -764,8 +764,9 @@ def kernel_note(table: TaskTable) -> str:
 
 
 def seen_notes(table: TaskTable) -> list[str]:
-    """Which agents were trained on what they are judged by, in words."""
-    return [f"{SEEN_MARK} {row.agent} {row.saw_scored}, as its card states." for row in table.rows if row.saw_scored]
+    """Which agents were trained on what they are judged by, and which results of a round are late, in words."""
+    seen = [f"{SEEN_MARK} {row.agent} {row.saw_scored}, as its card states." for row in table.rows if row.saw_scored]
+    return [*seen, *table.late]
 
 
 def fresh_notes(table: TaskTable) -> list[str]:

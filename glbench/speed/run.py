@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from glbench import children
 from glbench.errors import GlbenchError
 from glbench.evaluation.provenance import machine, versions
 from glbench.kernel import Kernel
@@ -260,9 +261,8 @@ def _run(code: str, *arguments: str, **environment: str) -> float:
     """
     command, settings = [sys.executable, "-c", code, *arguments], {**os.environ, **environment}
     try:
-        done = subprocess.run(
-            command, env=settings, capture_output=True, text=True, check=True, timeout=_TIMEOUT_SECONDS
-        )
+        done = children.run(command, env=settings, timeout=_TIMEOUT_SECONDS)
+        done.check_returncode()
     except subprocess.CalledProcessError as error:
         said = error.stderr.strip().splitlines()[-1:] or ["nothing"]
         msg = f"A process that was to be measured failed; it said: {said[0]}"

@@ -23,7 +23,7 @@ from typing import Any
 from glbench.errors import SEMICOLONS, TaskError, UnknownNameError, did_you_mean
 from glbench.registration import task_files, task_ids
 from glbench.resources import data_folder
-from glbench.untrusted import MIB, read_regular
+from glbench.untrusted import MIB, read_regular, real_path
 
 BASE, WITHOUT = "base", "without"
 NOT_INHERITED = ("id", "title", "description", "suites")
@@ -89,9 +89,9 @@ def read_written(path: Path, above: tuple[Path, ...] = ()) -> Written:
     UnknownNameError
         When there is no task of the base's id.
     """
-    files = (*above, path.resolve())
+    files = (*above, real_path(path))
     shown = shown_path(path)
-    if path.resolve() in above:
+    if real_path(path) in above:
         chain = " -> ".join(file.name for file in files)
         msg = f"{shown} is its own base ({chain}). Remove 'base' from one of these files."
         raise TaskError(msg)
@@ -109,7 +109,7 @@ def read_written(path: Path, above: tuple[Path, ...] = ()) -> Written:
     found = read_written(under, files)
     prices = take_over_prices(content, path.parent, shown, found.content)
     base = content.pop(BASE)
-    return combined(found.content, content, base, shown, (*prices, under.resolve(), *found.files))
+    return combined(found.content, content, base, shown, (*prices, real_path(under), *found.files))
 
 
 def combined(
@@ -233,7 +233,7 @@ def take_over_prices(
         if not isinstance(table, dict) or "file" not in table:
             continue
         file = table.pop("file")
-        files.append((folder / str(file)).resolve())
+        files.append(real_path(folder / str(file)))
         where = f"{shown}: [price_tables.{name}] file = {as_written(file)}"
         try:
             text = read_regular(folder / str(file), _LARGEST_FILE).decode("utf-8-sig")
@@ -307,7 +307,7 @@ def shipped_file(wanted: str) -> Path:
 
 def shown_path(path: Path) -> str:
     """``path`` as messages name it: ``tasks/x.toml`` for shipped files, relative to the working folder where possible."""
-    resolved = path.resolve()
+    resolved = real_path(path)
     for folder, prefix in ((data_folder("tasks").resolve(), "tasks/"), (Path.cwd(), "")):
         if resolved.is_relative_to(folder):
             return prefix + resolved.relative_to(folder).as_posix()

@@ -9,7 +9,7 @@ import logging
 import tomllib
 from collections.abc import Mapping
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from glbench.errors import TaskError
 from glbench.registration import DEPRECATED_NAME
@@ -50,7 +50,7 @@ def read_deprecated() -> Mapping[str, Deprecation]:
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
         return {task_id: Deprecation.model_validate(entry) for task_id, entry in data.items()}
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, ValidationError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         msg = f"{path} cannot be used: {error}. Restore the file; docs/maintain.md describes its entries."
         raise TaskError(msg) from error
 

@@ -17,6 +17,7 @@ from glbench.tasks.lock import LOCK_WORDS, LockEntry, lock_path, read_lock, writ
 from glbench.tasks.reading import read_task, task_of
 from glbench.tasks.spec import TaskSpec
 from glbench.tasks.stale_prices import stale_prices
+from glbench.untrusted import real_path
 
 logger = logging.getLogger(__name__)
 _State = tuple[int, int]
@@ -168,7 +169,7 @@ _REMEMBERED: dict[tuple[Path, Path, bool], tuple[TaskSpec, dict[Path, _State]]] 
 
 def _load(path: Path, *, whole: bool = True) -> TaskSpec:
     """The task of a file, compared with the lock if its id is published; the file alone, without weather and model, if not ``whole``."""
-    file, lock = path.resolve(), lock_path()
+    file, lock = real_path(path), lock_path()
     remembered = _REMEMBERED.get((file, lock, whole))
     if remembered is not None and all(_state(one) == state for one, state in remembered[1].items()):
         return remembered[0]

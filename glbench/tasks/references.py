@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, model_validator
 
 from glbench.errors import TaskError
 from glbench.registration import REFERENCES_NAME
@@ -62,7 +62,7 @@ def read_references() -> Mapping[str, References]:
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
         return {task_id: References.model_validate(entry) for task_id, entry in data.items()}
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, ValidationError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         msg = f"{path} cannot be used: {error}. `glbench tasks references --write` makes it again from the results."
         raise TaskError(msg) from error
 

@@ -7,6 +7,7 @@ SHA-256, the commitment, is published first and the secret last, so that everybo
 
 from __future__ import annotations
 
+import datetime as dt
 import hashlib
 import json
 import os
@@ -25,6 +26,8 @@ SALT_BYTES: Final = 32
 SCHEMA: Final = "glbench/round"
 SCHEMA_VERSION: Final = 1
 _FIRST_LINE: Final = "glbench round 1"
+_CLOSES: Final = "closes "
+_EXAMPLE: Final = "2027-03-01T18:00+01:00"
 _HEX: Final = re.compile(r"[0-9a-f]{64}")
 _FIRST_YEAR, _LAST_YEAR = 1600, 9999
 _MOST_YEARS = 200
@@ -59,10 +62,13 @@ class Round:
         256 random bits as 64 hexadecimal digits, not shown by ``repr``.
     weather
         The round's own weather; ``None`` where it is the task's.
+    closes
+        When the round closes, with its time zone, in whole seconds: a result made later is late. ``None`` for never.
     """
 
     salt: str = field(repr=False)
     weather: SealedWeather | None = None
+    closes: dt.datetime | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is not a secret of a round.
@@ -70,11 +76,17 @@ class Round:
         Raises
         ------
         GlbenchError
-            When the salt, the digest or the years cannot be.
+            When the salt, the digest, the years or the closing time cannot be.
         """
         # The wrong salt is not repeated: a right one with a typo would end up in a log.
         if not isinstance(self.salt, str) or not _HEX.fullmatch(self.salt):
             msg = "The salt of a round has 64 hexadecimal digits in small letters. `glbench round new` makes one."
+            raise GlbenchError(msg)
+        closes = self.closes
+        if closes is not None and (
+            not isinstance(closes, dt.datetime) or closes.utcoffset() is None or closes.microsecond
+        ):
+            msg = f"A round closes at a time in whole seconds with its time zone, such as {_EXAMPLE}; got {quoted(str(closes))}."
             raise GlbenchError(msg)
         if self.weather is None:
             return
@@ -88,19 +100,36 @@ class Round:
             raise GlbenchError(msg)
 
     @classmethod
-    def new(cls, weather: SealedWeather | None = None) -> Round:
+    def new(cls, weather: SealedWeather | None = None, closes: dt.datetime | None = None) -> Round:
         """A round with a salt from the operating system's source of random numbers."""
-        return cls(secrets.token_hex(SALT_BYTES), weather)
+        return cls(secrets.token_hex(SALT_BYTES), weather, closes)
+
+    @property
+    def closing_words(self) -> str:
+        """``2027-03-01 17:00:00 UTC``; empty without a closing time."""
+        return "" if self.closes is None else f"{self.closes.astimezone(dt.UTC):%Y-%m-%d %H:%M:%S} UTC"
+
+    def is_late(self, when: dt.datetime | str) -> bool:
+        """Whether ``when``, as a result states it, is after the closing time; a text that is no time with its zone is, too."""
+        if self.closes is None:
+            return False
+        try:
+            return (dt.datetime.fromisoformat(when) if isinstance(when, str) else when) > self.closes
+        except (ValueError, TypeError):
+            return True
 
     @property
     def secret(self) -> str:
         """What the draws are keyed by: lines without an end of line after the last one.
 
-        ``glbench round 1``, the salt; with weather of the round's own also its digest, and its years with a space between two of them.
+        ``glbench round 1``, the salt; with weather of the round's own also its digest, and its years with a space between two of them;
+        with a closing time also ``closes`` and that time in UTC, such as ``closes 2027-03-01T17:00:00Z``.
         """
         lines = [_FIRST_LINE, self.salt]
         if self.weather is not None:
             lines += [self.weather.digest, " ".join(str(year) for year in self.weather.years)]
+        if self.closes is not None:
+            lines.append(f"{_CLOSES}{_utc(self.closes)}")
         return "\n".join(lines)
 
     @property
@@ -111,9 +140,15 @@ class Round:
     def to_toml(self) -> str:
         """The text of the round's file."""
         text = f'{_HEAD}schema = "{SCHEMA}"\nschema_version = {SCHEMA_VERSION}\ncommitment = "{self.commitment}"\nsalt = "{self.salt}"\n'
+        if self.closes is not None:
+            text += f"closes = {_utc(self.closes)}\n"
         if self.weather is not None:
             text += f'\n[weather]\ndigest = "{self.weather.digest}"\nyears = {json.dumps(self.weather.years)}\n'
         return text
+
+
+def _utc(time: dt.datetime) -> str:
+    return f"{time.astimezone(dt.UTC):%Y-%m-%dT%H:%M:%SZ}"
 
 
 def commitment_of(secret: str) -> str:
@@ -132,8 +167,10 @@ def weather_of(secret: str) -> SealedWeather | None:
     first, *lines = secret.split("\n")
     if first != _FIRST_LINE:  # a plain salt
         return None
+    if len(lines) > 1 and lines[-1].startswith(_CLOSES):
+        lines.pop()
     if len(lines) not in (1, 3) or (len(lines) == 3 and not re.fullmatch(r"\d{4}( \d{4})*", lines[2])):
-        msg = "This is not a secret of a round: it has two lines, or four with weather of the round's own."
+        msg = "This is not a secret of a round: it has two lines, two more for weather of its own, one more for a closing time."
         raise GlbenchError(msg)
     weather = SealedWeather(lines[1], tuple(int(year) for year in lines[2].split(" "))) if len(lines) == 3 else None
     return Round(lines[0], weather).weather
@@ -179,7 +216,7 @@ def read_round(path: Path | str) -> Round:
     except OSError as error:
         msg = f"Cannot read the round's file {path}: {error.strerror or error}."
         raise GlbenchError(msg) from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         msg = f"{path} is not a round's file: it is not TOML."  # no words of the parser, which would quote the secret
         raise GlbenchError(msg) from error
     try:
@@ -189,7 +226,7 @@ def read_round(path: Path | str) -> Round:
         raise GlbenchError(msg) from error
     if sealed.commitment != stated:
         msg = (
-            f"{path}: salt and weather give the commitment {sealed.commitment}, and the file says {quoted(stated)}. "
+            f"{path}: salt, closing time and weather give the commitment {sealed.commitment}, and the file says {quoted(stated)}. "
             "One of them was changed."
         )
         raise GlbenchError(msg)
@@ -202,16 +239,38 @@ def _round_of(content: dict[str, Any]) -> tuple[Round, object]:
         msg = f"this is not a round's file of this glbench: its schema is not '{SCHEMA}' {SCHEMA_VERSION}."
         raise GlbenchError(msg)
     weather = content.get("weather")
-    odd = set(content) - {"schema", "schema_version", "commitment", "salt", "weather"}
+    odd = set(content) - {"schema", "schema_version", "commitment", "salt", "closes", "weather"}
     if odd or "commitment" not in content or "salt" not in content:
-        msg = f"a round's file has schema, schema_version, commitment, salt and [weather]; odd: {', '.join(sorted(odd)) or 'none'}."
+        msg = f"a round's file has schema, schema_version, commitment, salt, closes and [weather]; odd: {', '.join(sorted(odd)) or 'none'}."
         raise GlbenchError(msg)
     if weather is None:
-        return Round(content["salt"]), content["commitment"]
+        return Round(content["salt"], None, content.get("closes")), content["commitment"]
     if not isinstance(weather, dict) or set(weather) != {"digest", "years"} or not isinstance(weather["years"], list):
         msg = "[weather] has the digest of a record and a list of years."
         raise GlbenchError(msg)
-    return Round(content["salt"], SealedWeather(weather["digest"], tuple(weather["years"]))), content["commitment"]
+    own = SealedWeather(weather["digest"], tuple(weather["years"]))
+    return Round(content["salt"], own, content.get("closes")), content["commitment"]
+
+
+def closing_time(text: str) -> dt.datetime:
+    """The closing time that a host gives, such as ``2027-03-01T18:00+01:00``.
+
+    Raises
+    ------
+    GlbenchError
+        When it is no time, has no time zone, or is over.
+    """
+    try:
+        closes = dt.datetime.fromisoformat(text.strip())
+    except ValueError:
+        closes = None
+    if closes is None or closes.utcoffset() is None:
+        msg = f"A closing time has day, time and time zone, such as {_EXAMPLE}; got {quoted(text)}."
+        raise GlbenchError(msg)
+    if closes <= dt.datetime.now(dt.UTC):
+        msg = f"The closing time {text} is over. Choose a later one."
+        raise GlbenchError(msg)
+    return closes.replace(microsecond=0)
 
 
 def round_weather(name: str, years: Sequence[int]) -> SealedWeather:

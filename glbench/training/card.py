@@ -174,7 +174,7 @@ def read_card(file: Path) -> dict[str, Any] | None:
         card = tomllib.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         msg = f"Cannot read the card {file}: {error}. Remove it to train again."
         raise TrainingError(msg) from error
     if not {"task", "training", "best"} <= card.keys():

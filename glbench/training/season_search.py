@@ -44,6 +44,7 @@ from glbench.training.settings import (
 from glbench.training.steady import varies, without_steady_columns
 from glbench.training.strategy import Strategy
 from glbench.training.trained import Trained
+from glbench.untrusted import real_path
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -179,7 +180,7 @@ def read_season_search(file: Path, task_id: str, start_from: Path | None = None)
     if start_from is not None:
         content["start_from"] = start_from
     elif isinstance(content.get("start_from"), str):
-        content["start_from"] = (file.parent / content["start_from"]).resolve()
+        content["start_from"] = real_path(file.parent / content["start_from"])
     with in_words(file, SearchSettings):
         return SearchSettings(**content)
 

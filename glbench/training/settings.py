@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from glbench.errors import TrainingError, did_you_mean
 from glbench.resources import data_folder
+from glbench.untrusted import real_path
+from glbench.yaml_reader import read_yaml
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -222,7 +224,7 @@ def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
     merged = section(file, task_id)
     own = {key: value for key, value in merged.items() if key in OWN}
     if isinstance(own.get("start_from"), str):
-        own["start_from"] = (file.parent / own["start_from"]).resolve()
+        own["start_from"] = real_path(file.parent / own["start_from"])
     rest = {key: value for key, value in merged.items() if key not in OWN}
     for key, value in rest.items():
         if isinstance(value, str) and _LIKE_A_NUMBER.match(value):
@@ -251,6 +253,8 @@ def numbers(content: Any) -> Any:
     try:
         number = float(content)
     except ValueError:
+        return content
+    if not math.isfinite(number):
         return content
     return int(number) if number.is_integer() else number
 
@@ -300,16 +304,12 @@ def _said(place: tuple[str | int, ...], problem: str, words: str, kind: type[Fro
 
 
 def _sections(file: Path) -> dict[str, dict[str, Any]]:
-    try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        msg = f"Cannot read the settings {file}: {error}."
-        raise TrainingError(msg) from error
-    if not isinstance(content, dict) or not all(isinstance(part, dict) or part is None for part in content.values()):
+    content = read_yaml(file, "the settings", TrainingError)
+    if not all(isinstance(part, dict) or part is None for part in content.values()):
         msg = f"{file} is not a settings file: it needs a section 'default:' and may have sections named by task ids."
         raise TrainingError(msg)
     if "default" not in content:
         found = ", ".join(f"'{name}'" for name in content)
         msg = f"{file} has no section 'default:' (only {found}). Put the settings that hold for every task there."
         raise TrainingError(msg)
-    return {str(name): part or {} for name, part in content.items()}
+    return {name: part or {} for name, part in content.items()}

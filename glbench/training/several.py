@@ -11,6 +11,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from glbench.children import worker
 from glbench.errors import GlbenchError, TrainingError
 from glbench.training.cluster import Ended, Saved, Training, hand_on
 from glbench.training.probe import CurvePoint, Listener, Progress
@@ -95,9 +96,8 @@ class ProcessTrainer:
         **options: Any,
     ) -> Trained:
         """As ``Trainer`` says. An exception of a listener ends the process, and is raised."""
-        context = multiprocessing.get_context("spawn")
-        here, there = context.Pipe(duplex=False)
-        process = context.Process(target=_train_there, args=(there, training, task, settings, folder, options))
+        here, there = multiprocessing.Pipe(duplex=False)
+        process = worker(_train_there, training, task, settings, folder, options, connections=[there])
         process.start()
         there.close()
         self._under_way.add(process)

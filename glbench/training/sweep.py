@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-import multiprocessing
 import shutil
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -18,12 +17,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import optuna
-import yaml
 from optuna.storages import RDBStorage
 from optuna.study import MaxTrialsCallback
 from optuna.trial import FrozenTrial, TrialState
 from pydantic import Field, ValidationError, model_validator
 
+from glbench.children import worker
 from glbench.errors import GlbenchError, TrainingError, did_you_mean
 from glbench.tasks import get_task
 from glbench.training.algorithms import check_settings
@@ -39,6 +38,8 @@ from glbench.training.settings import (
     read_settings,
     shipped_settings,
 )
+from glbench.untrusted import real_path
+from glbench.yaml_reader import read_yaml
 
 if TYPE_CHECKING:
     import optuna
@@ -161,17 +162,15 @@ def read_search(file: Path) -> Search:
     TrainingError
         When it cannot be read, or asks for something impossible.
     """
+    content = read_yaml(file, "the search", TrainingError)
     try:
-        search = Search.model_validate(numbers(yaml.safe_load(file.read_text(encoding="utf-8"))))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        msg = f"Cannot read the search {file}: {error}."
-        raise TrainingError(msg) from error
+        search = Search.model_validate(numbers(content))
     except ValidationError as error:
         problems = "; ".join(f"'{'.'.join(map(str, p['loc'])) or 'file'}': {p['msg']}" for p in error.errors())
         msg = f"The search in {file} cannot be used: {problems}. docs/training.md shows one."
         raise TrainingError(msg) from error
     config = search.config
-    return search if config is None else search.model_copy(update={"config": (file.parent / config).resolve()})
+    return search if config is None else search.model_copy(update={"config": real_path(file.parent / config)})
 
 
 def with_choices(settings: TrainingSettings, choices: dict[str, Any], steps: int) -> TrainingSettings:
@@ -358,8 +357,7 @@ def _work(
 
 
 def _work_together(search: Search, folder: Path, shares: list[int], tell: Callable[[], None]) -> None:
-    context = multiprocessing.get_context("spawn")
-    others = [context.Process(target=_work, args=(search, folder, share)) for share in shares]
+    others = [worker(_work, search, folder, share) for share in shares]
     for process in others:
         process.start()
     try:

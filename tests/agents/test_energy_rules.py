@@ -243,7 +243,7 @@ def test_what_is_no_page_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SubmissionError, match="Cannot read the energy rules"):
         read_energy_rule_pages(tmp_path / "c.yml")
     (tmp_path / "list.yml").write_text("- 1\n", encoding="utf-8")
-    with pytest.raises(SubmissionError, match="found list"):
+    with pytest.raises(SubmissionError, match="not a table of names and values"):
         read_energy_rule_pages(tmp_path)
 
 

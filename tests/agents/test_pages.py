@@ -33,7 +33,7 @@ def refused(folder: Path) -> str:
         ("heating_night: 16.57", "heating_night: 15,5", "'heating_night' is '15,5', which is not a number; write it with a point, 15.5"),
         ("heating_night: 16.57", "heating_night: warm", "'heating_night' is 'warm', which is not a number."),
         ("heating_night: 16.57", "heating_nigth: 16.57", "there is no setting 'heating_nigth'. Did you mean 'heating_night'"),
-        ("heating_night: 16.57", "  heating_night: 16.57", "spring.yml cannot be read at line 12, '  heating_night: 16.57"),
+        ("heating_night: 16.57", "  heating_night: 16.57", "spring.yml at line 12, '  heating_night: 16.57"),
         ("heating_night: 16.57", "heating_night 16.57", "Every line is 'name: value' and begins at the left edge."),
         ("vents_cold_less: ", "vents_cold_less: 7 #", "'vents_cold_less' is 7; it must be from 0 to 0.95"),
     ],

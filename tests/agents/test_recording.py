@@ -61,7 +61,7 @@ def test_another_number_of_rows_is_refused(card):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"names": ("heat", "co2")}, "takes"),
+        ({"names": ("heat", "co2"), "low": (-1.0,) * 2, "high": (1.0,) * 2}, "takes"),
         ({"actuation": "set_point"}, "holds set_point actions of"),
         ({"low": (0.0,) * 6}, "other bounds"),
     ],

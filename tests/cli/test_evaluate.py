@@ -75,7 +75,7 @@ def test_failed_runs_are_said_loudly_and_are_a_result_nevertheless(glbench: Comm
     (here / "broken.py").write_text(broken, encoding="utf-8")
     answer = glbench("evaluate", "broken.py", *ARGUMENTS)
 
-    assert answer.code == 0
+    assert answer.code == 1
     assert "3 of 3 runs failed." in answer.err
     assert (
         "crashed after 0 steps (3 runs: seed 666, 667, 668): ZeroDivisionError: division by zero (broken.py:6 in act)"

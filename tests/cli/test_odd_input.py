@@ -117,3 +117,38 @@ def test_commands_leave_the_released_results_alone(glbench: Command, here: Path)
     ):
         assert glbench(*arguments).code == (2 if arguments[0] == "verify" else 0), arguments
     assert state() == before
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("verify", "loop"),
+        ("verify", "results"),
+        ("evaluate", "loop", *TASK),
+        ("evaluate", "loop.py", *TASK),
+        ("evaluate", "steady.py", "--task", "loop.toml"),
+        ("evaluate", "steady.py", *TASK, "--out", "loop"),
+        ("evaluate", "steady.py", *TASK, "--round", "loop.toml"),
+        ("tasks", "check", "loop.toml"),
+        ("round", "check", "loop.toml"),
+        ("leaderboard", "--out", "loop"),
+        ("bound", "--submit", "loop.npz"),
+        ("episodes", "info", "loop.mcap"),
+        ("submit", "check", "loop"),
+    ],
+    ids=" ".join,
+)
+def test_a_link_that_leads_back_to_itself_ends_in_words(
+    glbench: Command, here: Path, arguments: tuple[str, ...]
+) -> None:
+    for name in ("loop", "loop.py", "loop.toml", "loop.npz", "loop.mcap"):
+        (here / name).symlink_to(name)
+    (here / "results").mkdir()
+    (here / "results" / "x.json").symlink_to("x.json")
+    (here / "results" / "again").symlink_to(".")
+    answer = glbench(*arguments)
+    assert answer.code in (1, 2)
+    assert "Traceback" not in answer.err
+    assert any(
+        words in answer.err + answer.out for words in ("symbolic links", "neither a file or folder", "There is no")
+    )

@@ -103,7 +103,8 @@ def test_progress_is_told_of_every_step(day_task: TaskSpec, write_agent: AgentWr
     seen: list[Progress] = []
     evaluate(day_task, write_agent(), progress=seen.append)
 
-    assert [p.step for p in seen] == list(range(25))
+    assert [(p.waiting, p.limit) for p in seen[:3]] == [("loading", 300.0), ("reset", 300.0), ("act", 30.0)]
+    assert [p.step for p in seen[2:]] == list(range(25))
     assert seen[-1] == Progress(step=24, steps=24, alive=3, runs=3, replaying=False)
 
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from glbench.env import GreenhouseVectorEnv, Simulation, Snapshot, register_reward
-from glbench.errors import GlbenchError, ShapeError, TaskError, UnknownNameError
+from glbench.errors import ActionError, GlbenchError, ShapeError, TaskError, UnknownNameError
 from glbench.kernel import make_kernel, why_not_compiled
 from glbench.tasks import TaskSpec, list_drafts, list_tasks
 
@@ -297,3 +297,13 @@ def test_without_a_compiler_the_reason_is_said(day: TaskSpec, monkeypatch: pytes
     monkeypatch.setattr(door, "why_not_compiled", lambda model: "There is no C++ compiler here.")
     with pytest.raises(TaskError, match=r"cannot step test/Day-v1: There is no C\+\+ compiler here"):
         Environment(day)
+
+
+@pytest.mark.parametrize(
+    "action", [[0j] * 6, [True] * 6, ["0"] * 6, [10**400] * 6, [None] * 6, np.zeros(6, "datetime64[s]")]
+)
+def test_an_action_that_is_not_a_row_of_real_numbers_is_refused(action: Any) -> None:
+    environment = Environment("Spring-v1")
+    _, state = environment.reset(jax.random.key(0))
+    with pytest.raises(ActionError, match="is an array of real numbers, not"):
+        environment.step(jax.random.key(1), state, action)

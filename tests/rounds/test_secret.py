@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import hashlib
 import stat
 from pathlib import Path
@@ -13,6 +14,7 @@ from glbench.tasks import Round, SealedWeather, TaskSpec, get_task, read_round
 from glbench.tasks.sealed import weather_of, write_round
 from tests.cli.command_line import Command
 from tests.rounds.conftest import OTHER, SECRET
+from tests.rounds.tiny import write_tiny
 
 WEATHER = SealedWeather("ab" * 32, (2019, 2020))
 
@@ -132,3 +134,101 @@ def test_commands_make_and_check_a_round(glbench: Command, tmp_path: Path) -> No
     assert glbench("round", "new", tmp_path / "own.toml", "--weather", "schiphol").code == 1
     assert glbench("round", "new", tmp_path / "own.toml", "--weather", "schiphol", "--year", "1890").code == 1
     assert not (tmp_path / "own.toml").exists()
+
+
+CLOSES = dt.datetime(2027, 3, 1, 18, 0, tzinfo=dt.timezone(dt.timedelta(hours=1)))
+
+
+def test_the_commitment_covers_the_closing_time(tmp_path: Path) -> None:
+    for weather, lines in ((None, b""), (WEATHER, b"\n" + b"ab" * 32 + b"\n2019 2020")):
+        sealed = Round("5" * 64, weather, CLOSES)
+        text = b"glbench round 1\n" + b"5" * 64 + lines + b"\ncloses 2027-03-01T17:00:00Z"
+        assert sealed.commitment == hashlib.sha256(text).hexdigest()
+        assert weather_of(sealed.secret) == weather
+        file = tmp_path / f"{weather is None}.toml"
+        write_round(sealed, file)
+        assert read_round(file) == sealed
+        later = file.read_text(encoding="utf-8").replace("2027-03-01T17", "2027-03-01T18")
+        file.write_text(later, encoding="utf-8")
+        with pytest.raises(GlbenchError, match=r"closing time .* One of them was changed"):
+            read_round(file)
+
+
+def test_late_is_what_was_made_after_the_closing_time() -> None:
+    sealed = Round("5" * 64, None, CLOSES)
+    assert not sealed.is_late("2027-03-01T17:00:00+00:00")
+    assert sealed.is_late("2027-03-01T17:00:01+00:00")
+    assert not sealed.is_late("2027-03-01T17:30:00+02:00")
+    assert sealed.is_late("2027-03-01T16:00:00"), "a time without its zone tells nothing"
+    assert sealed.is_late("yesterday")
+    assert not SECRET.is_late("2999-01-01T00:00:00+00:00")
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("2999-03-01T18:00", "time zone"),
+        ("2999-03-01", "time zone"),
+        ("next week", "time zone"),
+        ("1" * 5000, "time zone"),
+        ("2020-03-01T18:00+01:00", "is over"),
+    ],
+)
+def test_a_closing_time_has_its_zone_and_is_to_come(glbench: Command, tmp_path: Path, given: str, words: str) -> None:
+    answer = glbench("round", "new", tmp_path / "r.toml", "--closes", given)
+    assert answer.code == 1
+    assert words in answer.err
+    assert not (tmp_path / "r.toml").exists()
+
+
+@pytest.mark.parametrize(
+    "closes", ["2027-03-01T17:00:00", "2027-03-01", "1", '"soon"', "2027-03-01T17:00:00.5Z", "9" * 5000]
+)
+def test_a_file_with_another_closing_time_is_refused(tmp_path: Path, closes: str) -> None:
+    file = tmp_path / "r.toml"
+    write_round(SECRET, file)
+    file.write_text(file.read_text(encoding="utf-8") + f"closes = {closes}\n", encoding="utf-8")
+    with pytest.raises(GlbenchError, match=r"r\.toml"):
+        read_round(file)
+
+
+def test_new_and_check_say_until_when_a_round_is_open(glbench: Command, tmp_path: Path) -> None:
+    file = tmp_path / "r.toml"
+    made = glbench("round", "new", file, "--closes", "2999-03-01T18:00+01:00")
+    assert "closes at 2999-03-01 17:00:00 UTC" in made.err
+    assert "The round is open: it closes at 2999-03-01 17:00:00 UTC." in glbench("round", "check", file).err
+    over = tmp_path / "over.toml"
+    write_round(Round("5" * 64, None, CLOSES.replace(year=2020)), over)
+    assert "The round is closed: it closed at 2020-03-01 17:00:00 UTC." in glbench("round", "check", over).err
+    old = tmp_path / "old.toml"
+    assert "never closes" in glbench("round", "new", old).err
+    assert "It has no closing time." in glbench("round", "check", old).err
+
+
+def test_after_it_closed_an_entry_is_refused_or_named_as_late(
+    glbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    tiny = write_tiny(folder)
+    over = tmp_path / "secret" / "over.toml"
+    write_round(Round("5" * 64, None, CLOSES.replace(year=2020)), over)
+    line = ("evaluate", "rule_based", "--task", tiny, "--round", over, "--episodes", "none")
+    refused = glbench(*line)
+    assert refused.code == 1
+    assert "closed at 2020-03-01 17:00:00 UTC" in refused.err
+    assert "--late" in refused.err
+    assert not Path("reports").exists()
+    late = glbench(*line, "--late")
+    assert late.code == 0, late.err
+    assert "The result is late" in late.err
+    (out,) = Path("reports/rounds").iterdir()
+    words = "rule_based is late: its result says that it was made at 20"
+    board = glbench("leaderboard", "--out", out, "--round", over, "--write")
+    assert words in " ".join(board.err.split()) + " ".join(board.out.split())
+    assert words in (out / "leaderboard.md").read_text(encoding="utf-8")
+    assert "is late" not in glbench("leaderboard", "--out", out).err
+    verified = glbench("verify", out / "results", "--round", over)
+    assert verified.code == 0, verified.err
+    assert "is late" in verified.err

@@ -132,7 +132,7 @@ def test_an_algorithm_without_shipped_settings_is_named() -> None:
     ("text", "said"),
     [
         ("defaults: {}", "no section 'default:'"),
-        ("- 1", "not a settings file"),
+        ("- 1", "not a table of names and values"),
         ("default: {n_envs: 0}", "'n_envs'"),
         ("default: {normalize: {reward: true}}", r"no setting 'normalize\.reward'\. Did you mean 'rewards'"),
         ("default: {learning_rate: 1e-x}", "'learning_rate: 1e-x' .* not a number"),

@@ -325,7 +325,7 @@ class _Session:
                     take_over(folder, news.files)
                 step, living = (steps, len(seeds)) if part in running.done else news.standing or (0, len(seeds))
                 done, alive = done + step * len(seeds), alive + living
-            self._report(running.job, Progress(done // runs, steps, alive, runs))
+            self._report(running.job, Progress(done // runs, steps, alive, runs, waiting="workers"))
 
 
 def _key(number: int, seeds: tuple[int, ...]) -> str:

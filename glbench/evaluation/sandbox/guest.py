@@ -313,8 +313,8 @@ def main(descriptor: int, *, walls: bool) -> NoReturn:
     """Say hello and serve; ``walls``: in a sandbox, whose own process the agent must not look into."""
     if walls:
         enter_domain()
-    os.closerange(3, descriptor)
-    os.closerange(descriptor + 1, 1024)
+        os.closerange(3, descriptor)
+        os.closerange(descriptor + 1, 1024)
     line = Line(socket.socket(fileno=descriptor))
     line.answer(Kind.HELLO)
     host = Host(line)

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from glbench.agents import Identity
+from glbench.children import Child
 from glbench.errors import SandboxError
 from glbench.evaluation.files import Scratch
 from glbench.evaluation.records import Status
@@ -342,10 +343,9 @@ class AgentProcess:
                 inherited += [facts_writing, words, *([filter_file] if filter_file is not None else [])]
                 line = [*program(), "--args", str(words), *inside]
             # A session of its own: Ctrl-C in the terminal is for the evaluation, which ends the agent in its own time.
-            self._started = subprocess.Popen(
-                line, stdin=subprocess.DEVNULL, stdout=writing, stderr=writing, pass_fds=inherited,
-                start_new_session=True, env=environment,
-            )  # fmt: skip
+            self._started = Child(
+                line, stdin=subprocess.DEVNULL, stdout=writing, stderr=writing, pass_fds=inherited, env=environment
+            )
             undo.pop_all()
         self._sock.setblocking(False)
         os.set_blocking(self._output, False)
@@ -462,9 +462,6 @@ class AgentProcess:
         raise self._lost
 
     def _kill(self) -> None:
-        if not self._walls:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(self._started.pid, signal.SIGKILL)
         if self._pidfd >= 0:
             # The first process of the sandbox takes all others with it, and has ended when they have.
             with contextlib.suppress(ProcessLookupError):

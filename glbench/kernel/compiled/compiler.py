@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from glbench import children
 from glbench.errors import GlbenchError
 
 # No fused multiply-add but the written ones; no -ffast-math in any form. The two "no-" flags give up errno and
@@ -62,7 +63,7 @@ class Compiler:
         folders = [word for folder in include for word in ("-I", str(folder))]
         command = [*self.command, *flags, *folders, str(source), "-o", str(library)]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT_SECONDS, check=False)
+            done = children.run(command, timeout=_TIMEOUT_SECONDS)
         except (OSError, subprocess.TimeoutExpired) as error:
             msg = f"The compiler '{' '.join(self.command)}' could not build the kernel: {error}."
             raise CompiledUnavailable(msg) from error

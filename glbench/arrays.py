@@ -1,0 +1,193 @@
+"""Arrays of strangers: actions that are to be real numbers, and files (``.npz``) without code, of bounded size, all of one kind."""
+
+from __future__ import annotations
+
+import io
+import math
+import tokenize
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from glbench.untrusted import MIB, parse_json, quoted, read_regular
+
+_MOST_ENTRIES: Final = 1000
+_KINDS: Final = {"<f4", "<f8", "<u2", "<i8", "<u8", "|u1"}
+_NUMPY_ERRORS: Final = (
+    ValueError,
+    SyntaxError,
+    TypeError,
+    RecursionError,
+    MemoryError,
+    OverflowError,
+    tokenize.TokenError,
+)
+"""What numpy raises for a damaged header."""
+
+
+def real_numbers(value: object) -> NDArray[Any] | None:
+    """``value`` as an array of real numbers; None where it is none.
+
+    Complex numbers, dates, text, truth values, objects (such as whole numbers beyond 64 bits) and lists of unequal rows are none.
+    """
+    try:
+        array = np.asarray(value)
+    except (*_NUMPY_ERRORS, RuntimeError):  # RuntimeError: a tensor that is part of a gradient
+        return None
+    return array if array.dtype.kind in "fiu" else None
+
+
+class ArrayFile:
+    """The arrays of a file; every method raises a ``ValueError``, which names the entry, for one that is missing or of another kind."""
+
+    def __init__(self, arrays: dict[str, NDArray[Any]]) -> None:
+        self._arrays = arrays
+
+    @classmethod
+    def at(cls, file: Path, largest: int = 64 * MIB) -> ArrayFile:
+        """The arrays in ``file``, which takes at most ``largest`` bytes, packed and unpacked.
+
+        Raises
+        ------
+        OSError, ValueError
+            When it cannot be read, is larger, or is not a file of such arrays; the message continues a sentence that begins with "it".
+        """
+        return cls.of(read_regular(file, largest), largest)
+
+    @classmethod
+    def of(cls, data: bytes, largest: int = 64 * MIB) -> ArrayFile:
+        """The same from the bytes of a file. Errors as for ``at``."""
+        try:
+            with zipfile.ZipFile(io.BytesIO(data)) as archive:
+                entries = archive.infolist()
+                if len(entries) > _MOST_ENTRIES or sum(entry.file_size for entry in entries) > largest:
+                    msg = f"it unpacks to more than {largest // MIB} MiB or {_MOST_ENTRIES:,} arrays"
+                    raise ValueError(msg)
+                if len({entry.filename for entry in entries}) < len(entries):
+                    msg = "it has an array twice"
+                    raise ValueError(msg)
+                return cls({entry.filename.removesuffix(".npy"): _array(archive, entry) for entry in entries})
+        except (
+            zipfile.BadZipFile,
+            zipfile.LargeZipFile,
+            zlib.error,
+            EOFError,
+            NotImplementedError,
+            RuntimeError,
+        ) as error:
+            msg = "it is not an archive of arrays (.npz), or a damaged one"
+            raise ValueError(msg) from error
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._arrays
+
+    def count(self, beginning: str) -> int:
+        """How many arrays have names that begin so."""
+        return sum(name.startswith(beginning) for name in self._arrays)
+
+    def text(self, name: str) -> str:
+        """A text."""
+        return str(self._texts(name, 0))
+
+    def texts(self, name: str) -> tuple[str, ...]:
+        """A row of texts."""
+        return tuple(self._texts(name, 1))
+
+    def integer(self, name: str) -> int:
+        """A whole number."""
+        array = self._entry(name, 0)
+        if array.dtype.kind == "f":
+            msg = f"'{name}' is not a whole number"
+            raise ValueError(msg)
+        return int(array)
+
+    def number(self, name: str) -> float:
+        """A number, finite."""
+        return float(self.floats(name, 0))
+
+    def floats(self, name: str, dimensions: int, kind: Any = np.float64) -> NDArray[Any]:
+        """An array of finite numbers, as ``kind``."""
+        array = self._entry(name, dimensions)
+        with np.errstate(over="ignore"):
+            cast: NDArray[Any] = array.astype(kind)
+        if array.dtype.kind != "f" or not np.isfinite(cast).all():
+            msg = f"'{name}' has entries that are not finite floating-point numbers"
+            raise ValueError(msg)
+        return cast
+
+    def integers(self, name: str, dimensions: int, kind: Any) -> NDArray[Any]:
+        """An array of whole numbers, which is one of ``kind`` already."""
+        array = self._entry(name, dimensions)
+        if array.dtype != np.dtype(kind):
+            msg = f"'{name}' has entries of the kind {array.dtype}, and not {np.dtype(kind)}"
+            raise ValueError(msg)
+        return array
+
+    def table(self, name: str) -> dict[str, Any]:
+        """The object of a JSON text."""
+        table = parse_json(self.text(name))
+        if not isinstance(table, dict):
+            msg = f"'{name}' is not a table"
+            raise ValueError(msg)  # noqa: TRY004  the file's fault
+        return table
+
+    def _texts(self, name: str, dimensions: int) -> Any:
+        array = self._entry(name, dimensions, text=True)
+        try:
+            return array.tolist()
+        except ValueError as error:
+            msg = f"'{name}' has characters that do not exist"
+            raise ValueError(msg) from error
+
+    def _entry(self, name: str, dimensions: int, *, text: bool = False) -> NDArray[Any]:
+        array = self._arrays.get(name)
+        if array is None:
+            msg = f"it has no '{name}'"
+            raise ValueError(msg)
+        if array.ndim != dimensions or (array.dtype.kind == "U") != text:
+            wanted = f"{'text' if text else 'numbers'} with {dimensions} dimensions"
+            msg = f"'{name}' is an array of {array.dtype} of the shape {quoted(array.shape)}, and should be {wanted}"
+            raise ValueError(msg)
+        return array
+
+
+def checked_facts(facts: object) -> dict[str, str | int | float]:
+    """A table of texts and finite numbers.
+
+    Raises
+    ------
+    ValueError
+        When it is none.
+    """
+    if not isinstance(facts, dict):
+        msg = f"{quoted(facts)} is not a table"
+        raise ValueError(msg)  # noqa: TRY004  the file's fault
+    for name, value in facts.items():
+        if not isinstance(value, str | int | float) or (isinstance(value, float) and not math.isfinite(value)):
+            msg = f"{quoted(name)} is {quoted(value)}, which is neither text nor a finite number"
+            raise ValueError(msg)
+    return facts
+
+
+def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
+    """An entry whose header is believed only as far as there is content for it."""
+    content = io.BytesIO(archive.read(entry))
+    try:
+        version = npy.read_magic(content)
+        read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+        shape, by_columns, dtype = read_header(content)
+        left = len(content.getbuffer()) - content.tell()
+        fits = dtype.itemsize > 0 and math.prod(shape) * dtype.itemsize == left and min(shape, default=0) >= 0
+    except _NUMPY_ERRORS as error:
+        msg = f"its entry {quoted(entry.filename)} is not an array of plain numbers or text"
+        raise ValueError(msg) from error
+    if not fits or (dtype.kind != "U" and dtype.str not in _KINDS):
+        msg = f"its entry {quoted(entry.filename)} is not an array of plain numbers or text, or only part of one"
+        raise ValueError(msg)
+    array: NDArray[Any] = np.frombuffer(content.read(), dtype=dtype)
+    return array.reshape(shape, order="F" if by_columns else "C").copy(order="K")
