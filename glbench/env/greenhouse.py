@@ -15,10 +15,20 @@ from glbench.env.panel import panel
 from glbench.env.rendering import FRAMES_PER_SECOND, PICTURES, RENDER_MODES, Camera, checked_render_mode, drawable_modes
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
 from glbench.env.simulation import Simulation
-from glbench.env.spaces import STATE, action_space, check_names, observation_space, state_option, task_of_environment
+from glbench.env.spaces import (
+    STATE,
+    action_space,
+    check_names,
+    observation_space,
+    state_option,
+    task_of_environment,
+    with_horizon,
+)
 from glbench.errors import ActionError
 
 if TYPE_CHECKING:
+    from gymnasium.envs.registration import EnvSpec
+
     from glbench.env.kernels import Stepper
     from glbench.env.snapshot import Snapshot
     from glbench.tasks import TaskSpec
@@ -54,9 +64,9 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Episodes
 
-    An episode ends (``terminated``) after exactly ``task.steps`` steps: the season is over, nothing follows, so there is no
-    value to bootstrap from. ``truncated`` is always false. A step that cannot be integrated ends the episode at once
-    with the reward of a failed step, and ``info["failure"]`` says why.
+    An episode ends (``terminated``) after exactly ``task.steps`` steps, which ``spec.max_episode_steps`` says as well: the season is over,
+    nothing follows, so there is no value to bootstrap from. ``truncated`` is always false. A step that cannot be integrated ends the
+    episode at once with the reward of a failed step, and ``info["failure"]`` says why.
 
     ``reset(seed=s)`` starts the episode of seed s, the same on every day and in every batch. ``reset()`` draws the next
     episode's seed from ``np_random``, which the last given seed determines; ``info["seed"]`` tells it.
@@ -78,7 +88,8 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         which needs the extra ``video``. ``None``: nothing.
     split
         Of a task with splits, which scenarios episodes are drawn from: "training", which is meant when none is named, "validation" or
-        "test". A task that has a test alone wants it named.
+        "test". A task that has a test alone, such as those of the suite ``transfer``, gives seasons that are not scored ("preview"): to
+        look at and to try an agent in, not to train on. Its scored seasons want to be named: ``split="test"``.
     overrides
         What differs from the task, such as ``{"weather.days": 30, "sensors": None}``, as for ``TaskSpec.replace``.
 
@@ -88,6 +99,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """
 
     metadata: dict[str, Any] = {"render_modes": list(drawable_modes()), "render_fps": FRAMES_PER_SECOND}  # noqa: RUF012  # as Gymnasium declares it
+    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -106,6 +118,15 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.simulation = Simulation(self.task, 1, kernel)
         self._info = InfoWriter(self.task)
         self._camera = Camera(self.simulation) if render_mode == PICTURES else None
+
+    @property
+    def spec(self) -> EnvSpec | None:  # Gymnasium declares an attribute, which ``make`` sets
+        """What ``gymnasium.make`` made the environment of, with the horizon of its task; ``None`` without ``make``."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = with_horizon(spec, self.task)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

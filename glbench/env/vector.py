@@ -28,11 +28,14 @@ from glbench.env.spaces import (
     observation_space,
     state_option,
     task_of_environment,
+    with_horizon,
 )
 from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean, whole_number
 from glbench.kernel import make_kernel
 
 if TYPE_CHECKING:
+    from gymnasium.envs.registration import EnvSpec
+
     from glbench.env.kernels import Stepper
     from glbench.env.snapshot import Snapshot
     from glbench.env.step_result import StepResult
@@ -77,6 +80,8 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         As for ``GreenhouseEnv``.
     """
 
+    _spec: EnvSpec | None = None
+
     def __init__(
         self,
         task: TaskSpec | str,
@@ -112,6 +117,15 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         self._generators: list[np.random.Generator] = []
         self._generator_seeds: list[int] = []
         self._result: StepResult | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:  # as in ``GreenhouseEnv``
+        """What ``gymnasium.make_vec`` made the environment of, with the horizon of its task; ``None`` without ``make_vec``."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = with_horizon(spec, self.task)
 
     @property  # type: ignore[misc]  # read-only, one for each row, as in SyncVectorEnv
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
