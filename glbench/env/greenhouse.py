@@ -25,6 +25,7 @@ from glbench.env.spaces import (
     with_horizon,
 )
 from glbench.errors import ActionError
+from glbench.tasks import Normalisation
 
 if TYPE_CHECKING:
     from gymnasium.envs.registration import EnvSpec
@@ -56,7 +57,10 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Observation space
 
-    ``Box`` of float32 with finite bounds; ``env.unwrapped.task.observed()`` names the columns with their units.
+    ``Box`` of float32 with finite bounds; ``env.unwrapped.task.observed()`` names the columns with their units, bounds and typical
+    ranges.
+    Nothing can exceed the bounds, so they are far beyond what occurs: with ``normalise=True`` the typical range of each column becomes
+    -1 to 1.
 
     ## Reward
 
@@ -92,6 +96,8 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         look at and to try an agent in, not to train on. Its scored seasons want to be named: ``split="test"``.
     overrides
         What differs from the task, such as ``{"weather.days": 30, "sensors": None}``, as for ``TaskSpec.replace``.
+    normalise
+        Observe every column with its typical range as -1 to 1, not clipped (``glbench.tasks.Normalisation``).
 
     ## Version History
 
@@ -108,12 +114,14 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         render_mode: str | None = None,
         split: str | None = None,
         overrides: Mapping[str, Any] | None = None,
+        normalise: bool = False,
     ) -> None:
         self.task = task_of_environment(task, split, overrides)
+        self._normalisation = Normalisation.of(self.task.observed()) if normalise else None
         self.render_mode = checked_render_mode(render_mode)
         if render_mode == PICTURES:  # Gymnasium would refuse to render, before ``render`` can say what to install
             self.metadata = {**self.metadata, "render_modes": list(RENDER_MODES)}
-        self.observation_space = observation_space(self.task)
+        self.observation_space = observation_space(self.task, self._normalisation)
         self.action_space = action_space(self.task)
         self.simulation = Simulation(self.task, 1, kernel)
         self._info = InfoWriter(self.task)
@@ -158,7 +166,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         observation = self.simulation.reset([draw_seed(self.np_random) if given is None else given])[0]
         if self._camera is not None:
             self._camera.begin()
-        return observation, self._info.standing(self.simulation)
+        return self._shown(observation), self._info.standing(self.simulation)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Take one step.
@@ -185,7 +193,10 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._camera.follow_only(numbers, info["epi"])
         if terminated:
             self._add_failure(info)
-        return observation, info[STEP_REWARD], terminated, False, info
+        return self._shown(observation), info[STEP_REWARD], terminated, False, info
+
+    def _shown(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        return observation if self._normalisation is None else self._normalisation(observation)
 
     def _check_shape(self, action: NDArray[np.float32]) -> None:
         """Words for a wrong shape that speak of one action and not of a row of a batch."""
@@ -223,7 +234,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             self.np_random = unpack_generator(snapshot.generators[0])
         if self._camera is not None:
             self._camera.begin()
-        return observation, self._info.standing(self.simulation)
+        return self._shown(observation), self._info.standing(self.simulation)
 
     def _add_failure(self, info: dict[str, Any]) -> None:
         """Say why a step could not be integrated, if that is what ended the episode."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from glbench.env.actuation import action_bounds
 from glbench.env.snapshot import Snapshot
 from glbench.errors import GlbenchError, ShapeError, did_you_mean
-from glbench.tasks import TaskSpec, get_task
+from glbench.tasks import Normalisation, TaskSpec, get_task
 from glbench.tasks.spec import PREVIEW
 
 if TYPE_CHECKING:
@@ -57,12 +57,12 @@ def task_of_environment(
     return found
 
 
-def observation_space(task: TaskSpec) -> Vectors:
-    """Observed columns of a task with their finite bounds, float32."""
+def observation_space(task: TaskSpec, normalisation: Normalisation | None = None) -> Vectors:
+    """Observed columns of a task with their finite bounds, float32, as ``normalisation`` shows them."""
     columns = task.observed()
-    low, high = [column.low for column in columns], [column.high for column in columns]
-    box = spaces.Box(np.array(low, dtype=np.float32), np.array(high, dtype=np.float32), dtype=np.float32)
-    return cast("Vectors", box)
+    bounds = [np.array([getattr(column, side) for column in columns], np.float32) for side in ("low", "high")]
+    low, high = bounds if normalisation is None else map(normalisation, bounds)
+    return cast("Vectors", spaces.Box(low, high, dtype=np.float32))
 
 
 def action_space(task: TaskSpec) -> Vectors:
