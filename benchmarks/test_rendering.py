@@ -1,7 +1,7 @@
 """Cost of a picture of a video in steps of the same environment without pictures.
 
-``pytest benchmarks/test_rendering.py -m slow --benchmark-json=rendering.json`` keeps the figures under ``extra_info``: processor time of a step
-and of a picture, and their ratio; one above ``MOST`` fails.
+``pytest benchmarks/test_rendering.py -m slow --benchmark-json=rendering.json`` keeps the figures under ``extra_info``: processor time of
+a step and of a picture, and their ratio; one above ``MOST`` fails.
 """
 
 from __future__ import annotations
