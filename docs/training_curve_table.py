@@ -1,4 +1,4 @@
-"""The learning curves in training.md to expect of ``glbench train ppo``, those of the shipped trainings: ``python -m docs.training_curve_table``."""
+"""Fills the table of expected learning curves in training.md from the shipped trainings: ``python -m docs.training_curve_table``."""
 
 from __future__ import annotations
 
