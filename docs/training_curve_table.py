@@ -36,7 +36,7 @@ def table() -> str:
 
 def filled(page: str) -> str:
     """The page with the table."""
-    return with_tables(page, {"training curve": table()})
+    return with_tables(page, {"training_curve": table()})
 
 
 if __name__ == "__main__":
