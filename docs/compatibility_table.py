@@ -9,8 +9,10 @@ from __future__ import annotations
 import datetime as dt
 import json
 import logging
+import os
 import subprocess
 import sys
+import sysconfig
 from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,12 +26,16 @@ log = logging.getLogger("compatibility")
 
 
 class Client(NamedTuple):
-    """A library, the packages to install for it besides itself, its tests (of ``pytest -k``), and what they run."""
+    """A library, its tests (of ``pytest -k``), what they run, and the packages to install besides it.
+
+    ``pinned``: it asks for a Gymnasium that is too old for glbench, and gets this environment's.
+    """
 
     library: str
     test: str
     words: str
     besides: tuple[str, ...] = ()
+    pinned: bool = False
 
 
 TORCH = ("torch",)
@@ -41,7 +47,13 @@ CLIENTS = (
     Client("torchrl", "torchrl", "`check_env_specs`, `GymEnv`, `GymWrapper` in `SAME_STEP`", TORCH),
     Client("skrl", "skrl", "PPO with `SequentialTrainer` on `make_vec`, `clip_actions=True`", TORCH),
     Client("tianshou", "tianshou", "`Collector` over a season", TORCH),
-    Client("d3rlpy", "d3rlpy", "SAC with `fit_online`", TORCH),
+    Client(
+        "d3rlpy",
+        "d3rlpy",
+        "SAC with `fit_online`; it pins an older Gymnasium, which was overridden",
+        TORCH,
+        pinned=True,
+    ),
     Client("minari", "minari", "`DataCollector`, a dataset of a season"),
     Client("jax", "purejaxrl", "a learner in the manner of PureJaxRL on `glbench.jax.Environment`"),
     Client("gymnax", "test_gymnax and not rejax", "`GymnaxEnvironment`: spaces, params, six values, gymnax's wrappers"),
@@ -56,21 +68,17 @@ def tried(client: Client) -> dict[str, Any]:
     wanted = [f"{name}=={_version(name)}" if name in here else name for name in (client.library, *client.besides)]
     over = [] if here == {client.library, *client.besides} else [part for one in wanted for part in ("--with", one)]
     run = ["uv", "run", "--no-sync", *over, "python"]
+    where = {**os.environ, "PYTHONPATH": sysconfig.get_path("purelib")} if client.pinned else None
     ask = f"from importlib.metadata import version as v; print(v({client.library!r}), v('gymnasium'))"
-    version, gymnasium = subprocess.run(
-        [*run, "-c", ask], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout.split()
+    asked = subprocess.run([*run, "-c", ask], cwd=ROOT, env=where, capture_output=True, text=True, check=True)
+    version, gymnasium = asked.stdout.split()
     tests = [*run, "-m", "pytest", "tests/clients", "-q", "-p", "no:cacheprovider", "-k", client.test]
-    done = subprocess.run(tests, cwd=ROOT, capture_output=True, text=True, check=False)
-    last = (done.stdout.strip().splitlines() or [""])[-1]
-    works = done.returncode == 0 and "passed" in last and "skipped" not in last
-    log.info("%s %s: %s", client.library, version, last)
-    return {
-        "version": version,
-        "gymnasium": gymnasium,
-        "works": works,
-        "on": dt.datetime.now(dt.UTC).date().isoformat(),
-    }
+    done = subprocess.run(tests, cwd=ROOT, env=where, capture_output=True, text=True, check=False)
+    last = next((line for line in reversed(done.stdout.splitlines()) if " in " in line), "")
+    result = "works" if done.returncode == 0 and "passed" in last and "skipped" not in last else "fails"
+    log.info("%s %s %s: %s", client.library, version, result, last)
+    today = dt.datetime.now(dt.UTC).date().isoformat()
+    return {"version": version, "gymnasium": gymnasium, "result": result, "on": today}
 
 
 def _version(name: str) -> str | None:

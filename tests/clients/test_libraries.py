@@ -179,7 +179,7 @@ def test_rl_zoo3_trains(tmp_path: Path) -> None:
         capture_output=True, text=True, check=False, timeout=300, cwd=tmp_path, env={**os.environ, "PYTHONWARNINGS": "ignore"},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-2000:]
-    assert list(tmp_path.rglob("Spring-v1.zip"))
+    assert list(tmp_path.rglob("*Spring-v1.zip"))
 
 
 def test_minari_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
