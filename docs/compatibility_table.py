@@ -56,7 +56,12 @@ CLIENTS = (
     ),
     Client("minari", "minari", "`DataCollector`, a dataset of a season"),
     Client("jax", "purejaxrl", "a learner in the manner of PureJaxRL on `glbench.jax.Environment`"),
-    Client("gymnax", "test_gymnax and not rejax", "`GymnaxEnvironment`: spaces, params, six values, gymnax's wrappers"),
+    Client(
+        "gymnax",
+        "test_gymnax and not rejax",
+        "`GymnaxEnvironment`: spaces, params, six values, gymnax's wrappers",
+        ("six",),
+    ),
     Client("rejax", "rejax", "PPO, SAC and TD3 on `glbench.jax.Environment`", ("gymnax",)),
     Client("do-mpc", "casadi", "a model and a controller ([casadi.md](casadi.md))"),
 )

@@ -12,19 +12,22 @@ from glbench.errors import GlbenchError
 from glbench.jax.environment import Environment, Params, State
 
 _NEEDS = (
-    'glbench.jax.GymnaxEnvironment needs gymnax 1.0 or newer{}. Install it with `pip install "gymnax>=1"`; '
+    'glbench.jax.GymnaxEnvironment needs gymnax 1.0 or newer, {}. Install it with `pip install "gymnax>=1" six`; '
     "glbench.jax.Environment works without."
 )
 
 try:
-    from flax import struct
     from gymnax.environments import environment as gymnax_environment
     from gymnax.environments import spaces
-except ImportError as error:
-    raise GlbenchError(_NEEDS.format(", which is not installed")) from error
+
+    from flax import struct  # isort: skip  # gymnax brings it
+except ModuleNotFoundError as error:
+    _missing = str(error.name)
+    _why = "which is not installed" if _missing.startswith("gymnax") else f"which does not find {_missing}"
+    raise GlbenchError(_NEEDS.format(_why)) from error
 
 if version("gymnax").startswith("0."):
-    raise GlbenchError(_NEEDS.format(f", and {version('gymnax')} is installed"))
+    raise GlbenchError(_NEEDS.format(f"and {version('gymnax')} is installed"))
 
 
 @struct.dataclass
