@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
     from glbench.training import CurvePoint, Listener, Trained, TrainingSettings
     from glbench.training import Progress as Standing
+    from glbench.training.settings import EvaluationPlan
     from glbench.training.sweep import TrialReport
 
 _TRIALS_SHOWN = 20
@@ -126,7 +127,7 @@ def train(
     trained = _trained(chosen, settings, folder, seed=seed, resume=resume, wandb=wandb, tensorboard=tensorboard)
     if trained.already_done:
         messages().print("Already trained with these settings. More steps: --steps N --resume.")
-    _say_what_came_out(trained, chosen, task)
+    _say_what_came_out(trained, chosen, settings.evaluation, task)
 
 
 class _PolicyUnlessNamed(TyperGroup):
@@ -194,7 +195,9 @@ def tune_rules(
         f"a run of each task for each, seed {seed}, in {folder}",
         soft_wrap=True,
     )
-    bar = _TrainingBar(generations * settings.population * sum(one.steps for one in tasks), tasks[0])
+    bar = _TrainingBar(
+        generations * settings.population * sum(one.steps for one in tasks), tasks[0], settings.evaluation
+    )
     try:
         with bar:
             found = r.tune_rules(tasks, start, settings, folder, seed=seed, listeners=[bar])
@@ -203,7 +206,7 @@ def tune_rules(
         raise typer.Exit(INTERRUPTED) from None
     if found.already_done:
         messages().print("Already tuned with these settings. More: --seasons N.")
-    _say_what_came_out(found, tasks[0], task[0] if task else None, "rules")
+    _say_what_came_out(found, tasks[0], settings.evaluation, task[0] if task else None, "rules")
 
 
 @tune.command("policy")
@@ -237,7 +240,7 @@ def tune_policy(
         f"{settings.population} runs, seed {seed}, in {folder}",
         soft_wrap=True,
     )
-    bar = _TrainingBar(settings.generations * settings.population * chosen.steps, chosen)
+    bar = _TrainingBar(settings.generations * settings.population * chosen.steps, chosen, settings.evaluation)
     try:
         with bar:
             found = search(chosen, settings, folder, seed=seed, resume=resume, listeners=[bar])
@@ -246,7 +249,7 @@ def tune_policy(
         raise typer.Exit(INTERRUPTED) from None
     if found.already_done:
         messages().print("Already tuned with these settings. More: --generations N --resume.")
-    _say_what_came_out(found, chosen, task)
+    _say_what_came_out(found, chosen, settings.evaluation, task)
 
 
 def export(
@@ -389,7 +392,7 @@ def _train_compiled(
         return
     trained = _watched(
         lambda listeners: train_compiled(task, settings, folder, seed=seed, resume=resume, listeners=listeners),
-        _TrainingBar(total, task),
+        _TrainingBar(total, task, settings.evaluation),
         settings.model_dump(mode="json"),
         folder,
         wandb=wandb,
@@ -399,7 +402,7 @@ def _train_compiled(
         messages().print(
             "Already trained with these settings. A different number of steps is a different training: --steps N --out FOLDER."
         )
-    _say_what_came_out(trained, task, named, how="--steps N --out FOLDER")
+    _say_what_came_out(trained, task, settings.evaluation, named, how="--steps N --out FOLDER")
 
 
 def _trained(
@@ -413,7 +416,7 @@ def _trained(
         lambda listeners: run_training(
             task, settings, folder, seed=seed, resume=resume, tensorboard=tensorboard, listeners=listeners
         ),
-        _TrainingBar(steps_to_make(settings, task.steps), task),
+        _TrainingBar(steps_to_make(settings, task.steps), task, settings.evaluation),
         settings.model_dump(mode="json"),
         folder,
         wandb=wandb,
@@ -512,7 +515,12 @@ def needs_the_extra(extra: str) -> Iterator[None]:
 
 
 def _say_what_came_out(
-    trained: Trained, task: TaskSpec, named: str | None, what: str = "policy", how: str = "--resume"
+    trained: Trained,
+    task: TaskSpec,
+    evaluation: EvaluationPlan,
+    named: str | None,
+    what: str = "policy",
+    how: str = "--resume",
 ) -> None:
     """The best policy of a training, or the best of ``what`` else was sought, and what to do with it; ``how`` to train for more steps.
 
@@ -533,7 +541,7 @@ def _say_what_came_out(
         raise typer.Exit(NOTHING_LEARNT)
     output().print(
         f"Best {what}: {score.said(trained.best_reward)} after {trained.best_steps:,} of {trained.steps:,} steps; "
-        f"the last one: {score.number(trained.last_reward)}.",
+        f"the last one: {score.number(trained.last_reward)}. Means of {_seasons(task, evaluation)}; the score is that of glbench evaluate.",
         soft_wrap=True,
     )
     agent = trained.folder
@@ -544,15 +552,31 @@ def _say_what_came_out(
     tell(f"Next: glbench evaluate {agent}{option}")
 
 
-class _TrainingBar(Bar):
-    """Steps, speed and time left on standard error; each evaluation leaves a line."""
+def _seasons(task: TaskSpec, evaluation: EvaluationPlan) -> str:
+    """The seasons by which a training chooses, in words."""
+    chosen, runs = task.chosen_on, len(evaluation.seeds(task))
+    where = "with seeds that are not scored" if chosen.split is None else f"of the {chosen.split} split"
+    return f"{runs} season{'s' if runs > 1 else ''} {where}"
 
-    def __init__(self, total_steps: int, task: TaskSpec) -> None:
+
+class _TrainingBar(Bar):
+    """Steps, speed and time left on standard error; each evaluation leaves a line, after one that says what it evaluates."""
+
+    def __init__(self, total_steps: int, task: TaskSpec, evaluation: EvaluationPlan) -> None:
         columns = ("{task.completed:,.0f} of {task.total:,.0f} steps", "{task.fields[speed]}")
         super().__init__("training", total_steps, *columns, speed="")
         words = _words(task)
         self._metrics = {one.name: one for one in words.of_kind("score", "profit", "penalty")}
         self._score = words.score
+        self._announced: str | None = (
+            f"Each evaluation is the mean of {_seasons(task, evaluation)}, without exploration."
+        )
+        if task.splits is not None:
+            test = task.scored
+            self._announced += (
+                f" The score is the mean of {test.evaluation.runs} seasons of the {test.split} split, made of other years: "
+                "expect another figure."
+            )
 
     def on_progress(self, progress: Standing) -> None:
         """Move the bar."""
@@ -566,6 +590,9 @@ class _TrainingBar(Bar):
 
     def on_evaluation(self, point: CurvePoint) -> None:
         """A line with what the policy earns."""
+        if self._announced is not None:
+            messages().print(self._announced, soft_wrap=True)
+            self._announced = None
         sums = "  ".join(one.said(point.result.sums[name]) for name, one in self._metrics.items())
         best = "  [green]best[/green]" if point.is_best else ""
         messages().print(

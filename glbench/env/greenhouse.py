@@ -16,10 +16,21 @@ from glbench.env.panel import panel
 from glbench.env.rendering import FRAMES_PER_SECOND, PICTURES, RENDER_MODES, Camera, checked_render_mode, drawable_modes
 from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
 from glbench.env.simulation import Simulation
-from glbench.env.spaces import STATE, action_space, check_names, observation_space, state_option, task_of_environment
+from glbench.env.spaces import (
+    STATE,
+    action_space,
+    check_names,
+    observation_space,
+    state_option,
+    task_of_environment,
+    with_horizon,
+)
 from glbench.errors import ActionError
+from glbench.tasks import Normalisation
 
 if TYPE_CHECKING:
+    from gymnasium.envs.registration import EnvSpec
+
     from glbench.env.kernels import Stepper
     from glbench.env.snapshot import Snapshot
     from glbench.tasks import TaskSpec
@@ -47,7 +58,10 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Observation space
 
-    ``Box`` of float32 with finite bounds; ``env.unwrapped.task.observed()`` names the columns with their units.
+    ``Box`` of float32 with finite bounds; ``env.unwrapped.task.observed()`` names the columns with their units, bounds and typical
+    ranges.
+    Nothing can exceed the bounds, so they are far beyond what occurs: with ``normalise=True`` the typical range of each column becomes
+    -1 to 1.
 
     ## Reward
 
@@ -55,9 +69,9 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Episodes
 
-    An episode ends (``terminated``) after exactly ``task.steps`` steps: the season is over, nothing follows, so there is no
-    value to bootstrap from. ``truncated`` is always false. A step that cannot be integrated ends the episode at once
-    with the reward of a failed step, and ``info["failure"]`` says why.
+    An episode ends (``terminated``) after exactly ``task.steps`` steps, which ``spec.max_episode_steps`` says as well: the season is over,
+    nothing follows, so there is no value to bootstrap from. ``truncated`` is always false. A step that cannot be integrated ends the
+    episode at once with the reward of a failed step, and ``info["failure"]`` says why.
 
     ``reset(seed=s)`` starts the episode of seed s, the same on every day and in every batch. ``reset()`` draws the next
     episode's seed from ``np_random``, which the last given seed determines; ``info["seed"]`` tells it.
@@ -79,9 +93,12 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         which needs the extra ``video``. ``None``: nothing.
     split
         Of a task with splits, which scenarios episodes are drawn from: "training", which is meant when none is named, "validation" or
-        "test". A task that has a test alone wants it named.
+        "test". A task that has a test alone, such as those of the suite ``transfer``, gives seasons that are not scored ("preview"): to
+        look at and to try an agent in, not to train on. Its scored seasons want to be named: ``split="test"``.
     overrides
         What differs from the task, such as ``{"weather.days": 30, "sensors": None}``, as for ``TaskSpec.replace``.
+    normalise
+        Observe every column with its typical range as -1 to 1, not clipped (``glbench.tasks.Normalisation``).
 
     ## Version History
 
@@ -89,6 +106,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """
 
     metadata: dict[str, Any] = {"render_modes": list(drawable_modes()), "render_fps": FRAMES_PER_SECOND}  # noqa: RUF012  # as Gymnasium declares it
+    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -97,16 +115,27 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         render_mode: str | None = None,
         split: str | None = None,
         overrides: Mapping[str, Any] | None = None,
+        normalise: bool = False,
     ) -> None:
         self.task = task_of_environment(task, split, overrides)
+        self._normalisation = Normalisation.of(self.task.observed()) if normalise else None
         self.render_mode = checked_render_mode(render_mode)
         if render_mode == PICTURES:  # Gymnasium would refuse to render, before ``render`` can say what to install
             self.metadata = {**self.metadata, "render_modes": list(RENDER_MODES)}
-        self.observation_space = observation_space(self.task)
+        self.observation_space = observation_space(self.task, self._normalisation)
         self.action_space = action_space(self.task)
         self.simulation = Simulation(self.task, 1, kernel)
         self._info = InfoWriter(self.task)
         self._camera = Camera(self.simulation) if render_mode == PICTURES else None
+
+    @property
+    def spec(self) -> EnvSpec | None:  # Gymnasium declares an attribute, which ``make`` sets
+        """What ``gymnasium.make`` made the environment of, with the horizon of its task; ``None`` without ``make``."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = with_horizon(spec, self.task)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -138,7 +167,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         observation = self.simulation.reset([draw_seed(self.np_random) if given is None else given])[0]
         if self._camera is not None:
             self._camera.begin()
-        return observation, self._info.standing(self.simulation)
+        return self._shown(observation), self._info.standing(self.simulation)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Take one step.
@@ -165,7 +194,10 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._camera.follow_only(numbers, info["epi"])
         if terminated:
             self._add_failure(info)
-        return observation, info[STEP_REWARD], terminated, False, info
+        return self._shown(observation), info[STEP_REWARD], terminated, False, info
+
+    def _shown(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        return observation if self._normalisation is None else self._normalisation(observation)
 
     def _check_shape(self, action: NDArray[np.float32]) -> None:
         """Words for a wrong shape that speak of one action and not of a row of a batch."""
@@ -204,7 +236,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             self.np_random = unpack_generator(snapshot.generators[0])
         if self._camera is not None:
             self._camera.begin()
-        return observation, self._info.standing(self.simulation)
+        return self._shown(observation), self._info.standing(self.simulation)
 
     def _add_failure(self, info: dict[str, Any]) -> None:
         """Say why a step could not be integrated, if that is what ended the episode."""

@@ -1,19 +1,29 @@
 """The greenhouse as a picture, for ``render_mode="rgb_array"``: the last two days of climate, controls and money.
 
 Limits, controls and units are those of the task. Axes, ticks and bands are drawn once and kept for as long as they do not
-change; lines, fills and numbers are redrawn. Needs matplotlib (the extra ``video``); uses none of its global state.
+change; lines, fills and numbers are redrawn, and not by matplotlib's artists, which take twenty times as long: ``_Brush`` draws what they
+hold. Needs matplotlib and the Pillow that comes with it (the extra ``video``); uses none of its global state.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import cache, lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from matplotlib import get_data_path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+from matplotlib.path import Path
+from matplotlib.text import Text
+from matplotlib.transforms import Affine2D, IdentityTransform
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 
 from glbench.env.climate import AIR
 from glbench.env.panel import time_words
@@ -21,10 +31,11 @@ from glbench.env.trail import HOURS_SHOWN, MONEY, DayLight, Trail
 from glbench.model import Air
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from matplotlib.axes import Axes
+    from matplotlib.axes._base import _AxesBase
     from matplotlib.collections import FillBetweenPolyCollection
-    from matplotlib.lines import Line2D
-    from matplotlib.text import Text
 
     from glbench.env.simulation import Simulation
     from glbench.tasks import TaskSpec
@@ -54,6 +65,7 @@ _ROOM_OF_A_DATE = 0.06
 """Share of the axis: a date nearer to the right edge would be cut."""
 _WINDOWS = (6.0, 12.0, 24.0, HOURS_SHOWN)
 """[h] What the axes cover: the smallest that holds all there is."""
+_CIRCLE, _AS_IS = Path.unit_circle(), IdentityTransform()
 _LANE = 0.8
 """Height of a control at its capacity; lanes are 1 apart."""
 
@@ -135,7 +147,10 @@ class Picture:
             lanes.text(0.0, -0.13, "", fontsize=7, color=_QUIET, ha="center", va="bottom", animated=True)
             for _ in self._midnights
         ]
-        self._moving = self._figure.findobj(lambda artist: bool(artist.get_animated()), include_self=False)
+        moving = self._figure.findobj(lambda artist: bool(artist.get_animated()), include_self=False)
+        self._texts = {
+            text: _Place.of(text, lanes if text in self._dates else None) for text in moving if isinstance(text, Text)
+        }
         self._kept: Any = None
 
     def __call__(self, trail: Trail, simulation: Simulation, row: int) -> NDArray[np.uint8]:
@@ -147,18 +162,39 @@ class Picture:
         self._told.set_text("    ".join(self._values(simulation.air[:, row].tolist(), trail)))
         self._place.set_text(f"step {simulation.k[row]} of {self._task.steps}")
         self._seed.set_text(f"seed {simulation.seeds[row]}")
-        changed = [self._show_air(curve, hours, points[:, column]) for column, curve in self._climate.items()]
-        changed.append(self._look_back(-float(hours[0])))
-        changed.append(self._show_money(hours, points.T[MONEY], trail.first_step))
+        changed = [
+            curve.axes for column, curve in self._climate.items() if self._show_air(curve, hours, points[:, column])
+        ]
+        if self._show_money(hours, points.T[MONEY], trail.first_step):
+            changed.append(self._money.axes)
+        if self._look_back(-float(hours[0])):
+            self._kept = None
         self._show_controls(hours, points[:, self._airs : MONEY])
         self._show_midnights(time, hours[0])
-        if self._kept is None or any(changed):
+        if self._kept is None:
             self._canvas.draw()
+        else:
+            self._canvas.restore_region(self._kept)
+            for axes in changed:
+                self._renew(axes)
+        if self._kept is None or changed:
             self._kept = self._canvas.copy_from_bbox(self._figure.bbox)
-        self._canvas.restore_region(self._kept)
-        for artist in self._moving:
-            self._figure.draw_artist(artist)
-        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+        brush = _Brush(self._canvas)
+        for fill in self._lanes:
+            brush.fill(fill)
+        for curve in (*self._climate.values(), self._money):
+            for line in (curve.line, curve.broken, curve.now):
+                brush.line(line)
+        return brush.picture(self._texts, (line for lines in self._midnights for line in lines))
+
+    def _renew(self, axes: Axes) -> None:
+        """Draw axes again, and nothing else: the room of each reaches half way to its neighbours."""
+        box, left = axes.get_position(), 0.5 if axes is self._money.axes else 0.0
+        foot, top = 0.0 if box.y0 == _BOTTOM else box.y0 - _GAP / 2.0, box.y1 + _GAP / 2.0
+        room = Rectangle((left, foot), 0.5, top - foot, transform=self._figure.transFigure, color="white", lw=0.0)
+        room.set_figure(self._figure)
+        self._figure.draw_artist(room)
+        self._figure.draw_artist(axes)
 
     def _values(self, air: list[float], trail: Trail) -> list[str]:
         """What growers read besides: deficits of the air, light of the day so far."""
@@ -287,6 +323,142 @@ class Picture:
             date.set_x(hours)
             date.set_text(f"{day.day} {_MONTHS[day.month - 1]}")
             date.set_visible(hours >= first and hours < -_ROOM_OF_A_DATE * self._window)
+
+
+class _Brush:
+    """Draws what artists hold into one picture, in the way that these few need: lines, dots, fills and single lines of text."""
+
+    def __init__(self, canvas: Any) -> None:
+        self._canvas, self._renderer = canvas, canvas.get_renderer()
+        self._matrices: dict[_AxesBase, Floats] = {}
+
+    def line(self, line: Line2D) -> None:
+        """A line, its dots where it has some; points that are not numbers leave gaps."""
+        axes, dots, color = line.axes, line.get_marker(), line.get_color()
+        assert axes is not None
+        at = self._pixels(axes, np.column_stack([line.get_xdata(), line.get_ydata()]))
+        there = np.isfinite(at[:, 1])
+        if not there.any():
+            return
+        context = self._context(axes, color, line.get_linewidth(), clipped=bool(line.get_clip_on()))
+        if len(at) > 1:
+            self._renderer.draw_path(context, Path(at), _AS_IS)
+        if dots != "None":
+            radius = Affine2D().scale(float(line.get_markersize()) * (0.5 if dots == "o" else 0.25) * _DPI / 72.0)
+            context.set_linewidth(0.0)
+            self._renderer.draw_markers(context, _CIRCLE, radius, Path(at[there]), _AS_IS, to_rgb(color))
+        context.restore()
+
+    def fill(self, fill: FillBetweenPolyCollection) -> None:
+        """The area below a control."""
+        axes, color = fill.axes, to_rgb(_CONTROL)
+        assert axes is not None
+        context = self._context(axes, color, 0.0, clipped=True)
+        outline = Path(self._pixels(axes, np.asarray(fill.get_paths()[0].vertices)))
+        self._renderer.draw_path(context, outline, _AS_IS, color)
+        context.restore()
+
+    def picture(self, texts: dict[Text, _Place], midnights: Iterable[Line2D]) -> NDArray[np.uint8]:
+        """The picture ``(480, 640, 3)``, with ``texts`` and dashed lines at midnight on it."""
+        buffer, pixels = np.asarray(self._canvas.buffer_rgba()), np.empty((HEIGHT, WIDTH, 3), np.uint8)
+        for channel in range(3):  # a quarter of the time of a copy of the slice
+            pixels[..., channel] = buffer[..., channel]
+        for text, place in texts.items():
+            if text.get_visible() and text.get_text():
+                x = (
+                    place.x
+                    if place.axes is None
+                    else self._pixels(place.axes, np.array([[text.get_position()[0], 0.0]]))[0, 0]
+                )
+                _write(pixels, text.get_text(), x, place, _ink(text.get_color()))
+        for line in midnights:
+            axes, hours = line.axes, line.get_xdata()
+            assert axes is not None
+            if line.get_visible():
+                column = round(float(self._pixels(axes, np.array([[np.ravel(hours)[0], 0.0]]))[0, 0]))
+                rows = np.arange(round(HEIGHT - axes.bbox.y1), round(HEIGHT - axes.bbox.y0))
+                if axes.bbox.x0 <= column <= axes.bbox.x1:
+                    pixels[rows[rows // 2 % 2 == 0], column] = _ink(line.get_color())
+        return pixels
+
+    def _pixels(self, axes: _AxesBase, points: Floats) -> Floats:
+        """Points ``(n, 2)`` of ``axes`` in pixels from the lower left corner."""
+        if axes not in self._matrices:
+            self._matrices[axes] = axes.transData.get_affine().get_matrix()
+        matrix = self._matrices[axes]
+        found: Floats = points @ matrix[:2, :2].T + matrix[:2, 2]
+        return found
+
+    def _context(self, axes: _AxesBase, color: Any, width: float, *, clipped: bool) -> Any:
+        context = self._renderer.new_gc()
+        context.set_foreground(color)
+        context.set_linewidth(width * _DPI / 72.0)
+        if clipped:
+            context.set_clip_rectangle(axes.bbox)
+        return context
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a text stands [pixels from the upper left corner], and in which font; with ``axes``, x is the text's own in them."""
+
+    x: float
+    baseline: float
+    side: str
+    font: ImageFont.FreeTypeFont
+    axes: Axes | None
+
+    @classmethod
+    def of(cls, text: Text, axes: Axes | None) -> _Place:
+        x, y = text.get_transform().transform(text.get_position())
+        size = float(text.get_fontsize()) * _DPI / 72.0
+        baseline = HEIGHT - y + {"top": 0.76, "bottom": -0.24}[text.get_verticalalignment()] * size
+        return cls(
+            float(x), float(baseline), text.get_horizontalalignment(), _font(size, str(text.get_fontweight())), axes
+        )
+
+
+def _write(pixels: NDArray[np.uint8], text: str, x: float, place: _Place, ink: tuple[int, int, int]) -> None:
+    """Write one line, word by word: most words of a picture were in the last one."""
+    words, gap = [_word(word, place.font) for word in text.split(" ")], place.font.getlength(" ")
+    length = sum(word.advance for word in words) + gap * (len(words) - 1)
+    x -= {"left": 0.0, "center": 0.5, "right": 1.0}[place.side] * length
+    for word in words:
+        top, left = round(place.baseline) + word.top, round(x) + word.left
+        there = pixels[top : top + word.cover.shape[0], left : left + word.cover.shape[1]]
+        there += (
+            (word.cover * (np.array(ink) - there)).astype(np.int16).astype(np.uint8)
+        )  # modulo 256, which the sum undoes
+        x += word.advance + gap
+
+
+class _Word(NamedTuple):
+    """How much of each pixel a word covers ``(height, width, 1)``, where that begins from its origin, and how far the next one is."""
+
+    cover: Floats
+    left: int
+    top: int
+    advance: float
+
+
+@lru_cache(maxsize=4096)
+def _word(word: str, font: ImageFont.FreeTypeFont) -> _Word:
+    left, top, right, bottom = (round(edge) for edge in font.getbbox(word, anchor="ls"))
+    image = Image.new("L", (right - left, bottom - top))
+    ImageDraw.Draw(image).text((-left, -top), word, fill=255, font=font, anchor="ls")
+    return _Word(np.asarray(image)[..., None] / 255.0, left, top, font.getlength(word))
+
+
+@cache
+def _ink(color: Any) -> tuple[int, int, int]:
+    red, green, blue = (round(255.0 * share) for share in to_rgb(color))
+    return red, green, blue
+
+
+@cache
+def _font(size: float, weight: str) -> ImageFont.FreeTypeFont:
+    file = "DejaVuSans-Bold.ttf" if weight == "bold" else "DejaVuSans.ttf"
+    return ImageFont.truetype(f"{get_data_path()}/fonts/ttf/{file}", size, layout_engine=ImageFont.Layout.BASIC)
 
 
 def _short(value: float) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, TypeAlias, cast
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 from gymnasium import spaces
@@ -12,7 +13,11 @@ from numpy.typing import NDArray
 from glbench.env.actuation import action_bounds
 from glbench.env.snapshot import Snapshot
 from glbench.errors import GlbenchError, ShapeError, did_you_mean
-from glbench.tasks import TaskSpec, get_task
+from glbench.tasks import Normalisation, TaskSpec, get_task
+from glbench.tasks.spec import PREVIEW
+
+if TYPE_CHECKING:
+    from gymnasium.envs.registration import EnvSpec
 
 Vectors: TypeAlias = "spaces.Space[NDArray[np.float32]]"
 """A ``Box`` of float32 (Gymnasium's annotations do not say which numbers a box holds)."""
@@ -33,32 +38,46 @@ def task_of_environment(
 ) -> TaskSpec:
     """The task with what ``overrides`` changes, in ``split``; where none is named, for training.
 
+    A task that has a test alone gives seasons to look at (``TaskSpec.in_split``): the scored ones want to be named.
+
     Raises
     ------
     TaskError
-        When the task has no such split, when none is named and there is a test alone, or when the overrides make no task.
+        When the task has no such split, when none is named and all that there is are real years that score, or when the overrides make no
+        task.
     """
     found = the_task(task)
     if overrides is not None:
         found = found.replace(overrides)
+    if split is None and found.preview is not None:
+        split = PREVIEW
     if split is not None:
         return found.in_split(split)
     found.check_training()
     return found
 
 
-def observation_space(task: TaskSpec) -> Vectors:
-    """Observed columns of a task with their finite bounds, float32."""
+def observation_space(task: TaskSpec, normalisation: Normalisation | None = None) -> Vectors:
+    """Observed columns of a task with their finite bounds, float32, as ``normalisation`` shows them."""
     columns = task.observed()
-    low, high = [column.low for column in columns], [column.high for column in columns]
-    box = spaces.Box(np.array(low, dtype=np.float32), np.array(high, dtype=np.float32), dtype=np.float32)
-    return cast("Vectors", box)
+    bounds = [np.array([getattr(column, side) for column in columns], np.float32) for side in ("low", "high")]
+    low, high = bounds if normalisation is None else map(normalisation, bounds)
+    return cast("Vectors", spaces.Box(low, high, dtype=np.float32))
 
 
 def action_space(task: TaskSpec) -> Vectors:
     """Actions of a task with the bounds of its card, float32."""
     low, high = action_bounds(task)
     return cast("Vectors", spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32))
+
+
+def with_horizon(spec: EnvSpec | None, task: TaskSpec) -> EnvSpec | None:
+    """``spec`` with the steps of an episode of ``task``.
+
+    Gymnasium's wrappers read the horizon there. The registry leaves it out: ``make`` would add a ``TimeLimit``, which reports the end of a
+    season as truncated as well, and cuts seasons that ``overrides`` makes longer.
+    """
+    return None if spec is None else replace(spec, max_episode_steps=task.steps)
 
 
 def check_names(options: Mapping[str, Any] | None, known: tuple[str, ...]) -> Mapping[str, Any]:

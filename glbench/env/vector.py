@@ -28,11 +28,15 @@ from glbench.env.spaces import (
     observation_space,
     state_option,
     task_of_environment,
+    with_horizon,
 )
 from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean, whole_number
 from glbench.kernel import make_kernel
+from glbench.tasks import Normalisation
 
 if TYPE_CHECKING:
+    from gymnasium.envs.registration import EnvSpec
+
     from glbench.env.kernels import Stepper
     from glbench.env.snapshot import Snapshot
     from glbench.env.step_result import StepResult
@@ -73,9 +77,11 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         ``DISABLED``: the row must be reset with the option ``reset_mask`` before the next step.
     render_mode
         As for ``GreenhouseEnv``; ``render`` returns one text or picture for each row.
-    split, overrides
+    split, overrides, normalise
         As for ``GreenhouseEnv``.
     """
+
+    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -88,9 +94,11 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         render_mode: str | None = None,
         split: str | None = None,
         overrides: Mapping[str, Any] | None = None,
+        normalise: bool = False,
     ) -> None:
         check_runs(num_envs)
         self.task = task_of_environment(task, split, overrides)
+        self._normalisation = Normalisation.of(self.task.observed()) if normalise else None
         check_kernel(kernel, self.task)
         if whole_number(workers, "The number of workers") != 1 and not isinstance(kernel, str | None):
             msg = "Give the vector environment a Kernel or a number of workers, not both; a preset's name goes with workers."
@@ -99,7 +107,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         self.render_mode = checked_render_mode(render_mode)
         self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**GreenhouseEnv.metadata, "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space = observation_space(self.task)
+        self.single_observation_space = observation_space(self.task, self._normalisation)
         self.single_action_space = action_space(self.task)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -112,6 +120,15 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         self._generators: list[np.random.Generator] = []
         self._generator_seeds: list[int] = []
         self._result: StepResult | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:  # as in ``GreenhouseEnv``
+        """What ``gymnasium.make_vec`` made the environment of, with the horizon of its task; ``None`` without ``make_vec``."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = with_horizon(spec, self.task)
 
     @property  # type: ignore[misc]  # read-only, one for each row, as in SyncVectorEnv
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -142,7 +159,9 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         mask = mask_option(given, self.num_envs)
         self._start(np.flatnonzero(mask), self._row_seeds(seed))
         self._result = None
-        return self.simulation.observe(), self._info.masked(self._info.columns(self.simulation, None), mask, mask)
+        return self._shown(self.simulation.observe()), self._info.masked(
+            self._info.columns(self.simulation, None), mask, mask
+        )
 
     def step(self, actions: Actions) -> Step:
         """Take one step in every row.
@@ -178,7 +197,13 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
             terminated = result.terminated & ~over if any_over else result.terminated.copy()
             observations = self._start(np.flatnonzero(over)) if any_over else result.observations
             info = self._step_info(result, ~over if any_over else None)
-        return observations, result.rewards.copy(), terminated, np.zeros(self.num_envs, dtype=np.bool_), info
+        return (
+            self._shown(observations),
+            result.rewards.copy(),
+            terminated,
+            np.zeros(self.num_envs, dtype=np.bool_),
+            info,
+        )
 
     def render(self) -> tuple[str, ...] | tuple[NDArray[np.uint8], ...] | None:
         """A text or a picture ``(480, 640, 3)`` for each row, or ``None`` without a render mode.
@@ -215,7 +240,12 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         if self._camera is not None:
             self._camera.begin()
         everywhere = np.ones(self.num_envs, dtype=np.bool_)
-        return observations, self._info.masked(self._info.columns(self.simulation, None), everywhere, everywhere)
+        return self._shown(observations), self._info.masked(
+            self._info.columns(self.simulation, None), everywhere, everywhere
+        )
+
+    def _shown(self, observations: Observations) -> Observations:
+        return observations if self._normalisation is None else self._normalisation(observations)
 
     def _row_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None:
@@ -257,7 +287,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         self._result = None
         everywhere, nowhere = np.ones(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
         info = self._info.masked(self._info.columns(self.simulation, None), everywhere, everywhere)
-        return observations, np.zeros(n), nowhere, nowhere.copy(), info
+        return self._shown(observations), np.zeros(n), nowhere, nowhere.copy(), info
 
     def _step_info(self, result: StepResult, stepped: NDArray[np.bool_] | None) -> dict[str, Any]:
         """Info of all rows, of which those in ``stepped`` (by default all) took a step and the others began an episode."""
@@ -274,7 +304,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         ended = result.terminated
         final = self._info.masked(self._info.columns(self.simulation, result), ended, ended)
         add_failures(final, result)
-        last = {row: result.observations[row] for row in np.flatnonzero(ended).tolist()}
+        last = {row: self._shown(result.observations[row]) for row in np.flatnonzero(ended).tolist()}
         observations = self._start(np.flatnonzero(ended))
         everywhere = np.ones(self.num_envs, dtype=np.bool_)
         info = self._info.masked(self._info.columns(self.simulation, result), everywhere, ~ended)

@@ -1,11 +1,18 @@
 """glbench's environments for JAX: stepped by the compiled kernel from inside ``jit``, ``scan`` and ``vmap``.
 
-``Environment(task)`` has the signature of gymnax. See docs/jax.md.
+``Environment(task)`` gives the five values a step of gymnax before 1.0, which PureJaxRL and rejax 0.1.3 unpack;
+``GymnaxEnvironment(task)`` is an environment of gymnax 1.x. See docs/jax.md.
 """
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from glbench.errors import GlbenchError
+from glbench.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from glbench.jax.gymnax import GymnaxEnvironment as GymnaxEnvironment
 
 try:
     import jax as _jax  # noqa: F401  # the error below is clearer than the one deep inside
@@ -18,5 +25,8 @@ except ImportError as error:
 
 from glbench.jax.environment import Environment, Params, State
 from glbench.jax.spaces import Box
+
+if not TYPE_CHECKING:
+    __getattr__ = lazy_names(__name__, {"gymnax": ("GymnaxEnvironment",)})  # needs gymnax, which the others do not
 
 __all__ = ["Box", "Environment", "Params", "State"]

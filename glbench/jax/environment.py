@@ -1,8 +1,10 @@
-"""The environment for JAX: gymnax's signature around one compiled call for any number of rows."""
+"""The environment for JAX: the five values of gymnax before 1.0 around one compiled call for any number of rows."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -17,7 +19,7 @@ from glbench.errors import ActionError, ShapeError, whole_number
 from glbench.jax.door import open_door
 from glbench.jax.library import RESET, STEP
 from glbench.jax.spaces import Box
-from glbench.tasks import TaskSpec
+from glbench.tasks import Normalisation, TaskSpec
 
 SEEDS = range(64)
 """Scenarios of an environment that was given none."""
@@ -44,19 +46,34 @@ class State(NamedTuple):
     ended: jax.Array
     numbers: jax.Array
 
+    @property
+    def time(self) -> jax.Array:
+        """Steps taken, as gymnax calls them."""
+        return self.step
 
-class Params(NamedTuple):
-    """Which scenarios episodes are in: each new episode draws one of ``count`` from number ``first`` on. May be traced and mapped.
 
-    ``Params(first=5, count=1)`` always begins the scenario of ``seeds[5]``.
+@partial(jax.tree_util.register_dataclass, data_fields=["first", "count", "max_steps_in_episode"], meta_fields=[])
+@dataclass(frozen=True)
+class Params:
+    """Which scenarios episodes are in, and when they end early. May be traced and mapped.
+
+    Each new episode draws one of ``count`` scenarios from number ``first`` on: ``Params(first=5, count=1)`` always begins the scenario of
+    ``seeds[5]``. An episode ends with its season, or after step ``max_steps_in_episode`` of it where that is less.
     """
 
     first: Any = 0
     count: Any = 1
+    max_steps_in_episode: Any = field(default=None, compare=False)
+
+    def replace(self, **changes: Any) -> Params:
+        """The same with ``changes``."""
+        return replace(self, **changes)
 
 
 class Environment:
-    """A task for JAX, with the signature of gymnax; pure functions that work under ``jit``, ``scan`` and ``vmap``.
+    """A task for JAX, with the signature of gymnax before 1.0; pure functions that work under ``jit``, ``scan`` and ``vmap``.
+
+    PureJaxRL and rejax 0.1.3 unpack its five values. For gymnax 1.x there is ``GymnaxEnvironment``.
 
     ``vmap`` over n rows makes one call of the compiled kernel with n rows. Observations, rewards, ends and states have the bits of
     ``glbench.env.GreenhouseVectorEnv`` with the same kernel. The calls run on the CPU and cannot be differentiated.
@@ -77,7 +94,7 @@ class Environment:
         (``glbench.env.info_quantities``) and of states of the model.
     workers
         Cores that share the rows of a call, to the same bits.
-    split, overrides
+    split, overrides, normalise
         As for ``GreenhouseVectorEnv``.
 
     Attributes
@@ -106,8 +123,10 @@ class Environment:
         workers: int = 1,
         split: str | None = None,
         overrides: Mapping[str, Any] | None = None,
+        normalise: bool = False,
     ) -> None:
         self.task = task_of_environment(task, split, overrides)
+        self._normalisation = Normalisation.of(self.task.observed()) if normalise else None
         check_kernel(preset, self.task)
         self.seeds = tuple(checked_seed(seed) for seed in seeds)
         if not self.seeds:
@@ -118,7 +137,7 @@ class Environment:
             raise ShapeError(msg)
         self.info = tuple(info)
         self._door = open_door(self.task, self.seeds, places, preset, workers, self.info)
-        seen, acts = observation_space(self.task), action_space(self.task)
+        seen, acts = observation_space(self.task, self._normalisation), action_space(self.task)
         self._observations, self._actions = (Box(box.low, box.high) for box in (seen, acts))  # type: ignore[attr-defined]
 
     @property
@@ -128,8 +147,8 @@ class Environment:
 
     @property
     def default_params(self) -> Params:
-        """Episodes in any of the scenarios."""
-        return Params(0, len(self.seeds))
+        """Whole seasons in any of the scenarios."""
+        return Params(0, len(self.seeds), self.task.steps)
 
     @property
     def num_actions(self) -> int:
@@ -169,26 +188,36 @@ class Environment:
     def step(
         self, key: jax.Array, state: State, action: jax.Array, params: Params | None = None
     ) -> tuple[jax.Array, State, jax.Array, jax.Array, dict[str, jax.Array]]:
-        """Take one step with an action ``(m,)``; when the episode ends, begin another one.
+        """Take one step with an action ``(m,)``; when the episode ends, also by ``params.max_steps_in_episode``, begin another one.
 
         Returns
         -------
         observation, state, reward, done, info
             Observation and state are those of the new episode where one has begun; reward, ``done`` and ``info`` are those of the step.
             Reward and ``info`` are float32, or float64 where JAX has 64 bits switched on. ``info["failed"]`` says that the step could
-            not be integrated, which ends the episode, ``info["discount"]`` is 0 at an end, else 1.
+            not be integrated, which ends the episode, ``info["discount"]`` is 0 where the season or a failure ended it, else 1.
 
         Raises
         ------
         jax.errors.JaxRuntimeError
             For an action that is not finite. Under ``jit`` it may be raised when a later result is waited for.
         """
-        return self._step(state, action, self._scenario(jax.random.split(key)[1], params), autoreset=True)
+        key_cut, key_end = jax.random.split(key)
+        observation, state, reward, done, info = self._step(
+            state, action, self._scenario(key_end, params), autoreset=True
+        )
+        limit = None if params is None else params.max_steps_in_episode
+        if limit is not None and not (isinstance(limit, int) and limit >= self.task.steps):
+            cut = ~done & (state.step >= limit)
+            begun = self.reset_env(key_cut, params)
+            observation, state = jax.tree.map(partial(jnp.where, cut), begun, (observation, state))
+            done |= cut
+        return observation, state, reward, done, info
 
     def step_env(
         self, key: jax.Array, state: State, action: jax.Array, params: Params | None = None
     ) -> tuple[jax.Array, State, jax.Array, jax.Array, dict[str, jax.Array]]:
-        """As ``step``, but an environment whose episode has ended stays as it is: its quantities are 0."""
+        """As ``step``, but an environment whose season has ended stays as it is: its quantities are 0."""
         return self._step(state, action, state.scenario, autoreset=False)
 
     def is_terminal(self, state: State, params: Params | None = None) -> jax.Array:
@@ -207,7 +236,7 @@ class Environment:
 
     def _scenario(self, key: jax.Array, params: Params | None) -> jax.Array:
         chosen = self.default_params if params is None else params
-        first, count = (jnp.asarray(number, jnp.int32) for number in chosen)
+        first, count = (jnp.asarray(number, jnp.int32) for number in (chosen.first, chosen.count))
         return first + jax.random.randint(key, (), 0, count, jnp.int32)
 
     def _begin(self, scenario: jax.Array, place: jax.Array) -> tuple[jax.Array, State]:
@@ -220,7 +249,7 @@ class Environment:
         )
         call = jax.ffi.ffi_call(RESET, kinds, vmap_method="broadcast_all")
         step, ended, numbers, observation = call(scenario, jnp.asarray(place, jnp.int32), name=door.name)
-        return observation, State(step, scenario, ended, numbers)
+        return self._seen(observation), State(step, scenario, ended, numbers)
 
     def _step(
         self, state: State, action: jax.Array, fresh: jax.Array, *, autoreset: bool
@@ -249,7 +278,10 @@ class Environment:
         )
         info = {name: shown[place] for place, name in enumerate(self.info)}
         info |= {"failed": failed, "discount": jnp.where(done, 0.0, 1.0)}
-        return observation, State(*now), reward, done, info
+        return self._seen(observation), State(*now), reward, done, info
+
+    def _seen(self, observation: jax.Array) -> jax.Array:
+        return observation if self._normalisation is None else self._normalisation(observation)
 
 
 def _of(shape: tuple[int, ...], kind: Any) -> jax.ShapeDtypeStruct:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from glbench.errors import ActionError, ShapeError
 from glbench.model import Model
+from glbench.model.model import refuse_expression
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 Description: TypeAlias = dict[str, str | float]
@@ -157,6 +158,7 @@ def inputs_in_words(model: Model, rows: Rows, row: int) -> str:
 
 def _table(names: Names, key: str, values: npt.ArrayLike) -> FloatArray:
     width = len(names[key])
+    refuse_expression(f"The {_KINDS[key]}s {key}", values)
     try:
         table = np.ascontiguousarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -601,11 +601,28 @@ def _over_rows(function: casadi.Function, n: int) -> casadi.Function:
     return function.map(n)
 
 
+def refuse_expression(what: str, value: object) -> None:
+    """Point to the functions for CasADi's expressions, where numbers are expected.
+
+    Raises
+    ------
+    ShapeError
+        For an expression.
+    """
+    if isinstance(value, casadi.SX | casadi.MX):
+        msg = (
+            f"{what} is a CasADi expression ({type(value).__name__}), and numbers are expected. For expressions call the model's CasADi "
+            "functions, such as model.rhs_function()(x, u, d, p): see docs/casadi.md."
+        )
+        raise ShapeError(msg)
+
+
 def _checked(names: Mapping[str, Sequence[str]], inputs: tuple[ArrayLike, ...]) -> list[Array]:
     """Inputs as arrays of floats, after a check of shape and finiteness."""
     arrays = []
     sizes: dict[str, int] = {}
     for (name, entries), value in zip(names.items(), inputs, strict=True):
+        refuse_expression(f"Input {name}", value)
         try:
             array = np.asarray(value, dtype=np.float64)
         except (TypeError, ValueError) as error:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     )
     from glbench.tasks.lock import Fingerprint, LockEntry, read_lock
     from glbench.tasks.prices import Market, PriceTable
-    from glbench.tasks.quantities import Capacity, ObservationContext, Quantity
+    from glbench.tasks.quantities import Capacity, Normalisation, ObservationContext, Quantity
     from glbench.tasks.scenario import ParameterGroup, Scenario, Season, StartGroup
     from glbench.tasks.sealed import Round, SealedWeather, read_round
     from glbench.tasks.spec import TaskSpec
@@ -73,7 +73,7 @@ else:
                 "usual_task",
             ),
             "lock": ("Fingerprint", "LockEntry", "read_lock"),
-            "quantities": ("Capacity", "ObservationContext", "Quantity"),
+            "quantities": ("Capacity", "Normalisation", "ObservationContext", "Quantity"),
             "sealed": ("Round", "SealedWeather", "read_round"),
             "spec": ("TaskSpec",),
             "vocabulary": (
@@ -115,6 +115,7 @@ __all__ = [
     "LedgerItem",
     "LockEntry",
     "Market",
+    "Normalisation",
     "ObservationContext",
     "ObservationModule",
     "ParameterGroup",

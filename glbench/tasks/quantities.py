@@ -6,9 +6,16 @@ outdoors are a little beyond what was ever measured on earth (-89 and 57 degC; 1
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import csv
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from glbench.errors import UnknownNameError, did_you_mean
 from glbench.tasks.ledger import LIMITED
@@ -31,6 +38,53 @@ class Quantity:
     low: float
     high: float
     meaning: str
+
+    @property
+    def typical(self) -> tuple[float, float]:
+        """Where the column mostly is: from the 0.5 to the 99.5 percentile, rounded outwards, in training seasons of rule-based agents.
+
+        It never changes for a column. A forecast has the range of what it forecasts; columns without an entry in ``typical_ranges.csv``
+        (clock, controls, whole states) have their bounds. ``python baselines/typical_ranges.py`` measures what is missing.
+        """
+        return _typical_ranges().get((_AHEAD.sub("", self.name), self.unit), (self.low, self.high))
+
+
+_AHEAD = re.compile(r"_in_\d+h$")
+
+
+@cache
+def _typical_ranges() -> Mapping[tuple[str, str], tuple[float, float]]:
+    """Lowest and highest typical value by name and unit."""
+    lines = files("glbench.tasks").joinpath("typical_ranges.csv").read_text(encoding="utf-8").splitlines()
+    rows = csv.DictReader(lines)
+    return {(row["name"], row["unit"]): (float(row["low"]), float(row["high"])) for row in rows}
+
+
+Observations = TypeVar("Observations", bound=Any)
+
+
+@dataclass(frozen=True, eq=False)
+class Normalisation:
+    """Brings observations to about -1 to 1: each column's typical range becomes -1 to 1, and nothing is clipped.
+
+    Attributes
+    ----------
+    middle, scale
+        Of each column ``(columns,)`` float32: an observation becomes ``(observation - middle) * scale``.
+    """
+
+    middle: NDArray[np.float32]
+    scale: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, columns: Iterable[Quantity]) -> Self:
+        """That of ``task.observed()``, or of ``card.observations`` for an agent that was trained with ``normalise=True``."""
+        low, high = np.array([column.typical for column in columns]).reshape(-1, 2).T
+        return cls(((low + high) / 2.0).astype(np.float32), (2.0 / (high - low)).astype(np.float32))
+
+    def __call__(self, observations: Observations) -> Observations:
+        """Observations ``(..., columns)`` float32, of NumPy or JAX, normalised."""
+        return (observations - self.middle) * self.scale  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True)

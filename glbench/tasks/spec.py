@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from glbench.canonical import canonical_sha256
 from glbench.errors import GlbenchError, ParameterError, TaskError, UnknownNameError, WeatherError, did_you_mean
+from glbench.registration import task_ids
 from glbench.showing import html_of
 from glbench.tasks.ledger import (
     FLOW,
@@ -78,6 +79,8 @@ FloatArray = npt.NDArray[np.float64]
 
 PROSE = frozenset({"title", "description", "suites"})
 """Fields that explain or file a task and do not change it: they stay out of its digest."""
+PREVIEW = "preview"
+"""Split of a task that has a test alone: seasons to look at, of which none is scored."""
 DIGITS = 9
 """Significant digits, in a digest, of numbers that are computed rather than read."""
 
@@ -102,7 +105,17 @@ SCHEMA_1: Mapping[str, tuple[str, ...]] = MappingProxyType(
 _EVEN = 0.6180339887498949
 """Multiples of it, modulo 1, are spread evenly."""
 _OF_ALL_SPLITS = frozenset(
-    {"model_value", "_parameters", "_initial_state", "price_tables", "ledger", "quantities", "_fingerprint", "_hash"}
+    {
+        "model_value",
+        "_parameters",
+        "_initial_state",
+        "preview",
+        "price_tables",
+        "ledger",
+        "quantities",
+        "_fingerprint",
+        "_hash",
+    }
 )
 _GRID = 6180.339887498949  # weather rows enter a digest in steps of 1/6180: no round number lies halfway between two of them
 
@@ -138,7 +151,10 @@ class TaskSpec:
     changes: tuple[Change, ...]
     """What its file changes in the base."""
     split: str | None
-    """Which scenarios its runs are drawn from: "training" at first, "validation" or "test"; ``None`` for a task without splits."""
+    """Which scenarios its runs are drawn from: "training" at first, "validation" or "test"; ``None`` for a task without splits.
+
+    A task that has a test alone begins in its test; its environments are in "preview".
+    """
     sealed: str
     """The secret part of the salt, of which a host of a round publishes the digest first; "" in the public test."""
 
@@ -210,6 +226,9 @@ class TaskSpec:
     def in_split(self, split: str, sealed: str = "") -> TaskSpec:
         """The same task with the scenarios of ``split``: "training", "validation" or "test"; digest and all else stay.
 
+        A task that has a test alone also has "preview": seasons that are not scored. They are made of the training years of its base where
+        both have the same weather record, else of the test's years, with other draws. Real years that score are never previewed.
+
         ``sealed`` is the secret of a round (``glbench.tasks.sealed.Round.secret``), for the test only.
 
         Raises
@@ -218,7 +237,7 @@ class TaskSpec:
             When the task has no such split, or a secret salt is given for another split than the test.
         """
         known = self.splits.names if self.splits is not None else ()
-        if split not in known:
+        if split not in known and not (split == PREVIEW and self.preview is not None):
             has = f"It has {', '.join(known)}." if known else "All its runs share their seasons."
             msg = f"{self.id} has no split '{split}'.{did_you_mean(split, known)} {has}"
             raise TaskError(msg)
@@ -235,7 +254,28 @@ class TaskSpec:
     @property
     def season_years(self) -> tuple[int, ...] | None:
         """Years that the seasons of the split are from; ``None`` for a task without splits."""
-        return None if self.splits is None else getattr(self.splits, str(self.split)).years
+        table = self._split_table
+        return None if table is None else table.years
+
+    @property
+    def _split_table(self) -> SplitTable | None:
+        """Years and number of seasons of the split that the task is in."""
+        if self.split == PREVIEW:
+            return self.preview
+        return getattr(self.splits, self.split) if self.split is not None else None
+
+    @cached_property
+    def preview(self) -> SplitTable | None:
+        """What seasons to look at are made of; ``None`` where there is a training split, or nothing but real years that score."""
+        from glbench.tasks.library import get_task
+
+        if self.splits is None or self.splits.training is not None:
+            return None
+        test, base = self.splits.test, get_task(self.base) if self.base in task_ids() else None
+        training = base.splits.training if base is not None and base.splits is not None else None
+        if base is not None and training is not None and base.weather.source == self.weather.source:
+            return training if test.seasons is not None else SplitTable(years=training.years)
+        return test if test.seasons is not None else None
 
     @property
     def salt_commitment(self) -> str | None:
@@ -783,7 +823,7 @@ class TaskSpec:
             if drawn.count(name) > 1:
                 msg = f"{self.source}: [scenario.parameters] '{name}' is in two groups. Keep it in one."
                 raise TaskError(msg)
-        split: SplitTable | None = getattr(self.splits, self.split) if self.split is not None else None
+        split = self._split_table
         salt, generated, source = scenario.salt, None, weather.source
         years = scenario.years if split is None else split.years
         if split is not None:

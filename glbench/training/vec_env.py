@@ -215,13 +215,15 @@ def make_vec_env(
     Raises
     ------
     GlbenchError
-        For an unknown task, split or preset, and for impossible numbers.
+        For an unknown task, split or preset, for impossible numbers, and for a task without a training split where none is named.
     """
     if not 0 <= whole_number(seed, "The seed") < _SEEDS:
         msg = f"The seed must be a whole number from 0 to {_SEEDS - 1:,}; got {seed}."
         raise GlbenchError(msg)
     named = task.removeprefix("glbench:") if isinstance(task, str) else task
     chosen = task_of_environment(named, split, overrides)
+    if split is None:
+        chosen.check_training()
     check_kernel(kernel, chosen)
     first_seed = FIRST_TRAINING_SEED + _SEEDS_APART * seed
     return TrainingVecEnv(chosen, n_envs, first_seed=first_seed, kernel_preset=kernel, workers=workers)

@@ -88,6 +88,7 @@ def test_a_folder_of_the_compiled_learner_is_an_agent(glbench: Command, settings
     trained = glbench(*arguments)
     assert trained.code in (0, 3), trained.err  # 3: nothing was learnt in so few steps
     assert "2,016 steps in rollouts of 96, 8 greenhouses, seed 2" in " ".join(trained.err.split())
+    assert "Each evaluation is the mean of 1 season with seeds that are not scored, without exploration." in trained.err
     scored = glbench("evaluate", "runs/ppo-Day-v1-seed2", "--task", "day.toml")
     assert scored.code == 0, scored.err
     assert "Already trained" in glbench(*arguments).err

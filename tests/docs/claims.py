@@ -478,6 +478,11 @@ def other_set_points(change: str, what: str = "heat") -> float:
     return realism_setpoints.change(realism_setpoints.read(), change, what)
 
 
+def _bound(task: str, column: str) -> float:
+    """Upper bound of an observed column."""
+    return next(quantity.high for quantity in get_task(task).observed() if quantity.name == column)
+
+
 def size_at_joints(measurement: str, quantity: str) -> float:
     """How far the sizes of changes at joints are from those of real midnights: Kolmogorov-Smirnov distance."""
     figures = weather_table.read()[measurement]["figures"]
@@ -843,6 +848,7 @@ CLAIMS: dict[str, list[Claim]] = {
     "docs/environment.md": [
         ("{} kPa at 20 degC and {} %", lambda: (float(vapour_pressure_deficit(20.0, 80.0)), 80)),
         ("{} g m-3 there", lambda: float(humidity_deficit(20.0, 80.0))),
+        ("(CO2 up to {} ppm in `Spring-v1`)", lambda: _bound("Spring-v1", "co2")),
         *(
             (
                 f"| `{name}` | {purpose} | {{}} | {{}} |",
@@ -1063,6 +1069,7 @@ EVERYWHERE = [
 """Phrases that are made of a task and right wherever they stand."""
 
 ALLOWED: dict[str, list[tuple[str, str]]] = {
+    "docs/jax.md": [("before 1.0: PureJaxRL", "a version")],
     **{
         page: [("An iteration takes about 3 s of one core", "measured by docs/season_plan_table.py")]
         for page in ("docs/best-known.md", "docs/control.md")
@@ -1239,6 +1246,8 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("(8.3144598 J mol-1 K-1 · (*T* + 273.15))", "definition: glbench/model/air.py"),
         ("4.6 umol J-1", "definition: a constant of the model"),
         ("from 10,000,000,000 on", "definition: glbench/training/settings.py"),
+        ("from the 0.5 to the 99.5 percentile", "definition: baselines/typical_ranges.py"),
+        ("a day in 4 s, a season of 60 days in 4 minutes", "definition: glbench/env/rendering.py, 24 frames a second"),
     ],
     "docs/episodes.md": [
         ("Above 512 MB", "definition: glbench/episodes/recorder.py"),

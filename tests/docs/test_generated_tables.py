@@ -14,6 +14,7 @@ from docs import (
     speed_figure,
     springs_table,
     study_figures,
+    training_curve_table,
     uncertainty_figures,
     weather_table,
     what_the_best_does,
@@ -49,6 +50,11 @@ def test_the_study_holds_the_released_results() -> None:
 def test_the_table_of_unseen_springs_holds_the_measurements() -> None:
     page = (DOCS / "training.md").read_text(encoding="utf-8")
     assert springs_table.filled(page, springs_table.read()) == page
+
+
+def test_the_learning_curves_are_those_of_the_shipped_trainings() -> None:
+    page = (DOCS / "training.md").read_text(encoding="utf-8")
+    assert training_curve_table.filled(page) == page
 
 
 def test_the_table_of_trajectories_holds_the_measurements() -> None:

@@ -115,6 +115,14 @@ def test_an_agent_that_hangs_costs_its_time_and_no_more(tmp_path: Path, day_task
     assert time.monotonic() - began < 240
 
 
+def test_loading_takes_nothing_from_the_time_of_the_steps(tmp_path: Path, day_task_file: Path) -> None:
+    report = looked_at(
+        tmp_path, day_task_file, "time.sleep(0.02)", "none", before="import time; time.sleep(4.0)\n", seconds=3.0
+    )
+    assert report.ok, report.findings
+    assert not [finding for finding in report.findings if finding.subject == "time"], "all steps fitted in"
+
+
 @pytest.mark.parametrize(("first", "later", "ok"), [(5.0, 0.01, True), (0.0, 4.4, False)], ids=["plans first", "slow"])
 def test_the_pace_is_that_of_later_decisions(
     tmp_path: Path, day_task_file: Path, first: float, later: float, ok: bool

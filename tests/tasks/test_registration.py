@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import subprocess
 import sys
 from pathlib import Path
 
 import gymnasium
+import numpy as np
 import pytest
+from gymnasium import wrappers
+from gymnasium.utils.env_checker import check_env
 
 from glbench import registration
 from glbench.tasks import PAPER_TASK, list_drafts, list_tasks, register_tasks
@@ -45,6 +50,36 @@ def test_a_spec_leads_to_the_environments_and_leaves_the_horizon_to_them() -> No
     assert spec.kwargs == {"task": PAPER_TASK}
     assert spec.max_episode_steps is None
     assert (spec.order_enforce, spec.disable_env_checker) == (True, False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", registration.task_ids())
+def test_every_id_makes_an_environment_that_says_how_long_it_is(name: str) -> None:
+    """Warnings are errors here, those of Gymnasium's checkers too."""
+    made = gymnasium.make(name, kernel="fast")
+    steps = made.unwrapped.task.steps  # type: ignore[attr-defined]
+    check_env(made.unwrapped)
+    timed = wrappers.RecordEpisodeStatistics(wrappers.TimeAwareObservation(made, normalize_time=True))
+    timed.reset(seed=1)
+    for k in range(1, 4):
+        observation, *_ = timed.step(np.zeros(made.action_space.shape or (), np.float32))
+        assert observation[-1] == np.float32(k / steps)
+    rows = gymnasium.make_vec(name, num_envs=2, kernel="fast")
+    for spec in (made.spec, timed.spec, rows.spec):
+        assert spec is not None
+        assert spec.max_episode_steps == steps
+
+
+def test_the_horizon_is_that_of_the_season_and_ends_it_once() -> None:
+    day = {"weather.days": 1}
+    made = gymnasium.make("glbench/Lettuce-v1", overrides=day, kernel="fast")
+    again = gymnasium.make("glbench/Lettuce-v1", overrides={"weather.days": 61}, kernel="fast")
+    rows = gymnasium.make_vec("glbench/Lettuce-v1", num_envs=1, overrides=day, kernel="fast")
+    assert [one.spec.max_episode_steps for one in (made, again, rows) if one.spec] == [96, 61 * 96, 96]
+    made.reset(seed=1)
+    ends = [made.step(np.zeros(made.action_space.shape or (), np.float32))[2:4] for _ in range(96)]
+    assert ends == [(False, False)] * 95 + [(True, False)]
+    assert copy.deepcopy(made).spec == made.spec == pickle.loads(pickle.dumps(made)).spec
 
 
 def test_registering_again_changes_nothing() -> None:

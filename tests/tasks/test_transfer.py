@@ -12,7 +12,8 @@ from glbench.env import GreenhouseEnv
 from glbench.env.scenario import RunScenarios, run_weather
 from glbench.errors import TaskError
 from glbench.evaluation import evaluate
-from glbench.tasks import get_task, list_tasks, task_card
+from glbench.tasks import TaskSpec, get_task, list_tasks, task_card
+from glbench.training import make_vec_env
 from tests.evaluation.agent_files import AgentWriter, agent_writer
 
 BASE = "glbench/Spring-v1"
@@ -73,7 +74,38 @@ def test_a_task_has_a_test_alone(name: str) -> None:
         30,
     )
     with pytest.raises(TaskError, match=r"has no training split.* Train on glbench/Spring-v1, its base,"):
-        gymnasium.make(name)
+        make_vec_env(name)
+
+
+@pytest.mark.parametrize("name", TRANSFER)
+def test_an_environment_shows_seasons_that_are_not_scored(name: str) -> None:
+    task = gymnasium.make(name).unwrapped.task  # type: ignore[attr-defined]
+    scored = get_task(name).scored
+    assert (task.id, task.digest, task.split) == (name, scored.digest, "preview")
+    assert task.season_years == ((2008, 2009, 2010) if "House" in name else (2001,)), (
+        "houses: no year that Spring tests in"
+    )
+    for seed in (10000, 10001):
+        shown, held_out = run_weather(task, seed).values[:, 1], run_weather(scored, seed).values[:, 1]
+        assert not np.array_equal(shown, held_out)
+    draws = [RunScenarios(one).draw([10000]).parameters for one in (task, scored)]
+    assert not np.array_equal(*draws), "another crop"
+
+
+def test_real_years_that_score_are_not_previewed() -> None:
+    task = get_task(BASE).replace(
+        {
+            "id": "test/Real2012-v1", "scenario.generated": None, "scenario.co2_range": None, "splits.training": None,
+            "splits.validation": None, "splits.test": {"years": [2012], "seasons": None},
+        }
+    )  # fmt: skip
+    assert GreenhouseEnv(task).task.season_years == (2008, 2009, 2010), "years in which agents of the base train"
+    alone = TaskSpec.of_written(task.written())
+    with pytest.raises(TaskError, match="no training split"):
+        GreenhouseEnv(alone)
+    with pytest.raises(TaskError, match="no split 'preview'"):
+        alone.in_split("preview")
+    assert GreenhouseEnv(alone, split="test").task.season_years == (2012,)
 
 
 @pytest.mark.parametrize("name", TRANSFER)

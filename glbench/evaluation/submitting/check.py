@@ -30,7 +30,7 @@ from glbench.evaluation.submitting.findings import Finding, Report, Subject, not
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task, task_card
 
 SECONDS = 15.0
-"""Time for the whole check [s], besides what large packages take to be imported, and first decisions to be made."""
+"""Time for the whole check [s], besides what it takes to import large packages, to make the agent and the seasons, and to decide first."""
 STEPS = 96
 """Steps of the short run: a day in steps of a quarter of an hour, with its night."""
 RUNS = 4
@@ -69,7 +69,7 @@ def check_submission(
     task
         Task, its id, or the path of a task file.
     seconds
-        Time for the whole check. First decisions come on top: an agent that plans takes longer for them than for all others.
+        Time for the whole check. Loading and first decisions come on top: an agent that plans takes longer for them than for all others.
     sandbox
         Where the agent runs, as for ``glbench.evaluation.evaluate``. Where it wants a sandbox and there can be none, only files are
         looked at, and the report says so.
@@ -219,8 +219,8 @@ class _DryRun:
         self._deadline = max(self._deadline, time.monotonic() + _LEAST * self._seconds)
 
     def _made(self, runs: int, *, again: bool = False) -> bool:
-        """Make a fresh agent and reset it; false when that fails, which is reported."""
-        left = self._left()
+        """Make a fresh agent and reset it, in time that is not that of its steps; false when that fails, which is reported."""
+        left, began = self._left(), time.monotonic()
         hasty = replace(
             self._limits,
             start=min(self._limits.start, max(round(left, 1), _SHORTEST_START)),
@@ -243,6 +243,7 @@ class _DryRun:
         failure = next(iter(self._runner.start()), None)
         if failure is not None:
             self._book.add([problem("loading", f"The agent cannot be made{when}: {failure.reason.rstrip('.')}.")])
+        self._deadline += time.monotonic() - began
         return failure is None
 
     def _ask(self, shown: NDArray[np.float32], step: int) -> tuple[Decision, float]:
@@ -256,23 +257,27 @@ class _DryRun:
 
     def _short_run(self) -> bool:
         """Run a day in closed loop; false when it ends early, after which nothing can be compared."""
+        loading = time.monotonic()
         simulation = Simulation(self._task, RUNS)
         first, steps = self._task.evaluation.first_seed, min(STEPS, self._task.steps)
         observations = simulation.reset(range(first, first + RUNS))
         began = until = time.monotonic()
+        self._deadline += began - loading
         seconds, memory = list[float](), list[int]()
         for step in range(1, steps + 1):
             shown = observations.astype(np.float32)
             decision, took = self._ask(shown, step)
             if not self._accepted(decision, took, seconds):
                 return False
-            if step == 1:
-                until = time.monotonic() + _SHARE_RUN * self._left()
             self._dialogue.append((shown, decision.actions))
             seconds.append(took / RUNS)
             memory.append(self._process.memory())
+            begun = time.monotonic()
             outcome = simulation.step(decision.actions)
             observations = outcome.observations
+            if step == 1:  # it may have compiled the kernel
+                self._deadline += time.monotonic() - begun
+                until = time.monotonic() + _SHARE_RUN * self._left()
             if outcome.failed:
                 text = f"Step {step} cannot be simulated with these actions: {outcome.failed[0].reason}."
                 self._book.add([problem("decisions", text)])

@@ -1,0 +1,43 @@
+"""Fills the table of expected learning curves in training.md from the shipped trainings: ``python -m docs.training_curve_table``."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+from docs.tables import with_tables
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = Path(__file__).parent / "training.md"
+TRAININGS = ("ppo_fast", "ppo_fast_seed1", "ppo_fast_seed2")
+TASK, CURVE = "Spring-v1", "training/spring.csv"
+EVERY = 2
+"""Of the evaluations after the first two, every other one is shown."""
+
+
+def table() -> str:
+    """Mean reward of every shown evaluation on the validation split, and of the released result on the test split, one row a training."""
+    rows, steps = [], list[int]()
+    for name in TRAININGS:
+        with (ROOT / "baselines" / name / CURVE).open(encoding="utf-8") as file:
+            points = list(csv.DictReader(file))
+        shown = [*points[:2], *points[2::EVERY]]
+        steps = [int(point["steps"]) for point in shown]
+        released = json.loads((ROOT / "reports/released/results" / TASK / f"{name}.json").read_text(encoding="utf-8"))
+        cells = [f"{float(point['reward']):.2f}" for point in shown]
+        rows.append(f"| `{name}` | {' | '.join(cells)} | {released['summary']['mean']['reward']:.2f} |")
+    head = [
+        f"| steps | {' | '.join(f'{step:,}' for step in steps)} | test split |",
+        "|---" + "|---:" * (len(steps) + 1) + "|",
+    ]
+    return "\n".join([*head, *rows])
+
+
+def filled(page: str) -> str:
+    """The page with the table."""
+    return with_tables(page, {"training_curve": table()})
+
+
+if __name__ == "__main__":
+    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
