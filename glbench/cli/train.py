@@ -318,6 +318,7 @@ def sweep(
         require("--wandb", "wandb", "wandb")
     if engine is EngineName.RAY:
         require("--engine ray", "ray", "ray")
+    require("The sweep", "train", "optuna", "stable_baselines3", "torch")
     with needs_the_extra("train"):
         from glbench.training.sweep import read_search
         from glbench.training.sweep import sweep as run_sweep
