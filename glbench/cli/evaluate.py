@@ -217,7 +217,7 @@ def _keep_out_of_sight(round_file: Path, agents: Iterable[Protected]) -> None:
     SandboxError
         When the file lies where the sandbox shows what is there.
     """
-    from glbench.evaluation.sandbox.bubblewrap import is_visible
+    from glbench.evaluation.sandbox.visible import is_visible
 
     for agent in agents:
         if agent.submission is not None and is_visible(round_file, agent.submission):

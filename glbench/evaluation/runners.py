@@ -29,7 +29,7 @@ from glbench.agents.actions import ROUNDING, read_actions, value_problems
 from glbench.env import Simulation, StepResult
 from glbench.errors import SubmissionError
 from glbench.evaluation.limits import Failure, TimeLimits, guarded
-from glbench.evaluation.sandbox.bubblewrap import place_inside
+from glbench.evaluation.sandbox.visible import place_inside
 from glbench.evaluation.sandbox.frames import (
     LONGEST_TEXT,
     ROW,
