@@ -34,6 +34,7 @@ WINDOW = 24
 """Numbers of a window."""
 _TOLERANCE = 4e-3
 """How far a number may lie from the window's, as a share of its range: units are rounded."""
+_MOST_ALIKE = 8
 _TABLE = 1 << 22
 _POWERS = 3 ** np.arange(WINDOW - 1, dtype=np.int64)
 _LARGEST = 256 << 20
@@ -112,6 +113,8 @@ class Search:
         windows = self.needles.windows.astype(np.float64)
         patterns = (np.sign(np.diff(windows)).astype(np.int64) + 1) @ _POWERS
         order = np.argsort(patterns, kind="stable")
+        # Some ups and downs, such as up and down in turns, are those of many windows and of much else: a few of them will do.
+        order = order[np.arange(len(order)) - np.searchsorted(patterns[order], patterns[order]) < _MOST_ALIKE]
         self._patterns, self._windows, self._of = patterns[order], _on_one_scale(windows[order]), self.needles.of[order]
         self._table = np.zeros(_TABLE, dtype=np.bool_)
         self._table[self._patterns % _TABLE] = True
