@@ -16,6 +16,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -41,7 +42,7 @@ _DATA_OF_PACKAGES = ("glbench", "glbench_data", "pvlib/data")
 """Folders of packages that stay empty. glbench is visible at ``CODE``, without its data; pvlib brings weather of published tasks along."""
 _RULES = (
     "grower/card.toml", "grower/settings.toml", "rule_based/rule_based.yml", "rule_based_fair/card.toml",
-    "rule_based_tuned/card.toml", "rule_based_tuned/rules/*.yml", "rule_based_energy/card.toml", "rule_based_energy/rules/*.yml",
+    "rule_based_tuned/card.toml", "rule_based_tuned/rules", "rule_based_energy/card.toml", "rule_based_energy/rules",
 )  # fmt: skip
 """Cards and settings of the rules that a submission may build on, below the folder of baselines."""
 _PACKAGE = Path(__file__).resolve().parents[2]
@@ -96,9 +97,10 @@ def visible_files(
     GlbenchError
         When its files cannot be copied.
     """
-    covered, bounds = _covered(), _shown()
-    binds = [*bounds, *_copies(submission, staging), *_marks_and_kernels(kernels or {})]
-    empty = {inside for bound in bounds for inside in _empty_below(bound, covered)}
+    covered = _covered()
+    bounds = _shown(covered)
+    binds = [*bounds, _copies(submission, staging), *_marks_and_kernels(kernels or {})]
+    empty = set(_empty(bounds, covered))
     words = {path: ["--symlink", str(path.readlink()), str(path)] for path in _system() if path.is_symlink()}
     words |= {bound.inside: ["--ro-bind", str(bound.outside), str(bound.inside)] for bound in binds}
     words |= {path: ["--tmpfs", str(path)] for path in empty}
@@ -112,22 +114,24 @@ def visible_files(
 def is_visible(file: Path, submission: Identity) -> bool:
     """Whether the agent could read ``file`` of this machine inside, were its rights no obstacle."""
     file = file.resolve()
-    return _is_shown(file, _shown(), _covered()) or file in {*submission.all_files(), *_rules()}
+    covered = _covered()
+    return _is_shown(file, _shown(covered), covered) or file in submission.all_files()
 
 
 def _system() -> Iterator[Path]:
     yield from filter(Path.exists, map(Path, SYSTEM))
 
 
-def _shown() -> list[Bound]:
-    """What is visible of the system, of Python and of glbench."""
-    covered = _covered()
+def _shown(covered: set[Path]) -> list[Bound]:
+    """What is visible of the system, of Python and of glbench, but for the folders ``covered``."""
     bounds = [Bound(path, path) for path in _system() if not path.is_symlink()]
     base = Path(sys.base_prefix).resolve()
     for path in (interpreter(), base / "lib", base / "lib64", *libraries()):
         if path.exists() and not _is_shown(path.resolve(), bounds, covered):
             bounds.append(Bound(path.resolve(), path))
-    return [*bounds, Bound(_PACKAGE, CODE / "glbench")]
+    baselines = data_folder("baselines").resolve()
+    rules = [Bound(baselines / name, _data_inside() / "baselines" / name) for name in _RULES]
+    return [*bounds, Bound(_PACKAGE, CODE / "glbench"), *rules]
 
 
 def _is_shown(file: Path, bounds: Iterable[Bound], covered: Iterable[Path]) -> bool:
@@ -141,11 +145,19 @@ def _is_shown(file: Path, bounds: Iterable[Bound], covered: Iterable[Path]) -> b
 def _covered() -> set[Path]:
     """Folders that stay empty inside where something above them is visible."""
     usable = {path.resolve() for path in libraries()}
-    folders = {path / place for path in usable for place in _DATA_OF_PACKAGES}
-    # Packages of other installations of Python, with whatever data they have.
-    roots = [*map(Path, SYSTEM), *(Path(sys.base_prefix).resolve() / name for name in ("lib", "lib64"))]
-    folders |= {path.resolve() for root in roots for name in _LIBRARIES for path in root.glob(f"python*/{name}")} - usable
-    return {folder for folder in folders | _own_data() if folder.is_dir()}
+    folders = {path / place for path in usable for place in _DATA_OF_PACKAGES} | _own_data()
+    return (_installations(SYSTEM, sys.base_prefix) - usable) | {folder for folder in folders if folder.is_dir()}
+
+
+@cache
+def _installations(system: tuple[str, ...], base: str) -> frozenset[Path]:
+    """Folders with packages of all installations of Python that would show, with whatever data they have."""
+    roots = [*(Path(place) for place in system if "lib" in Path(place).name), Path(base) / "lib", Path(base) / "lib64"]
+    pythons = [
+        folder for root in roots if root.is_dir() for folder in root.iterdir() if folder.name.startswith("python")
+    ]
+    places = [folder / name for folder in pythons for name in _LIBRARIES]
+    return frozenset(place.resolve() for place in places if place.is_dir())
 
 
 def _own_data() -> set[Path]:
@@ -157,13 +169,16 @@ def _own_data() -> set[Path]:
     return checkout | shipped | {own, user_data_folder().resolve(), cache_folder().resolve()}
 
 
-def _empty_below(bound: Bound, covered: set[Path]) -> Iterator[Path]:
-    """Folders inside, below ``bound``, that are to be empty; none of them is in another."""
+def _empty(bounds: Iterable[Bound], covered: set[Path]) -> Iterator[Path]:
+    """Folders inside that are to be empty; none of them is in another, unless something visible is between them."""
+    shown: dict[Path, list[Path]] = {}
+    for bound in bounds:
+        shown.setdefault(bound.outside, []).append(bound.inside)
     for folder in covered:
-        if bound.outside in folder.parents:
-            between = folder.parents[: len(folder.parts) - len(bound.outside.parts) - 1]
-            if covered.isdisjoint(between):
-                yield bound.inside / folder.relative_to(bound.outside)
+        for above in folder.parents:
+            yield from (inside / folder.relative_to(above) for inside in shown.get(above, ()))
+            if above in covered:
+                break
 
 
 def _data_inside() -> Path:
@@ -180,14 +195,9 @@ def _marks_and_kernels(kernels: Mapping[str, Path]) -> Iterator[Bound]:
         yield Bound(checkout, CODE / "pyproject.toml")  # by which glbench knows a checkout
 
 
-def _rules() -> tuple[Path, ...]:
-    folder = data_folder("baselines").resolve()
-    return tuple(file for pattern in _RULES for file in folder.glob(pattern))
-
-
-def _copies(submission: Identity, staging: Callable[[], Path]) -> Iterator[Bound]:
-    """Copies of the submission's files, and of the pages of rules."""
-    place, rules = place_inside(submission), staging() / "rules"
+def _copies(submission: Identity, staging: Callable[[], Path]) -> Bound:
+    """Copies of the submission's files."""
+    place = place_inside(submission)
     try:
         files = submission.all_files()
         for folder in _own_data():
@@ -199,12 +209,10 @@ def _copies(submission: Identity, staging: Callable[[], Path]) -> Iterator[Bound
             root /= place.name
         root.mkdir(parents=True)
         digest = digest_of(files, submission.root, root)
-        digest_of(_rules(), data_folder("baselines").resolve(), rules)
     except OSError as error:
         msg = f"The submission {submission.path} cannot be copied for its sandbox: {error}."
         raise GlbenchError(msg) from error
     if digest != submission.digest:
         msg = f"The files of {submission.path} were changed after its evaluation began. Leave them as they are until it ends."
         raise SubmissionError(msg)
-    yield Bound(root, place if submission.folder is not None else place.parent)
-    yield Bound(rules, _data_inside() / "baselines")
+    return Bound(root, place if submission.folder is not None else place.parent)

@@ -39,9 +39,12 @@ _TABLE = 1 << 22
 _POWERS = 3 ** np.arange(WINDOW - 1, dtype=np.int64)
 _LARGEST = 256 << 20
 _CHUNK = 1 << 20
+_LARGE_ARRAY = 1 << 24
+"""Numbers of an array that is searched along its last axis only."""
 _SKIPPED = {
-    b"\x7fELF": "program", b"BC\xc0\xde": "program", b"JM\x01\x00": "program", b"!<arch>\n": "program", b"\xca\xfe\xba\xbe": "program", b"\x89PNG": "picture", b"GIF8": "picture",
-    b"\xff\xd8\xff": "picture", b"OTTO": "font", b"\x00\x01\x00\x00\x00": "font", b"wOF2": "font", b"wOFF": "font", b"ttcf": "font",
+    b"\x7fELF": "program", b"BC\xc0\xde": "program", b"JM\x01\x00": "program", b"!<arch>\n": "program", b"\xca\xfe\xba\xbe": "program",
+    b"\x89PNG": "picture", b"GIF8": "picture", b"\xff\xd8\xff": "picture", b"OTTO": "font", b"\x00\x01\x00\x00\x00": "font",
+    b"wOF2": "font", b"wOFF": "font", b"ttcf": "font",
 }  # fmt: skip
 """Beginnings of files of machine code, pictures and fonts; Python's compiled modules are told by the rest of their magic number."""
 _BINARY = ("<f8", "<f4", "<i8", "<i4", "<i2")
@@ -57,7 +60,7 @@ _BLOCK = 512
 
 @dataclass(frozen=True)
 class Needles:
-    """What to search for: windows ``(n, WINDOW)`` with the name of the series that each is of, digests, and first seeds with their number."""
+    """What to search for: windows ``(n, WINDOW)`` and of which series each is, digests, and first seeds with the number of runs."""
 
     windows: NDArray[np.float32]
     of: NDArray[np.int32]
@@ -84,7 +87,13 @@ class Needles:
                     of.append(len(names))
             names.append(name)
         stacked = np.array(windows, dtype=np.float32).reshape(-1, WINDOW)
-        return cls(stacked, np.array(of, dtype=np.int32), tuple(names), frozenset(map(str.encode, digests)), tuple(sorted(set(seeds))))
+        return cls(
+            stacked,
+            np.array(of, dtype=np.int32),
+            tuple(names),
+            frozenset(map(str.encode, digests)),
+            tuple(sorted(set(seeds))),
+        )
 
     def save(self, file: Path) -> None:
         """Write what ``load`` reads."""
@@ -189,7 +198,7 @@ class Search:
             if values.shape == (runs,) and np.array_equal(values, np.arange(first, first + runs)):
                 self.found.add((name, "seeds"))
         for axis in range(values.ndim):
-            if values.shape[axis] >= WINDOW:
+            if values.shape[axis] >= WINDOW and (values.size < _LARGE_ARRAY or axis == values.ndim - 1):
                 self._series(name, np.moveaxis(values, axis, -1).reshape(-1))
 
     def _series(self, name: str, series: Floats) -> None:
@@ -223,7 +232,17 @@ def _on_one_scale(windows: Floats) -> Floats:
     return np.asarray((windows - lowest) / (windows.max(axis=1, keepdims=True) - lowest))
 
 
-_ARCHIVES = (b"PK\x03\x04", b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd", b"PAR1", b"ARROW1", b"\x89HDF", b"\x93NUMPY")
+_ARCHIVES = (
+    b"PK\x03\x04",
+    b"\x1f\x8b",
+    b"BZh",
+    b"\xfd7zXZ",
+    b"\x28\xb5\x2f\xfd",
+    b"PAR1",
+    b"ARROW1",
+    b"\x89HDF",
+    b"\x93NUMPY",
+)
 _DAMAGED: tuple[type[Exception], ...] = (
     OSError, EOFError, ValueError, TypeError, KeyError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error, lzma.LZMAError,
     tarfile.TarError,
@@ -263,7 +282,7 @@ def _unpacked(data: bytes) -> Iterator[tuple[str, bytes | NDArray[Any]]]:
         packings: Mapping[bytes, Callable[[bytes], bytes]] = {
             b"\x1f\x8b": lambda packed: gzip.GzipFile(fileobj=io.BytesIO(packed)).read(_LARGEST),
             b"BZh": lambda packed: bz2.BZ2File(io.BytesIO(packed)).read(_LARGEST),
-            b"\xfd7zXZ": lambda packed: lzma.LZMAFile(io.BytesIO(packed)).read(_LARGEST),
+            b"\xfd7zXZ": lzma.decompress,
             b"\x28\xb5\x2f\xfd": _zstandard,
         }
         for magic, unpack in packings.items():
@@ -283,7 +302,9 @@ def _tables(data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
     import pyarrow.ipc
     import pyarrow.parquet as pq
 
-    table = pq.read_table(io.BytesIO(data)) if data.startswith(b"PAR1") else pa.ipc.open_file(io.BytesIO(data)).read_all()
+    table = (
+        pq.read_table(io.BytesIO(data)) if data.startswith(b"PAR1") else pa.ipc.open_file(io.BytesIO(data)).read_all()
+    )
     for name, column in zip(table.column_names, table.columns, strict=True):
         if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
             yield name, column.combine_chunks().cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
@@ -294,7 +315,11 @@ def _hdf(data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
 
     arrays: list[tuple[str, NDArray[Any]]] = []
     with h5py.File(io.BytesIO(data), "r") as file:
-        file.visititems(lambda name, item: arrays.append((name, item[()])) if isinstance(item, h5py.Dataset) and item.shape else None)
+        file.visititems(
+            lambda name, item: (
+                arrays.append((name, item[()])) if isinstance(item, h5py.Dataset) and item.shape else None
+            )
+        )
     yield from arrays
 
 
@@ -313,7 +338,11 @@ def _numbers_of_text(data: bytes) -> Iterator[Floats]:
     whole = len(letters) // _BLOCK * _BLOCK
     blocks = [letters[:whole].reshape(-1, _BLOCK), letters[None, whole:]]
     dense = np.concatenate(
-        [_DIGITS[block].sum(axis=1) * 4 > np.maximum(block.shape[1] - _BLANK[block].sum(axis=1), 40) for block in blocks if block.size]
+        [
+            _DIGITS[block].sum(axis=1) * 4 > np.maximum(block.shape[1] - _BLANK[block].sum(axis=1), 40)
+            for block in blocks
+            if block.size
+        ]
     )
     dense[:-1] |= dense[1:]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], dense, [False]]).astype(np.int8)))

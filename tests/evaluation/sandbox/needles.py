@@ -24,7 +24,11 @@ _FEWER = 240
 def shipped_needles() -> Needles:
     """Windows of every record, plan, recording and profile, the digests of all released results, and the first seeds of all tasks."""
     results = data_folder("reports/released/results")
-    digests = {json.loads(file.read_bytes())["results_digest"] for file in results.glob("*/*.json") if ".proof." not in file.name}
+    digests = {
+        json.loads(file.read_bytes())["results_digest"]
+        for file in results.glob("*/*.json")
+        if ".proof." not in file.name
+    }
     seeds = {(task.evaluation.first_seed, task.evaluation.runs) for task in (*list_tasks(), *list_drafts())}
     return Needles.collect([*_weather(), *_actions(), *_profiles()], digests, seeds)
 

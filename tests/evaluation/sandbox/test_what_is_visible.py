@@ -18,9 +18,9 @@ from glbench.agents import identify
 from glbench.errors import SubmissionError
 from glbench.evaluation import TimeLimits
 from glbench.evaluation.sandbox import bubblewrap, visible
-from glbench.evaluation.sandbox.visible import libraries
 from glbench.evaluation.sandbox.frames import Kind
 from glbench.evaluation.sandbox.process import AgentProcess, Prints
+from glbench.evaluation.sandbox.visible import libraries
 from glbench.resources import data_folder
 from glbench.tasks import list_tasks, task_card
 from glbench.tasks.given import public_definition
@@ -92,7 +92,7 @@ for place, folders, files in os.walk("/"):
 def test_data_among_the_libraries_are_covered(
     write_agent: AgentWriter, sandboxed: Prepare, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part_of_system: bool
 ) -> None:
-    """Data of glbench and of pvlib, other installations of Python, and folders of the user: in a virtual environment, or below /usr/local/lib."""
+    """Of glbench, of pvlib, of other installations of Python, and of the user: in a virtual environment, or below /usr/local/lib."""
     lib = tmp_path / "usr" / "local" / "lib"
     library, other = (lib / f"python3.{minor}" / "site-packages" for minor in (11, 9))
     secrets = [
@@ -119,12 +119,20 @@ def test_data_among_the_libraries_are_covered(
     assert visible.is_visible(library / "useful.py", identity)
 
 
-def test_a_checkout_in_a_folder_of_the_system_is_covered(monkeypatch: pytest.MonkeyPatch, write_agent: AgentWriter) -> None:
+def test_a_checkout_in_a_folder_of_the_system_is_covered(
+    monkeypatch: pytest.MonkeyPatch, write_agent: AgentWriter
+) -> None:
     root = Path(glbench.__file__).parents[1]
     monkeypatch.setattr(visible, "SYSTEM", (*visible.SYSTEM, str(root.parent)))
     identity = identify(write_agent())
     assert identity is not None
-    hidden = ("tasks/lock.toml", "reports/mine/Spring-v1/anna.json", "runs/anna.actions.mcap", "submissions/my_agent.py", "docs/tasks.md")
+    hidden = (
+        "tasks/lock.toml",
+        "reports/mine/Spring-v1/anna.json",
+        "runs/anna.actions.mcap",
+        "submissions/my_agent.py",
+        "docs/tasks.md",
+    )
 
     assert [name for name in hidden if visible.is_visible(root / name, identity)] == []
     assert visible.is_visible(root / "glbench" / "errors.py", identity)
@@ -202,7 +210,9 @@ for process in filter(str.isdigit, os.listdir("/proc")):
     }  # fmt: skip
 
 
-def test_it_inherits_no_files_but_its_socket_and_its_output(write_agent: AgentWriter, sandboxed: Prepare, tmp_path: Path) -> None:
+def test_it_inherits_no_files_but_its_socket_and_its_output(
+    write_agent: AgentWriter, sandboxed: Prepare, tmp_path: Path
+) -> None:
     body = """
 seen = {}
 for number in os.listdir("/proc/self/fd"):
