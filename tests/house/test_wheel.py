@@ -282,7 +282,10 @@ def test_a_sandboxed_agent_finds_no_data_in_the_installed_packages(wheel, data_w
             archive.extractall(site)
     shown = [str(bound.outside) for bound in visible._shown(set()) if bound.outside not in visible.libraries()]
     packages = [
-        file for library in visible.libraries() for file in library.iterdir() if not file.name.startswith(("pvlib", "glbench"))
+        file
+        for library in visible.libraries()
+        for file in library.iterdir()
+        if not file.name.startswith(("pvlib", "glbench"))
     ]
     walker = write_walker(tmp_path, shipped_needles(), [*shown, *packages])
     job = (

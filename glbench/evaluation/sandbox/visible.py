@@ -23,7 +23,7 @@ from typing import Final
 from glbench.agents import Identity
 from glbench.agents.identity import digest_of
 from glbench.errors import GlbenchError, SubmissionError
-from glbench.resources import cache_folder, data_folder, user_data_folder
+from glbench.resources import DataFolder, cache_folder, data_folder, user_data_folder
 
 CODE: Final = Path("/opt/glbench")
 """Where glbench is inside the sandbox: a place of its file system, on no machine."""
@@ -127,7 +127,8 @@ def _shown(covered: set[Path]) -> list[Bound]:
     bounds = [Bound(path, path) for path in _system() if not path.is_symlink()]
     base = Path(sys.base_prefix).resolve()
     for path in (interpreter(), base / "lib", base / "lib64", *libraries()):
-        if path.exists() and not _is_shown(path.resolve(), bounds, covered):
+        of_system = any(path.is_relative_to(place) for place in SYSTEM) and _is_shown(path.resolve(), bounds, covered)
+        if path.exists() and not of_system:
             bounds.append(Bound(path.resolve(), path))
     baselines = data_folder("baselines").resolve()
     rules = [Bound(baselines / name, _data_inside() / "baselines" / name) for name in _RULES]
@@ -146,7 +147,7 @@ def _covered() -> set[Path]:
     """Folders that stay empty inside where something above them is visible."""
     usable = {path.resolve() for path in libraries()}
     folders = {path / place for path in usable for place in _DATA_OF_PACKAGES} | _own_data()
-    return (_installations(SYSTEM, sys.base_prefix) - usable) | {folder for folder in folders if folder.is_dir()}
+    return {folder for folder in folders if folder.is_dir()} | (_installations(SYSTEM, sys.base_prefix) - usable)
 
 
 @cache
@@ -164,7 +165,7 @@ def _own_data() -> set[Path]:
     """Folders with data of glbench and of the user."""
     own = _PACKAGE / "_data"
     checkout = set() if own.is_dir() else {_PACKAGE.parent}
-    names = ("tasks", "baselines", "weather", "submissions", "reports/released/results")
+    names: tuple[DataFolder, ...] = ("tasks", "baselines", "weather", "submissions", "reports/released/results")
     shipped = {data_folder(name).resolve() for name in names}
     return checkout | shipped | {own, user_data_folder().resolve(), cache_folder().resolve()}
 
