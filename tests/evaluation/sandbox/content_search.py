@@ -39,8 +39,8 @@ _TABLE = 1 << 22
 _POWERS = 3 ** np.arange(WINDOW - 1, dtype=np.int64)
 _LARGEST = 256 << 20
 _CHUNK = 1 << 20
-_LARGE_ARRAY = 1 << 24
-"""Numbers of an array that is searched along its last axis only."""
+_LARGE_ARRAY, _LARGEST_ARRAY = 1 << 22, 1 << 26
+"""Numbers of an array that is searched along its last axis only, and of one that is not searched."""
 _SKIPPED = {
     b"\x7fELF": "program", b"BC\xc0\xde": "program", b"JM\x01\x00": "program", b"!<arch>\n": "program", b"\xca\xfe\xba\xbe": "program",
     b"\x89PNG": "picture", b"GIF8": "picture", b"\xff\xd8\xff": "picture", b"OTTO": "font", b"\x00\x01\x00\x00\x00": "font",
@@ -192,6 +192,9 @@ class Search:
 
     def _array(self, name: str, array: NDArray[Any]) -> None:
         if array.dtype.kind not in "iuf" or array.size < WINDOW:
+            return
+        if array.size > _LARGEST_ARRAY:
+            self.looked["large array"] += 1
             return
         values = array.astype(np.float64)
         for first, runs in self.needles.seeds:

@@ -22,15 +22,21 @@ _FEWER = 240
 
 @cache
 def shipped_needles() -> Needles:
-    """Windows of every record, plan, recording and profile, the digests of all released results, and the first seeds of all tasks."""
+    """Windows of every record, plan, recording and profile, the digests of all released results, and the seeds of scored runs."""
     results = data_folder("reports/released/results")
-    digests = {
-        json.loads(file.read_bytes())["results_digest"]
-        for file in results.glob("*/*.json")
-        if ".proof." not in file.name
-    }
-    seeds = {(task.evaluation.first_seed, task.evaluation.runs) for task in (*list_tasks(), *list_drafts())}
-    return Needles.collect([*_weather(), *_actions(), *_profiles()], digests, seeds)
+    files = [file for file in results.glob("*/*.json") if ".proof." not in file.name]
+    digests = {json.loads(file.read_bytes())["results_digest"] for file in files}
+    return Needles.collect([*_weather(), *_actions(), *_profiles()], digests, _seeds())
+
+
+@cache
+def weather_and_seeds() -> Needles:
+    """Windows of every record, and the seeds of scored runs."""
+    return Needles.collect(_weather(), (), _seeds())
+
+
+def _seeds() -> set[tuple[int, int]]:
+    return {(task.evaluation.first_seed, task.evaluation.runs) for task in (*list_tasks(), *list_drafts())}
 
 
 def _weather() -> Iterator[tuple[str, Any, int]]:

@@ -45,6 +45,7 @@ def test_nothing_that_is_visible_holds_what_no_agent_may_have(
     assert looked["searched"] > 10_000
 
 
+@pytest.mark.slow
 def test_nothing_of_glbench_and_of_pvlib_that_is_visible_holds_it(
     needs_sandbox: None, day_task: TaskSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

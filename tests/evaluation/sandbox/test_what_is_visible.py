@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import glbench
-from glbench.agents import identify
+from glbench.agents import identify, read_baseline
 from glbench.errors import SubmissionError
 from glbench.evaluation import TimeLimits
 from glbench.evaluation.sandbox import bubblewrap, visible
@@ -27,7 +27,7 @@ from glbench.tasks.given import public_definition
 from tests.evaluation.agent_files import AgentWriter
 from tests.evaluation.sandbox.conftest import Prepare
 from tests.evaluation.sandbox.content_search import Search
-from tests.evaluation.sandbox.needles import shipped_needles
+from tests.evaluation.sandbox.needles import weather_and_seeds
 
 LOOK = """
 def act(self, observations):
@@ -176,6 +176,23 @@ def test_the_model_can_be_used(write_agent: AgentWriter, sandboxed: Prepare) -> 
     assert seen(write_agent, sandboxed, body) == 208
 
 
+def test_of_the_baselines_it_finds_the_rules_by_observations(write_agent: AgentWriter, sandboxed: Prepare) -> None:
+    body = """
+from glbench.agents import baseline_names, read_baseline
+seen = {name: read_baseline(name).digest for name in baseline_names()}
+try:
+    read_baseline("best_known")
+except Exception as error:
+    seen["error"] = str(error)
+"""
+    found = seen(write_agent, sandboxed, body)
+    assert isinstance(found, dict)
+
+    assert found.pop("error").startswith("There is no baseline 'best_known'.")
+    names = ("grower", "rule_based_energy", "rule_based_fair", "rule_based_tuned")
+    assert found == {name: read_baseline(name).digest for name in names}
+
+
 def test_nothing_of_the_evaluation_is_in_its_memory(write_agent: AgentWriter, sandboxed: Prepare) -> None:
     body = """
 import gc
@@ -243,7 +260,7 @@ def test_it_is_told_neither_seeds_nor_weather_to_come(
     monkeypatch.setattr(AgentProcess, "ask", listen)
     evaluation = sandboxed(write_agent(), runs=3)
     evaluation.run()
-    search = Search(shipped_needles())
+    search = Search(weather_and_seeds())
     for task in list_tasks():
         search.content(task.id, (repr(task_card(task)) + public_definition(task)).encode())
     search.content("loading", asked[Kind.LOAD])
