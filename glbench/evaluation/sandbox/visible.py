@@ -100,14 +100,14 @@ def visible_files(
     covered = _covered()
     bounds = _shown(covered)
     binds = [*bounds, _copies(submission, staging), *_marks_and_kernels(kernels or {})]
-    empty = set(_empty(bounds, covered))
+    empty = sorted(set(_empty(bounds, covered)))
     words = {path: ["--symlink", str(path.readlink()), str(path)] for path in _system() if path.is_symlink()}
     words |= {bound.inside: ["--ro-bind", str(bound.outside), str(bound.inside)] for bound in binds}
     words |= {path: ["--tmpfs", str(path)] for path in empty}
     folders = {above for path in words for above in path.parents[:-1]} | {_data_inside() / "tasks", KERNELS}
     # bubblewrap would make them for its own user only.
     words |= {folder: ["--perms", "0755", "--dir", str(folder)] for folder in folders - words.keys()}
-    lines = [words[path] for path in sorted(words, key=lambda path: len(path.parts))]
+    lines = [words[path] for path in sorted(words, key=lambda path: (len(path.parts), path))]
     return [word for line in [*lines, *(["--remount-ro", str(path)] for path in empty)] for word in line]
 
 
