@@ -29,7 +29,6 @@ from glbench.agents.actions import ROUNDING, read_actions, value_problems
 from glbench.env import Simulation, StepResult
 from glbench.errors import SubmissionError
 from glbench.evaluation.limits import Failure, TimeLimits, guarded
-from glbench.evaluation.sandbox.bubblewrap import place_inside
 from glbench.evaluation.sandbox.frames import (
     LONGEST_TEXT,
     ROW,
@@ -40,6 +39,7 @@ from glbench.evaluation.sandbox.frames import (
     unpacked_problems,
 )
 from glbench.evaluation.sandbox.process import AgentProcess, LostError, Prints, plain
+from glbench.evaluation.sandbox.visible import place_inside
 from glbench.kernel import built_libraries
 from glbench.model import get_model
 from glbench.tasks import Action, TaskCard, TaskSpec, task_card

@@ -11,8 +11,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from glbench.model.units import parse_unit
-
 if TYPE_CHECKING:
     from glbench.tasks.tables import PricesTable
 
@@ -105,6 +103,8 @@ class LedgerItem:
     @property
     def price_unit(self) -> str:
         """Unit of the price: ``EUR kg-1`` of amounts in kg m-2, ``EUR m-2 h-1`` of those in h, ``EUR`` where they are counted."""
+        from glbench.model.units import parse_unit  # here: an agent's process reads cards without the model
+
         amount = parse_unit(self.amount_unit)
         money = {"EUR": 1.0, "m": -2.0 - amount.pop("m", 0.0)}
         exponents = money | {symbol: -exponent for symbol, exponent in amount.items()}

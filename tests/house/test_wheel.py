@@ -19,7 +19,12 @@ from pathlib import Path
 import pytest
 
 from glbench.agents import read_baseline
+from glbench.evaluation.sandbox import visible
+from glbench.evaluation.sandbox.bubblewrap import why_no_sandbox
 from glbench.tasks import list_drafts, list_tasks
+from tests.evaluation.sandbox.needles import shipped_needles
+from tests.evaluation.sandbox.walking import sight_of, write_walker
+from tests.support import write_day_task
 
 pytestmark = pytest.mark.slow
 
@@ -264,3 +269,38 @@ def test_a_newcomers_agent_is_evaluated_and_ranked_from_the_installed_package(in
     rows = json.loads(ranked.stdout)
     assert {row["agent"] for row in rows} == {"my_agent", "rule_based"}
     assert (tmp_path / "reports" / "leaderboard.md").is_file()
+
+
+def test_a_sandboxed_agent_finds_no_data_in_the_installed_packages(wheel, data_wheel, tmp_path):
+    """Both wheels in a folder of packages, as pip leaves them; the walker opens every file of glbench, glbench-data and pvlib."""
+    reason = why_no_sandbox()
+    if reason is not None:
+        pytest.skip(reason)
+    site = tmp_path / "lib" / "python3" / "site-packages"
+    for file in (wheel, data_wheel):
+        with zipfile.ZipFile(file) as archive:
+            archive.extractall(site)
+    shown = [str(bound.outside) for bound in visible._shown(set()) if bound.outside not in visible.libraries()]
+    packages = [
+        file
+        for library in visible.libraries()
+        for file in library.iterdir()
+        if not file.name.startswith(("pvlib", "glbench"))
+    ]
+    walker = write_walker(tmp_path, shipped_needles(), [*shown, *packages])
+    job = (
+        "evaluate",
+        str(walker),
+        "--task",
+        str(write_day_task(tmp_path)),
+        "--runs",
+        "1",
+        "--sandbox",
+        "bubblewrap",
+        "--show-prints",
+    )
+    done = run_installed(site, tmp_path, *job)
+    assert done.returncode == 0, done.stdout + done.stderr
+    found, looked = sight_of(done.stdout + done.stderr)
+    assert found == []
+    assert looked["searched"] > 400

@@ -15,8 +15,9 @@ import pytest
 from glbench.agents import identify
 from glbench.env.scenario import RunScenarios
 from glbench.evaluation import prepare
-from glbench.evaluation.sandbox.bubblewrap import is_visible, why_no_sandbox
+from glbench.evaluation.sandbox.bubblewrap import why_no_sandbox
 from glbench.evaluation.sandbox.process import Prints
+from glbench.evaluation.sandbox.visible import is_visible
 from glbench.resources import data_folder, user_data_folder
 from glbench.tasks import Round, TaskSpec
 from tests.cli.command_line import Command
@@ -144,14 +145,20 @@ def test_a_round_file_where_an_agent_would_see_it_is_told(write_agent: AgentWrit
     agent = write_agent()
     identity = identify(agent)
     assert identity is not None
-    hidden = [tmp_path / "round.toml", user_data_folder() / "round.toml"]
+    hidden = [
+        tmp_path / "round.toml",
+        user_data_folder() / "round.toml",
+        Path("/usr/share/round.toml"),
+        data_folder("baselines") / "round.toml",
+        data_folder("baselines") / "best_known" / "plans" / "Spring-v1.npz",
+    ]
     shown = [
         agent,
-        Path("/usr/share/round.toml"),
+        Path("/usr/lib/round.toml"),
         Path(np.__file__).parent / "round.toml",
-        data_folder("baselines") / "r.toml",
+        data_folder("baselines") / "rule_based_tuned" / "rules" / "round.toml",
     ]
-    assert [is_visible(file, identity) for file in hidden] == [False] * 2
+    assert [is_visible(file, identity) for file in hidden] == [False] * 5
     assert [is_visible(file, identity) for file in shown] == [True] * 4
 
 

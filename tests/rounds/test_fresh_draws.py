@@ -208,7 +208,7 @@ def test_a_salt_where_the_sandbox_shows_what_is_there_is_refused(tmp_path: Path,
     assert submission is not None
     sandboxed = Protected(load_agent(agent), "bubblewrap", submission)
     with pytest.raises(SandboxError, match="would see"):
-        keep_out_of_sight(Path("/usr/share/reports") / FOLDER / "Tiny-v1" / "mine.toml", [sandboxed])
+        keep_out_of_sight(Path("/usr/lib/reports") / FOLDER / "Tiny-v1" / "mine.toml", [sandboxed])
     keep_out_of_sight(tmp_path / "reports" / FOLDER / "Tiny-v1" / "mine.toml", [sandboxed])
 
 

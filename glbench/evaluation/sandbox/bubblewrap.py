@@ -1,10 +1,6 @@
-"""The sandbox itself: how bubblewrap is called, what can be seen and called inside, and why it cannot be where it cannot.
+"""The sandbox itself: how bubblewrap is called, what can be called inside, and why it cannot be where it cannot.
 
-Nothing of the disk is visible that is not listed here: the agent's own files, Python with its libraries, glbench without its data, the
-compiled kernels of the task's model as far as there are any. Of a
-submission it is copies of the files that its digest covers, made while the digest is computed again. Folders with weather, tasks (they
-hold the seeds), results and other submissions are covered wherever they would show through, as they do when glbench is installed among the
-libraries; a submission's folder that holds them is refused.
+Which files are visible inside is decided in ``visible``.
 
 Namespaces keep an agent away from files, network and other processes. The filter of system calls (seccomp) takes away what would weaken
 them (new namespaces, mounts, handles of files), what escapes the limits of memory (memory that belongs to no process), ways to look into
@@ -21,7 +17,7 @@ import socket
 import struct
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
@@ -30,10 +26,9 @@ from typing import Final
 
 from glbench import __version__
 from glbench.agents import Identity
-from glbench.agents.identity import digest_of
-from glbench.errors import GlbenchError, SandboxError, SubmissionError
+from glbench.errors import SandboxError
 from glbench.evaluation.sandbox.frames import SandboxLimits
-from glbench.resources import DataFolder, cache_folder, data_folder, user_data_folder
+from glbench.evaluation.sandbox.visible import CODE, KERNELS, in_package, interpreter, libraries, visible_files
 
 ENVIRONMENT_OF_BUBBLEWRAP = {"PATH": "/usr/bin:/bin"}
 """bubblewrap itself gets no more: its process is visible inside."""
@@ -46,17 +41,6 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 _REMEDY = (
     "or, for code that you wrote or have read, give --sandbox none: it then runs unprotected, and the result says so"
 )
-CODE: Final = Path("/opt/glbench")
-"""Where glbench is inside the sandbox: a place of its file system, on no machine."""
-SUBMISSION: Final = Path("/submission")
-"""Where the submission is inside."""
-KERNELS: Final = CODE / "kernels"
-"""Where compiled kernels are inside."""
-_SYSTEM = ("usr", "bin", "sbin", "lib", "lib32", "lib64", "nix/store")
-_SETTINGS = ("ld.so.cache", "ld.so.conf", "ld.so.conf.d", "alternatives")
-_LIBRARIES = {"site-packages", "dist-packages"}
-_HIDDEN_DATA: tuple[DataFolder, ...] = ("tasks", "weather", "submissions", "reports/released/results")
-_PACKAGE = Path(__file__).resolve().parents[2]
 _LOAD, _EQUAL, _AT_LEAST, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06
 _ALLOW: Final = 0x7FFF0000
 _KILL: Final = 0x80000000
@@ -105,13 +89,12 @@ def command(
     staging: Callable[[], Path],
     sizes: SandboxLimits,
     descriptors: tuple[int, int | None, int],
-    libraries: Mapping[str, Path] | None = None,
+    kernels: Mapping[str, Path] | None = None,
 ) -> tuple[list[str], list[str]]:
     """The program to start inside, and the arguments that bubblewrap reads from the file that ``--args`` is to name.
 
     ``staging`` makes a folder for copies, where some are needed. ``descriptors`` are those of the agent's socket, of the filter of system
-    calls (``None`` where there is none) and of the file for facts about the sandbox. ``libraries`` are compiled kernels, by their
-    names inside.
+    calls (``None`` where there is none) and of the file for facts about the sandbox. ``kernels`` are compiled ones, by their names inside.
 
     Raises
     ------
@@ -128,8 +111,7 @@ def command(
         "--proc", "/proc", "--dev", "/dev",
         # First, so that an interpreter or a library that is in /tmp shows up in it.
         *_scratch("/dev/shm", sizes.shared), *_scratch("/tmp", sizes.scratch),
-        *visible_files(submission, staging),
-        *_kernels(libraries or {}),
+        *visible_files(submission, staging, kernels),
         "--remount-ro", "/dev", "--remount-ro", "/proc", "--remount-ro", "/", "--chdir", "/tmp",
     ]  # fmt: skip
     guest = in_package(Path(__file__).with_name("guest.py"))
@@ -260,148 +242,6 @@ def _environment() -> list[str]:
 
 def _scratch(place: str, size: int) -> list[str]:
     return ["--perms", "1777", "--size", str(size), "--tmpfs", place]
-
-
-@dataclass(frozen=True)
-class Bound:
-    """A file or folder of this machine, and where it is inside."""
-
-    outside: Path
-    inside: Path
-
-
-def interpreter() -> Path:
-    """The Python program itself, behind all links and virtual environments."""
-    return Path(sys.executable).resolve()
-
-
-def libraries() -> tuple[Path, ...]:
-    """Folders with installed packages, in the order in which they are searched."""
-    return tuple(path for path in map(Path, sys.path) if path.name in _LIBRARIES and path.is_dir())
-
-
-def visible_files(submission: Identity, staging: Callable[[], Path]) -> list[str]:
-    """Arguments for bubblewrap that make the files visible; ``staging`` makes a folder for the copies of the submission's files."""
-    bounds = [*_python(), Bound(_PACKAGE, CODE / "glbench"), _own_files(submission, staging)]
-    covered = [inside for bound in bounds for inside in _secrets_below(bound)]
-    lines = [
-        *_system(),
-        *_ways_to(bounds),
-        *(_bind(bound) for bound in bounds),
-        *(["--tmpfs", str(path)] for path in covered),
-        *_data(),
-    ]
-    lines += [["--remount-ro", str(path)] for path in covered]
-    return [word for line in lines for word in line]
-
-
-def _kernels(libraries: Mapping[str, Path]) -> Iterator[str]:
-    """Compiled kernels, file by file: the cache that they come from holds others, too."""
-    yield from ("--perms", "0755", "--dir", str(KERNELS))
-    for name, file in libraries.items():
-        yield from ("--ro-bind", str(file), str(KERNELS / name))
-
-
-def is_visible(file: Path, submission: Identity) -> bool:
-    """Whether the agent could read ``file`` of this machine inside, were its rights no obstacle."""
-    file = file.resolve()
-    if any(file.is_relative_to(secret) for secret in _secrets()):
-        return False
-    shown = [Path("/") / name for name in _SYSTEM]
-    shown += [bound.outside for bound in (*_python(), Bound(_PACKAGE, CODE))]
-    shown += [*submission.all_files(), data_folder("baselines")]
-    return any(file.is_relative_to(place.resolve()) for place in shown)
-
-
-def in_package(file: Path) -> Path:
-    """Path inside of a file of glbench."""
-    return CODE / "glbench" / file.resolve().relative_to(_PACKAGE)
-
-
-def place_inside(submission: Identity) -> Path:
-    """Path of the submission inside."""
-    return SUBMISSION / submission.path.name
-
-
-def _system() -> Iterator[list[str]]:
-    for name in _SYSTEM:
-        path = Path("/") / name
-        if path.is_symlink():
-            yield ["--symlink", str(path.readlink()), str(path)]
-        elif path.is_dir():
-            yield ["--ro-bind", str(path), str(path)]
-    for name in _SETTINGS:
-        yield ["--ro-bind-try", f"/etc/{name}", f"/etc/{name}"]
-
-
-def _python() -> Iterator[Bound]:
-    """The interpreter with its standard library, and the installed packages, at the same paths as outside."""
-    base = Path(sys.base_prefix).resolve()
-    for path in (interpreter(), base / "lib", base / "lib64", *libraries()):
-        if path.exists() and not any(path.is_relative_to(f"/{name}") for name in _SYSTEM):
-            yield Bound(path, path)
-
-
-def _data() -> Iterator[list[str]]:
-    """Of glbench's data the settings of the built-in controllers, compiled kernels, and an empty folder of tasks."""
-    if (_PACKAGE / "_data").is_dir():
-        root = CODE / "glbench" / "_data"
-        yield ["--ro-bind-try", str(_PACKAGE / "_data" / "kernel"), str(root / "kernel")]
-    else:
-        root = CODE
-        yield ["--ro-bind", str(_PACKAGE.parent / "pyproject.toml"), str(CODE / "pyproject.toml")]  # marks a checkout
-    yield ["--dir", str(root / "tasks")]
-    yield ["--ro-bind", str(data_folder("baselines")), str(root / "baselines")]
-
-
-def _own_files(submission: Identity, staging: Callable[[], Path]) -> Bound:
-    """Copies of the submission's files."""
-    place = place_inside(submission)
-    try:
-        files = submission.all_files()
-        for secret in _secrets():
-            if secret.is_relative_to(submission.path) and any(file.is_relative_to(secret) for file in files):
-                msg = f"The folder {submission.path} holds {secret}, which no agent may see. Put the agent into a folder of its own."
-                raise SubmissionError(msg)
-        root = staging() / "submission"
-        if submission.folder is not None:
-            root /= place.name
-        root.mkdir(parents=True)
-        digest = digest_of(files, submission.root, root)
-    except OSError as error:
-        msg = f"The submission {submission.path} cannot be copied for its sandbox: {error}."
-        raise GlbenchError(msg) from error
-    if digest != submission.digest:
-        msg = f"The files of {submission.path} were changed after its evaluation began. Leave them as they are until it ends."
-        raise SubmissionError(msg)
-    return Bound(root, place if submission.folder is not None else place.parent)
-
-
-def _ways_to(bounds: list[Bound]) -> Iterator[list[str]]:
-    """The folders above, which bubblewrap would make for its own user only."""
-    above = {folder for bound in bounds for folder in bound.inside.parents if folder != Path("/")}
-    yield from (["--perms", "0755", "--dir", str(folder)] for folder in sorted(above))
-
-
-def _secrets_below(bound: Bound) -> Iterator[Path]:
-    """Folders inside that must be covered because ``bound`` brings them along."""
-    outside = bound.outside.resolve()
-    for secret in _secrets():
-        if secret.is_relative_to(outside):
-            yield bound.inside / secret.relative_to(outside)
-
-
-def _secrets() -> list[Path]:
-    """Folders that no agent may see, none of which is in another."""
-    # An editable installation leaves a second copy of the data among the libraries.
-    folders = {(path / place).resolve() for path in libraries() for place in ("glbench/_data", "glbench_data")}
-    folders |= {data_folder(name).resolve() for name in _HIDDEN_DATA}
-    folders |= {(_PACKAGE / "_data").resolve(), user_data_folder().resolve(), cache_folder().resolve()}
-    return [folder for folder in sorted(folders) if folder.is_dir() and folders.isdisjoint(folder.parents)]
-
-
-def _bind(bound: Bound) -> list[str]:
-    return ["--ro-bind", str(bound.outside), str(bound.inside)]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ from typing import Final, Literal, NoReturn
 
 from glbench.agents import Baseline, Identity, LoadedAgent, identify, load_agent
 from glbench.errors import GlbenchError, SandboxError, SubmissionError, did_you_mean
-from glbench.evaluation.sandbox.bubblewrap import is_visible, usable_mode, why_no_sandbox
+from glbench.evaluation.sandbox.bubblewrap import usable_mode, why_no_sandbox
+from glbench.evaluation.sandbox.visible import is_visible
 from glbench.tasks import TaskCard
 
 SandboxChoice = Literal["auto", "bubblewrap", "none"]

@@ -6,20 +6,28 @@ import ctypes
 import dataclasses
 import errno
 import json
+import os
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import glbench
+from glbench.agents import identify, read_baseline
 from glbench.errors import SubmissionError
 from glbench.evaluation import TimeLimits
-from glbench.evaluation.sandbox import bubblewrap
-from glbench.evaluation.sandbox.bubblewrap import libraries
-from glbench.evaluation.sandbox.process import Prints
+from glbench.evaluation.sandbox import bubblewrap, visible
+from glbench.evaluation.sandbox.frames import Kind
+from glbench.evaluation.sandbox.process import AgentProcess, Prints
+from glbench.evaluation.sandbox.visible import libraries
 from glbench.resources import data_folder
+from glbench.tasks import list_tasks, task_card
+from glbench.tasks.given import public_definition
 from tests.evaluation.agent_files import AgentWriter
 from tests.evaluation.sandbox.conftest import Prepare
+from tests.evaluation.sandbox.content_search import Search
+from tests.evaluation.sandbox.needles import weather_and_seeds
 
 LOOK = """
 def act(self, observations):
@@ -80,19 +88,54 @@ for place, folders, files in os.walk("/"):
         assert not [file for file in own if Path(file).name in shipped - NAMES_OF_CODE]
 
 
-@pytest.mark.parametrize("place", ["glbench/_data", "glbench_data"])
-def test_data_of_glbench_among_the_libraries_are_covered(
-    write_agent: AgentWriter, sandboxed: Prepare, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+@pytest.mark.parametrize("part_of_system", [False, True])
+def test_data_among_the_libraries_are_covered(
+    write_agent: AgentWriter, sandboxed: Prepare, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part_of_system: bool
 ) -> None:
-    """As an installed wheel has them, or an editable installation leaves them behind, and as the package of all data has them."""
-    library = tmp_path / "elsewhere" / "site-packages"
-    (library / place / "weather").mkdir(parents=True)
-    (library / place / "weather" / "schiphol.parquet").write_text("warm", encoding="utf-8")
-    (library / "useful.py").write_text("", encoding="utf-8")
+    """Of glbench, of pvlib, of other installations of Python, and of the user: in a virtual environment, or below /usr/local/lib."""
+    lib = tmp_path / "usr" / "local" / "lib"
+    library, other = (lib / f"python3.{minor}" / "site-packages" for minor in (11, 9))
+    secrets = [
+        library / "glbench" / "_data" / "weather" / "schiphol.parquet", library / "glbench_data" / "baselines" / "plans.npz",
+        library / "pvlib" / "data" / "tmy.csv", other / "glbench_data" / "weather.csv", lib / "mine" / "weather" / "here.parquet",
+        lib / "cache" / "other.so",
+    ]  # fmt: skip
+    for file in (*secrets, library / "useful.py", library / "pvlib" / "irradiance.py"):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text("", encoding="utf-8")
+    if part_of_system:
+        monkeypatch.setattr(visible, "SYSTEM", (*visible.SYSTEM, str(lib)))
+    monkeypatch.setenv("GLBENCH_DATA", str(lib / "mine"))
+    monkeypatch.setenv("GLBENCH_CACHE", str(lib / "cache"))
     monkeypatch.syspath_prepend(str(library))
-    body = f"import useful\nseen = os.listdir({str(library / place)!r})"
+    body = f"import useful\nseen = [os.path.join(p, f) for p, _, fs in os.walk({str(tmp_path)!r}) for f in fs]"
 
-    assert seen(write_agent, sandboxed, body) == []
+    found = seen(write_agent, sandboxed, body)
+    assert isinstance(found, list)
+    assert sorted(found) == [str(library / "pvlib" / "irradiance.py"), str(library / "useful.py")]
+    identity = identify(write_agent())
+    assert identity is not None
+    assert [file for file in secrets if visible.is_visible(file, identity)] == []
+    assert visible.is_visible(library / "useful.py", identity)
+
+
+def test_a_checkout_in_a_folder_of_the_system_is_covered(
+    monkeypatch: pytest.MonkeyPatch, write_agent: AgentWriter
+) -> None:
+    root = Path(glbench.__file__).parents[1]
+    monkeypatch.setattr(visible, "SYSTEM", (*visible.SYSTEM, str(root.parent)))
+    identity = identify(write_agent())
+    assert identity is not None
+    hidden = (
+        "tasks/lock.toml",
+        "reports/mine/Spring-v1/anna.json",
+        "runs/anna.actions.mcap",
+        "submissions/my_agent.py",
+        "docs/tasks.md",
+    )
+
+    assert [name for name in hidden if visible.is_visible(root / name, identity)] == []
+    assert visible.is_visible(root / "glbench" / "errors.py", identity)
 
 
 @pytest.mark.parametrize(
@@ -133,6 +176,23 @@ def test_the_model_can_be_used(write_agent: AgentWriter, sandboxed: Prepare) -> 
     assert seen(write_agent, sandboxed, body) == 208
 
 
+def test_of_the_baselines_it_finds_the_rules_by_observations(write_agent: AgentWriter, sandboxed: Prepare) -> None:
+    body = """
+from glbench.agents import baseline_names, read_baseline
+seen = {name: read_baseline(name).digest for name in baseline_names()}
+try:
+    read_baseline("best_known")
+except Exception as error:
+    seen["error"] = str(error)
+"""
+    found = seen(write_agent, sandboxed, body)
+    assert isinstance(found, dict)
+
+    assert found.pop("error").startswith("There is no baseline 'best_known'.")
+    names = ("grower", "rule_based_energy", "rule_based_fair", "rule_based_tuned")
+    assert found == {name: read_baseline(name).digest for name in names}
+
+
 def test_nothing_of_the_evaluation_is_in_its_memory(write_agent: AgentWriter, sandboxed: Prepare) -> None:
     body = """
 import gc
@@ -149,7 +209,7 @@ def test_the_environment_is_fresh(
 ) -> None:
     monkeypatch.setenv("SECRET_TOKEN", "swordfish")
     body = """
-seen = dict(os.environ)
+seen = {"initial": [line.partition("=")[0] for line in open("/proc/self/environ").read().split("\\0") if line], **os.environ}
 for process in filter(str.isdigit, os.listdir("/proc")):
     try: seen[process] = open(f"/proc/{process}/environ").read() + open(f"/proc/{process}/cmdline").read()
     except OSError: pass
@@ -161,6 +221,55 @@ for process in filter(str.isdigit, os.listdir("/proc")):
     assert str(data_folder("weather")) not in json.dumps(environment)
     assert environment["HOME"] == "/tmp"
     assert environment["OMP_NUM_THREADS"] == "1"
+    assert {name for name in environment["initial"] if not name.endswith("_NUM_THREADS")} == {
+        "PATH", "HOME", "TMPDIR", "USER", "LOGNAME", "LANG", "PWD", "PYTHONPATH", "PYTHONDONTWRITEBYTECODE", "PYTHONUNBUFFERED",
+        "PYTHONHASHSEED", "PYDANTIC_DISABLE_PLUGINS", "GLBENCH_KERNELS",
+    }  # fmt: skip
+
+
+def test_it_inherits_no_files_but_its_socket_and_its_output(
+    write_agent: AgentWriter, sandboxed: Prepare, tmp_path: Path
+) -> None:
+    body = """
+seen = {}
+for number in os.listdir("/proc/self/fd"):
+    try: seen[number] = os.readlink("/proc/self/fd/" + number)
+    except OSError: pass  # the folder itself, by now
+"""
+    with (tmp_path / "secret").open("wb") as secret:
+        os.set_inheritable(secret.fileno(), True)
+        files = seen(write_agent, sandboxed, body)
+    assert isinstance(files, dict)
+
+    assert files.pop("0") == "/dev/null"
+    assert files.pop("1") == files.pop("2")
+    assert [name.partition(":")[0] for name in files.values()] == ["socket"]
+
+
+def test_it_is_told_neither_seeds_nor_weather_to_come(
+    write_agent: AgentWriter, sandboxed: Prepare, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All that the evaluation writes into the socket before the first step; and the same of all published tasks."""
+    asked: dict[int, bytes] = {}
+    ask = AgentProcess.ask
+
+    def listen(process: AgentProcess, kind: Kind, number: int, *parts: bytes | memoryview, seconds: float) -> None:
+        asked.setdefault(kind, b"".join(parts))
+        ask(process, kind, number, *parts, seconds=seconds)
+
+    monkeypatch.setattr(AgentProcess, "ask", listen)
+    evaluation = sandboxed(write_agent(), runs=3)
+    evaluation.run()
+    search = Search(weather_and_seeds())
+    for task in list_tasks():
+        search.content(task.id, (repr(task_card(task)) + public_definition(task)).encode())
+    search.content("loading", asked[Kind.LOAD])
+    observations = np.frombuffer(asked[Kind.ACT][3:], dtype=np.float32)
+
+    assert search.found == set()
+    assert search.needles.seeds == ((666, 30), (10000, 30), (10000, 100))
+    assert asked[Kind.RESET] == bytes([1, 1, 1])
+    assert len(observations) == 3 * len(task_card(evaluation.task).observations)
 
 
 def test_it_is_nobody_and_alone(write_agent: AgentWriter, sandboxed: Prepare) -> None:

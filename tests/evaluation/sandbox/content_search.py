@@ -1,0 +1,427 @@
+"""Searches files by content for number series that nobody in a sandbox may have, whatever the file's name, form or unit.
+
+A series is known by windows of 24 numbers. A window is found where numbers rise and fall in the same order and fit it after a change of
+scale and origin, so that degC, K, tenths of degC and plans on another scale are all found. Numbers are read from text (columns split by
+separators, columns of fixed width, or all numbers in their order), from arrays in Parquet, Arrow, HDF5, npy and npz, and from raw bytes as
+little-endian numbers at every offset; zip, tar, gzip, bzip2, xz and zstd are unpacked. Digests of results are searched as text.
+
+It needs numpy alone, so that an agent can carry it into its sandbox.
+"""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import io
+import lzma
+import re
+import stat
+import tarfile
+import zipfile
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+WINDOW = 24
+"""Numbers of a window."""
+_TOLERANCE = 4e-3
+"""How far a number may lie from the window's, as a share of its range: units are rounded."""
+_MOST_ALIKE = 8
+_TABLE = 1 << 22
+_POWERS = 3 ** np.arange(WINDOW - 1, dtype=np.int64)
+_LARGEST = 256 << 20
+_CHUNK = 1 << 20
+_LARGE_ARRAY, _LARGEST_ARRAY = 1 << 22, 1 << 26
+"""Numbers of an array that is searched along its last axis only, and of one that is not searched."""
+_SKIPPED = {
+    b"\x7fELF": "program", b"BC\xc0\xde": "program", b"JM\x01\x00": "program", b"!<arch>\n": "program", b"\xca\xfe\xba\xbe": "program",
+    b"\x89PNG": "picture", b"GIF8": "picture", b"\xff\xd8\xff": "picture", b"OTTO": "font", b"\x00\x01\x00\x00\x00": "font",
+    b"wOF2": "font", b"wOFF": "font", b"ttcf": "font",
+}  # fmt: skip
+"""Beginnings of files of machine code, pictures and fonts; Python's compiled modules are told by the rest of their magic number."""
+_BINARY = ("<f8", "<f4", "<i8", "<i4", "<i2")
+_NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_PAIR = re.compile(rb'"([^"\n]{1,80})"\s*:\s*([-+]?\d+\.?\d*(?:[eE][-+]?\d+)?)')
+_DIGEST = re.compile(rb"[0-9a-f]{64}")
+_DIGITS = np.zeros(256, dtype=np.bool_)
+_DIGITS[ord("0") : ord("9") + 1] = True
+_BLANK = np.zeros(256, dtype=np.bool_)
+_BLANK[list(b" \t\r\n,;|")] = True
+_BLOCK = 512
+
+
+@dataclass(frozen=True)
+class Needles:
+    """What to search for: windows ``(n, WINDOW)`` and of which series each is, digests, and first seeds with the number of runs."""
+
+    windows: NDArray[np.float32]
+    of: NDArray[np.int32]
+    names: tuple[str, ...]
+    digests: frozenset[bytes]
+    seeds: tuple[tuple[int, int], ...]
+
+    @classmethod
+    def collect(
+        cls, series: Iterable[tuple[str, Any, int]], digests: Iterable[str], seeds: Iterable[tuple[int, int]]
+    ) -> Needles:
+        """Windows of ``(name, numbers, stride)``: of every stretch of ``stride`` numbers the one that says most, if any says enough."""
+        windows, of, names = [], [], []
+        for name, numbers, stride in series:
+            every = np.lib.stride_tricks.sliding_window_view(np.asarray(numbers, dtype=np.float64), WINDOW)
+            turns = np.sum(np.diff(np.sign(np.diff(every)), axis=1) != 0, axis=1)
+            moves = np.sum(np.diff(every) != 0, axis=1)
+            levels = np.sum(np.diff(np.sort(every, axis=1)) != 0, axis=1) + 1
+            score = np.where((moves >= 14) & (turns >= 5) & (levels >= 8), moves + turns, 0)
+            for start in range(0, len(every), stride):
+                best = start + int(np.argmax(score[start : start + stride]))
+                if score[best]:
+                    windows.append(every[best])
+                    of.append(len(names))
+            names.append(name)
+        stacked = np.array(windows, dtype=np.float32).reshape(-1, WINDOW)
+        return cls(
+            stacked,
+            np.array(of, dtype=np.int32),
+            tuple(names),
+            frozenset(map(str.encode, digests)),
+            tuple(sorted(set(seeds))),
+        )
+
+    def save(self, file: Path) -> None:
+        """Write what ``load`` reads."""
+        np.savez_compressed(
+            file, windows=self.windows, of=self.of, names=np.array(self.names), digests=np.array(sorted(self.digests), dtype="S64"),
+            seeds=np.array(self.seeds, dtype=np.int64).reshape(-1, 2),
+        )  # fmt: skip
+
+    @classmethod
+    def load(cls, file: Path) -> Needles:
+        """The needles of a file."""
+        with np.load(file) as data:
+            seeds = tuple((int(first), int(runs)) for first, runs in data["seeds"])
+            return cls(data["windows"], data["of"], tuple(data["names"]), frozenset(data["digests"].tolist()), seeds)
+
+
+@dataclass
+class Search:
+    """A search and what it has found: pairs of a file (with the member, for an archive) and the name of the series."""
+
+    needles: Needles
+    found: set[tuple[str, str]] = field(default_factory=set)
+    looked: Counter[str] = field(default_factory=Counter)
+
+    def __post_init__(self) -> None:
+        windows = self.needles.windows.astype(np.float64)
+        patterns = (np.sign(np.diff(windows)).astype(np.int64) + 1) @ _POWERS
+        order = np.argsort(patterns, kind="stable")
+        # Some ups and downs, such as up and down in turns, are those of many windows and of much else: a few of them will do.
+        order = order[np.arange(len(order)) - np.searchsorted(patterns[order], patterns[order]) < _MOST_ALIKE]
+        self._patterns, self._windows, self._of = patterns[order], _on_one_scale(windows[order]), self.needles.of[order]
+        self._table = np.zeros(_TABLE, dtype=np.bool_)
+        self._table[self._patterns % _TABLE] = True
+        firsts = "|".join(str(first) for first, _ in self.needles.seeds)
+        self._seed = re.compile(rf"seeds?\W{{1,8}}(?:{firsts})\b".encode()) if firsts else None
+
+    def folder(self, root: Path, leave_out: Iterable[Path] = ()) -> None:
+        """Search all files below ``root``, but those below ``leave_out``."""
+        left, waiting, seen = set(leave_out), [root], set()
+        while waiting:
+            place = waiting.pop()
+            if place in left:
+                continue
+            try:
+                status = place.lstat()
+                if stat.S_ISDIR(status.st_mode):
+                    waiting += place.iterdir()
+                elif stat.S_ISREG(status.st_mode) and (status.st_dev, status.st_ino) not in seen:
+                    seen.add((status.st_dev, status.st_ino))
+                    self.file(place)
+            except OSError:
+                self.looked["unreadable"] += 1
+
+    def file(self, path: Path) -> None:
+        """Search a file."""
+        with path.open("rb") as file:
+            head = file.read(16)
+            kind = _kind(head)
+            data = b"" if kind is not None else head + file.read(_LARGEST)
+        self.looked[kind or "searched"] += 1
+        self.content(str(path), data)
+
+    def content(self, name: str, data: bytes, depth: int = 0) -> None:
+        """Search bytes, and what they hold where they are an archive."""
+        if len(data) < 40 or _kind(data[:16]) is not None:
+            return
+        self._texts(name, data)
+        try:
+            for what, inner in _unpacked(data):
+                if isinstance(inner, bytes):
+                    if depth < 4:
+                        self.content(f"{name}!{what}", inner, depth + 1)
+                else:
+                    self._array(f"{name}!{what}", inner)
+        except _DAMAGED:
+            self.looked["damaged"] += 1
+
+    def _texts(self, name: str, data: bytes) -> None:
+        if not self.needles.digests.isdisjoint(_DIGEST.findall(data)):
+            self.found.add((name, "a released result"))
+        if self._seed is not None and self._seed.search(data):
+            self.found.add((name, "seeds"))
+        for first, runs in self.needles.seeds:
+            for kind in ("<u2", "<u4", "<u8"):
+                if (place := data.find(np.arange(first, first + runs).astype(kind).tobytes())) >= 0:
+                    size = np.dtype(kind).itemsize
+                    after = data[place + runs * size : place + (runs + 1) * size]
+                    if after != np.array([first + runs]).astype(kind).tobytes():  # a table of characters goes on
+                        self.found.add((name, "seeds"))
+        if _is_text(data):
+            for series in _numbers_of_text(data):
+                self._series(name, series)
+        elif not any(data.startswith(magic) for magic in _ARCHIVES):
+            for series in _numbers_of_bytes(data):
+                self._series(name, series)
+
+    def _array(self, name: str, array: NDArray[Any]) -> None:
+        if array.dtype.kind not in "iuf" or array.size < WINDOW:
+            return
+        if array.size > _LARGEST_ARRAY:
+            self.looked["large array"] += 1
+            return
+        values = array.astype(np.float64)
+        for first, runs in self.needles.seeds:
+            if values.shape == (runs,) and np.array_equal(values, np.arange(first, first + runs)):
+                self.found.add((name, "seeds"))
+        for axis in range(values.ndim):
+            if values.shape[axis] >= WINDOW and (values.size < _LARGE_ARRAY or axis == values.ndim - 1):
+                self._series(name, np.moveaxis(values, axis, -1).reshape(-1))
+
+    def _series(self, name: str, series: Floats) -> None:
+        for start in range(0, len(series) - WINDOW + 1, _CHUNK):
+            part = series[start : start + _CHUNK + WINDOW - 1]
+            with np.errstate(invalid="ignore", over="ignore"):
+                signs = np.nan_to_num(np.sign(np.diff(part))).astype(np.int8) + 1
+            key = np.zeros(len(part) - WINDOW + 1, dtype=np.int64)
+            for place in range(WINDOW - 1):
+                key += signs[place : place + len(key)] * _POWERS[place]
+            places = np.flatnonzero(self._table[key % _TABLE])
+            if len(places):
+                low, high = (np.searchsorted(self._patterns, key[places], side) for side in ("left", "right"))
+                rows = [np.arange(first, end) for first, end in zip(low, high, strict=True)]
+                self._compare(name, part, np.repeat(places, high - low), np.concatenate(rows))
+
+    def _compare(self, name: str, part: Floats, places: NDArray[np.intp], rows: NDArray[np.intp]) -> None:
+        """Look whether the numbers from ``places`` on fit the windows ``rows``."""
+        numbers = np.lib.stride_tricks.sliding_window_view(part, WINDOW)
+        for start in range(0, len(places), 10_000):
+            few, some = places[start : start + 10_000], rows[start : start + 10_000]
+            with np.errstate(invalid="ignore", over="ignore"):
+                away = np.abs(_on_one_scale(numbers[few]) - self._windows[some]).max(axis=1)
+            for row in some[away < _TOLERANCE]:
+                self.found.add((name, self.needles.names[self._of[row]]))
+
+
+def _on_one_scale(windows: Floats) -> Floats:
+    """Windows ``(n, WINDOW)`` from 0 to 1."""
+    lowest = windows.min(axis=1, keepdims=True)
+    return np.asarray((windows - lowest) / (windows.max(axis=1, keepdims=True) - lowest))
+
+
+_ARCHIVES = (
+    b"PK\x03\x04",
+    b"\x1f\x8b",
+    b"BZh",
+    b"\xfd7zXZ",
+    b"\x28\xb5\x2f\xfd",
+    b"PAR1",
+    b"ARROW1",
+    b"\x89HDF",
+    b"\x93NUMPY",
+)
+_DAMAGED: tuple[type[Exception], ...] = (
+    OSError, EOFError, ValueError, TypeError, KeyError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error, lzma.LZMAError,
+    tarfile.TarError,
+)  # fmt: skip
+
+
+def _kind(head: bytes) -> str | None:
+    """What makes a file nothing to search."""
+    if head[2:4] == b"\r\n" and head[4:8] in {bytes([flag, 0, 0, 0]) for flag in range(4)}:
+        return "compiled module"
+    return next((kind for magic, kind in _SKIPPED.items() if head.startswith(magic)), None)
+
+
+def _unpacked(data: bytes) -> Iterator[tuple[str, bytes | NDArray[Any]]]:
+    """What an archive or a table holds: bytes of its members, or arrays."""
+    if data.startswith(b"PK\x03\x04"):
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            for member in archive.infolist():
+                if not member.is_dir() and member.file_size <= _LARGEST:
+                    with archive.open(member) as file:
+                        head = file.read(16)
+                        if _kind(head) is None:
+                            yield member.filename, head + file.read()
+    elif data.startswith(b"\x93NUMPY"):
+        yield "array", np.load(io.BytesIO(data), allow_pickle=False)
+    elif data[257:262] == b"ustar":
+        with tarfile.open(fileobj=io.BytesIO(data)) as archive:
+            for part in archive:
+                file = archive.extractfile(part) if part.isreg() else None
+                if file is not None:
+                    yield part.name, file.read(_LARGEST)
+    elif data.startswith((b"PAR1", b"ARROW1")):
+        yield from _tables(data)
+    elif data.startswith(b"\x89HDF"):
+        yield from _hdf(data)
+    else:
+        packings: Mapping[bytes, Callable[[bytes], bytes]] = {
+            b"\x1f\x8b": lambda packed: gzip.GzipFile(fileobj=io.BytesIO(packed)).read(_LARGEST),
+            b"BZh": lambda packed: bz2.BZ2File(io.BytesIO(packed)).read(_LARGEST),
+            b"\xfd7zXZ": lzma.decompress,
+            b"\x28\xb5\x2f\xfd": _zstandard,
+        }
+        for magic, unpack in packings.items():
+            if data.startswith(magic):
+                yield "content", unpack(data)
+
+
+def _zstandard(packed: bytes) -> bytes:
+    import zstandard
+
+    with zstandard.ZstdDecompressor().stream_reader(io.BytesIO(packed)) as reader:
+        return bytes(reader.read(_LARGEST))
+
+
+def _tables(data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
+    import pyarrow as pa
+    import pyarrow.ipc
+    import pyarrow.parquet as pq
+
+    table = (
+        pq.read_table(io.BytesIO(data)) if data.startswith(b"PAR1") else pa.ipc.open_file(io.BytesIO(data)).read_all()
+    )
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
+            yield name, column.combine_chunks().cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+
+
+def _hdf(data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
+    import h5py
+
+    arrays: list[tuple[str, NDArray[Any]]] = []
+    with h5py.File(io.BytesIO(data), "r") as file:
+        file.visititems(
+            lambda name, item: (
+                arrays.append((name, item[()])) if isinstance(item, h5py.Dataset) and item.shape else None
+            )
+        )
+    yield from arrays
+
+
+def _is_text(data: bytes) -> bool:
+    return b"\0" not in data[:4096] and sum(byte < 9 or 13 < byte < 32 for byte in data[:1024]) < 8
+
+
+def _numbers_of_text(data: bytes) -> Iterator[Floats]:
+    """Series of numbers from where a text is mostly digits, and of each key of a JSON text."""
+    if data[:64].lstrip()[:1] in {b"{", b"["}:
+        by_key: dict[bytes, list[float]] = {}
+        for key, number in _PAIR.findall(data):
+            by_key.setdefault(key, []).append(float(number))
+        yield from (np.array(numbers) for numbers in by_key.values() if len(numbers) >= WINDOW)
+    letters = np.frombuffer(data, dtype=np.uint8)
+    whole = len(letters) // _BLOCK * _BLOCK
+    blocks = [letters[:whole].reshape(-1, _BLOCK), letters[None, whole:]]
+    dense = np.concatenate(
+        [
+            _DIGITS[block].sum(axis=1) * 4 > np.maximum(block.shape[1] - _BLANK[block].sum(axis=1), 40)
+            for block in blocks
+            if block.size
+        ]
+    )
+    dense[:-1] |= dense[1:]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], dense, [False]]).astype(np.int8)))
+    for first, end in edges.reshape(-1, 2):
+        region = data[max(0, first - 1) * _BLOCK : (end + 1) * _BLOCK]
+        yield from _numbers_of_region(region)
+
+
+def _numbers_of_region(region: bytes) -> Iterator[Floats]:
+    yield np.array(list(map(float, _NUMBER.findall(region))))
+    lines = [line for line in region.replace(b"\r", b"").split(b"\n")[1:-1] if line.strip()]
+    if len(lines) < WINDOW:
+        return
+    typical = lines[len(lines) // 2]
+    mark = max((b",", b";", b"\t", b"|"), key=typical.count)
+    separator = mark if mark in typical else None
+    fields = [line.split(separator) for line in lines]
+    width = Counter(map(len, fields)).most_common(1)[0][0]
+    if 1 < width <= 512:
+        rows = np.array([row for row in fields if len(row) == width])
+        for column in rows.T:
+            yield _as_floats(column)
+    length = Counter(map(len, lines)).most_common(1)[0][0]
+    even = [line for line in lines if len(line) == length]
+    if length <= 512 and len(even) > 0.9 * len(lines):
+        letters = np.frombuffer(b"".join(even), dtype=np.uint8).reshape(len(even), length)
+        for size in (3, 4, 5):
+            for start in range(length - size + 1):
+                part = letters[:, start : start + size]
+                numeric = _DIGITS[part] | (part == ord(" ")) | (part == ord("-"))
+                if numeric.all(axis=1).mean() > 0.95:
+                    yield _as_floats(np.ascontiguousarray(part).view(f"S{size}").ravel())
+
+
+def _as_floats(texts: NDArray[Any]) -> Floats:
+    """Numbers of a column of texts; NaN where there is none."""
+    try:
+        return texts.astype(np.float64)
+    except ValueError:
+        numbers = np.full(len(texts), np.nan)
+        for row, text in enumerate(texts):
+            if _NUMBER.fullmatch(text.strip().strip(b'"')):
+                numbers[row] = float(text.strip().strip(b'"'))
+        return numbers
+
+
+def _numbers_of_bytes(data: bytes) -> Iterator[Floats]:
+    """Bytes as numbers, at every offset; stretches that are no plausible measurements are left out."""
+    for kind in _BINARY:
+        size = np.dtype(kind).itemsize
+        for offset in range(size):
+            count = (len(data) - offset) // size
+            for start in range(0, count - WINDOW + 1, _CHUNK):
+                taken = min(_CHUNK + WINDOW - 1, count - start)
+                yield from _plausible(np.frombuffer(data, kind, taken, offset + start * size))
+
+
+def _plausible(numbers: NDArray[Any]) -> Iterator[Floats]:
+    if numbers.dtype.kind == "f":
+        with np.errstate(invalid="ignore"):
+            size = np.abs(numbers)
+            usable = (size < 1e9) & ((size > 1e-5) | (size == 0.0))
+    elif numbers.dtype.itemsize > 2:
+        usable = (numbers > -10_000_000) & (numbers < 10_000_000)
+    else:
+        usable = np.ones(len(numbers), dtype=np.bool_)
+    # A stretch of 24 holds a whole block of 12.
+    whole = len(numbers) // 12 * 12
+    blocks = usable[:whole].reshape(-1, 12).all(axis=1)
+    values = numbers[:whole].reshape(-1, 12)
+    moving = (values[:, 1:] != values[:, :-1]).sum(axis=1) >= 3
+    good = blocks & moving
+    good[1:] |= good[:-1].copy()
+    good[:-1] |= good[1:].copy()
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8)))
+    for first, end in edges.reshape(-1, 2):
+        if (end - first) * 12 >= WINDOW:
+            with np.errstate(invalid="ignore"):
+                yield numbers[first * 12 : end * 12].astype(np.float64)

@@ -1,0 +1,70 @@
+"""What no sandbox may hold: weather, plans, recordings, profiles and results that come with glbench, and the seeds of scored runs."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from glbench.resources import data_folder
+from glbench.tasks import list_drafts, list_tasks
+from glbench.weather import list_weather, load_weather
+from tests.evaluation.sandbox.content_search import WINDOW, Needles
+
+_DAY = 24
+_FEWER = 240
+"""Numbers between windows of plans, of which there are many."""
+
+
+@cache
+def shipped_needles() -> Needles:
+    """Windows of every record, plan, recording and profile, the digests of all released results, and the seeds of scored runs."""
+    results = data_folder("reports/released/results")
+    files = [file for file in results.glob("*/*.json") if ".proof." not in file.name]
+    digests = {json.loads(file.read_bytes())["results_digest"] for file in files}
+    return Needles.collect([*_weather(), *_actions(), *_profiles()], digests, _seeds())
+
+
+@cache
+def weather_and_seeds() -> Needles:
+    """Windows of every record, and the seeds of scored runs."""
+    return Needles.collect(_weather(), (), _seeds())
+
+
+def _seeds() -> set[tuple[int, int]]:
+    return {(task.evaluation.first_seed, task.evaluation.runs) for task in (*list_tasks(), *list_drafts())}
+
+
+def _weather() -> Iterator[tuple[str, Any, int]]:
+    for info in list_weather():
+        if info.origin == "shipped":
+            for quantity, counts in load_weather(info.name).counts.items():
+                yield f"{quantity} of {info.name}", counts, _DAY
+
+
+def _actions() -> Iterator[tuple[str, Any, int]]:
+    for file in sorted(data_folder("baselines").glob("**/*.npz")):
+        with np.load(file) as data:
+            if "actions" in data:
+                # Steps are the last axis of plans, and the first of a recording.
+                actions = data["actions"] if data["actions"].ndim == 3 else data["actions"].T
+                for row in actions.reshape(-1, actions.shape[-1]):
+                    yield f"actions of {file.stem}", row, _FEWER
+
+
+def _profiles() -> Iterator[tuple[str, Any, int]]:
+    for file in sorted(data_folder("reports/released/results").glob("*/*.profile.json.gz")):
+        for numbers in _lists(json.loads(gzip.decompress(file.read_bytes()))["worst"]):
+            yield f"profile of {file.parent.name}", numbers, len(numbers)
+
+
+def _lists(value: Any) -> Iterator[list[float]]:
+    if isinstance(value, dict):
+        for part in value.values():
+            yield from _lists(part)
+    elif isinstance(value, list) and len(value) >= WINDOW and all(isinstance(one, int | float) for one in value):
+        yield value
