@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Literal
 
 from glbench.errors import SubmissionError
-from glbench.resources import data_folder
+from glbench.resources import LARGEST_TEXT, data_folder, with_unix_line_ends
 from glbench.untrusted import AGENT_NAME_RULE, MIB, is_agent_name, open_regular
 
 if TYPE_CHECKING:
@@ -150,7 +150,8 @@ def check_sizes(files: tuple[Path, ...], root: Path) -> None:
 def digest_of(files: tuple[Path, ...], root: Path, copy: Path | None = None) -> str:
     """SHA-256 (hex) over names and contents, as ``glbench.resources.sha256_of_files`` has it, of at most ``LARGEST_SUBMISSION`` bytes.
 
-    With ``copy``, a folder, what is read for the digest is written below it under the same names: the copies are what the digest covers.
+    Text counts with LF at the ends of its lines. With ``copy``, a folder, what the digest covers is written below it under the same names:
+    text with LF, other files as they are.
 
     Raises
     ------
@@ -167,9 +168,13 @@ def digest_of(files: tuple[Path, ...], root: Path, copy: Path | None = None) -> 
             if left < 0:
                 raise SubmissionError(_changed(file))
             encoded = name.encode("utf-8")
+            pieces = _pieces(stream, size, file)
+            if size <= LARGEST_TEXT:
+                content = with_unix_line_ends(name, b"".join(pieces))
+                pieces, size = iter((content,)), len(content)
             digest.update(len(encoded).to_bytes(8, "big") + encoded + size.to_bytes(8, "big"))
             with _copy(copy / name if copy is not None else None) as written:
-                for piece in _pieces(stream, size, file):
+                for piece in pieces:
                     digest.update(piece)
                     if written is not None:
                         written.write(piece)

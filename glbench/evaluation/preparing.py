@@ -114,7 +114,7 @@ def prepare(
     if folder is not None:
         ensure_writable(result_path(folder, task.id, agent.name).parent)
         settle(folder, task.id, agent.name)
-        stored = None if fresh else _finished(folder, task, agent, seeds, kernel, protected.protection)
+        stored = _finished(folder, task, agent, seeds, kernel, protected.protection, fresh=fresh)
     workers = min(workers or usable_cores(), len(seeds))
     evaluation = Evaluation(
         task,
@@ -259,8 +259,12 @@ def _finished(
     seeds: tuple[int, ...],
     kernel: dict[str, str | float],
     protection: Protection,
+    *,
+    fresh: bool,
 ) -> Result | None:
     """The stored result of this very evaluation; one from a sandbox does where none is wanted, and not the other way round.
+
+    None is wanted of a ``fresh`` evaluation, which may replace another result of the task, but not one of another task.
 
     Raises
     ------
@@ -278,6 +282,8 @@ def _finished(
     if stored.task.id != task.id:
         msg = f"{path} holds a result of the task {stored.task.id}, and {task.id} would replace it. Choose another folder with --out."
         raise ResultError(msg)
+    if fresh:
+        return None
     if stored.task.digest != task.digest:
         msg = (
             f"{path} holds a result of another task with the same id {task.id} (digest {stored.task.digest[:8]}, this one has "
