@@ -120,7 +120,7 @@ class Actor:
                 gru = Gru(*(found[f"gru_{name}"].astype(np.float32) for name in _GRU)) if "gru_bias" in found else None
                 return cls(network, traced.astype(np.int64), shares, max_change, low, high, gru)
         except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, ShapeError) as error:
-            msg = f"{file} is no policy of glbench train ppo, or a damaged one: {error}. Train it anew."
+            msg = f"{file} is not a policy of glbench train ppo, or is damaged: {error}. Train it again."
             raise SubmissionError(msg) from error
 
 

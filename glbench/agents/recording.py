@@ -90,7 +90,7 @@ def read_recording(file: Path) -> Recording:
     Raises
     ------
     SubmissionError
-        When it cannot be read or is no recording.
+        When it cannot be read or is not a recording.
     """
     advice = "`glbench episodes recording` writes one."
     try:
@@ -111,7 +111,7 @@ def read_recording(file: Path) -> Recording:
                 about=json.loads(str(arrays["about"])),
             )
     except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile, ShapeError) as error:
-        msg = f"{file} is no recording of actions, or a damaged one: {error}. {advice}"
+        msg = f"{file} is not a recording of actions, or is damaged: {error}. {advice}"
         raise SubmissionError(msg) from error
 
 
