@@ -175,15 +175,18 @@ def write_atomically(path: Path, data: bytes | str) -> None:
             temporary.unlink(missing_ok=True)
 
 
+def is_text(name: str) -> bool:
+    """Whether the file ``name`` holds text, as far as its name says."""
+    path = PurePosixPath(name)
+    return path.suffix.lower() in TEXT_SUFFIXES or path.name in TEXT_NAMES
+
+
 def with_unix_line_ends(name: str, content: bytes) -> bytes:
     """``content`` of the file ``name`` as digests cover it: CRLF and CR of text become LF, so that git's line ends change no digest.
 
-    Text is what ``TEXT_SUFFIXES`` or ``TEXT_NAMES`` name, has no null byte and at most ``LARGEST_TEXT`` bytes. Other files stay as they
-    are.
+    Files that are no text, or have a null byte or more than ``LARGEST_TEXT`` bytes, stay as they are.
     """
-    path = PurePosixPath(name)
-    is_text = (path.suffix.lower() in TEXT_SUFFIXES or path.name in TEXT_NAMES) and len(content) <= LARGEST_TEXT
-    if not is_text or b"\r" not in content or b"\0" in content:
+    if not is_text(name) or len(content) > LARGEST_TEXT or b"\r" not in content or b"\0" in content:
         return content
     return content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
 

@@ -300,7 +300,7 @@ class PlanController:
             When there are none for the task or for one of the seeds.
         """
         book = self._plans.book(task)
-        reason = f"none is for its digest {task.digest[:12]}" if book is None else book.why_not(task)
+        reason = f"nobody has made any for its digest {task.digest[:12]}" if book is None else book.why_not(task)
         search = f"glbench bound {task.short_id if task.locked else task.source}"
         if book is None or reason is not None:
             msg = f"There are no plans for {task.id}: {reason}. `{search}` searches for some."

@@ -11,7 +11,7 @@ from glbench import __version__
 from glbench.agents.baselines import read_baseline
 from glbench.agents.plans import PlanBook, PlanFolder, read_book
 from glbench.bounds.replay import Earned, replayed
-from glbench.errors import GlbenchError, SubmissionError, TaskError
+from glbench.errors import GlbenchError, SubmissionError, UnknownNameError
 from glbench.evaluation import load_result
 from glbench.evaluation.episodes import recorded_actions, task_of_result
 from glbench.resources import data_folder
@@ -125,7 +125,7 @@ def candidates(file: Path) -> Iterator[tuple[TaskSpec, PlanBook]]:
     book = read_book(file)
     try:
         task = get_task(book.task_id)
-    except TaskError as error:
+    except UnknownNameError as error:
         raise SubmissionError(_not_published(book.task_id, book.task_digest)) from error
     task = task.in_split(book.split) if book.split else task
     reason = book.why_not(task)

@@ -7,7 +7,7 @@ import hashlib
 import logging
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -33,6 +33,7 @@ from glbench.evaluation.records import (
     Result,
     RunResult,
     TaskRecord,
+    TrainingRecord,
     results_digest,
     summarise,
 )
@@ -559,6 +560,7 @@ def agent_record(agent: LoadedAgent) -> AgentRecord:
         privileged=agent.privileged,
         information=agent.information,
         card=agent.submission.card if agent.submission is not None else None,
+        training=None if agent.training is None else TrainingRecord.model_validate(asdict(agent.training)),
     )
 
 

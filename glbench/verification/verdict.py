@@ -33,8 +33,8 @@ ENDS: Final = ("runs.status", "runs.reason")
 """Reproduced where all runs went to the end or stopped at a step that cannot be simulated here either; otherwise stated."""
 PROFILE: Final = "profile"
 _STATED: Final[dict[str, tuple[str, ...]]] = {
-    "that this agent gave these actions (its name, kind, digest, card, and what it saw)": (
-        "agent.name", "agent.kind", "agent.digest", "agent.privileged", "agent.information", "agent.card",
+    "that this agent gave these actions (its name, kind, digest, card, training, and what it saw)": (
+        "agent.name", "agent.kind", "agent.digest", "agent.privileged", "agent.information", "agent.card", "agent.training",
     ),
     "why runs ended early": ENDS,
     "sandbox and time limits": ("evaluation.sandbox", "evaluation.limits"),
