@@ -24,7 +24,12 @@ DataFolder = Literal["tasks", "baselines", "weather", "submissions", "reports/re
 _PACKAGE = Path(__file__).resolve().parent
 
 TEXT_SUFFIXES = frozenset(
-    ".c .cc .cfg .cpp .css .csv .h .hpp .html .in .ini .ipynb .j2 .js .json .jsonl .md .py .pyi .rst .sh .toml .txt .xml .yaml .yml".split()
+    f".{suffix}"
+    for words in (
+        "c cc cfg cpp css csv h hpp html in ini ipynb j2 js json jsonl",
+        "md py pyi rst sh toml txt xml yaml yml",
+    )
+    for suffix in words.split()
 )
 TEXT_NAMES = frozenset({"COPYING", "LICENCE", "LICENSE", "NOTICE", "README"})
 LARGEST_TEXT = 16 * 2**20

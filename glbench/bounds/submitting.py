@@ -91,7 +91,7 @@ def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[
 def _not_published(task_id: str, digest: str) -> str:
     return (
         f"Best known plans are those of published tasks, and {task_id} with the digest {digest[:12]} is not one. "
-        "Evaluate plans for your own task as an agent: glbench evaluate FOLDER --task FILE, with the folder that `glbench bound FILE` wrote."
+        "For your own task, evaluate the folder that `glbench bound FILE` wrote: glbench evaluate FOLDER --task FILE"
     )
 
 

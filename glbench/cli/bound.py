@@ -198,9 +198,9 @@ def _show(search: Search, found: Sequence[Found]) -> None:
             tell(f"Better plans become the best known ones with: glbench bound --submit {search.folder}")
         elif search.task.split != "training":
             search.save_card()
-            seeds = sorted(seed for one in whole for seed in one.seeds)
-            row = next((row for row, seed in enumerate(seeds) if seed != seeds[0] + row), len(seeds))
-            some = "" if seeds == list(search.task.evaluation.seeds) else f" --seed {seeds[0]} --runs {row}"
+            planned = sorted(seed for one in whole for seed in one.seeds)
+            row = next((row for row, seed in enumerate(planned) if seed != planned[0] + row), len(planned))
+            some = "" if planned == list(search.task.evaluation.seeds) else f" --seed {planned[0]} --runs {row}"
             split = "" if search.task.split in (None, "test") else f" --split {search.task.split}"
             tell(f"Evaluate the plans with: glbench evaluate {search.folder} --task {search.task.source}{split}{some}")
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 _Recipe = tuple[object, ...]
 
+
 @dataclass(frozen=True)
 class Entry:
     """What one row of a task's table stands for.
@@ -104,44 +105,48 @@ def entries_by_task(
     joined = {task_id: _joined(items, seeds[task_id]) for task_id, items in by_task.items()}
     recipes: dict[_Recipe, set[str]] = {}
     for groups in joined.values():
-        for recipe, group in groups.items():
+        for (recipe, _), group in groups.items():
             recipes.setdefault(recipe, set()).update(item.result.agent.name for item in group)
-    several = {recipe for recipe, names in recipes.items() if len(names) > 1}  # be it on different tasks
-    names = _names_of_recipes({recipe: recipes[recipe] for recipe in several}, by_task)
+    names = _names_of_recipes(recipes, {item.result.agent.name for items in by_task.values() for item in items})
     found = {}
     for task_id in sorted(by_task):
-        groups = {recipe: group for recipe, group in joined[task_id].items() if recipe in several}
-        alone = {id(item) for item in by_task[task_id]} - {id(item) for group in groups.values() for item in group}
-        entries = [_entry(group, seeds[task_id], name=names[recipe]) for recipe, group in groups.items()]
-        entries += [_entry([item], seeds[task_id]) for item in by_task[task_id] if id(item) in alone]
+        # One training on this task is one of several where there are others on other tasks.
+        groups = [(names[key[0]], group) for key, group in joined[task_id].items() if len(recipes[key[0]]) > 1]
+        members = {id(item) for _, group in groups for item in group}
+        entries = [_entry(group, seeds[task_id], name=name) for name, group in groups]
+        entries += [_entry([item], seeds[task_id]) for item in by_task[task_id] if id(item) not in members]
         found[task_id] = _with_names_of_their_own(entries)
     return found
 
 
-def _joined(items: Iterable[StoredResult], seeds: tuple[int, ...]) -> dict[_Recipe, list[StoredResult]]:
-    """Trainings of each recipe on one board, by seed, each policy once; nothing of a recipe of which two claim the same seed."""
-    groups: dict[_Recipe, list[StoredResult]] = {}
-    policies = set[tuple[_Recipe, object]]()
+def _joined(
+    items: Iterable[StoredResult], seeds: tuple[int, ...]
+) -> dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]]:
+    """Trainings on one board, by recipe and seeds of the evaluation, in the order of the seeds that they were trained with.
+
+    Each policy is there once, and nothing of a recipe of which two claim the same seed.
+    """
+    groups: dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]] = {}
+    policies = set[object]()
     for item in sorted(items, key=lambda one: (_seed(one), one.result.agent.name)):
         recipe = _recipe(item, seeds)
         if recipe is not None:
-            same = {(recipe, item.result.agent.digest), (recipe, _policy(item))}
+            key = recipe, item.result.evaluation.seeds
+            same = {(key, item.result.agent.digest), (key, _policy(item))}
             if not same & policies:
-                groups.setdefault(recipe, []).append(item)
+                groups.setdefault(key, []).append(item)
             policies |= same
-    return {recipe: group for recipe, group in groups.items() if len({_seed(item) for item in group}) == len(group)}
+    return {key: group for key, group in groups.items() if len({_seed(item) for item in group}) == len(group)}
 
 
-def _names_of_recipes(
-    recipes: Mapping[_Recipe, set[str]], by_task: Mapping[str, Iterable[StoredResult]]
-) -> dict[_Recipe, str]:
+def _names_of_recipes(recipes: Mapping[_Recipe, set[str]], taken: set[str]) -> dict[_Recipe, str]:
     """Names of entries: what the names of the trainings share but for the seed, unless another agent has it; else the first of them."""
-    taken = {item.result.agent.name for items in by_task.values() for item in items}
-    found = {}
+    found: dict[_Recipe, str] = {}
+    owners: dict[str, _Recipe] = {}
     for recipe, names in recipes.items():
-        shared = {without_seed(name) for name in names}
-        free = len(shared) == 1 and not shared & (taken - names) and not shared & set(found.values())
-        found[recipe] = shared.pop() if free else min(names)
+        shared = min(without_seed(name) for name in names)
+        same = {without_seed(name) for name in names} == {shared} and shared not in taken - names
+        found[recipe] = shared if same and owners.setdefault(shared, recipe[:-1]) == recipe[:-1] else min(names)
     return found
 
 
@@ -213,9 +218,9 @@ def _seed(item: StoredResult) -> int:
 
 
 def _recipe(item: StoredResult, seeds: tuple[int, ...]) -> _Recipe | None:
-    """What trainings of one recipe have in common, ``None`` for an agent that is none; ``seeds`` are the task's."""
+    """What trainings of one recipe have in common, the origin last; ``None`` for an agent that is none. ``seeds`` are the task's."""
     agent = item.result.agent
-    where = agent.kind, agent.privileged, origin_of(item, seeds), item.result.evaluation.seeds
+    where = agent.kind, agent.privileged, origin_of(item, seeds)
     if agent.kind == "baseline":
         shipped = shipped_training(agent.name)
         genuine = shipped is not None and (item.released or agent.digest == digest_of_baseline(agent.name))
