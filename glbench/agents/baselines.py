@@ -206,10 +206,19 @@ _CONTROLLERS = {
 }
 
 
+class Recipe(BaseModel):
+    """What the table ``training`` of a card says: the recipe that trainings with other seeds share, and the seed of this one."""
+
+    model_config = ConfigDict(frozen=True, strict=True)
+
+    recipe: RecipeId
+    seed: Count
+
+
 class Card(BaseModel):
     """``card.toml``: what a baseline is. Controller and settings decide what it does; the rest is for people.
 
-    ``settings`` is a file or folder beside the card. Of the tables of the file (how a policy was trained) only ``Recipe`` is looked at.
+    ``settings`` is a file or folder beside the card. Of the tables of the file (how a policy was trained) only ``Recipe`` is read.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -232,15 +241,7 @@ class Card(BaseModel):
     description: str
     made: str
     sources: tuple[str, ...]
-
-
-class Recipe(BaseModel):
-    """What the table ``training`` of a card says: the recipe that trainings with other seeds share, and the seed of this one."""
-
-    model_config = ConfigDict(frozen=True, strict=True)
-
-    recipe: RecipeId
-    seed: Count
+    training: Recipe | None = None
 
 
 @dataclass(frozen=True)
@@ -305,7 +306,7 @@ def read_baseline(ref: str | Path) -> Baseline:
         raise SubmissionError(msg)
     if not isinstance(ref, str):  # somebody's folder, read outside of any sandbox
         check_file(folder / "card.toml", folder)
-    card, stated = _read_card(folder / "card.toml")
+    card = _read_card(folder / "card.toml")
     with _damage_in_words():
         place = (folder / card.settings).resolve()
     if not isinstance(ref, str) and place.exists():
@@ -319,9 +320,9 @@ def read_baseline(ref: str | Path) -> Baseline:
         raise SubmissionError(msg)
     settings = _CONTROLLERS[card.controller].read(place)
     training = None
-    if stated is not None:
+    if card.training is not None:
         weights = settings.files if place.is_dir() else (place,)  # type: ignore[union-attr]
-        training = Training(stated.recipe, stated.seed, card.controller, policy_digest(weights))
+        training = Training(card.training.recipe, card.training.seed, card.controller, policy_digest(weights))
     return Baseline(card, settings, _digest(card.controller, place, settings), training)
 
 
@@ -338,8 +339,7 @@ def shipped_sight(name: str) -> Sight:
     SubmissionError
         When there is no such baseline.
     """
-    card, _ = _read_card(data_folder("baselines") / name / "card.toml")
-    return _CONTROLLERS[card.controller].sees
+    return _CONTROLLERS[_read_card(data_folder("baselines") / name / "card.toml").controller].sees
 
 
 def shipped_training(name: str) -> Recipe | None:
@@ -349,7 +349,7 @@ def shipped_training(name: str) -> Recipe | None:
 
 @cache
 def _shipped_trainings(folder: Path) -> dict[str, Recipe | None]:
-    return {name: _read_card(folder / name / "card.toml")[1] for name in baseline_names()}
+    return {name: _read_card(folder / name / "card.toml").training for name in baseline_names()}
 
 
 def _check_place(place: Path, folder: Path) -> None:
@@ -387,13 +387,13 @@ def _digest(controller: str, place: Path, settings: Any) -> str:
     return hashlib.sha256(f"{controller} {_CONTROLLERS[controller].version} {data}".encode()).hexdigest()
 
 
-def _read_card(file: Path) -> tuple[Card, Recipe | None]:
+def _read_card(file: Path) -> Card:
     try:
         content = read_toml(file)
-        table = content.get("training")
         plain = {key: value for key, value in content.items() if not isinstance(value, dict)}
-        stated = isinstance(table, dict) and "recipe" in table
-        return Card.model_validate(plain), Recipe.model_validate(table) if stated else None
+        if isinstance(content.get("training"), dict) and "recipe" in content["training"]:
+            plain["training"] = content["training"]
+        return Card.model_validate(plain)
     except SubmissionError as error:
         msg = f"Cannot read the card {file}: {error}."
         raise SubmissionError(msg) from error

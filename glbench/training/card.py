@@ -159,7 +159,8 @@ def write_card(
 def _recipe(making: Making, tasks: Sequence[TaskSpec]) -> str:
     """What trainings with other seeds share: algorithm, settings, length and tasks. Leaderboards join them by it."""
     facts = making.training
-    stated = f"{facts['settings_digest']} {facts['steps']} {digest_of_tasks(tasks)}"
+    length = facts.get("generations", facts["steps"])
+    stated = f"{facts['settings_digest']} {length} {digest_of_tasks(tasks)}"
     name = re.sub(r"[^a-z0-9]+", "-", str(facts["algorithm"]).lower()).strip("-")
     return f"{name or 'recipe'}-{sha256(stated.encode()).hexdigest()[:16]}"
 
