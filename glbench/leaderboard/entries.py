@@ -111,9 +111,9 @@ def entries_by_task(
     found = {}
     for task_id in sorted(by_task):
         # One training on this task is one of several where there are others on other tasks.
-        groups = [(names[key[0]], group) for key, group in joined[task_id].items() if len(recipes[key[0]]) > 1]
-        members = {id(item) for _, group in groups for item in group}
-        entries = [_entry(group, seeds[task_id], name=name) for name, group in groups]
+        several = [(names[key[0]], group) for key, group in joined[task_id].items() if len(recipes[key[0]]) > 1]
+        members = {id(item) for _, group in several for item in group}
+        entries = [_entry(group, seeds[task_id], name=name) for name, group in several]
         entries += [_entry([item], seeds[task_id]) for item in by_task[task_id] if id(item) not in members]
         found[task_id] = _with_names_of_their_own(entries)
     return found
