@@ -119,6 +119,25 @@ def entries_by_task(
     return found
 
 
+def of_one_version(by_task: Mapping[str, Iterable[Entry]]) -> dict[str, tuple[Entry, ...]]:
+    """The entries that one agent made: of results under one name and with several digests those with the digest of most tasks.
+
+    Of equally many the latest count. A name says nothing about what acted, so figures over several tasks need this.
+    """
+    made: dict[str, dict[str, list[str]]] = {}
+    for entries in by_task.values():
+        for entry in entries:
+            made.setdefault(entry.name, {}).setdefault(_version(entry), []).append(entry.first.created)
+    kept = {name: max(of, key=lambda one: (len(of[one]), max(of[one]))) for name, of in made.items()}
+    return {task: tuple(one for one in entries if _version(one) == kept[one.name]) for task, entries in by_task.items()}
+
+
+def _version(entry: Entry) -> str:
+    """What acted: an agent's digest, or the recipe of several trainings, of which a task may have some."""
+    training = entry.first.agent.training
+    return entry.first.agent.digest if not entry.training_seeds else "" if training is None else training.recipe
+
+
 def _joined(
     items: Iterable[StoredResult], seeds: tuple[int, ...]
 ) -> dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]]:

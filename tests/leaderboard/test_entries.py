@@ -121,6 +121,18 @@ def test_an_entry_takes_no_name_that_another_agent_has(store):
     assert [entry.name for entry in entries([*mine, store("zed", [9.0] * 4)])] == ["zed", "zed_seed1"]
 
 
+def test_a_suite_holds_results_of_one_agent_and_not_of_one_name(store):
+    """Two versions of ``zed``: that of most tasks counts, of equally many the latest."""
+    tasks = [f"glbench/{name}-v1" for name in ("Bog", "Field", "Meadow")]
+    expected = dict.fromkeys(tasks, EXPECTED[TASK])
+    old = [store("zed", [float(n)] * 4, task_id=task) for n, task in enumerate(tasks)]
+    new = changed(store("zed", [9.0] * 4, task_id=tasks[0], created="2026-02-01T00:00:00Z"), digest=digest_of("new"))
+    scores = scores_by_task([new, *old[1:]], expected)
+    assert ["zed" in scores.get(task, {}) for task in tasks] == [False, True, True]
+    scores = scores_by_task([new, old[1]], expected)
+    assert ["zed" in scores.get(task, {}) for task in tasks[:2]] == [True, False]
+
+
 def test_shipped_trainings_are_joined_by_the_cards_that_came_with_glbench(store, monkeypatch):
     names = ("ppo_fast", "ppo_fast_seed1", "ppo_fast_seed2", "ppo_fast_seed3", "ppo_tuned")
     stored = [changed(store(name, [float(len(name))] * 4), kind="baseline") for name in names]
