@@ -296,7 +296,10 @@ def _finished(
         msg = f"{path} holds a result with other draws than these. Choose another folder with --out."
         raise ResultError(msg)
     made_by = (stored.task.digest, stored.agent.digest, stored.evaluation.kernel, stored.versions.glbench)
-    if made_by != (task.digest, agent.digest, kernel, __version__):
+    if (
+        made_by != (task.digest, agent.digest, kernel, __version__)
+        or stored.agent.training != agent_record(agent).training
+    ):
         return None
     if protection == "bubblewrap" and stored.evaluation.sandbox != "bubblewrap":
         return None
