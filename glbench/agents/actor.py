@@ -191,9 +191,7 @@ class ActorAgent:
         """
         policy, traces = self.policy, self._traces
         if len(observations) != len(traces):
-            msg = (
-                f"act got observations of {len(observations)} runs, reset was told of {len(traces)}. Call reset first."
-            )
+            msg = f"act got observations of {len(observations)} runs, reset was called with {len(traces)}. Call reset first."
             raise ShapeError(msg)
         given = observations.astype(np.float64)
         read = given[:, None, policy.traced]

@@ -146,7 +146,7 @@ class RecordingAgent:
             When there are not as many rows as runs were announced to ``reset``.
         """
         if len(observations) != self._runs:
-            msg = f"act got observations of {len(observations)} runs, reset was told of {self._runs}. Call reset first."
+            msg = f"act got observations of {len(observations)} runs, reset was called with {self._runs}. Call reset first."
             raise ShapeError(msg)
         actions = self._recording.actions
         action = actions[min(self._step, len(actions) - 1)].astype(np.float64)

@@ -1,4 +1,4 @@
-"""Where the greenhouse is, from what an agent sees: an extended Kalman filter of states, parameters and sensors.
+"""Extended Kalman filter that estimates states, parameters and sensor errors from observations.
 
 A run is not quite the nominal model, and its task says by how much: parameters and start are drawn, sensors are off. All of it is public,
 and makes the filter's covariances; nothing is left to tune but a small error of the model itself.

@@ -160,7 +160,7 @@ def read_behaviour() -> Mapping[str, Mapping[str, float]]:
 
 
 class _FixedStep:
-    """In the place of a kernel: every greenhouse ends where it is told to, and what acted on it is kept."""
+    """Stands in for a kernel: it returns fixed states and records its inputs."""
 
     def __init__(self, after: NDArray[np.float64]) -> None:
         self.after = after

@@ -285,7 +285,7 @@ def _item(item: LedgerItem, place: int, label: str, known: Mapping[str, Any], am
         label=label,
         short=known.get("short", in_sentence(label)),
         words=known.get("words", in_sentence(label)),
-        unit=f"EUR/{unit_sold(item) or 'piece'}",
+        unit=f"EUR/{unit_sold(item) or 'piece'}" if "m-2" in item.amount_unit else f"EUR/(m² {item.amount_unit})",
         colour=known.get("colour", place % _COLOURS),
         least=known.get("least", 0.0),
         table=isinstance(item.price, str),

@@ -23,6 +23,7 @@ from glbench.tasks import (
     PREPROCESSINGS,
     REWARD_MODULES,
     Capacity,
+    LedgerItem,
     PriceTable,
     Registry,
     Scenario,
@@ -400,7 +401,7 @@ def _prices(task: TaskSpec) -> Section:
             "earned" if item.sign > 0 else "paid",
             _price_span(task, item.price)
             if isinstance(item.price, str)
-            else f"{item.price:g} EUR per {unit_sold(item) or 'piece'}"
+            else f"{item.price:g} {_price_of(item)}"
             + (f", {item.beyond.price:g} beyond {item.beyond.amount:g} {item.amount_unit}" if item.beyond else ""),
             item.amount_meaning or item.label,
         )
@@ -408,6 +409,13 @@ def _prices(task: TaskSpec) -> Section:
     ]
     lines = [f"Price '{name}' [{table.unit}]: {_price_words(table)}." for name, table in task.price_tables.items()]
     return Section("Prices", lines, ("Item", "", "Price", "Amount"), (), rows)
+
+
+def _price_of(item: LedgerItem) -> str:
+    """The unit of a price in words: ``EUR per kg``; ``EUR per m2 and h`` of what is paid for by the hour; ``EUR per piece``."""
+    return (
+        f"EUR per {unit_sold(item) or 'piece'}" if "m-2" in item.amount_unit else f"EUR per m2 and {item.amount_unit}"
+    )
 
 
 _MOST_POINTS = 12

@@ -42,6 +42,12 @@ PHRASES = {
     r"no merit of (its|theirs|his)": "not their doing",
     r"is the one of\b": "is that of",
     r"\btake\w* (it|them|the alarm) back\b": "cancel, undo",
+    r"\bhangs? together\b": "is autocorrelated",
+    r"\b[Rr]eset was told\b": "reset was called with",
+    r"\b([Ii]s|are|was|were) told (as|each|everything|how|it|nothing|of|the|what)\b": "gets, is called with, is shown",
+    r"\b[Mm]ake nothing of\b": "invalidate",
+    r"\bwith everything known\b": "with perfect information",
+    r"\bof which very file\b|\bwhoever multiplies\b": "name the file; name what may vary",
 }
 """Phrases as regular expressions, and what a native speaker writes instead."""
 
@@ -90,6 +96,8 @@ def test_no_phrase_reads_as_translated() -> None:
         '    msg = "The records lie "\n    "beside it."',
         "    # It is drawn\n    # anew.",
         "Whose page goes\non with it",
+        "act got 3 runs, reset was told of 2",
+        "an error that hangs together",
     ],
 )
 def test_a_phrase_is_found_also_over_the_end_of_a_line(text: str) -> None:
