@@ -25,6 +25,7 @@ from glbench.cli.options import (
 from glbench.cli.progress import Bar
 from glbench.cli.seeds import Where, on_cluster, seeds_of, train_with_seeds
 from glbench.errors import TrainingError
+from glbench.extras import require
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -78,6 +79,12 @@ def train(
     The folder then holds the policy (policy.npz, evaluated with numpy alone), the learning curve, the settings and card.toml,
     and is an agent itself: glbench evaluate FOLDER. Exit code 3: the training finished, but never beat the policy it began with.
     """
+    if engine is EngineName.RAY:
+        require("--engine ray", "ray", "ray")
+    if wandb:
+        require("--wandb", "wandb", "wandb")
+    if algorithm != "ppo":
+        require("This training", "train", "torch", "stable_baselines3")
     from glbench.training.compiled_settings import is_compiled
 
     check_address(address, engine)
@@ -303,6 +310,10 @@ def sweep(
     ] = False,
 ) -> None:
     """Search hyperparameters: an Optuna study in a local file. The same command resumes an interrupted search."""
+    if wandb:
+        require("--wandb", "wandb", "wandb")
+    if engine is EngineName.RAY:
+        require("--engine ray", "ray", "ray")
     with needs_the_extra("train"):
         from glbench.training.sweep import read_search
         from glbench.training.sweep import sweep as run_sweep

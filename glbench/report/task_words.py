@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from itertools import groupby
 from statistics import fmean
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from zoneinfo import ZoneInfo
 
-from glbench.env.accounts import Accounts, make_accounts
 from glbench.errors import GlbenchError
 from glbench.leaderboard.catalogue import catalogue, pretty_unit, unit_sold
 from glbench.tasks import (
@@ -35,6 +34,9 @@ from glbench.tasks.bases import Change
 from glbench.tasks.ledger import FLOW, LIMITED, VIOLATION_PRICES
 from glbench.tasks.tables import AnyForecastTable, SensorsTable, SplitsTable, SplitTable
 from glbench.tasks.vocabulary import FORECAST_ERRORS
+
+if TYPE_CHECKING:
+    from glbench.env.accounts import Accounts
 
 _MOST_ROWS, _FIRST_ROWS = 64, 40
 
@@ -86,6 +88,8 @@ def figures(task: TaskSpec) -> dict[str, Any]:
     A price that is a table stands as the factor 1 of that table, with its hourly prices and their mean where it has them. The mean is
     null where it can be taken from what runs sold and bought, and missing where an item is valued as a stock.
     """
+    from glbench.env.accounts import make_accounts
+
     accounts, labels = make_accounts(task), catalogue(task).limits
     scale = task.penalty_scales
     return {
@@ -478,6 +482,8 @@ def _reward(task: TaskSpec) -> list[str]:
         name = "Profit (epi)" if task.violation_prices else "Economic performance EPI"
         lines += [f"{name} [EUR m-2] =", *(f"  {line}" for line in task.ledger.lines())]
     if "scaled_epi" in modules:
+        from glbench.env.accounts import make_accounts
+
         accounts, paper = make_accounts(task), task.schema_version == 1
         lowest, highest = (
             (": all that is paid for at its most, no growth", ": growth at the potential rate at 20 degC, nothing used")

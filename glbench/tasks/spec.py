@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
+from glbench.canonical import canonical_sha256
 from glbench.errors import GlbenchError, ParameterError, TaskError, UnknownNameError, WeatherError, did_you_mean
 from glbench.showing import html_of
 from glbench.tasks.ledger import (
@@ -35,7 +36,7 @@ from glbench.tasks.ledger import (
     paper_v1,
     step_quantities,
 )
-from glbench.tasks.lock import Fingerprint, canonical_sha256, read_lock
+from glbench.tasks.lock import Fingerprint, read_lock
 from glbench.tasks.prices import PriceTable
 from glbench.tasks.quantities import PAPER_MODEL, Capacity, ObservationContext, Quantity, capacities, of_model
 from glbench.tasks.scenario import Generated, ParameterGroup, Scenario, Season, StartGroup

@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 from docs import (
     accuracy_table,
     benchmark_design_figures,
+    carried_weather,
+    fresh_draws_table,
     realism_figure,
     realism_setpoints,
     uncertainty_figures,
@@ -37,6 +39,7 @@ from glbench.kernel.compiled.stepper import absent_equipment
 from glbench.kernel.compiled.tolerances import LARGEST_SUBSTEPS, PRESETS, SMALLEST_SUBSTEP
 from glbench.kernel.sundials import SUBSTEP_LIMIT
 from glbench.leaderboard.comparisons import RESOLUTION
+from glbench.leaderboard.fresh_draws import ERROR, FEWEST
 from glbench.leaderboard.statistics import RESAMPLES, bootstrap_interval, crossed_interval
 from glbench.model import (
     CONTROL_NAMES,
@@ -217,6 +220,20 @@ def fast_settings() -> dict[str, Any]:
     """Settings of the compiled PPO that hold for every task."""
     text = (ROOT / "baselines" / "ppo" / "fast.yml").read_text(encoding="utf-8")
     return dict(yaml.safe_load(text)["default"])
+
+
+def width_of_drops() -> tuple[float, float]:
+    """How far the lower end of a drop with fresh draws is below it, smallest and largest, over all runs of the test [EUR m-2]."""
+    widths = [
+        one["drop"] - one["low"] for one in fresh_draws_table.read().values() if one["runs"] == HEADLINE.evaluation.runs
+    ]
+    return min(widths), max(widths)
+
+
+def gain_of_weather(draws: str) -> tuple[float, float, float]:
+    """What carrying the weather of the test years gains, with its 95 % interval [EUR m-2]."""
+    found = carried_weather.read()[draws]
+    return found["gain"], found["low"], found["high"]
 
 
 @cache
@@ -865,6 +882,19 @@ CLAIMS: dict[str, list[Claim]] = {
             full_use,
         ),
     ],
+    "docs/threat-model.md": [
+        ("perfect forecast of the next day gains: {} EUR/m²", lambda: gain_of_weather("published")[0]),
+        ("it earns {} EUR/m² more than `mpc` in the same runs", lambda: gain_of_weather("published")[0]),
+        (
+            "(95 % interval over the {} runs: {} to {})",
+            lambda: (carried_weather.RUNS, *gain_of_weather("published")[1:]),
+        ),
+        ("that `mpc` had it earns {} EUR/m² more ({} to {})", lambda: gain_of_weather("fresh")),
+        (
+            "seeds {} to {}) it earns",
+            lambda: (HEADLINE.evaluation.first_seed, HEADLINE.evaluation.first_seed + carried_weather.RUNS - 1),
+        ),
+    ],
     "docs/statistics.md": [
         *(
             (
@@ -880,6 +910,9 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: (TASK.evaluation.runs, TASK.evaluation.runs - 2 * (TASK.evaluation.runs // 4)),
         ),
         ("of one training, {} resamples", lambda: RESAMPLES),
+        ("above 0 in at most {} of 1,000 evaluations", lambda: 1000 * ERROR),
+        ("Fewer than {} runs mark nobody", lambda: FEWEST),
+        ("with 100 runs, the lower end is {} to {} EUR/m² below", width_of_drops),
         ("Differences of the reward up to {} count as none", lambda: RESOLUTION),
     ],
     "docs/prices.md": [
@@ -1243,6 +1276,9 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     ],
     "docs/statistics.md": [
         ("overall 95 %", "definition: CONFIDENCE"),
+        ("t(0.999, ν)", "definition: glbench/leaderboard/fresh_draws.py"),
+        ("at most 1 of 1,000 evaluations", "definition: glbench/leaderboard/fresh_draws.py"),
+        ("simulates 20,000 agents a case", "tests/rounds/test_fresh_draws.py does it"),
         ("section 3.8", "source: the book"),
         ("The 2.5 and 97.5 % percentiles", "definition: CONFIDENCE"),
         ("95 % interval", "definition"),
@@ -1284,6 +1320,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("RFC 8785", "the name of a standard"),
     ],
     "docs/threat-model.md": [
+        ("(95 % interval over", "definition: docs/carried_weather.py"),
         ("`/tmp` of 256 MiB and a `/dev/shm` of 64 MiB", "definition: the sandbox's limits"),
         ("at 512 MiB in all", "definition: the limits of a submission"),
         ("and 65,536 files", "definition: the sandbox's limits"),

@@ -8,6 +8,7 @@ from pathlib import Path
 from docs import (
     accuracy_table,
     estimator_table,
+    fresh_draws_table,
     realism_figure,
     realism_setpoints,
     speed_figure,
@@ -75,6 +76,13 @@ def test_the_tables_of_the_estimator_hold_the_measurements() -> None:
     page = (DOCS / "control.md").read_text(encoding="utf-8")
     measured = json.loads((MEASUREMENTS / "estimator.json").read_text(encoding="utf-8"))
     assert estimator_table.filled(page, measured) == page
+
+
+def test_the_table_of_fresh_draws_holds_the_measurements() -> None:
+    page, measured = (DOCS / "statistics.md").read_text(encoding="utf-8"), fresh_draws_table.read()
+    assert fresh_draws_table.filled(page, measured) == page
+    assert [name for name, _ in fresh_draws_table.AGENTS] == list(measured)
+    assert {name for name, one in measured.items() if one["marked"]} == {"carries_plans"}
 
 
 def test_the_page_of_realism_holds_what_was_compared() -> None:
