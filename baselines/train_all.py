@@ -78,7 +78,7 @@ class Job:
 
     @property
     def agent(self) -> str:
-        """Baseline that the policy belongs to: the leaderboard shows ``ppo``, ``ppo_seed1``, ... as trainings of one entry."""
+        """Baseline that the policy belongs to; its card says which recipe and seed, by which the leaderboard joins trainings."""
         return self.recipe if self.seed == 0 else f"{self.recipe}_seed{self.seed}"
 
     @property
@@ -212,6 +212,7 @@ def _ship(job: Job, folder: Path) -> None:
         card["made"] = card["made"].replace("--seed 0", f"--seed {job.seed}")
         levels = "" if job.recipe in COMPILED else ", for uncertainties of 0, 10 and 30 % only"
         card["description"] = f"As {job.recipe}, trained with seed {job.seed}{levels}."
+    card["training"] = {"recipe": job.recipe, "seed": job.seed}
     write_atomically(home / CARD, to_toml(card))
     log.info("%s: shipped to %s", job.name, home.relative_to(HERE.parent))
 

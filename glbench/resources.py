@@ -14,7 +14,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Literal
 
 from glbench.errors import GlbenchError
@@ -23,6 +23,18 @@ from glbench.untrusted import real_path
 DataFolder = Literal["tasks", "baselines", "weather", "submissions", "reports/released/results"]
 
 _PACKAGE = Path(__file__).resolve().parent
+
+TEXT_SUFFIXES = frozenset(
+    f".{suffix}"
+    for words in (
+        "c cc cfg cpp css csv h hpp html in ini ipynb j2 js json jsonl",
+        "md py pyi rst sh toml txt xml yaml yml",
+    )
+    for suffix in words.split()
+)
+TEXT_NAMES = frozenset({"COPYING", "LICENCE", "LICENSE", "NOTICE", "README"})
+LARGEST_TEXT = 16 * 2**20
+"""Size of a file whose line ends may change without a change of its digest [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -169,11 +181,27 @@ def write_atomically(path: Path, data: bytes | str) -> None:
             temporary.unlink(missing_ok=True)
 
 
+def is_text(name: str) -> bool:
+    """Whether the file ``name`` holds text, as far as its name says."""
+    path = PurePosixPath(name)
+    return path.suffix.lower() in TEXT_SUFFIXES or path.name in TEXT_NAMES
+
+
+def with_unix_line_ends(name: str, content: bytes) -> bytes:
+    """``content`` of the file ``name`` as digests cover it: CRLF and CR of text become LF, so that git's line ends change no digest.
+
+    Files that are no text, or have a null byte or more than ``LARGEST_TEXT`` bytes, stay as they are.
+    """
+    if not is_text(name) or len(content) > LARGEST_TEXT or b"\r" not in content or b"\0" in content:
+        return content
+    return content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+
+
 def sha256_of_files(root: Path, files: list[Path]) -> str:
-    """SHA-256 over names (relative to ``root``) and contents of ``files``, independent of the order given."""
+    """SHA-256 over names (relative to ``root``) and contents of ``files``, independent of their order and of the line ends of text."""
     digest = hashlib.sha256()
     for file in sorted(files, key=lambda f: f.relative_to(root).as_posix()):
         name = file.relative_to(root).as_posix().encode("utf-8")
-        content = file.read_bytes()
+        content = with_unix_line_ends(file.name, file.read_bytes())
         digest.update(len(name).to_bytes(8, "big") + name + len(content).to_bytes(8, "big") + content)
     return digest.hexdigest()

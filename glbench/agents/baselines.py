@@ -11,6 +11,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
@@ -18,13 +19,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from glbench.agents.card import read_toml
-from glbench.agents.identity import baseline_names, check_file, check_sizes, files_of_folder
+from glbench.agents.card import RecipeId, read_toml
+from glbench.agents.identity import Training, baseline_names, check_file, check_sizes, files_of_folder, policy_digest
 from glbench.agents.pages import said_better
 from glbench.agents.protocol import Agent, PrivilegedController, ScenarioController, Sight
 from glbench.errors import GlbenchError, SubmissionError, did_you_mean
+from glbench.fields import Count
 from glbench.model import get_model
-from glbench.resources import data_folder, how_to_get_data, left_out, sha256_of_files
+from glbench.resources import data_folder, how_to_get_data, left_out, sha256_of_files, with_unix_line_ends
 from glbench.tasks.quantities import PAPER_MODEL
 from glbench.untrusted import MIB, quoted, real_path
 
@@ -204,10 +206,19 @@ _CONTROLLERS = {
 }
 
 
+class Recipe(BaseModel):
+    """What the table ``training`` of a card says: the recipe that trainings with other seeds share, and the seed of this one."""
+
+    model_config = ConfigDict(frozen=True, strict=True)
+
+    recipe: RecipeId
+    seed: Count
+
+
 class Card(BaseModel):
     """``card.toml``: what a baseline is. Controller and settings decide what it does; the rest is for people.
 
-    ``settings`` is a file or folder beside the card. Tables of the file (how a policy was trained) are not looked at here.
+    ``settings`` is a file or folder beside the card. Of the tables of the file (how a policy was trained) only ``Recipe`` is read.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -230,6 +241,7 @@ class Card(BaseModel):
     description: str
     made: str
     sources: tuple[str, ...]
+    training: Recipe | None = None
 
 
 @dataclass(frozen=True)
@@ -240,6 +252,8 @@ class Baseline:
     settings: Settings
     digest: str
     """SHA-256 (hex) over the controller's name and version, and its settings. The card's words may change."""
+    training: Training | None = None
+    """The training of a recipe that it is; ``None`` where its card names none."""
 
     @property
     def sees(self) -> Sight:
@@ -305,7 +319,11 @@ def read_baseline(ref: str | Path) -> Baseline:
         msg = f"What '{ref}' has learnt or planned ({card.settings}) is not part of this installation. {how_to_get_data()}"
         raise SubmissionError(msg)
     settings = _CONTROLLERS[card.controller].read(place)
-    return Baseline(card, settings, _digest(card.controller, place, settings))
+    training = None
+    if card.training is not None:
+        weights = settings.files if place.is_dir() else (place,)  # type: ignore[union-attr]
+        training = Training(card.training.recipe, card.training.seed, card.controller, policy_digest(weights))
+    return Baseline(card, settings, _digest(card.controller, place, settings), training)
 
 
 def shipped_digest(name: str) -> str:
@@ -322,6 +340,16 @@ def shipped_sight(name: str) -> Sight:
         When there is no such baseline.
     """
     return _CONTROLLERS[_read_card(data_folder("baselines") / name / "card.toml").controller].sees
+
+
+def shipped_training(name: str) -> Recipe | None:
+    """The recipe of which a shipped baseline is a training, and its seed; ``None`` where it is none, or there is no such baseline."""
+    return _shipped_trainings(data_folder("baselines")).get(name)
+
+
+@cache
+def _shipped_trainings(folder: Path) -> dict[str, Recipe | None]:
+    return {name: _read_card(folder / name / "card.toml").training for name in baseline_names()}
 
 
 def _check_place(place: Path, folder: Path) -> None:
@@ -354,7 +382,7 @@ def _digest(controller: str, place: Path, settings: Any) -> str:
     data = (
         sha256_of_files(place, list(settings.files))
         if place.is_dir()
-        else hashlib.sha256(place.read_bytes()).hexdigest()
+        else hashlib.sha256(with_unix_line_ends(place.name, place.read_bytes())).hexdigest()
     )
     return hashlib.sha256(f"{controller} {_CONTROLLERS[controller].version} {data}".encode()).hexdigest()
 
@@ -362,7 +390,10 @@ def _digest(controller: str, place: Path, settings: Any) -> str:
 def _read_card(file: Path) -> Card:
     try:
         content = read_toml(file)
-        return Card.model_validate({key: value for key, value in content.items() if not isinstance(value, dict)})
+        plain = {key: value for key, value in content.items() if not isinstance(value, dict)}
+        if isinstance(content.get("training"), dict) and "recipe" in content["training"]:
+            plain["training"] = content["training"]
+        return Card.model_validate(plain)
     except SubmissionError as error:
         msg = f"Cannot read the card {file}: {error}."
         raise SubmissionError(msg) from error

@@ -17,7 +17,9 @@ from pydantic import (
     ConfigDict,
     FailFast,
     Field,
+    SerializerFunctionWrapHandler,
     ValidationError,
+    model_serializer,
     model_validator,
 )
 
@@ -65,6 +67,8 @@ Names = Annotated[tuple[Words, ...], FailFast(), BeforeValidator(_as_tuple), Fie
 Number = Annotated[float, Field(ge=-1e30, le=1e30)]
 Numbers = Annotated[tuple[Number, ...], FailFast(), BeforeValidator(_as_tuple), Field(max_length=_MOST_ITEMS)]
 Year = Annotated[int, Field(ge=1000, le=9999)]
+RecipeId = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
+"""Joins the trainings of one recipe."""
 FileName = Annotated[Shown, Field(pattern=r"^[^/\\.][^\\]*$", max_length=200)]
 
 
@@ -132,6 +136,8 @@ class SubmissionCard(_Table):
     ]
     algorithm: Words | None = None
     seed: Count | None = None
+    recipe: RecipeId | None = None
+    """Trainings that differ in their seed alone name the same; see ``docs/submit.md``."""
     requires: Names = ()
     """Packages that the submission imports besides Python's own and numpy."""
     training: Training | None = None
@@ -149,7 +155,16 @@ class SubmissionCard(_Table):
         if self.agent is not None and (self.normalisation is not None or self.clip_actions):
             msg = "'normalisation' and 'clip_actions' are for saved policies ('model'); a Python agent does both itself"
             raise ValueError(msg)
+        if self.recipe is not None and self.seed is None:
+            msg = "trainings of a recipe differ in their seed: give 'seed' beside 'recipe', such as seed = 1"
+            raise ValueError(msg)
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_recipe(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A card that names no recipe is written as before there were any, so that results of earlier versions keep their text."""
+        written: dict[str, Any] = write(self)
+        return {key: value for key, value in written.items() if key != "recipe" or value is not None}
 
     @property
     def information_in_words(self) -> str:
@@ -217,6 +232,7 @@ _EXAMPLES = {
     "information": '["observations"]',
     "requires": '["torch"]',
     "seed": "1",
+    "recipe": '"anna-ppo"',
     "agent": '"agent.py"',
     "model": '"model.zip"',
     "normalisation": '"vecnormalize.pkl", or a table with mean and std',

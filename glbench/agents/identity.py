@@ -19,17 +19,19 @@ The card is ``submission.toml`` in a folder, or ``anna.toml`` beside ``anna.py``
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Iterator
+import struct
+import zipfile
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from hashlib import sha256
+from hashlib import file_digest, sha256
 from itertools import islice
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Literal
 
+from glbench.agents.naming import skeleton, skeletons
 from glbench.errors import SubmissionError
-from glbench.resources import data_folder
+from glbench.resources import LARGEST_TEXT, data_folder, is_text, with_unix_line_ends
 from glbench.untrusted import AGENT_NAME_RULE, MIB, is_agent_name, open_regular, real_path
 
 if TYPE_CHECKING:
@@ -61,7 +63,6 @@ FORM_WORDS: dict[Form, str] = {
     "onnx": "ONNX policy",
 }
 _LONGEST_QUOTE = 40
-_SEED = re.compile(r"(?<=.)[_-]seed[0-9]{1,10}$")
 EXPECTED = (
     f"A submission is a .py file with make_agent(task), a saved policy (.zip of Stable-Baselines3, .pt or .ts of TorchScript, .onnx), "
     f"or a folder with {AGENT_FILE} or a saved policy"
@@ -150,7 +151,8 @@ def check_sizes(files: tuple[Path, ...], root: Path) -> None:
 def digest_of(files: tuple[Path, ...], root: Path, copy: Path | None = None) -> str:
     """SHA-256 (hex) over names and contents, as ``glbench.resources.sha256_of_files`` has it, of at most ``LARGEST_SUBMISSION`` bytes.
 
-    With ``copy``, a folder, what is read for the digest is written below it under the same names: the copies are what the digest covers.
+    Text counts with LF at the ends of its lines. With ``copy``, a folder, what the digest covers is written below it under the same names:
+    text with LF, other files as they are.
 
     Raises
     ------
@@ -167,9 +169,13 @@ def digest_of(files: tuple[Path, ...], root: Path, copy: Path | None = None) -> 
             if left < 0:
                 raise SubmissionError(_changed(file))
             encoded = name.encode("utf-8")
+            pieces = _pieces(stream, size, file)
+            if size <= LARGEST_TEXT:
+                content = with_unix_line_ends(name, b"".join(pieces))
+                pieces, size = iter((content,)), len(content)
             digest.update(len(encoded).to_bytes(8, "big") + encoded + size.to_bytes(8, "big"))
             with _copy(copy / name if copy is not None else None) as written:
-                for piece in _pieces(stream, size, file):
+                for piece in pieces:
                     digest.update(piece)
                     if written is not None:
                         written.write(piece)
@@ -219,6 +225,41 @@ def _even_out(folder: Path) -> None:
 
 
 @dataclass(frozen=True)
+class Training:
+    """The training of a recipe that an agent is, as its card says."""
+
+    recipe: str
+    seed: int
+    form: str
+    """Of a submission its form, of settings the controller."""
+    policy: str | None
+    """SHA-256 (hex) over the weights; ``None`` where no file holds any."""
+
+
+def policy_digest(weights: Iterable[Path]) -> str | None:
+    """SHA-256 (hex) over files of weights, whatever their names and order; of an archive over its members, so that packing changes nothing.
+
+    Raises
+    ------
+    OSError
+        When a file cannot be read.
+    """
+    parts = []
+    for file in weights:
+        try:
+            with zipfile.ZipFile(file) as archive:
+                members = archive.infolist()
+        except (OSError, ValueError, EOFError, NotImplementedError, struct.error, zipfile.BadZipFile):
+            with file.open("rb") as opened:
+                parts.append(file_digest(opened, "sha256").hexdigest())
+        else:
+            # A model of Stable-Baselines3 holds its settings as well, which do not make another policy.
+            learnt = [item for item in members if item.filename.endswith(".pth")] or members
+            parts += [f"{item.CRC:08x} {item.file_size}" for item in learnt]
+    return sha256("\n".join(sorted(parts)).encode()).hexdigest() if parts else None
+
+
+@dataclass(frozen=True)
 class Identity:
     """A submission that has code or a policy of its own, as far as its files tell."""
 
@@ -254,6 +295,17 @@ class Identity:
     def all_files(self) -> tuple[Path, ...]:
         """Every file that belongs to it."""
         return self.files or files_of_folder(self.path)
+
+    @property
+    def training(self) -> Training | None:
+        """Of which recipe the card says that it is a training; ``None`` where it names none. Errors as of ``digest_of``."""
+        if self.card is None or self.card.recipe is None or self.card.seed is None:
+            return None
+        if self.form == "python":
+            weights = [file for file in self.all_files() if not is_text(file.name)]
+        else:
+            weights = [file for file in (self.entry, self.entry.with_name(f"{self.entry.name}.data")) if file.is_file()]
+        return Training(self.card.recipe, self.card.seed, self.form, policy_digest(weights))
 
 
 def identify(ref: str | Path) -> Identity | None:
@@ -334,22 +386,9 @@ def baseline_names() -> tuple[str, ...]:
 
 
 def baseline_like(name: str) -> str | None:
-    """The baseline that ``name`` is, or could be mistaken for.
-
-    Capital letters and punctuation do not tell names apart, and ``ppo_seed7`` says that it is a training of ``ppo``.
-    """
-    alike = {letters_of(name), letters_of(without_seed(name))}
-    return next((known for known in baseline_names() if letters_of(known) in alike), None)
-
-
-def without_seed(name: str) -> str:
-    """The name of the recipe of which ``NAME_seed3`` or ``NAME-seed3`` is a training; other names as they are."""
-    return _SEED.sub("", name)
-
-
-def letters_of(name: str) -> str:
-    """Letters and digits of a name, in small letters: what tells one agent's name from another's."""
-    return "".join(letter for letter in name.casefold() if letter.isalnum())
+    """The baseline that ``name`` is, or could be mistaken for: ``PP0`` looks like ``ppo``, and ``ppo_seed7`` like a training of it."""
+    alike = skeletons(name)
+    return next((known for known in baseline_names() if skeleton(known) in alike), None)
 
 
 def name_of(place: Path) -> str:

@@ -24,6 +24,7 @@ from glbench.agents.identity import (
     FORMS,
     OBSERVATIONS_ONLY,
     Identity,
+    Training,
     baseline_names,
     is_built_in,
     name_of,
@@ -272,6 +273,8 @@ class LoadedAgent:
     """Makes the agent for a task; raises ``SubmissionError`` when that fails."""
     submission: Identity | None = None
     """Its files, form and card; ``None`` for a controller of glbench."""
+    training: Training | None = None
+    """The training of a recipe that it is, if its card says so; ``None`` for shipped baselines, whose trainings glbench knows."""
 
     @property
     def privileged(self) -> bool:
@@ -306,7 +309,14 @@ def load_agent(ref: str | Path) -> LoadedAgent:
     submission = read_identity(path)
     make = _maker_of(submission)
     return LoadedAgent(
-        submission.name, "submission", submission.digest, "observations", OBSERVATIONS_ONLY, make, submission
+        submission.name,
+        "submission",
+        submission.digest,
+        "observations",
+        OBSERVATIONS_ONLY,
+        make,
+        submission,
+        submission.training,
     )
 
 
@@ -344,7 +354,10 @@ def _baseline(ref: str | Path, name: str, kind: Literal["submission", "baseline"
     from glbench.agents.baselines import read_baseline
 
     baseline: Baseline = read_baseline(ref)
-    return LoadedAgent(name, kind, baseline.digest, baseline.sees, baseline.information, baseline.make)
+    training = baseline.training if kind == "submission" else None
+    return LoadedAgent(
+        name, kind, baseline.digest, baseline.sees, baseline.information, baseline.make, training=training
+    )
 
 
 def _nothing_there(ref: str, path: Path) -> str:

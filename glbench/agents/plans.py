@@ -11,6 +11,7 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -255,7 +256,7 @@ def read_book(file: Path) -> PlanBook:
 
 @dataclass(frozen=True)
 class PlanFolder:
-    """A folder with a book for each task, as ``<task>.npz``."""
+    """A folder with books of plans. Which task a book is for, its digest says, and not its name."""
 
     folder: Path
 
@@ -265,13 +266,19 @@ class PlanFolder:
         return tuple(sorted(self.folder.glob("*.npz")))
 
     def book(self, task: TaskSpec) -> PlanBook | None:
-        """The plans for ``task``; ``None`` where there are none. Errors as for ``read_book``."""
-        file = self.place(task)
-        return read_book(file) if file.is_file() else None
+        """The plans for the task with the digest of ``task``; ``None`` where there are none. Errors as for ``read_book``."""
+        place = self.place(task)
+        usual = [place] if place.is_file() else []
+        for files in (usual, [file for file in self.files if file != place]):
+            books = [book for book in map(read_book, files) if book.task_digest == task.digest]
+            fitting = [book for book in books if book.same_task == books[0].same_task]
+            if fitting:
+                return reduce(PlanBook.merged, fitting)
+        return None
 
     def place(self, task: TaskSpec) -> Path:
-        """Where the plans for ``task`` stand."""
-        return self.folder / f"{task.short_id}.npz"
+        """Where the plans for ``task`` are stored: ``<Task>.npz`` for a published task, ``<Task>-<digest>.npz`` for any other."""
+        return self.folder / f"{task.short_id}{'' if task.locked else f'-{task.digest[:12]}'}.npz"
 
 
 class PlanController:
@@ -293,16 +300,17 @@ class PlanController:
             When there are none for the task or for one of the seeds.
         """
         book = self._plans.book(task)
-        reason = "nobody has made any" if book is None else book.why_not(task)
+        reason = f"nobody has made any for its digest {task.digest[:12]}" if book is None else book.why_not(task)
+        search = f"glbench bound {task.short_id if task.locked else task.source}"
         if book is None or reason is not None:
-            msg = f"There are no plans for {task.id}: {reason}. `glbench bound {task.short_id}` searches for some."
+            msg = f"There are no plans for {task.id}: {reason}. `{search}` searches for some."
             raise SubmissionError(msg)
         missing = [seed for seed in seeds if seed not in book.runs]
         if missing:
             msg = (
                 f"There is no plan for the run of {task.id} with the seed {missing[0]}"
                 f"{f', nor for {len(missing) - 1} others' if len(missing) > 1 else ''}. "
-                f"`glbench bound {task.short_id} --scenario {missing[0]}` searches for one."
+                f"`{search} --scenario {missing[0]}` searches for one."
             )
             raise SubmissionError(msg)
         self._actions = np.stack([book.plan(seed) for seed in seeds], axis=1)

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 from glbench.agents.identity import name_of
 from glbench.errors import GlbenchError, SubmissionError
-from glbench.resources import data_folder, write_atomically
+from glbench.resources import data_folder, with_unix_line_ends, write_atomically
 
 Kind = Literal["rule", "sb3", "torch", "mpc"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -61,9 +61,13 @@ def copy_examples(folder: Path) -> tuple[Path, ...]:
     sources = sorted(data_folder("submissions").glob("*.py"))
     written = tuple(folder / source.name for source in sources)
     for source, target in zip(sources, written, strict=True):
-        if target.exists() and not (target.is_file() and target.read_bytes() == source.read_bytes()):
+        if target.exists() and not (target.is_file() and _text(target) == _text(source)):
             msg = f"{target} is there already, and nothing is overwritten. Choose another folder, or move it away."
             raise SubmissionError(msg)
     for source, target in zip(sources, written, strict=True):
-        write_atomically(target, source.read_bytes())
+        write_atomically(target, _text(source))
     return written
+
+
+def _text(file: Path) -> bytes:
+    return with_unix_line_ends(file.name, file.read_bytes())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.agents.identity import CARD_FILE
 from glbench.agents.plans import read_book
 from glbench.bounds.replay import Earned
 from glbench.bounds.workers import Listener, PlanJob, here, on_ray
@@ -20,6 +22,7 @@ from glbench.errors import GlbenchError
 from glbench.evaluation import prepare
 from glbench.evaluation.engines.cluster import Cluster
 from glbench.evaluation.engines.luggage import PackedTask
+from glbench.resources import write_atomically
 
 if TYPE_CHECKING:
     from glbench.evaluation import Progress, Protected
@@ -111,6 +114,24 @@ class Search:
                 about = book.about_run(seeds[0])
                 found.append(Found(seeds, Earned(*(float(about[name]) for name in Earned._fields)), stored=True))
         return found
+
+    def save_card(self) -> None:
+        """Write the card with which the folder of plans can be evaluated as an agent that sees everything.
+
+        Raises
+        ------
+        GlbenchError
+            When it cannot be written.
+        """
+        lines = {
+            "title": f"Plans for {self.task.id}",
+            "controller": "plans",
+            "settings": ".",
+            "description": f"Plans that began as {self.start.agent.name} acts, with {self.iterations} iterations each.",
+            "made": "glbench bound",
+        }
+        text = "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in lines.items())
+        write_atomically(self.folder / CARD_FILE, f"{text}sources = []\n")
 
     def orders(self, progress: Callable[[Progress], None] | None = None) -> list[PlanJob]:
         """The remaining plans to search for, each with the controls of the starting agent, which is evaluated in these runs."""

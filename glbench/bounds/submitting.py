@@ -11,9 +11,10 @@ from glbench import __version__
 from glbench.agents.baselines import read_baseline
 from glbench.agents.plans import PlanBook, PlanFolder, read_book
 from glbench.bounds.replay import Earned, replayed
-from glbench.errors import GlbenchError, SubmissionError
+from glbench.errors import GlbenchError, SubmissionError, UnknownNameError
 from glbench.evaluation import load_result
 from glbench.evaluation.episodes import recorded_actions, task_of_result
+from glbench.resources import data_folder
 from glbench.tasks import get_task
 
 if TYPE_CHECKING:
@@ -66,11 +67,15 @@ def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[
         When a file cannot be read, was made for another version of its task, or a plan cannot be simulated.
     """
     folder = folder or best_known()
+    shipped = folder.folder.resolve().is_relative_to(data_folder("baselines").resolve())
     for task, book in _batches(files):
-        stands = folder.book(task)
+        if shipped and not task.locked:
+            raise SubmissionError(_not_published(task.id, task.digest))
+        place = folder.place(task)
+        stands = read_book(place) if place.is_file() else None
         reason = None if stands is None else stands.why_not(task)
         if reason is not None:
-            msg = f"The best known plans in {folder.place(task)} do not fit: {reason}. Remove the file first."
+            msg = f"The best known plans in {place} do not fit: {reason}. Remove the file first."
             raise GlbenchError(msg)
         earned = replayed(task, book, book.seeds)
         old = [seed for seed in book.seeds if stands is not None and seed in stands.runs]
@@ -79,8 +84,15 @@ def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[
         better = [one.seed for one in compared if one.is_better]
         if better:
             taken = book.only(better)
-            (taken if stands is None else stands.merged(taken)).save(folder.place(task))
+            (taken if stands is None else stands.merged(taken)).save(place)
         yield from compared
+
+
+def _not_published(task_id: str, digest: str) -> str:
+    return (
+        f"Best known plans are those of published tasks, and {task_id} with the digest {digest[:12]} is not one. "
+        "For your own task, evaluate the folder that `glbench bound FILE` wrote: glbench evaluate FOLDER --task FILE"
+    )
 
 
 def _batches(files: Sequence[Path]) -> Iterator[tuple[TaskSpec, PlanBook]]:
@@ -111,7 +123,10 @@ def candidates(file: Path) -> Iterator[tuple[TaskSpec, PlanBook]]:
         yield _of_result(file)
         return
     book = read_book(file)
-    task = get_task(book.task_id)
+    try:
+        task = get_task(book.task_id)
+    except UnknownNameError as error:
+        raise SubmissionError(_not_published(book.task_id, book.task_digest)) from error
     task = task.in_split(book.split) if book.split else task
     reason = book.why_not(task)
     if reason is not None:

@@ -194,7 +194,15 @@ def _show(search: Search, found: Sequence[Found]) -> None:
         runs = sum(len(one.seeds) for one in whole)
         mean = sum(one.earned.reward * len(one.seeds) for one in whole if one.earned is not None) / runs
         put(f"Mean reward of {runs} runs: {mean:,.3f}")
-        tell(f"Better plans become the best known ones with: glbench bound --submit {search.folder}")
+        if search.task.locked:
+            tell(f"Better plans become the best known ones with: glbench bound --submit {search.folder}")
+        elif search.task.split != "training":
+            search.save_card()
+            planned = sorted(seed for one in whole for seed in one.seeds)
+            row = next((row for row, seed in enumerate(planned) if seed != planned[0] + row), len(planned))
+            some = "" if planned == list(search.task.evaluation.seeds) else f" --seed {planned[0]} --runs {row}"
+            split = "" if search.task.split in (None, "test") else f" --split {search.task.split}"
+            tell(f"Evaluate the plans with: glbench evaluate {search.folder} --task {search.task.source}{split}{some}")
 
 
 def _submit(files: Sequence[Path]) -> None:

@@ -300,8 +300,8 @@ def compare(
     """Compare two agents on the runs that both did: metric by metric, with intervals of the difference.
 
     Runs with the same seed met the same weather and the same crop, so they are compared in pairs (Wilcoxon signed-rank test; over several
-    tasks the p-values are corrected for their number). Of an agent with several trainings (NAME, NAME_seed1, ...) the mean over them
-    counts, run by run; NAME_seed1 or a result file means one training.
+    tasks the p-values are corrected for their number). Of an agent with several trainings the mean over them counts, run by run; the
+    name of one of them or a result file means one training.
     """
     from glbench.cli.stored import task_ids
     from glbench.leaderboard.catalogue import together

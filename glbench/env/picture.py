@@ -1,7 +1,7 @@
 """The greenhouse as a picture, for ``render_mode="rgb_array"``: the last two days of climate, controls and money.
 
 Limits, controls and units are those of the task. Axes, ticks and bands are drawn once and kept for as long as they do not
-change; lines, fills and numbers are redrawn, and not by matplotlib's artists, which take twenty times as long: ``_Brush`` draws what they
+change; lines, fills and numbers are redrawn without matplotlib's artists, which take most of the time: ``_Brush`` draws what they
 hold. Needs matplotlib and the Pillow that comes with it (the extra ``video``); uses none of its global state.
 """
 

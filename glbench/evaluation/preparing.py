@@ -6,7 +6,7 @@ import datetime as dt
 import logging
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -31,6 +31,7 @@ from glbench.evaluation.records import (
     Result,
     RunResult,
     TaskRecord,
+    TrainingRecord,
     results_digest,
     summarise,
 )
@@ -113,7 +114,7 @@ def prepare(
     if folder is not None:
         ensure_writable(result_path(folder, task.id, agent.name).parent)
         settle(folder, task.id, agent.name)
-        stored = None if fresh else _finished(folder, task, agent, seeds, kernel, protected.protection)
+        stored = _finished(folder, task, agent, seeds, kernel, protected.protection, fresh=fresh)
     workers = min(workers or usable_cores(), len(seeds))
     evaluation = Evaluation(
         task,
@@ -258,8 +259,12 @@ def _finished(
     seeds: tuple[int, ...],
     kernel: dict[str, str | float],
     protection: Protection,
+    *,
+    fresh: bool,
 ) -> Result | None:
     """The stored result of this very evaluation; one from a sandbox does where none is wanted, and not the other way round.
+
+    None is wanted of a ``fresh`` evaluation, which may replace another result of the task, but not one of another task.
 
     Raises
     ------
@@ -277,6 +282,8 @@ def _finished(
     if stored.task.id != task.id:
         msg = f"{path} holds a result of the task {stored.task.id}, and {task.id} would replace it. Choose another folder with --out."
         raise ResultError(msg)
+    if fresh:
+        return None
     if stored.task.digest != task.digest:
         msg = (
             f"{path} holds a result of another task with the same id {task.id} (digest {stored.task.digest[:8]}, this one has "
@@ -288,7 +295,10 @@ def _finished(
         msg = f"{path} holds a result with other draws than these. Choose another folder with --out."
         raise ResultError(msg)
     made_by = (stored.task.digest, stored.agent.digest, stored.evaluation.kernel, stored.versions.glbench)
-    if made_by != (task.digest, agent.digest, kernel, __version__):
+    if (
+        made_by != (task.digest, agent.digest, kernel, __version__)
+        or stored.agent.training != agent_record(agent).training
+    ):
         return None
     if protection == "bubblewrap" and stored.evaluation.sandbox != "bubblewrap":
         return None
@@ -552,6 +562,7 @@ def agent_record(agent: LoadedAgent) -> AgentRecord:
         privileged=agent.privileged,
         information=agent.information,
         card=agent.submission.card if agent.submission is not None else None,
+        training=None if agent.training is None else TrainingRecord.model_validate(asdict(agent.training)),
     )
 
 

@@ -21,7 +21,7 @@ from pydantic import (
     model_validator,
 )
 
-from glbench.agents.card import Split, SubmissionCard, Year
+from glbench.agents.card import RecipeId, Split, SubmissionCard, Year
 from glbench.canonical import canonical_sha256
 from glbench.errors import ResultError
 from glbench.evaluation.metrics import COMMON_UNITS, MONEY_TOO, PAPER_ONLY, UNITS
@@ -118,8 +118,25 @@ class TaskRecord(Sparse):
     salt_commitment: Digest | None = None
 
 
-class AgentRecord(Record):
-    """The agent that acted; its digest covers its files. ``information`` says in words what it could see."""
+class TrainingRecord(Record):
+    """The training of a recipe that the agent says it is: the recipe's id, the seed, the form, and a digest over the weights.
+
+    ``policy`` is ``None`` where no file holds weights.
+    """
+
+    recipe: RecipeId
+    seed: Count
+    form: Word
+    policy: Digest | None = None
+
+
+class AgentRecord(Sparse):
+    """The agent that acted; its digest covers its files. ``information`` says in words what it could see.
+
+    ``training`` is absent where its card names no recipe, and from results of earlier versions.
+    """
+
+    sparse = frozenset({"training"})
 
     name: Annotated[str, AfterValidator(_agent_name)]
     kind: Literal["submission", "baseline"]
@@ -128,6 +145,7 @@ class AgentRecord(Record):
     information: Text
     card: SubmissionCard | None = None
     """What the submission says about itself; ``None`` without a card and in results of earlier versions."""
+    training: TrainingRecord | None = None
 
 
 class EvaluationRecord(Record):

@@ -47,7 +47,7 @@ def budget_of(result: Result) -> Budget:
     agent = result.agent
     if agent.card is not None and agent.card.training is not None:
         return Budget(agent.card.training.steps, agent.card.training.wall_hours)
-    if agent.kind != "baseline" or _digest_of_baseline(agent.name) != agent.digest:
+    if agent.kind != "baseline" or digest_of_baseline(agent.name) != agent.digest:
         return UNKNOWN
     settings = _settings(agent.name)
     if isinstance(settings, RulePages):
@@ -86,7 +86,7 @@ def _tuned(pages: RulePages, task_id: str) -> Budget:
 
 
 @cache
-def _digest_of_baseline(name: str) -> str | None:
+def digest_of_baseline(name: str) -> str | None:
     """Digest of the baseline as it is shipped today; of another one nothing is known."""
     if name not in baseline_names():
         return None

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from glbench.agents.baselines import shipped_digest, shipped_sight
-from glbench.agents.identity import baseline_names, letters_of, without_seed
+from glbench.agents.identity import baseline_names
+from glbench.agents.naming import skeleton, skeletons
 from glbench.episodes.definition import task_of
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import Result, load_result, result_path
@@ -241,12 +242,13 @@ class _Names:
     def __init__(self, released: Iterable[StoredResult]) -> None:
         self._agents = {item.result.agent.name: item.result.agent for item in released}
         self._baselines = baseline_names()
-        self._known = {letters_of(name): name for name in (*self._agents, *self._baselines)}
+        self._known = {skeleton(name): name for name in (*self._agents, *self._baselines)}
 
     def problem(self, item: StoredResult) -> str | None:
         """Why a result cannot stand under its agent's name; ``None`` where it can."""
         agent = item.result.agent
-        known = self._known.get(letters_of(agent.name)) or self._known.get(letters_of(without_seed(agent.name)))
+        alike = [self._known[one] for one in skeletons(agent.name) if one in self._known]
+        known = agent.name if agent.name in alike else min(alike, default=None)
         if known is None:
             if agent.kind != "baseline":
                 return None

@@ -1,22 +1,24 @@
 """Entries: what a row of a table stands for. A single result, or the trainings of one recipe that differ in their seed alone.
 
-``ppo``, ``ppo_seed1`` and ``ppo_seed2`` are three trainings of ``ppo``; ``mine-seed0`` and ``mine-seed1`` (as ``glbench train`` names
-them) are two of ``mine``. Only results of the same kind and origin make one entry, so that nobody's result can join a released one.
+Trainings say in their cards which recipe and which seed they are of; a name says nothing. They are joined where authors, form, kind and
+origin are the same as well, and their policies and seeds differ. Shipped baselines are joined by the cards that came with glbench.
 Trainings are in the order of their seeds: which one is shown first never depends on how well it did.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from glbench.agents.baselines import shipped_training
+from glbench.agents.naming import without_seed
 from glbench.errors import ResultError, did_you_mean
 from glbench.evaluation import Result
 from glbench.evaluation.records import RANKING_METRIC
+from glbench.leaderboard.budget import digest_of_baseline
 from glbench.leaderboard.catalogue import catalogue, of_published
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, task_of_board
 from glbench.leaderboard.comparisons import RESOLUTION
@@ -25,7 +27,7 @@ from glbench.leaderboard.statistics import Array
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
-_SEEDED = re.compile(r"(.+)[_-]seed([0-9]{1,10})", re.DOTALL)
+_Recipe = tuple[object, ...]
 
 
 @dataclass(frozen=True)
@@ -100,38 +102,82 @@ def entries_by_task(
     for item in stored:
         by_task.setdefault(item.board, []).append(item)
     seeds = {task_id: expected_seeds(task_id, items, expected) for task_id, items in by_task.items()}
-    recipes: dict[tuple[object, ...], set[str]] = {}
-    for task_id, items in by_task.items():
-        for item in items:
-            recipes.setdefault(_recipe(item, seeds[task_id]), set()).add(item.result.agent.name)
+    joined = {task_id: _joined(items, seeds[task_id]) for task_id, items in by_task.items()}
+    recipes: dict[_Recipe, set[str]] = {}
+    for groups in joined.values():
+        for (recipe, _), group in groups.items():
+            recipes.setdefault(recipe, set()).update(item.result.agent.name for item in group)
+    names = _names_of_recipes(recipes, {item.result.agent.name for items in by_task.values() for item in items})
     found = {}
     for task_id in sorted(by_task):
-        groups: dict[tuple[object, ...], list[StoredResult]] = {}
-        for item in by_task[task_id]:
-            recipe = _recipe(item, seeds[task_id])
-            several = len(recipes[recipe]) > 1  # be it on different tasks
-            key: tuple[object, ...] = (recipe, item.result.evaluation.seeds) if several else (item.path,)
-            groups.setdefault(key, []).append(item)
-        entries = []
-        for key, group in groups.items():
-            # Of two that claim to be the same training none is one.
-            are_trainings = len(key) > 1 and len({_seed(item) for item in group}) == len(group)
-            parts = [group] if are_trainings else [[item] for item in group]
-            entries += [_entry(part, seeds[task_id], are_trainings=are_trainings) for part in parts]
+        # One training on this task is one of several where there are others on other tasks.
+        several = [(names[key[0]], group) for key, group in joined[task_id].items() if len(recipes[key[0]]) > 1]
+        members = {id(item) for _, group in several for item in group}
+        entries = [_entry(group, seeds[task_id], name=name) for name, group in several]
+        entries += [_entry([item], seeds[task_id]) for item in by_task[task_id] if id(item) not in members]
         found[task_id] = _with_names_of_their_own(entries)
     return found
 
 
-def _entry(items: list[StoredResult], seeds: tuple[int, ...], *, are_trainings: bool) -> Entry:
-    """The entry of trainings of one recipe, or of one result."""
-    ordered = sorted(items, key=_seed)
-    first = ordered[0]
+def of_one_version(by_task: Mapping[str, Iterable[Entry]]) -> dict[str, tuple[Entry, ...]]:
+    """The entries that one agent made: of results under one name and with several digests those with the digest of most tasks.
+
+    Of equally many the latest count. A name says nothing about what acted, so figures over several tasks need this.
+    """
+    made: dict[str, dict[str, list[str]]] = {}
+    for entries in by_task.values():
+        for entry in entries:
+            made.setdefault(entry.name, {}).setdefault(_version(entry), []).append(entry.first.created)
+    kept = {name: max(of, key=lambda one: (len(of[one]), max(of[one]))) for name, of in made.items()}
+    return {task: tuple(one for one in entries if _version(one) == kept[one.name]) for task, entries in by_task.items()}
+
+
+def _version(entry: Entry) -> str:
+    """What acted: an agent's digest, or the recipe of several trainings, of which a task may have some."""
+    training = entry.first.agent.training
+    return entry.first.agent.digest if not entry.training_seeds else "" if training is None else training.recipe
+
+
+def _joined(
+    items: Iterable[StoredResult], seeds: tuple[int, ...]
+) -> dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]]:
+    """Trainings on one board, by recipe and seeds of the evaluation, in the order of the seeds that they were trained with.
+
+    Each policy is there once, and nothing of a recipe of which two claim the same seed.
+    """
+    groups: dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]] = {}
+    policies = set[object]()
+    for item in sorted(items, key=lambda one: (_seed(one), one.result.agent.name)):
+        recipe = _recipe(item, seeds)
+        if recipe is not None:
+            key = recipe, item.result.evaluation.seeds
+            same = {(key, item.result.agent.digest), (key, _policy(item))}
+            if not same & policies:
+                groups.setdefault(key, []).append(item)
+            policies |= same
+    return {key: group for key, group in groups.items() if len({_seed(item) for item in group}) == len(group)}
+
+
+def _names_of_recipes(recipes: Mapping[_Recipe, set[str]], taken: set[str]) -> dict[_Recipe, str]:
+    """Names of entries: what the names of the trainings share but for the seed, unless another agent has it; else the first of them."""
+    found: dict[_Recipe, str] = {}
+    owners: dict[str, _Recipe] = {}
+    for recipe, names in recipes.items():
+        shared = min(without_seed(name) for name in names)
+        same = {without_seed(name) for name in names} == {shared} and shared not in taken - names
+        found[recipe] = shared if same and owners.setdefault(shared, recipe[:-1]) == recipe[:-1] else min(names)
+    return found
+
+
+def _entry(items: list[StoredResult], seeds: tuple[int, ...], *, name: str | None = None) -> Entry:
+    """The entry ``name`` of trainings of one recipe in the order of their seeds, or of one result."""
+    first = items[0]
     return Entry(
-        name=_split(first)[0] if are_trainings else first.result.agent.name,
+        name=name or first.result.agent.name,
         origin=origin_of(first, seeds),
         complete=not first.trial and first.result.evaluation.seeds == seeds,
-        trainings=tuple(ordered),
-        training_seeds=tuple(map(_seed, ordered)) if are_trainings else (),
+        trainings=tuple(items),
+        training_seeds=() if name is None else tuple(map(_seed, items)),
     )
 
 
@@ -183,21 +229,35 @@ def resolution_of(metric: str, task: TaskSpec | None) -> float:
     return RESOLUTION if metric == RANKING_METRIC and scaled else 0.0
 
 
-def _split(item: StoredResult) -> tuple[str, int]:
-    """Name without the seed of the training, and that seed; 0 where the name has none."""
-    name = item.result.agent.name
-    match = _SEEDED.fullmatch(name)
-    return (name, 0) if match is None else (match.group(1), int(match.group(2)))
-
-
 def _seed(item: StoredResult) -> int:
-    return _split(item)[1]
-
-
-def _recipe(item: StoredResult, seeds: tuple[int, ...]) -> tuple[object, ...]:
-    """What trainings of one recipe have in common; ``seeds`` are the task's."""
+    """The seed of a training, as its card states it; 0 of any other agent."""
     agent = item.result.agent
-    return _split(item)[0], agent.kind, agent.privileged, origin_of(item, seeds)
+    stated = shipped_training(agent.name) if agent.kind == "baseline" else agent.training
+    return 0 if stated is None else stated.seed
+
+
+def _recipe(item: StoredResult, seeds: tuple[int, ...]) -> _Recipe | None:
+    """What trainings of one recipe have in common, the origin last; ``None`` for an agent that is none. ``seeds`` are the task's."""
+    agent = item.result.agent
+    where = agent.kind, agent.privileged, origin_of(item, seeds)
+    if agent.kind == "baseline":
+        shipped = shipped_training(agent.name)
+        genuine = shipped is not None and (item.released or agent.digest == digest_of_baseline(agent.name))
+        return (shipped.recipe, *where) if shipped is not None and genuine else None
+    if agent.training is None:
+        return None
+    # Settings for a controller of glbench name no authors: there the name has to be that of the same recipe as well.
+    owner = without_seed(agent.name) if agent.card is None else tuple(sorted(agent.card.authors))
+    return agent.training.recipe, agent.training.form, owner, agent.information, *where
+
+
+def _policy(item: StoredResult) -> object:
+    """What tells two policies apart: a baseline's digest, the digest of the weights, and without weights the rewards of the runs."""
+    agent = item.result.agent
+    if agent.kind == "baseline":
+        return agent.digest
+    weights = None if agent.training is None else agent.training.policy
+    return tuple(item.result.values(RANKING_METRIC)) if weights is None else weights
 
 
 def _with_names_of_their_own(entries: list[Entry]) -> tuple[Entry, ...]:

@@ -11,7 +11,7 @@ from pydantic import Field
 from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard.collect import Expectation, Origin, StoredResult
 from glbench.leaderboard.comparisons import RESOLUTION, tiers
-from glbench.leaderboard.entries import entries_by_task, metric_of, resolution_of
+from glbench.leaderboard.entries import entries_by_task, metric_of, of_one_version, resolution_of
 from glbench.leaderboard.ranking import Row, TaskTable, combined
 from glbench.leaderboard.regret import best_runs
 from glbench.leaderboard.statistics import (
@@ -102,7 +102,7 @@ def scores_by_task(stored: Iterable[StoredResult], expected: Mapping[str, Expect
     """What ranks of complete entries of published tasks ``(trainings, n)``, by task id and entry, in the order of the task's seeds."""
     return {
         task_id: {entry.name: entry.by_training(metric) for entry in complete}
-        for task_id, entries in entries_by_task(stored, expected).items()
+        for task_id, entries in of_one_version(entries_by_task(stored, expected)).items()
         if task_id in expected
         for metric in (metric_of(task_id, expected),)
         if (complete := [entry for entry in entries if entry.complete and entry.states(metric)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -130,6 +131,7 @@ def write_card(
         "task": {**ids, "digest": digest_of_tasks(seen), "model": task.model_id},
         "training": {
             **making.training,
+            "recipe": _recipe(making, seen),
             **_seasons_seen(task),
             **({"sessions": history.sessions} if len(history.sessions) > 1 else {}),
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -152,6 +154,15 @@ def write_card(
         content["git"] = {"commit": git.commit, "dirty": git.dirty}
     write_atomically(folder / CARD, to_toml(content))
     return content
+
+
+def _recipe(making: Making, tasks: Sequence[TaskSpec]) -> str:
+    """What trainings with other seeds share: algorithm, settings, length and tasks. Leaderboards join them by it."""
+    facts = making.training
+    length = facts.get("generations", facts["steps"])
+    stated = f"{facts['settings_digest']} {length} {digest_of_tasks(tasks)}"
+    name = re.sub(r"[^a-z0-9]+", "-", str(facts["algorithm"]).lower()).strip("-")
+    return f"{name or 'recipe'}-{sha256(stated.encode()).hexdigest()[:16]}"
 
 
 def _seasons_seen(task: TaskSpec) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from glbench.evaluation import load_result, provenance
 from glbench.evaluation.files import LARGEST_RESULT
 from glbench.evaluation.records import Digest, Machine, Record
 from glbench.fields import Count, Word
-from glbench.resources import is_released, user_data_folder, write_atomically
+from glbench.resources import is_released, user_data_folder, with_unix_line_ends, write_atomically
 from glbench.untrusted import MIB, read_regular
 from glbench.verification.verdict import TOLERANCE, Exactness, Verdict
 
@@ -147,4 +147,4 @@ def _seal(proof: Proof, *, create: bool) -> str | None:
 
 
 def _sha256(path: Path) -> str:
-    return hashlib.sha256(read_regular(path, LARGEST_RESULT)).hexdigest()
+    return hashlib.sha256(with_unix_line_ends(path.name, read_regular(path, LARGEST_RESULT))).hexdigest()

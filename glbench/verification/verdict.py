@@ -36,8 +36,8 @@ PROFILE: Final = "profile"
 REFERENCES: Final = "fresh_draws.references"
 """Of a result with fresh draws only; the rest of ``fresh_draws`` is reproduced, and so is that there are none."""
 _STATED: Final[dict[str, tuple[str, ...]]] = {
-    "that this agent gave these actions (its name, kind, digest, card, and what it saw)": (
-        "agent.name", "agent.kind", "agent.digest", "agent.privileged", "agent.information", "agent.card",
+    "that this agent gave these actions (its name, kind, digest, card, training, and what it saw)": (
+        "agent.name", "agent.kind", "agent.digest", "agent.privileged", "agent.information", "agent.card", "agent.training",
     ),
     "why runs ended early": ENDS,
     "sandbox and time limits": ("evaluation.sandbox", "evaluation.limits"),

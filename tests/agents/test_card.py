@@ -144,3 +144,18 @@ def test_a_card_that_speaks_of_another_file_is_refused(write: Write, key: str, c
 def test_the_card_has_no_field_that_the_guide_does_not_explain() -> None:
     guide = (Path(__file__).parents[2] / "docs" / "submit.md").read_text(encoding="utf-8")
     assert [name for name in SubmissionCard.model_fields if f"`{name}`" not in guide] == []
+
+
+def test_trainings_of_a_recipe_need_a_seed(tmp_path: Path) -> None:
+    file = tmp_path / "anna.toml"
+    text = 'name = "x"\nauthors = ["A"]\nlicence = "MIT"\ninformation = ["observations"]\nrecipe = "mine"\n'
+    file.write_text(text)
+    card, problems = check_card(file)
+    assert (card, problems) == (
+        None,
+        ["trainings of a recipe differ in their seed: give 'seed' beside 'recipe', such as seed = 1"],
+    )
+    file.write_text(f"{text}seed = 0\n")
+    assert read_card(file).recipe == "mine"
+    file.write_text(text.replace('"mine"', '"my recipe"') + "seed = 0\n")
+    assert "'recipe' is 'my recipe'" in check_card(file)[1][0]

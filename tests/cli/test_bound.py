@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
@@ -34,10 +35,42 @@ def test_a_search_of_two_runs_and_again(glbench: Command) -> None:
     assert "2 to plan, each with 1 iterations, beginning as steady does" in first.err
     assert "seed 3: reward" in first.err
     assert "Mean reward of 2 runs" in first.out
-    assert sorted(file.name for file in Path("runs/bound/Day-v1").iterdir()) == ["3.npz", "4.npz"]
+    assert sorted(file.name for file in Path("runs/bound/Day-v1").iterdir()) == ["3.npz", "4.npz", "card.toml"]
     again = glbench(*line)
     assert "0 to plan" in again.err
     assert again.out == first.out
+
+    # The advice for a task of one's own works as it is printed.
+    advice = first.err.split("Evaluate the plans with: glbench ")[1].split()
+    assert advice == ["evaluate", "runs/bound/Day-v1", "--task", "day.toml", "--seed", "3", "--runs", "2"]
+    played = glbench(*advice, "--json")
+    assert played.code == 0, played.err
+    mean = json.loads(played.out)["summary"]["mean"]["reward"]
+    assert f"Mean reward of 2 runs: {mean:,.3f}" in first.out
+
+
+@pytest.mark.usefixtures("here")
+def test_plans_for_a_task_of_ones_own_never_become_those_of_a_published_one(
+    glbench: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """``mine/Spring-v1`` is not ``glbench/Spring-v1``, whatever the last part of its name."""
+    Path("spring.toml").write_text(Path("day.toml").read_text().replace("test/Day-v1", "mine/Spring-v1"))
+    shipped = tmp_path / "baselines" / "best_known" / "plans"
+    shipped.mkdir(parents=True)
+    monkeypatch.setattr(submitting, "best_known", lambda: PlanFolder(shipped))
+    monkeypatch.setattr(submitting, "data_folder", lambda name: tmp_path / name)
+    assert glbench("evaluate", "steady.py", "--task", "spring.toml", "--sandbox", "none", "--runs", "1").code == 0
+    line = ("bound", "spring.toml", "--scenario", "3", "-n", "1", "--workers", "1", "--start", "steady.py")
+    assert glbench(*line, "--sandbox", "none").code == 0
+    result = next(Path("reports").rglob("steady.json"))
+    for handed_in in (str(result), "runs/bound/Spring-v1"):
+        refused = glbench("bound", "--submit", handed_in)
+        assert refused.code == 1
+        assert "Best known plans are those of published tasks, and mine/Spring-v1" in " ".join(refused.err.split())
+    assert not list(shipped.iterdir())
+    place = PlanFolder(shipped).place(get_task(Path("spring.toml")))
+    assert place.name == f"Spring-v1-{get_task(Path('spring.toml')).digest[:12]}.npz"
+    assert PlanFolder(shipped).place(get_task("Spring-v1")).name == "Spring-v1.npz"
 
 
 def test_better_plans_are_taken_over(

@@ -109,7 +109,7 @@ def test_it_says_where_ones_result_is_the_released_one_and_marks_trials_in_both_
 
 def test_trainings_are_one_row_and_each_by_itself_on_request(reports, monkeypatch):
     for seed, name in enumerate(("mine", "mine_seed1", "mine_seed2")):
-        save_result(make_result(name, [100.0 + 10 * seed] * 4), reports)
+        save_result(make_result(name, [100.0 + 10 * seed] * 4, recipe=("mine", seed)), reports)
     monkeypatch.setenv("COLUMNS", "80")
     console.output.cache_clear()
     shown = run("--out", reports, "--task", "Meadow-v1").stdout

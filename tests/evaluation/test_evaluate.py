@@ -189,8 +189,11 @@ def test_a_task_of_another_namespace_does_not_replace_a_result(
         day_task_file.read_text(encoding="utf-8").replace('"test/Day-v1"', '"mylab/Day-v1"'), encoding="utf-8"
     )
 
-    with pytest.raises(ResultError, match=r"holds a result of the task test/Day-v1, and mylab/Day-v1 would replace it"):
-        evaluate(other, write_agent(), runs=1, out=tmp_path)
+    for fresh in (False, True):
+        with pytest.raises(
+            ResultError, match=r"holds a result of the task test/Day-v1, and mylab/Day-v1 would replace it"
+        ):
+            evaluate(other, write_agent(), runs=1, out=tmp_path, fresh=fresh)
 
 
 def test_a_task_of_the_same_id_and_another_definition_does_not_replace_a_result(

@@ -358,6 +358,87 @@ def test_names_that_could_do_harm_are_refused(copy: Path, name: str, reason: str
     assert reason in result.stderr
 
 
+CARD = 'name = "x"\nauthors = ["{author}"]\nlicence = "MIT"\ninformation = ["observations"]\nseed = {seed}\nrecipe = "{recipe}"\n'
+
+
+@pytest.mark.parametrize(
+    ("name", "known"),
+    [
+        ("Anna.py", "anna"),
+        ("an-na.py", "anna"),
+        ("ann4.py", "anna"),
+        ("anna_seed1.py", "anna"),
+        ("anna.SEED-2.py", "anna"),
+        ("8en.py", "ben"),
+        ("Gr0wer.py", "grower"),
+        ("grower_seed3.py", "grower"),
+        ("car1.py", "carl"),
+        ("cari_seed2.py", "carl"),
+    ],
+)
+def test_names_that_look_like_those_of_others_are_refused(
+    copy: Path, name: str, known: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    base = git(copy, "rev-parse", "HEAD")
+    (copy / "submissions" / name).write_text("second\n")
+    result = changed(copy, base)
+    assert (result.returncode, result.stdout) == (1, "")
+    assert f"'{name[:-3]}' looks like '{known}'" in result.stderr
+    monkeypatch.setenv("SAME_OWNER", f"x {name[:-3]}")
+    (copy / "submissions" / name).write_text("third\n")
+    assert changed(copy, base).stdout.split() == [f"submissions/{name}"]
+
+
+def with_card(copy: Path, name: str, author: str, recipe: str, seed: int = 1) -> None:
+    (copy / "submissions" / f"{name}.py").write_text(f"# {name}\n")
+    (copy / "submissions" / f"{name}.toml").write_text(CARD.format(author=author, seed=seed, recipe=recipe), "utf-8")
+
+
+@pytest.mark.parametrize(
+    ("author", "recipe", "refused"),
+    [
+        ("Anna A.", "anna-ppo", True),
+        ("anna a", "Anna.PP0", True),
+        ("\u0410nna A.", "anna-ppo", True),  # a Cyrillic letter
+        ("Anna A.", "other", False),
+        ("Eve", "anna-ppo", False),  # is not joined, because the authors differ
+    ],
+)
+def test_nobody_adds_a_training_to_a_recipe_of_others(copy: Path, author: str, recipe: str, *, refused: bool) -> None:
+    with_card(copy, "first", "Anna A.", "anna-ppo", 0)
+    git(copy, "add", "-A")
+    git(copy, "commit", "-qm", "Anna's")
+    base = git(copy, "rev-parse", "HEAD")
+    with_card(copy, "new", author, recipe)
+    result = changed(copy, base)
+    assert (result.returncode, "which is that of submissions/first.py" in result.stderr) == (int(refused), refused)
+
+
+def test_a_recipe_of_a_folder_of_settings_belongs_to_its_name(copy: Path) -> None:
+    def folder(name: str) -> None:
+        (copy / "submissions" / name).mkdir()
+        (copy / "submissions" / name / "card.toml").write_text('title = "x"\n[training]\nrecipe = "ppo-1"\nseed = 1\n')
+
+    folder("mine-seed0")
+    git(copy, "add", "-A")
+    git(copy, "commit", "-qm", "mine")
+    base = git(copy, "rev-parse", "HEAD")
+    folder("other-seed0")
+    result = changed(copy, base)
+    assert "'other-seed0' names the recipe 'ppo-1', which is that of submissions/mine-seed0" in result.stderr
+
+
+def test_trainings_of_one_recipe_come_together(copy: Path) -> None:
+    base = git(copy, "rev-parse", "HEAD")
+    for seed in (0, 1):
+        with_card(copy, f"mine_seed{seed}", "Anna A.", "mine", seed)
+    assert changed(copy, base).stdout.split() == ["submissions/mine_seed0.py", "submissions/mine_seed1.py"]
+    (copy / "submissions" / "mine_seed2.py").write_text("")
+    result = changed(copy, base)
+    assert (result.returncode, result.stdout) == (1, "")
+    assert "'mine_seed0' and 'mine_seed2' look alike. Trainings of one recipe say so in their cards" in result.stderr
+
+
 @pytest.mark.parametrize("place", ["submissions/eve", "submissions/ben/weights.npz", "submissions"])
 def test_links_are_refused_wherever_they_are(copy: Path, tmp_path_factory: pytest.TempPathFactory, place: str) -> None:
     base = git(copy, "rev-parse", "HEAD")

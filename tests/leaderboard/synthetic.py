@@ -15,6 +15,7 @@ from glbench.evaluation.records import (
     Result,
     RunResult,
     TaskRecord,
+    TrainingRecord,
     Versions,
     results_digest,
     summarise,
@@ -43,11 +44,15 @@ def make_result(
     sandbox: Literal["bubblewrap", "unsandboxed", "built-in"] | None = "bubblewrap",
     clusters: list[str] | None = None,
     training: dict[str, Any] | None = None,
+    recipe: tuple[str, int] | None = None,
+    authors: tuple[str, ...] | None = ("y",),
+    policy: str | None = None,
     **of_task: Any,
 ) -> Result:
     """Result with one run a value of ``rewards``; every other metric is the reward divided by 1000. The last ``crashed`` runs failed.
 
     ``clusters`` are the groups of the runs, ``training`` is the card's table, ``of_task`` what a task of splits and salts states.
+    ``recipe`` is the id of a recipe and the seed of the training; without ``authors`` it has no card, and by default its own ``policy``.
     """
     runs = tuple(
         RunResult(
@@ -62,7 +67,13 @@ def make_result(
     )
     record = AgentRecord.model_construct(  # unchecked, so that tables can be shown names that no file may have
         name=agent, kind="submission", digest=digest_of(agent), privileged=privileged, information="observations",
-        card=None if training is None else SubmissionCard.model_validate(CARD | {"training": training}),
+        card=None if authors is None or (training is None and recipe is None) else SubmissionCard.model_validate(
+            CARD | {"authors": authors} | ({} if training is None else {"training": training})
+            | ({} if recipe is None else {"recipe": recipe[0], "seed": recipe[1]})
+        ),
+        training=None if recipe is None else TrainingRecord(
+            recipe=recipe[0], seed=recipe[1], form="sb3", policy=digest_of(policy or f"policy of {agent}")
+        ),
     )  # fmt: skip
     return Result(
         task=TaskRecord(id=task_id, digest=task_digest, title="A meadow", steps=100, step_seconds=900.0, **of_task),

@@ -30,9 +30,9 @@ def changed(item: StoredResult, **changes: object) -> StoredResult:
 def trainings(store):
     """Three trainings of ``ppo``: means 10, 30 and 20, the best in the middle."""
     return [
-        store("ppo", [9.0, 10.0, 10.0, 11.0]),
-        store("ppo_seed1", [29.0, 30.0, 30.0, 31.0]),
-        store("ppo_seed2", [19.0, 20.0, 20.0, 21.0]),
+        store("ppo", [9.0, 10.0, 10.0, 11.0], recipe=("y-ppo", 0)),
+        store("ppo_seed1", [29.0, 30.0, 30.0, 31.0], recipe=("y-ppo", 1)),
+        store("ppo_seed2", [19.0, 20.0, 20.0, 21.0], recipe=("y-ppo", 2)),
     ]
 
 
@@ -56,16 +56,98 @@ def test_the_first_training_is_that_with_the_lowest_seed_and_not_the_best(traini
 
 
 def test_folders_of_glbench_train_are_trainings_too(store):
-    (entry,) = entries([store(f"ppo-Meadow-v1-seed{seed}", [1.0] * 4) for seed in (10, 2)])
-    assert (entry.name, entry.training_seeds) == ("ppo-Meadow-v1", (2, 10))
+    """They name no authors, so the rest of their names has to be the same as well."""
+    stored = [
+        store(f"{name}-seed{seed}", [1.0] * 4, recipe=("ppo-0123456789abcdef", seed), authors=None)
+        for name in ("ppo-Meadow-v1", "eve")
+        for seed in (10, 2)
+    ]
+    first, second = entries(stored)
+    assert (first.name, first.training_seeds) == ("eve", (2, 10))
+    assert (second.name, second.training_seeds) == ("ppo-Meadow-v1", (2, 10))
+
+
+def test_a_name_alone_joins_nobody(store):
+    """``zed`` and ``zed_seed1`` of different authors are two rows, whatever they earn."""
+    (table,) = rank([store("zed", [-15.1] * 4), store("zed_seed1", [-198.5] * 4)], EXPECTED)
+    assert [(row.agent, row.trainings) for row in table.rows] == [("zed", ()), ("zed_seed1", ())]
+
+
+@pytest.mark.parametrize(
+    "forged",
+    [
+        {"authors": ("eve",)},
+        {"authors": ("y", "eve")},
+        {"authors": ("\u0443",)},  # a Cyrillic letter
+        {"authors": None},
+        {"recipe": ("Y-ppo", 3)},
+        {"policy": "policy of ppo_seed1"},
+        {"privileged": True},
+    ],
+    ids=str,
+)
+def test_a_forged_training_changes_nobodys_row(store, trainings, forged):
+    more = {"recipe": ("y-ppo", 3)} | forged
+    stranger = store("ppo_seed3", [-900.0] * 4, **more)
+    found = entries([*trainings, stranger])
+    assert [(entry.name, len(entry.trainings)) for entry in found] == [("ppo", 3), ("ppo_seed3", 1)]
+    assert found[0] == entries(trainings)[0]
+
+
+def test_one_policy_under_three_names_and_cards_is_one_training(store):
+    """Nor does it become two by another seed: the weights are the same."""
+    stored = [
+        store(name, [5.0] * 4, recipe=("mine", seed), policy="one") for seed, name in enumerate(("a", "b", "a_seed2"))
+    ]
+    assert [(entry.name, entry.training_seeds) for entry in entries(stored)] == [("a", ()), ("a_seed2", ()), ("b", ())]
+    other = store("c", [6.0] * 4, recipe=("mine", 7))
+    found = entries([*stored, other])
+    assert [(entry.name, entry.training_seeds) for entry in found] == [("a", (0, 7)), ("a_seed2", ()), ("b", ())]
+
+
+def test_where_no_file_holds_weights_the_runs_tell_policies_apart(store):
+    def without_weights(name: str, seed: int, reward: float) -> StoredResult:
+        item = store(name, [reward] * 4, recipe=("mine", seed))
+        assert item.result.agent.training is not None
+        return changed(item, training=item.result.agent.training.model_copy(update={"policy": None}))
+
+    found = entries([without_weights("a", 0, 1.0), without_weights("b", 1, 1.0), without_weights("c", 2, 2.0)])
+    assert [(entry.name, entry.training_seeds) for entry in found] == [("a", (0, 2)), ("b", ())]
+
+
+def test_an_entry_takes_no_name_that_another_agent_has(store):
+    mine = [store(f"zed_seed{seed}", [float(seed)] * 4, recipe=("mine", seed)) for seed in (1, 2)]
+    assert [entry.name for entry in entries(mine)] == ["zed"]
+    assert [entry.name for entry in entries([*mine, store("zed", [9.0] * 4)])] == ["zed", "zed_seed1"]
+
+
+def test_a_suite_holds_results_of_one_agent_and_not_of_one_name(store):
+    """Two versions of ``zed``: that of most tasks counts, of equally many the latest."""
+    tasks = [f"glbench/{name}-v1" for name in ("Bog", "Field", "Meadow")]
+    expected = dict.fromkeys(tasks, EXPECTED[TASK])
+    old = [store("zed", [float(n)] * 4, task_id=task) for n, task in enumerate(tasks)]
+    new = changed(store("zed", [9.0] * 4, task_id=tasks[0], created="2026-02-01T00:00:00Z"), digest=digest_of("new"))
+    scores = scores_by_task([new, *old[1:]], expected)
+    assert ["zed" in scores.get(task, {}) for task in tasks] == [False, True, True]
+    scores = scores_by_task([new, old[1]], expected)
+    assert ["zed" in scores.get(task, {}) for task in tasks[:2]] == [True, False]
+
+
+def test_shipped_trainings_are_joined_by_the_cards_that_came_with_glbench(store, monkeypatch):
+    names = ("ppo_fast", "ppo_fast_seed1", "ppo_fast_seed2", "ppo_fast_seed3", "ppo_tuned")
+    stored = [changed(store(name, [float(len(name))] * 4), kind="baseline") for name in names]
+    assert all(len(entry.trainings) == 1 for entry in entries(stored)), "their digests are not those that are shipped"
+    monkeypatch.setattr(StoredResult, "released", property(lambda self: True))
+    found = [(entry.name, entry.training_seeds) for entry in entries(stored)]
+    assert found == [("ppo_fast", (0, 1, 2)), ("ppo_fast_seed3", ()), ("ppo_tuned", ())]
 
 
 def test_another_kind_or_origin_is_no_training_of_the_entry(store, trainings, monkeypatch):
-    stranger = changed(store("ppo_seed3", [90.0] * 4), kind="baseline")
+    stranger = changed(store("ppo_seed3", [90.0] * 4, recipe=("y-ppo", 3)), kind="baseline")
     assert [entry.name for entry in entries([*trainings, stranger])] == ["ppo", "ppo_seed3"]
     released = {item.path for item in trainings}
     monkeypatch.setattr(StoredResult, "released", property(lambda self: self.path in released))
-    own = store("ppo_seed4", [90.0] * 4)
+    own = store("ppo_seed4", [90.0] * 4, recipe=("y-ppo", 4))
     found = entries([*trainings, own])
     assert [(entry.name, entry.origin, len(entry.trainings)) for entry in found] == [
         ("ppo", "released", 3),
@@ -74,12 +156,12 @@ def test_another_kind_or_origin_is_no_training_of_the_entry(store, trainings, mo
 
 
 def test_results_that_claim_to_be_the_same_training_stay_apart(store, trainings):
-    found = entries([*trainings, store("ppo-seed1", [90.0] * 4)])
+    found = entries([*trainings, store("ppo-seed1", [90.0] * 4, recipe=("y-ppo", 1))])
     assert [entry.name for entry in found] == ["ppo", "ppo-seed1", "ppo_seed1", "ppo_seed2"]
 
 
 def test_where_a_task_has_one_of_several_trainings_the_row_says_so(store, trainings):
-    other = store("ppo", [1.0] * 4, task_id="glbench/Field-v1")
+    other = store("ppo", [1.0] * 4, task_id="glbench/Field-v1", recipe=("y-ppo", 0))
     field, meadow = rank([*trainings, other, store("rule", [0.0] * 4)], {})
     assert agent_label(field.rows[0]).startswith("ppo (1 training)")
     assert [agent_label(row).split()[0] for row in meadow.rows] == ["ppo", "rule"]

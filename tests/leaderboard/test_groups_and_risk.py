@@ -168,7 +168,8 @@ def test_a_row_has_the_worst_tenth_and_the_interval_over_its_groups(store):
 
 def test_a_row_of_trainings_has_their_deviation_and_an_interval_that_includes_it(store):
     runs = np.random.default_rng(11).normal(size=30)
-    stored = [store(name, list(runs + shift)) for name, shift in (("a", 0.0), ("a_seed1", 3.0), ("a_seed2", 6.0))]
+    shifts = (("a", 0.0), ("a_seed1", 3.0), ("a_seed2", 6.0))
+    stored = [store(name, list(runs + shift), recipe=("a", i)) for i, (name, shift) in enumerate(shifts)]
     ((row,),) = [table.rows for table in rank(stored, {})]
     reward = row.estimates["reward"]
     assert reward.deviation == pytest.approx(3.0)

@@ -165,8 +165,8 @@ def test_equal_runs_are_not_ahead_by_rounding(known):
 
 def test_groups_and_trainings_have_the_intervals_of_other_estimates(known):
     names = ["2011", "2011", "2012", "2012"]
-    first = result_with("a", [3.0, 5.0, 5.0, 6.0], [0.0] * 4, clusters=names)
-    second = result_with("a_seed1", [2.0, 4.0, 4.0, 5.0], [0.0] * 4, clusters=names)
+    first = result_with("a", [3.0, 5.0, 5.0, 6.0], [0.0] * 4, clusters=names, recipe=("a", 0))
+    second = result_with("a_seed1", [2.0, 4.0, 4.0, 5.0], [0.0] * 4, clusters=names, recipe=("a", 1))
     # Rewards are the profits: regrets 0.5, 0, 0, 2, and 1.5, 1, 1, 3.
     gaps = np.array([[0.5, 0.0, 0.0, 2.0], [1.5, 1.0, 1.0, 3.0]])
     alone = regret_of([first], first.clusters).total

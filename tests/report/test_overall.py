@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from glbench.evaluation.records import results_digest, summarise
+from glbench.evaluation.records import TrainingRecord, results_digest, summarise
 from glbench.leaderboard import StoredResult, rank
 from glbench.leaderboard.collect import published_expectations
 from glbench.report import build_report
@@ -81,7 +81,10 @@ def trained(made, tmp_path_factory):
             run.model_copy(update={"metrics": {**run.metrics, "reward": run.metrics["reward"] + gain}})
             for run in base.result.runs[:runs]
         )
-        agent = base.result.agent.model_copy(update={"name": name, "kind": "submission"})
+        seed = {"ppo": 0, "ppo_seed1": 1, "ppo_seed2": 2}.get(name)
+        training = None if seed is None else TrainingRecord(recipe="ppo", seed=seed, form="sb3", policy=f"{seed:064x}")
+        of_recipe = {} if training is None else {"training": training, "digest": training.policy}
+        agent = base.result.agent.model_copy(update={"name": name, "kind": "submission", **of_recipe})
         evaluation = base.result.evaluation.model_copy(
             update={"runs": runs, "seeds": base.result.evaluation.seeds[:runs]}
         )

@@ -59,7 +59,14 @@ def protect(agent: LoadedAgent | str | Path, choice: SandboxChoice) -> Protected
     if submission is None or protection_of(submission, choice) != "bubblewrap":
         return _loaded(load_agent(agent), "none")
     outside = LoadedAgent(
-        submission.name, "submission", submission.digest, "observations", submission.information, _not_here, submission
+        submission.name,
+        "submission",
+        submission.digest,
+        "observations",
+        submission.information,
+        _not_here,
+        submission,
+        submission.training,
     )
     return Protected(outside, "bubblewrap", submission)
 

@@ -27,7 +27,7 @@ from glbench.kernel.compiled.compiler import CompiledUnavailable, find_compiler,
 from glbench.kernel.compiled.generate import Traits, generate
 from glbench.kernel.compiled.sensitivity_code import generate_sensitivities
 from glbench.model import Model
-from glbench.resources import cache_folder, write_atomically
+from glbench.resources import cache_folder, with_unix_line_ends, write_atomically
 
 _HERE = Path(__file__).resolve().parent
 _NATIVE = _HERE / "native"
@@ -277,4 +277,8 @@ def _casadi_version() -> str:
 def _sources() -> str:
     """Digest of the files of the generator and the C++ beside it."""
     files = [*_NATIVE.glob("*.hpp"), *(_HERE / f"{name}.py" for name in (*_GENERATOR, *_SENSITIVITY_GENERATOR))]
-    return _digest(part for file in sorted(files) for part in (file.name.encode(), file.read_bytes()))
+    return _digest(
+        part
+        for file in sorted(files)
+        for part in (file.name.encode(), with_unix_line_ends(file.name, file.read_bytes()))
+    )
