@@ -143,7 +143,7 @@ def _joined(
 ) -> dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]]:
     """Trainings on one board, by recipe and seeds of the evaluation, in the order of the seeds that they were trained with.
 
-    Each policy is there once, and nothing of a recipe of which two claim the same seed.
+    Each policy is there once (two with the same rewards in all runs are one), and nothing of a recipe of which two claim the same seed.
     """
     groups: dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]] = {}
     policies = set[object]()
@@ -151,7 +151,11 @@ def _joined(
         recipe = _recipe(item, seeds)
         if recipe is not None:
             key = recipe, item.result.evaluation.seeds
-            same = {(key, item.result.agent.digest), (key, _policy(item))}
+            same = {
+                (key, item.result.agent.digest),
+                (key, _policy(item)),
+                (key, tuple(item.result.values(RANKING_METRIC))),
+            }
             if not same & policies:
                 groups.setdefault(key, []).append(item)
             policies |= same
@@ -251,13 +255,12 @@ def _recipe(item: StoredResult, seeds: tuple[int, ...]) -> _Recipe | None:
     return agent.training.recipe, agent.training.form, owner, agent.information, *where
 
 
-def _policy(item: StoredResult) -> object:
-    """What tells two policies apart: a baseline's digest, the digest of the weights, and without weights the rewards of the runs."""
+def _policy(item: StoredResult) -> str:
+    """What tells two policies apart beside the rewards of their runs: a baseline's digest, or that of the weights."""
     agent = item.result.agent
     if agent.kind == "baseline":
         return agent.digest
-    weights = None if agent.training is None else agent.training.policy
-    return tuple(item.result.values(RANKING_METRIC)) if weights is None else weights
+    return agent.digest if agent.training is None or agent.training.policy is None else agent.training.policy
 
 
 def _with_names_of_their_own(entries: list[Entry]) -> tuple[Entry, ...]:

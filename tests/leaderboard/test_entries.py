@@ -58,7 +58,7 @@ def test_the_first_training_is_that_with_the_lowest_seed_and_not_the_best(traini
 def test_folders_of_glbench_train_are_trainings_too(store):
     """They name no authors, so the rest of their names has to be the same as well."""
     stored = [
-        store(f"{name}-seed{seed}", [1.0] * 4, recipe=("ppo-0123456789abcdef", seed), authors=None)
+        store(f"{name}-seed{seed}", [float(seed)] * 4, recipe=("ppo-0123456789abcdef", seed), authors=None)
         for name in ("ppo-Meadow-v1", "eve")
         for seed in (10, 2)
     ]
@@ -115,6 +115,13 @@ def test_where_no_file_holds_weights_the_runs_tell_policies_apart(store):
     assert [(entry.name, entry.training_seeds) for entry in found] == [("a", (0, 2)), ("b", ())]
 
 
+def test_weights_that_decide_the_same_are_one_policy_whatever_their_bytes(store):
+    padded = [store(name, [5.0, 6.0], recipe=("mine", seed), policy=name) for seed, name in enumerate(("a", "b"))]
+    other = store("c", [6.0, 6.5], recipe=("mine", 7), policy="c")
+    found = entries([*padded, other])
+    assert [(entry.name, entry.training_seeds) for entry in found] == [("a", (0, 7)), ("b", ())]
+
+
 def test_an_entry_takes_no_name_that_another_agent_has(store):
     mine = [store(f"zed_seed{seed}", [float(seed)] * 4, recipe=("mine", seed)) for seed in (1, 2)]
     assert [entry.name for entry in entries(mine)] == ["zed"]
@@ -135,7 +142,7 @@ def test_a_suite_holds_results_of_one_agent_and_not_of_one_name(store):
 
 def test_shipped_trainings_are_joined_by_the_cards_that_came_with_glbench(store, monkeypatch):
     names = ("ppo_fast", "ppo_fast_seed1", "ppo_fast_seed2", "ppo_fast_seed3", "ppo_tuned")
-    stored = [changed(store(name, [float(len(name))] * 4), kind="baseline") for name in names]
+    stored = [changed(store(name, [float(place)] * 4), kind="baseline") for place, name in enumerate(names)]
     assert all(len(entry.trainings) == 1 for entry in entries(stored)), "their digests are not those that are shipped"
     monkeypatch.setattr(StoredResult, "released", property(lambda self: True))
     found = [(entry.name, entry.training_seeds) for entry in entries(stored)]
