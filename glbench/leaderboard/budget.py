@@ -63,6 +63,7 @@ def budget_of(result: Result) -> Budget:
     return trained[min(fitting, key=lambda one: (one != task, abs(published[one] - delta), published[one]))]
 
 
+@cache
 def _settings(name: str) -> object:
     """Settings of a baseline; None where they are not installed, which are policies and plans, no rules and no recording."""
     return None if name in left_out() else read_baseline(name).settings
