@@ -85,7 +85,7 @@ def corrected(p_values: Sequence[float]) -> list[float]:
     """P-values corrected for their number, in the order given: those of Benjamini and Hochberg (1995), never below the p-values."""
     values = np.asarray(p_values, dtype=np.float64)
     order = np.argsort(-values, kind="stable")
-    scaled = values[order] * values.size / np.arange(values.size, 0, -1)
+    scaled = values[order] * (values.size / np.arange(values.size, 0, -1))
     found = np.empty_like(values)
     found[order] = np.minimum(np.minimum.accumulate(scaled), 1.0)
     return [float(one) for one in found]

@@ -311,12 +311,15 @@ def _variance_over_runs(
     runs: Sequence[Array], drawn: Sequence[bool], scenarios: Sequence[Sequence[Hashable]] | None
 ) -> float:
     """Variance of the mean over tasks of the mean of runs; runs of different tasks with the same name vary together."""
+    if scenarios is None:
+        each = [one.var(ddof=1) / one.size for one, by_chance in zip(runs, drawn, strict=True) if by_chance and one.size > 1]
+        return float(sum(each)) / len(runs) ** 2
     by_name: dict[Hashable, float] = {}
     for task, (one, by_chance) in enumerate(zip(runs, drawn, strict=True)):
         if not by_chance or one.size < 2:
             continue
-        names = [(task, run) for run in range(one.size)] if scenarios is None else scenarios[task]
-        if len(set(names)) != one.size:
+        names = scenarios[task]
+        if len(names) != one.size or len(set(names)) != one.size:
             msg = f"Every run of a task has a name of its own; got {len(set(names))} names for {one.size} runs."
             raise ResultError(msg)
         weight = 1.0 / (len(runs) * math.sqrt(one.size * (one.size - 1.0)))
@@ -364,7 +367,7 @@ def _residual(values: Array) -> float:
     """Variance of ``(trainings, n)`` that neither the training nor the run explains."""
     count, size = values.shape
     rest = values - values.mean(axis=1, keepdims=True) - values.mean(axis=0) + values.mean()
-    return float((rest**2).sum()) / max((count - 1) * (size - 1), 1)
+    return float(np.square(rest).sum()) / max((count - 1) * (size - 1), 1)
 
 
 def _checked(values: Values) -> Array:

@@ -125,9 +125,9 @@ def score_note(task_ids: Iterable[str]) -> str:
     """What the intervals of normalised scores over these tasks are."""
     words = of_published(task_ids)
     return (
-        f"Intervals cover the {words.draws}; that of a mean also trainings, where an agent has several. Where they are narrower than "
-        f"{SCORE_STEP} they are left out: {words.beyond} can move a score by more than that. {RANGE_MARK}: what the lowest and the highest "
-        "training of each task make."
+        f"Intervals cover the {covers(words)}; where an agent has several trainings, that of its mean covers trainings, too. Where they are "
+        f"narrower than {SCORE_STEP} they are left out: {words.beyond} or another training can move a score by more than that. "
+        f"{RANGE_MARK}: what the lowest and the highest training of each task make."
     )
 
 
