@@ -138,7 +138,7 @@ def test_over_a_suite_trainings_have_a_range_and_all_their_runs_count(trainings)
     assert (row.trainings, row.runs) == ((3, 3), 12)
     assert (row.optimality_gap.value, row.optimality_gap.low, row.optimality_gap.high) == (0.5, 0.25, 0.75)
     # Means 0.25, 0.75 and 0.5: 0.5 +- 4.303 sqrt(0.0625/3); runs differ by less than what trainings do.
-    assert (row.mean.value, row.mean.high - 0.5) == (0.5, pytest.approx(4.302653 * np.sqrt(0.0625 / 3.0), rel=2e-3))
+    assert (row.mean.value, row.mean.high - 0.5) == (0.5, pytest.approx(4.302653 * np.sqrt(0.0625 / 3.0), rel=5e-3))
     assert row.figures is not None
     assert row.figures.origin == "own"
 
