@@ -1,7 +1,7 @@
 """Statistics over runs and tasks: means with their intervals, normalised scores, profiles. Pure functions of their arguments.
 
 A mean has an interval of Student's t. What chance moves is runs (which two agents share, so that differences are paired), and trainings,
-where a recipe has several: the two are crossed, and their variances are added with the degrees of freedom of Welch and Satterthwaite.
+where a recipe has several: the two are crossed, and their variances are added with the degrees of freedom of Welch and Cochran.
 What is no mean (IQM, median, worst tenth) has the percentile bootstrap over runs that Agarwal et al. (2021, "Deep reinforcement learning
 at the edge of the statistical precipice", NeurIPS 34) recommend. Rewards of different tasks cannot be averaged as they are: a run's
 normalised score is 0 for what doing nothing earns on the task and 1 for the best result known there (``tasks/references.toml``).
@@ -21,7 +21,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
-from scipy.special import stdtr, stdtrit
+from scipy.special import stdtr, stdtridf, stdtrit
 
 from glbench.errors import ResultError
 
@@ -223,8 +223,9 @@ def estimate_difference(
 
     With d_s the difference in run s of the means over the trainings, and m_t the mean over the runs of training t, the variance is that
     of the mean of the n values d_s, plus for each agent that of the mean of its values m_t, less what is in both (the residuals of
-    trainings and runs). It is never below one of its two parts. Degrees of freedom: Welch and Satterthwaite, never more than those of the
-    trainings alone. Over several tasks the means are taken first.
+    trainings and runs). It is never below one of its two parts. Degrees of freedom between trainings are those of Welch; with those of the
+    runs they give the mean of the two critical values at 5 %, weighted by the two variances (Cochran, 1964, Biometrics 20, 191-195). Over
+    several tasks the means are taken first.
 
     An agent with one training against another with several is one draw that varies as much as one of the other's trainings, unless it is
     ``fixed``: a policy that no training made. Two agents with one training each are compared as they are: nothing is known about other
@@ -301,9 +302,12 @@ def _estimate(
     if runs_degrees == 0.0 or not over_trainings > (_ROUNDING * scale) ** 2:
         return MeanEstimate(value, over_runs, runs_degrees)
     variance = max(over_trainings, over_runs, over_trainings + over_runs - both)
-    spread = sum((part / over_trainings) ** 2 / degrees for part, degrees in parts)
-    share = over_trainings / variance
-    degrees = min(1.0 / spread, 1.0 / (spread * share**2 + (over_runs / variance) ** 2 / runs_degrees))
+    degrees = 1.0 / sum((part / over_trainings) ** 2 / degrees for part, degrees in parts)
+    if over_runs > 0.0:
+        level = 0.5 + CONFIDENCE / 2.0
+        of_trainings, of_runs = float(stdtrit(degrees, level)), float(stdtrit(runs_degrees, level))
+        together = (over_trainings * of_trainings + over_runs * of_runs) / (over_trainings + over_runs)
+        degrees = float(stdtridf(level, together))
     return MeanEstimate(value, variance, degrees)
 
 

@@ -33,6 +33,14 @@ const criticalT = (degrees) => {
   return (low + high) / 2;
 };
 
+// Degrees of freedom at which the critical value is the mean of two, weighted by variances (Cochran).
+const togetherOf = (one, degrees, other, otherDegrees) => {
+  const critical = (one * criticalT(degrees) + other * criticalT(otherDegrees)) / (one + other);
+  let [low, high] = [Math.min(degrees, otherDegrees), Math.max(degrees, otherDegrees)];
+  for (let i = 0; i < 60; i++) tailsOf(critical, (low + high) / 2) > 0.05 ? (low = (low + high) / 2) : (high = (low + high) / 2);
+  return (low + high) / 2;
+};
+
 const ROUNDING = 1e-12;
 const variance = (values) => { const center = mean(values); return sum(values.map((value) => (value - center) ** 2)) / (values.length - 1); };
 const overTrainings = (rows) => rows[0].map((_, run) => mean(rows.map((row) => row[run])));
@@ -55,8 +63,8 @@ const estimateMean = (sides, fixed = []) => {
   const weight = ({ count }) => 1 / count + (isDraw ? 1 : 0), parts = several.map((one) => [one.one * weight(one), one.count - 1]);
   const between = sum(parts.map(([part]) => part)), rest = sum(several.map((one) => one.rest * weight(one)));
   if (runsDegrees === 0 || !(between > (ROUNDING * scale) ** 2)) return { value, variance: overRuns, degrees: runsDegrees, same };
-  const whole = Math.max(between, overRuns, between + overRuns - rest), spread = sum(parts.map(([part, degrees]) => (part / between) ** 2 / degrees));
-  return { value, variance: whole, degrees: Math.min(1 / spread, 1 / (spread * (between / whole) ** 2 + (overRuns / whole) ** 2 / runsDegrees)), same };
+  const whole = Math.max(between, overRuns, between + overRuns - rest), degrees = 1 / sum(parts.map(([part, count]) => (part / between) ** 2 / count));
+  return { value, variance: whole, degrees: overRuns > 0 ? togetherOf(between, degrees, overRuns, runsDegrees) : degrees, same };
 };
 
 // 95 % interval of a mean, or of a difference of two.
