@@ -308,7 +308,6 @@ def compare(
     from glbench.cli.stored import task_ids
     from glbench.leaderboard.catalogue import together
     from glbench.leaderboard.pairs import compare_entries, corrected_p_values
-    from glbench.leaderboard.tables import covers
 
     tasks = task_ids(task or [])
     ours, theirs = _entries(first, tasks, out), _entries(second, tasks, out)
@@ -338,8 +337,8 @@ def compare(
     if len(pairs) > _SENTENCES:
         words = f"In words for the first {_SENTENCES} tasks; --task ID shows every metric of one."
         messages().print(words, style="dim")
-    drawn = covers(together([pair.words for pair in pairs]))
-    words = f"Intervals: 95 %, Student's t over pairs of runs, and trainings where there are several; they and p cover the {drawn}."
+    words = "Intervals: 95 %, Student's t over pairs of runs, and trainings where there are several; they and p cover the "
+    words += f"{together([pair.words for pair in pairs]).draws}, and no other training of an agent that has one."
     if resolution := max(pair.resolution for pair in pairs):
         words += (
             f" Where a task draws nothing, a reward that differs by less than {resolution:g} differs by rounding, and there is no "

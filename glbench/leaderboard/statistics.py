@@ -316,7 +316,9 @@ def _variance_over_runs(
 ) -> float:
     """Variance of the mean over tasks of the mean of runs; runs of different tasks with the same name vary together."""
     if scenarios is None:
-        each = [one.var(ddof=1) / one.size for one, by_chance in zip(runs, drawn, strict=True) if by_chance and one.size > 1]
+        each = [
+            one.var(ddof=1) / one.size for one, by_chance in zip(runs, drawn, strict=True) if by_chance and one.size > 1
+        ]
         return float(sum(each)) / len(runs) ** 2
     by_name: dict[Hashable, float] = {}
     for task, (one, by_chance) in enumerate(zip(runs, drawn, strict=True)):
