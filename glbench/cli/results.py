@@ -337,7 +337,9 @@ def compare(
     if len(pairs) > _SENTENCES:
         words = f"In words for the first {_SENTENCES} tasks; --task ID shows every metric of one."
         messages().print(words, style="dim")
-    words = "Intervals: 95 %, Student's t over pairs of runs, and trainings where there are several; they and p cover the "
+    words = (
+        "Intervals: 95 %, Student's t over pairs of runs, and trainings where there are several; they and p cover the "
+    )
     words += f"{together([pair.words for pair in pairs]).draws}, and no other training of an agent that has one."
     if resolution := max(pair.resolution for pair in pairs):
         words += (

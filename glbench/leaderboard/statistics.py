@@ -373,7 +373,7 @@ def _residual(values: Array) -> float:
     """Variance of ``(trainings, n)`` that neither the training nor the run explains."""
     count, size = values.shape
     rest = values - values.mean(axis=1, keepdims=True) - values.mean(axis=0) + values.mean()
-    return float(np.square(rest).sum()) / max((count - 1) * (size - 1), 1)
+    return float(np.square(rest).sum() / max((count - 1) * (size - 1), 1))
 
 
 def _checked(values: Values) -> Array:

@@ -125,8 +125,8 @@ def score_note(task_ids: Iterable[str]) -> str:
     """What the intervals of normalised scores over these tasks are."""
     words = of_published(task_ids)
     return (
-        f"Intervals cover the {covers(words)}; where an agent has several trainings, that of its mean covers trainings, too. Where they are "
-        f"narrower than {SCORE_STEP} they are left out: {words.beyond} or another training can move a score by more than that. "
+        f"Intervals cover the {covers(words)}; where an agent has several trainings, that of its mean covers trainings, too. Where they "
+        f"are narrower than {SCORE_STEP} they are left out: {words.beyond} or another training can move a score by more than that. "
         f"{RANGE_MARK}: what the lowest and the highest training of each task make."
     )
 

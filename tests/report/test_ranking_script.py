@@ -30,7 +30,7 @@ def test_p_values_and_intervals_of_the_page_are_those_of_the_leaderboard():
         for runs in (1, 2, 5, 30):
             one = generator.normal(size=(first, 1)) + generator.normal(size=runs) + generator.normal(size=(first, runs))
             pairs.append((one, generator.normal(size=(second, 1)) + generator.normal(size=(second, runs)), fixed))
-    pairs.append((np.full((3, 4), 2.0) + [[0.0], [1.0], [5.0]], np.zeros((1, 4)), False))
+    pairs.append((np.repeat([[2.0], [3.0], [7.0]], 4, axis=1), np.zeros((1, 4)), False))
     values = generator.uniform(size=9).tolist()
     given = json.dumps(
         {"pairs": [(one.tolist(), other.tolist(), fixed) for one, other, fixed in pairs], "values": values}
