@@ -23,6 +23,9 @@ from pathlib import Path
 from glbench.agents.identity import FORMS, baseline_names
 from glbench.errors import GlbenchError, ResultError, did_you_mean
 from glbench.evaluation import Progress, Result, prepare, protect, result_path
+from glbench.evaluation.engines import Job as EvaluationJob
+from glbench.evaluation.engines import Options
+from glbench.evaluation.fresh_draws import add_fresh_draws
 from glbench.evaluation.profiles import profile_path
 from glbench.evaluation.provenance import git_state
 from glbench.leaderboard.collect import read_folder
@@ -37,11 +40,15 @@ log = logging.getLogger("release")
 
 @dataclass(frozen=True)
 class Job:
-    """An agent on a task; ``released`` is the results_digest that it must have again, ``None`` for a new one."""
+    """An agent on a task; ``released`` is the results_digest that it must have again, ``None`` for a new one.
+
+    ``fresh_draws`` says whether the released result has fresh draws, too; the new one gets others.
+    """
 
     agent: str
     task_id: str
     released: str | None
+    fresh_draws: bool = False
 
     @property
     def name(self) -> str:
@@ -66,7 +73,10 @@ def plan() -> list[Job]:
     results, problems = read_folder(RELEASED / "results")
     if problems:
         raise problems[0]
-    jobs = [Job(item.result.agent.name, item.result.task.id, item.result.results_digest) for item in results]
+    jobs = [
+        Job(one.agent.name, one.task.id, one.results_digest, one.fresh_draws is not None)
+        for one in (item.result for item in results)
+    ]
     return sorted(jobs, key=lambda job: (job.task_id, job.agent))
 
 
@@ -140,9 +150,12 @@ def release(job: Job, out: Path, work: Path, *, new_digests: bool) -> str:
         When the result is not what it should be.
     """
     task = get_task(job.task_id)
-    evaluation = prepare(task, protect(job.ref, "bubblewrap"), out=work, workers=None)
+    agent = protect(job.ref, "bubblewrap")
+    evaluation = prepare(task, agent, out=work, workers=None)
     result = evaluation.stored or evaluation.run(LogLines(job.name))
     check(job, result, work, new_digests=new_digests)
+    if job.fresh_draws:
+        add_fresh_draws(EvaluationJob(task, job.ref, agent, Options(work)), evaluated)
     path = result_path(work, job.task_id, job.agent)
     verdict = verify(path)
     if verdict.exactness != "bits":
@@ -152,6 +165,12 @@ def release(job: Job, out: Path, work: Path, *, new_digests: bool) -> str:
         write_atomically(target, source.read_bytes())
     new = "" if result.results_digest == job.released else ", new digest"
     return f"reward {result.summary.mean['reward']:,.1f}, digest {result.results_digest[:12]}{new}, reproduced"
+
+
+def evaluated(job: EvaluationJob) -> Result:
+    """The result of a part of an evaluation with fresh draws."""
+    evaluation = job.prepare()
+    return evaluation.stored or evaluation.run(LogLines(f"{job.agent_name}, for fresh draws"))
 
 
 def check(job: Job, result: Result, work: Path, *, new_digests: bool) -> None:

@@ -29,19 +29,21 @@ def measured() -> Comparison:
 def sets(comparison: Comparison) -> str:
     """A row a parameter set."""
     lines = [
-        "| parameter set | heat, MJ m⁻² | simulated / measured | of single compartments | bias a day | RMSE a day | fruit, kg m⁻² | "
+        "| parameter set | heat, MJ m⁻² | simulated / measured | by pipe temperatures, MJ m⁻² | simulated / measured | "
+        "of single compartments | bias a day | RMSE a day | fruit, kg m⁻² | "
         "simulated / measured | mean air temperature, °C |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|---:|",
+        "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
     first = comparison.houses[0]
     lines.append(
-        f"| *measured* | {first.mean(lambda one: one.heat.measured):.0f} | | | | {comparison.heat_spread:.2f} | "
+        f"| *measured* | | | {first.mean(lambda one: one.heat.measured):.0f} | | | | {comparison.heat_spread:.2f} | "
         f"{first.mean(lambda one: one.harvest.measured):.1f} | | |"
     )
     for house in comparison.houses:
         single = sorted(one.heat.simulated / one.heat.measured for one in house.compartments)
         lines.append(
             f"| `{house.name}`: {house.description} | {house.mean(lambda one: one.heat.simulated):.0f} | {house.heat_ratio:.2f} | "
+            f"{house.pipe_heat:.0f} | {house.pipe_heat / house.mean(lambda one: one.heat.measured):.2f} | "
             f"{single[0]:.2f} to {single[-1]:.2f} | {house.heat_bias():+.2f} | {house.heat_rmse:.2f} | "
             f"{house.mean(lambda one: one.harvest.simulated):.1f} | {house.harvest_ratio:.2f} | "
             f"{house.mean(lambda one: one.air_temperature):.1f} |"

@@ -5,6 +5,7 @@ Draws docs/images/uncertainty-*.png from the task glbench/Spring-v1 and rewrites
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,8 @@ Floats = NDArray[np.float64]
 DOCS = Path(__file__).resolve().parent
 PAGE = DOCS / "uncertainty.md"
 TASK = next((DOCS.parent / "tasks").glob("**/spring-v1.toml"))
+BIAS_SEASONS = 30
+"""Training seasons over which the bias of the forecasts is measured."""
 SPLITS = ("training", "validation", "test")
 BLUE, ORANGE, GREEN, PINK, GREY, BLACK = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#999999", "#222222"
 YEARS = {2008: "#0072b2", 2009: "#56b4e9", 2010: "#009e73", 2011: "#d55e00", 2012: "#e69f00"}
@@ -111,7 +114,15 @@ def tables(task: TaskSpec) -> dict[str, list[str]]:
     for split, use in zip(SPLITS, uses, strict=True):
         table = getattr(task.splits, split)
         splits.append(f"| {split} | {', '.join(map(str, table.years))} | {table.seasons} | {use} |")
-    return {"sensors": sensor, "errors": ahead, "groups": groups, "splits": splits}
+    bias = [
+        f"| quantity | mean of what came | {' | '.join(f'{hour} h' for hour in hours)} |",
+        "|---|---:|" + "---:|" * len(hours),
+    ]
+    for label, (came, errors) in forecast_bias(task).items():
+        digits = 1 if came > 100 else 2
+        cells = " | ".join(f"{round(float(error), digits) + 0.0:+.{digits}f}" for error in errors)
+        bias.append(f"| {label} | {came:.{0 if came > 10 else 1}f} | {cells} |")
+    return {"sensors": sensor, "errors": ahead, "bias": bias, "groups": groups, "splits": splits}
 
 
 def error_sizes(task: TaskSpec) -> Floats:
@@ -119,6 +130,28 @@ def error_sizes(task: TaskSpec) -> Floats:
     hours = np.array(task.observation.forecast_hours)
     sizes: Floats = np.array(SPREAD)[:, None] * np.sqrt(1.0 - np.array(PERSISTENCE)[:, None] ** (2 * hours))
     return sizes
+
+
+@cache
+def forecast_bias(task: TaskSpec) -> dict[str, tuple[float, Floats]]:
+    """Of each quantity the mean of what came and the mean error by the task's hours ahead ``(hours,)``, over training seasons.
+
+    Radiation counts in hours in which any came: by night there is nothing to forecast.
+    """
+    hours, training = np.array(task.observation.forecast_hours), task.in_split("training")
+    rows = task.steps // 4 - hours.max()
+    seasons = [hourly(training, number, task.steps // 4) for number in range(BIAS_SEASONS)]
+    came = np.stack(
+        [[truth[h - 1 : h - 1 + rows] for h in hours] for _, truth in seasons]
+    )  # (season, ahead, issue, quantity)
+    issued = np.stack([[table[:rows, :, h - 1] for h in hours] for table, _ in seasons])
+    found = {}
+    for place, (label, unit) in enumerate(FORECAST):
+        counts = came[..., 0] > 0.0 if place == 0 else np.ones(came.shape[:-1], bool)
+        errors = np.mean(issued[..., place] - came[..., place], axis=(0, 2), where=counts)
+        by_day = " by day" if place == 0 else ""
+        found[f"{label}{by_day} [{unit}]"] = (float(came[..., place].mean(where=counts)), errors)
+    return found
 
 
 def controlled(task: TaskSpec, seed: int, steps: int) -> tuple[Floats, Floats]:

@@ -17,6 +17,7 @@ PAGE = Path(__file__).with_name("weather.md")
 MEASUREMENTS = Path(__file__).with_name("measurements") / "weather"
 COMMANDS = {
     "training": "--years 2008-2010",
+    "again": "--years 2008-2010 --seed 2",
     "test": "--years 2011,2012",
     "short": "--years 2008-2010 --shortest 1 --longest 3",
     "long": "--years 2008-2010 --shortest 8 --longest 16",
@@ -25,6 +26,7 @@ COMMANDS = {
 }
 HEADINGS = {
     "training": "2008 to 2010",
+    "again": "the same, other draws",
     "test": "2011, 2012",
     "short": "blocks of 1 to 3 days",
     "long": "8 to 16 days",

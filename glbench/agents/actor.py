@@ -120,7 +120,7 @@ class Actor:
                 gru = Gru(*(found[f"gru_{name}"].astype(np.float32) for name in _GRU)) if "gru_bias" in found else None
                 return cls(network, traced.astype(np.int64), shares, max_change, low, high, gru)
         except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, ShapeError) as error:
-            msg = f"{file} is no policy of glbench train ppo, or a damaged one: {error}. Train it anew."
+            msg = f"{file} is not a policy of glbench train ppo, or is damaged: {error}. Train it again."
             raise SubmissionError(msg) from error
 
 
@@ -191,9 +191,7 @@ class ActorAgent:
         """
         policy, traces = self.policy, self._traces
         if len(observations) != len(traces):
-            msg = (
-                f"act got observations of {len(observations)} runs, reset was told of {len(traces)}. Call reset first."
-            )
+            msg = f"act got observations of {len(observations)} runs, reset was called with {len(traces)}. Call reset first."
             raise ShapeError(msg)
         given = observations.astype(np.float64)
         read = given[:, None, policy.traced]

@@ -50,7 +50,6 @@ if TYPE_CHECKING:
         | PlanFolder
     )
 
-_HERE = Path(__file__).resolve().parent
 LARGEST_ARCHIVE = 256 * MIB
 """Size of the unpacked arrays of a policy or a recording [bytes]. The shipped ones have less than 1 MiB."""
 _SAVED_MODEL = "best/model.zip"
@@ -59,18 +58,19 @@ _SAVED_MODEL = "best/model.zip"
 
 @dataclass(frozen=True)
 class _Controller:
-    """A built-in controller: what it sees, how it is made, and the modules of this room that decide what it does.
+    """A built-in controller: what it sees, how it is made, and which version of it this is.
 
     ``reader`` and ``maker`` are places (module, name): a process loads what the controller needs that it was asked for.
+    ``version`` is part of the digest of every agent of this controller. Source may change as long as the actions stay;
+    ``baselines/lock.toml`` holds what the shipped baselines do, and a test compares. Whoever changes the actions gives another version.
+    The first versions are the SHA-256 that the controller's source had when its first results were released.
     """
 
     sees: Sight
     information: str
     reader: tuple[str, str]
     maker: tuple[str, str]
-    modules: tuple[str, ...]
-    elsewhere: tuple[str, ...] = ()
-    """Modules of other rooms that decide as well, such as "control/mpc.py"."""
+    version: str
 
     def read(self, place: Path) -> Settings:
         """Read what the card calls the controller's settings: rules, a grower's page, trained policies, or recorded actions."""
@@ -110,8 +110,6 @@ def _found(place: tuple[str, str]) -> Callable[..., Any]:
 
 
 _RULE_SETTINGS = ("rule_settings", "read_rule_settings")
-_PLANNING = tuple(f"control/{name}.py" for name in ("acting", "air", "ascent", "end_value", "mpc", "stage"))
-
 
 _CONTROLLERS = {
     "rule_based": _Controller(
@@ -122,70 +120,63 @@ _CONTROLLERS = {
         ),
         reader=_RULE_SETTINGS,
         maker=("rule_based", "RuleBasedController"),
-        modules=("rules.py", "rule_settings.py", "rule_based.py"),
+        version="6eb5ee2b12f66ad91f2b87c4999de3caca1a0bc3986c8cf392674cf2db260d8a",
     ),
     "rule_based_fair": _Controller(
         sees="observations",
         information="observations and the public task card",
         reader=_RULE_SETTINGS,
         maker=("rule_based_fair", "FairRuleBasedAgent"),
-        modules=("rules.py", "rule_settings.py", "rule_based_fair.py", "daylight.py"),
+        version="422c7198decf7d13b7615521fba8f7915ad3235b7cb7256e2355ceb9327db821",
     ),
     "rule_based_tuned": _Controller(
         sees="observations",
         information="observations and the public task card",
         reader=("tuned_rule_settings", "read_rule_pages"),
         maker=("tuned_rules", "TunedRulesAgent"),
-        modules=("tuned_rules.py", "tuned_rule_settings.py", "rule_based_fair.py", "grower.py"),
+        version="bd6432cc9ef75f1b05f527db61c1468c3eb7cff93e20f92856e42130415ea65c",
     ),
     "rule_based_energy": _Controller(
         sees="observations",
         information="observations and the public task card",
         reader=("energy_rule_settings", "read_energy_rule_pages"),
         maker=("energy_rules", "EnergyRulesAgent"),
-        modules=(
-            "energy_rules.py",
-            "energy_rule_settings.py",
-            "tuned_rules.py",
-            "tuned_rule_settings.py",
-            "rule_based_fair.py",
-            "grower.py",
-        ),
+        version="0da9d380f7e6d1bab7a9fb3838ca97426982100d4c8f299686ddc7f7ab5344c3",
     ),
     "network": _Controller(
         sees="observations",
         information="observations and the public task card",
         reader=("network_agent", "PolicyFiles.at"),
         maker=("network_agent", "NetworkAgent"),
-        modules=("exact_math.py", "network_policy.py", "network_agent.py"),
+        version="6fcf81c123040c502f9068710aceb794d84916948e29ce0d711175a4640c19ba",
     ),
     "actor": _Controller(
         sees="observations",
         information="observations and the public task card",
         reader=("actor", "ActorFiles.at"),
         maker=("actor", "ActorAgent"),
-        modules=("exact_math.py", "network_policy.py", "gru.py", "actor.py"),
+        version="e49117f6dd9b61cf6ed41b2150606726786ac0780e5a18059087026cccf01b65",
     ),
     "grower": _Controller(
         sees="observations",
         information="observations and the public task card",
         reader=("grower", "read_grower_settings"),
         maker=("grower", "GrowerAgent"),
-        modules=("grower.py", "rule_based_fair.py"),
+        version="b39f2da424cbd9fc5f64fc9e0ab4be3edb32723be330b22a89cc3c66c9d2233e",
     ),
     "recording": _Controller(
         sees="observations",
         information="nothing: replays recorded actions",
         reader=("recording", "read_recording"),
         maker=("recording", "RecordingAgent"),
-        modules=("recording.py",),
+        version="48d93ad361af231dfd67a11e7d5f40524077a85aeb162f7c54ef9de0f0b72588",
     ),
     "plans": _Controller(
         sees="scenario",
         information="privileged: everything that is given in a run, its draws and the weather to come; acts through the task's actuation",
         reader=("plans", "PlanFolder"),
         maker=("plans", "PlanController"),
-        modules=("plans.py",),
+        version="6b6f0390984d19449fd387b60c40cf7131b2f3b9ed54977e7b7b33a5565fd81c",
     ),
     "mpc_true_state": _Controller(
         sees="scenario",
@@ -195,18 +186,19 @@ _CONTROLLERS = {
         ),
         reader=("predictive", "read_predictive_settings"),
         maker=("predictive", "TrueStateController"),
-        modules=("predictive.py",),
-        elsewhere=(*_PLANNING, "control/scenario.py"),
+        version=(
+            "bbd462e65f9c85feeb5dd0e56292bdbe07adaaf95fccb7736293c77bec062442 "
+            "c9c4998d8192f4ffa4551be3802850d2ba3bf26ea79904fc849cf112ef9afa2f"
+        ),
     ),
     "mpc": _Controller(
         sees="observations",
         information="observations, the public definition of the task, and the mean days of its training years",
         reader=("predictive", "read_predictive_settings"),
         maker=("predictive", "PredictiveAgent"),
-        modules=("predictive.py",),
-        elsewhere=(
-            *_PLANNING,
-            *(f"control/{name}.py" for name in ("climatology", "estimator", "outlook", "shown", "sun")),
+        version=(
+            "bbd462e65f9c85feeb5dd0e56292bdbe07adaaf95fccb7736293c77bec062442 "
+            "89f3d6f9cd3064159e1a8013ac4e48bf5340ebb6788e92ff418da40687dab753"
         ),
     ),
 }
@@ -247,7 +239,7 @@ class Baseline:
     card: Card
     settings: Settings
     digest: str
-    """SHA-256 (hex) over the controller's name, its settings and its modules. The card's words may change."""
+    """SHA-256 (hex) over the controller's name and version, and its settings. The card's words may change."""
 
     @property
     def sees(self) -> Sight:
@@ -359,16 +351,12 @@ def _check_place(place: Path, folder: Path) -> None:
 
 
 def _digest(controller: str, place: Path, settings: Any) -> str:
-    own = _CONTROLLERS[controller]
-    code = sha256_of_files(_HERE, [_HERE / module for module in own.modules])
-    if own.elsewhere:
-        code += f" {sha256_of_files(_HERE.parent, [_HERE.parent / module for module in own.elsewhere])}"
     data = (
         sha256_of_files(place, list(settings.files))
         if place.is_dir()
         else hashlib.sha256(place.read_bytes()).hexdigest()
     )
-    return hashlib.sha256(f"{controller} {code} {data}".encode()).hexdigest()
+    return hashlib.sha256(f"{controller} {_CONTROLLERS[controller].version} {data}".encode()).hexdigest()
 
 
 def _read_card(file: Path) -> Card:

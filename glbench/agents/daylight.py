@@ -1,6 +1,6 @@
 """What an observer can know about the day: when it is light, and how much sun it will have had.
 
-The published controller is told both. Here they are estimated from the radiation seen so far and the clock, with no model of the
+The published controller knows both. Here they are estimated from the radiation seen so far and the clock, with no model of the
 sun and no knowledge of the place: yesterday's dawn and dusk, and the average course of the days before, scaled by today's share.
 All arrays have one row a run; rows do not mix, so a run gets the same bits alone and in a batch.
 """

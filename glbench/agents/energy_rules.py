@@ -100,7 +100,7 @@ class EnergyRulesAgent(TunedRulesAgent):
             When there are not as many rows as runs were announced to ``reset``.
         """
         if len(observations) != self._runs:
-            msg = f"act got observations of {len(observations)} runs, reset was told of {self._runs}. Call reset first."
+            msg = f"act got observations of {len(observations)} runs, reset was called with {self._runs}. Call reset first."
             raise ShapeError(msg)
         rows = observations.T.astype(np.float64, order="C")
         seen = {name: rows[place] for name, place in self._columns.items()}

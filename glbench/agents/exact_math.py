@@ -31,7 +31,7 @@ _LARGEST_EXPONENT = 700.0
 
 @dataclass(frozen=True, eq=False)
 class ExactLinear:
-    """``x @ weights + bias`` with the same bits for a row whatever stands beside it and whoever multiplies.
+    """``x @ weights + bias``, bitwise identical for any batch composition and BLAS.
 
     Both factors are split into a coarse and a fine part of whole numbers. The product of the fine parts is left out: the result
     is within about ``1e-12`` of the largest weight times the largest entry of the row, far closer than float32 comes.

@@ -191,7 +191,7 @@ class GrowerAgent:
             When there are not as many rows as runs were announced to ``reset``.
         """
         if len(observations) != self._runs:
-            msg = f"act got observations of {len(observations)} runs, reset was told of {self._runs}. Call reset first."
+            msg = f"act got observations of {len(observations)} runs, reset was called with {self._runs}. Call reset first."
             raise ShapeError(msg)
         page, rules = _Page(self.settings, *self._seen(observations)), self._rules()
         low, high = self._task.action_bounds

@@ -69,7 +69,7 @@ class NetworkAgent:
             When there are not as many rows as runs were announced to ``reset``.
         """
         if len(observations) != self._runs:
-            msg = f"act got observations of {len(observations)} runs, reset was told of {self._runs}. Call reset first."
+            msg = f"act got observations of {len(observations)} runs, reset was called with {self._runs}. Call reset first."
             raise ShapeError(msg)
         return self.policy.act(observations)
 

@@ -154,7 +154,7 @@ class NetworkPolicy:
                     raise SubmissionError(msg)
                 return cls(**_fields(file))
         except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile, ShapeError) as error:
-            msg = f"{name} is no policy of glbench, or a damaged one: {error}. Write it anew with glbench export."
+            msg = f"{name} is not a glbench policy, or is damaged: {error}. Write it again with glbench export."
             raise SubmissionError(msg) from error
 
 

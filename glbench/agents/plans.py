@@ -1,4 +1,4 @@
-"""Plans for the scenarios of a task, made with everything known: a book of them in a small file, and the controller that carries them out.
+"""Perfect-information plans, one file per task, and the controller that carries them out.
 
 A plan is the actions of a whole run. They are kept as whole numbers (uint16) on a scale from the lower to the upper bound of each
 action, so coarse that the file is small: a run of 5,760 steps takes about 20 kB. Where actions are changes (rate actuation), what rounding

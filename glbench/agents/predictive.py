@@ -1,4 +1,4 @@
-"""Predictive control as baselines: one that is told the truth, and one that estimates it from what a task shows.
+"""Predictive control as baselines: one that sees the true state, and one that estimates it from what a task shows.
 
 Both plan with ``glbench.control.PredictiveController`` and settings from a YAML file, and act through the task's actuation.
 """
@@ -110,7 +110,7 @@ class _Actor:
 
 
 class TrueStateController:
-    """Predictive control that is told everything: a ``ScenarioController``."""
+    """Predictive control with perfect information: a ``ScenarioController``."""
 
     def __init__(self, settings: PredictiveSettings) -> None:
         self.settings = settings
@@ -138,7 +138,7 @@ class TrueStateController:
             When there are not as many rows as runs.
         """
         if len(x) != len(self._scenarios):
-            msg = f"act got states of {len(x)} runs, reset was told of {len(self._scenarios)}. Call reset first."
+            msg = f"act got states of {len(x)} runs, reset was called with {len(self._scenarios)}. Call reset first."
             raise ShapeError(msg)
         k = self._step
         self._step += 1

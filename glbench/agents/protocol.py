@@ -130,7 +130,7 @@ class PerRunAgent:
             When there are not as many rows as runs were announced to ``reset``.
         """
         if len(observations) != len(self.agents):
-            msg = f"act got observations of {len(observations)} runs, reset was told of {len(self.agents)}. Call reset first."
+            msg = f"act got observations of {len(observations)} runs, reset was called with {len(self.agents)}. Call reset first."
             raise ShapeError(msg)
         # Own copies: an agent that changes its observation in place must not change what others see or what is recorded.
         rows = [self._row(run, agent.act(observations[run].copy())) for run, agent in enumerate(self.agents)]

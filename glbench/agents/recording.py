@@ -90,7 +90,7 @@ def read_recording(file: Path) -> Recording:
     Raises
     ------
     SubmissionError
-        When it cannot be read or is no recording.
+        When it cannot be read or is not a recording.
     """
     advice = "`glbench episodes recording` writes one."
     try:
@@ -111,7 +111,7 @@ def read_recording(file: Path) -> Recording:
                 about=json.loads(str(arrays["about"])),
             )
     except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile, ShapeError) as error:
-        msg = f"{file} is no recording of actions, or a damaged one: {error}. {advice}"
+        msg = f"{file} is not a recording of actions, or is damaged: {error}. {advice}"
         raise SubmissionError(msg) from error
 
 
@@ -146,7 +146,7 @@ class RecordingAgent:
             When there are not as many rows as runs were announced to ``reset``.
         """
         if len(observations) != self._runs:
-            msg = f"act got observations of {len(observations)} runs, reset was told of {self._runs}. Call reset first."
+            msg = f"act got observations of {len(observations)} runs, reset was called with {self._runs}. Call reset first."
             raise ShapeError(msg)
         actions = self._recording.actions
         action = actions[min(self._step, len(actions) - 1)].astype(np.float64)

@@ -93,7 +93,7 @@ class TunedRulesAgent:
             When there are not as many rows as runs were announced to ``reset``.
         """
         if len(observations) != self._runs:
-            msg = f"act got observations of {len(observations)} runs, reset was told of {self._runs}. Call reset first."
+            msg = f"act got observations of {len(observations)} runs, reset was called with {self._runs}. Call reset first."
             raise ShapeError(msg)
         plan = self._plan
         rows = observations.T[plan.places].astype(np.float64, order="C")

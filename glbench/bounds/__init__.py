@@ -1,4 +1,4 @@
-"""Best known plans: search for plans for scenarios in which everything is known, and check by replay whether one beats another.
+"""Best known plans: search for plans with perfect information, and check by replay whether one beats another.
 
 ``search`` plans scenarios and saves each plan in a small file; ``submit`` replays plans and adopts those that earn more than the best
 known ones. See docs/best-known.md. ``dispatch`` finds the least cost of the energy that a run asked for, and ``energy_costs`` what buffer

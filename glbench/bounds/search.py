@@ -42,7 +42,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Search:
-    """A search for plans for runs of a task, with everything known.
+    """A search for plans for runs of a task, with perfect information.
 
     Attributes
     ----------

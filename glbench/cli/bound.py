@@ -1,4 +1,4 @@
-"""``glbench bound``: search for better plans for a task's runs with everything known, and hand in those that beat the best known."""
+"""``glbench bound``: search for better plans for a task's runs with perfect information, and hand in those that beat the best known."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def bound(
     address: Address = None,
     workers: Workers = None,
 ) -> None:
-    """Search for the best plan for each run of a task, with everything known: draws and weather to come.
+    """Search for the best plan for each run of a task, with perfect information: draws and weather to come.
 
     A plan shows what could be reached. It is the best found so far, not proven optimal. Stop the command whenever you like; run it
     again to continue with the remaining runs.

@@ -60,7 +60,7 @@ def export(
         ),
     ] = None,
     task: OneTask = None,
-    runs: Annotated[int, typer.Option("--runs", "-n", min=1, help="Seasons per agent.")] = 10,
+    runs: Annotated[int, typer.Option("--runs", "-n", min=1, help="Runs per agent.")] = 10,
     noise: Annotated[
         float,
         typer.Option(
@@ -72,7 +72,7 @@ def export(
     ] = 0.0,
     seed: Annotated[
         int | None,
-        typer.Option("--seed", help="Seed of the first season, 10,000,000,000 or more. Default: 40,000,000,000."),
+        typer.Option("--seed", help="Seed of the first run, 10,000,000,000 or more. Default: 40,000,000,000."),
     ] = None,
     author: Annotated[str | None, typer.Option("--author", help="Author of the dataset, for its metadata.")] = None,
     email: Annotated[

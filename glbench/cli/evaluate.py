@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import os
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,7 +32,8 @@ from glbench.cli.options import (
 )
 from glbench.cli.progress import Bar
 from glbench.cli.view import live_view, live_viewer
-from glbench.errors import GlbenchError, SandboxError, SubmissionError, TaskError
+from glbench.errors import GlbenchError, SubmissionError, TaskError
+from glbench.extras import require
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -40,7 +42,7 @@ if TYPE_CHECKING:
     from glbench.evaluation import Evaluation, Protected, Result
     from glbench.evaluation import Progress as Standing
     from glbench.evaluation import SandboxChoice as ChosenSandbox
-    from glbench.evaluation.engines import Engine, Job, Outcome
+    from glbench.evaluation.engines import Engine, Job, Outcome, Report
     from glbench.leaderboard.catalogue import Metric
     from glbench.tasks import Round, TaskSpec
 
@@ -102,6 +104,13 @@ def evaluate(
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Evaluate again even if the result is there, and forget unfinished work.")
     ] = False,
+    fresh_draws: Annotated[
+        bool,
+        typer.Option(
+            "--fresh-draws",
+            help="Evaluate again with draws that nobody knows beforehand, and save that in the result, too (docs/statistics.md).",
+        ),
+    ] = False,
     round_file: RoundFile = None,
     split: Annotated[
         str,
@@ -115,19 +124,27 @@ def evaluate(
     Results depend neither on --workers nor on --engine. What is interrupted (Ctrl-C, a crash, a power cut) continues with the
     same command, and what is finished is not done again.
     """
+    if live:
+        require("--live", "view", "rerun")
+    if engine is EngineName.RAY:
+        require("--engine ray", "ray", "ray")
     with leaving_at_once():
         from glbench.evaluation.engines import Job, Options
+        from glbench.evaluation.fresh_draws import check_fresh_draws
+        from glbench.evaluation.sandbox.choosing import keep_out_of_sight
 
     try:
         with _quiet_agents(as_json), messages().status("preparing") as status:
             tasks = _tasks(task or [], suite or [], round_of(round_file), split)
             usable, unusable = _agents(agents, sandbox.value)
             if round_file is not None:
-                _keep_out_of_sight(round_file, usable.values())
+                keep_out_of_sight(round_file, usable.values())
             if _kernel_is_new(tasks):
                 status.update("building the kernel, once on this machine: some seconds")
             options = Options(out, runs, seed, workers, fresh, episodes)
             jobs = [Job(chosen, ref, agent, options) for chosen in tasks for ref, agent in usable.items()]
+            for job in jobs if fresh_draws else ():
+                check_fresh_draws(job)
             first = jobs[0].prepare() if len(jobs) == 1 and not unusable and engine is EngineName.LOCAL else None
     except KeyboardInterrupt:
         tell_interrupted("Nothing was evaluated yet.")
@@ -137,7 +154,7 @@ def evaluate(
     begun = True
     if first is not None:
         with live_viewer() if live else contextlib.nullcontext() as viewer:
-            result = _evaluate(first, as_json=as_json, viewer=viewer)
+            result = _evaluate(first, as_json=as_json, viewer=viewer, again=jobs[0] if fresh_draws else None)
         begun = any(run.steps for run in result.runs)
         if show_prints or result.failed:
             _print_prints(first.agent.name, first.prints.text(), everything=show_prints)
@@ -145,7 +162,10 @@ def evaluate(
         if live:
             msg = "--live shows one evaluation on this machine: name one agent and one task, without --engine."
             raise GlbenchError(msg)
-        if not _evaluate_many(jobs, _engine(engine, address, workers), unusable, as_json=as_json, prints=show_prints):
+        chosen_engine = _engine(engine, address, workers)
+        if fresh_draws:
+            chosen_engine = _WithFreshDraws(chosen_engine)
+        if not _evaluate_many(jobs, chosen_engine, unusable, as_json=as_json, prints=show_prints):
             raise typer.Exit(1)
     if not as_json:
         from glbench.evaluation.preparing import results_folder
@@ -209,22 +229,6 @@ def _tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | None, sp
     return chosen if sealed is None else [task.in_split("test", sealed.secret) for task in chosen]
 
 
-def _keep_out_of_sight(round_file: Path, agents: Iterable[Protected]) -> None:
-    """Refuse a round whose file an agent could find in its sandbox.
-
-    Raises
-    ------
-    SandboxError
-        When the file lies where the sandbox shows what is there.
-    """
-    from glbench.evaluation.sandbox.bubblewrap import is_visible
-
-    for agent in agents:
-        if agent.submission is not None and is_visible(round_file, agent.submission):
-            msg = f"'{agent.agent.name}' would see {round_file} in its sandbox. Keep the file of a round in a folder of its own."
-            raise SandboxError(msg)
-
-
 def _agents(refs: Sequence[str], sandbox: ChosenSandbox) -> tuple[dict[str, Protected], dict[str, str]]:
     """The agents named, each once, and the reasons why others cannot be used. A single one that cannot be used raises.
 
@@ -267,9 +271,13 @@ def _say_if_borrowed(agent: LoadedAgent) -> None:
         )
 
 
-def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = None) -> Result:
-    """Run one evaluation, or take its stored result, and show it; ``viewer`` is the address of a live view."""
+def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = None, again: Job | None = None) -> Result:
+    """Run one evaluation, or take its stored result, and show it; ``viewer`` is the address of a live view.
+
+    ``again`` is the job that it is of, where it is wanted with fresh draws, too.
+    """
     from glbench.evaluation import SavingError
+    from glbench.leaderboard.fresh_draws import fresh_words
 
     if not as_json:
         say(messages(), _announcement(evaluation))
@@ -284,12 +292,64 @@ def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = Non
         messages().print(f"Already evaluated on {result.created}: this is the stored result (--fresh evaluates again).")
     if evaluation.stored is not None:
         evaluation.complete_episodes(evaluation.stored)
+    if again is not None and as_json:
+        result = _again(again, as_json=True)
     _show(result, evaluation.task, as_json=as_json)
+    if again is not None and not as_json:
+        result = _again(again, as_json=False)
+        say(output(), f"With fresh draws: {escape(fresh_words(result, _ranks(evaluation.task)))}")
     if evaluation.path is not None and not as_json:
         tell(f"Saved: {_shown(evaluation.path)}")
         sealed = "" if result.task.salt_commitment is None else " --round FILE"
         tell(f"Reproduce it: glbench verify {_shown(evaluation.path)}{sealed}")
     return result
+
+
+def _again(job: Job, *, as_json: bool) -> Result:
+    """The result of ``job``, which is done, with fresh draws."""
+    from glbench.evaluation.fresh_draws import add_fresh_draws
+
+    def run(part: Job) -> Result:
+        evaluation = part.prepare()
+        if evaluation.stored is None and not as_json:
+            draws = "fresh" if part.task.sealed else "the published"
+            messages().print(f"{escape(part.agent_name)} with {draws} draws", soft_wrap=True)
+        return evaluation.stored or _run(evaluation, as_json=as_json, viewer=None)
+
+    return add_fresh_draws(job, run)
+
+
+class _WithFreshDraws:
+    """An engine that evaluates each agent with fresh draws, too, once it is done."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+
+    def run(self, jobs: Sequence[Job], report: Report) -> Iterator[Outcome]:
+        """Do the jobs, each with fresh draws after those published."""
+        from glbench.evaluation.engines import LocalEngine
+        from glbench.evaluation.fresh_draws import add_fresh_draws
+
+        coming = self._engine.run(jobs, report)
+        # A cluster is left before it is joined again.
+        for outcome in coming if isinstance(self._engine, LocalEngine) else tuple(coming):
+
+            def run(part: Job, whole: Outcome = outcome) -> Result:
+                (done,) = self._engine.run([part], lambda _, standing: report(whole.job, standing))
+                if done.result is None:
+                    raise SubmissionError(done.reason or "")
+                return done.result
+
+            if outcome.result is None:
+                yield outcome
+                continue
+            try:
+                result = add_fresh_draws(outcome.job, run)
+            except GlbenchError as error:
+                reason = f"With the published draws it is evaluated and saved; with fresh draws it is not: {error}"
+                yield dataclasses.replace(outcome, result=None, reason=reason)
+            else:
+                yield dataclasses.replace(outcome, result=result)
 
 
 def _show(result: Result, task: TaskSpec, *, as_json: bool) -> None:
@@ -394,6 +454,7 @@ def _next(coming: Iterator[Outcome], *, quiet: bool) -> Outcome | None:
 def _print(outcome: Outcome, number: str, *, as_json: bool, prints: bool) -> None:
     """A line a job, and why runs failed; with ``as_json`` the result as one line on standard output, and the words beside it."""
     from glbench.cli.results import print_reasons
+    from glbench.leaderboard.fresh_draws import fresh_words
 
     result, name = outcome.result, outcome.job.agent_name
     if as_json:
@@ -406,6 +467,8 @@ def _print(outcome: Outcome, number: str, *, as_json: bool, prints: bool) -> Non
     else:
         took = "already there" if outcome.stored else f"{outcome.seconds:.1f} s"
         said = f"{_score_in_words(result, _ranks(outcome.job.task))}, {_runs(result)}, {took}"
+        if result.fresh_draws is not None:
+            said += f"; with fresh draws {escape(fresh_words(result, _ranks(outcome.job.task)))}"
     messages().print(begin + said, soft_wrap=True)
     if result is not None and (prints or result.failed):
         print_reasons(result, _SHOWN_REASONS, indent="    ")

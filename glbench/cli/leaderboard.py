@@ -194,6 +194,7 @@ def _print(shown: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members:
         AGAINST_NOTE,
         REGRET_NOTE,
         footnotes,
+        fresh_notes,
         kernel_note,
         regret_notes,
         score_note,
@@ -216,7 +217,7 @@ def _print(shown: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members:
                 _say(f"{row.agent}: {row.failed} of {row.runs} runs failed.")
             if row.remark:
                 _say(f"{row.agent} is {row.remark}.")
-        for note in seen_notes(table):
+        for note in (*seen_notes(table), *fresh_notes(table)):
             _say(note, style="yellow")
         for note in regret_notes(table):
             _say(note, style="green")
@@ -267,6 +268,7 @@ def _print_task(table: TaskTable, *, members: bool) -> None:
     scores = [
         t.of_metric(first),
         t.TableColumn(_SPAN, span, gives_way=1),
+        *([replace(t.fresh_column(first), heading="Fresh\ndraws")] if t.has_fresh_draws(table) else []),
         *regrets[:1],
         t.worst_column(first, gives_way=5),
         *t.year_columns(table.rows, first, gives_way=6),

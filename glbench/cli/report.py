@@ -13,6 +13,7 @@ import typer
 from glbench.cli.console import messages, print_warning, put, tell
 from glbench.cli.options import REPORTS, Out, Workers
 from glbench.cli.stored import warn_of
+from glbench.extras import require
 from glbench.resources import data_package, how_to_get_data, is_released
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ def report(
     Results are read from OUT/results and from the released results that come with glbench.
     Nothing is simulated, but for --complete.
     """
+    require("The report", "report", "jinja2", "plotly")
     from glbench.report import write_report
 
     if complete:

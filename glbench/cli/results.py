@@ -96,6 +96,7 @@ def _show(stored: StoredResult, where_from: Sequence[str]) -> None:
     import numpy as np
 
     from glbench.leaderboard.catalogue import catalogue
+    from glbench.leaderboard.fresh_draws import fresh_words
     from glbench.leaderboard.ranking import means_by_year
     from glbench.leaderboard.seen import seen_by, what_it_should_not_have_seen
     from glbench.leaderboard.statistics import worst_tenth
@@ -140,6 +141,7 @@ def _show(stored: StoredResult, where_from: Sequence[str]) -> None:
         f"{result.agent.name} sees: {result.agent.information}",
         *([f"{SEEN_MARK} {result.agent.name} {unfair}"] if unfair else []),
         *([f"Salt commitment {result.task.salt_commitment}"] if result.task.salt_commitment else []),
+        *([f"With fresh draws: {fresh_words(result, score)}"] if result.fresh_draws else []),
         f"Kernel {kernel.get('backend')}, preset {kernel.get('preset', _NONE)}; results digest {result.results_digest[:12]}",
         *where_from,
         f"Stated by the file, not checked: {'; '.join(stated)}",

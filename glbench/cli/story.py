@@ -13,6 +13,7 @@ import typer
 from glbench.cli.console import messages, output, print_warning, put_json, say, tell
 from glbench.cli.options import REPORTS, AsJson, Workers
 from glbench.errors import ResultError
+from glbench.extras import require
 
 if TYPE_CHECKING:
     from glbench.evaluation import Result
@@ -50,6 +51,8 @@ def story(
     if show and page is None:
         msg = "--open opens the page that --page FILE.html writes: give it, too."
         raise ResultError(msg)
+    if page is not None:
+        require("--page", "report", "jinja2")
     other = _other(result, load_result(result), against)
     with messages().status("simulating both again"):
         told = tell_story(result, other, workers or os.cpu_count() or 1)

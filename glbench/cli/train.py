@@ -25,6 +25,7 @@ from glbench.cli.options import (
 from glbench.cli.progress import Bar
 from glbench.cli.seeds import Where, on_cluster, seeds_of, train_with_seeds
 from glbench.errors import TrainingError
+from glbench.extras import require
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -78,6 +79,12 @@ def train(
     The folder then holds the policy (policy.npz, evaluated with numpy alone), the learning curve, the settings and card.toml,
     and is an agent itself: glbench evaluate FOLDER. Exit code 3: the training finished, but never beat the policy it began with.
     """
+    if engine is EngineName.RAY:
+        require("--engine ray", "ray", "ray")
+    if wandb:
+        require("--wandb", "wandb", "wandb")
+    if algorithm != "ppo":
+        require("This training", "train", "torch", "stable_baselines3")
     from glbench.training.compiled_settings import is_compiled
 
     check_address(address, engine)
@@ -153,7 +160,9 @@ def tune_rules(
     seed: Seed = 0,
     seasons: Annotated[
         int | None,
-        typer.Option("--seasons", "-n", min=1, help="Seasons in all, rounded up to whole generations. Default: 6,400."),
+        typer.Option(
+            "--seasons", "-n", min=1, help="Simulated runs in all, rounded up to whole generations. Default: 6,400."
+        ),
     ] = None,
     population: Annotated[
         int | None, typer.Option("--population", "-p", min=4, help="Candidates a generation. Default: 64.")
@@ -181,7 +190,7 @@ def tune_rules(
     generations = settings.generations(tasks)
     messages().print(
         f"Tuning rules for [bold]{names}[/bold]: {generations} generations of {settings.population} candidates, "
-        f"a season of each task for each, seed {seed}, in {folder}",
+        f"a run of each task for each, seed {seed}, in {folder}",
         soft_wrap=True,
     )
     bar = _TrainingBar(generations * settings.population * sum(one.steps for one in tasks), tasks[0])
@@ -210,7 +219,7 @@ def tune_policy(
     out: TrainingFolder = None,
     resume: Resume = False,
 ) -> None:
-    """Adapt the last layer of a trained policy (CMA-ES): seasons of the simulator, no gradients, decide what is better.
+    """Adapt the last layer of a trained policy (CMA-ES): simulated runs, no gradients, decide what is better.
 
     The folder then holds the policy (policy.npz), the learning curve and card.toml, and is an agent itself: glbench evaluate FOLDER.
     """
@@ -224,7 +233,7 @@ def tune_policy(
     folder = out or Path("runs") / f"tuned-{chosen.short_id}-seed{seed}"
     messages().print(
         f"Tuning [bold]{policy}[/bold] on [bold]{chosen.id}[/bold]: {settings.generations} generations of "
-        f"{settings.population} seasons, seed {seed}, in {folder}",
+        f"{settings.population} runs, seed {seed}, in {folder}",
         soft_wrap=True,
     )
     bar = _TrainingBar(settings.generations * settings.population * chosen.steps, chosen)
@@ -301,6 +310,10 @@ def sweep(
     ] = False,
 ) -> None:
     """Search hyperparameters: an Optuna study in a local file. The same command resumes an interrupted search."""
+    if wandb:
+        require("--wandb", "wandb", "wandb")
+    if engine is EngineName.RAY:
+        require("--engine ray", "ray", "ray")
     with needs_the_extra("train"):
         from glbench.training.sweep import read_search
         from glbench.training.sweep import sweep as run_sweep
@@ -430,7 +443,7 @@ def _watched(
             tell_interrupted(
                 "The same command with --resume continues from the last checkpoint."
                 if begun()
-                else "Nothing was trained long enough to be kept: the same command starts again."
+                else "Interrupted before the first checkpoint; the same command starts over."
             )
             raise typer.Exit(INTERRUPTED) from None
 
@@ -505,7 +518,7 @@ def _say_what_came_out(
         With code 3 when nothing was learnt.
     """
     score = _words(task).score
-    more = "more seasons (--seasons N)" if what == "rules" else f"more steps ({how})"
+    more = "more runs (--seasons N)" if what == "rules" else f"more steps ({how})"
     if not trained.learnt:
         messages().print(
             f"[bold yellow]Nothing was learnt.[/bold yellow] The training never beat the {what} that it began with: "

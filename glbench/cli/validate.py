@@ -100,6 +100,11 @@ def _print(comparison: Comparison) -> None:
         print_warning(unused)
     output().print(_season(comparison))
     output().print(_months(comparison))
+    by_pipes = ", ".join(f"{house.name} {house.pipe_heat:.0f}" for house in comparison.houses)
+    put(
+        "The organisers computed the measured heat from pipe temperatures; the simulated heat is the boiler's. By their formula "
+        f"the simulated pipes give off, in MJ/m2: {by_pipes}."
+    )
     put(
         f"Growers differ by {comparison.heat_spread:.2f} MJ/m2/d in one weather (RMS of a compartment's measured heat around the mean of "
         "all): a simulation that knows nothing of theirs cannot come closer to single compartments."

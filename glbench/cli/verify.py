@@ -105,6 +105,8 @@ def _show(verdict: Verdict) -> None:
         seeds = ", ".join(map(str, verdict.episodes[:8])) + (" ..." if len(verdict.episodes) > 8 else "")
         whole = f"; every column of the full episodes of the seeds {seeds}" if verdict.episodes else ""
         profile = "; the profile" if "profile" in verdict.reproduced else ""
+        if "fresh_draws.references" in verdict.reproduced:
+            profile += "; the fresh draws, and what the reference agents earn with both"
         say(
             output(),
             f"  Reproduced: {verdict.steps:,} rewards, {verdict.runs} final states, all metrics and their means; the digests of the task "

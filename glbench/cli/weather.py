@@ -15,6 +15,7 @@ from rich.text import Text
 
 from glbench.cli.console import messages, output, put, put_json, say, table
 from glbench.cli.options import AsJson
+from glbench.extras import require
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -189,6 +190,8 @@ def generate(
     replace: Annotated[bool, typer.Option("--replace", help="Replace files that are there.")] = False,
 ) -> None:
     """Make a season that never was, from blocks of days of real years."""
+    if picture is not None:
+        require("--picture", "video", "matplotlib")
     import numpy as np
 
     from glbench.errors import WeatherError

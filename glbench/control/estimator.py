@@ -1,4 +1,4 @@
-"""Where the greenhouse is, from what an agent sees: an extended Kalman filter of states, parameters and sensors.
+"""Extended Kalman filter that estimates states, parameters and sensor errors from observations.
 
 A run is not quite the nominal model, and its task says by how much: parameters and start are drawn, sensors are off. All of it is public,
 and makes the filter's covariances; nothing is left to tune but a small error of the model itself.
@@ -11,7 +11,7 @@ The filter estimates, for every run,
 - how far an unseen column of the weather is off (``UNSEEN``), which is forgotten within hours;
 - bias and drift of every sensor: a reading is truth + noise + bias + drift k / N in step k of N, as ``glbench.env.sensors`` makes it.
 
-Parameters drawn anew in each step are noise on the states along the derivatives of the step. A reading that is exactly the last one
+Parameters redrawn in each step are noise on the states along the derivatives of the step. A reading that is exactly the last one
 comes from a sensor that hangs, and is left out; so is one that is missing (NaN). Measured columns are taken one after the other in
 Joseph's form.
 """
@@ -48,7 +48,7 @@ ROUNDING = 2.0**-22
 _A_DAY = 24.0
 """Hours in which a parameter that is drawn daily is forgotten to 1/e."""
 _EVER = 1e4
-"""Hours in which a parameter that is drawn for the episode is forgotten to 1/e: what was learned wrongly is not believed for ever."""
+"""Hours in which a parameter that is drawn for the episode is forgotten to 1/e: a wrong estimate fades."""
 _SMALL = 1e-4
 _GRID: Floats = np.asarray((np.arange(4096) + 0.5) / 4096.0, np.float64)
 

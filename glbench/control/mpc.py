@@ -38,7 +38,7 @@ _SHRINK, _GROW = 0.75, 1.3
 _SMOOTHING = 0.003
 """Width within which violations count quadratically, as a share of the distance between the limits."""
 _NEXT = 8
-"""Coming steps whose derivatives every decision makes anew."""
+"""Coming steps whose derivatives every decision recomputes."""
 _TOGETHER = 8
 """Runs whose plans are improved together: as many as the processor's cache and its vectors hold."""
 
@@ -66,8 +66,8 @@ class PredictiveController:
     ascent_steps
         Gradient steps in an iteration.
     renew_every
-        The derivatives of a step ahead are made anew once in so many decisions, and those of the coming steps always. 1 makes all of them
-        anew; more is faster, and no plan gets worse by it, because what is tried is simulated.
+        The derivatives of a step ahead are recomputed once in so many decisions, and those of the coming steps always. 1 makes all of them
+        in every decision; more is faster, and no plan gets worse by it, because what is tried is simulated.
     preset
         Of the kernel that plans.
 
@@ -99,7 +99,7 @@ class PredictiveController:
         self._iterations = _at_least_one(iterations, "The number of iterations")
         self._first_iterations = _at_least_one(first_iterations, "The number of first iterations")
         self._ascent_steps = _at_least_one(ascent_steps, "The number of gradient steps")
-        self._renew_every = _at_least_one(renew_every, "The number of decisions after which derivatives are made anew")
+        self._renew_every = _at_least_one(renew_every, "The number of decisions after which derivatives are recomputed")
         judged = _within(task, dict(margin or {}))
         near = judged_at_the_end(judged)
         self._stage, self._smooth = StageReward(judged), StageReward(near, smoothing=_SMOOTHING)
@@ -171,9 +171,9 @@ class PredictiveController:
         calendar: ArrayLike,
         days_left: float | None = None,
     ) -> Floats:
-        """Plan anew, and give the controls of the coming step.
+        """Replan, and give the controls of the coming step.
 
-        A run whose plan cannot be improved, because its state is not finite or a step ahead cannot be integrated, goes on with the plan
+        A run whose plan cannot be improved, because its state is not finite or a step ahead cannot be integrated, continues with the plan
         that it has.
 
         Parameters
@@ -226,7 +226,7 @@ class PredictiveController:
         return self.follow()
 
     def follow(self) -> Floats:
-        """Take the next step of the plan as it stands ``(runs, c)``: cheaper than planning anew in every step.
+        """Take the next step of the plan as it stands ``(runs, c)``: cheaper than replanning in every step.
 
         Raises
         ------
@@ -284,20 +284,20 @@ class PredictiveController:
         return rows
 
     def _shift(self, steps: int) -> None:
-        """Bring the derivatives of the last decision to the steps that are ahead now, and mark those to be made anew."""
+        """Bring the derivatives of the last decision to the steps that are ahead now, and mark those to be recomputed."""
         old = self._jacobians[:, self._at :][:, :steps]
         self._jacobians = np.zeros((self._runs, steps, *old.shape[2:]))
         self._jacobians[:, : old.shape[1]] = old
         turn = (self._taken + np.arange(steps) - self._decisions) % self._renew_every == 0
-        self._anew = np.tile(turn, (self._runs, 1))
-        self._anew[:, :_NEXT] = self._anew[:, old.shape[1] :] = True
-        self._anew[~self._renewed] = True
+        self._outdated = np.tile(turn, (self._runs, 1))
+        self._outdated[:, :_NEXT] = self._outdated[:, old.shape[1] :] = True
+        self._outdated[~self._renewed] = True
         self._renewed[:] = False
 
     def _lines(self, rows: Rows, x: Floats, u: Floats, d: Floats, p: Floats) -> Trajectory:
-        """The plans of some rows, simulated, with the derivatives that are kept and those that are made anew."""
-        kernel, anew = self._kernel, self._anew[rows]
-        if anew.all():
+        """The plans of some rows, simulated, with the derivatives that are kept and those that are recomputed."""
+        kernel, outdated = self._kernel, self._outdated[rows]
+        if outdated.all():
             lines = kernel.linearise_trajectory(x, u, d, p)
             if self._renew_every > 1:
                 if self._jacobians.ndim == 2:
@@ -305,7 +305,7 @@ class PredictiveController:
                 self._jacobians[rows] = lines.jacobians
             return lines
         states = kernel.rollout(x, u, d, p)
-        run, step = np.nonzero(anew)
+        run, step = np.nonzero(outdated)
         made = kernel.linearise(
             states[run, step],
             u[run, step],

@@ -1,4 +1,4 @@
-"""What comes: from the observations so far to the weather of the coming steps, as the kernel takes it.
+"""Predicts the disturbances of the next steps from past observations.
 
 What is observed now acts in the next step. From there on the outlook is the mean day of the time of the year (``Climatology``), plus a
 share of the deviation from it that is seen now, plus a share of the one that the forecast tells where the task shows one; the shares are

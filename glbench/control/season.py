@@ -1,4 +1,4 @@
-"""Plans for a whole season with everything known: sequential convex programming along the trajectory.
+"""Perfect-information plans for a whole season: sequential convex programming along the trajectory.
 
 Each iteration linearises the season's steps around the plan, improves the rewards of the linearised season within a trust region of
 each day, corrects the improvement by what the linearised season got wrong about it, and simulates eight step lengths. Each day keeps the
@@ -108,7 +108,7 @@ def plan_season(
     preset: str = "fast",
     watch: Callable[[Iteration], None] | None = None,
 ) -> SeasonPlan:
-    """Improve the controls of a season in which everything is known.
+    """Improve the controls of a season with perfect information.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def plan_season(
     preset
         Of the kernel that plans.
     watch
-        Is told of each iteration.
+        Called after each iteration.
 
     Returns
     -------

@@ -79,10 +79,10 @@ def behaviour(task: TaskSpec) -> dict[str, Number]:
         "dayOfYear": weather.day_of_year,
     }
     return {
-        **{f"weather.{name}": _weighted(values) for name, values in columns.items()},
-        **{f"step.{name}": _weighted(values) for name, values in _step(task).items()},
+        **{f"weather.{name}": weighted_sum(values) for name, values in columns.items()},
+        **{f"step.{name}": weighted_sum(values) for name, values in _step(task).items()},
         **(
-            {f"draw.{name}": _weighted(values) for name, values in _draws(task).items()}
+            {f"draw.{name}": weighted_sum(values) for name, values in _draws(task).items()}
             if task.schema_version > 1
             else {}
         ),
@@ -160,7 +160,7 @@ def read_behaviour() -> Mapping[str, Mapping[str, float]]:
 
 
 class _FixedStep:
-    """In the place of a kernel: every greenhouse ends where it is told to, and what acted on it is kept."""
+    """Stands in for a kernel: it returns fixed states and records its inputs."""
 
     def __init__(self, after: NDArray[np.float64]) -> None:
         self.after = after
@@ -217,7 +217,7 @@ def _draws(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
     return found
 
 
-def _weighted(values: NDArray[np.float64]) -> Number:
+def weighted_sum(values: NDArray[np.float64]) -> Number:
     """Sum of ``values`` (k,) with weights between 1 and 2 that repeat nowhere."""
     weights = 1.0 + np.arange(len(values)) * _GOLDEN % 1.0
     terms = weights * values

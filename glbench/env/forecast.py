@@ -1,4 +1,4 @@
-"""Forecasts that err: what is shown of the coming weather, made of the weather that comes and an error that hangs together.
+"""Forecasts that err: what is shown of the coming weather, made of the weather that comes and an autocorrelated error.
 
 A forecast is issued at every full hour and holds until the next one. Its column for h hours ahead is the mean over the hour that ends h
 hours after the issue, plus the error
@@ -7,8 +7,8 @@ hours after the issue, plus the error
 
 with one path a for each quantity and season. Forecasts of one hour that are issued after each other therefore agree the better the nearer
 that hour is, as those of a weather service do, and the error has the standard deviation s sqrt(1 - phi**(2 h)). Radiation errs in units of
-that under a clear sky, and stays between nothing and a clear sky. Sizes are round numbers, chosen; they define the task and claim no more.
-docs/uncertainty.md has pictures.
+that under a clear sky, and stays between 0 and a clear sky: it is a little too low on average (docs/uncertainty.md has by how much, and
+pictures). Sizes are round numbers, chosen; they define the task and claim no more.
 """
 
 from __future__ import annotations

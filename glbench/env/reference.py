@@ -74,7 +74,7 @@ class PythonParts:
     reward
         The column of the table, and what gives it from the table ``(n, width)``, the states before and after, and the controls.
     observation
-        Columns, and what gives them; it is also told which rows count.
+        Columns, and what gives them; it also gets the rows that count.
     deviations
         The distribution of each group of the program's parameters.
     followers
@@ -141,7 +141,7 @@ class PlainEnvironments(Environments):
         return self._failed
 
     def _forget(self) -> None:
-        """Make nothing of what was drawn ahead: keys and parameters may be others."""
+        """Invalidate prefetched draws; keys or parameters may have changed."""
         self._draws.begin(self.parameters)
 
     def _accepted(self, bounds: ActionBounds, given: Floats) -> Floats | None:

@@ -1,4 +1,4 @@
-"""What the runs of a task keep from step to step besides states and controls: numbers that its parts ask for by name.
+"""Per-run memory that the components of a task request by name, besides states and controls.
 
 A part says what it needs and with which value a run starts. ``allocate`` gives every number a place in the row of memory of a run
 (``glbench.kernel.environment``), which the part's tapes read and write:

@@ -1,4 +1,4 @@
-"""Quantities that wander: first-order autoregressive paths, and the bell-shaped numbers that drive them."""
+"""AR(1) processes with approximately normal innovations."""
 
 from __future__ import annotations
 

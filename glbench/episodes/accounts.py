@@ -92,7 +92,7 @@ def by_week(episode: Episode) -> pd.DataFrame:
     pandas.DataFrame
         ``days`` that the week has, and a column for each line of the accounts: light is the mean of a day [mol m-2 d-1], all else the sum
         of the week, which for a last week of fewer days is not scaled up. ``frame.attrs`` holds ``units`` and ``titles`` by column. Heat is
-        told as natural gas, too: 31.65 MJ m-3, its lower heating value.
+        also given as natural gas: 31.65 MJ m-3, its lower heating value.
 
     Raises
     ------

@@ -10,7 +10,6 @@ import platform
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-import rfc8785
 from pydantic import (
     BaseModel,
     ConfigDict,
@@ -22,6 +21,7 @@ from pydantic import (
 )
 
 from glbench import __version__
+from glbench.canonical import canonical_json
 from glbench.errors import TaskError
 from glbench.fields import MOST_ENTRIES, Count, Text, Word, only_if_sealed
 from glbench.untrusted import is_agent_name, steers
@@ -175,7 +175,7 @@ def versions(task: TaskSpec) -> dict[str, str]:
 
 def canonical(facts: BaseModel) -> bytes:
     """The one form (RFC 8785) of a record as JSON."""
-    return rfc8785.dumps(json.loads(facts.model_dump_json()))
+    return canonical_json(json.loads(facts.model_dump_json()))
 
 
 def as_words(provenance: Provenance, run: RunFacts | None = None) -> dict[str, str]:

@@ -88,7 +88,7 @@ def write_dataset(
     noise, progress
         As for ``trajectories``.
     first_seed
-        Seed of the first season, 10,000,000,000 or more.
+        Seed of the first run, 10,000,000,000 or more.
     about
         Further entries of the metadata, such as ``author`` and ``code_permalink``.
 

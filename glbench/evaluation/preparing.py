@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime as dt
-import hashlib
 import logging
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
@@ -11,10 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-import rfc8785
-
 from glbench import __version__
 from glbench.agents import Identity, LoadedAgent
+from glbench.canonical import canonical_sha256
 from glbench.env import Simulation
 from glbench.env.kernels import shared_kernel
 from glbench.episodes import Recorder, chosen_rows, parse_selection, provenance_of
@@ -539,9 +537,7 @@ class Evaluation:
             key["split"] = self.task.split
         if self.task.salt_commitment is not None:
             key["salt_commitment"] = self.task.salt_commitment
-        return (
-            agent_folder(self.out, self.task.id, self.agent.name) / hashlib.sha256(rfc8785.dumps(key)).hexdigest()[:16]
-        )
+        return agent_folder(self.out, self.task.id, self.agent.name) / canonical_sha256(key)[:16]
 
 
 def agent_record(agent: LoadedAgent) -> AgentRecord:

@@ -7,11 +7,9 @@ some that it knows, but for the one that ranks. ``docs/results.md`` explains the
 
 from __future__ import annotations
 
-import hashlib
 import math
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
-import rfc8785
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -24,10 +22,12 @@ from pydantic import (
 )
 
 from glbench.agents.card import Split, SubmissionCard, Year
+from glbench.canonical import canonical_sha256
 from glbench.errors import ResultError
 from glbench.evaluation.metrics import COMMON_UNITS, MONEY_TOO, PAPER_ONLY, UNITS
 from glbench.fields import MOST_ENTRIES, Count, Text, Word
 from glbench.showing import html_of
+from glbench.tasks.sealed import Round
 from glbench.untrusted import AGENT_NAME_RULE, is_agent_name
 
 if TYPE_CHECKING:
@@ -194,9 +194,37 @@ class Summary(Record):
     mean: Annotated[dict[Word, float], Field(max_length=MOST_ENTRIES)]
 
 
-class Result(Record):
+class ReferenceRuns(Record):
+    """A controller of glbench in the same runs: what ranks, in the order of the seeds, with the published and with the fresh draws."""
+
+    name: Annotated[str, AfterValidator(_agent_name)]
+    digest: Digest
+    published: Annotated[tuple[float, ...], FailFast()]
+    fresh: Annotated[tuple[float, ...], FailFast()]
+
+
+class FreshDraws(Record):
+    """The evaluation again, with draws from a ``salt`` that was secret until it was over, beside reference agents with the same draws."""
+
+    salt: Digest
+    metric: Word
+    """What ranks on the task: what ``references`` hold."""
+    runs: Annotated[tuple[RunResult, ...], FailFast()]
+    references: Annotated[tuple[ReferenceRuns, ...], Field(min_length=1, max_length=MOST_ENTRIES)]
+    record: RecordReference
+    digest: Digest
+    """SHA-256 over all of it but ``record``, and the ``results_digest`` of the result that it belongs to."""
+
+    def computed_digest(self, results_digest: str) -> str:
+        """What ``digest`` has to be in a result with this ``results_digest``."""
+        content = {"result": results_digest, **self.model_dump(mode="json", exclude={"record", "digest"})}
+        return canonical_sha256(content)
+
+
+class Result(Sparse):
     """One agent on one task: everything that ``reports/results/<task>/<agent>.json`` holds."""
 
+    sparse = frozenset({"fresh_draws"})
     schema_name: Literal["glbench/result"] = Field(default=SCHEMA_NAME, alias="schema")
     schema_version: Literal[1] = SCHEMA_VERSION
     task: TaskRecord
@@ -215,6 +243,8 @@ class Result(Record):
     """What `glbench verify` reproduces the result from; ``None`` in results that were made without a folder."""
     profile: RecordReference | None = None
     """What pages show of days and seasons; ``None`` in results that were made without a folder, or by an earlier glbench."""
+    fresh_draws: FreshDraws | None = None
+    """What came out with fresh draws (`glbench evaluate --fresh-draws`); absent without them. ``results_digest`` does not cover it."""
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
@@ -256,7 +286,40 @@ class Result(Record):
         if self.results_digest != results_digest(self.task.digest, self.agent, self.runs, self.task.salt_commitment):
             msg = "results_digest does not match task, agent and runs: the file was changed after it was written"
             raise ValueError(msg)
+        if self.fresh_draws is not None:
+            self._check_fresh_draws(self.fresh_draws)
         return self
+
+    def _check_fresh_draws(self, fresh: FreshDraws) -> None:
+        if self.task.split != "test" or self.task.salt_commitment is not None:
+            msg = "fresh_draws stand beside the published draws of a test split, and this result has other draws"
+            raise ValueError(msg)
+        runs = len(self.runs)
+        if any(len(values) != runs for one in fresh.references for values in (one.published, one.fresh)):
+            msg = f"fresh_draws: a reference agent does not have {runs} runs with each draws"
+            raise ValueError(msg)
+        if fresh.metric not in self.units:
+            msg = f"fresh_draws: the runs do not have the metric '{fresh.metric}'"
+            raise ValueError(msg)
+        if fresh.digest != fresh.computed_digest(self.results_digest):
+            msg = "fresh_draws: the digest does not match salt, runs and reference agents: the file was changed after it was written"
+            raise ValueError(msg)
+        try:
+            self.of_fresh_draws()
+        except ValueError as error:
+            msg = f"fresh_draws: {error}"
+            raise ValueError(msg) from error
+
+    def of_fresh_draws(self) -> Result:
+        """The evaluation with the fresh draws as a result of its own: one of a round with that salt. Needs ``fresh_draws``."""
+        fresh = self.fresh_draws
+        assert fresh is not None
+        commitment = Round(fresh.salt).commitment
+        kept = {name: getattr(self, name) for name in type(self).model_fields}
+        kept["task"] = self.task.model_copy(update={"years": None, "salt_commitment": commitment})
+        kept |= {"runs": fresh.runs, "summary": summarise(fresh.runs), "record": fresh.record, "profile": None}
+        digest = results_digest(self.task.digest, self.agent, fresh.runs, commitment)
+        return Result(**kept | {"results_digest": digest, "fresh_draws": None})
 
     @property
     def clusters(self) -> tuple[str, ...] | None:
@@ -334,7 +397,7 @@ def results_digest(
         "runs": [run.model_dump(mode="json") for run in runs],
         **({} if salt_commitment is None else {"salt_commitment": salt_commitment}),
     }
-    return hashlib.sha256(rfc8785.dumps(deterministic)).hexdigest()
+    return canonical_sha256(deterministic)
 
 
 def _short(seeds: tuple[int, ...]) -> str:

@@ -1,4 +1,4 @@
-"""Who decides: a batched agent, one agent a run, or a privileged controller, here or in a sandbox, behind one small interface.
+"""Runners call agents: batched, one per run, or privileged; in this process or in a sandbox.
 
 A runner shows its agent the inputs of a step, checks the answer and applies it to the simulation. Inputs are what a checkpoint records,
 so that the agent can be brought back by showing it the same inputs again.

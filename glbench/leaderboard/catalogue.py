@@ -13,9 +13,8 @@ from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any, Literal
 
-from glbench.evaluation.metrics import metrics_of
 from glbench.registration import task_ids
-from glbench.tasks import PAPER_TASK, get_task
+from glbench.tasks import PAPER_TASK, published_task
 from glbench.tasks.ledger import FLOW, MONEY
 
 if TYPE_CHECKING:
@@ -154,13 +153,13 @@ class Drawn:
 
 def catalogue(*tasks: TaskSpec | None) -> Catalogue:
     """The catalogue of some tasks together; ``None``, or none at all, means a task that is not known: it is taken for the default one."""
-    found = [_of_task(task or get_task(PAPER_TASK)) for task in dict.fromkeys(tasks or (None,))]
+    found = [_of_task(task or published_task(PAPER_TASK)) for task in dict.fromkeys(tasks or (None,))]
     return together(found)
 
 
 def of_published(task_ids_: Iterable[str]) -> Catalogue:
     """The catalogue of those among these tasks that are published."""
-    return catalogue(*(get_task(task_id) for task_id in task_ids_ if task_id in task_ids()))
+    return catalogue(*(published_task(task_id) for task_id in task_ids_ if task_id in task_ids()))
 
 
 def has_several_seasons(task: TaskSpec) -> bool:
@@ -179,6 +178,8 @@ def _words() -> Mapping[str, Any]:
 
 @cache
 def _of_task(task: TaskSpec) -> Catalogue:
+    from glbench.evaluation.metrics import metrics_of
+
     told, ledger, limits = _words(), task.ledger, [name for name, _ in task.constraints.items()]
     known = {item.name: _known(item) for item in ledger.items}
     usual = (
@@ -285,7 +286,7 @@ def _item(item: LedgerItem, place: int, label: str, known: Mapping[str, Any], am
         label=label,
         short=known.get("short", in_sentence(label)),
         words=known.get("words", in_sentence(label)),
-        unit=f"EUR/{unit_sold(item) or 'piece'}",
+        unit=f"EUR/{unit_sold(item) or 'piece'}" if "m-2" in item.amount_unit else f"EUR/(m² {item.amount_unit})",
         colour=known.get("colour", place % _COLOURS),
         least=known.get("least", 0.0),
         table=isinstance(item.price, str),
@@ -323,7 +324,7 @@ def together(found: Sequence[Catalogue]) -> Catalogue:
 @cache
 def drawn(task: TaskSpec | None) -> Drawn:
     """What the report draws of a task, or of one that is not known."""
-    task = task or get_task(PAPER_TASK)
+    task = task or published_task(PAPER_TASK)
     told, ledger = _words(), task.ledger
     labels = {one.name: one.label or one.name for one in task.model_value.capacities(task.parameters_by_name())}
     controls = [*(name for name in told["order"]["controls"] if name in labels), *labels]

@@ -19,7 +19,7 @@ from glbench.evaluation.profiles import profile_path, read_profile
 from glbench.evaluation.records import AgentRecord
 from glbench.leaderboard.catalogue import Metric, catalogue
 from glbench.resources import data_folder, is_released
-from glbench.tasks import get_task, list_tasks, read_lock
+from glbench.tasks import list_tasks, published_task, read_lock
 from glbench.verification import SUFFIX, was_reproduced
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ class StoredResult:
         """The definition of its task: as published, else as stored beside the result; ``None`` where neither has it."""
         locked = read_lock().get(self.result.task.id)
         if locked is not None and locked.digest == self.result.task.digest:
-            return get_task(self.result.task.id)
+            return published_task(self.result.task.id)
         try:
             if profile_path(self.path).exists():
                 found = task_of(read_profile(profile_path(self.path)).text_of_task)

@@ -16,6 +16,7 @@ from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResu
 from glbench.leaderboard.comparisons import tiers
 from glbench.leaderboard.entries import Entry, entries_by_task, expected_seeds, metric_of, resolution_of
 from glbench.leaderboard.estimates import Estimate, estimate_over_trainings, estimates_of, worst_of
+from glbench.leaderboard.fresh_draws import FreshScore, fresh_score, fresh_score_over
 from glbench.leaderboard.regret import BestKnownMeans, Regret, best_known_means, can_be_best_known, regret_of
 from glbench.leaderboard.seen import Seen, seen_by, what_it_should_not_have_seen, years_of_runs
 from glbench.leaderboard.statistics import Interval, Published
@@ -74,6 +75,9 @@ class Row(Published):
     )
     regret: Regret | None = Field(
         default=None, description="how far it stays below the best known runs; null where one of its runs has none"
+    )
+    fresh_draws: FreshScore | None = Field(
+        default=None, description="what came out with draws that are not published; null where nobody evaluated it so"
     )
     by_year: tuple[OfYear, ...] = Field(
         default=(),
@@ -261,6 +265,7 @@ def _row(entry: Entry, rank_: int | None, remark: str, metric: str) -> Row:
             "worst_tenth": worst_of(entry.by_training(metric)) if entry.states(metric) else None,
             "regret": regret_of([item.result for item in entry.trainings]),
             "by_year": means_by_year(entry.trainings, metric) if entry.states(metric) else (),
+            "fresh_draws": fresh_score_over([row.fresh_draws for row in rows]),
             "trained_on": _seen_together([row.trained_on for row in rows]),
             "saw_scored": next((row.saw_scored for row in rows if row.saw_scored), ""),
             "unsandboxed": any(row.unsandboxed for row in rows),
@@ -336,6 +341,7 @@ def _row_of_result(item: StoredResult, origin: Origin, metric: str, **place: Any
         worst_tenth=worst_of(np.array(result.values(metric))) if metric in result.units else None,
         regret=regret_of([result]),
         by_year=means_by_year([item], metric) if metric in result.units else (),
+        fresh_draws=fresh_score(result),
         path=str(item.path),
         plan_counts=can_be_best_known(result.agent),
         trained_on=seen,

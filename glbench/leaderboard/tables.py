@@ -19,6 +19,7 @@ from glbench.leaderboard.catalogue import Catalogue, Metric, catalogue, of_publi
 from glbench.leaderboard.comparisons import RESOLUTION
 from glbench.leaderboard.entries import resolution_of
 from glbench.leaderboard.estimates import Estimate
+from glbench.leaderboard.fresh_draws import fresh_note
 from glbench.leaderboard.ranking import Row, TaskTable
 from glbench.leaderboard.regret import PARTS
 from glbench.leaderboard.statistics import SCORES, Interval, Published
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PRIVILEGED_MARK, UNSANDBOXED_MARK, REPRODUCED_MARK, RANGE_MARK, SEEN_MARK, FAILED_MARK = "†", "‡", "✓", "↔", "§", "✗"
+DROP_MARK = "¶"
 NONE = "–"
 OVERALL_NOTE = (
     "Overall 95 %: interval of the mean over trainings and runs, where there are several trainings. From two or three it is wide: that few "
@@ -45,6 +47,10 @@ AGAINST_NOTE = (
 )
 SEEN_NOTE = f"{SEEN_MARK} its training saw what it is judged by, as its card states: the test split, or weather of the years of that split."
 FAILED_NOTE = f"{FAILED_MARK} some runs failed: they count at the task's stated penalty."
+FRESH_NOTE = (
+    "Fresh draws: the same evaluation again with draws that nobody knew when the agent was handed in. Seasons differ, so the two means do, "
+    f"too. {DROP_MARK} it dropped by more than reference agents in the same seasons: it may know the published draws."
+)
 REGRET_NOTE = (
     "Regret: reward of the best known run with the same seed minus that of the run, mean over the runs. Its parts are the profit that is "
     "given away and the violations that are added. Who made a best known run may have known the whole season in advance. It is no bound: "
@@ -91,6 +97,7 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     extra = [OVERALL_NOTE] * any(map(_has_overall, rows)) + [YEARS_NOTE] * any(row.by_year for row in rows)
     extra += [SEEN_NOTE] * any(row.saw_scored for row in rows)
     extra += [FAILED_NOTE] * any(row.failed for row in rows)
+    extra += [FRESH_NOTE] * any(map(has_fresh_draws, tables))
     extra += [REGRET_NOTE] * any(map(has_regret, tables))
     profit = profit or (_PROFIT if name == "Profit" else f"the profit: {_PROFIT}")
     words = catalogue(*tasks)
@@ -111,6 +118,11 @@ def covers(words: Catalogue) -> str:
 def has_regret(table: TaskTable) -> bool:
     """Whether one of its rows has a regret."""
     return any(row.regret is not None for row in table.rows)
+
+
+def has_fresh_draws(table: TaskTable) -> bool:
+    """Whether one of its rows was evaluated with fresh draws, too."""
+    return any(row.fresh_draws is not None for row in table.results)
 
 
 def _has_overall(row: Row) -> bool:
@@ -137,7 +149,7 @@ _LATEX = str.maketrans(
     {
         "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "%": r"\%", "_": r"\_",
         "^": r"\textasciicircum{}", "~": r"\textasciitilde{}", "<": r"\textless{}", ">": r"\textgreater{}",
-        "²": "$^2$", "–": "--", "↔": r"$\leftrightarrow$", "×": r"$\times$", "†": r"\dag", "§": r"\S",
+        "²": "$^2$", "–": "--", "↔": r"$\leftrightarrow$", "×": r"$\times$", "†": r"\dag", "§": r"\S", "¶": r"\P",
     }
 )  # fmt: skip
 _MARKDOWN = str.maketrans(
@@ -230,6 +242,7 @@ def _task_columns(table: TaskTable) -> list[TableColumn]:
         TableColumn("Agent", agent_label, words=True, free=True),
         *map(with_interval, (first, *others)),
         TableColumn(f"{first.heading}, IQM", lambda row: number_text(iqm_of(row, first), first.digits)),
+        *([fresh_column(first)] if has_fresh_draws(table) else []),
         worst_column(first),
         *year_columns(table.rows, first),
         *(regret_columns(table) if has_regret(table) else []),
@@ -242,6 +255,15 @@ def _task_columns(table: TaskTable) -> list[TableColumn]:
         *WORDS,
         _CHECKED,
     ]
+
+
+def fresh_column(metric: Metric, gives_way: int = 0) -> TableColumn:
+    """The mean of what ranks with fresh draws."""
+
+    def text(row: Row) -> str:
+        return number_text(None if row.fresh_draws is None else row.fresh_draws.mean, metric.digits)
+
+    return TableColumn("Fresh draws", text, number=True, gives_way=gives_way)
 
 
 def worst_column(metric: Metric, gives_way: int = 0) -> TableColumn:
@@ -432,7 +454,7 @@ def to_markdown(
         parts += [*markdown(_task_columns(table), shown_rows(table, members=True)), ""]
         parts += [
             line
-            for note in [kernel_note(table), *seen_notes(table), *regret_notes(table)]
+            for note in [kernel_note(table), *seen_notes(table), *fresh_notes(table), *regret_notes(table)]
             if note
             for line in (markdown_text(note), "")
         ]
@@ -502,10 +524,16 @@ def to_latex(table: TaskTable) -> str:
         TableColumn("#", lambda row: NONE if row.rank is None else str(row.rank)),
         TableColumn(
             "Agent",
-            lambda row: entry_label(row) + PRIVILEGED_MARK * row.privileged + SEEN_MARK * bool(row.saw_scored),
+            lambda row: (
+                entry_label(row)
+                + PRIVILEGED_MARK * row.privileged
+                + SEEN_MARK * bool(row.saw_scored)
+                + DROP_MARK * bool(row.fresh_draws is not None and row.fresh_draws.marked)
+            ),
             words=True,
         ),
         *map(with_interval, columns[:3]),
+        *([fresh_column(columns[0])] if has_fresh_draws(table) else []),
         worst_column(columns[0]),
         *(regret_columns(table)[:1] if has_regret(table) else []),
         TableColumn("Runs", runs_label),
@@ -540,8 +568,8 @@ def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
     Trainings of one entry have the same ``entry``, whose mean over ``trainings`` and range over them stand in ``entry_<metric>_...``.
     """
     rows = [(table, entry, row) for table in tables for entry in table.rows for row in entry.results]
-    metrics = _metrics(tables)
-    return _frame([_record(table, entry, row, metrics) for table, entry, row in rows])
+    metrics, fresh = _metrics(tables), any(map(has_fresh_draws, tables))
+    return _frame([_record(table, entry, row, metrics, fresh=fresh) for table, entry, row in rows])
 
 
 def _metrics(tables: Sequence[TaskTable]) -> list[Metric]:
@@ -552,7 +580,7 @@ def _metrics(tables: Sequence[TaskTable]) -> list[Metric]:
     return [known.metric(name, units) for name in known.known_first(name for row in rows for name in row.estimates)]
 
 
-def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric]) -> dict[str, object]:
+def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *, fresh: bool) -> dict[str, object]:
     record: dict[str, object] = {
         "task": row.task_id,
         "rank": row.rank,
@@ -599,6 +627,9 @@ def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric]) -
     for part in ("value", "low", "high"):
         record[f"worst_tenth_{part}"] = row.worst_tenth and getattr(row.worst_tenth, part)
     record |= _regret_record(entry, row)
+    if fresh:
+        for name in ("mean", "drop", "low", "margin", "reference", "failed", "marked"):
+            record[f"fresh_draws_{name}"] = row.fresh_draws and getattr(row.fresh_draws, name)
     return {**record, "task_digest": row.task_digest, "results_digest": row.results_digest}
 
 
@@ -670,6 +701,10 @@ def _frame(records: Sequence[Mapping[str, object]]) -> pd.DataFrame:
     return frame.astype({name: kind for name, kind in types.items() if name in frame})
 
 
+_NO_FRESH_DRAWS: Any = {"__all__": {"fresh_draws": True, "trainings": {"__all__": {"fresh_draws"}}}}
+"""Of rows of ``leaderboard.json``: what is left out."""
+
+
 class LeaderboardDocument(Published):
     """``leaderboard.json``."""
 
@@ -684,7 +719,9 @@ def to_json(tables: Sequence[TaskTable], suites: Sequence[SuiteTable] = ()) -> s
     """The leaderboard as ``LeaderboardDocument``, indented, ending in a newline."""
     units = {metric.name: metric.unit for metric in _metrics(tables)}
     document = LeaderboardDocument(units=units, tasks=tuple(tables), suites=tuple(suites))
-    return document.model_dump_json(by_alias=True, indent=1) + "\n"
+    # Where nobody has fresh draws, files stay as they were before there were any.
+    absent = None if any(map(has_fresh_draws, tables)) else {"tasks": {"__all__": {"rows": _NO_FRESH_DRAWS}}}
+    return document.model_dump_json(by_alias=True, indent=1, exclude=absent) + "\n"
 
 
 def json_schema() -> str:
@@ -764,6 +801,16 @@ def seen_notes(table: TaskTable) -> list[str]:
     return [f"{SEEN_MARK} {row.agent} {row.saw_scored}, as its card states." for row in table.rows if row.saw_scored]
 
 
+def fresh_notes(table: TaskTable) -> list[str]:
+    """Which agents dropped by more than reference agents with fresh draws, and by how much."""
+    first = ranked_columns(table)[0]
+    return [
+        f"{DROP_MARK} {fresh_note(row.agent, row.fresh_draws, first)}"
+        for row in table.rows
+        if row.fresh_draws is not None and row.fresh_draws.marked
+    ]
+
+
 def regret_notes(table: TaskTable) -> list[str]:
     """Whose runs are better than the best known ones, and how to hand them in; of released results the best known ones are taken."""
     return [
@@ -793,6 +840,7 @@ def agent_label(row: Row) -> str:
     """``entry_label`` with the marks of the privileged, the unsandboxed, those that saw scored runs, and those with failed runs."""
     marks = (PRIVILEGED_MARK if row.privileged else "") + (UNSANDBOXED_MARK if row.unsandboxed else "")
     marks += SEEN_MARK * bool(row.saw_scored) + FAILED_MARK * bool(row.failed)
+    marks += DROP_MARK * bool(row.fresh_draws is not None and row.fresh_draws.marked)
     return f"{entry_label(row)} {marks}" if marks else entry_label(row)
 
 

@@ -34,7 +34,9 @@ class Heat(_Frozen):
     Attributes
     ----------
     measured, simulated
-        Sums of the season [MJ m-2].
+        Sums of the season [MJ m-2]: measured as the organisers compute it from pipe temperatures, simulated as the boiler's.
+    by_pipes
+        Simulated sum, computed from pipe temperatures as the measured one [MJ m-2]; ``None`` in files of earlier versions.
     bias, rmse
         Mean, and root mean square, of simulated minus measured days [MJ m-2 d-1].
     correlation
@@ -45,6 +47,7 @@ class Heat(_Frozen):
 
     measured: float
     simulated: float
+    by_pipes: float | None = None
     bias: float
     rmse: float
     correlation: float | None
@@ -129,6 +132,11 @@ class HouseCompared(_Frozen):
         return _ratio(self.mean(lambda one: one.heat.simulated), self.mean(lambda one: one.heat.measured))
 
     @property
+    def pipe_heat(self) -> float:
+        """Simulated heat by pipe temperatures, mean over the compartments [MJ m-2]; NaN in files of earlier versions."""
+        return self.mean(lambda one: math.nan if one.heat.by_pipes is None else one.heat.by_pipes)
+
+    @property
     def harvest_ratio(self) -> float:
         """Simulated over measured harvest, all compartments together; NaN where there was none."""
         return _ratio(self.mean(lambda one: one.harvest.simulated), self.mean(lambda one: one.harvest.measured))
@@ -179,7 +187,7 @@ class Comparison(_Frozen):
 
 
 Progress = Callable[[House, int, int], None]
-"""Is told the house, days done and days in all."""
+"""Called with the house, days done and days in all."""
 
 
 def compare(
@@ -244,6 +252,7 @@ def _compartment(archive: Archive, season: Season, place: int, settings: Setting
         heat=Heat(
             measured=float(measured.heat.sum()),
             simulated=float(heat.sum()),
+            by_pipes=float(season.pipe_heat[:, place].sum()),
             bias=float((heat - measured.heat).mean()),
             rmse=_rms(heat - measured.heat),
             correlation=_correlation(heat, measured.heat),

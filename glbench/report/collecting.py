@@ -299,6 +299,7 @@ def _told_of(row: Row) -> dict[str, Any]:
         "trained_on": row.trained_on.words,
         "saw_scored": row.saw_scored,
         "regret": _regret(row),
+        **({} if row.fresh_draws is None else {"fresh_draws": row.fresh_draws.model_dump(include={"mean", "marked"})}),
     }
 
 

@@ -26,7 +26,7 @@ class Completion:
 def complete_profiles(
     stored: Iterable[StoredResult], workers: int = 1, progress: Callable[[Path], None] | None = None
 ) -> Completion:
-    """Make the profiles that are missing; results stay as they are. ``progress`` is told each result that is replayed.
+    """Make the profiles that are missing; results stay as they are. ``progress`` is called with each result that is replayed.
 
     Raises
     ------

@@ -13,6 +13,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from operator import sub
 from typing import Any
 
 from glbench.evaluation.profiles import Profile
@@ -128,19 +129,14 @@ def _coarse(packed: Mapping[str, Any], levels: int) -> dict[str, Any]:
 
 
 def _largest(cells: Sequence[Any]) -> int:
-    return max((_largest(cell) if isinstance(cell, list) else abs(cell or 0) for cell in cells), default=0)
+    if any(isinstance(cell, list) for cell in cells):
+        return max(map(_largest, cells))
+    return max(map(abs, filter(None, cells)), default=0)
 
 
 def _differences(cells: Sequence[Any], factor: int) -> list[Any]:
     if any(isinstance(cell, list) for cell in cells):
         return [_differences(row, factor) for row in cells]
-    found: list[int | None] = []
-    before = 0
-    for cell in cells:
-        if cell is None:
-            found.append(None)
-            continue
-        value = (2 * cell + factor) // (2 * factor)
-        found.append(value - before)
-        before = value
-    return found
+    known = [(2 * cell + factor) // (2 * factor) for cell in cells if cell is not None]
+    steps = map(sub, known, (0, *known))
+    return [None if cell is None else next(steps) for cell in cells]

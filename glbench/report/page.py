@@ -15,8 +15,9 @@ from typing import Any
 
 from glbench import __version__
 from glbench.episodes.signals import KWH_A_CUBIC_METRE
-from glbench.errors import GlbenchError, ResultError
+from glbench.errors import ResultError
 from glbench.evaluation.profiles import Profile, load_profile
+from glbench.extras import require
 from glbench.leaderboard import StoredResult, TaskTable, rank
 from glbench.leaderboard.catalogue import drawn, of_published
 from glbench.leaderboard.collect import own_and_released_results, published_expectations
@@ -55,6 +56,7 @@ def write_report(out: Path) -> tuple[Path, Report]:
     GlbenchError
         When the packages of the extra ``report`` are missing, or the folder cannot be written.
     """
+    require("The report", "report", "jinja2", "plotly")
     stored, problems = own_and_released_results(out)
     if not stored:
         msg = (
@@ -67,7 +69,8 @@ def write_report(out: Path) -> tuple[Path, Report]:
 
 
 def build_report(stored: Sequence[StoredResult]) -> Report:
-    """The page of ``stored``. The same results give the same bytes."""
+    """The page of ``stored``. The same results give the same bytes. Raises as ``write_report`` does."""
+    require("The report", "report", "jinja2", "plotly")
     profiles = _profiles(stored)
     expected = published_expectations()
     tables = rank(stored, expected)
@@ -134,26 +137,8 @@ def _profiles(stored: Sequence[StoredResult]) -> dict[tuple[str, str], Profile]:
     return found
 
 
-def optional(name: str) -> Any:
-    """A module that only the report needs, from an optional part of glbench.
-
-    Raises
-    ------
-    GlbenchError
-        When it is not installed; it says how to install it.
-    """
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        msg = (
-            f"The report cannot be made: it needs the package {name.partition('.')[0]}. "
-            'Install it with `pip install "glbench[report]"`, or in a checkout with `uv sync --inexact --extra report`.'
-        )
-        raise GlbenchError(msg) from error
-
-
 def _html(data: dict[str, Any], blocks: Blocks) -> str:
-    jinja = optional("jinja2")
+    jinja = importlib.import_module("jinja2")
     environment = jinja.Environment(
         autoescape=True, undefined=jinja.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -171,7 +156,7 @@ def _html(data: dict[str, Any], blocks: Blocks) -> str:
 
 @cache
 def _squeezed_plotly() -> str:
-    return squeezed(optional("plotly.offline").get_plotlyjs().encode())
+    return squeezed(importlib.import_module("plotly.offline").get_plotlyjs().encode())
 
 
 def packed_data(data: dict[str, Any]) -> str:

@@ -67,9 +67,9 @@ class Story:
     failed
         Of each agent that did not end all shared runs, how many failed and how.
     levels
-        What is told as a mean: climate and controls, as the viewer draws them.
+        What is shown as a mean: climate and controls, as the viewer draws them.
     lines
-        What is told as a sum: light, amounts, money.
+        What is shown as a sum: light, amounts, money.
     clock
         The clock of the hours and days.
     hours

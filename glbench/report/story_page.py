@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import re
 from collections.abc import Iterable, Sequence
@@ -14,8 +15,8 @@ from numpy.typing import NDArray
 
 from glbench import __version__
 from glbench.episodes.signals import KWH_A_CUBIC_METRE, Curve, Line, plain_unit
+from glbench.extras import require
 from glbench.leaderboard.catalogue import in_sentence, pretty_unit, sentence
-from glbench.report.page import optional
 from glbench.report.story import MEANINGS, PERIODS, Story
 
 Floats = NDArray[np.float64]
@@ -253,7 +254,8 @@ def _week_unit(line: Line) -> str:
 
 def page_of(story: Story) -> str:
     """The page: words, the ledger by period, climate and controls by hour of the day, weeks. One file, without a script."""
-    jinja = optional("jinja2")
+    require("The page", "report", "jinja2")
+    jinja = importlib.import_module("jinja2")
     environment = jinja.Environment(
         autoescape=True, undefined=jinja.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )

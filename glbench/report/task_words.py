@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from itertools import groupby
 from statistics import fmean
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from zoneinfo import ZoneInfo
 
-from glbench.env.accounts import Accounts, make_accounts
 from glbench.errors import GlbenchError
 from glbench.leaderboard.catalogue import catalogue, pretty_unit, unit_sold
 from glbench.tasks import (
@@ -23,6 +22,7 @@ from glbench.tasks import (
     PREPROCESSINGS,
     REWARD_MODULES,
     Capacity,
+    LedgerItem,
     PriceTable,
     Registry,
     Scenario,
@@ -34,6 +34,9 @@ from glbench.tasks.bases import Change
 from glbench.tasks.ledger import FLOW, LIMITED, VIOLATION_PRICES
 from glbench.tasks.tables import AnyForecastTable, SensorsTable, SplitsTable, SplitTable
 from glbench.tasks.vocabulary import FORECAST_ERRORS
+
+if TYPE_CHECKING:
+    from glbench.env.accounts import Accounts
 
 _MOST_ROWS, _FIRST_ROWS = 64, 40
 
@@ -85,6 +88,8 @@ def figures(task: TaskSpec) -> dict[str, Any]:
     A price that is a table stands as the factor 1 of that table, with its hourly prices and their mean where it has them. The mean is
     null where it can be taken from what runs sold and bought, and missing where an item is valued as a stock.
     """
+    from glbench.env.accounts import make_accounts
+
     accounts, labels = make_accounts(task), catalogue(task).limits
     scale = task.penalty_scales
     return {
@@ -400,7 +405,7 @@ def _prices(task: TaskSpec) -> Section:
             "earned" if item.sign > 0 else "paid",
             _price_span(task, item.price)
             if isinstance(item.price, str)
-            else f"{item.price:g} EUR per {unit_sold(item) or 'piece'}"
+            else f"{item.price:g} {_price_of(item)}"
             + (f", {item.beyond.price:g} beyond {item.beyond.amount:g} {item.amount_unit}" if item.beyond else ""),
             item.amount_meaning or item.label,
         )
@@ -408,6 +413,13 @@ def _prices(task: TaskSpec) -> Section:
     ]
     lines = [f"Price '{name}' [{table.unit}]: {_price_words(table)}." for name, table in task.price_tables.items()]
     return Section("Prices", lines, ("Item", "", "Price", "Amount"), (), rows)
+
+
+def _price_of(item: LedgerItem) -> str:
+    """The unit of a price in words: ``EUR per kg``; ``EUR per m2 and h`` of what is paid for by the hour; ``EUR per piece``."""
+    return (
+        f"EUR per {unit_sold(item) or 'piece'}" if "m-2" in item.amount_unit else f"EUR per m2 and {item.amount_unit}"
+    )
 
 
 _MOST_POINTS = 12
@@ -470,6 +482,8 @@ def _reward(task: TaskSpec) -> list[str]:
         name = "Profit (epi)" if task.violation_prices else "Economic performance EPI"
         lines += [f"{name} [EUR m-2] =", *(f"  {line}" for line in task.ledger.lines())]
     if "scaled_epi" in modules:
+        from glbench.env.accounts import make_accounts
+
         accounts, paper = make_accounts(task), task.schema_version == 1
         lowest, highest = (
             (": all that is paid for at its most, no growth", ": growth at the potential rate at 20 degC, nothing used")

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         list_suites,
         list_tasks,
         lock_new_tasks,
+        published_task,
         usual_task,
     )
     from glbench.tasks.lock import Fingerprint, LockEntry, read_lock
@@ -68,6 +69,7 @@ else:
                 "list_suites",
                 "list_tasks",
                 "lock_new_tasks",
+                "published_task",
                 "usual_task",
             ),
             "lock": ("Fingerprint", "LockEntry", "read_lock"),
@@ -138,6 +140,7 @@ __all__ = [
     "list_suites",
     "list_tasks",
     "lock_new_tasks",
+    "published_task",
     "read_lock",
     "read_round",
     "register_tasks",

@@ -11,6 +11,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from glbench.model.units import parse_unit
+
 if TYPE_CHECKING:
     from glbench.tasks.tables import PricesTable
 
@@ -100,6 +102,16 @@ class LedgerItem:
     goods: str = ""
     beyond: Beyond | None = None
 
+    @property
+    def price_unit(self) -> str:
+        """Unit of the price: ``EUR kg-1`` of amounts in kg m-2, ``EUR m-2 h-1`` of those in h, ``EUR`` where they are counted."""
+        amount = parse_unit(self.amount_unit)
+        money = {"EUR": 1.0, "m": -2.0 - amount.pop("m", 0.0)}
+        exponents = money | {symbol: -exponent for symbol, exponent in amount.items()}
+        return " ".join(
+            symbol if exponent == 1.0 else f"{symbol}{exponent:g}" for symbol, exponent in exponents.items() if exponent
+        )
+
 
 @dataclass(frozen=True)
 class Ledger:
@@ -122,8 +134,12 @@ class Ledger:
         """The items in words, one line each: what, at which price, of what."""
         return tuple(
             f"{'+' if item.sign > 0 else '-'} {item.name}: {item.amount_meaning or item.label} [{item.amount_unit}] x "
-            + (f"the price '{item.price}'" if isinstance(item.price, str) else f"{item.price:g} EUR")
-            + (f", {item.beyond.price:g} EUR beyond {item.beyond.amount:g} {item.amount_unit}" if item.beyond else "")
+            + (f"the price '{item.price}'" if isinstance(item.price, str) else f"{item.price:g} {item.price_unit}")
+            + (
+                f", {item.beyond.price:g} {item.price_unit} beyond {item.beyond.amount:g} {item.amount_unit}"
+                if item.beyond
+                else ""
+            )
             + (", valued at the end minus at the start" if item.valued == STOCK else "")
             for item in (*self.earned, *self.paid)
         )

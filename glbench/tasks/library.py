@@ -7,12 +7,13 @@ from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 
+from glbench.canonical import canonical_sha256
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.registration import draft_files, task_files
 from glbench.tasks.bases import Written, read_written, shipped_file, shown_path
 from glbench.tasks.deprecated import tell_if_deprecated
 from glbench.tasks.given import given_task
-from glbench.tasks.lock import LOCK_WORDS, LockEntry, canonical_sha256, lock_path, read_lock, write_lock
+from glbench.tasks.lock import LOCK_WORDS, LockEntry, lock_path, read_lock, write_lock
 from glbench.tasks.reading import read_task, task_of
 from glbench.tasks.spec import TaskSpec
 from glbench.tasks.stale_prices import stale_prices
@@ -61,6 +62,19 @@ def get_task(id_or_path: str | Path) -> TaskSpec:
     return _load(shipped_file(str(id_or_path)))
 
 
+def published_task(task_id: str) -> TaskSpec:
+    """A shipped task by its id, of which only the file is compared with the lock, as by ``list_tasks``: for what needs no weather.
+
+    Raises
+    ------
+    UnknownNameError
+        When there is no task of that id; names the nearest.
+    TaskError
+        When the file is invalid or was changed.
+    """
+    return _load(shipped_file(task_id), whole=False)
+
+
 def list_tasks() -> list[TaskSpec]:
     """All published tasks, in the order of their files.
 
@@ -71,7 +85,7 @@ def list_tasks() -> list[TaskSpec]:
     TaskError
         When a file is invalid or a published one was changed.
     """
-    return [_read_listed(path) for path in task_files()]
+    return [_load(path, whole=False) for path in task_files()]
 
 
 def list_drafts() -> list[TaskSpec]:
@@ -148,21 +162,21 @@ def check_file_name(task: TaskSpec, path: Path) -> None:
         raise TaskError(msg)
 
 
-_REMEMBERED: dict[tuple[Path, Path], tuple[TaskSpec, dict[Path, _State]]] = {}
+_REMEMBERED: dict[tuple[Path, Path, bool], tuple[TaskSpec, dict[Path, _State]]] = {}
 """Tasks by file and lock, and the state of every file that each was made of: none of them is read again until one changes."""
 
 
-def _load(path: Path) -> TaskSpec:
-    """The task of a file, compared with the lock if its id is published."""
+def _load(path: Path, *, whole: bool = True) -> TaskSpec:
+    """The task of a file, compared with the lock if its id is published; the file alone, without weather and model, if not ``whole``."""
     file, lock = path.resolve(), lock_path()
-    remembered = _REMEMBERED.get((file, lock))
+    remembered = _REMEMBERED.get((file, lock, whole))
     if remembered is not None and all(_state(one) == state for one, state in remembered[1].items()):
         return remembered[0]
     states = {one: _state(one) for one in (file, lock)}
     written = read_written(file)
     states |= {one: _state(one) for one in written.files}
-    task = _checked(file, written, lock, states[lock])
-    _REMEMBERED[file, lock] = task, states
+    task = (_checked if whole else _listed)(file, written, lock, states[lock])
+    _REMEMBERED[file, lock, whole] = task, states
     return task
 
 
@@ -171,7 +185,7 @@ def _checked(file: Path, written: Written, _lock: Path, _lock_state: _State) -> 
     """``_load`` for one content of file, bases and prices and state of the lock: a task is checked once, and again when it changes."""
     for base in written.files:
         if _is_shipped(base) and base.suffix == ".toml":
-            _read_listed(base)  # a published base that was edited is refused
+            _load(base, whole=False)  # a published base that was edited is refused
     task = task_of(written, shown_path(file))
     entry = read_lock().get(task.id)
     if entry is None:
@@ -202,9 +216,10 @@ def _is_shipped(path: Path) -> bool:
     return path.parent == lock_path().parent.resolve()
 
 
-def _read_listed(path: Path) -> TaskSpec:
-    """A shipped task whose file, but not weather and model, is compared with the lock."""
-    task = read_task(path)
+@lru_cache(maxsize=256)
+def _listed(file: Path, written: Written, _lock: Path, _lock_state: _State) -> TaskSpec:
+    """As ``_checked``, but weather and model are not compared with the lock."""
+    task = task_of(written, shown_path(file))
     entry = read_lock().get(task.id)
     if entry is not None:
         check_file_against_lock(task, entry)

@@ -6,16 +6,13 @@ changed weather (``glbench.tasks.library``).
 
 from __future__ import annotations
 
-import hashlib
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar
-
-import rfc8785
+from typing import ClassVar
 
 from glbench.errors import TaskError
 from glbench.resources import data_folder, write_atomically
@@ -43,11 +40,6 @@ class Fingerprint:
     model_version: str
 
     PARTS: ClassVar[tuple[str, ...]] = ("definition", "parameters", "start", "observation", "weather", "model")
-
-
-def canonical_sha256(value: Any) -> str:
-    """SHA-256 [hex] of ``value`` (plain JSON values) in the one form that RFC 8785 gives it."""
-    return hashlib.sha256(rfc8785.dumps(value)).hexdigest()
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ A market's price of an hour is
     level (shape(h) + weekend W - sun G / 1000 - wind (v - 5) / 5 + spread a)
 
 with the hour h of the task's clock, W = 1 on Saturday and Sunday, the means over the hour of global radiation G [W m-2] and wind v
-[m s-1] of the run's own weather, and a path a with mean 0 and standard deviation 1 that hangs together from hour to hour
+[m s-1] of the run's own weather, and an autocorrelated hourly path a with mean 0 and standard deviation 1
 (``glbench.env.wandering``). It is kept within ``lowest`` and ``highest``. This is a generator of plausible prices and no model of a
 market: its form and its defaults are chosen, docs/prices.md shows what comes out.
 """

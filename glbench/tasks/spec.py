@@ -10,6 +10,7 @@ from __future__ import annotations
 import datetime as dt
 import hashlib
 import json
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import FrozenInstanceError
@@ -20,6 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
+from glbench.canonical import canonical_sha256
 from glbench.errors import GlbenchError, ParameterError, TaskError, UnknownNameError, WeatherError, did_you_mean
 from glbench.showing import html_of
 from glbench.tasks.ledger import (
@@ -34,7 +36,7 @@ from glbench.tasks.ledger import (
     paper_v1,
     step_quantities,
 )
-from glbench.tasks.lock import Fingerprint, canonical_sha256, read_lock
+from glbench.tasks.lock import Fingerprint, read_lock
 from glbench.tasks.prices import PriceTable
 from glbench.tasks.quantities import PAPER_MODEL, Capacity, ObservationContext, Quantity, capacities, of_model
 from glbench.tasks.scenario import Generated, ParameterGroup, Scenario, Season, StartGroup
@@ -514,7 +516,7 @@ class TaskSpec:
             return _record(self.weather.source)
 
     def season_record(self) -> WeatherRecord:
-        """The record that the seasons of the split are made of: the task's, or the round's own, of which agents are told nothing.
+        """The record that the seasons of the split are made of: the task's, or the round's own, of which agents learn nothing.
 
         Raises
         ------
@@ -706,7 +708,8 @@ class TaskSpec:
         )
         return LedgerItem(
             name, source, amount, amount_unit, table.factor, table.price, 1 if table.side == "earned" else -1,
-            label=table.label or entry.label, valued=FLOW if kind == "flow" else STOCK, amount_meaning=entry.meaning, beyond=beyond,
+            label=table.label or entry.label, valued=FLOW if kind == "flow" else STOCK,
+            amount_meaning=_amount_in_words(entry.meaning, unit, amount_unit, table.factor), beyond=beyond,
         )  # fmt: skip
 
     def _beyond(self, item: ItemTable, beyond: BeyondTable, amount_unit: str, price_unit: str, entry: Any) -> Beyond:
@@ -1019,6 +1022,15 @@ def _check_columns(ledger: Ledger, constraints: OfTheAir) -> None:
         if names.count(name) > 1:
             msg = f"'{name}' is the name of two columns. Give one of them another name."
             raise UnknownNameError(msg)
+
+
+def _amount_in_words(meaning: str, unit: str, amount_unit: str, factor: float) -> str:
+    """What an amount is; where it is more than the flow in another unit, such as fresh fruit of carbohydrate, how many times the flow."""
+    times = factor / {("mg m-2", "kg m-2"): 1e-6, ("MJ m-2", "kWh m-2"): 1.0 / 3.6}.get((unit, amount_unit), 1.0)
+    if math.isclose(times, 1.0):
+        return meaning
+    known = unit == amount_unit or times != factor
+    return f"{times:.4g} times the {meaning}" if known else f"{factor:.4g} {amount_unit} for each {unit} of {meaning}"
 
 
 def _in_year(day: dt.date, year: int) -> dt.date:

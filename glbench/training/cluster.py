@@ -69,7 +69,7 @@ class TrainingJob:
 
 @dataclass(frozen=True)
 class Ended:
-    """How a training ended on a worker: ``trained``, or the ``reason`` why not, or neither if it was told to stop."""
+    """How a training ended on a worker: ``trained``, or the ``reason`` why not, or neither if it was stopped."""
 
     files: Files
     trained: Trained | None = None

@@ -61,7 +61,8 @@ class CompiledSettings(FrozenSettings):
     n_envs, n_steps
         Greenhouses stepped together, and steps of each between two updates.
     first_env_seed, scenarios
-        Seasons of training have the seeds ``first_env_seed`` to ``first_env_seed + scenarios - 1``; each episode draws one.
+        Training scenarios have the seeds ``first_env_seed`` to ``first_env_seed + scenarios - 1``; each episode draws one.
+        A split has a fixed number of seasons: more scenarios use them again, with other crops, houses, starts and sensors.
     places
         Number of places in each season where the first episodes may begin; later ones begin at its start.
     net_arch
@@ -136,7 +137,7 @@ class CompiledSettings(FrozenSettings):
 
     @property
     def seeds(self) -> range:
-        """Seeds of the seasons of training."""
+        """Seeds of the training scenarios."""
         return range(self.first_env_seed, self.first_env_seed + self.scenarios)
 
     @property

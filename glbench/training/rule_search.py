@@ -2,8 +2,8 @@
 
 The rules are those of ``glbench.agents.tuned_rules``, or of ``glbench.agents.energy_rules`` for tasks that show the price of power; a page
 of settings says where to begin, and the bounds of its numbers how far to go.
-CMA-ES varies the numbers, all candidates of a generation have the same seasons, and all of them run side by side, one a row. What is
-kept is the middle of a generation that earned most in seasons of the validation split, or in seeds apart where a task has no splits.
+CMA-ES varies the numbers, all candidates of a generation have the same scenarios, and all of them run side by side, one a row. What is
+kept is the middle of a generation that earned most in runs of the validation split, or in seeds apart where a task has no splits.
 """
 
 from __future__ import annotations
@@ -60,15 +60,15 @@ class RuleSearchSettings(FrozenSettings):
     Attributes
     ----------
     population
-        Candidates a generation. Each has one season of every task, the same for all.
+        Candidates a generation. Each has one run of every task, in the same scenario for all.
     seasons
-        Seasons in all, rounded up to whole generations.
+        Simulated runs in all (candidates, generations, tasks), rounded up to whole generations.
     sigma
         Standard deviation of the first generation, in widths of each number's bounds.
     first_seed
-        Seed of the first generation's season; the following ones have the next.
+        Seed of the first generation's scenario; the following ones have the next.
     evaluation
-        When the middle of the generations is evaluated, ``every`` in environment steps, and in how many seasons of each task.
+        When the middle of the generations is evaluated, ``every`` in environment steps, and in how many runs of each task.
     """
 
     population: int = Field(default=64, ge=4)
@@ -79,11 +79,11 @@ class RuleSearchSettings(FrozenSettings):
     kernel_preset: Literal["fast", "reference"] = "fast"
 
     def generations(self, tasks: Sequence[TaskSpec]) -> int:
-        """Generations that the seasons are enough for, rounded up."""
+        """Number of generations for these runs, rounded up."""
         return math.ceil(self.seasons / (self.population * len(tasks)))
 
     def digest(self, start: Page) -> str:
-        """SHA-256 (hex) over all settings but the number of seasons, and over the page that the search begins with."""
+        """SHA-256 (hex) over all settings but the number of runs, and over the page that the search begins with."""
         content = self.model_dump_json(exclude={"seasons"}) + page_text(start)
         return sha256(content.encode()).hexdigest()
 
@@ -175,7 +175,7 @@ class Candidates:
 
 
 class _TaskRuns:
-    """One task of a search: a row for every candidate, and its seasons to choose by."""
+    """One task of a search: a row for every candidate, and the runs to choose by."""
 
     def __init__(self, task: TaskSpec, settings: RuleSearchSettings) -> None:
         kernel = make_kernel(task.model_value, task.step_seconds, preset=settings.kernel_preset)
@@ -189,7 +189,7 @@ class _TaskRuns:
         return season_sums(self._simulation, seeds, self._act(candidates))["reward"]
 
     def evaluate(self, numbers: TunedRuleSettings) -> ProbeResult:
-        """Mean sums over the seasons to choose by."""
+        """Mean sums over the runs to choose by."""
         return self._probe.of(self._act([numbers] * len(self._probe.seeds)))
 
     def _act(self, numbers: Sequence[TunedRuleSettings]) -> Act:
@@ -258,7 +258,7 @@ def tune_rules(
 ) -> Trained:
     """Tune rules in ``folder``; the same tasks, start, settings and seed give the same rules on the same machine.
 
-    A search that was interrupted continues, to the same numbers; one that is done is left as it is, unless more seasons are asked for.
+    A search that was interrupted continues, to the same numbers; one that is done is left as it is, unless more runs are asked for.
 
     Parameters
     ----------

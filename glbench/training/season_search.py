@@ -3,7 +3,7 @@
 Gradients of a policy look a few hours ahead; what pays days later, or what a policy has given up, they do not find. Here nothing is
 differentiated: the covariance matrix adaptation evolution strategy (CMA-ES, Hansen 2016, arXiv:1604.00772; package ``cmaes``) varies
 the last layer of the actor, and the sum of the rewards of a season says which variation is better. That takes a simulator that steps
-many greenhouses at once: a generation of 64 is 64 seasons.
+many greenhouses at once: a generation of 64 is 64 runs in the same scenario.
 
 A variation adds to each action's output a linear function of the main directions (principal components) in which the last hidden layer
 varies over a season, and scales it: ``directions + 2`` numbers for each action.
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 Singles = NDArray[np.float32]
 Floats = NDArray[np.float64]
 _LOOKED_AT = 5
-"""Every fifth step of the seasons from which the directions are taken is enough."""
+"""Every fifth step of the runs from which the directions are taken is enough."""
 
 
 class BatchedPolicy:
@@ -132,7 +132,7 @@ class SearchSettings(FrozenSettings):
     sigma
         Size of the first variations; 1 moves an action by its bound, along a typical deviation of a direction.
     first_seed
-        Seed of the seasons of the first generation; each generation has the next one, the same for all its variations.
+        Seed of the scenario of the first generation; each generation has the next one, the same for all its variations.
     evaluation
         Evaluation of the mean of all variations, on seeds of its own; the best one is kept.
     """
@@ -395,7 +395,7 @@ def _making(under_way: _Search, identity: dict[str, Any]) -> Making:
     settings, steps = under_way.settings, under_way.steps
     return Making(
         title=f"The last layer of {settings.start_from.name} adapted to {under_way.task.id} by CMA-ES, seed {identity['seed']}",
-        description=f"The best mean of {under_way.generations} generations of {settings.population} seasons, {steps:,} steps.",
+        description=f"The best mean of {under_way.generations} generations of {settings.population} runs, {steps:,} steps.",
         made="glbench tune; the tables below tell the rest.",
         sources=("Hansen (2016). The CMA evolution strategy: a tutorial. arXiv:1604.00772",),
         training={

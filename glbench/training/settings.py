@@ -153,7 +153,7 @@ class TrainingSettings(FrozenSettings):
     n_envs
         Greenhouses stepped together.
     first_env_seed
-        Seed of the first season of the first greenhouse; season j of greenhouse i has the seed ``first_env_seed + j n_envs + i``,
+        Seed of the first episode of the first greenhouse; episode j of greenhouse i has the seed ``first_env_seed + j n_envs + i``,
         both counted from 0.
     start_from
         Policy file (``policy.npz``, ``baselines/*/weights/*.npz``) whose actor and statistics the training begins with; in a

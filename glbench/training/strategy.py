@@ -1,6 +1,6 @@
 """The evolution strategy of the searches, and what is kept of one so that it can go on.
 
-CMA-ES (Hansen 2016, arXiv:1604.00772; package ``cmaes``) asks for numbers, is told their rewards, and asks again. The rewards so far
+CMA-ES (Hansen 2016, arXiv:1604.00772; package ``cmaes``) asks for numbers, gets their rewards, and asks again. The rewards so far
 are all it takes to go on: asked again from the beginning, the strategy says the same.
 """
 

@@ -1,4 +1,4 @@
-"""The note beside a verified result: a small file that says what of which very file was reproduced, where and how closely."""
+"""Verification record beside a result: file digest, verdict, machine and tolerance."""
 
 from __future__ import annotations
 

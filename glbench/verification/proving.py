@@ -10,15 +10,18 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.agents.baselines import shipped_digest
 from glbench.episodes import ActionLog, Episode, Replay, Trace, episodes_folder
 from glbench.episodes.header import versions as recorded_versions
 from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
-from glbench.errors import ActionError, ResultError
-from glbench.evaluation import Result, provenance
+from glbench.errors import ActionError, GlbenchError, ResultError
+from glbench.evaluation import Result, evaluate, provenance
+from glbench.evaluation.fresh_draws import REFERENCES
 from glbench.evaluation.limits import Failure
 from glbench.evaluation.metrics import units_of
 from glbench.evaluation.profiles import load_profile, make_profile
-from glbench.evaluation.records import RunResult
+from glbench.evaluation.provenance import usable_cores
+from glbench.evaluation.records import FreshDraws, RunResult
 from glbench.evaluation.rollout import RunTotals
 from glbench.kernel import Kernel, available
 from glbench.tasks import Round, TaskSpec
@@ -85,65 +88,165 @@ def verify(
     path = Path(path)
     try:
         result = read_result(path)
-        log = read_record(path, result)
-        spec = with_its_draws(result, find_task(result, log, task), sealed)
-        notes = check_seeds(result, spec)
-        check_setting(result, log, spec)
-        units = units_of(spec)
-        unknown = sorted(set(result.units) - set(units))
-        if unknown:
-            cannot_tell(
-                "unknown_metrics", f"This glbench does not measure {', '.join(unknown)}. Verify with the one that did."
-            )
-        other = {name: unit for name, unit in result.units.items() if unit != units[name]}
-        if other:
-            refute(
-                "units",
-                f"The result gives units that are not the task's: {', '.join(f'{n} in {u}, not {units[n]}' for n, u in other.items())}.",
-            )
-        ranks = spec.evaluation.metric
-        if ranks not in result.units:
-            refute("metric", f"The result lacks the metric '{ranks}', by which {spec.id} is ranked.")
-        if result.task.salt_commitment != spec.salt_commitment:
-            _stay_sealed(path, result, log, spec, workers, progress)
-        whole, complaint = _try_to_read(episodes or episodes_folder(path), log, wanted=episodes is not None)
-        profiled = _profile_is_there(path, result, spec)
-        with _kernel(result, spec, workers) as kernel:
-            stated = _stated_machine(result, spec, kernel)
-            rows = range(len(log.runs)) if profiled else [row for row, _ in whole]
-            again = _simulate(spec, log, rows, kernel, progress)
-        agreement = _agreement(result, spec, log, again)
-        same = agreement.exact or _same_arithmetic(log, again)
-        _refuse(agreement, same_arithmetic=same, stated=stated)
-        check_sums(result, log, spec)
-        _same_ends(result, again.runs, exactly=agreement.exact)
-        if complaint is not None:
-            raise complaint
-        for row, episode in whole:
-            assert again.trace is not None
-            replayed = again.trace.episode(spec, row, log.provenance, log.runs[row], log.actions[:, row])
-            agreement = compare_episode(agreement, episode, replayed)
-        _refuse(agreement, same_arithmetic=same, stated=stated)
-        profiled = profiled and agreement.exact
-        if profiled:
-            _same_profile(result, spec, log, again)
+        folder, wanted = episodes or episodes_folder(path), episodes is not None
+        found = _reproduced(path, result, task, sealed, (folder, wanted), workers, progress)
+        if result.fresh_draws is not None:
+            found = _with_fresh_draws(path, result, result.fresh_draws, task, found, workers, progress)
     except Refused as refused:
         return Verdict(path, refused.outcome, refused.cause, refused.reason)
-    reproduced, merely_stated = coverage(result, profile=profiled)
+    agreement = found.agreement
+    reproduced, merely_stated = coverage(result, profile=found.profiled, references=found.references)
     return Verdict(
         path,
         "reproduced",
         "",
-        _words(result, agreement=agreement, stated=stated),
+        _words(result, agreement=agreement, stated=found.stated),
         "bits" if agreement.exact else "tolerance",
         agreement.largest,
-        notes,
-        len(result.runs),
-        sum(run.steps for run in result.runs),
-        tuple(log.runs[row].seed for row, _ in whole),
+        found.notes,
+        found.runs,
+        found.steps,
+        found.episodes,
         reproduced,
         merely_stated,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Reproduced:
+    """What is known of runs that were reproduced."""
+
+    task: TaskSpec
+    agreement: Agreement
+    stated: str
+    notes: tuple[str, ...]
+    profiled: bool
+    episodes: tuple[int, ...]
+    runs: int
+    steps: int
+    references: bool = False
+    """Whether the runs of reference agents were evaluated again, too."""
+
+
+def _reproduced(
+    path: Path,
+    result: Result,
+    file: Path | None,
+    sealed: Round | None,
+    episodes: tuple[Path, bool] | None,
+    workers: int | None,
+    progress: Progress | None,
+) -> _Reproduced:
+    """Simulate the runs of ``result`` again; it is refused, or the runs are right.
+
+    ``episodes`` are a folder, and whether there must be some in it.
+    """
+    log = read_record(path, result)
+    spec = with_its_draws(result, find_task(result, log, file), sealed)
+    notes = check_seeds(result, spec)
+    check_setting(result, log, spec)
+    units = units_of(spec)
+    unknown = sorted(set(result.units) - set(units))
+    if unknown:
+        cannot_tell(
+            "unknown_metrics", f"This glbench does not measure {', '.join(unknown)}. Verify with the one that did."
+        )
+    other = {name: unit for name, unit in result.units.items() if unit != units[name]}
+    if other:
+        refute(
+            "units",
+            f"The result gives units that are not the task's: {', '.join(f'{n} in {u}, not {units[n]}' for n, u in other.items())}.",
+        )
+    ranks = spec.evaluation.metric
+    if ranks not in result.units:
+        refute("metric", f"The result lacks the metric '{ranks}', by which {spec.id} is ranked.")
+    if result.task.salt_commitment != spec.salt_commitment:
+        _stay_sealed(path, result, log, spec, workers, progress)
+    whole, complaint = ([], None) if episodes is None else _try_to_read(episodes[0], log, wanted=episodes[1])
+    profiled = _profile_is_there(path, result, spec)
+    with _kernel(result, spec, workers) as kernel:
+        stated = _stated_machine(result, spec, kernel)
+        rows = range(len(log.runs)) if profiled else [row for row, _ in whole]
+        again = _simulate(spec, log, rows, kernel, progress)
+    agreement = _agreement(result, spec, log, again)
+    same = agreement.exact or _same_arithmetic(log, again)
+    _refuse(agreement, same_arithmetic=same, stated=stated)
+    check_sums(result, log, spec)
+    _same_ends(result, again.runs, exactly=agreement.exact)
+    if complaint is not None:
+        raise complaint
+    for row, episode in whole:
+        assert again.trace is not None
+        replayed = again.trace.episode(spec, row, log.provenance, log.runs[row], log.actions[:, row])
+        agreement = compare_episode(agreement, episode, replayed)
+    _refuse(agreement, same_arithmetic=same, stated=stated)
+    profiled = profiled and agreement.exact
+    if profiled:
+        _same_profile(result, spec, log, again)
+    seeds = tuple(log.runs[row].seed for row, _ in whole)
+    steps = sum(run.steps for run in result.runs)
+    return _Reproduced(spec, agreement, stated, notes, profiled, seeds, len(result.runs), steps)
+
+
+def _with_fresh_draws(
+    path: Path,
+    result: Result,
+    fresh: FreshDraws,
+    file: Path | None,
+    found: _Reproduced,
+    workers: int | None,
+    progress: Progress | None,
+) -> _Reproduced:
+    """What is known when the runs with fresh draws are simulated again, too, and the reference agents evaluated with both draws."""
+    try:
+        again = _reproduced(path, result.of_fresh_draws(), file, Round(fresh.salt), None, workers, progress)
+    except Refused as refused:
+        reason = f"The runs with fresh draws: {refused.reason}"
+        raise Refused(refused.outcome, refused.cause, reason) from None
+    if fresh.metric != found.task.evaluation.metric:
+        refute(
+            "fresh_draws", f"The fresh draws are judged by '{fresh.metric}', and {result.task.id} by another metric."
+        )
+    exact = found.agreement.exact and again.agreement.exact
+    unlike = [one.name for one in fresh.references if one.name not in REFERENCES or one.digest != _digest_of(one.name)]
+    if exact and not unlike:
+        for one in fresh.references:
+            for task, stated, draws in ((found.task, one.published, "published"), (again.task, one.fresh, "fresh")):
+                _same_reference(task, one.name, result, stated, draws, workers)
+        checked, notes = True, found.notes
+    else:
+        why = f"this glbench does not have {', '.join(unlike)}" if unlike else "this machine computes other bits"
+        note = f"The reference agents, by which a drop with fresh draws is judged, were not evaluated again: {why}."
+        checked, notes = False, (*found.notes, note)
+    return replace(
+        found,
+        agreement=max(found.agreement, again.agreement, key=lambda one: (not one.exact, one.largest)),
+        notes=notes,
+        runs=found.runs + again.runs,
+        steps=found.steps + again.steps,
+        references=checked,
+    )
+
+
+def _digest_of(baseline: str) -> str | None:
+    try:
+        return shipped_digest(baseline)
+    except GlbenchError:
+        return None
+
+
+def _same_reference(
+    task: TaskSpec, name: str, result: Result, stated: Sequence[float], draws: str, workers: int | None
+) -> None:
+    seeds = result.evaluation.seeds
+    again = evaluate(task, name, runs=len(seeds), first_seed=seeds[0], workers=workers or usable_cores())
+    values = again.values(task.evaluation.metric)
+    if values != tuple(stated):
+        seed, was, now = next(one for one in zip(seeds, stated, values, strict=True) if one[1] != one[2])
+        refute(
+            "reference",
+            f"The reference agent {name} with the {draws} draws has {was!r} in the run with seed {seed}; evaluated again it has {now!r}.",
+        )
 
 
 def _stay_sealed(
@@ -324,6 +427,8 @@ def _same_ends(result: Result, runs: tuple[RunResult, ...], *, exactly: bool) ->
 
 def _words(result: Result, *, agreement: Agreement, stated: str) -> str:
     runs = "run earns" if len(result.runs) == 1 else "runs earn"
+    if result.fresh_draws is not None:
+        runs = "runs, and as many with fresh draws, earn"
     what = f"{len(result.runs)} {runs} what the result says"
     if agreement.exact:
         return f"{what}: the same bits."

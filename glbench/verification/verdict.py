@@ -28,10 +28,13 @@ _ALWAYS: Final = (
     "task.split", "task.years",
     "runs.cluster",
     "evaluation.runs", "evaluation.seeds", "runs.seed", "runs.steps", "runs.metrics", "summary", "units", "results_digest", "record",
+    "fresh_draws",
 )  # fmt: skip
 ENDS: Final = ("runs.status", "runs.reason")
 """Reproduced where all runs went to the end or stopped at a step that cannot be simulated here either; otherwise stated."""
 PROFILE: Final = "profile"
+REFERENCES: Final = "fresh_draws.references"
+"""Of a result with fresh draws only; the rest of ``fresh_draws`` is reproduced, and so is that there are none."""
 _STATED: Final[dict[str, tuple[str, ...]]] = {
     "that this agent gave these actions (its name, kind, digest, card, and what it saw)": (
         "agent.name", "agent.kind", "agent.digest", "agent.privileged", "agent.information", "agent.card",
@@ -44,6 +47,7 @@ _STATED: Final[dict[str, tuple[str, ...]]] = {
     ),
     "kernel, versions, machine, commit and date": ("evaluation.kernel", "versions", "machine", "git", "created"),
     "the profile (typical day, season, worst run)": (PROFILE,),
+    "what the reference agents of the fresh draws earned": (REFERENCES,),
 }  # fmt: skip
 _OWN_ENDS = frozenset({"ok", "simulation_failed"})
 TOLERANCE = 1e-9
@@ -124,11 +128,17 @@ def not_yet(reason: str) -> NoReturn:
     raise Refused("sealed", "sealed", reason)  # noqa: EM101 -- words of the program, not a message
 
 
-def coverage(result: Result, *, profile: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Fields of a reproduced ``result`` that were reproduced, and those that are stated; ``profile``: whether that was made again."""
-    ends = all(run.status in _OWN_ENDS for run in result.runs)
+def coverage(result: Result, *, profile: bool, references: bool = False) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Fields of a reproduced ``result`` that were reproduced, and those that are stated.
+
+    ``profile`` and ``references`` say whether the profile was made again, and the reference agents evaluated again.
+    """
+    fresh = result.fresh_draws
+    ends = all(run.status in _OWN_ENDS for run in (*result.runs, *(() if fresh is None else fresh.runs)))
     reproduced = (*_ALWAYS, *(ENDS if ends else ()), *((PROFILE,) if profile else ()))
-    stated = tuple(field for fields in _STATED.values() for field in fields if field not in reproduced)
+    reproduced += (REFERENCES,) if references else ()
+    absent = (*reproduced, *((REFERENCES,) if fresh is None else ()))
+    stated = tuple(field for fields in _STATED.values() for field in fields if field not in absent)
     return reproduced, stated
 
 

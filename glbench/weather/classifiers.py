@@ -1,6 +1,6 @@
-"""Two small classifiers that try to tell joined nights from others: logistic regression and boosted trees.
+"""Classifier two-sample test for block boundaries: logistic regression and boosted trees.
 
-Written out, because a page of statistics is no reason to depend on a library of machine learning. Labels are 0 and 1; both
+Written out, to avoid a dependency on a machine-learning library. Labels are 0 and 1; both
 return scores, the higher the more like 1.
 """
 

@@ -160,7 +160,7 @@ def test_the_file_holds_the_policy(spring: TaskSpec, tmp_path: Path, units: int)
     assert ActorFiles.at(tmp_path).files == (file,)
     for damaged in (b"nothing", actor.to_bytes()[:-40], actor.network.to_bytes()):
         file.write_bytes(damaged)
-        with pytest.raises(SubmissionError, match="no policy of glbench train ppo"):
+        with pytest.raises(SubmissionError, match="not a policy of glbench train ppo"):
             Actor.at(file)
     with pytest.raises(SubmissionError, match="There is no policy at"):
         ActorFiles.at(tmp_path / "none.npz")
@@ -185,5 +185,5 @@ def test_what_does_not_fit_is_refused(spring: TaskSpec) -> None:
     with pytest.raises(SubmissionError, match="its actions are not those of"):
         agent.reset(replace(card, actions=card.actions[:2]), 1)
     agent.reset(card, 2)
-    with pytest.raises(ShapeError, match="observations of 1 runs, reset was told of 2"):
+    with pytest.raises(ShapeError, match="observations of 1 runs, reset was called with 2"):
         agent.act(np.zeros((1, len(card.observation_names)), np.float32))

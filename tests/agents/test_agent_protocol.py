@@ -97,10 +97,10 @@ def test_answers_of_different_lengths_are_refused(card: TaskCard) -> None:
 def test_observations_of_another_number_of_runs_are_refused(card: TaskCard, published: RuleSettings) -> None:
     agents: list[Agent] = [PerRunAgent(lambda task: Counting()), FairRuleBasedAgent(published)]
     for agent in agents:
-        with pytest.raises(ShapeError, match=r"of 3 runs, reset was told of 0\. Call reset first"):
+        with pytest.raises(ShapeError, match=r"of 3 runs, reset was called with 0\. Call reset first"):
             agent.act(np.zeros((3, 22), dtype=np.float32))
         agent.reset(card, 2)
-        with pytest.raises(ShapeError, match="of 3 runs, reset was told of 2"):
+        with pytest.raises(ShapeError, match="of 3 runs, reset was called with 2"):
             agent.act(np.zeros((3, 22), dtype=np.float32))
 
 

@@ -162,7 +162,7 @@ def test_a_task_without_a_computer_or_without_a_clock_is_refused(card: TaskCard,
 def test_as_many_rows_as_runs_are_needed(card: TaskCard, settings: GrowerSettings) -> None:
     agent = GrowerAgent(settings)
     agent.reset(card, 2)
-    with pytest.raises(ShapeError, match="of 1 runs, reset was told of 2"):
+    with pytest.raises(ShapeError, match="of 1 runs, reset was called with 2"):
         agent.act(observed(card, 12.0))
 
 

@@ -127,7 +127,7 @@ def test_a_damaged_file_is_named(card: TaskCard, tmp_path: Path) -> None:
     data = policy_of(card).to_bytes()
     for name, content in {"cut": data[:2000], "noise": b"x" * 100}.items():
         (tmp_path / name).write_bytes(content)
-        with pytest.raises(SubmissionError, match=f"{name} is no policy"):
+        with pytest.raises(SubmissionError, match=f"{name} is not a glbench policy"):
             read_policy(tmp_path / name)
     with pytest.raises(SubmissionError, match="Cannot read"):
         read_policy(tmp_path / "nothing.npz")

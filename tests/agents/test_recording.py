@@ -54,7 +54,7 @@ def test_every_row_gets_the_recorded_actions_whatever_it_observes(card):
 def test_another_number_of_rows_is_refused(card):
     agent = RecordingAgent(short())
     agent.reset(card, 2)
-    with pytest.raises(ShapeError, match="observations of 3 runs, reset was told of 2"):
+    with pytest.raises(ShapeError, match="observations of 3 runs, reset was called with 2"):
         agent.act(np.zeros((3, 22), np.float32))
 
 
@@ -87,7 +87,7 @@ def test_equal_recordings_give_equal_bytes_and_read_back(tmp_path):
 def test_a_file_that_is_no_recording_is_refused_in_words(tmp_path, data):
     file = tmp_path / "actions.npz"
     file.write_bytes(data)
-    with pytest.raises(SubmissionError, match="no recording of actions"):
+    with pytest.raises(SubmissionError, match="not a recording of actions"):
         read_recording(file)
 
 

@@ -294,5 +294,5 @@ def test_numbers_and_rows_must_fit_the_runs(card: TaskCard, observe: Observe) ->
     with pytest.raises(ShapeError, match="numbers for 2 runs, and 3 begin"):
         agent.reset(card, 3)
     agent.reset(card, 2)
-    with pytest.raises(ShapeError, match="of 3 runs, reset was told of 2"):
+    with pytest.raises(ShapeError, match="of 3 runs, reset was called with 2"):
         agent.act(observe(3))

@@ -184,7 +184,7 @@ def test_a_tuned_folder_is_an_agent(glbench: Command, settings: Path) -> None:
     command = ("tune", "run", "--task", "day.toml", "--config", "tune.yml", "--generations", "3", "--out", "tuned")
     tuned = glbench(*command)
     assert tuned.code == 0, tuned.err
-    assert "3 generations of 6 seasons" in tuned.err
+    assert "3 generations of 6 runs" in tuned.err
     assert "Best policy: reward" in tuned.out
     card = tomllib.loads((settings / "tuned" / "card.toml").read_text(encoding="utf-8"))
     assert card["training"]["generations"] == 3
@@ -253,7 +253,7 @@ def test_an_interrupted_training_says_once_what_was_kept(
     arguments = ("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "run")
     nothing = glbench(*arguments)
     assert (nothing.code, nothing.err.count("Interrupted.")) == (130, 1)
-    assert "Nothing was trained long enough to be kept: the same command starts again." in nothing.err
+    assert "Interrupted before the first checkpoint; the same command starts over." in nothing.err
     monkeypatch.setattr("glbench.training.folder.find_checkpoint", lambda folder: folder)
     assert "with --resume continues from the last checkpoint" in glbench(*arguments).err
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,11 @@ def test_tables_files_and_notes(glbench: Command, folder: Path, tmp_path: Path) 
         assert words in answer.out
     assert "…" not in answer.out, "a table is too wide for 80 columns"
     assert "Growers differ by 0.50 MJ/m2/d in one weather" in answer.out
+    assert re.search(
+        r"by their formula the simulated pipes give off, in MJ/m2: paper \d+, mixed_2021 \d+\.",
+        " ".join(answer.out.split()),
+        re.I,
+    )
     assert (
         "paper, Bert: of 5.75 kWh/m2 measured (lamps) the simulation used 3.04, which is all that is installed"
         in " ".join(answer.err.split())

@@ -7,6 +7,7 @@ code's constants. ``ALLOWED`` are definitions, bounds that another test holds, a
 
 from __future__ import annotations
 
+import datetime as dt
 import json
 import re
 import tomllib
@@ -19,7 +20,16 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from docs import accuracy_table, realism_figure, realism_setpoints, weather_table
+from docs import (
+    accuracy_table,
+    benchmark_design_figures,
+    carried_weather,
+    fresh_draws_table,
+    realism_figure,
+    realism_setpoints,
+    uncertainty_figures,
+    weather_table,
+)
 from glbench.env.accounts import make_accounts
 from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
@@ -29,6 +39,7 @@ from glbench.kernel.compiled.stepper import absent_equipment
 from glbench.kernel.compiled.tolerances import LARGEST_SUBSTEPS, PRESETS, SMALLEST_SUBSTEP
 from glbench.kernel.sundials import SUBSTEP_LIMIT
 from glbench.leaderboard.comparisons import RESOLUTION
+from glbench.leaderboard.fresh_draws import ERROR, FEWEST
 from glbench.leaderboard.statistics import RESAMPLES, estimate_mean
 from glbench.model import (
     CONTROL_NAMES,
@@ -40,11 +51,13 @@ from glbench.model import (
 )
 from glbench.model.air import humidity_deficit
 from glbench.realism import HouseCompared
+from glbench.realism.season import GROW_PIPE, RAIL_PIPE
 from glbench.speed import SpeedRecord, read_record
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task, task_card
 from glbench.tasks.prices import RADIATION, SHAPE
 from glbench.tasks.tables import ProcessComputerTable
-from glbench.weather import load_weather
+from glbench.training.compiled_settings import CompiledSettings, read_compiled_settings
+from glbench.weather import SeasonGenerator, load_weather, resemblance
 from tests.kernel.known_steps import known_steps
 
 STATE_SCALE = state_scale(TOMATO)
@@ -190,10 +203,37 @@ def card(agent: str, level: int) -> dict[str, Any]:
 
 
 @cache
+def recipe(name: str, task: str = "Spring-v1") -> CompiledSettings:
+    """Settings of a recipe of the compiled PPO, for one task."""
+    return read_compiled_settings(ROOT / "baselines" / "ppo" / f"{name}.yml", get_task(task))
+
+
+def training_seasons(name: str, task: str = "Spring-v1") -> int:
+    """How many different seasons the training scenarios of a recipe are in: those that the split has, at most."""
+    generated = get_task(task).in_split("training").scenario.generated
+    assert generated is not None
+    return len({(seed - generated.first_seed) % generated.seasons for seed in recipe(name, task).seeds})
+
+
+@cache
 def fast_settings() -> dict[str, Any]:
     """Settings of the compiled PPO that hold for every task."""
     text = (ROOT / "baselines" / "ppo" / "fast.yml").read_text(encoding="utf-8")
     return dict(yaml.safe_load(text)["default"])
+
+
+def width_of_drops() -> tuple[float, float]:
+    """How far the lower end of a drop with fresh draws is below it, smallest and largest, over all runs of the test [EUR m-2]."""
+    widths = [
+        one["drop"] - one["low"] for one in fresh_draws_table.read().values() if one["runs"] == HEADLINE.evaluation.runs
+    ]
+    return min(widths), max(widths)
+
+
+def gain_of_weather(draws: str) -> tuple[float, float, float]:
+    """What carrying the weather of the test years gains, with its 95 % interval [EUR m-2]."""
+    found = carried_weather.read()[draws]
+    return found["gain"], found["low"], found["high"]
 
 
 @cache
@@ -405,13 +445,50 @@ def heat_ratios(*names: str) -> tuple[float, ...]:
     return tuple(compared()[name].heat_ratio for name in names)
 
 
+def by_pipes(name: str) -> float:
+    """Simulated heat of a house by the organisers' formula over that of its boiler."""
+    return compared()[name].pipe_heat / compared()[name].mean(lambda one: one.heat.simulated)
+
+
 def other_set_points(change: str, what: str = "heat") -> float:
     """By how much other set points change heat or fruit [%], of docs/measurements/realism-setpoints.json."""
     return realism_setpoints.change(realism_setpoints.read(), change, what)
 
 
+def size_at_joints(measurement: str, quantity: str) -> float:
+    """How far the sizes of changes at joints are from those of real midnights: Kolmogorov-Smirnov distance."""
+    figures = weather_table.read()[measurement]["figures"]
+    return next(
+        float(one["value"]) for one in figures if one["name"].startswith(f"size of changes at joints, {quantity}")
+    )
+
+
+@cache
+def calm_midnights() -> tuple[float, float]:
+    """Share of the joined midnights of generated seasons, and of the real ones, over which wind does not change [%]."""
+    generator, first = SeasonGenerator(load_weather("schiphol"), (2008, 2009, 2010)), dt.date(2010, 2, 15)
+    made, real = resemblance._generated(generator, first, 28, 60, 1000, 1), resemblance._real(generator, first, 28, 60)
+    joined, plain = (
+        resemblance._changes(made)["wind_speed"][made.joints[:, 1:]],
+        resemblance._changes(real)["wind_speed"],
+    )
+    return 100.0 * float((joined == 0.0).mean()), 100.0 * float((plain == 0.0).mean())
+
+
+def radiation_bias() -> tuple[float, float]:
+    """How much too low radiation is forecast a day ahead, by day, on training seasons [W m-2], and in percent of what comes."""
+    came, errors = next(iter(uncertainty_figures.forecast_bias(get_task(str(uncertainty_figures.TASK))).values()))
+    return float(-errors[-1]), float(-100.0 * errors[-1] / came)
+
+
 CLAIMS: dict[str, list[Claim]] = {
     "docs/benchmark-design.md": [
+        (
+            "`grower`, for example, earns {} EUR/m² here and",
+            lambda: float(
+                np.mean(benchmark_design_figures.read()["evaluations"]["SpringSetpoints"]["grower"]["reward"])
+            ),
+        ),
         ("best agent, {} numbers, replayed", lambda: TASK.steps * len(TASK.actuation.controls)),
         (
             "earn {} on the default task of the suite `paper`; the agent itself earns {}.",
@@ -429,13 +506,23 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
     ],
     "docs/realism.md": [
+        ("{} W m⁻² for each kelvin that the rail pipe", lambda: RAIL_PIPE),
+        ("and\n{} W m⁻² for each kelvin of the growing pipe", lambda: GROW_PIPE),
+        (
+            "the formula counts {} % less than the boiler gives",
+            lambda: 100.0 * (1.0 - by_pipes("paper")),
+        ),
         (
             "the lamps for {} h a day at full power, the best known plans for {} h",
             lambda: (lamp_hours("rule_based_energy"), lamp_hours("best_known")),
         ),
         (
-            "`paper` needs {} times the measured heat, and {} times without the cooling",
-            lambda: heat_ratios("paper", "paper_uncooled"),
+            "`paper` needs {} times the measured heat ({} by pipe temperatures), and {} times without the cooling",
+            lambda: (
+                *heat_ratios("paper"),
+                by_pipes("paper") * heat_ratios("paper")[0],
+                *heat_ratios("paper_uncooled"),
+            ),
         ),
         (
             "2020 needs {} times the measured heat with its LEDs, {} with HPS lamps and {} with both",
@@ -593,7 +680,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ("CO2 costs it {} EUR/m².", lambda: mean("ppo", 10, "cost_co2")),
         ("a discount of {} a step", lambda: settings("ppo")["gamma"]),
         (
-            "{} seasons, {} million steps, {} minutes on one core",
+            "{} runs, {} million steps, {} minutes on one core",
             lambda: (tuned_steps() / TASK.steps, tuned_steps() / 1e6, minutes("ppo_tuned", 10)),
         ),
         (
@@ -771,12 +858,28 @@ CLAIMS: dict[str, list[Claim]] = {
             full_use,
         ),
     ],
+    "docs/threat-model.md": [
+        ("perfect forecast of the next day gains: {} EUR/m²", lambda: gain_of_weather("published")[0]),
+        ("it earns {} EUR/m² more than `mpc` in the same runs", lambda: gain_of_weather("published")[0]),
+        (
+            "(95 % interval over the {} runs: {} to {})",
+            lambda: (carried_weather.RUNS, *gain_of_weather("published")[1:]),
+        ),
+        ("that `mpc` had it earns {} EUR/m² more ({} to {})", lambda: gain_of_weather("fresh")),
+        (
+            "seeds {} to {}) it earns",
+            lambda: (HEADLINE.evaluation.first_seed, HEADLINE.evaluation.first_seed + carried_weather.RUNS - 1),
+        ),
+    ],
     "docs/statistics.md": [
         (
             "(of {}, the middle {})",
             lambda: (TASK.evaluation.runs, TASK.evaluation.runs - 2 * (TASK.evaluation.runs // 4)),
         ),
         ("`statistics.bootstrap_interval`, {} resamples", lambda: RESAMPLES),
+        ("above 0 in at most {} of 1,000 evaluations", lambda: 1000 * ERROR),
+        ("Fewer than {} runs mark nobody", lambda: FEWEST),
+        ("with 100 runs, the lower end is {} to {} EUR/m² below", width_of_drops),
         ("Differences of the reward up to {} count as none", lambda: RESOLUTION),
     ],
     "docs/prices.md": [
@@ -817,7 +920,42 @@ CLAIMS: dict[str, list[Claim]] = {
             ),
         ),
     ],
+    "docs/study.md": [
+        (
+            "{} million steps instead of {} million; {} scenarios instead of {}, which are other crops, houses, starts\n"
+            "  and sensors in the same {} seasons",
+            lambda: (
+                *(recipe(name).n_timesteps / 1e6 for name in ("long", "memory")),
+                *(len(recipe(name).seeds) for name in ("long", "memory")),
+                training_seasons("long"),
+            ),
+        ),
+        (
+            "chosen over {} validation runs instead of {}.",
+            lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory")),
+        ),
+    ],
+    "docs/uncertainty.md": [
+        ("forecasts are {} W/m2 too low by day,\n{} % of what comes", radiation_bias),
+        ("by hours ahead, over {} seasons of the training split", lambda: uncertainty_figures.BIAS_SEASONS),
+    ],
+    "baselines/ppo_long/card.toml": [
+        (
+            "for {} million steps instead of {} million, in {} scenarios instead of {}.",
+            lambda: (
+                *(recipe(name).n_timesteps / 1e6 for name in ("long", "memory")),
+                *(len(recipe(name).seeds) for name in ("long", "memory")),
+            ),
+        ),
+        ("training split (all {} of", lambda: training_seasons("long")),
+        ("over {} runs instead of {}.", lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory"))),
+    ],
     "docs/training.md": [
+        ("number of seasons ({} for training on `Spring-v1`)", lambda: training_seasons("long")),
+        (
+            "chosen over {} runs instead of {} (`ppo_long`",
+            lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory")),
+        ),
         ("| `n_timesteps` | {} |", lambda: settings("ppo")["n_timesteps"]),
         ("state at every evaluation, every {} steps", lambda: fast_settings()["evaluation"]["every"]),
         (
@@ -826,7 +964,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
         ("seeds 1 and 2) earn {}, {} and {} EUR/m2 on the test", lambda: compiled("ppo_fast", "reward")),
         ("they earn {}, {} and {}, a little more", lambda: compiled("ppo_memory", "reward")),
-        (") earn {}, {} and {}.\nThe tuned", lambda: compiled("ppo_long", "reward")),
+        ("some twenty minutes of one core), earn {}, {} and {}.\nThe tuned", lambda: compiled("ppo_long", "reward")),
         ("The tuned rules earn {} and `mpc`", lambda: score("rule_based_tuned", "Spring-v1")),
         ("and `mpc` {}. Violations", lambda: score("mpc", "Spring-v1")),
         (
@@ -858,7 +996,7 @@ CLAIMS: dict[str, list[Claim]] = {
                 "{} and {} with both": "memory: {hours: [1, 4], gru: 64}",
             }.items()
         ),
-        ("eight seasons are {} of 2 million", lambda: settings("ppo")["n_envs"] * TASK.steps),
+        ("eight episodes are {} of 2 million", lambda: settings("ppo")["n_envs"] * TASK.steps),
         ("earns {} EUR/m2 on the test split of `Spring-v1`; the tuned", lambda: score("sac_fast", "Spring-v1")),
         ("tuned rules\nearn {}, and", lambda: score("rule_based_tuned", "Spring-v1")),
         ("of `ppo_fast` between {} and {}.", lambda: low_high(compiled("ppo_fast", "reward"))),
@@ -871,6 +1009,15 @@ CLAIMS: dict[str, list[Claim]] = {
         ("North Carolina ({}° N", lambda: load_weather("greensboro").latitude),
         ("Alaska ({}° N", lambda: load_weather("sand_point").latitude),
         ("Florida ({}° N", lambda: load_weather("miami").latitude),
+        (
+            "just keep it ({}, and {} with other draws)",
+            lambda: tuple(size_at_joints(name, "wind speed") for name in ("training", "again")),
+        ),
+        (
+            "are close to it ({} and {}).",
+            lambda: tuple(size_at_joints(name, "relative humidity") for name in ("training", "again")),
+        ),
+        ("does not change over {} % of the joined midnights,\n  and over {} % of the real ones", calm_midnights),
         ("compares {} seasons of 60 days", lambda: weather_table.read()["training"]["seasons"]),
     ],
 }
@@ -888,6 +1035,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         for page in ("docs/best-known.md", "docs/control.md")
     },
     "docs/realism.md": [
+        ("agree within 4 % over the season", "tests/docs/test_generated_tables.py holds it"),
         ("doi 10.4121/uuid", "the name of a publication"),
         ("as a mean of 24 h", "definition: a state of the model"),
         ("which carries 63 % of", "definition: glbench/model/parameters.csv"),
@@ -896,6 +1044,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("a change of 0.5 g m⁻³", "definition: docs/realism_setpoints.py"),
     ],
     "docs/benchmark-design.md": [
+        ("and -3.18 on the test split", "tests/docs/test_benchmark_design.py evaluates it"),
         ("every 15 minutes", "definition: the control step"),
         ("replacement, 4000 times", "definition: docs/benchmark_design_figures.py"),
         ("at a level of 5 %", "definition: docs/benchmark_design_figures.py"),
@@ -1093,6 +1242,9 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     ],
     "docs/statistics.md": [
         ("overall 95 %", "definition: CONFIDENCE"),
+        ("t(0.999, ν)", "definition: glbench/leaderboard/fresh_draws.py"),
+        ("at most 1 of 1,000 evaluations", "definition: glbench/leaderboard/fresh_draws.py"),
+        ("simulates 20,000 agents a case", "tests/rounds/test_fresh_draws.py does it"),
         ("95 % interval", "definition"),
         ("narrower than 0.01", "definition: what the tables show"),
         ('above 0.99 is written ">0.99"', "definition: what the tables show"),
@@ -1138,6 +1290,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("RFC 8785", "the name of a standard"),
     ],
     "docs/threat-model.md": [
+        ("(95 % interval over", "definition: docs/carried_weather.py"),
         ("`/tmp` of 256 MiB and a `/dev/shm` of 64 MiB", "definition: the sandbox's limits"),
         ("at 512 MiB in all", "definition: the limits of a submission"),
         ("and 65,536 files", "definition: the sandbox's limits"),
@@ -1157,6 +1310,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("bubblewrap 0.7", "definition: a version"),
         ("Ubuntu 24.04", "definition: a version"),
     ],
+    "baselines/ppo_long/card.toml": [("arXiv:1707.06347", "source: number of a paper")],
     "docs/training.md": [
         ("takes 4.5 GB, 3.4 GB of it", "measured: du -sm of torch, nvidia and triton in site-packages"),
         ("These 12,288 steps only", "definition: the example above it"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import dataclass
+from decimal import ROUND_HALF_UP, Decimal
 from pathlib import Path
 
 NUMBER = r"(?<![\w.,-])[-−]?\d+(?:,\d{3})*(?:\.\d+)?(?:e-?\d+)?(?![\w]|[.,]\d)"
@@ -72,12 +73,13 @@ def places(page: str, words: str) -> list[list[tuple[int, str]]]:
 
 
 def as_quoted(value: float, text: str) -> str:
-    """``value`` with as many digits as ``text`` gives."""
+    """``value`` with as many digits as ``text`` gives; halves are rounded away from zero, as readers do."""
     number = text.replace("−", "-")
     if "e" in number:
         digits = len(number.split("e")[0].lstrip("-").replace(".", "")) - 1
         mantissa, exponent = f"{value:.{digits}e}".split("e")
         return f"{mantissa}e{int(exponent)}"
     decimals = len(number.partition(".")[2])
-    shown = f"{value:,.{decimals}f}" if "," in number else f"{value:.{decimals}f}"
+    rounded = Decimal(repr(float(value))).quantize(Decimal(1).scaleb(-decimals), ROUND_HALF_UP)
+    shown = f"{rounded:,f}" if "," in number else f"{rounded:f}"
     return "0" if shown == "-0" else shown

@@ -9,6 +9,10 @@ import numpy as np
 import pytest
 
 from docs import benchmark_design_figures as design
+from glbench.agents import load_agent
+from glbench.env import Simulation
+from glbench.tasks import get_task, task_card
+from glbench.training.probe import season_sums
 
 
 @pytest.fixture(scope="module")
@@ -222,3 +226,13 @@ def test_first_days_are_most_of_the_spread_between_scenarios(figures: dict[str, 
     days = np.array(figures["first_days"]["SpringYears"], float)
     table = np.array(list(design.controllers(figures, "SpringYears", lit=False).values()))
     assert np.corrcoef(days, table.mean(axis=0))[0, 1] ** 2 > 0.5
+
+
+@pytest.mark.slow
+def test_the_score_of_the_grower_on_the_test_split_is_that_of_an_evaluation() -> None:
+    task = get_task("SpringSetpoints-v1").scored
+    card, seeds = task_card(task), list(task.evaluation.seeds)
+    agent = load_agent("grower").make(card)
+    agent.reset(card, len(seeds))  # type: ignore[call-arg, arg-type]
+    reward = season_sums(Simulation(task, len(seeds)), seeds, agent.act)["reward"].mean()  # type: ignore[union-attr, arg-type]
+    assert f"here and {reward:.2f} on the test split of" in design.PAGE.read_text(encoding="utf-8")

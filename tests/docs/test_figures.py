@@ -86,7 +86,15 @@ def test_what_counts_as_a_figure() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "text", "shown"), [(3794.68, "3,794.7", "3,794.7"), (512.4, "513", "512"), (1.04e-6, "1e-6", "1e-6")]
+    ("value", "text", "shown"),
+    [
+        (3794.68, "3,794.7", "3,794.7"),
+        (512.4, "513", "512"),
+        (1.04e-6, "1e-6", "1e-6"),
+        (362.5, "362", "363"),
+        (362.5, "362.5", "362.5"),
+        (-0.2, "0", "0"),
+    ],
 )
 def test_a_value_is_compared_with_the_digits_that_are_quoted(value: float, text: str, shown: str) -> None:
     assert as_quoted(value, text) == shown

@@ -1,6 +1,6 @@
 """Phrases that read as translated stay out of pages, docstrings, messages and the report (CONTRIBUTING.md, "Style").
 
-Files under the digest of a released agent cannot change by a byte and are left out; so are the model and the compiled kernel.
+The model and the compiled kernel are left out.
 """
 
 from __future__ import annotations
@@ -9,8 +9,6 @@ import re
 from pathlib import Path
 
 import pytest
-
-from glbench.agents import baselines
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -44,6 +42,12 @@ PHRASES = {
     r"no merit of (its|theirs|his)": "not their doing",
     r"is the one of\b": "is that of",
     r"\btake\w* (it|them|the alarm) back\b": "cancel, undo",
+    r"\bhangs? together\b": "is autocorrelated",
+    r"\b[Rr]eset was told\b": "reset was called with",
+    r"\b([Ii]s|are|was|were) told (as|each|everything|how|it|nothing|of|the|what)\b": "gets, is called with, is shown",
+    r"\b[Mm]ake nothing of\b": "invalidate",
+    r"\bwith everything known\b": "with perfect information",
+    r"\bof which very file\b|\bwhoever multiplies\b": "name the file; name what may vary",
 }
 """Phrases as regular expressions, and what a native speaker writes instead."""
 
@@ -51,24 +55,12 @@ KEPT = {"CONTRIBUTING.md"}
 """The page that shows them."""
 
 
-def frozen() -> set[Path]:
-    """Files whose bytes the digests of released agents cover."""
-    agents, package = ROOT / "glbench" / "agents", ROOT / "glbench"
-    return {
-        file
-        for one in baselines._CONTROLLERS.values()
-        for file in (*(agents / name for name in one.modules), *(package / name for name in one.elsewhere))
-    }
-
-
 def written() -> list[Path]:
     found = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob(".github/**/*.md"), *ROOT.glob(".github/**/*.yml")]
     found += [file for kind in ("py", "html", "js") for file in ROOT.glob(f"glbench/**/*.{kind}")]
     left_out = {ROOT / "glbench" / "model", ROOT / "glbench" / "kernel" / "compiled"}
     return sorted(
-        file
-        for file in set(found) - frozen()
-        if file.name not in KEPT | {"CHANGELOG.md"} and not left_out & set(file.parents)
+        file for file in set(found) if file.name not in KEPT | {"CHANGELOG.md"} and not left_out & set(file.parents)
     )
 
 
@@ -104,6 +96,8 @@ def test_no_phrase_reads_as_translated() -> None:
         '    msg = "The records lie "\n    "beside it."',
         "    # It is drawn\n    # anew.",
         "Whose page goes\non with it",
+        "act got 3 runs, reset was told of 2",
+        "an error that hangs together",
     ],
 )
 def test_a_phrase_is_found_also_over_the_end_of_a_line(text: str) -> None:

@@ -18,6 +18,7 @@ import yaml
 
 from glbench.cli.app import main
 from glbench.evaluation.sandbox.choosing import EXAMPLES
+from glbench.tasks import get_task, list_suites
 
 ROOT = Path(__file__).resolve().parents[2]
 WORKFLOWS = {file.name: file for file in sorted((ROOT / ".github" / "workflows").glob("*.yml"))}
@@ -142,7 +143,7 @@ def test_code_of_a_pull_request_runs_in_the_sandbox_only() -> None:
 def test_a_submission_is_evaluated_in_the_sandbox_and_with_the_installed_packages() -> None:
     script = (ROOT / ".ci" / "submission").read_text(encoding="utf-8")
     assert re.findall(r"run evaluate .*", script) == [
-        'run evaluate "$@" "${what[@]}" --sandbox bubblewrap --episodes none --out "$out"'
+        'run evaluate "$@" "${what[@]}" "${draws[@]}" --sandbox bubblewrap --episodes none --out "$out"'
     ]
     assert set(re.findall(r"uv run (\S+)", script)) == {"--no-sync"}
     assert "sandbox none" not in script
@@ -426,6 +427,29 @@ def test_a_badge_is_drawn_whatever_names_the_task(tmp_path: Path, settings: dict
     assert done.returncode == 0, done.stderr
     assert "verify reports/results/Own-v1/anna.json" in ran
     assert f"{words} --out reports --file reports/anna.badge.svg" in ran
+
+
+@pytest.mark.parametrize(
+    ("settings", "fresh"),
+    [
+        ({}, True),
+        ({"SUITE": "control"}, True),
+        ({"SUITE": "paper"}, False),
+        ({"TASK": "Schiphol2010-Delta10-v1"}, False),
+    ],
+)
+def test_every_submission_is_evaluated_with_fresh_draws_but_in_the_suite_paper(
+    tmp_path: Path, settings: dict[str, str], fresh: bool
+) -> None:
+    _, ran = submission(tmp_path, "Own-v1/anna.json", **settings)
+    (command,) = (line for line in ran if line.startswith("evaluate"))
+    assert ("--fresh-draws" in command) == fresh
+
+
+def test_only_the_suites_that_are_left_out_have_no_fresh_draws() -> None:
+    for name, tasks in list_suites().items():
+        sealed = {task for task in tasks if get_task(task).splits is not None}
+        assert sealed == (set() if name in ("paper", "paper-code") else set(tasks)), name
 
 
 def ruff(*words: str, text: str) -> int:

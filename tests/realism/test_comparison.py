@@ -90,6 +90,18 @@ def test_cooled_lamps_need_more_heat(compared: tuple[Comparison, tuple[Season, .
     assert np.all(cooled.heat > uncooled.heat)
 
 
+def test_the_boilers_heat_leaves_the_pipes_by_the_formula_of_the_organisers(
+    archive: Archive, compared: tuple[Comparison, tuple[Season, ...]]
+) -> None:
+    comparison, seasons = compared
+    for house, season in zip(comparison.houses, seasons, strict=True):
+        assert season.pipe_heat == pytest.approx(season.heat, rel=0.25), "two days: pipes store heat over midnight"
+        assert season.pipe_heat.sum() == pytest.approx(season.heat.sum(), rel=0.15)
+        assert house.pipe_heat == pytest.approx(season.pipe_heat.sum(axis=0).mean())
+    old = comparison.model_dump(exclude={"houses": {0: {"compartments": {0: {"heat": {"by_pipes"}}}}}})
+    assert math.isnan(Comparison.model_validate(old).houses[0].pipe_heat), "files of earlier versions are read"
+
+
 def test_a_warmer_house_needs_more_heat(archive: Archive, compared: tuple[Comparison, tuple[Season, ...]]) -> None:
     outside = outdoors(archive, SETTINGS.place.clock, SETTINGS.place.co2)
     warmer = simulate(archive, outside, HOUSES["paper"], SETTINGS, warmer=2.0)
@@ -132,7 +144,7 @@ def test_what_is_stored_comes_back_and_holds_no_day(
     save_comparison(compared[0], path)
     assert read_comparison(path) == compared[0]
     lists = [len(one.model_dump()["heat"]) for one in compared[0].houses[0].compartments]
-    assert lists == [6, 6]
+    assert lists == [7, 7]
     assert not any(
         isinstance(value, list) for value in compared[0].houses[0].compartments[0].heat.model_dump().values()
     )

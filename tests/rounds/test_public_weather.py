@@ -1,4 +1,4 @@
-"""What a salt cannot hide: generated seasons are days of a public record, and a few hours of them are found there."""
+"""What a salt cannot hide: generated seasons are days of a public record, and a few hours of them are found there and go on as there."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ import datetime as dt
 
 import numpy as np
 
+from docs.carried_weather import CarriedOutlook
+from glbench.control import Climatology, Outlook
+from glbench.env import Simulation, run_weather
+from glbench.tasks import get_task
 from glbench.weather import SeasonGenerator, load_weather
 
 YEARS = (2011, 2012)
@@ -43,3 +47,34 @@ def test_six_hours_of_temperature_humidity_and_wind_find_their_day_and_the_block
                 left.append(after[0] - day - 9 / 24)
     assert np.mean(found) > 0.8
     assert 3.0 < np.mean(left) < 4.5
+
+
+def test_who_carries_the_record_knows_the_next_hours_better_than_the_forecast() -> None:
+    """On the validation split, whose seasons are made of other years than those of the test."""
+    task = get_task("Spring-v1").in_split("validation")
+    assert task.season_years is not None
+    seeds = [task.evaluation.first_seed, task.evaluation.first_seed + 1]
+    climatology = Climatology.of(task)
+    usual, carried = (
+        Outlook(task, climatology),
+        CarriedOutlook(task, climatology, task.season_years, task.weather.source),
+    )
+    simulation, errors = Simulation(task, len(seeds), kernel="fast"), []
+    weather = np.array([run_weather(task, seed).values for seed in seeds])
+    seen = simulation.reset(seeds)
+    for outlook in (usual, carried):
+        outlook.reset(len(seeds))
+        outlook.update(seen)
+    for step in range(1, 5 * task.steps_per_day):
+        simulation.step(np.zeros((len(seeds), 6)))
+        seen = simulation.observe()
+        for outlook in (usual, carried):
+            outlook.update(seen)
+        if step > 24 and step % 16 == 0:
+            true = weather[:, step : step + 25]
+            errors.append([outlook.ahead(25).d[:, 1:] - true[:, 1:] for outlook in (usual, carried)])
+    names = task.model_value.disturbance_names
+    by_column = np.sqrt(np.square(np.array(errors)).mean(axis=(0, 2, 3)))
+    for name in ("iGlob", "tOut", "vpOut", "wind", "tSky"):
+        forecast, record = by_column[:, names.index(name)]
+        assert record < 0.75 * forecast, name

@@ -13,6 +13,8 @@ import pytest
 
 from glbench.errors import TaskError, UnknownNameError
 from glbench.model import CONTROL_NAMES, STATE_NAMES, TOMATO, VARIANTS, bounds
+from glbench.model.units import same_unit
+from glbench.report.task_words import definition_in_words
 from glbench.tasks import (
     MODEL_VARIANTS,
     OBSERVATION_MODULES,
@@ -21,9 +23,11 @@ from glbench.tasks import (
     Registry,
     Word,
     get_task,
+    list_tasks,
     task_card,
 )
 from glbench.tasks import quantities as q
+from glbench.tasks.ledger import MONEY
 from glbench.weather import PREPROCESSINGS as WEATHER_PREPROCESSINGS
 
 Vary = Callable[..., Path]
@@ -168,3 +172,28 @@ def test_a_registry_takes_a_new_word_once_and_names_the_nearest() -> None:
         words.add(Word("green", "as money"))
     with pytest.raises(UnknownNameError, match=r"There is no colour called 'gren'. Did you mean 'green'\?"):
         words["gren"]
+
+
+def test_every_price_has_its_unit_and_fresh_fruit_is_not_called_carbohydrate() -> None:
+    lines = {
+        line.split(":")[0]: line for name in ("Spring-v1", "SpringEnergy-v1") for line in get_task(name).ledger.lines()
+    }
+    assert lines["+ revenue_harvest"] == (
+        "+ revenue_harvest: 15.38 times the carbohydrate of the fruit harvested [kg m-2] x 1.6 EUR kg-1"
+    ), "6.5 % dry matter"
+    assert lines["+ revenue_buffer"].startswith("+ revenue_buffer: heat in the buffer [kWh m-2] x 0.042 EUR kWh-1"), (
+        "MJ"
+    )
+    assert lines["- cost_engine"] == "- cost_engine: time that the engine runs [h] x 0.0003 EUR m-2 h-1"
+    heads = next(item for item in get_task("Lettuce-v1").ledger.items if item.name == "revenue")
+    assert heads.price_unit == "EUR"
+    for task in list_tasks():
+        for item in task.ledger.items:
+            assert same_unit(f"{item.price_unit} {item.amount_unit}", MONEY), (task.id, item.name)
+    rows = {
+        row[0]: row[2]
+        for one in definition_in_words(get_task("SpringEnergy-v1"))
+        if one.heading == "Prices"
+        for row in one.rows
+    }
+    assert rows["Wear of the engine"] == "0.0003 EUR per m2 and h"

@@ -255,7 +255,7 @@ class PolicyAgent:
             When there are not as many rows as runs were announced to ``reset``.
         """
         if len(observations) != len(self._state):
-            msg = f"act got observations of {len(observations)} runs, reset was told of {len(self._state)}. Call reset first."
+            msg = f"act got observations of {len(observations)} runs, reset was called with {len(self._state)}. Call reset first."
             raise ShapeError(msg)
         rows = np.ascontiguousarray(self._normalise(observations), dtype=np.float32)
         answer = self._ask(np.concatenate([rows, self._state], axis=1) if self._state_width else rows)

@@ -31,7 +31,7 @@ from glbench.model import Air, Horizon
 from glbench.model.equipment import BUFFER, ENERGY_FLOWS, Equipment, lacks_energy
 from glbench.model.greenlight import JOULES_PER_KWH
 from glbench.registration import task_ids
-from glbench.tasks import get_task
+from glbench.tasks import published_task
 from glbench.tasks.ledger import FLOW, LedgerItem
 from glbench.weather import COLUMNS as WEATHER
 
@@ -379,7 +379,9 @@ def _misfit(result: Result, profile: Profile) -> str:
     if seeds["all"] != [run.seed for run in result.runs] or not {seeds["best"], seeds["worst"]} <= set(seeds["all"]):
         return "its seeds are others"
     try:
-        spec = (get_task(task.id) if task.id in task_ids() else task_of(profile.text_of_task)).scored_in(task.split)
+        spec = (published_task(task.id) if task.id in task_ids() else task_of(profile.text_of_task)).scored_in(
+            task.split
+        )
         if spec.id != task.id:
             return "its task is another one"
         columns = columns_of(spec)

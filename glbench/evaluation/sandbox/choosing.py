@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal, NoReturn
 
 from glbench.agents import Baseline, Identity, LoadedAgent, identify, load_agent
 from glbench.errors import GlbenchError, SandboxError, SubmissionError, did_you_mean
-from glbench.evaluation.sandbox.bubblewrap import usable_mode, why_no_sandbox
+from glbench.evaluation.sandbox.bubblewrap import is_visible, usable_mode, why_no_sandbox
 from glbench.tasks import TaskCard
 
 SandboxChoice = Literal["auto", "bubblewrap", "none"]
@@ -81,6 +82,20 @@ def protection_of(submission: Identity, choice: SandboxChoice) -> Protection:
         msg = f"'{submission.name}' was not run. {error}"
         raise SandboxError(msg) from error
     return "bubblewrap"
+
+
+def keep_out_of_sight(round_file: Path, agents: Iterable[Protected]) -> None:
+    """Refuse a round whose file an agent could find in its sandbox.
+
+    Raises
+    ------
+    SandboxError
+        When the file lies where the sandbox shows what is there.
+    """
+    for agent in agents:
+        if agent.submission is not None and is_visible(round_file, agent.submission):
+            msg = f"'{agent.agent.name}' would see {round_file} in its sandbox. Keep the file of a round in a folder of its own."
+            raise SandboxError(msg)
 
 
 def _check_choice(choice: str) -> None:

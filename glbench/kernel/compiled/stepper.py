@@ -62,7 +62,7 @@ class CompiledStepper:
     Attributes
     ----------
     settings : Settings
-        What the library is told of step length and tolerances; fixed.
+        Step length and tolerances that the library gets; fixed.
 
     Raises
     ------

@@ -24,6 +24,7 @@ const rankColumns = (task, rows, refill) => {
         const title = spanWords(row.result, one, metric.decimals + 1);
         return h("td", { title: metric.interval ? title : null }, number(one.mean, metric.decimals), metric.interval ? bar(one, range, row.result.agent, Boolean(row.result.members)) : null,
           metric.name === task.metric && row.result.worst_tenth && !pricesDiffer(task) ? h("span", { class: "of", title: `Mean of the worst tenth of the runs (CVaR10)${row.result.members ? ", mean over the trainings" : ""}` }, "worst tenth", h("br"), number(row.result.worst_tenth[0], metric.decimals)) : null,
+          metric.name === task.metric && row.result.fresh_draws ? freshWords(row.result.fresh_draws, metric) : null,
           metric.interval ? h("span", { class: "visually-hidden" }, ` (${title})`) : null);
       },
     };
@@ -41,6 +42,10 @@ const rankColumns = (task, rows, refill) => {
     ...aboutColumns((row) => ({ ...row.result, steps: row.result.training?.steps, hours: trainingWords(row.result.training), name: row.result.agent })),
   ].filter(Boolean);
 };
+
+// What ranks with draws that nobody knew beforehand, and whether it dropped by more than reference agents.
+const freshWords = (fresh, metric) => h("span", { class: fresh.marked ? "of loss" : "of", title: fresh.marked ? "It dropped by more than reference agents in the same seasons: it may know the published draws." : "The same evaluation again, with draws that nobody knew when the agent was handed in." },
+  `${fresh.marked ? "\u00b6 " : ""}fresh draws`, h("br"), number(fresh.mean, metric.decimals));
 
 // An amount that nobody has: its column would push the last ones off the page.
 const isUnused = (metric, rows) => rows.every((row) => !(Math.abs(estimate(row.result, metric.name).mean) >= 0.5 * 10 ** -metric.decimals));

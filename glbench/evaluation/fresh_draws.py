@@ -1,0 +1,157 @@
+"""Fresh draws: an evaluation again under a salt that is made for it, beside reference agents with the same draws.
+
+Seeds and code are published, so an agent can carry plans for the published draws of a test, and no sandbox can tell. It cannot carry plans
+for draws that did not exist when it was handed in. Both evaluations are alike for the agent: the same task card, the same number of runs, a
+new process each. The draws are those of a sealed round with one agent (``glbench.tasks.sealed``), whose salt is published with the result.
+``glbench.leaderboard.fresh_draws`` judges how much less it earned.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from glbench.episodes import actions_path
+from glbench.errors import ResultError, SandboxError, SubmissionError, TaskError
+from glbench.evaluation.engines.local import Job, Options
+from glbench.evaluation.files import result_path, save_result
+from glbench.evaluation.preparing import results_folder
+from glbench.evaluation.records import FreshDraws, RecordReference, ReferenceRuns, Result
+from glbench.evaluation.sandbox.choosing import keep_out_of_sight, protect
+from glbench.evaluation.saving import result_lock
+from glbench.resources import write_atomically
+from glbench.tasks import Round, TaskSpec, read_round
+from glbench.tasks.sealed import write_round
+
+FOLDER: Final = "fresh-draws"
+"""Folder below ``out`` for unfinished evaluations with fresh draws, their salts, and reference agents with the published draws."""
+REFERENCES: Final = ("rule_based_tuned", "rule_based_unlit", "rule_based_energy", "rule_based_fair", "rule_based")
+"""Sensible agents that take no time, in the order in which they are tried: the first ``WANTED`` that can act in the task are taken."""
+WANTED: Final = 2
+
+Run = Callable[[Job], Result]
+"""Does a job, or takes its stored result."""
+
+
+def check_fresh_draws(job: Job) -> None:
+    """Refuse what cannot be evaluated with fresh draws, before anything is evaluated.
+
+    Raises
+    ------
+    TaskError
+        When the task has no test split, or the job is of another split or of a sealed round.
+    SandboxError
+        When the agent would run without a sandbox.
+    """
+    task = job.task
+    if task.splits is None or "test" not in task.splits.names:
+        msg = (
+            f"{task.id} has no fresh draws: all its runs share their season, and an agent may know them by heart. "
+            "Evaluate it without --fresh-draws."
+        )
+        raise TaskError(msg)
+    if task.split == "validation" or task.sealed:
+        other = "the validation split" if task.split == "validation" else "a sealed round"
+        msg = f"Fresh draws are for the public test, and this is {other}. Evaluate it without --fresh-draws."
+        raise TaskError(msg)
+    if job.agent.protection == "unsandboxed":
+        msg = (
+            f"'{job.agent_name}' would run without a sandbox, in the process that holds the salt of the fresh draws, and could read it. "
+            "With --fresh-draws submissions run with --sandbox bubblewrap only."
+        )
+        raise SandboxError(msg)
+
+
+def add_fresh_draws(job: Job, run: Run) -> Result:
+    """Evaluate the agent of ``job``, which is done, again with fresh draws, and save that in its result.
+
+    What is interrupted continues when it is called again; where the result has fresh draws already, nothing is evaluated.
+
+    Parameters
+    ----------
+    job
+        The evaluation with the published draws, whose result is saved.
+    run
+        Does the jobs of which this consists.
+
+    Returns
+    -------
+    Result
+        With ``fresh_draws``.
+
+    Raises
+    ------
+    GlbenchError
+        When something cannot be evaluated or written, or no reference agent can act in the task. Other errors as for ``check_fresh_draws``.
+    """
+    check_fresh_draws(job)
+    evaluation = replace(job, options=replace(job.options, fresh=False)).prepare()
+    result = evaluation.stored
+    if result is None or evaluation.out is None:
+        msg = (
+            f"'{job.agent_name}' has no result on {job.task.id} that fresh draws could be added to. Evaluate it first."
+        )
+        raise ResultError(msg)
+    if result.fresh_draws is not None:
+        return result
+    place = job.options.out.expanduser().resolve() / FOLDER
+    file = place / job.task.short_id / f"{job.agent_name}.toml"
+    keep_out_of_sight(file, [job.agent])
+    if not file.exists():
+        write_round(Round.new(), file)
+    salt = read_round(file)
+    task = job.task.in_split("test", salt.secret)
+    options = replace(job.options, out=place, episodes="none", fresh=False)
+    again = replace(job, task=task, options=options)
+    fresh = run(again)
+    actions = again.prepare().path
+    if actions is None or fresh.record is None:
+        msg = f"The evaluation of '{job.agent_name}' with fresh draws left no recorded actions, without which nobody can verify it."
+        raise ResultError(msg)
+    target = fresh_actions_path(result_path(evaluation.out, task.id, job.agent_name))
+    made = FreshDraws(
+        salt=salt.salt,
+        metric=task.evaluation.metric,
+        runs=fresh.runs,
+        references=_references(job, task, options, run),
+        record=RecordReference(file=target.name, digest=fresh.record.digest),
+        digest="0" * 64,
+    )
+    made = made.model_copy(update={"digest": made.computed_digest(result.results_digest)})
+    whole = Result(**{name: getattr(result, name) for name in Result.model_fields} | {"fresh_draws": made})
+    with result_lock(evaluation.out, task.id, job.agent_name):
+        write_atomically(target, actions_path(actions).read_bytes())
+        save_result(whole, evaluation.out)
+    shutil.rmtree(results_folder(place, task), ignore_errors=True)
+    file.unlink(missing_ok=True)
+    return whole
+
+
+def fresh_actions_path(result: Path) -> Path:
+    """``<agent>.actions.fresh.mcap`` beside ``<agent>.json``: the name of no record of another agent, because those end otherwise."""
+    return result.with_name(result.name.removesuffix(".json") + ".actions.fresh.mcap")
+
+
+def _references(job: Job, task: TaskSpec, options: Options, run: Run) -> tuple[ReferenceRuns, ...]:
+    """The reference agents with the draws of ``job`` and with those of ``task``; those that cannot act in the task are passed over."""
+    found: list[ReferenceRuns] = []
+    for name in REFERENCES:
+        try:
+            agent = protect(name, "auto")
+            if agent.agent.digest == job.agent.agent.digest:
+                continue
+            published, fresh = (run(Job(one, name, agent, options)) for one in (job.task, task))
+        except SubmissionError:
+            continue
+        values = [one.values(task.evaluation.metric) for one in (published, fresh)]
+        if published.summary.ok:
+            found.append(ReferenceRuns(name=name, digest=agent.agent.digest, published=values[0], fresh=values[1]))
+        if len(found) == WANTED:
+            break
+    if not found:
+        msg = f"No reference agent can act in {task.id} ({', '.join(REFERENCES)}), so fresh draws could not be judged."
+        raise ResultError(msg)
+    return tuple(found)

@@ -1,0 +1,128 @@
+"""How much less an agent earns with fresh draws than with the published ones, beside reference agents that know neither.
+
+Seasons differ, so two sets of draws give two means. A reference agent meets the same seasons: what an agent earns more than it, run by run,
+is free of most of that. An agent that knows nothing of the published draws has differences of one distribution in both sets, whatever it
+is. docs/statistics.md has formula, error rate and what such a test can see.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from pydantic import Field
+
+from glbench.evaluation import Result
+from glbench.leaderboard.catalogue import Metric
+from glbench.leaderboard.statistics import Array, Published
+
+ERROR: Final = 0.001
+"""Chance, at most, that an agent is marked that does not know the published draws."""
+FEWEST: Final = 5
+"""Runs below which nobody is marked."""
+
+
+class FreshScore(Published):
+    """What ranks, as the mean over runs with fresh draws, and by how much more than reference agents it dropped."""
+
+    mean: float = Field(description="of what ranks, with the fresh draws; of several trainings the mean over them")
+    drop: float = Field(
+        description="how much more it dropped from the published to the fresh draws than the reference agent that speaks most for it"
+    )
+    low: float | None = Field(
+        description="lower end of the one-sided 99.9 % interval of the drop; null where there are too few runs"
+    )
+    margin: float = Field(description="how much one reference agent dropped more than another")
+    reference: str = Field(description="the reference agent that speaks most for it")
+    failed: int = Field(
+        description="runs with fresh draws that failed; of several trainings those of the one that dropped most"
+    )
+    marked: bool = Field(description="whether the drop is above the margin beyond chance, with every reference agent")
+
+
+def fresh_score(result: Result) -> FreshScore | None:
+    """What came out with fresh draws; ``None`` where the result has none."""
+    fresh = result.fresh_draws
+    if fresh is None:
+        return None
+    published = np.array(result.values(fresh.metric))
+    again = np.array([run.metrics[fresh.metric] for run in fresh.runs])
+    references = [(np.array(one.published), np.array(one.fresh)) for one in fresh.references]
+    drops = [drop_beside(published - before, again - after) for before, after in references]
+    first = drop_beside(*references[0])[0]
+    margin = max(abs(drop_beside(*one)[0] - first) for one in references)
+    place = min(range(len(drops)), key=lambda place: drops[place][1])
+    drop, low = drops[place]
+    few = len(published) < FEWEST
+    return FreshScore(
+        mean=float(again.mean()),
+        drop=drop,
+        low=None if few else low,
+        margin=margin,
+        reference=fresh.references[place].name,
+        failed=sum(run.status != "ok" for run in fresh.runs),
+        marked=not few and low > margin,
+    )
+
+
+def drop_beside(published: Array, fresh: Array, error: float = ERROR) -> tuple[float, float]:
+    """Mean of ``published`` minus that of ``fresh``, and the lower end of its one-sided interval (Welch 1947).
+
+    Parameters
+    ----------
+    published, fresh
+        One value a run, each ``(n,)``, of independent runs.
+    error
+        Chance that the lower end lies above the true difference.
+    """
+    from scipy import special  # not at the top: most boards have no fresh draws
+
+    drop = float(published.mean() - fresh.mean())
+    parts = [float(values.var(ddof=1)) / len(values) if len(values) > 1 else math.inf for values in (published, fresh)]
+    if not math.isfinite(sum(parts)):
+        return drop, -math.inf
+    if sum(parts) == 0.0:
+        return drop, drop
+    freedom = sum(parts) ** 2 / sum(
+        part**2 / (len(values) - 1) for part, values in zip(parts, (published, fresh), strict=True)
+    )
+    return drop, drop - float(special.stdtrit(freedom, 1.0 - error)) * math.sqrt(sum(parts))
+
+
+def fresh_score_over(trainings: Sequence[FreshScore | None]) -> FreshScore | None:
+    """Of several trainings: the mean over them, and the drop of the one that dropped most; ``None`` where one has no fresh draws."""
+    known = [one for one in trainings if one is not None]
+    if not known or len(known) < len(trainings):
+        return None
+    worst = max(known, key=lambda one: (one.marked, one.drop))
+    return worst.model_copy(update={"mean": float(np.mean([one.mean for one in known]))})
+
+
+def fresh_note(agent: str, score: FreshScore, metric: Metric) -> str:
+    """Why an agent is marked, in words."""
+    return (
+        f"With fresh draws {agent} drops by {metric.number(score.drop)} more in what ranks ({metric.words}) than {score.reference} "
+        f"in the same seasons, by at least {metric.number(score.low or 0.0)}; reference agents differ by "
+        f"{metric.number(score.margin)} in this. "
+        + (
+            f"{score.failed} of its runs with fresh draws failed."
+            if score.failed
+            else "It may know the published draws."
+        )
+    )
+
+
+def fresh_words(result: Result, metric: Metric) -> str:
+    """What a result with fresh draws has in ``metric``, which ranks, and whether that marks its agent."""
+    score = fresh_score(result)
+    assert score is not None
+    words = f"{metric.said(score.mean)}, published {metric.number(result.summary.mean[metric.name])}."
+    if score.failed and not score.marked:
+        words += f" {score.failed} runs with fresh draws failed."
+    if score.marked:
+        return f"{words} {fresh_note(result.agent.name, score, metric)}"
+    if score.low is None:
+        return f"{words} From {len(result.runs)} runs nothing follows."
+    return f"{words} Beside {score.reference} it dropped by {metric.number(score.drop)}, no more than chance explains."

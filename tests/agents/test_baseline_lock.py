@@ -1,0 +1,69 @@
+"""The shipped baselines are frozen by what they do: their digests, and their actions on recorded inputs (baselines/lock.toml)."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from glbench.agents import baselines
+from glbench.agents.identity import baseline_names
+from glbench.agents.rule_based_fair import FairRuleBasedAgent
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def script() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("baselines_lock", ROOT / "baselines" / "lock.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+LOCK = script()
+ENTRIES = LOCK.read_lock()
+
+
+@pytest.mark.parametrize("name", baseline_names())
+def test_a_baseline_does_what_the_lock_says(name: str) -> None:
+    assert LOCK.problems_of(name, ENTRIES[name]) == []
+
+
+def test_the_lock_holds_every_baseline_and_the_digests_of_released_results() -> None:
+    assert set(ENTRIES) == set(baseline_names())
+    for name in baseline_names():
+        for file in (ROOT / "reports" / "released" / "results").glob(f"*/{name}.json"):
+            assert json.loads(file.read_bytes())["agent"]["digest"] == ENTRIES[name]["digest"], file
+
+
+def test_every_controller_is_recorded() -> None:
+    cards = {name: baselines._read_card(ROOT / "baselines" / name / "card.toml").controller for name in ENTRIES}
+    assert {cards[name] for name, entry in ENTRIES.items() if entry["actions"]} == set(baselines._CONTROLLERS)
+
+
+def test_other_actions_under_the_same_digest_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = FairRuleBasedAgent.act
+
+    def slightly_off(self: FairRuleBasedAgent, observations: np.ndarray) -> np.ndarray:
+        return original(self, observations) * (1.0 - 1e-6)
+
+    monkeypatch.setattr(FairRuleBasedAgent, "act", slightly_off)
+    problems = LOCK.problems_of("rule_based_fair", ENTRIES["rule_based_fair"])
+    assert problems
+    assert all("other actions" in text for text in problems)
+
+
+def test_another_version_of_a_controller_is_another_agent(monkeypatch: pytest.MonkeyPatch) -> None:
+    from dataclasses import replace
+
+    own = baselines._CONTROLLERS["rule_based"]
+    monkeypatch.setitem(baselines._CONTROLLERS, "rule_based", replace(own, version="2"))
+    assert any("digest" in text for text in LOCK.problems_of("rule_based", ENTRIES["rule_based"]))
