@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from docs.tables import with_tables
 from glbench.evaluation import load_result
-from glbench.leaderboard.statistics import bootstrap_interval
+from glbench.leaderboard.statistics import estimate_mean
 from glbench.resources import write_atomically
 
 DOCS = Path(__file__).resolve().parent
@@ -83,8 +84,13 @@ def collect(results: Path) -> Points:
             runs = load_result(file).runs
             for metric in (*(name for name, _ in CURVES), *(name for name, *_ in MONEY)):
                 values = np.array([run.metrics[metric] for run in runs])
-                points[agent, level, metric] = Point(float(values.mean()), *bootstrap_interval(values))
+                points[agent, level, metric] = _point(values)
     return points
+
+
+def _point(values: NDArray[np.float64]) -> Point:
+    found = estimate_mean([values]).interval()
+    return Point(found.value, found.low, found.high)
 
 
 def curves(points: Points) -> str:

@@ -20,7 +20,7 @@ from glbench.leaderboard.collect import own_and_released_results, published_expe
 from glbench.leaderboard.entries import Entry, entries_by_task
 from glbench.leaderboard.pairs import compare_entries
 from glbench.leaderboard.ranking import Row, TaskTable, rank
-from glbench.leaderboard.statistics import difference_interval
+from glbench.leaderboard.statistics import estimate_difference
 from glbench.resources import write_atomically
 
 PAGE, FIGURE = DOCS / "study.md", DOCS / "images" / "study.svg"
@@ -118,7 +118,7 @@ class Study:
                 pair = compare_entries(entries[agent], entries[RULES])
                 metric = pair.metrics[RANKING_METRIC]
                 assert metric.difference is not None  # every result states what ranks
-                span = metric.overall or metric.difference
+                span = metric.difference
                 money = [_signed(pair.gap("epi") or 0.0), _signed(-(pair.gap("penalty") or 0.0))]
                 wins = (entries[agent].values(RANKING_METRIC) > entries[RULES].values(RANKING_METRIC)).mean()
                 rows.append(
@@ -140,13 +140,13 @@ class Study:
                     continue
                 seeds = sorted(set(pair[0].seeds) & set(pair[1].seeds))
                 values = [_on(entry, seeds) for entry in pair if entry is not None]
-                low, high = difference_interval(values[1], values[0])
+                change = estimate_difference([values[1]], [values[0]]).interval()
                 rows.append(
                     [
                         words,
                         f"`{agent}`",
-                        _signed(float(values[1].mean() - values[0].mean())),
-                        f"{_signed(low)} to {_signed(high)}",
+                        _signed(change.value),
+                        f"{_signed(change.low)} to {_signed(change.high)}",
                     ]
                 )
         return _table(["what is added", "agent", "change of the score", "95 %"], rows, words=2)

@@ -202,6 +202,7 @@ def _by_names(tables: Sequence[TaskTable], wanted: Sequence[str]) -> list[TaskTa
 
 def _print(shown: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members: bool) -> None:
     from glbench.leaderboard.tables import (
+        AGAINST_NOTE,
         REGRET_NOTE,
         footnotes,
         fresh_notes,
@@ -217,7 +218,7 @@ def _print(shown: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members:
             if scored.missing:
                 names = ", ".join(task.rpartition("/")[2] for task in scored.missing)
                 _say(f"{scored.agent} is not ranked: it lacks {names}.", style="dim")
-        _say(score_note(scores.tasks), style="dim")
+        _say(score_note(scores.tasks) + AGAINST_NOTE * any(row.against_rules for row in scores.rows), style="dim")
         if not shown and any(row.regret is not None for row in scores.rows):
             _say(REGRET_NOTE, style="dim")
     for table in shown:
@@ -281,6 +282,7 @@ def _print_task(table: TaskTable, *, members: bool) -> None:
         *([replace(t.fresh_column(first), heading="Fresh\ndraws")] if t.has_fresh_draws(table) else []),
         *regrets[:1],
         t.worst_column(first, gives_way=5),
+        *t.year_columns(table.rows, first, gives_way=6),
         *([replace(t.overall_column(first, gives_way=6), heading="Overall\n95 %")] if has("overall") else []),
         *([replace(t.deviation_column(first, gives_way=8), heading="SD of\ntrainings")] if has("deviation") else []),
         t.TableColumn("IQM", lambda row: t.number_text(t.iqm_of(row, first), first.digits), gives_way=9),
@@ -318,9 +320,12 @@ def _print_suite(table: SuiteTable) -> None:
 
     scores = [
         score("Mean", "mean", 0),
-        t.TableColumn(_SPAN, lambda row: t.span_text(row.mean, is_range=row.trainings[1] > 1) or t.NONE, gives_way=2),
+        t.TableColumn("95 %\ninterval", lambda row: t.span_text(row.mean, is_range=False) or t.NONE, gives_way=2),
         score("IQM", "iqm", 1),
-        *([t.suite_regret_column(1, span=False)] if any(row.regret is not None for row in table.rows) else []),
+        *(
+            replace(one, heading=one.heading.replace(" ", "\n"))
+            for one in t.money_columns(table.rows, (1, 2), spans=False)
+        ),
         score("Median", "median", 5),
         score("Optimality\ngap", "optimality_gap", 3),
         t.TableColumn("Runs", lambda row: str(row.runs), gives_way=4),

@@ -32,10 +32,8 @@ _MAY_BE_NOTHING = {"earned", "paid", "amount"}
 _NOTHING = 1e-9
 """Less is rounding: a model's flows fade out, and are not cut."""
 _SENTENCES = 3
-_FEWEST_PAIRS = 6
-"""With fewer pairs the signed-rank test cannot reach 5 %, whatever the differences: with five its smallest p-value is 0.0625."""
-_WIDE = 110
-"""Columns of a terminal that has room for two intervals of a difference."""
+_FEWEST_PAIRS = 2
+"""A single pair says nothing about how much others differ."""
 _NONE = "–"
 
 
@@ -99,6 +97,7 @@ def _show(stored: StoredResult, where_from: Sequence[str]) -> None:
 
     from glbench.leaderboard.catalogue import catalogue
     from glbench.leaderboard.fresh_draws import fresh_words
+    from glbench.leaderboard.ranking import means_by_year
     from glbench.leaderboard.seen import seen_by, what_it_should_not_have_seen
     from glbench.leaderboard.statistics import worst_tenth
     from glbench.leaderboard.tables import SEEN_MARK
@@ -114,6 +113,13 @@ def _show(stored: StoredResult, where_from: Sequence[str]) -> None:
         if scores[0] < scores[-1]:
             spark = f"{score.number(scores[0])} {sparkline(scores)} {score.number(scores[-1])}"
             output().print(f"\n[bold]{score.heading or score.label}s[/], worst to best: {spark}", soft_wrap=True)
+        years = [
+            f"{one.year} {score.number(one.mean)} ({count(one.runs, 'run')})"
+            for one in means_by_year([stored], score.name)
+        ]
+        if years:
+            words = f"By year, of which most days of a season are: {', '.join(years)}. Intervals say nothing about other years."
+            output().print(words, soft_wrap=True)
         worst = min(result.runs, key=lambda run: run.metrics[score.name])
         output().print(f"Mean of the worst tenth (CVaR10): {score.said(float(worst_tenth(np.array(scores))))}")
         profit = worst.metrics.get(known.profit.name)
@@ -169,21 +175,21 @@ def shown_metrics(known: Catalogue, held: Iterable[str], units: Mapping[str, str
 
 
 def summary_table(result: Result, known: Catalogue) -> Table:
-    """Mean, interquartile mean and 95 % interval of every metric, with units; over groups of runs where they fall into groups.
+    """Mean, interquartile mean and 95 % interval of every metric, with units.
 
     Amounts and entries of the ledger that are nothing in all runs are only named.
     """
     from glbench.leaderboard.estimates import estimates_of
     from glbench.leaderboard.regret import LINES, METRICS, PARTS, regret_of
 
-    runs, groups = len(result.runs), len(set(result.clusters or ()))
+    runs = len(result.runs)
     headings: tuple[str, ...] = ("Sum over the period", "Unit")
-    numbers: tuple[str, ...] = ("Mean", "IQM", "95 % interval", *([f"over {groups} groups"] if groups > 1 else []))
+    numbers: tuple[str, ...] = ("Mean", "IQM", "95 % interval")
     split = ", validation split" if result.task.split == "validation" else ""
     view = table(
         f"{escape(result.agent.name)} on {escape(result.task.id)}{split}: {count(runs, 'run')}",
         *headings, *numbers, right=numbers, folded=headings + numbers, box=HEAVY_HEAD,
-        caption="IQM: mean of the middle half of the runs. 95 % interval: bootstrap, of the mean.",
+        caption="IQM: mean of the middle half of the runs. 95 % interval: of the mean, Student's t.",
         caption_justify="left",
     )  # fmt: skip
     estimates, before, nothing = estimates_of(result), "", list[str]()
@@ -197,15 +203,15 @@ def summary_table(result: Result, known: Catalogue) -> Table:
             view.add_section()
         before = metric.kind
         cells = _cells(estimates.get(metric.name), metric, runs)
-        view.add_row(metric.line, unit_of(metric), *cells[: len(numbers)])
+        view.add_row(metric.line, unit_of(metric), *cells)
     if nothing and isinstance(view.caption, str):
         view.caption += f" Zero in all runs: {', '.join(nothing)}."
-    if regret := regret_of([result], result.clusters):
+    if regret := regret_of([result]):
         view.add_section()
         for part in PARTS:
             metric = known.metric(METRICS[part], result.units)
             cells = _cells(getattr(regret, part), metric, runs)
-            view.add_row(LINES[part], unit_of(metric), *cells[: len(numbers)])
+            view.add_row(LINES[part], unit_of(metric), *cells)
     view.add_section()
     evaluation = result.evaluation
     view.add_row("Decision, each step", "ms", f"{evaluation.decision_milliseconds:.3f}", "", "")
@@ -220,14 +226,12 @@ def unit_of(metric: Metric) -> str:
     return pretty_unit(metric.unit) or _NONE
 
 
-def _cells(estimate: Estimate | None, metric: Metric, runs: int) -> tuple[str, str, str, str]:
+def _cells(estimate: Estimate | None, metric: Metric, runs: int) -> tuple[str, str, str]:
     if estimate is None:
-        return _NONE, _NONE, _NONE, _NONE
+        return _NONE, _NONE, _NONE
     low, high = metric.text(estimate.low), metric.text(estimate.high)
     interval = f"{low} to {high}" if runs > 1 and estimate.low < estimate.high else _NONE
-    ends = estimate.overall
-    over_groups = _NONE if ends is None else f"{metric.text(ends.low)} to {metric.text(ends.high)}"
-    return metric.text(estimate.mean), metric.text(estimate.iqm), interval, over_groups
+    return metric.text(estimate.mean), metric.text(estimate.iqm), interval
 
 
 def money_lines(result: Result, known: Catalogue) -> list[str]:
@@ -299,14 +303,13 @@ def compare(
 ) -> None:
     """Compare two agents on the runs that both did: metric by metric, with intervals of the difference.
 
-    Runs with the same seed met the same weather and the same crop, so they are compared in pairs (Wilcoxon signed-rank test; over several
-    tasks the p-values are corrected for their number). Of an agent with several trainings the mean over them counts, run by run; the
-    name of one of them or a result file means one training.
+    Runs with the same seed met the same weather and the same crop, so they are compared in pairs (t-test of the difference of the means;
+    over several tasks the p-values are corrected for their number). Of an agent with several trainings the mean over them counts, and
+    what they differ by; the name of one of them or a result file means one training.
     """
     from glbench.cli.stored import task_ids
     from glbench.leaderboard.catalogue import together
     from glbench.leaderboard.pairs import compare_entries, corrected_p_values
-    from glbench.leaderboard.tables import OVERALL_NOTE, covers
 
     tasks = task_ids(task or [])
     ours, theirs = _entries(first, tasks, out), _entries(second, tasks, out)
@@ -336,23 +339,30 @@ def compare(
     if len(pairs) > _SENTENCES:
         words = f"In words for the first {_SENTENCES} tasks; --task ID shows every metric of one."
         messages().print(words, style="dim")
-    words = f"Intervals: 95 %, bootstrap over pairs of runs; they and p cover the {covers(together([pair.words for pair in pairs]))}."
+    words = (
+        "Intervals: 95 %, Student's t over pairs of runs, and trainings where there are several; they and p cover the "
+    )
+    words += f"{together([pair.words for pair in pairs]).draws}, and no other training of an agent that has one."
     if resolution := max(pair.resolution for pair in pairs):
         words += (
             f" Where a task draws nothing, a reward that differs by less than {resolution:g} differs by rounding, and there is no "
             "p-value (–)."
         )
     messages().print(words, style="dim", markup=False)
-    if any(one.overall is not None for pair in pairs for one in pair.metrics.values()):
-        messages().print(OVERALL_NOTE, style="dim", markup=False)
-    if most := max((pair.groups for pair in pairs), default=0):
-        words = f"Runs fall into {count(most, 'group')}, such as years: p says nothing about others."
-        messages().print(words, style="dim", markup=False)
+    for pair in pairs[:_SENTENCES]:
+        if pair.by_year:
+            metric = pair.words.metrics[pair.ranks_by]
+            years = ", ".join(
+                f"{year} {metric.text(gap)} ({count(runs, 'run')})" for year, (runs, gap) in pair.by_year.items()
+            )
+            where = f"{pair.task_id.rpartition('/')[2]}, " if len(pairs) > 1 else ""
+            words = f"{where}A - B in {metric.words} by year: {years}. Intervals and p say nothing about other years."
+            say(output(), escape(harmless(words)))
     for entry in (ours[common[0]], theirs[common[0]]):
         if len(entry.trainings) > 1:
-            trainings = f"{entry.name} is the mean of {len(entry.trainings)} trainings"
-            words = f"{trainings}; p says nothing about trainings that were not made."
-            messages().print(words, style="dim", markup=False)
+            messages().print(
+                f"{entry.name} is the mean of {len(entry.trainings)} trainings.", style="dim", markup=False
+            )
 
 
 def _entries(wanted: str, tasks: Sequence[str], out: Path) -> dict[str, Entry]:
@@ -397,13 +407,11 @@ def _metrics_table(pair: Pair) -> Table:
     def named(name: str, trainings: int) -> str:
         return escape(harmless(name)) + (f" ({trainings} trainings)" if trainings > 1 else "")
 
-    overall = any(one.overall is not None for one in pair.metrics.values())
-    spans = ["95 % interval"] * (not overall or output().width >= _WIDE) + ["Overall 95 %"] * overall
     view = table(
         f"{named(pair.first, pair.trainings[0])}, A, and {named(pair.second, pair.trainings[1])}, B, "
         f"on {escape(harmless(pair.task_id))}: {pair.runs} pairs of runs",
-        "Sum over the period", "Unit", "A", "B", "A - B", *spans,
-        right=("A", "B", "A - B", "95 % interval", "Overall 95 %"), folded=("Sum over the period",), padding=(0, 1, 0, 0),
+        "Sum over the period", "Unit", "A", "B", "A - B", "95 % interval",
+        right=("A", "B", "A - B", "95 % interval"), folded=("Sum over the period",), padding=(0, 1, 0, 0),
     )  # fmt: skip
     shown = shown_metrics(pair.words, pair.metrics, {name: one.unit for name, one in pair.metrics.items()})
     rows = [(metric.line, metric, pair.metrics[metric.name]) for metric in shown]
@@ -413,12 +421,9 @@ def _metrics_table(pair: Pair) -> Table:
         values = (one.first, one.second, None if gap is None else gap.value)
         low, high = ("", "") if gap is None else (metric.text(gap.low), metric.text(gap.high))
         numbers = [_NONE if value is None else metric.text(value) for value in values]
-        ends = ("", "") if one.overall is None else (metric.text(one.overall.low), metric.text(one.overall.high))
-        texts = {"95 % interval": (low, high), "Overall 95 %": ends}
         if all(value is None or _is_zero(metric.text(value)) for value in values):
             continue
-        cells = [f"{least} to {most}" if least != most else _NONE for least, most in (texts[span] for span in spans)]
-        view.add_row(line, unit_of(metric), *numbers, *cells)
+        view.add_row(line, unit_of(metric), *numbers, f"{low} to {high}" if low != high else _NONE)
     return view
 
 
@@ -512,7 +517,7 @@ def _plain(pair: Pair, p_value: float) -> dict[str, object]:
         "trainings": list(pair.trainings),
         "runs": pair.runs,
         "ranks_by": pair.ranks_by,
-        "groups": pair.groups,
+        "by_year": {str(year): {"runs": runs, "difference": gap} for year, (runs, gap) in pair.by_year.items()},
         "p_value_corrected": p_value,
         "probability_of_improvement": [one.value, one.low, one.high],
         "money [EUR m-2]": dict(pair.money),
@@ -531,6 +536,4 @@ def _plain_metrics(metrics: Mapping[str, MetricPair]) -> dict[str, dict[str, flo
             "second": one.second,
             **dict(zip(("difference", "low", "high"), ends, strict=True)),
         }
-        if one.overall is not None:
-            found[name] |= {"overall_low": one.overall.low, "overall_high": one.overall.high}
     return found

@@ -14,7 +14,7 @@ from glbench.env.observations import register_observation
 from glbench.env.quantities import QUANTITIES, StepQuantity
 from glbench.env.reference import ObservationInputs
 from glbench.env.rewards import REWARDS, StepOutcome, register_reward
-from glbench.env.scenario import RunWeather, run_weather, season_names
+from glbench.env.scenario import RunWeather, run_weather, run_years, season_names
 from glbench.env.simulation import Simulation
 from glbench.env.snapshot import Snapshot
 from glbench.env.step_result import StepResult
@@ -45,5 +45,6 @@ __all__ = [
     "register_observation",
     "register_reward",
     "run_weather",
+    "run_years",
     "season_names",
 ]

@@ -103,6 +103,13 @@ class SeasonMaker:
             values[:, _CO2] = co2_density(values[:, _TEMPERATURE], self._co2(number, total))  # type: ignore[arg-type]
         return MadeSeason(values, made.times, drawn)
 
+    def year(self, number: int) -> int:
+        """The year that most days of the season ``number`` are from; of equally many the earlier."""
+        days = self._task.weather.days
+        late = dt.timedelta(days=int(self.start_days(np.array([number]))[0]))
+        numbers = self._uniforms("weather", self._generator.numbers(days), f"season {number}")
+        return int(np.bincount(self._generator.source_years(self._task.weather.start + late, days, numbers)).argmax())
+
     def _co2(self, number: int, rows: int) -> Floats:
         """CO2 outside of each row [ppm]: wanders about the middle of its range and never leaves it."""
         assert self._generated.co2_range is not None

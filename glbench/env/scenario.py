@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from glbench.env.actuation import PART as ACTUATION
 from glbench.env.actuation import actuation_memory
+from glbench.env.generated import SeasonMaker
 from glbench.env.philox import uniforms
 from glbench.env.sensors import PART as SENSORS
 from glbench.env.sensors import STREAM as SENSOR_STREAM
@@ -170,6 +172,25 @@ def season_names(task: TaskSpec, seeds: Sequence[int]) -> tuple[str | None, ...]
         f"{season.source} {season.start.year}" if several else f"{season.start.year}" for season in scenario.seasons
     ]
     return tuple(years[number] for number in _which_season(scenario, seeds))
+
+
+@lru_cache(maxsize=64)
+def run_years(task: TaskSpec, seeds: tuple[int, ...]) -> tuple[int, ...]:
+    """Year of the weather of each run, of a generated season that of most of its days; of equally many the earlier. Empty if all share one.
+
+    Raises
+    ------
+    TaskError
+        When the weather record does not have the years of the task.
+    """
+    generated, seasons = task.scenario.generated, task.scenario.seasons
+    if generated is None:
+        years = [season.start.year for season in seasons]
+        return tuple(years[number] for number in _which_season(task.scenario, seeds)) if len(set(years)) > 1 else ()
+    if len(generated.years) == 1:
+        return ()
+    maker = SeasonMaker(task, np.datetime64(task.weather.start))
+    return tuple(maker.year((seed - generated.first_seed) % generated.seasons) for seed in seeds)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from glbench.agents.naming import without_seed
 from glbench.errors import ResultError, did_you_mean
 from glbench.evaluation import Result
 from glbench.evaluation.records import RANKING_METRIC
-from glbench.leaderboard.budget import digest_of_baseline
+from glbench.leaderboard.budget import budget_of, digest_of_baseline
 from glbench.leaderboard.catalogue import catalogue, of_published
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, task_of_board
 from glbench.leaderboard.comparisons import RESOLUTION
@@ -70,6 +70,11 @@ class Entry:
         """The group of each run; ``None`` where runs name none, or the trainings do not name the same."""
         found = {item.result.clusters for item in self.trainings}
         return found.pop() if len(found) == 1 else None
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether no training made it, as far as it says: a result of a policy, and not one draw of a recipe."""
+        return not any(budget_of(item.result).steps for item in self.trainings)
 
     def states(self, metric: str) -> bool:
         """Whether all its results hold a metric: one of another version may lack it."""

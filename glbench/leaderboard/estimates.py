@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 from pydantic import Field
@@ -14,9 +14,8 @@ from glbench.leaderboard.statistics import (
     Interval,
     Published,
     bootstrap_interval,
-    crossed_interval,
+    estimate_mean,
     interquartile_mean,
-    mean,
     worst_tenth,
 )
 
@@ -27,7 +26,7 @@ class Estimate(Published):
     mean: float = Field(description="arithmetic mean over the runs; of several trainings the mean over them")
     iqm: float = Field(description="mean of the middle half of the runs; of several trainings the mean over them")
     low: float = Field(
-        description="lower end of the 95 % bootstrap interval of the mean; of several trainings the lowest of their means"
+        description="lower end of the 95 % interval of the mean (Student's t, over runs); of several trainings the lowest of their means"
     )
     high: float = Field(description="upper end of it; of several trainings the highest of their means")
     deviation: float | None = Field(
@@ -35,53 +34,38 @@ class Estimate(Published):
     )
     overall: Ends | None = Field(
         default=None,
-        description="95 % bootstrap interval of the mean over all that was drawn: groups of runs, where runs fall into groups, and "
-        "trainings, where there are several; null where runs are all there is",
+        description="of several trainings: 95 % interval of the mean over trainings and runs (Student's t, crossed); else null",
     )
 
 
-def estimate(values: Iterable[float], clusters: Sequence[str] | None = None) -> Estimate:
-    """Mean, interquartile mean and 95 % interval of one metric over runs, and over the groups (``clusters``) that they fall into."""
+def estimate(values: Iterable[float]) -> Estimate:
+    """Mean, interquartile mean and 95 % interval of one metric over runs."""
     sample = np.fromiter(values, dtype=np.float64)
-    low, high = bootstrap_interval(sample)
-    overall = None if groups_of(clusters) < 2 else _ends(bootstrap_interval(sample, clusters=clusters))
-    center = float(mean(sample))
-    return Estimate(mean=center, iqm=float(interquartile_mean(sample)), low=low, high=high, overall=overall)
-
-
-def groups_of(clusters: Sequence[str] | None) -> int:
-    """How many groups runs fall into; 0 where they name none."""
-    return len(set(clusters or ()))
-
-
-def _ends(interval: tuple[float, float]) -> Ends:
-    return Ends(low=interval[0], high=interval[1])
+    found = estimate_mean([sample]).interval()
+    return Estimate(mean=found.value, iqm=float(interquartile_mean(sample)), low=found.low, high=found.high)
 
 
 def estimates_of(result: Result) -> dict[str, Estimate]:
     """Estimates of every metric that all runs of ``result`` hold."""
     names = [name for name in result.runs[0].metrics if all(name in run.metrics for run in result.runs)]
-    return {name: estimate(result.values(name), result.clusters) for name in names}
+    return {name: estimate(result.values(name)) for name in names}
 
 
-def estimate_over_trainings(
-    trainings: Sequence[Estimate], values: Array | None = None, clusters: Sequence[str] | None = None
-) -> Estimate:
-    """Mean over trainings, with the lowest and the highest of them; of one training its own estimate with its interval.
+def estimate_over_trainings(values: Array) -> Estimate:
+    """Of values ``(trainings, n)`` the mean over trainings, the lowest and the highest of them, and the interval over trainings and runs.
 
-    With the ``values`` ``(trainings, n)`` of the runs, and the groups that these fall into, it has an overall interval, too.
+    Of one training it is the ``estimate`` over its runs.
     """
-    if len(trainings) == 1:
-        return trainings[0]
-    grouped = clusters if groups_of(clusters) > 1 else None
-    means = [one.mean for one in trainings]
+    if len(values) == 1:
+        return estimate(values[0])
+    means, found = values.mean(axis=1), estimate_mean([values]).interval()
     return Estimate(
-        mean=float(np.mean(means)),
-        iqm=float(np.mean([one.iqm for one in trainings])),
-        low=min(means),
-        high=max(means),
-        deviation=float(np.std(means, ddof=1)),
-        overall=None if values is None else _ends(crossed_interval(values, clusters=grouped)),
+        mean=found.value,
+        iqm=float(interquartile_mean(values).mean()),
+        low=float(means.min()),
+        high=float(means.max()),
+        deviation=float(means.std(ddof=1)),
+        overall=Ends(low=found.low, high=found.high),
     )
 
 

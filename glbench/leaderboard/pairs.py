@@ -12,40 +12,32 @@ from dataclasses import dataclass, field
 from glbench.errors import ResultError
 from glbench.evaluation.records import RunResult
 from glbench.leaderboard.catalogue import Catalogue, catalogue
-from glbench.leaderboard.comparisons import holm, paired_test, told_apart
+from glbench.leaderboard.comparisons import SIGNIFICANCE, corrected, paired_test
 from glbench.leaderboard.entries import Entry, metric_of, resolution_of
 from glbench.leaderboard.regret import METRICS, PARTS, best_known_of, regrets_of
-from glbench.leaderboard.statistics import (
-    Array,
-    Ends,
-    Interval,
-    bootstrap_interval,
-    difference_interval,
-    probability_of_improvement,
-)
+from glbench.leaderboard.seen import years_of_runs
+from glbench.leaderboard.statistics import Array, Interval, estimate_difference, probability_of_improvement
 
 
 @dataclass(frozen=True)
 class MetricPair:
-    """One metric of two agents: means, and the mean of A minus B with its 95 % interval over pairs of runs, in the metric's unit.
+    """One metric of two agents: means, and the mean of A minus B with its 95 % interval, in the metric's unit.
 
-    ``overall`` is the interval over groups of runs, where runs fall into groups, and over trainings, where an agent has several. What a
-    result does not hold is ``None``.
+    The interval is over pairs of runs, and over trainings where an agent has several. What a result does not hold is ``None``.
     """
 
     unit: str
     first: float | None
     second: float | None
     difference: Interval | None
-    overall: Ends | None = None
 
 
 @dataclass(frozen=True)
 class Pair:
     """Two agents on one task.
 
-    ``ranks_by`` is the metric that ranks on the task. ``p_value`` is that of the paired test of its values; ``improvement`` the
-    probability that a run of A has a higher value than a run of B; ``money`` what each item adds to A's EPI beside B's [EUR m-2].
+    ``ranks_by`` is the metric that ranks on the task. ``p_value`` is that of the paired test of its mean; ``improvement`` the
+    probability that A has a higher value than B in the same run; ``money`` what each item adds to A's EPI beside B's [EUR m-2].
     """
 
     task_id: str
@@ -56,15 +48,13 @@ class Pair:
     """Of how many trainings each is the mean."""
     runs: int
     ranks_by: str
-    groups: int
-    """How many groups the runs fall into, over which there is an interval; 0 where there is none."""
+    by_year: Mapping[int, tuple[int, float]]
+    """Of each year of the weather how many pairs of runs there are, and A minus B in what ranks; empty where only one is known."""
     resolution: float
     """Difference of what ranks that rounding can make where the task draws nothing; 0 where none is known."""
     metrics: Mapping[str, MetricPair]
     """Those of this version in their order, then others that a result holds."""
     p_value: float
-    favours: int
-    """Whom the ranks of the paired test favour: 1 the first, -1 the second, 0 neither."""
     improvement: Interval
     money: Mapping[str, float]
     words: Catalogue
@@ -73,8 +63,8 @@ class Pair:
     """Regret to the best known and its parts, see ``PARTS``; empty where a common run has no best known one."""
 
     def told_apart(self, corrected: float) -> bool:
-        """Whether the values of what ranks differ beyond chance, at the p-value corrected for the number of tasks."""
-        return told_apart(corrected, self.favours, self.headline)
+        """Whether the means of what ranks differ beyond chance, at the p-value corrected for the number of tasks."""
+        return corrected < SIGNIFICANCE
 
     @property
     def headline(self) -> float:
@@ -85,7 +75,7 @@ class Pair:
     def is_certain(self) -> bool:
         """Whether all runs differ alike, because the task draws nothing."""
         difference = self.metrics[self.ranks_by].difference
-        return difference is None or difference.low == difference.high
+        return difference is None or (self.runs > 1 and difference.low == difference.high)
 
     def gap(self, metric: str) -> float | None:
         """Mean of A minus B, where both hold the metric."""
@@ -127,15 +117,16 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
     words = catalogue(task)
     places = [[entry.seeds.index(seed) for seed in seeds] for entry in (one, other)]
     units = {**second.units, **first.units}
-    clusters = _common_clusters(one, other, places)
-    groups = len(set(clusters))
+    years = years_of_runs(one.trainings[0]) or ()
     metrics = {}
     for name in words.known_first([*first.runs[0].metrics, *second.runs[0].metrics]):
         ours, theirs = (_values(entry, name, place) for entry, place in zip((one, other), places, strict=True))
-        metrics[name] = _metric(words.metric(name, units).unit, ours, theirs, clusters if groups > 1 else None)
+        metrics[name] = _metric(words.metric(name, units).unit, ours, theirs, (one.is_fixed, other.is_fixed))
     runs = [entry.by_training(ranks_by)[:, place] for entry, place in zip((one, other), places, strict=True)]
     resolution = resolution_of(ranks_by, task)
-    test = paired_test([runs[0].mean(axis=0)], [runs[1].mean(axis=0)], (resolution,))
+    test = paired_test(runs[:1], runs[1:], (resolution,), fixed=(one.is_fixed, other.is_fixed))
+    gaps_by_run, met = runs[0].mean(axis=0) - runs[1].mean(axis=0), [years[i] for i in places[0]] if years else []
+    of_year = {year: gaps_by_run[[year == one for one in met]] for year in sorted(set(met))}
     gaps = {item.money: (metrics[item.money].difference, item.sign) for item in words.items}
     return Pair(
         task_id=one.task_id,
@@ -145,26 +136,27 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
         trainings=(len(one.trainings), len(other.trainings)),
         runs=len(seeds),
         ranks_by=ranks_by,
-        groups=groups if groups > 1 else 0,
+        by_year={year: (found.size, float(found.mean())) for year, found in of_year.items()},
         resolution=resolution,
         metrics=metrics,
         p_value=test.p_value,
-        favours=test.favours,
-        improvement=probability_of_improvement({"": runs[0].ravel()}, {"": runs[1].ravel()}),
+        improvement=probability_of_improvement({"": runs[0]}, {"": runs[1]}),
         words=words,
-        regret=_regret(one, other, seeds, clusters if groups > 1 else None),
+        regret=_regret(one, other, seeds),
         money={name: sign * gap.value for name, (gap, sign) in gaps.items() if gap is not None},
     )
 
 
-def _regret(one: Entry, other: Entry, seeds: list[int], clusters: list[str] | None) -> dict[str, MetricPair]:
+def _regret(one: Entry, other: Entry, seeds: list[int]) -> dict[str, MetricPair]:
     """Regrets of both, of what each states, in the common runs."""
     ours, theirs = (regrets_of([item.result for item in entry.trainings], seeds) for entry in (one, other))
     known = best_known_of(one.first)
     if ours is None or theirs is None or known is None:
         return {}
     return {
-        part: _metric(known.units[METRICS[part]], getattr(ours, part), getattr(theirs, part), clusters)
+        part: _metric(
+            known.units[METRICS[part]], getattr(ours, part), getattr(theirs, part), (one.is_fixed, other.is_fixed)
+        )
         for part in PARTS
     }
 
@@ -180,18 +172,8 @@ def failures(name: str, runs: Iterable[RunResult]) -> str:
 
 
 def corrected_p_values(pairs: list[Pair]) -> list[float]:
-    """P-values of several tasks, corrected for their number (Holm)."""
-    return holm([pair.p_value for pair in pairs])
-
-
-def _common_clusters(one: Entry, other: Entry, places: list[list[int]]) -> list[str]:
-    """The group of each common run, empty where they name none or not the same."""
-    if one.clusters is None or other.clusters is None:
-        return []
-    ours, theirs = (
-        [names[i] for i in place] for names, place in zip((one.clusters, other.clusters), places, strict=True)
-    )
-    return ours if ours == theirs else []
+    """P-values of several tasks, corrected for their number, see ``comparisons.corrected``."""
+    return corrected([pair.p_value for pair in pairs])
 
 
 def _values(entry: Entry, metric: str, place: list[int]) -> Array | None:
@@ -199,15 +181,8 @@ def _values(entry: Entry, metric: str, place: list[int]) -> Array | None:
     return entry.by_training(metric)[:, place] if entry.states(metric) else None
 
 
-def _metric(unit: str, first: Array | None, second: Array | None, clusters: list[str] | None) -> MetricPair:
-    known = [None if values is None else values.mean(axis=0) for values in (first, second)]
-    ours, theirs = (None if values is None else float(values.mean()) for values in known)
+def _metric(unit: str, first: Array | None, second: Array | None, fixed: tuple[bool, bool]) -> MetricPair:
+    ours, theirs = (None if values is None else float(values.mean()) for values in (first, second))
     if first is None or second is None:
         return MetricPair(unit, ours, theirs, None)
-    gaps = first.mean(axis=0) - second.mean(axis=0)
-    low, high = bootstrap_interval(gaps)
-    difference = Interval(value=float(gaps.mean()), low=low, high=high)
-    if clusters is None and len(first) == len(second) == 1:
-        return MetricPair(unit, ours, theirs, difference)
-    low, high = difference_interval(first, second, clusters=clusters)
-    return MetricPair(unit, ours, theirs, difference, Ends(low=low, high=high))
+    return MetricPair(unit, ours, theirs, estimate_difference([first], [second], fixed=fixed).interval())

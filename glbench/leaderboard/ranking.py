@@ -15,10 +15,10 @@ from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, refuse_mixed_digests
 from glbench.leaderboard.comparisons import tiers
 from glbench.leaderboard.entries import Entry, entries_by_task, expected_seeds, metric_of, resolution_of
-from glbench.leaderboard.estimates import Estimate, estimate_over_trainings, estimates_of, groups_of, worst_of
+from glbench.leaderboard.estimates import Estimate, estimate_over_trainings, estimates_of, worst_of
 from glbench.leaderboard.fresh_draws import FreshScore, fresh_score, fresh_score_over
 from glbench.leaderboard.regret import BestKnownMeans, Regret, best_known_means, can_be_best_known, regret_of
-from glbench.leaderboard.seen import Seen, seen_by, what_it_should_not_have_seen
+from glbench.leaderboard.seen import Seen, seen_by, what_it_should_not_have_seen, years_of_runs
 from glbench.leaderboard.statistics import Interval, Published
 from glbench.showing import html_of
 from glbench.tasks import Round
@@ -28,6 +28,14 @@ SANDBOXES = ("unknown", "unsandboxed", "bubblewrap", "built-in")
 """How an agent ran; what says least comes first."""
 _SHORT = 6
 Number = TypeVar("Number", int, float)
+
+
+class OfYear(Published):
+    """The mean of what ranks over the runs of one year, of several trainings the mean over them."""
+
+    year: int
+    runs: int
+    mean: float
 
 
 class Row(Published):
@@ -72,8 +80,10 @@ class Row(Published):
     fresh_draws: FreshScore | None = Field(
         default=None, description="what came out with draws that are not published; null where nobody evaluated it so"
     )
-    groups: int | None = Field(
-        default=None, description="how many groups the runs fall into; null where they name none"
+    by_year: tuple[OfYear, ...] = Field(
+        default=(),
+        description="what ranks, year by year of the weather, each run in the year of most of its days; empty where all runs are of one "
+        "year, or the task is not known",
     )
     trained_on: Seen = Field(default=Seen(), description="what its training saw; not checked")
     saw_scored: str = Field(
@@ -223,7 +233,9 @@ def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expect
     complete = {entry.name: entry for entry in entries if entry.complete and entry.states(metric)}
     resolution = resolution_of(metric, task)
     rows: list[Row] = []
-    for tier in tiers({name: (entry.values(metric),) for name, entry in complete.items()}, (resolution,)):
+    fixed = {name for name, entry in complete.items() if entry.is_fixed}
+    values = {name: (entry.by_training(metric),) for name, entry in complete.items()}
+    for tier in tiers(values, (resolution,), fixed=fixed):
         shared = len(rows) + 1
         rows += [_row(complete[name], shared, "", metric) for name in tier]
     rows += [
@@ -271,10 +283,10 @@ def _row(entry: Entry, rank_: int | None, remark: str, metric: str) -> Row:
         update={
             **combined(rows),
             "agent": entry.name,
-            "estimates": {name: _over_trainings(name, entry, rows) for name in known},
+            "estimates": {name: estimate_over_trainings(entry.by_training(name)) for name in known},
             "worst_tenth": worst_of(entry.by_training(metric)) if entry.states(metric) else None,
-            "regret": regret_of([item.result for item in entry.trainings], entry.clusters),
-            "groups": groups_of(entry.clusters) or None,
+            "regret": regret_of([item.result for item in entry.trainings]),
+            "by_year": means_by_year(entry.trainings, metric) if entry.states(metric) else (),
             "fresh_draws": fresh_score_over([row.fresh_draws for row in rows]),
             "trained_on": _seen_together([row.trained_on for row in rows]),
             "saw_scored": next((row.saw_scored for row in rows if row.saw_scored), ""),
@@ -287,8 +299,12 @@ def _row(entry: Entry, rank_: int | None, remark: str, metric: str) -> Row:
     )
 
 
-def _over_trainings(name: str, entry: Entry, rows: Sequence[Row]) -> Estimate:
-    return estimate_over_trainings([row.estimates[name] for row in rows], entry.by_training(name), entry.clusters)
+def means_by_year(trainings: Sequence[StoredResult], metric: str) -> tuple[OfYear, ...]:
+    """Means of what ranks over the runs of each year; none where all runs are of one, or the task is not known."""
+    years = years_of_runs(trainings[0])
+    values = np.mean([item.result.values(metric) for item in trainings], axis=0)
+    of_year = {year: values[[one == year for one in years]] for year in sorted(set(years))}
+    return tuple(OfYear(year=year, runs=runs.size, mean=float(runs.mean())) for year, runs in of_year.items())
 
 
 def _seen_together(trainings: Sequence[Seen]) -> Seen:
@@ -345,8 +361,8 @@ def _row_of_result(item: StoredResult, origin: Origin, metric: str, **place: Any
         training_hours=budget.hours,
         sandbox=evaluation.sandbox,
         worst_tenth=worst_of(np.array(result.values(metric))) if metric in result.units else None,
-        regret=regret_of([result], result.clusters),
-        groups=groups_of(result.clusters) or None,
+        regret=regret_of([result]),
+        by_year=means_by_year([item], metric) if metric in result.units else (),
         fresh_draws=fresh_score(result),
         path=str(item.path),
         plan_counts=can_be_best_known(result.agent),

@@ -19,7 +19,7 @@ from glbench.errors import SubmissionError
 from glbench.evaluation import Result
 from glbench.evaluation.records import RANKING_METRIC, AgentRecord, RunResult
 from glbench.leaderboard.collect import Expectation, StoredResult
-from glbench.leaderboard.estimates import Estimate, estimate, estimate_over_trainings
+from glbench.leaderboard.estimates import Estimate, estimate_over_trainings
 from glbench.leaderboard.statistics import Array, Published
 from glbench.tasks.best_known import BestKnown, KnownRun, read_best_known
 
@@ -111,26 +111,21 @@ def _gaps(trainings: Sequence[Result], metric: str, best: Sequence[KnownRun], pl
     return np.asarray(np.array([getattr(run, metric) for run in best], dtype=np.float64) - values)
 
 
-def regret_of(trainings: Sequence[Result], clusters: Sequence[str] | None = None) -> Regret | None:
+def regret_of(trainings: Sequence[Result]) -> Regret | None:
     """Mean regret with its interval, over the runs of one result, or over trainings with the lowest and the highest of them.
 
-    ``clusters`` are the groups that the runs fall into, as for other estimates. ``None`` where a run has no best known one.
+    ``None`` where a run has no best known one.
     """
     regrets, known = regrets_of(trainings), best_known_of(trainings[0])
     if regrets is None or known is None:
         return None
     return Regret(
         unit=known.units["reward"],
-        total=_estimate(regrets.total, trainings, clusters),
-        profit=None if regrets.profit is None else _estimate(regrets.profit, trainings, clusters),
-        violations=None if regrets.violations is None else _estimate(regrets.violations, trainings, clusters),
+        total=estimate_over_trainings(regrets.total),
+        profit=None if regrets.profit is None else estimate_over_trainings(regrets.profit),
+        violations=None if regrets.violations is None else estimate_over_trainings(regrets.violations),
         runs_ahead=int((regrets.total < -ROUNDING).sum()),
     )
-
-
-def _estimate(values: Array, trainings: Sequence[Result], clusters: Sequence[str] | None) -> Estimate:
-    each = [estimate(runs, one.clusters) for runs, one in zip(values, trainings, strict=True)]
-    return estimate_over_trainings(each, values, clusters)
 
 
 def can_be_best_known(agent: AgentRecord) -> bool:

@@ -9,8 +9,10 @@ from __future__ import annotations
 from pydantic import Field
 
 from glbench.agents.card import Split, Year
+from glbench.env import run_years
 from glbench.evaluation import Result
 from glbench.leaderboard.budget import budget_of
+from glbench.leaderboard.collect import StoredResult
 from glbench.leaderboard.statistics import Published
 
 
@@ -45,6 +47,14 @@ def seen_by(result: Result) -> Seen:
     if budget.steps == 0:
         return Seen(split="none")
     return Seen(tasks=budget.tasks, split=budget.split, years=budget.years)
+
+
+def years_of_runs(item: StoredResult) -> tuple[int, ...]:
+    """Year of the weather of each run; empty where all are of one year, or the task's definition or its secret salt is not known."""
+    evaluated, task = item.result.task, item.task
+    if task is None or evaluated.salt_commitment != task.salt_commitment:
+        return ()
+    return run_years(task.scored_in(evaluated.split), item.result.evaluation.seeds)
 
 
 def what_it_should_not_have_seen(result: Result, seen: Seen) -> str:

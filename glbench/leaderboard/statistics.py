@@ -1,27 +1,27 @@
-"""Statistics over runs and tasks: means, normalised scores, bootstrap intervals, profiles. Pure functions of their arguments.
+"""Statistics over runs and tasks: means with their intervals, normalised scores, profiles. Pure functions of their arguments.
 
-The estimators are those that Agarwal et al. (2021, "Deep reinforcement learning at the edge of the statistical precipice", NeurIPS 34)
-recommend for few runs. Rewards of different tasks cannot be averaged as they are: a run's normalised score is 0 for what doing nothing
-earns on the task and 1 for the best result known there (``tasks/references.toml``).
+A mean has an interval of Student's t. What chance moves is runs (which two agents share, so that differences are paired), and trainings,
+where a recipe has several: the two are crossed, and their variances are added with the degrees of freedom of Welch and Cochran.
+What is no mean (IQM, median, worst tenth) has the percentile bootstrap over runs that Agarwal et al. (2021, "Deep reinforcement learning
+at the edge of the statistical precipice", NeurIPS 34) recommend. Rewards of different tasks cannot be averaged as they are: a run's
+normalised score is 0 for what doing nothing earns on the task and 1 for the best result known there (``tasks/references.toml``).
 
-Runs that share a season's year, or anything else that moves them alike, are no independent draws: an interval over groups of runs
-(``clusters``) resamples whole groups. Several trainings of one recipe are a second source of chance, crossed with the runs.
-
-The resampling indices come from the raw output of a PCG64 generator, whose stream numpy guarantees, so an interval has the same bits
-with every numpy version. Runs are drawn with replacement within their task (stratified): tasks are fixed, runs are chance.
+The resampling indices come from the raw output of a PCG64 generator, whose stream numpy guarantees, so a bootstrap interval has the same
+bits with every numpy version. Runs are drawn with replacement within their task (stratified): tasks are fixed, runs are chance.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
-from scipy import stats
+from scipy.special import stdtr, stdtridf, stdtrit
 
 from glbench.errors import ResultError
 
@@ -31,13 +31,14 @@ Statistic: TypeAlias = Callable[[Array], Array]
 
 RESAMPLES = 10_000
 CONFIDENCE = 0.95
-QUARTER = 0.25
 _KEPT = 6
 """Arrays of resampling indices that are kept; one of 100 runs has 8 MB."""
 WORST = 10
 """The worst tenth of the runs: ``worst_tenth`` means one in so many."""
 TARGET = 1.0
 """The normalised score that the optimality gap is measured from: the best known result."""
+_ROUNDING = 1e-12
+"""Relative differences up to this are rounding."""
 
 
 class Published(BaseModel):
@@ -47,7 +48,7 @@ class Published(BaseModel):
 
 
 class Interval(Published):
-    """An estimate with its 95 % stratified bootstrap interval over runs; where a task has several trainings, with the range over them."""
+    """An estimate with its 95 % interval."""
 
     value: float
     low: float
@@ -81,7 +82,8 @@ def interquartile_mean(values: Array) -> Array:
 
     The ``floor(n/4)`` smallest and largest values are left out, as in Agarwal et al. (2021): of 30 runs the middle 16 count.
     """
-    return np.asarray(stats.trim_mean(values, proportiontocut=QUARTER, axis=-1), dtype=np.float64)
+    cut = values.shape[-1] // 4
+    return np.asarray(np.sort(values, axis=-1)[..., cut : values.shape[-1] - cut].mean(axis=-1), dtype=np.float64)
 
 
 def worst_tenth(values: Array) -> Array:
@@ -122,17 +124,11 @@ def bootstrap_interval(
     values: Values,
     statistic: Statistic = mean,
     *,
-    clusters: Sequence[Hashable] | None = None,
     confidence: float = CONFIDENCE,
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> tuple[float, float]:
-    """Bootstrap interval of ``statistic`` over runs, or over groups of runs.
-
-    Without ``clusters`` it is the percentile interval over runs. With them whole groups are drawn with replacement, and the runs of a
-    drawn group stay together (Davison and Hinkley, 1997, Bootstrap Methods and their Application, section 3.8). Of G groups the means
-    of resamples spread too little, by sqrt((G - 1) / G), so the ends are moved away from the estimate by sqrt(G / (G - 1)). With
-    few groups such an interval still covers less than it says; docs/statistics.md has figures.
+    """Percentile bootstrap interval of ``statistic`` over runs.
 
     Parameters
     ----------
@@ -140,8 +136,6 @@ def bootstrap_interval(
         One value a run, shape ``(n,)``, n >= 1, finite.
     statistic
         Function that maps ``(resamples, n)`` to ``(resamples,)``: ``mean``, ``interquartile_mean`` or ``worst_tenth``.
-    clusters
-        For each run the group that it belongs to, of which there are at least two; ``None``: runs are independent.
     confidence, resamples, seed
         Coverage between 0 and 1, number of samples drawn with replacement, seed of the resampling; the same seed gives the same bits.
 
@@ -153,159 +147,233 @@ def bootstrap_interval(
     Raises
     ------
     ResultError
-        When there are no values, a value is not finite, ``confidence`` is not between 0 and 1, or ``clusters`` are fewer than two or
-        not one a run.
+        When there are no values, a value is not finite, or ``confidence`` is not between 0 and 1.
     """
-    sample = _checked(values)
-    if clusters is None:
-        return stratified_interval(
-            [sample], lambda drawn: statistic(drawn[0]), confidence=confidence, resamples=resamples, seed=seed
-        )
-    _check_settings(confidence, resamples)
-    members = _members(clusters, sample.size)
-    center = float(statistic(sample[None, :])[0])
-    drawn = _over_clusters(sample, statistic, members, resamples, seed)
-    low, high = _ends(_widened(drawn, center, len(members)), confidence)
-    return float(low), float(high)
+    return stratified_interval(
+        [_checked(values)], lambda drawn: statistic(drawn[0]), confidence=confidence, resamples=resamples, seed=seed
+    )
 
 
-def crossed_interval(
-    values: Array,
-    statistic: Statistic = mean,
-    *,
-    clusters: Sequence[Hashable] | None = None,
-    confidence: float = CONFIDENCE,
-    resamples: int = RESAMPLES,
-    seed: int = 0,
-) -> tuple[float, float]:
-    """Bootstrap interval of the mean over trainings of a ``statistic`` of their runs, when both trainings and runs are chance.
+@dataclass(frozen=True)
+class MeanEstimate:
+    """A mean, or a difference of means, and how sure it is.
 
-    All trainings met the same runs, so both are drawn with replacement, independently: runs (or ``clusters`` of them) once for all
-    trainings, and trainings. What the drawing of T trainings adds is widened by sqrt(T / (T - 1)), as that of groups is.
+    Attributes
+    ----------
+    value
+        The estimate.
+    variance
+        Square of its standard error.
+    degrees
+        Degrees of freedom of Student's t; infinite where nothing is drawn, 0 where a single run says nothing about others.
+    """
+
+    value: float
+    variance: float
+    degrees: float
+
+    def interval(self, confidence: float = CONFIDENCE) -> Interval:
+        """Interval of Student's t; both ends are the value where nothing is drawn, or a single run says nothing.
+
+        Raises
+        ------
+        ResultError
+            When ``confidence`` is not between 0 and 1.
+        """
+        _check_settings(confidence)
+        half = 0.0
+        if self.degrees > 0.0 and self.variance > 0.0:
+            half = float(stdtrit(self.degrees, 0.5 + confidence / 2.0)) * math.sqrt(self.variance)
+        return Interval(value=self.value, low=self.value - half, high=self.value + half)
+
+    def p_value(self, distance: float | None = None) -> float:
+        """Two-sided p-value of a distance from the truth as large as the value, or as ``distance``."""
+        away = abs(self.value if distance is None else distance)
+        if self.degrees == 0.0 or away == 0.0:
+            return 1.0
+        return 2.0 * float(stdtr(self.degrees, -away / math.sqrt(self.variance))) if self.variance > 0.0 else 0.0
+
+
+def estimate_mean(tasks: Sequence[Array], scenarios: Sequence[Sequence[Hashable]] | None = None) -> MeanEstimate:
+    """An agent's mean over tasks of the mean over trainings and runs.
 
     Parameters
     ----------
-    values
-        One row a training and one column a run, shape ``(trainings, n)``, at least two trainings, finite.
-    statistic, clusters, confidence, resamples, seed
-        As in ``bootstrap_interval``.
+    tasks
+        Values of each task, ``(n,)`` of one training or ``(trainings, n)``, finite. Training i of one task is training i of all.
+    scenarios
+        For each task a name for each run; runs of different tasks with one name meet the same draws. ``None``: no two runs do.
 
     Raises
     ------
     ResultError
-        As ``bootstrap_interval``, and when there are fewer than two trainings.
+        When there is no task, a task has no runs, or a value is not finite.
     """
-    trainings = np.asarray(values, dtype=np.float64)
-    if trainings.ndim != 2 or len(trainings) < 2:
-        msg = f"An interval over trainings needs two or more of them, with the same runs; got values of shape {trainings.shape}."
-        raise ResultError(msg)
-    _check_settings(confidence, resamples)
-    low, high = _ends(_crossed(trainings, statistic, clusters, resamples, (seed, seed + 1)), confidence)
-    return float(low), float(high)
+    side = _matrices(tasks)
+    return _estimate([side], [one.mean(axis=0) for one in side], scenarios)
 
 
-def difference_interval(
-    first: Array,
-    second: Array,
-    *,
-    clusters: Sequence[Hashable] | None = None,
-    confidence: float = CONFIDENCE,
-    resamples: int = RESAMPLES,
-    seed: int = 0,
-) -> tuple[float, float]:
-    """Bootstrap interval of the difference of two agents' means, each of one or several trainings on the same runs.
+def estimate_difference(
+    first: Sequence[Array],
+    second: Sequence[Array],
+    scenarios: Sequence[Sequence[Hashable]] | None = None,
+    fixed: tuple[bool, bool] = (False, False),
+) -> MeanEstimate:
+    """Difference of two agents' means over tasks, paired by run, with all that was drawn: runs, and trainings where one has several.
 
-    Runs (or ``clusters`` of them) are drawn in pairs, the same for both agents; trainings, where there are several, for each by itself.
+    With d_s the difference in run s of the means over the trainings, and m_t the mean over the runs of training t, the variance is that
+    of the mean of the n values d_s, plus for each agent that of the mean of its values m_t, less what is in both (the residuals of
+    trainings and runs). It is never below one of its two parts. Degrees of freedom between trainings are those of Welch; with those of the
+    runs they give the mean of the two critical values at 5 %, weighted by the two variances (Cochran, 1964, Biometrics 20, 191-195). Over
+    several tasks the means are taken first.
+
+    An agent with one training against another with several is one draw that varies as much as one of the other's trainings, unless it is
+    ``fixed``: a policy that no training made. Two agents with one training each are compared as they are: nothing is known about other
+    trainings of theirs.
 
     Parameters
     ----------
     first, second
-        Values ``(trainings, n)`` of each agent, in the order of the same seeds, finite.
-    clusters, confidence, resamples, seed
-        As in ``bootstrap_interval``.
+        Values of the two agents by task, ``(n,)`` or ``(trainings, n)``, in the order of the same runs, finite.
+    scenarios
+        As in ``estimate_mean``.
+    fixed
+        Of each agent whether it is a policy that no training made.
 
     Raises
     ------
     ResultError
-        As ``bootstrap_interval``, and when the two do not have the same number of runs.
+        As ``estimate_mean``, and when the two do not have the same tasks and runs.
     """
-    ours, theirs = (np.atleast_2d(np.asarray(values, dtype=np.float64)) for values in (first, second))
-    if ours.shape[1] != theirs.shape[1]:
-        msg = f"A paired difference needs the same runs of both agents; got {ours.shape[1]} and {theirs.shape[1]}."
+    sides = _matrices(first), _matrices(second)
+    if len(sides[0]) != len(sides[1]):
+        msg = f"A paired difference needs the same tasks of both agents; got {len(sides[0])} and {len(sides[1])}."
         raise ResultError(msg)
-    _check_settings(confidence, resamples)
-    drawn = [
-        _crossed(values, mean, clusters, resamples, (seed, seed + 1 + place))
-        for place, values in enumerate((ours, theirs))
-    ]
-    low, high = _ends(drawn[0] - drawn[1], confidence)
-    return float(low), float(high)
+    for ours, theirs in zip(*sides, strict=True):
+        if ours.shape[1] != theirs.shape[1]:
+            msg = f"A paired difference needs the same runs of both agents; got {ours.shape[1]} and {theirs.shape[1]}."
+            raise ResultError(msg)
+    return _estimate(sides, [x.mean(axis=0) - y.mean(axis=0) for x, y in zip(*sides, strict=True)], scenarios, fixed)
 
 
-def _crossed(
-    trainings: Array,
-    statistic: Statistic,
-    clusters: Sequence[Hashable] | None,
-    resamples: int,
-    seeds: tuple[int, int],
-) -> Array:
-    """Mean over trainings of the statistic of their runs, in resamples ``(resamples,)`` of runs or groups, and of trainings if several.
-
-    ``seeds`` are those of the drawing of runs and of trainings.
-    """
-    _checked(trainings.ravel())
-    count, size = trainings.shape
-    if clusters is None:
-        indices = resampling_indices(size, resamples, seeds[0])
-        drawn = np.array([statistic(one[indices]) for one in trainings])
-    else:
-        members = _members(clusters, size)
-        drawn = np.array([
-            _widened(_over_clusters(one, statistic, members, resamples, seeds[0]), float(center), len(members))
-            for one, center in zip(trainings, statistic(trainings), strict=True)
-        ])  # fmt: skip
-    if count == 1:
-        return np.asarray(drawn[0])
-    weights = _times_drawn(count, resamples, seeds[1]).T / count - 1.0 / count
-    by_training = (weights * drawn).sum(axis=0)
-    return np.asarray(drawn.mean(axis=0) + math.sqrt(count / (count - 1)) * by_training)
+def draws_nothing(differences: Array, scale: float = 1.0) -> bool:
+    """Whether two or more values ``(n,)`` are one and the same number, but for rounding of numbers as large as ``scale``."""
+    return differences.size > 1 and float(np.ptp(differences)) <= _ROUNDING * max(
+        scale, float(np.abs(differences).max())
+    )
 
 
-def _widened(drawn: Array, center: float, count: int) -> Array:
-    """Resampled statistics with the spread that so many independent groups have."""
-    return center + math.sqrt(count / (count - 1)) * (drawn - center)
-
-
-def _members(clusters: Sequence[Hashable], size: int) -> list[NDArray[np.intp]]:
-    """The runs of each group, groups in the order in which they first occur."""
-    if len(clusters) != size:
-        msg = f"Every run belongs to one group; got {len(clusters)} groups' names for {size} runs."
+def _matrices(tasks: Sequence[Array]) -> list[Array]:
+    """Values ``(trainings, n)`` of each task."""
+    found = [np.atleast_2d(np.asarray(one, dtype=np.float64)) for one in tasks]
+    if not found:
+        msg = "A mean over tasks needs at least one task."
         raise ResultError(msg)
-    found: dict[Hashable, list[int]] = {}
-    for run, name in enumerate(clusters):
-        found.setdefault(name, []).append(run)
-    if len(found) < 2:
-        msg = "An interval over groups of runs needs two or more of them: from one group nothing is known about others."
-        raise ResultError(msg)
-    return [np.array(runs, dtype=np.intp) for runs in found.values()]
-
-
-def _over_clusters(
-    sample: Array, statistic: Statistic, members: Sequence[NDArray[np.intp]], resamples: int, seed: int
-) -> Array:
-    """The statistic of resamples ``(resamples,)`` that are made of whole groups."""
-    groups, largest = len(members), max(runs.size for runs in members)
-    table = np.full((groups, largest), -1, dtype=np.intp)
-    for row, runs in enumerate(members):
-        table[row, : runs.size] = runs
-    drawn = resampling_indices(groups, resamples, seed)
-    runs_of = table[drawn].reshape(resamples, groups * largest)
-    found, sizes = np.empty(resamples), (runs_of >= 0).sum(axis=1)
-    for size in np.unique(sizes):  # groups may differ in size, and so do resamples
-        rows = sizes == size
-        chosen = runs_of[rows]
-        found[rows] = statistic(sample[chosen[chosen >= 0]].reshape(-1, int(size)))
+    for one in found:
+        if one.ndim != 2:
+            msg = f"Values of a task are (runs,) or (trainings, runs); got shape {one.shape}."
+            raise ResultError(msg)
+        _checked(one.ravel())
     return found
+
+
+def _estimate(
+    sides: Sequence[Sequence[Array]],
+    runs: Sequence[Array],
+    scenarios: Sequence[Sequence[Hashable]] | None,
+    fixed: Sequence[bool] = (False, False),
+) -> MeanEstimate:
+    """Mean over tasks of the mean of ``runs`` ``(n,)``, which are the first of ``sides`` ``(trainings, n)`` less the second, if any."""
+    value = float(np.mean([one.mean() for one in runs]))
+    scale = max(float(np.abs(one).max()) for side in sides for one in side)
+    drawn = [not draws_nothing(one, scale) for one in runs]
+    over_runs = _variance_over_runs(runs, drawn, scenarios)
+    runs_degrees = min(
+        (one.size - 1.0 for one, by_chance in zip(runs, drawn, strict=True) if by_chance), default=math.inf
+    )
+    known = [_over_trainings(side) for side in sides]
+    several = [one for one in known if one is not None]
+    parts = [(one.of_mean, one.degrees) for one in several]
+    both = sum(one.residual for one in several)
+    if len(several) == 1 and any(one is None and not alone for one, alone in zip(known, fixed, strict=False)):
+        parts = [(several[0].of_mean + several[0].of_one, several[0].degrees)]
+        both += several[0].residual_of_one
+    over_trainings = sum(part for part, _ in parts)
+    if runs_degrees == 0.0 or not over_trainings > (_ROUNDING * scale) ** 2:
+        return MeanEstimate(value, over_runs, runs_degrees)
+    variance = max(over_trainings, over_runs, over_trainings + over_runs - both)
+    degrees = 1.0 / sum((part / over_trainings) ** 2 / degrees for part, degrees in parts)
+    if over_runs > 0.0:
+        level = 0.5 + CONFIDENCE / 2.0
+        of_trainings, of_runs = float(stdtrit(degrees, level)), float(stdtrit(runs_degrees, level))
+        together = (over_trainings * of_trainings + over_runs * of_runs) / (over_trainings + over_runs)
+        degrees = float(stdtridf(level, together))
+    return MeanEstimate(value, variance, degrees)
+
+
+def _variance_over_runs(
+    runs: Sequence[Array], drawn: Sequence[bool], scenarios: Sequence[Sequence[Hashable]] | None
+) -> float:
+    """Variance of the mean over tasks of the mean of runs; runs of different tasks with the same name vary together."""
+    if scenarios is None:
+        each = [
+            one.var(ddof=1) / one.size for one, by_chance in zip(runs, drawn, strict=True) if by_chance and one.size > 1
+        ]
+        return float(sum(each)) / len(runs) ** 2
+    by_name: dict[Hashable, float] = {}
+    for task, (one, by_chance) in enumerate(zip(runs, drawn, strict=True)):
+        if not by_chance or one.size < 2:
+            continue
+        names = scenarios[task]
+        if len(names) != one.size or len(set(names)) != one.size:
+            msg = f"Every run of a task has a name of its own; got {len(set(names))} names for {one.size} runs."
+            raise ResultError(msg)
+        weight = 1.0 / (len(runs) * math.sqrt(one.size * (one.size - 1.0)))
+        for name, deviation in zip(names, ((one - one.mean()) * weight).tolist(), strict=True):
+            by_name[name] = by_name.get(name, 0.0) + deviation
+    return float(sum(deviation**2 for deviation in by_name.values()))
+
+
+@dataclass(frozen=True)
+class _OverTrainings:
+    """Variances between an agent's trainings: of its mean over them and of one of them; in each, what residuals of single runs add."""
+
+    of_mean: float
+    of_one: float
+    degrees: float
+    residual: float
+    residual_of_one: float
+
+
+def _over_trainings(tasks: Sequence[Array]) -> _OverTrainings | None:
+    """How the mean over tasks varies between trainings; ``None`` where there is one on every task.
+
+    Where all tasks that have several have equally many, training i of all tasks is one unit: it may be one policy. Else each task counts by
+    itself. A task with one training gets the mean variance of the others.
+    """
+    several = [one for one in tasks if len(one) > 1]
+    if not several:
+        return None
+    counts = np.array([len(one) for one in several], dtype=np.float64)
+    each = np.array([one.mean(axis=1).var(ddof=1) for one in several]) / len(tasks) ** 2
+    if counts.min() == counts.max():
+        of_one = float((np.sum([one.mean(axis=1) for one in several], axis=0) / len(tasks)).var(ddof=1))
+        of_mean, degrees = of_one / counts[0], counts[0] - 1.0
+    else:
+        of_one, of_mean = float(each.sum()), float((each / counts).sum())
+        degrees = of_mean**2 / float(((each / counts) ** 2 / (counts - 1.0)).sum()) if of_mean > 0.0 else 1.0
+    alone = (len(tasks) - len(several)) * float(each.mean())
+    residuals = np.array([_residual(one) / one.shape[1] for one in several]) / len(tasks) ** 2
+    return _OverTrainings(
+        of_mean + alone, of_one + alone, degrees, float((residuals / counts).sum()), float(residuals.sum())
+    )
+
+
+def _residual(values: Array) -> float:
+    """Variance of ``(trainings, n)`` that neither the training nor the run explains."""
+    count, size = values.shape
+    rest = values - values.mean(axis=1, keepdims=True) - values.mean(axis=0) + values.mean()
+    return float(np.square(rest).sum() / max((count - 1) * (size - 1), 1))
 
 
 def _checked(values: Values) -> Array:
@@ -343,7 +411,7 @@ def stratified_interval(
     return float(low), float(high)
 
 
-def _check_settings(confidence: float, resamples: int) -> None:
+def _check_settings(confidence: float, resamples: int = 1) -> None:
     if not 0.0 < confidence < 1.0:
         msg = f"The confidence of an interval lies between 0 and 1; got {confidence}."
         raise ResultError(msg)
@@ -401,17 +469,26 @@ SCORES: Mapping[Score, Callable[[Sequence[Array]], Array]] = {
 }
 
 
-def aggregate(tasks: Sequence[Array], score: Score, *, resamples: int = RESAMPLES, seed: int = 0) -> Interval:
+def aggregate(
+    tasks: Sequence[Array],
+    score: Score,
+    scenarios: Sequence[Sequence[Hashable]] | None = None,
+    *,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+) -> Interval:
     """A score over tasks, from one array of normalised scores ``(n_i,)`` or ``(trainings_i, n_i)`` a task.
 
-    Where a task has several trainings, the ends are what the lowest and the highest training of each task make; else they are those of
-    the 95 % interval over the runs.
+    The mean has its 95 % interval over runs and trainings, see ``estimate_mean``. The ends of other scores are, where a task has several
+    trainings, what the lowest and the highest training of each task make; else those of the 95 % bootstrap interval over the runs.
 
     Raises
     ------
     ResultError
         When there is no task, or a task without runs.
     """
+    if score == "mean":
+        return estimate_mean(tasks, scenarios).interval()
     statistic, by_training, together = SCORES[score], [np.atleast_2d(runs) for runs in tasks], pooled(tasks)
     if any(len(runs) > 1 for runs in by_training):
         lowest = [runs[runs.mean(axis=1).argmin()] for runs in by_training]
@@ -449,33 +526,47 @@ def performance_profile(
 
 
 def probability_of_improvement(
-    ours: Mapping[str, Array], theirs: Mapping[str, Array], *, resamples: int = 2_000, seed: int = 0
+    ours: Mapping[str, Array],
+    theirs: Mapping[str, Array],
+    scenarios: Mapping[str, Sequence[Hashable]] | None = None,
 ) -> Interval:
-    """Probability that a run of one agent scores above a run of another, averaged over their common tasks.
+    """Probability that one agent scores above another in the same run, averaged over their common tasks.
 
-    Equal scores count half, as in the Mann-Whitney statistic. Runs are resampled within tasks, both agents independently. ``ours`` and
-    ``theirs`` are run values ``(n,)`` by task, in any unit that orders them.
+    Equal scores count half. Of several trainings every pair counts, run by run. ``ours`` and ``theirs`` are values ``(n,)`` or
+    ``(trainings, n)`` by task, in the order of the same runs, in any unit that orders them; ``scenarios`` name the runs as in
+    ``estimate_mean``, by task. The interval is Wilson's (1927, J. Am. Stat. Assoc. 22, 209-212), for as many independent pairs as have
+    the variance over runs and trainings of the estimate, and at most the pairs that there are: so it never has both ends at 0 or 1.
 
     Raises
     ------
     ResultError
-        When the agents have no task in common.
+        When the agents have no task in common, or not the same runs.
     """
     common = sorted(set(ours) & set(theirs))
     if not common:
         msg = "The two agents have no task in common, so neither can be said to improve on the other."
         raise ResultError(msg)
-    values, again = [], []
-    for number, task in enumerate(common):
-        x, y = ours[task], theirs[task]
+    sides: tuple[list[Array], list[Array]] = ([], [])
+    pairs = []
+    for x, y in zip(
+        _matrices([ours[task] for task in common]), _matrices([theirs[task] for task in common]), strict=True
+    ):
+        if x.shape[1] != y.shape[1]:
+            msg = f"A paired probability needs the same runs of both agents; got {x.shape[1]} and {y.shape[1]}."
+            raise ResultError(msg)
         difference = x[:, None] - y[None, :]
         above = (difference > 0.0) + 0.5 * (difference == 0.0)
-        values.append(above.mean())
-        drawn_x = _times_drawn(x.size, resamples, seed + number)
-        drawn_y = _times_drawn(y.size, resamples, seed + len(common) + number)
-        again.append(((drawn_x @ above) * drawn_y).sum(axis=-1) / above.size)
-    low, high = _ends(np.asarray(np.mean(again, axis=0)))
-    return Interval(value=float(np.mean(values)), low=float(low), high=float(high))
+        sides[0].append(above.mean(axis=1))
+        sides[1].append(above.mean(axis=0))
+        pairs.append(above.mean(axis=(0, 1)))
+    found = _estimate(sides, pairs, None if scenarios is None else [scenarios[task] for task in common])
+    p, most = found.value, float(sum(one.size for one in pairs))
+    size = min(most, p * (1.0 - p) / found.variance) if found.variance > 0.0 and 0.0 < p < 1.0 else most
+    degrees = found.degrees if 0.0 < found.degrees < math.inf else max(most - 1.0, 1.0)
+    square = float(stdtrit(degrees, 0.5 + CONFIDENCE / 2.0)) ** 2 / size
+    middle = (p + square / 2.0) / (1.0 + square)
+    half = math.sqrt(square * (p * (1.0 - p) + square / 4.0)) / (1.0 + square)
+    return Interval(value=p, low=max(0.0, min(p, middle - half)), high=min(1.0, max(p, middle + half)))
 
 
 def _times_drawn(size: int, resamples: int, seed: int) -> Array:

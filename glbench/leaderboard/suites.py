@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -21,18 +21,22 @@ from glbench.leaderboard.statistics import (
     Profile,
     Published,
     aggregate,
+    estimate_difference,
     normalise,
     performance_profile,
     pooled,
     probability_of_improvement,
 )
-from glbench.tasks import list_suites
+from glbench.tasks import get_task, list_suites
 from glbench.tasks.best_known import SEVERAL, BestKnown, read_best_known
 from glbench.tasks.ledger import MONEY
 from glbench.tasks.references import References, read_references
 
 NOTHING = "do_nothing"
 """Name of the agent whose reward is the zero of normalised scores."""
+
+RULES = "rule_based_tuned"
+"""Name of the agent that suites show the difference to."""
 
 _THRESHOLDS = 101
 _LOWEST_THRESHOLD = -0.25
@@ -73,6 +77,11 @@ class SuiteRow(Published):
         description="mean over the tasks of the mean regret to the best known runs [EUR m-2]; null where it lacks tasks, or a task has "
         "no best known runs or counts no money",
     )
+    against_rules: Interval | None = Field(
+        default=None,
+        description=f"mean over the tasks of what it scores more than {RULES}, paired by run [EUR m-2]; null where one of the two lacks "
+        "tasks, or a task has no best known runs or counts no money",
+    )
     trainings: tuple[int, int] = Field(description="fewest and most trainings on a task")
     missing: tuple[str, ...] = Field(serialization_alias="missing_tasks")
     figures: SuiteFigures | None = None
@@ -81,7 +90,7 @@ class SuiteRow(Published):
 
 
 class Improvement(Published):
-    """Probability that a run of ``first`` scores above a run of ``second`` on the same task, ties half, with its interval."""
+    """Probability that ``first`` scores above ``second`` in the same run, averaged over the tasks, ties half, with its interval."""
 
     first: str
     second: str
@@ -116,6 +125,7 @@ def suite_table(
     references: Mapping[str, References],
     tables: Sequence[TaskTable] = (),
     best_known: Mapping[str, BestKnown] | None = None,
+    scenarios: Mapping[str, Sequence[Hashable]] | None = None,
 ) -> SuiteTable | None:
     """Aggregates of every agent over the tasks of a suite.
 
@@ -131,6 +141,8 @@ def suite_table(
         Ranked rows of the tasks, for what agents earned, grew and used.
     best_known
         Best known runs of the tasks, with the seeds of ``scores`` in their order, for regrets.
+    scenarios
+        For each task a name for each run; runs of different tasks with one name meet the same draws. ``None``: no two runs do.
 
     Returns
     -------
@@ -148,23 +160,28 @@ def suite_table(
     whole = {agent: by_task for agent, by_task in normalised.items() if len(by_task) == len(usable)}
     known = {table.task_id: resolution_of(table.metric, table.task) for table in tables}
     resolutions = [known.get(task, RESOLUTION) / (references[task].best - references[task].nothing) for task in usable]
-    means = {agent: [np.atleast_2d(by_task[task]).mean(axis=0) for task in usable] for agent, by_task in whole.items()}
-    order = tiers(means, resolutions)
+    names = None if scenarios is None else [scenarios[task] for task in usable]
     shown = _rows_of_agents(usable, tables)
-    regrets = _regrets(usable, scores, best_known or {})
+    fixed = {agent for agent, rows in shown.items() if not any(row.training_steps for row in rows)}
+    values = {agent: [by_task[task] for task in usable] for agent, by_task in whole.items()}
+    order = tiers(values, resolutions, names, fixed)
+    in_money = _in_money(usable, scores, best_known or {}, names, fixed)
     rows: list[SuiteRow] = []
     for tier in order:
         shared = len(rows) + 1
-        rows += [_row(agent, shared, whole[agent], usable, shown.get(agent, ()), regrets.get(agent)) for agent in tier]
+        rows += [
+            _row(agent, shared, whole[agent], usable, shown.get(agent, ()), scenarios, **in_money.get(agent, {}))
+            for agent in tier
+        ]
     rows += [
-        _row(agent, None, normalised[agent], usable, shown.get(agent, ()))
+        _row(agent, None, normalised[agent], usable, shown.get(agent, ()), scenarios)
         for agent in sorted(set(normalised) - set(whole))
     ]
     return SuiteTable(
         suite=suite,
         tasks=usable,
         rows=tuple(rows),
-        improvements=_improvements(whole, order),
+        improvements=_improvements(whole, order, scenarios),
         profiles=_profiles(whole, usable),
     )
 
@@ -181,8 +198,18 @@ def suite_tables(
         and (best.task_digest, best.seeds, RANKING_METRIC)
         == (expected[task_id].digest, expected[task_id].seeds, expected[task_id].metric)
     }
-    found = [suite_table(name, tuple(ids), scores, references, tables, known) for name, ids in list_suites().items()]
+    names = {task_id: scenario_names(task_id, expected[task_id].seeds) for task_id in scores}
+    found = [
+        suite_table(name, tuple(ids), scores, references, tables, known, names) for name, ids in list_suites().items()
+    ]
     return tuple(table for table in found if table is not None)
+
+
+def scenario_names(task_id: str, seeds: Sequence[int]) -> list[tuple[Hashable, ...]]:
+    """A name for each run of a published task: runs of one seed in tasks of one family and salt meet the same season and crop."""
+    scenario = get_task(task_id).scored.scenario
+    family = (task_id,) if scenario.legacy else (scenario.family, scenario.salt)
+    return [(*family, seed) for seed in seeds]
 
 
 def _rows_of_agents(tasks: Sequence[str], tables: Sequence[TaskTable]) -> dict[str, list[Row]]:
@@ -202,16 +229,18 @@ def _row(
     scores: Mapping[str, Array],
     tasks: Sequence[str],
     shown: Sequence[Row],
-    regret: Interval | None = None,
+    scenarios: Mapping[str, Sequence[Hashable]] | None,
+    **in_money: Interval,
 ) -> SuiteRow:
     arrays = [scores[task] for task in tasks if task in scores]
+    names = None if scenarios is None else [scenarios[task] for task in tasks if task in scores]
     counts = [len(np.atleast_2d(runs)) for runs in arrays]
     rows = [row for row in shown if row.task_id in scores]
     return SuiteRow(
         rank=rank,
         agent=agent,
-        **{score: aggregate(arrays, score) for score in SCORES},
-        regret=regret,
+        **{score: aggregate(arrays, score, names) for score in SCORES},
+        **in_money,
         trainings=(min(counts), max(counts)),
         missing=tuple(task for task in tasks if task not in scores),
         figures=SuiteFigures(metrics=_means(rows), **combined(rows)) if rows else None,
@@ -220,15 +249,29 @@ def _row(
     )
 
 
-def _regrets(
-    tasks: Sequence[str], scores: Mapping[str, Mapping[str, Array]], known: Mapping[str, BestKnown]
-) -> dict[str, Interval]:
-    """Mean regret of the agents that have all tasks, where regrets of all tasks are money."""
+def _in_money(
+    tasks: Sequence[str],
+    scores: Mapping[str, Mapping[str, Array]],
+    known: Mapping[str, BestKnown],
+    scenarios: Sequence[Sequence[Hashable]] | None,
+    fixed: Collection[str],
+) -> dict[str, dict[str, Interval]]:
+    """Of agents that have all tasks, where all tasks count money: mean regret, and what they score more than the tuned rules."""
     if any(task not in known or known[task].units["reward"] != MONEY for task in tasks):
         return {}
-    best = {task: np.array([run.reward for run in known[task].runs]) for task in tasks}
+    best = [np.array([run.reward for run in known[task].runs]) for task in tasks]
     everywhere = set[str].intersection(*(set(scores[task]) for task in tasks))
-    return {agent: aggregate([best[task] - scores[task][agent] for task in tasks], "mean") for agent in everywhere}
+    found: dict[str, dict[str, Interval]] = {}
+    for agent in everywhere:
+        own = [scores[task][agent] for task in tasks]
+        gaps = [top - values for top, values in zip(best, own, strict=True)]
+        found[agent] = {"regret": aggregate(gaps, "mean", scenarios)}
+        if RULES in everywhere - {agent}:
+            rules = [scores[task][RULES] for task in tasks]
+            found[agent]["against_rules"] = estimate_difference(
+                own, rules, scenarios, (agent in fixed, RULES in fixed)
+            ).interval()
+    return found
 
 
 def _means(rows: Sequence[Row]) -> dict[str, float]:
@@ -237,13 +280,15 @@ def _means(rows: Sequence[Row]) -> dict[str, float]:
     return {name: float(np.mean([row.means[name] for row in rows])) for name in known}
 
 
-def _improvements(whole: Mapping[str, Mapping[str, Array]], order: Sequence[Sequence[str]]) -> tuple[Improvement, ...]:
+def _improvements(
+    whole: Mapping[str, Mapping[str, Array]],
+    order: Sequence[Sequence[str]],
+    scenarios: Mapping[str, Sequence[Hashable]] | None,
+) -> tuple[Improvement, ...]:
     """Both directions of every pair: what one has above the other is what the other has below it."""
-    agents = [agent for tier in order for agent in tier]
-    runs = {agent: {task: scores.ravel() for task, scores in whole[agent].items()} for agent in agents}
     found = []
-    for one, other in combinations(agents, 2):
-        p = probability_of_improvement(runs[one], runs[other])
+    for one, other in combinations([agent for tier in order for agent in tier], 2):
+        p = probability_of_improvement(whole[one], whole[other], scenarios)
         back = Interval(value=1.0 - p.value, low=1.0 - p.high, high=1.0 - p.low)
         found.append(Improvement(first=one, second=other, probability=p))
         found.append(Improvement(first=other, second=one, probability=back))

@@ -23,7 +23,7 @@ from glbench.leaderboard.fresh_draws import fresh_note
 from glbench.leaderboard.ranking import Row, TaskTable
 from glbench.leaderboard.regret import PARTS
 from glbench.leaderboard.statistics import SCORES, Interval, Published
-from glbench.leaderboard.suites import SuiteRow, SuiteTable
+from glbench.leaderboard.suites import RULES, SuiteRow, SuiteTable
 from glbench.resources import write_atomically
 from glbench.tasks import PAPER_TASK, get_task
 from glbench.untrusted import visible
@@ -35,9 +35,15 @@ PRIVILEGED_MARK, UNSANDBOXED_MARK, REPRODUCED_MARK, RANGE_MARK, SEEN_MARK, FAILE
 DROP_MARK = "¶"
 NONE = "–"
 OVERALL_NOTE = (
-    "Overall 95 %: bootstrap interval of the mean over all that was drawn, and not the runs alone: whole groups of runs, where runs fall "
-    "into groups such as years, and trainings, where there are several. From few groups or trainings it is too narrow: from two it "
-    "covers the truth in about 60 of 100 cases, from three in about 80."
+    "Overall 95 %: interval of the mean over trainings and runs, where there are several trainings. From two or three it is wide: that few "
+    "say little about others."
+)
+YEARS_NOTE = (
+    "Columns of years: mean over the runs whose season has most of its days from that year. Intervals and ranks cover draws from these "
+    "years only. Another year can lie as far off as these lie apart, or further."
+)
+AGAINST_NOTE = (
+    f" More than {RULES}: mean over the tasks of the difference of the scores, paired by run, with its 95 % interval."
 )
 SEEN_NOTE = f"{SEEN_MARK} its training saw what it is judged by, as its card states: the test split, or weather of the years of that split."
 FAILED_NOTE = f"{FAILED_MARK} some runs failed: they count at the task's stated penalty."
@@ -51,14 +57,14 @@ REGRET_NOTE = (
     "a better one may exist, and who finds it has a negative regret."
 )
 FOOTNOTES = (
-    "Mean over the task's seeded runs, with the 95 % bootstrap interval of the mean; IQM is the mean of the middle half of the runs. "
+    "Mean over the task's seeded runs, with the 95 % interval of the mean (Student's t); IQM is the mean of the middle half of the runs. "
     "{units} {name} is {profit}. "
     "Failed runs count at the task's stated penalty.",
     "CVaR10 is the mean of the worst tenth of the runs in what ranks; of several trainings the mean over them.",
     f"{RANGE_MARK} is no interval but a range: the lowest and the highest of several trainings with different seeds, around their mean. "
     "A 95 % interval covers the {covers}; {beyond} or another training can lie far outside.",
-    "Agents that cannot be told apart share a rank: paired Wilcoxon tests on the same seeds (of several trainings the mean run by run), "
-    "corrected for their number (Holm), at 5 %.",
+    "Agents that cannot be told apart share a rank: paired t-tests of the difference of the means, over runs with the same seeds and over "
+    "trainings, corrected for the number of pairs (Benjamini-Hochberg), at 5 %.",
     "Source: released with glbench; own, evaluated by you; trial, with other seeds than the task's, such as fewer runs, and not ranked.",
     f"{PRIVILEGED_MARK} privileged: sees more than the observations, or acts without the rate limit.",
     f"{UNSANDBOXED_MARK} unsandboxed: ran with all rights of the evaluation, so that nothing but its code tells what it used.",
@@ -88,7 +94,8 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     units = " ".join(words for words, is_priced in _UNITS if is_priced in priced)
     name = "Profit" if priced == {True} else "EPI"
     rows = [row for table in tables for row in table.rows]
-    extra = [OVERALL_NOTE] * any(map(_has_overall, rows)) + [SEEN_NOTE] * any(row.saw_scored for row in rows)
+    extra = [OVERALL_NOTE] * any(map(_has_overall, rows)) + [YEARS_NOTE] * any(row.by_year for row in rows)
+    extra += [SEEN_NOTE] * any(row.saw_scored for row in rows)
     extra += [FAILED_NOTE] * any(row.failed for row in rows)
     extra += [FRESH_NOTE] * any(map(has_fresh_draws, tables))
     extra += [REGRET_NOTE] * any(map(has_regret, tables))
@@ -130,8 +137,9 @@ def score_note(task_ids: Iterable[str]) -> str:
     """What the intervals of normalised scores over these tasks are."""
     words = of_published(task_ids)
     return (
-        f"Intervals cover the {covers(words)}. Where they are narrower than {SCORE_STEP} they are left out: {words.beyond} or another "
-        f"training can move a score by more than that. {RANGE_MARK}: what the lowest and the highest training of each task make."
+        f"Intervals cover the {covers(words)}; where an agent has several trainings, that of its mean covers trainings, too. Where they "
+        f"are narrower than {SCORE_STEP} they are left out: {words.beyond} or another training can move a score by more than that. "
+        f"{RANGE_MARK}: what the lowest and the highest training of each task make."
     )
 
 
@@ -236,6 +244,7 @@ def _task_columns(table: TaskTable) -> list[TableColumn]:
         TableColumn(f"{first.heading}, IQM", lambda row: number_text(iqm_of(row, first), first.digits)),
         *([fresh_column(first)] if has_fresh_draws(table) else []),
         worst_column(first),
+        *year_columns(table.rows, first),
         *(regret_columns(table) if has_regret(table) else []),
         *([overall_column(first)] if any(map(_has_overall, table.rows)) else []),
         *([deviation_column(first)] if any(row.is_range for row in table.rows) else []),
@@ -294,7 +303,7 @@ def signless(text: str) -> str:
 
 
 def overall_column(metric: Metric, gives_way: int = 0) -> TableColumn:
-    """The interval over groups of runs and over trainings."""
+    """The interval over trainings and runs."""
 
     def text(row: Row) -> str:
         found = row.estimates.get(metric.name)
@@ -303,6 +312,18 @@ def overall_column(metric: Metric, gives_way: int = 0) -> TableColumn:
         return " to ".join(number_text(end, metric.digits) for end in (found.overall.low, found.overall.high))
 
     return TableColumn("Overall 95 %", text, gives_way=gives_way)
+
+
+def year_columns(rows: Iterable[Row], metric: Metric, gives_way: int = 0) -> list[TableColumn]:
+    """The mean of what ranks in the runs of each year; none where no row knows of several."""
+
+    def column(year: int) -> TableColumn:
+        def text(row: Row) -> str:
+            return number_text(next((one.mean for one in row.by_year if one.year == year), None), metric.digits)
+
+        return TableColumn(f"{year}", text, number=True, gives_way=gives_way)
+
+    return [column(year) for year in sorted({one.year for row in rows for one in row.by_year})]
 
 
 def deviation_column(metric: Metric, gives_way: int = 0) -> TableColumn:
@@ -326,31 +347,40 @@ def iqm_of(row: Row, metric: Metric) -> float | None:
 def _score_columns(table: SuiteTable) -> list[TableColumn]:
     def score(name: str) -> TableColumn:
         heading = "IQM" if name == "iqm" else name.replace("_", " ").capitalize()
-        return TableColumn(heading, lambda row: format_interval(getattr(row, name), is_range=row.trainings[1] > 1))
+        return TableColumn(
+            heading, lambda row: format_interval(getattr(row, name), is_range=name != "mean" and row.trainings[1] > 1)
+        )
 
     return [
         TableColumn("#", lambda row: NONE if row.rank is None else str(row.rank)),
         TableColumn("Agent", suite_label, words=True, free=True),
         *map(score, SCORES),
-        *([suite_regret_column()] if any(row.regret is not None for row in table.rows) else []),
+        *money_columns(table.rows),
         TableColumn("Runs", runs_of),
     ]
 
 
-def suite_regret_column(gives_way: int = 0, *, span: bool = True) -> TableColumn:
-    """The mean regret over a suite whose tasks all count money, with its interval or range unless told otherwise."""
+def money_columns(
+    rows: Sequence[SuiteRow], gives_way: tuple[int, int] = (0, 0), *, spans: bool = True
+) -> list[TableColumn]:
+    """Of a suite whose tasks all count money: what rows score more than the tuned rules, and their regret, with intervals or without."""
 
-    def text(row: SuiteRow) -> str:
-        if row.regret is None:
-            return NONE
-        mean, low, high = (
-            signless(number_text(part, 3)) for part in (row.regret.value, row.regret.low, row.regret.high)
-        )
-        if not span or not row.regret.low < row.regret.high:
-            return mean
-        return f"{mean} ({low} {RANGE_MARK} {high})" if row.trainings[1] > 1 else f"{mean} [{low}, {high}]"
+    def column(name: str, heading: str, gives_way: int) -> TableColumn:
+        def text(row: SuiteRow) -> str:
+            found: Interval | None = getattr(row, name)
+            if found is None:
+                return NONE
+            center, low, high = (signless(number_text(part, 3)) for part in (found.value, found.low, found.high))
+            return f"{center} [{low}, {high}]" if spans and found.low < found.high else center
 
-    return TableColumn("Regret [EUR/m²]", text, gives_way=gives_way)
+        return TableColumn(heading, text, gives_way=gives_way)
+
+    columns = (("against_rules", f"More than {RULES} [EUR/m²]"), ("regret", "Regret [EUR/m²]"))
+    return [
+        column(name, heading, way)
+        for (name, heading), way in zip(columns, gives_way, strict=True)
+        if any(getattr(row, name) is not None for row in rows)
+    ]
 
 
 def _figure_columns(words: Catalogue) -> list[TableColumn]:
@@ -459,7 +489,7 @@ def suite_markdown(table: SuiteTable) -> list[str]:
     """Normalised scores, means of what was earned and used, and who improves on whom."""
     lines = [
         f"Normalised score over the {len(table.tasks)} tasks: 0 is doing nothing, 1 the best known result of each task. "
-        "Ranks go by the mean.",
+        f"Ranks go by the mean.{AGAINST_NOTE * any(row.against_rules for row in table.rows)}",
         "",
         score_note(table.tasks),
         "",
@@ -480,7 +510,7 @@ def suite_markdown(table: SuiteTable) -> list[str]:
 
     return [
         *lines,
-        "Probability of improvement: that a run of the agent of the row scores above a run of the agent of the column on the same task.",
+        "Probability of improvement: that the agent of the row scores above the agent of the column in the same run.",
         "",
         *markdown([TableColumn("", str, words=True), *map(against, agents)], agents),
         "",
@@ -522,7 +552,7 @@ def to_latex(table: TaskTable) -> str:
 
 
 def suite_latex(table: SuiteTable) -> str:
-    """A suite's scores for a paper: ``booktabs``, estimates with 95 % intervals."""
+    """A suite's scores for a paper: ``booktabs``, estimates with 95 % intervals or ranges."""
 
     def agent(row: SuiteRow) -> str:
         return suite_label(row) + PRIVILEGED_MARK * bool(row.figures and row.figures.privileged)
@@ -572,7 +602,6 @@ def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *
         "saw_scored": row.saw_scored,
         "split": table.split or "",
         "salt_commitment": table.salt_commitment or "",
-        "groups": row.groups,
         "sandbox": row.sandbox or "unknown",
         "remark": row.remark,
         "kernel": row.kernel,
@@ -594,6 +623,7 @@ def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *
         record[f"entry_{metric.name}_deviation [{metric.unit}]"] = None if of_all is None else of_all.deviation
         for part in ("low", "high"):
             record[f"entry_{metric.name}_overall_{part} [{metric.unit}]"] = overall and getattr(overall, part)
+    record["by_year"] = "; ".join(f"{one.year}: {one.mean:.17g} ({one.runs} runs)" for one in row.by_year)
     for part in ("value", "low", "high"):
         record[f"worst_tenth_{part}"] = row.worst_tenth and getattr(row.worst_tenth, part)
     record |= _regret_record(entry, row)
@@ -629,6 +659,7 @@ def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
             "missing_tasks": " ".join(row.missing),
             "fewest_trainings": row.trainings[0], "most_trainings": row.trainings[1],
             "low_and_high": "range over trainings" if row.trainings[1] > 1 else "95 % interval over runs",
+            "low_and_high_of_mean": f"95 % interval over runs{' and trainings' if row.trainings[1] > 1 else ''}",
         }  # fmt: skip
         for name in SCORES:
             interval = getattr(row, name)
@@ -636,6 +667,9 @@ def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
         for part in ("value", "low", "high"):
             heading = "regret" if part == "value" else f"regret_{part}"
             record[f"{heading} [EUR m-2]"] = row.regret and getattr(row.regret, part)
+        for part in ("value", "low", "high"):
+            heading = RULES if part == "value" else f"{RULES}_{part}"
+            record[f"more_than_{heading} [EUR m-2]"] = row.against_rules and getattr(row.against_rules, part)
         for metric in known.metrics.values():
             record[f"{metric.name}_mean [{metric.unit}]"] = figures and figures.metrics.get(metric.name)
         records.append(record | {
@@ -660,7 +694,6 @@ def _frame(records: Sequence[Mapping[str, object]]) -> pd.DataFrame:
         "training_seed": "Int64",
         "training [steps]": "Int64",
         "training [h]": "Float64",
-        "groups": "Int64",
         "regret_runs_ahead": "Int64",
     }
     if "suite" in frame:
@@ -676,7 +709,7 @@ class LeaderboardDocument(Published):
     """``leaderboard.json``."""
 
     schema_name: Literal["glbench/leaderboard"] = Field(default="glbench/leaderboard", alias="schema")
-    schema_version: Literal[2] = 2
+    schema_version: Literal[3] = 3
     units: dict[str, str] = Field(description="unit of every metric; '-' for none")
     tasks: tuple[TaskTable, ...]
     suites: tuple[SuiteTable, ...]

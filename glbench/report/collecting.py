@@ -156,6 +156,7 @@ def _suite_row(row: SuiteRow) -> dict[str, Any]:
         "missing": list(row.missing),
         **{name: _interval(getattr(row, name)) for name in SCORES},
         "regret": row.regret and _interval(row.regret),
+        "against_rules": row.against_rules and _interval(row.against_rules),
         "figures": None
         if figures is None
         else {
@@ -289,12 +290,12 @@ def _training(row: Row) -> dict[str, Any] | None:
 
 
 def _told_of(row: Row) -> dict[str, Any]:
-    """Notes on the worst runs, on groups and trainings together, and on what the training saw."""
+    """Notes on the worst runs, on years, on trainings and runs together, and on what the training saw."""
     overall = {name: [_short(e.overall.low), _short(e.overall.high)] for name, e in row.estimates.items() if e.overall}
     return {
         "worst_tenth": None if row.worst_tenth is None else _interval(row.worst_tenth),
         "overall": overall,
-        "groups": row.groups,
+        "by_year": [[one.year, one.runs, _short(one.mean)] for one in row.by_year],
         "trained_on": row.trained_on.words,
         "saw_scored": row.saw_scored,
         "regret": _regret(row),

@@ -145,6 +145,22 @@ class SeasonGenerator:
         WeatherError
             When an argument is impossible.
         """
+        first, calendar, chain, joints = self._chained(start, days, numbers)
+        sources = self._days.numbers[chain]
+        for array in (sources, joints):
+            array.setflags(write=False)
+        record = self._record(first, self._days.joined(chain, joints, calendar))
+        return GeneratedSeason(start, record, sources, joints)
+
+    def source_years(self, start: dt.date, days: int, numbers: npt.NDArray[np.float64]) -> IntArray:
+        """Year that each day ``(days,)`` of the season is taken from; arguments and errors as for ``season``, which is slower."""
+        chain = self._chained(start, days, numbers)[2][MARGIN_DAYS : MARGIN_DAYS + days]
+        return 1970 + self._days.numbers[chain].astype("datetime64[D]").astype("datetime64[Y]").astype(np.int64)
+
+    def _chained(
+        self, start: dt.date, days: int, numbers: npt.NDArray[np.float64]
+    ) -> tuple[int, IntArray, IntArray, npt.NDArray[np.bool_]]:
+        """First day of the record, the calendar, and what ``_chain`` makes of it."""
         wanted = self.numbers(days)
         numbers = np.asarray(numbers, dtype=np.float64)
         if numbers.shape != (wanted,) or not bool(np.all((numbers >= 0.0) & (numbers < 1.0))):
@@ -158,12 +174,7 @@ class SeasonGenerator:
             raise WeatherError(msg)
         first = (start - dt.date(1970, 1, 1)).days - MARGIN_DAYS
         calendar = calendar_days(first + np.arange(_length(days)))
-        chain, joints = self._chain(calendar, numbers.tolist())
-        sources = self._days.numbers[chain]
-        for array in (sources, joints):
-            array.setflags(write=False)
-        record = self._record(first, self._days.joined(chain, joints, calendar))
-        return GeneratedSeason(start, record, sources, joints)
+        return first, calendar, *self._chain(calendar, numbers.tolist())
 
     def _chain(self, calendar: IntArray, numbers: list[float]) -> tuple[IntArray, npt.NDArray[np.bool_]]:
         """For each day of the season, the day of the years that it is taken from, and whether a block begins with it."""

@@ -53,7 +53,7 @@ def test_leaderboard(glbench: Command, stored: list[StoredResult]) -> None:
     done = glbench("leaderboard", "--task", "Meadow-v1")
     assert done.code == 0, done.err
     (table,) = rank(stored, {})
-    assert [(one.agent, one.rank) for one in table.rows] == [("usual", 1), ("other", 1)]
+    assert [(one.agent, one.rank) for one in table.rows] == [("usual", 1), ("other", 2)]
     assert "–" in row(done.out.partition("Harvest, resources")[2], "other"), "its heat"
     assert '"gas_mean [m3 m-2]": 1.5' in glbench("leaderboard", "--task", "Meadow-v1", "--json").out
 

@@ -45,7 +45,7 @@ def test_compare_keeps_every_digit_at_80_columns(glbench, monkeypatch):
     assert "…" not in told
 
 
-def test_compare_of_few_runs_does_not_decide_and_leaves_out_what_neither_has(here, glbench):
+def test_compare_judges_few_runs_too_and_leaves_out_what_neither_has(here, glbench):
     for name, level in (("lazy", 0.0), ("busy", 0.01)):
         text = (here / "steady.py").read_text(encoding="utf-8").replace("0.01", str(level))
         (here / f"{name}.py").write_text(text, encoding="utf-8")
@@ -53,8 +53,8 @@ def test_compare_of_few_runs_does_not_decide_and_leaves_out_what_neither_has(her
     done = glbench("compare", "lazy", "busy", "--task", "day.toml")
     assert done.code == 0
     told = " ".join(done.out.split())
-    assert "3 pairs of runs are too few for the test to decide: it needs at least 6 (p = 0.250)" in told
-    assert "cannot be told apart" not in told
+    assert "3 pairs of runs" in told
+    assert "too few for the test" not in told
     assert "0.000 to 0.000" not in told
     lines = done.out.splitlines()
     assert not [line for line in lines if "-0.000" in line]

@@ -107,23 +107,51 @@ def test_a_profile_is_the_share_of_runs_above_each_threshold():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_probability_of_improvement_is_the_mann_whitney_statistic(seed):
+def test_the_probability_of_improvement_counts_pairs_of_one_run(seed):
     generator = np.random.default_rng(seed)
-    ours = {f"t{i}": generator.integers(0, 10, 30).astype(float) for i in range(3)}
-    theirs = {f"t{i}": generator.integers(0, 10, 25).astype(float) for i in range(3)}
-    expected = np.mean([stats.mannwhitneyu(ours[t], theirs[t]).statistic / (30 * 25) for t in ours])
-    found = probability_of_improvement(ours, theirs, resamples=300)
-    assert found.value == pytest.approx(expected)
-    assert found.low <= found.value <= found.high
+    ours = {f"t{i}": generator.integers(0, 10, (2, 30)).astype(float) for i in range(3)}
+    theirs = {f"t{i}": generator.integers(0, 10, (3, 30)).astype(float) for i in range(3)}
+    pairs = [
+        np.mean(
+            [
+                (x > y) + 0.5 * (x == y)
+                for one in ours[task]
+                for other in theirs[task]
+                for x, y in zip(one, other, strict=True)
+            ]
+        )
+        for task in ours
+    ]
+    found = probability_of_improvement(ours, theirs)
+    assert found.value == pytest.approx(np.mean(pairs))
+    assert 0.0 < found.low < found.value < found.high < 1.0
+
+
+def test_an_agent_that_is_a_little_ahead_in_every_run_improves_for_sure_however_runs_differ():
+    luck = np.random.default_rng(1).normal(0.0, 100.0, 30)
+    found = probability_of_improvement({"t": luck + 1.0}, {"t": luck})
+    assert (found.value, found.high) == (1.0, 1.0)
+    t = stats.t.ppf(0.975, 29)
+    assert found.low == pytest.approx(30 / (30 + t**2)), "30 of 30 runs say no more (Wilson)"
+
+
+def test_the_interval_of_a_probability_covers_it():
+    generator, hits = np.random.default_rng(2), 0
+    for _ in range(400):
+        found = probability_of_improvement({"t": generator.normal(0.5, 1.0, 30)}, {"t": generator.normal(0.0, 1.0, 30)})
+        hits += found.low <= stats.norm.cdf(0.5 / np.sqrt(2.0)) <= found.high
+    assert hits / 400 > 0.93
 
 
 def test_an_agent_improves_on_itself_half_the_time():
     runs = {"t": np.arange(30.0)}
-    assert probability_of_improvement(runs, runs, resamples=100).value == 0.5
+    assert probability_of_improvement(runs, runs).value == 0.5
 
 
 def test_only_common_tasks_count_and_without_one_nothing_can_be_said():
     ours, theirs = {"a": np.ones(3), "b": np.zeros(3)}, {"b": np.ones(3), "c": np.zeros(3)}
-    assert probability_of_improvement(ours, theirs, resamples=10).value == 0.0
+    assert probability_of_improvement(ours, theirs).value == 0.0
+    with pytest.raises(ResultError, match="same runs"):
+        probability_of_improvement({"a": np.ones(3)}, {"a": np.ones(4)})
     with pytest.raises(ResultError, match="no task in common"):
         probability_of_improvement({"a": np.ones(3)}, {"c": np.ones(3)})

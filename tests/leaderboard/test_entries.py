@@ -191,15 +191,18 @@ def test_a_trial_is_shown_as_one_beside_the_full_result(store, monkeypatch):
     assert "| trial |" in text
 
 
-def test_an_entry_is_compared_by_the_mean_over_its_trainings_run_by_run(store, trainings):
+def test_an_entry_is_compared_by_the_mean_over_its_trainings_and_by_what_they_differ(store, trainings):
     (entry,) = entries(trainings)
     np.testing.assert_allclose(entry.values("reward"), [19.0, 20.0, 20.0, 21.0])
     (other,) = entries([store("rule", [18.0, 19.0, 19.0, 20.0])])
     pair = compare_entries(entry, other)
     assert pair.trainings == (3, 1)
-    assert pair.metrics["reward"].difference.value == 1.0
-    # Runs of the first training beat none, of the second all, of the third 2, 3.5, 3.5 and 4 of 4, ties half.
-    assert pair.improvement.value == pytest.approx((0 + 1 + 13 / 16) / 3)
+    difference = pair.metrics["reward"].difference
+    assert difference.value == 1.0
+    # Means 10, 30 and 20: 1 +- 4.303 sqrt(100/3); the rule states no training, so it does not vary.
+    assert difference.high - 1.0 == pytest.approx(4.302653 * np.sqrt(100.0 / 3.0), rel=1e-6)
+    # The first training is behind in every run, the second and the third are ahead.
+    assert pair.improvement.value == pytest.approx(2 / 3)
 
 
 def test_exports_keep_every_training_with_its_entry(trainings):
@@ -222,7 +225,9 @@ def test_over_a_suite_trainings_have_a_range_and_all_their_runs_count(trainings)
     assert table is not None
     (row,) = table.rows
     assert (row.trainings, row.runs) == ((3, 3), 12)
-    assert (row.mean.value, row.mean.low, row.mean.high) == (0.5, 0.25, 0.75)
+    assert (row.optimality_gap.value, row.optimality_gap.low, row.optimality_gap.high) == (0.5, 0.25, 0.75)
+    # Means 0.25, 0.75 and 0.5: 0.5 +- 4.303 sqrt(0.0625/3); runs differ by less than what trainings do.
+    assert (row.mean.value, row.mean.high - 0.5) == (0.5, pytest.approx(4.302653 * np.sqrt(0.0625 / 3.0), rel=5e-3))
     assert row.figures is not None
     assert row.figures.origin == "own"
 

@@ -41,9 +41,11 @@ def test_results_of_different_tasks_or_seeds_are_not_compared():
 
 
 def test_p_values_of_several_tasks_are_corrected_together():
-    noise = np.random.default_rng(2).normal(0.4, 1.0, 30)
+    noise = np.random.default_rng(2).normal(0.8, 1.0, 30)
     pair = compare_entries(make_entry("a", list(np.array(REWARDS) + noise)), make_entry("b", REWARDS))
-    assert corrected_p_values([pair, pair]) == [min(1.0, 2 * pair.p_value)] * 2
+    other = compare_entries(make_entry("a", REWARDS), make_entry("b", REWARDS))
+    assert (pair.p_value < 0.05, other.p_value) == (True, 1.0)
+    assert corrected_p_values([pair, other]) == pytest.approx([2 * pair.p_value, 1.0])
 
 
 def test_agents_are_compared_by_the_metric_that_ranks(monkeypatch):

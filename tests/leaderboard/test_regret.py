@@ -15,7 +15,7 @@ from glbench.leaderboard.collect import published_expectations
 from glbench.leaderboard.entries import entry_of
 from glbench.leaderboard.pairs import compare_entries
 from glbench.leaderboard.regret import best_known_from, can_be_best_known, regret_of
-from glbench.leaderboard.statistics import bootstrap_interval, crossed_interval
+from glbench.leaderboard.statistics import estimate_mean
 from glbench.leaderboard.suites import references_from, suite_table
 from glbench.leaderboard.tables import regret_notes, suite_frame, suite_markdown, to_json, to_latex
 from glbench.resources import data_folder
@@ -86,7 +86,8 @@ def test_regret_is_the_best_known_minus_the_score_seed_by_seed_and_its_parts_add
     assert regret.profit.mean == 1.0
     assert regret.violations.mean == 0.5
     assert regret.profit.mean + regret.violations.mean == regret.total.mean
-    assert (regret.total.low, regret.total.high) == bootstrap_interval([1.5, 0.5, 0.0, 4.0])
+    interval = estimate_mean([np.array([1.5, 0.5, 0.0, 4.0])]).interval()
+    assert (regret.total.low, regret.total.high) == (interval.low, interval.high)
     assert regret.runs_ahead == 0
 
 
@@ -163,18 +164,15 @@ def test_equal_runs_are_not_ahead_by_rounding(known):
     assert regret_of([result]).runs_ahead == 0
 
 
-def test_groups_and_trainings_have_the_intervals_of_other_estimates(known):
-    names = ["2011", "2011", "2012", "2012"]
-    first = result_with("a", [3.0, 5.0, 5.0, 6.0], [0.0] * 4, clusters=names, recipe=("a", 0))
-    second = result_with("a_seed1", [2.0, 4.0, 4.0, 5.0], [0.0] * 4, clusters=names, recipe=("a", 1))
+def test_trainings_have_the_interval_of_other_estimates(known):
+    first = result_with("a", [3.0, 5.0, 5.0, 6.0], [0.0] * 4, recipe=("a", 0))
+    second = result_with("a_seed1", [2.0, 4.0, 4.0, 5.0], [0.0] * 4, recipe=("a", 1))
     # Rewards are the profits: regrets 0.5, 0, 0, 2, and 1.5, 1, 1, 3.
     gaps = np.array([[0.5, 0.0, 0.0, 2.0], [1.5, 1.0, 1.0, 3.0]])
-    alone = regret_of([first], first.clusters).total
-    assert (alone.overall.low, alone.overall.high) == bootstrap_interval(gaps[0], clusters=names)
     ((row,),) = [table.rows for table in rank([stored(first), stored(second)], EXPECTED)]
-    total = row.regret.total
+    total, interval = row.regret.total, estimate_mean([gaps]).interval()
     assert (total.mean, total.low, total.high) == (1.125, 0.625, 1.625)
-    assert (total.overall.low, total.overall.high) == crossed_interval(gaps, clusters=names)
+    assert (total.overall.low, total.overall.high) == (interval.low, interval.high)
     assert [one.regret.total.mean for one in row.trainings] == [0.625, 1.625]
 
 

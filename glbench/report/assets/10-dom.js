@@ -38,23 +38,3 @@ const plain = (text) => String(text).replaceAll("&", "&amp;").replaceAll("<", "&
 
 const mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.length;
 const sum = (values) => values.reduce((total, value) => total + value, 0);
-
-// A generator of its own, so that an interval that is computed here is the same at every visit.
-const generator = (seed) => () => {
-  seed = (seed + 0x6d2b79f5) | 0;
-  let t = Math.imul(seed ^ (seed >>> 15), 1 | seed);
-  t = (t + Math.imul(t ^ (t >>> 7), 61 | t)) ^ t;
-  return ((t ^ (t >>> 14)) >>> 0) / 4294967296;
-};
-
-// 95 % percentile bootstrap interval of the mean.
-const interval = (values) => {
-  const n = values.length, random = generator(1), means = new Float64Array(2000);
-  for (let i = 0; i < means.length; i++) {
-    let total = 0;
-    for (let j = 0; j < n; j++) total += values[(random() * n) | 0];
-    means[i] = total / n;
-  }
-  means.sort();
-  return [means[49], means[1949]];
-};

@@ -98,6 +98,10 @@ const valuesOf = (result, metric) => {
   });
 };
 
+// A row of values a training; of one result one row. And whether no training made it, as far as it says.
+const valuesByTraining = (result, metric) => (result.members ? trainingsOf(result) : [result]).map((one) => valuesOf(one, metric));
+const isFixed = (result) => !result.training?.steps;
+
 const UNKNOWN = { mean: null, low: null, high: null };
 const remembered = new Map();
 // Mean with the ends of its interval: as on the leaderboard, or computed here where prices were changed.
@@ -127,7 +131,7 @@ const ranked = (taskId) => {
   if (!pricesDiffer(TASKS[taskId])) return results.map((result) => ({ result, rank: result.rank }));
   const metric = TASKS[taskId].metric, figure = (result) => estimate(result, metric).mean;
   const complete = results.filter((result) => result.rank !== null && valuesOf(result, metric)).sort((a, b) => figure(b) - figure(a));
-  const ranks = tierRanks(complete.map((result) => ({ values: valuesOf(result, metric), mean: figure(result) })), metric);
+  const ranks = tierRanks(complete.map((result) => ({ trainings: valuesByTraining(result, metric), fixed: isFixed(result) })), metric);
   return [...complete.map((result, i) => ({ result, rank: ranks[i] })), ...results.filter((result) => !complete.includes(result)).map((result) => ({ result, rank: null }))];
 };
 

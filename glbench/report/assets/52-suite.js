@@ -8,7 +8,7 @@ let closeUp = false;
 const scoreBar = (interval, range, agent, isRange) => bar({ mean: interval[0], low: interval[1], high: interval[2] }, range, agent, isRange);
 const score = (value) => number(value, 3);
 // Narrower intervals are not shown: another season or training can move a score by more, and no interval over draws knows that.
-const scoreSpan = (row, [, low, high]) => (row.trainings[1] > 1 ? (high > low ? `${score(low)} \u2194 ${score(high)}` : "") : high - low >= D.score_step ? `${number(low, 2)} to ${number(high, 2)}` : "");
+const scoreSpan = (isRange, [, low, high]) => (isRange ? (high > low ? `${score(low)} \u2194 ${score(high)}` : "") : high - low >= D.score_step ? `${number(low, 2)} to ${number(high, 2)}` : "");
 const trainingsWords = ({ trainings: [fewest, most] }) => (most < 2 ? "" : fewest === most ? `${most} trainings` : `${fewest} to ${most} trainings`);
 const chance = (p) => (p > 0.99 ? ">\u00a099\u00a0%" : p < 0.01 ? "<\u00a01\u00a0%" : `${number(100 * p, 0)}\u00a0%`);
 const agentHead = (name, extra = null) => h("th", { scope: "row", class: "agent" }, swatch(name), h("a", { href: link("agent", name) }, breakable(name)), extra);
@@ -17,12 +17,12 @@ const suiteAgent = (row) => agentHead(row.agent, [row.missing.length ? h("span",
 
 const SCORE_COLUMNS = [["mean", "Mean", "Score"], ["iqm", "IQM", "IQM"], ["median", "Median", "Median"], ["optimality_gap", "Optimality gap", "Optimality gap"]];
 
-// Of a suite whose tasks all count money; not at other prices, at which other runs may be the best.
-const suiteRegret = (rows) => {
-  const ends = ([center, low, high]) => ({ mean: center, low, high }), range = barRange(rows.map((row) => (row.regret ? ends(row.regret) : UNKNOWN)));
+// Of a suite whose tasks all count money; at the tasks' prices, for at others other runs may be the best.
+const moneyColumn = ([key, label, start], rows) => {
+  const ends = ([center, low, high]) => ({ mean: center, low, high }), range = barRange(rows.map((row) => (row[key] ? ends(row[key]) : UNKNOWN)));
   return {
-    key: "regret", label: "Regret", unit: "EUR/m\u00b2", value: (row) => row.regret?.[0] ?? null, start: "ascending", explain: otherWords("Regret"),
-    cell: (row) => (row.regret ? h("td", {}, number(row.regret[0], 2), bar(ends(row.regret), range, row.agent, row.trainings[1] > 1), h("span", { class: "of" }, row.regret[2] > row.regret[1] ? `${number(row.regret[1], 2)} ${row.trainings[1] > 1 ? "\u2194" : "to"} ${number(row.regret[2], 2)}` : "")) : h("td", {}, "\u2013")),
+    key, label, unit: "EUR/m\u00b2", value: (row) => row[key]?.[0] ?? null, start, explain: otherWords(label),
+    cell: (row) => (row[key] ? h("td", {}, number(row[key][0], 2), bar(ends(row[key]), range, row.agent), h("span", { class: "of" }, row[key][2] > row[key][1] ? `${number(row[key][1], 2)} to ${number(row[key][2], 2)}` : "")) : h("td", {}, "\u2013")),
   };
 };
 
@@ -30,21 +30,21 @@ const scoreTable = (suite) => {
   const shown = suite.rows.filter((row) => row.rank !== null), rows = suite.rows;
   const column = ([key, label, word]) => {
     const all = (shown.length ? shown : rows).map((row) => row[key]);
-    const range = barRange(all.map(([center, low, high]) => ({ mean: center, low, high })));
+    const range = barRange(all.map(([center, low, high]) => ({ mean: center, low, high }))), isRange = (row) => key !== "mean" && row.trainings[1] > 1;
     return {
       key, label, value: (row) => row[key][0], start: key === "optimality_gap" ? "ascending" : "descending", explain: otherWords(word),
-      cell: (row) => h("td", {}, score(row[key][0]), scoreBar(row[key], range, row.agent, row.trainings[1] > 1), h("span", { class: "of" }, scoreSpan(row, row[key]))),
+      cell: (row) => h("td", {}, score(row[key][0]), scoreBar(row[key], range, row.agent, isRange(row)), h("span", { class: "of" }, scoreSpan(isRange(row), row[key]))),
     };
   };
   return sortable({
-    caption: `${suiteTitle(suite.name)}: normalised scores over ${plural(suite.tasks.length, "task")} and all their runs. 0 is doing nothing, 1 the best known result of each task. Numbers below a score are the lowest and the highest training (\u2194), or a 95 % interval over ${wordsOf(suite).draws}; intervals narrower than ${D.score_step} are left out, because ${wordsOf(suite).beyond} or another training can move a score by more.`,
+    caption: `${suiteTitle(suite.name)}: normalised scores over ${plural(suite.tasks.length, "task")} and all their runs. 0 is doing nothing, 1 the best known result of each task. Numbers below a score are a 95 % interval over ${wordsOf(suite).draws}, of a mean also over trainings, or the lowest and the highest training (\u2194); intervals narrower than ${D.score_step} are left out, because ${wordsOf(suite).beyond} can move a score by more.`,
     rows, state: overallState, className: "ranks scores", rowClass: (row) => (row.rank === null ? "unranked" : null),
     columns: [
       { key: "rank", label: "#", value: (row) => row.rank, start: "ascending", className: "rank", explain: otherWords("Rank"), cell: (row) => h("td", { class: "rank" }, row.rank ?? "\u2013") },
       { key: "agent", label: "Agent", value: (row) => row.agent, left: true, start: "ascending", className: "agent", explain: [h("b", {}, "Agent"), ": open one to see its days, its season and its money."],
         cell: suiteAgent },
       ...SCORE_COLUMNS.map(column),
-      ...(rows.some((row) => row.regret) ? [suiteRegret(shown.length ? shown : rows)] : []),
+      ...[["against_rules", "More than the rules", "descending"], ["regret", "Regret", "ascending"]].filter(([key]) => rows.some((row) => row[key])).map((one) => moneyColumn(one, shown.length ? shown : rows)),
       { key: "runs", label: "Runs", value: (row) => row.runs, explain: [h("b", {}, "Runs"), ": of all tasks together. Failed ones count."], cell: (row) => h("td", {}, number(row.runs, 0), row.figures?.failed ? h("span", { class: "of" }, `${row.figures.failed} failed`) : null) },
     ],
   });
@@ -128,7 +128,7 @@ const improvementPart = (suite, chosen) => {
   const words = (p) => (p[1] > 0.5 ? "more often better" : p[2] < 0.5 ? "more often worse" : "not told apart");
   return [
     h("h2", {}, "Who beats whom?"),
-    h("p", { class: "soft" }, `The probability that a run of one agent scores above a run of another on the same task, averaged over the tasks, with its 95 % interval over the ${wordsOf(suite).draws}; of several trainings any may be drawn. 50 % is a draw. It says how often, not by how much, and nothing about ${wordsOf(suite).beyond} or another training.`),
+    h("p", { class: "soft" }, `The probability that one agent scores above another in the same run, averaged over the tasks, with its 95 % interval over the ${wordsOf(suite).draws}, and over trainings where there are several. 50 % is a draw. It says how often, not by how much, and nothing about ${wordsOf(suite).beyond}.`),
     h("div", { class: "fields" }, agentField("This agent", one, (value) => go("overall", suite.name, value), agents, "choose-improver")),
     h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Probability of improvement" }, h("table", { class: "odds" },
       h("caption", {}, h("span", {}, `How often a run of ${one} beats a run of the others`)),

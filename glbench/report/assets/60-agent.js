@@ -135,13 +135,13 @@ const earned = (result, task) => {
   ];
 };
 
-// Of what ranks: the worst runs, and the interval over groups of runs and over trainings, where there are any.
+// Of what ranks: the worst runs, each year, and the interval over trainings and runs where there are several trainings.
 const uncertaintyPart = (result, task) => {
   if (pricesDiffer(task) || !result.worst_tenth) return null;
-  const { label, decimals, unit } = wordsOf(task).metric[task.metric], overall = result.overall[task.metric];
-  const source = [result.groups > 1 ? plural(result.groups, "group") + " of runs" : null, result.members ? plural(result.trainings, "training") : null].filter(Boolean);
+  const { label, decimals, unit } = wordsOf(task).metric[task.metric], overall = result.overall[task.metric], years = result.by_year.map(([year, runs, value]) => `${number(value, decimals + 1)} in ${year} (${plural(runs, "run")})`);
   return h("p", { class: "small" }, `${label}: ${withUnit(result.worst_tenth[0], decimals + 1, unit)} in the worst tenth of the runs (CVaR10).`,
-    overall ? ` 95 % interval of the mean over ${sentence(source)}: ${number(overall[0], decimals + 1)} to ${number(overall[1], decimals + 1)}. From few of them such an interval is too narrow.` : null);
+    overall ? ` 95 % interval of the mean over runs and ${plural(result.trainings, "training")}: ${number(overall[0], decimals + 1)} to ${number(overall[1], decimals + 1)}.` : null,
+    years.length ? ` Mean by the year that most days of a season are from: ${sentence(years)}. No interval here says anything about another year.` : null);
 };
 
 const noProfile = (result, task) => h("div", { class: "missing" },

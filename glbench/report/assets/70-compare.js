@@ -14,7 +14,7 @@ const comparePage = (first, second, short) => {
         agentField("Agent B", b, (value) => go("compare", value === a ? b : a, value, task.short), here, "choose-b"), taskField(task.short, (value) => go("compare", a, b, value))),
       h("p", { class: "story" }, verdict(one, two, task)),
       priceField(task, (focus) => show(focus)),
-      [one, two].filter((result) => result.members).map((result) => h("p", { class: "note" }, `${result.agent} is the mean of ${plural(result.trainings, "training")}, run by run. By hour of the day and on typical days it is the training with seed ${trainingsOf(result)[0].training_seed}.`)),
+      [one, two].filter((result) => result.members).map((result) => h("p", { class: "note" }, `${result.agent} is the mean of ${plural(result.trainings, "training")}. By hour of the day and on typical days it is the training with seed ${trainingsOf(result)[0].training_seed}.`)),
       sharedWords(one, two),
       byItem(one, two, task),
       one.profile && two.profile ? byHour(one, two, task) : [one, two].filter((result) => !result.profile).map((result) => [h("p", {}, h("b", {}, result.agent), ":"), noProfile(result, task)]),
@@ -36,8 +36,9 @@ const difference = (one, two, metric) => {
   const [first, second] = [of(x, 0), of(y, 1)];
   if (!x || !y) return { ...UNKNOWN, first, second };
   if (!runs.length) return { ...UNKNOWN, first, second, mean: first - second };
-  const gaps = runs.map(([i, j]) => x[i] - y[j]), [low, high] = interval(gaps);
-  return { first, second, mean: mean(gaps), low, high };
+  const sides = [one, two].map((result, side) => valuesByTraining(result, metric).map((values) => runs.map((pair) => values[pair[side]])));
+  const [low, high] = intervalOf(estimateMean(sides, [isFixed(one), isFixed(two)]));
+  return { first, second, mean: first - second, low, high };
 };
 
 // Over which runs the two are compared, where they do not have the same ones.
@@ -79,7 +80,7 @@ const byItem = (one, two, task) => {
     h("h2", {}, "By item"),
     h("div", { class: "grid two" },
       chart(captionOf(`${one.agent} minus ${two.agent}`, "EUR/m\u00b2; to the right, A is better"), build, { height: 460, says: gaps.map((gap) => `${gap.label} ${number(gap.value, 2, true)}`).join(", ") }),
-      plainTable(`A is ${one.agent}, B is ${two.agent}; ${over}, differences with 95 % intervals: ${wordsOf(task).draws}, these trainings (\u2013: narrower than the digits shown)`, ["", "A", "B", "A \u2212 B", "95 % interval"], rows)),
+      plainTable(`A is ${one.agent}, B is ${two.agent}; ${over}, differences with 95 % intervals: ${wordsOf(task).draws}, trainings where there are several (\u2013: narrower than the digits shown)`, ["", "A", "B", "A \u2212 B", "95 % interval"], rows)),
   ];
 };
 
