@@ -81,6 +81,13 @@ def train(
     The folder then holds the policy (policy.npz, evaluated with numpy alone), the learning curve, the settings and card.toml,
     and is an agent itself: glbench evaluate FOLDER. Exit code 3: the training finished, but never beat the policy it began with.
     """
+    check_address(address, engine)
+    if seeds is None and (engine is EngineName.RAY or workers is not None):
+        msg = "--engine ray and --workers are for trainings of several seeds: add --seeds 0-4."
+        raise TrainingError(msg)
+    if seeds is not None and wandb:
+        msg = "--wandb logs one training: give --seed instead of --seeds."
+        raise TrainingError(msg)
     if engine is EngineName.RAY:
         require("--engine ray", "ray", "ray")
     if wandb:
@@ -89,13 +96,6 @@ def train(
         require("This training", "train", "torch", "stable_baselines3")
     from glbench.training.compiled_settings import is_compiled
 
-    check_address(address, engine)
-    if seeds is None and (engine is EngineName.RAY or workers is not None):
-        msg = "--engine ray and --workers are for trainings of several seeds: add --seeds 0-4."
-        raise TrainingError(msg)
-    if seeds is not None and wandb:
-        msg = "--wandb logs one training: give --seed instead of --seeds."
-        raise TrainingError(msg)
     chosen = the_task(task)
     several = None if seeds is None else (seeds_of(seeds), Where(engine is EngineName.RAY, address, workers))
     if algorithm == "ppo" and is_compiled(config, chosen):

@@ -187,7 +187,7 @@ def test_plans_are_the_same(machines: Machines, task: TaskSpec) -> None:
         for name in ("plans-here", "plans-there")
     )
     assert here == there_found
-    assert sorted(here) == ["20001.npz", "20002.npz"]
+    assert sorted(here) == ["20001.npz", "20002.npz", "card.toml"]
 
 
 @pytest.mark.train

@@ -41,7 +41,7 @@ def test_what_an_agent_prints_is_shown_when_it_fails(glbench: Command, here: Pat
     (here / "broken.py").write_text(broken, encoding="utf-8")
     answer = glbench("evaluate", "broken.py", *ARGUMENTS, "--sandbox", "bubblewrap")
 
-    assert answer.code == 0
+    assert answer.code == 1
     assert "in a sandbox (bubblewrap)" in answer.err
     assert "ZeroDivisionError: division by zero (broken.py:6 in act)" in answer.err
     assert "What broken printed:\n  on my way\n" in answer.err

@@ -84,7 +84,7 @@ def test_a_row_has_the_worst_tenth(store):
 
 def test_a_row_of_trainings_has_their_deviation_and_an_interval_that_includes_it(store):
     runs = np.random.default_rng(11).normal(size=30)
-    stored = [store(name, list(runs + shift)) for name, shift in (("a", 0.0), ("a_seed1", 3.0), ("a_seed2", 6.0))]
+    stored = [store(f"a_seed{seed}", list(runs + 3.0 * seed), recipe=("a", seed)) for seed in range(3)]
     ((row,),) = [table.rows for table in rank(stored, {})]
     reward, found = row.estimates["reward"], estimate_mean([np.stack([runs, runs + 3.0, runs + 6.0])]).interval()
     assert reward.deviation == pytest.approx(3.0)

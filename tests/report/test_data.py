@@ -13,12 +13,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from glbench.errors import GlbenchError
 from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.evaluation.profiles import load_profile, profile_path
 from glbench.leaderboard import StoredResult, collect_results
 from glbench.leaderboard.catalogue import catalogue
-from glbench.report import build_report, complete_profiles, page
+from glbench.report import build_report, complete_profiles
 from glbench.report.collecting import families, optional_facts
 from glbench.report.packing import LEVELS
 from glbench.report.page import _asset, _scripts
@@ -187,20 +186,6 @@ def test_a_result_without_recorded_actions_is_named_with_the_reason(made):
     done = complete_profiles(released)
     assert done.made == ()
     assert [path for path, _ in done.impossible] == [item.path for item in released]
-
-
-@pytest.mark.parametrize("package", ["jinja2", "plotly"])
-def test_without_the_extra_the_error_names_it(package, monkeypatch):
-    import_module = page.importlib.import_module
-
-    def absent(name: str, *rest: object) -> object:
-        if name.startswith(package):
-            raise ModuleNotFoundError(name=package)
-        return import_module(name, *rest)
-
-    monkeypatch.setattr(page.importlib, "import_module", absent)
-    with pytest.raises(GlbenchError, match=rf"needs the package {package}.*glbench\[report\]"):
-        page.optional("jinja2" if package == "jinja2" else "plotly.offline")
 
 
 def test_the_library_loads_neither_jinja_nor_plotly(monkeypatch):
