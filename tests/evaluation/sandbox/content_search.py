@@ -423,7 +423,8 @@ def _numbers_of_region(region: bytes) -> Iterator[Floats]:
 def _as_floats(texts: NDArray[Any]) -> Floats:
     """Numbers of a column of texts; NaN where there is none."""
     try:
-        return texts.astype(np.float64)
+        with np.errstate(over="ignore"):
+            return texts.astype(np.float64)
     except ValueError:
         numbers = np.full(len(texts), np.nan)
         for row, text in enumerate(texts):
