@@ -77,6 +77,7 @@ def test_tasks_stand_side_by_side_each_with_what_ranks_on_it(glbench: Command, h
         assert f"steady on {task}: {words} {mean:,.3f} EUR/m²" in answer.err
 
 
+@pytest.mark.usefixtures("few_released")
 def test_where_the_score_is_money_people_read_of_score_profit_and_violations(glbench: Command, here: Path) -> None:
     (here / "money.toml").write_text(MONEY, encoding="utf-8")
     one = glbench("evaluate", "steady.py", "-t", "money.toml")

@@ -9,11 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from glbench.resources import data_folder
 from tests.cli.command_line import Command
 
 TASK = ("--task", "day.toml")
 LONG = "a" * 300
 ODD = os.fsdecode(b"odd\xff")
+RELEASED = data_folder("reports/released/results") / "Schiphol2010-Delta10-v1" / "rule_based.json"
 
 
 @pytest.fixture
@@ -70,7 +72,7 @@ def test_a_folder_need_not_be_called_by_text(glbench: Command, here: Path) -> No
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full device here")
-@pytest.mark.parametrize("arguments", [("tasks", "list", "--json"), ("show", "rule_based"), ("--help",)])
+@pytest.mark.parametrize("arguments", [("tasks", "list", "--json"), ("show", str(RELEASED)), ("--help",)])
 def test_a_full_device_is_said(here: Path, arguments: tuple[str, ...]) -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
@@ -100,19 +102,16 @@ def test_examples_are_written_where_there_are_none(glbench: Command, here: Path)
 
 @pytest.mark.slow
 def test_commands_leave_the_released_results_alone(glbench: Command, here: Path) -> None:
-    from glbench.resources import data_folder
-
     def state() -> dict[Path, tuple[int, int]]:
         folder = data_folder("reports/released/results").parent
         return {path: (path.stat().st_mtime_ns, path.stat().st_size) for path in folder.rglob("*")}
 
     before = state()
-    result = data_folder("reports/released/results") / "Schiphol2010-Delta10-v1" / "rule_based.json"
     for arguments in (
         ("evaluate", "rule_based", *TASK),
         ("badge", "rule_based"),
-        ("verify", str(result)),
-        ("show", str(result)),
+        ("verify", str(RELEASED)),
+        ("show", str(RELEASED)),
         ("show", "rule_based"),
     ):
         assert glbench(*arguments).code == (2 if arguments[0] == "verify" else 0), arguments

@@ -23,11 +23,11 @@ ABOVE = [
 WORDS = {"time", "g", "L", "R", "S", "H", "eps", "alpha", "theta", "sigma", "pressure"}
 # Examples in what a message says is allowed.
 EXAMPLES = {"tasks/tables.py": {"uVent", "cFruit"}}
-# `glbench validate` sets one model against measurements: its lamps, the crop that was planted, the air and the harvest.
+# `glbench validate` sets one model against measurements: its lamps, the crop that was planted, the air, the pipes and the harvest.
 MEASURED = {
     "realism/houses.py": {"thetaLampMax", "etaLampCool", "etaLampPar", "zetaLampPar", "cFruitMax"},
     "realism/season.py": {
-        *("tAir", "vpAir", "co2Air", "sumMcFruitHar"),
+        *("tAir", "vpAir", "co2Air", "sumMcFruitHar", "tPipe", "tGroPipe"),
         *("tCan", "tCan24", "tCanSum", "cBuf", "cLeaf", "cStem", "cFruit"),
     },
 }

@@ -14,6 +14,7 @@ import bz2
 import gzip
 import io
 import lzma
+import os
 import re
 import stat
 import tarfile
@@ -36,9 +37,11 @@ _TOLERANCE = 4e-3
 """How far a number may lie from the window's, as a share of its range: units are rounded."""
 _MOST_ALIKE = 8
 _TABLE = 1 << 22
-_POWERS = 3 ** np.arange(WINDOW - 1, dtype=np.int64)
+_LOOKS = (5, 11, 17, 2, 20)
+"""Places of a window at which numbers are compared first; few that do not fit get past them."""
 _LARGEST = 256 << 20
-_CHUNK = 1 << 20
+_CHUNK = 1 << 16
+"""Numbers at a time, so that they stay in the processor's cache."""
 _LARGE_ARRAY, _LARGEST_ARRAY = 1 << 22, 1 << 26
 """Numbers of an array that is searched along its last axis only, and of one that is not searched."""
 _SKIPPED = {
@@ -50,7 +53,10 @@ _SKIPPED = {
 _BINARY = ("<f8", "<f4", "<i8", "<i4", "<i2")
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _PAIR = re.compile(rb'"([^"\n]{1,80})"\s*:\s*([-+]?\d+\.?\d*(?:[eE][-+]?\d+)?)')
-_DIGEST = re.compile(rb"[0-9a-f]{64}")
+_DIGEST = re.compile(rb"[0-9a-f]{64,}")
+_HEX = np.zeros(256, dtype=np.bool_)
+_HEX[list(b"0123456789abcdef")] = True
+_CONTROL = bytes([*range(9), *range(14, 32)])
 _DIGITS = np.zeros(256, dtype=np.bool_)
 _DIGITS[ord("0") : ord("9") + 1] = True
 _BLANK = np.zeros(256, dtype=np.bool_)
@@ -120,13 +126,19 @@ class Search:
 
     def __post_init__(self) -> None:
         windows = self.needles.windows.astype(np.float64)
-        patterns = (np.sign(np.diff(windows)).astype(np.int64) + 1) @ _POWERS
+        patterns = _patterns(windows)[:, 0]
         order = np.argsort(patterns, kind="stable")
         # Some ups and downs, such as up and down in turns, are those of many windows and of much else: a few of them will do.
         order = order[np.arange(len(order)) - np.searchsorted(patterns[order], patterns[order]) < _MOST_ALIKE]
         self._patterns, self._windows, self._of = patterns[order], _on_one_scale(windows[order]), self.needles.of[order]
+        self._lowest, self._highest = self._windows.argmin(axis=1), self._windows.argmax(axis=1)
         self._table = np.zeros(_TABLE, dtype=np.bool_)
         self._table[self._patterns % _TABLE] = True
+        self._seed_bytes = [
+            (np.arange(first, first + runs).astype(kind).tobytes(), np.array([first + runs]).astype(kind).tobytes())
+            for first, runs in self.needles.seeds
+            for kind in ("<u2", "<u4", "<u8")
+        ]
         firsts = "|".join(str(first) for first, _ in self.needles.seeds)
         self._seed = re.compile(rf"seeds?\W{{1,8}}(?:{firsts})\b".encode()) if firsts else None
 
@@ -152,7 +164,9 @@ class Search:
         with path.open("rb") as file:
             head = file.read(16)
             kind = _kind(head)
-            data = b"" if kind is not None else head + file.read(_LARGEST)
+            # Python makes room for as many bytes as it is asked for.
+            size = min(os.fstat(file.fileno()).st_size, _LARGEST)
+            data = b"" if kind is not None else head + file.read(size)
         self.looked[kind or "searched"] += 1
         self.content(str(path), data)
 
@@ -172,17 +186,15 @@ class Search:
             self.looked["damaged"] += 1
 
     def _texts(self, name: str, data: bytes) -> None:
-        if not self.needles.digests.isdisjoint(_DIGEST.findall(data)):
+        if any(digest in self.needles.digests for digest in _digests(data)):
             self.found.add((name, "a released result"))
         if self._seed is not None and self._seed.search(data):
             self.found.add((name, "seeds"))
-        for first, runs in self.needles.seeds:
-            for kind in ("<u2", "<u4", "<u8"):
-                if (place := data.find(np.arange(first, first + runs).astype(kind).tobytes())) >= 0:
-                    size = np.dtype(kind).itemsize
-                    after = data[place + runs * size : place + (runs + 1) * size]
-                    if after != np.array([first + runs]).astype(kind).tobytes():  # a table of characters goes on
-                        self.found.add((name, "seeds"))
+        for seeds, following in self._seed_bytes:
+            place = data.find(seeds) + len(seeds)
+            # A table of characters goes on.
+            if place >= len(seeds) and data[place : place + len(following)] != following:
+                self.found.add((name, "seeds"))
         if _is_text(data):
             for series in _numbers_of_text(data):
                 self._series(name, series)
@@ -204,29 +216,46 @@ class Search:
             if values.shape[axis] >= WINDOW and (values.size < _LARGE_ARRAY or axis == values.ndim - 1):
                 self._series(name, np.moveaxis(values, axis, -1).reshape(-1))
 
-    def _series(self, name: str, series: Floats) -> None:
+    def _series(self, name: str, series: NDArray[Any]) -> None:
         for start in range(0, len(series) - WINDOW + 1, _CHUNK):
             part = series[start : start + _CHUNK + WINDOW - 1]
-            with np.errstate(invalid="ignore", over="ignore"):
-                signs = np.nan_to_num(np.sign(np.diff(part))).astype(np.int8) + 1
-            key = np.zeros(len(part) - WINDOW + 1, dtype=np.int64)
-            for place in range(WINDOW - 1):
-                key += signs[place : place + len(key)] * _POWERS[place]
-            places = np.flatnonzero(self._table[key % _TABLE])
+            patterns = _patterns(part)
+            places = np.flatnonzero(self._table[patterns % _TABLE])
             if len(places):
-                low, high = (np.searchsorted(self._patterns, key[places], side) for side in ("left", "right"))
-                rows = [np.arange(first, end) for first, end in zip(low, high, strict=True)]
-                self._compare(name, part, np.repeat(places, high - low), np.concatenate(rows))
+                first, end = (np.searchsorted(self._patterns, patterns[places], side) for side in ("left", "right"))
+                alike = end - first
+                rows = np.arange(alike.sum()) + np.repeat(first - np.cumsum(alike) + alike, alike)
+                self._compare(name, part, np.repeat(places, alike), rows)
 
-    def _compare(self, name: str, part: Floats, places: NDArray[np.intp], rows: NDArray[np.intp]) -> None:
+    def _compare(self, name: str, part: NDArray[Any], places: NDArray[np.intp], rows: NDArray[np.intp]) -> None:
         """Look whether the numbers from ``places`` on fit the windows ``rows``."""
-        numbers = np.lib.stride_tricks.sliding_window_view(part, WINDOW)
-        for start in range(0, len(places), 10_000):
-            few, some = places[start : start + 10_000], rows[start : start + 10_000]
-            with np.errstate(invalid="ignore", over="ignore"):
-                away = np.abs(_on_one_scale(numbers[few]) - self._windows[some]).max(axis=1)
-            for row in some[away < _TOLERANCE]:
-                self.found.add((name, self.needles.names[self._of[row]]))
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            for look in _LOOKS:
+                low = part[places + self._lowest[rows]].astype(np.float64)
+                scale = part[places + self._highest[rows]].astype(np.float64) - low
+                number = (part[places + look].astype(np.float64) - low) / scale
+                # The lowest, the highest and this one may all be away from the window's.
+                fits = np.abs(number - self._windows[rows, look]) < 5.0 * _TOLERANCE
+                places, rows = places[fits], rows[fits]
+            numbers = np.lib.stride_tricks.sliding_window_view(part, WINDOW)[places].astype(np.float64)
+            away = np.abs(_on_one_scale(numbers) - self._windows[rows]).max(axis=1)
+        for row in rows[away < _TOLERANCE]:
+            self.found.add((name, self.needles.names[self._of[row]]))
+
+
+def _patterns(numbers: NDArray[Any]) -> NDArray[np.uint32]:
+    """In which order numbers ``(..., n)`` rise and fall, for each window: digits to base 3, modulo 2**32."""
+    before, after = numbers[..., :-1], numbers[..., 1:]
+    with np.errstate(invalid="ignore"):
+        one = (after > before).view(np.uint8) - (after < before).view(np.uint8) + np.uint8(1)
+    two = one[..., :-1] * np.uint8(3) + one[..., 1:]
+    four = two[..., :-2] * np.uint8(9) + two[..., 2:]
+    eight = four[..., :-4] * np.uint16(81) + four[..., 4:]
+    sixteen = eight[..., :-8] * np.uint32(6561) + eight[..., 8:]
+    windows = numbers.shape[-1] - WINDOW + 1
+    twenty = sixteen[..., :windows] * np.uint32(81) + four[..., 16 : 16 + windows]
+    most = twenty * np.uint32(9) + two[..., 20 : 20 + windows]
+    return np.asarray(most * np.uint32(3) + one[..., 22 : 22 + windows])
 
 
 def _on_one_scale(windows: Floats) -> Floats:
@@ -327,7 +356,18 @@ def _hdf(data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
 
 
 def _is_text(data: bytes) -> bool:
-    return b"\0" not in data[:4096] and sum(byte < 9 or 13 < byte < 32 for byte in data[:1024]) < 8
+    head = data[:1024]
+    return b"\0" not in data[:4096] and len(head) - len(head.translate(None, _CONTROL)) < 8
+
+
+def _digests(data: bytes) -> Iterator[bytes]:
+    """All stretches of 64 hexadecimal digits."""
+    # Such a stretch holds a whole block of 32.
+    blocks = np.frombuffer(data, np.uint8, len(data) // 32 * 32)
+    if _HEX[blocks].reshape(-1, 32).all(axis=1).any():
+        for match in _DIGEST.finditer(data):
+            stretch = match.group()
+            yield from (stretch[start : start + 64] for start in range(len(stretch) - 63))
 
 
 def _numbers_of_text(data: bytes) -> Iterator[Floats]:
@@ -383,7 +423,8 @@ def _numbers_of_region(region: bytes) -> Iterator[Floats]:
 def _as_floats(texts: NDArray[Any]) -> Floats:
     """Numbers of a column of texts; NaN where there is none."""
     try:
-        return texts.astype(np.float64)
+        with np.errstate(over="ignore"):
+            return texts.astype(np.float64)
     except ValueError:
         numbers = np.full(len(texts), np.nan)
         for row, text in enumerate(texts):
@@ -392,36 +433,11 @@ def _as_floats(texts: NDArray[Any]) -> Floats:
         return numbers
 
 
-def _numbers_of_bytes(data: bytes) -> Iterator[Floats]:
-    """Bytes as numbers, at every offset; stretches that are no plausible measurements are left out."""
-    for kind in _BINARY:
-        size = np.dtype(kind).itemsize
-        for offset in range(size):
-            count = (len(data) - offset) // size
-            for start in range(0, count - WINDOW + 1, _CHUNK):
-                taken = min(_CHUNK + WINDOW - 1, count - start)
-                yield from _plausible(np.frombuffer(data, kind, taken, offset + start * size))
-
-
-def _plausible(numbers: NDArray[Any]) -> Iterator[Floats]:
-    if numbers.dtype.kind == "f":
-        with np.errstate(invalid="ignore"):
-            size = np.abs(numbers)
-            usable = (size < 1e9) & ((size > 1e-5) | (size == 0.0))
-    elif numbers.dtype.itemsize > 2:
-        usable = (numbers > -10_000_000) & (numbers < 10_000_000)
-    else:
-        usable = np.ones(len(numbers), dtype=np.bool_)
-    # A stretch of 24 holds a whole block of 12.
-    whole = len(numbers) // 12 * 12
-    blocks = usable[:whole].reshape(-1, 12).all(axis=1)
-    values = numbers[:whole].reshape(-1, 12)
-    moving = (values[:, 1:] != values[:, :-1]).sum(axis=1) >= 3
-    good = blocks & moving
-    good[1:] |= good[:-1].copy()
-    good[:-1] |= good[1:].copy()
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8)))
-    for first, end in edges.reshape(-1, 2):
-        if (end - first) * 12 >= WINDOW:
-            with np.errstate(invalid="ignore"):
-                yield numbers[first * 12 : end * 12].astype(np.float64)
+def _numbers_of_bytes(data: bytes) -> Iterator[NDArray[Any]]:
+    """Bytes as numbers, at every offset."""
+    for offset in range(8):
+        moved = data[offset:]  # numpy is slow with numbers across the borders of words
+        for kind in _BINARY:
+            size = np.dtype(kind).itemsize
+            if offset < size:
+                yield np.frombuffer(moved, kind, len(moved) // size)

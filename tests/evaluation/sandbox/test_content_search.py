@@ -68,6 +68,10 @@ def tape(content: bytes) -> bytes:
     return packed(save)
 
 
+def noise(size: int) -> bytes:
+    return b"\0" + np.random.default_rng(2).bytes(size)
+
+
 RAW = TEMPERATURE.astype("<f4").tobytes()
 FRAME = pd.DataFrame({"t": TEMPERATURE + 273.15, "name": "x"})
 FORMS = {
@@ -80,6 +84,8 @@ FORMS = {
     "float32": b"?" * 77 + RAW,
     "float64": b"?" * 5 + TEMPERATURE.tobytes() + b"!" * 9,
     "int16": (10 * TEMPERATURE).round().astype("<i2").tobytes(),
+    "int64": b"\0" + COUNTS["air_temperature"][:200].tobytes(),
+    "two megabytes into a file": noise(2_000_003) + RAW + noise(90_000),
     "int32": COUNTS["air_temperature"][:200].astype("<i4").tobytes(),
     "pickle": pickle.dumps({"weather": TEMPERATURE}),
     "npy": packed(lambda file: np.save(file, np.column_stack([TEMPERATURE, HUMIDITY]))),
@@ -91,6 +97,7 @@ FORMS = {
     "zip": archive(RAW),
     "zip in tar in gzip": gzip.compress(tape(archive(columns().encode()))),
     "a digest": b'{"results_digest": "' + DIGEST.encode() + b'"}' + b" " * 40,
+    "a digest between hexadecimal digits": b"\0" * 40 + b"abc" + DIGEST.encode() + b"0" * 99,
     "seeds in text": b'{"runs": [{"seed": 10000, "status": "ok"}, {"seed": 10001, "status": "ok"}]}',
     "seeds in an array": packed(lambda file: np.savez_compressed(file, seeds=np.arange(10000, 10100))),
 }  # fmt: skip
