@@ -1,10 +1,10 @@
-"""Measure the typical range of each observed column, and add what ``glbench/tasks/typical_ranges.csv`` lacks.
+"""Measure the typical ranges of observed columns that are missing in ``glbench/tasks/typical_ranges.csv``, and add them.
 
     python baselines/typical_ranges.py
 
-Rule-based agents that see observations alone run eight training seasons of each task. A range reaches from the smallest 0.5 percentile to
-the largest 99.5 percentile, rounded outwards. Columns whose bounds are nearly as narrow, the clock and the controls keep their bounds. What
-the file holds stays: policies were trained on it.
+Rule-based agents without privileges run eight training seasons of each task. A range reaches from the smallest 0.5 percentile to
+the largest 99.5 percentile, rounded outwards. Columns whose bounds are nearly as narrow, the clock and the controls keep their bounds.
+Existing rows stay unchanged, because policies were trained with them.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ AGENTS = {
     "SpringSetpoints-v1": ("grower",),
 }
 EXACT = {"time", "local_time", "controls", "control_fractions", "switches", "step_counter"}
-"""Modules whose bounds are what their columns reach."""
+"""Modules whose columns reach their bounds."""
 SEASONS = range(10_000_000_000, 10_000_000_008)
 NEARLY = 2.0 / 3.0
-"""A range that fills this share of the bounds is left to them."""
+"""Columns whose range is at least this share of their bounds keep the bounds."""
 
 
 def percentiles(task: TaskSpec, agent: str) -> NDArray[np.float64]:

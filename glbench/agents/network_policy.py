@@ -96,7 +96,7 @@ class NetworkPolicy:
             raise ShapeError(msg)
         if not ((self.scale > 0.0).all() and (self.low < self.high).all() and self.clip > 0.0):
             msg = (
-                "A policy has a scale or a clip that is not above 0, or a lower bound that is not below the upper one."
+                "The policy has a scale or a clip of 0 or less, or a lower bound that is not below the upper bound."
             )
             raise ShapeError(msg)
         layers = tuple(ExactLinear.of(matrix, bias) for matrix, bias in zip(self.weights, self.biases, strict=True))

@@ -72,7 +72,7 @@ def verify(
             and sealed.is_late(created := load_result(path).created)
         ):
             closed = f"the round closed at {sealed.closing_words}"
-            print_warning(f"{path.name} is late: it says that it was made at {harmless(created)}, and {closed}.")
+            print_warning(f"{path.name} is late: it states that it was made at {harmless(created)}, and {closed}.")
         if proof and not is_released(path):  # released results keep the note that came with them
             try:
                 save_proof(verdict)

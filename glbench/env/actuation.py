@@ -343,7 +343,7 @@ class ActionReader:
         if numbers is None:
             kind = f"array of {given.dtype}" if isinstance(given, np.ndarray) else type(given).__name__
             problem = (
-                f"The {self.what}s ({kind}) cannot be read as numbers: they are not real numbers in rows of one length."
+                f"The {self.what}s ({kind}) are not real numbers in rows of one length."
             )
             msg = f"{problem} {self._expected(n)}"
             raise ActionError(msg)

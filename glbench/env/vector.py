@@ -123,7 +123,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
 
     @property
     def spec(self) -> EnvSpec | None:  # as in ``GreenhouseEnv``
-        """What ``gymnasium.make_vec`` made the environment of, with the horizon of its task; ``None`` without ``make_vec``."""
+        """The registered spec with the horizon of the task as ``max_episode_steps``; ``None`` without ``gymnasium.make_vec``."""
         return self._spec
 
     @spec.setter
