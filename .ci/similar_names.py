@@ -116,8 +116,8 @@ def problems(changed: list[Agent], known: list[Agent]) -> list[str]:
                 )
             elif share_a_recipe(one, other):
                 found.append(
-                    f"'{one.name}' states the recipe '{one.recipe}', which {other.path} already has. Choose another recipe id, or hand in all "
-                    "trainings of a recipe in one pull request."
+                    f"'{one.name}' states the recipe '{one.recipe}', which {other.path} already has. Choose another recipe id, "
+                    "or hand in all trainings of a recipe in one pull request."
                 )
     for one, other in combinations([agent for agent in changed if agent.path not in paths], 2):
         joined = one.recipe is not None and (one.recipe, one.authors) == (other.recipe, other.authors)

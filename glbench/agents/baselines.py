@@ -64,7 +64,7 @@ class _Controller:
 
     ``reader`` and ``maker`` are places (module, name): a process loads what the controller needs that it was asked for.
     ``version`` is part of the digest of every agent of this controller. Source may change as long as the actions stay;
-    ``baselines/lock.toml`` records the actions of the shipped baselines, and a test compares them. A change of actions needs another version.
+    ``baselines/lock.toml`` records the actions of the shipped baselines, and a test compares them. Other actions need another version.
     The first version of a controller is the SHA-256 of its source when its first results were released.
     """
 

@@ -386,7 +386,7 @@ def baseline_names() -> tuple[str, ...]:
 
 
 def baseline_like(name: str) -> str | None:
-    """The baseline with this name, or one that it could be mistaken for: ``PP0`` looks like ``ppo``, ``ppo_seed7`` like a training of it."""
+    """The baseline with this name, or one that it could be mistaken for, such as ``ppo`` for ``PP0`` and ``ppo_seed7``."""
     alike = skeletons(name)
     return next((known for known in baseline_names() if skeleton(known) in alike), None)
 

@@ -120,7 +120,11 @@ def evaluate(
         ),
     ] = "test",
     late: Annotated[
-        bool, typer.Option("--late", help="Evaluate although the round (--round) has closed; its leaderboard reports the result as late.")
+        bool,
+        typer.Option(
+            "--late",
+            help="Evaluate although the round (--round) has closed; its leaderboard reports the result as late.",
+        ),
     ] = False,
 ) -> None:
     """Evaluate agents on tasks: seeded runs in lockstep, a table with intervals, and a result file each.

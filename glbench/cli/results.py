@@ -118,7 +118,9 @@ def _show(stored: StoredResult, where_from: Sequence[str]) -> None:
             for one in means_by_year([stored], score.name)
         ]
         if years:
-            words = f"By year (the year of most days of a season): {', '.join(years)}. Intervals do not cover other years."
+            words = (
+                f"By year (the year of most days of a season): {', '.join(years)}. Intervals do not cover other years."
+            )
             output().print(words, soft_wrap=True)
         worst = min(result.runs, key=lambda run: run.metrics[score.name])
         output().print(f"Mean of the worst tenth (CVaR10): {score.said(float(worst_tenth(np.array(scores))))}")
@@ -304,8 +306,8 @@ def compare(
     """Compare two agents on the runs that both did: metric by metric, with intervals of the difference.
 
     Runs with the same seed have the same weather and the same crop, so they are compared in pairs (t-test of the difference of the means;
-    over several tasks the p-values are corrected for their number). An agent with several trainings counts with their mean, and its interval
-    covers how much they differ. The name of one of them, or a result file, means that training alone.
+    over several tasks the p-values are corrected for their number). An agent with several trainings counts with their mean, and
+    its interval covers how much they differ. The name of one of them, or a result file, means that training alone.
     """
     from glbench.cli.stored import task_ids
     from glbench.leaderboard.catalogue import together

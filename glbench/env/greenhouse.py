@@ -59,9 +59,8 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Observation space
 
     ``Box`` of float32 with finite bounds; ``env.unwrapped.task.observed()`` names the columns with their units, bounds and typical
-    ranges.
-    The bounds are limits that no observation can exceed, far beyond what occurs. With ``normalise=True`` the typical range of each column becomes
-    -1 to 1.
+    ranges. The bounds are limits that no observation can exceed, far beyond what occurs. With ``normalise=True`` the typical range of each
+    column becomes -1 to 1.
 
     ## Reward
 

@@ -91,9 +91,7 @@ def add_fresh_draws(job: Job, run: Run) -> Result:
     evaluation = replace(job, options=replace(job.options, fresh=False)).prepare()
     result = evaluation.stored
     if result is None or evaluation.out is None:
-        msg = (
-            f"'{job.agent_name}' has no result on {job.task.id} to which fresh draws can be added. Evaluate it first."
-        )
+        msg = f"'{job.agent_name}' has no result on {job.task.id} to which fresh draws can be added. Evaluate it first."
         raise ResultError(msg)
     if result.fresh_draws is not None:
         return result
@@ -109,7 +107,9 @@ def add_fresh_draws(job: Job, run: Run) -> Result:
     fresh = run(again)
     actions = again.prepare().path
     if actions is None or fresh.record is None:
-        msg = f"The evaluation of '{job.agent_name}' with fresh draws has no recorded actions, so it cannot be verified."
+        msg = (
+            f"The evaluation of '{job.agent_name}' with fresh draws has no recorded actions, so it cannot be verified."
+        )
         raise ResultError(msg)
     target = fresh_actions_path(result_path(evaluation.out, task.id, job.agent_name))
     made = FreshDraws(

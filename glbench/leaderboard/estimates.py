@@ -52,9 +52,9 @@ def estimates_of(result: Result) -> dict[str, Estimate]:
 
 
 def estimate_over_trainings(values: Array) -> Estimate:
-    """Of values ``(trainings, n)`` the mean over trainings, the lowest and the highest of them, and the interval over trainings and runs.
+    """Mean over trainings of values ``(trainings, n)``, the lowest and highest training, and the interval over trainings and runs.
 
-    Of one training it is the ``estimate`` over its runs.
+    For one training, the ``estimate`` over its runs.
     """
     if len(values) == 1:
         return estimate(values[0])

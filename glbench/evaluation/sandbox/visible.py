@@ -1,4 +1,5 @@
 """The files of this machine that an agent in the sandbox can see: an allow-list.
+
 The file system inside starts empty. It gets
 
 - copies of the files that the submission's digest covers, made while the digest is computed again;
