@@ -206,7 +206,7 @@ def _with_fresh_draws(
     if fresh.metric != found.task.evaluation.metric:
         refute(
             "fresh_draws",
-            f"The fresh draws state the metric '{fresh.metric}', and {result.task.id} is ranked by another.",
+            f"The fresh draws state the metric '{fresh.metric}', and {result.task.id} is ranked by another metric.",
         )
     exact = found.agreement.exact and again.agreement.exact
     unlike = [one.name for one in fresh.references if one.name not in REFERENCES or one.digest != _digest_of(one.name)]
