@@ -64,20 +64,20 @@ def agents_of(base: str) -> list[Agent]:
     def read(name: str) -> bytes | None:
         return git("cat-file", "blob", f"{base}:{name}") if name in files else None
 
-    found = {}
+    agents = {}
     for file in map(PurePosixPath, filter(None, listed)):
         if file.parts[0] == "baselines":
             if file.name == "card.toml" and len(file.parts) == 3:
-                found[f"baselines/{file.parts[1]}"] = Agent(str(file.parent), file.parts[1])
+                agents[f"baselines/{file.parts[1]}"] = Agent(str(file.parent), file.parts[1])
         elif file.parts[0] == "reports":
             if file.suffix == ".json" and not file.name.endswith(".proof.json"):
-                found[file.stem] = Agent(str(file), file.stem)
+                agents[file.stem] = Agent(str(file), file.stem)
         elif len(file.parts) > 2 or file.suffix in FORMS:
             path = "/".join(file.parts[:2])
             name = file.parts[1] if len(file.parts) > 2 else file.stem
-            if path != "submissions/templates" and path not in found:
-                found[path] = Agent(path, name, *card_of(path, read))
-    return list(found.values())
+            if path != "submissions/templates" and path not in agents:
+                agents[path] = Agent(path, name, *card_of(path, read))
+    return list(agents.values())
 
 
 def changed_agents(paths: list[str]) -> list[Agent]:
@@ -107,26 +107,26 @@ def problems(changed: list[Agent], known: list[Agent]) -> list[str]:
     """Why submissions are refused, one sentence each."""
     paths = {agent.path for agent in known}
     owned = set(os.environ.get("SAME_OWNER", "").split())
-    found = []
+    refusals = []
     for one in (agent for agent in changed if agent.name not in owned):
         for other in (agent for agent in known if agent.path != one.path):
             if one.path not in paths and look_alike(one, other):
-                found.append(
+                refusals.append(
                     f"'{one.name}' looks like '{other.name}' ({other.path}), an existing agent. Give the submission another name."
                 )
             elif share_a_recipe(one, other):
-                found.append(
+                refusals.append(
                     f"'{one.name}' states the recipe '{one.recipe}', which {other.path} already has. Choose another recipe id, "
                     "or hand in all trainings of a recipe in one pull request."
                 )
     for one, other in combinations([agent for agent in changed if agent.path not in paths], 2):
         joined = one.recipe is not None and (one.recipe, one.authors) == (other.recipe, other.authors)
         if look_alike(one, other) and not joined:
-            found.append(
+            refusals.append(
                 f"'{one.name}' and '{other.name}' look alike. Give them different names or, if they are trainings of one recipe, state "
                 "the same recipe and authors and different seeds in their cards."
             )
-    return found
+    return refusals
 
 
 if __name__ == "__main__":

@@ -56,7 +56,7 @@ def percentiles(task: TaskSpec, agent: str) -> NDArray[np.float64]:
 
 def measured() -> dict[tuple[str, str], tuple[float, float]]:
     """Ranges by name and unit."""
-    found: dict[tuple[str, str], list[float]] = {}
+    percentile_ends: dict[tuple[str, str], list[float]] = {}
     bounds: dict[tuple[str, str], float] = {}
     for name, agents in AGENTS.items():
         task = get_task(name)
@@ -65,9 +65,9 @@ def measured() -> dict[tuple[str, str], tuple[float, float]]:
             for column, ends in zip(task.observed(), percentiles(task, agent).T.tolist(), strict=True):
                 if column.name not in exact:
                     key = re.sub(r"_in_\d+h$", "", column.name), column.unit
-                    found[key] = found.get(key, []) + ends
+                    percentile_ends[key] = percentile_ends.get(key, []) + ends
                     bounds[key] = min(bounds.get(key, math.inf), column.high - column.low)
-    ranges = {key: rounded(min(ends), max(ends)) for key, ends in found.items()}
+    ranges = {key: rounded(min(ends), max(ends)) for key, ends in percentile_ends.items()}
     return {key: ends for key, ends in ranges.items() if ends[1] - ends[0] < NEARLY * bounds[key]}
 
 

@@ -30,8 +30,8 @@ def without_seed(name: str) -> str:
 
 def skeletons(name: str) -> frozenset[str]:
     """Skeletons of a name, with and without seed endings: names that share a skeleton look alike."""
-    found = {skeleton(name)}
+    forms = {skeleton(name)}
     while (shorter := without_seed(name)) != name:
         name = shorter
-        found.add(skeleton(name))
-    return frozenset(found)
+        forms.add(skeleton(name))
+    return frozenset(forms)

@@ -46,11 +46,11 @@ class Wait:
         self._end.set()
 
     def _look(self) -> None:
-        told, due = self._for, _PATIENCE_SECONDS
+        current, due = self._for, _PATIENCE_SECONDS
         while not self._end.wait(1.0):
             what, limit, since = now = self._for
-            if now is not told:
-                told, due = now, _PATIENCE_SECONDS
+            if now is not current:
+                current, due = now, _PATIENCE_SECONDS
             seconds = time.monotonic() - since
             if not what or seconds < (_PATIENCE_SECONDS if self._show else due):
                 continue

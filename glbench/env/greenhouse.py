@@ -166,7 +166,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         observation = self.simulation.reset([draw_seed(self.np_random) if given is None else given])[0]
         if self._camera is not None:
             self._camera.begin()
-        return self._shown(observation), self._info.standing(self.simulation)
+        return self._normalise(observation), self._info.standing(self.simulation)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Take one step.
@@ -193,9 +193,9 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._camera.follow_only(numbers, info["epi"])
         if terminated:
             self._add_failure(info)
-        return self._shown(observation), info[STEP_REWARD], terminated, False, info
+        return self._normalise(observation), info[STEP_REWARD], terminated, False, info
 
-    def _shown(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _normalise(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         return observation if self._normalisation is None else self._normalisation(observation)
 
     def _check_shape(self, action: NDArray[np.float32]) -> None:
@@ -235,7 +235,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             self.np_random = unpack_generator(snapshot.generators[0])
         if self._camera is not None:
             self._camera.begin()
-        return self._shown(observation), self._info.standing(self.simulation)
+        return self._normalise(observation), self._info.standing(self.simulation)
 
     def _add_failure(self, info: dict[str, Any]) -> None:
         """Say why a step could not be integrated, if that is what ended the episode."""

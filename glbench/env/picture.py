@@ -151,7 +151,7 @@ class Picture:
         self._texts = {
             text: _Place.of(text, lanes if text in self._dates else None) for text in moving if isinstance(text, Text)
         }
-        self._kept: Any = None
+        self._background: Any = None
 
     def __call__(self, trail: Trail, simulation: Simulation, row: int) -> NDArray[np.uint8]:
         """Where the run in ``row`` stands, and its trail, ``(480, 640, 3)``; the array is the caller's."""
@@ -168,17 +168,17 @@ class Picture:
         if self._show_money(hours, points.T[MONEY], trail.first_step):
             changed.append(self._money.axes)
         if self._look_back(-float(hours[0])):
-            self._kept = None
+            self._background = None
         self._show_controls(hours, points[:, self._airs : MONEY])
         self._show_midnights(time, hours[0])
-        if self._kept is None:
+        if self._background is None:
             self._canvas.draw()
         else:
-            self._canvas.restore_region(self._kept)
+            self._canvas.restore_region(self._background)
             for axes in changed:
                 self._renew(axes)
-        if self._kept is None or changed:
-            self._kept = self._canvas.copy_from_bbox(self._figure.bbox)
+        if self._background is None or changed:
+            self._background = self._canvas.copy_from_bbox(self._figure.bbox)
         brush = _Brush(self._canvas)
         for fill in self._lanes:
             brush.fill(fill)
@@ -386,8 +386,8 @@ class _Brush:
         if axes not in self._matrices:
             self._matrices[axes] = axes.transData.get_affine().get_matrix()
         matrix = self._matrices[axes]
-        found: Floats = points @ matrix[:2, :2].T + matrix[:2, 2]
-        return found
+        pixels: Floats = points @ matrix[:2, :2].T + matrix[:2, 2]
+        return pixels
 
     def _context(self, axes: _AxesBase, color: Any, width: float, *, clipped: bool) -> Any:
         context = self._renderer.new_gc()

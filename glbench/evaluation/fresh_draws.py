@@ -112,7 +112,7 @@ def add_fresh_draws(job: Job, run: Run) -> Result:
         )
         raise ResultError(msg)
     target = fresh_actions_path(result_path(evaluation.out, task.id, job.agent_name))
-    made = FreshDraws(
+    fresh_draws = FreshDraws(
         salt=salt.salt,
         metric=task.evaluation.metric,
         runs=fresh.runs,
@@ -120,14 +120,14 @@ def add_fresh_draws(job: Job, run: Run) -> Result:
         record=RecordReference(file=target.name, digest=fresh.record.digest),
         digest="0" * 64,
     )
-    made = made.model_copy(update={"digest": made.computed_digest(result.results_digest)})
-    whole = Result(**{name: getattr(result, name) for name in Result.model_fields} | {"fresh_draws": made})
+    fresh_draws = fresh_draws.model_copy(update={"digest": fresh_draws.computed_digest(result.results_digest)})
+    updated = Result(**{name: getattr(result, name) for name in Result.model_fields} | {"fresh_draws": fresh_draws})
     with result_lock(evaluation.out, task.id, job.agent_name):
         write_atomically(target, actions_path(actions).read_bytes())
-        save_result(whole, evaluation.out)
+        save_result(updated, evaluation.out)
     shutil.rmtree(results_folder(place, task), ignore_errors=True)
     file.unlink(missing_ok=True)
-    return whole
+    return updated
 
 
 def fresh_actions_path(result: Path) -> Path:
@@ -137,7 +137,7 @@ def fresh_actions_path(result: Path) -> Path:
 
 def _references(job: Job, task: TaskSpec, options: Options, run: Run) -> tuple[ReferenceRuns, ...]:
     """The reference agents that fit the task, with the draws of ``job`` and with those of ``task``."""
-    found: list[ReferenceRuns] = []
+    references: list[ReferenceRuns] = []
     for name in REFERENCES:
         try:
             agent = protect(name, "auto")
@@ -148,10 +148,10 @@ def _references(job: Job, task: TaskSpec, options: Options, run: Run) -> tuple[R
             continue
         values = [one.values(task.evaluation.metric) for one in (published, fresh)]
         if published.summary.ok:
-            found.append(ReferenceRuns(name=name, digest=agent.agent.digest, published=values[0], fresh=values[1]))
-        if len(found) == WANTED:
+            references.append(ReferenceRuns(name=name, digest=agent.agent.digest, published=values[0], fresh=values[1]))
+        if len(references) == WANTED:
             break
-    if not found:
+    if not references:
         msg = f"Fresh draws need a reference agent, and none fits {task.id} ({', '.join(REFERENCES)}). Evaluate it without --fresh-draws."
         raise ResultError(msg)
-    return tuple(found)
+    return tuple(references)

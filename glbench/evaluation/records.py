@@ -333,11 +333,11 @@ class Result(Sparse):
         fresh = self.fresh_draws
         assert fresh is not None
         commitment = Round(fresh.salt).commitment
-        kept = {name: getattr(self, name) for name in type(self).model_fields}
-        kept["task"] = self.task.model_copy(update={"years": None, "salt_commitment": commitment})
-        kept |= {"runs": fresh.runs, "summary": summarise(fresh.runs), "record": fresh.record, "profile": None}
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        fields["task"] = self.task.model_copy(update={"years": None, "salt_commitment": commitment})
+        fields |= {"runs": fresh.runs, "summary": summarise(fresh.runs), "record": fresh.record, "profile": None}
         digest = results_digest(self.task.digest, self.agent, fresh.runs, commitment)
-        return Result(**kept | {"results_digest": digest, "fresh_draws": None})
+        return Result(**fields | {"results_digest": digest, "fresh_draws": None})
 
     @property
     def clusters(self) -> tuple[str, ...] | None:

@@ -261,17 +261,17 @@ def _in_money(
         return {}
     best = [np.array([run.reward for run in known[task].runs]) for task in tasks]
     everywhere = set[str].intersection(*(set(scores[task]) for task in tasks))
-    found: dict[str, dict[str, Interval]] = {}
+    intervals: dict[str, dict[str, Interval]] = {}
     for agent in everywhere:
         own = [scores[task][agent] for task in tasks]
         gaps = [top - values for top, values in zip(best, own, strict=True)]
-        found[agent] = {"regret": aggregate(gaps, "mean", scenarios)}
+        intervals[agent] = {"regret": aggregate(gaps, "mean", scenarios)}
         if RULES in everywhere - {agent}:
             rules = [scores[task][RULES] for task in tasks]
-            found[agent]["against_rules"] = estimate_difference(
+            intervals[agent]["against_rules"] = estimate_difference(
                 own, rules, scenarios, (agent in fixed, RULES in fixed)
             ).interval()
-    return found
+    return intervals
 
 
 def _means(rows: Sequence[Row]) -> dict[str, float]:

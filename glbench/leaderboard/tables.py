@@ -365,11 +365,13 @@ def money_columns(
 
     def column(name: str, heading: str, gives_way: int) -> TableColumn:
         def text(row: SuiteRow) -> str:
-            found: Interval | None = getattr(row, name)
-            if found is None:
+            interval: Interval | None = getattr(row, name)
+            if interval is None:
                 return NONE
-            center, low, high = (signless(number_text(part, 3)) for part in (found.value, found.low, found.high))
-            return f"{center} [{low}, {high}]" if spans and found.low < found.high else center
+            center, low, high = (
+                signless(number_text(part, 3)) for part in (interval.value, interval.low, interval.high)
+            )
+            return f"{center} [{low}, {high}]" if spans and interval.low < interval.high else center
 
         return TableColumn(heading, text, gives_way=gives_way)
 

@@ -436,7 +436,10 @@ def test_trainings_of_one_recipe_come_together(copy: Path) -> None:
     (copy / "submissions" / "mine_seed2.py").write_text("")
     result = changed(copy, base)
     assert (result.returncode, result.stdout) == (1, "")
-    assert "'mine_seed0' and 'mine_seed2' look alike. Give them different names or, if they are trainings of one recipe" in result.stderr
+    assert (
+        "'mine_seed0' and 'mine_seed2' look alike. Give them different names or, if they are trainings of one recipe"
+        in result.stderr
+    )
 
 
 @pytest.mark.parametrize("place", ["submissions/eve", "submissions/ben/weights.npz", "submissions"])

@@ -98,7 +98,7 @@ def visible_files(
         When its files cannot be copied.
     """
     covered = _covered()
-    bounds = _shown(covered)
+    bounds = _visible_files(covered)
     binds = [*bounds, _copies(submission, staging), *_marks_and_kernels(kernels or {})]
     empty = sorted(set(_empty(bounds, covered)))
     words = {path: ["--symlink", str(path.readlink()), str(path)] for path in _system() if path.is_symlink()}
@@ -115,19 +115,19 @@ def is_visible(file: Path, submission: Identity) -> bool:
     """Whether ``file`` of this machine is visible inside, whatever its permissions."""
     file = file.resolve()
     covered = _covered()
-    return _is_shown(file, _shown(covered), covered) or file in submission.all_files()
+    return _is_below(file, _visible_files(covered), covered) or file in submission.all_files()
 
 
 def _system() -> Iterator[Path]:
     yield from filter(Path.exists, map(Path, SYSTEM))
 
 
-def _shown(covered: set[Path]) -> list[Bound]:
+def _visible_files(covered: set[Path]) -> list[Bound]:
     """The visible files of the system, of Python and of glbench, except the folders ``covered``."""
     bounds = [Bound(path, path) for path in _system() if not path.is_symlink()]
     base = Path(sys.base_prefix).resolve()
     for path in (interpreter(), base / "lib", base / "lib64", *libraries()):
-        of_system = any(path.is_relative_to(place) for place in SYSTEM) and _is_shown(path.resolve(), bounds, covered)
+        of_system = any(path.is_relative_to(place) for place in SYSTEM) and _is_below(path.resolve(), bounds, covered)
         if path.exists() and not of_system:
             bounds.append(Bound(path.resolve(), path))
     baselines = data_folder("baselines").resolve()
@@ -135,7 +135,7 @@ def _shown(covered: set[Path]) -> list[Bound]:
     return [*bounds, Bound(_PACKAGE, CODE / "glbench"), *rules]
 
 
-def _is_shown(file: Path, bounds: Iterable[Bound], covered: Iterable[Path]) -> bool:
+def _is_below(file: Path, bounds: Iterable[Bound], covered: Iterable[Path]) -> bool:
     return any(
         file.is_relative_to(bound.outside)
         and not any(file.is_relative_to(folder) and bound.outside in folder.parents for folder in covered)
@@ -172,12 +172,12 @@ def _own_data() -> set[Path]:
 
 def _empty(bounds: Iterable[Bound], covered: set[Path]) -> Iterator[Path]:
     """Folders that must be empty inside; nested ones only if something visible is between them."""
-    shown: dict[Path, list[Path]] = {}
+    inside_of: dict[Path, list[Path]] = {}
     for bound in bounds:
-        shown.setdefault(bound.outside, []).append(bound.inside)
+        inside_of.setdefault(bound.outside, []).append(bound.inside)
     for folder in covered:
         for above in folder.parents:
-            yield from (inside / folder.relative_to(above) for inside in shown.get(above, ()))
+            yield from (inside / folder.relative_to(above) for inside in inside_of.get(above, ()))
             if above in covered:
                 break
 

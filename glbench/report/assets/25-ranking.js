@@ -83,15 +83,15 @@ const pairedTest = (one, other, metric) => {
 
 // P-values corrected for their number (Benjamini and Hochberg).
 const correctedValues = (values) => {
-  const order = values.map((_, i) => i).sort((a, b) => values[b] - values[a]), found = [];
-  order.reduce((least, index, place) => (found[index] = Math.min(least, (values[index] * values.length) / (values.length - place))), 1);
-  return found;
+  const order = values.map((_, i) => i).sort((a, b) => values[b] - values[a]), adjusted = [];
+  order.reduce((least, index, place) => (adjusted[index] = Math.min(least, (values[index] * values.length) / (values.length - place))), 1);
+  return adjusted;
 };
 
 // Ranks of complete results that are ordered by the mean: those that cannot be told apart from the first of a tier share its rank.
 const tierRanks = (rows, metric) => {
   const pairs = rows.flatMap((_, i) => rows.slice(i + 1).map((_, k) => [i, i + 1 + k]));
-  const found = correctedValues(pairs.map(([i, j]) => pairedTest(rows[i], rows[j], metric))), apart = new Set(pairs.filter((_, k) => found[k] < 0.05).map(String)), ranks = [];
+  const adjusted = correctedValues(pairs.map(([i, j]) => pairedTest(rows[i], rows[j], metric))), apart = new Set(pairs.filter((_, k) => adjusted[k] < 0.05).map(String)), ranks = [];
   let first = 0;
   rows.forEach((_, i) => { if (i && apart.has(String([first, i]))) first = i; ranks.push(first + 1); });
   return ranks;
