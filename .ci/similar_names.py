@@ -1,7 +1,7 @@
-"""Refuse submissions that could be mistaken for agents that are there already, or would join their rows.
+"""Refuse submissions whose name or recipe is that of an existing agent, or looks like it.
 
 Standard input has the changed submissions of a pull request, one path a line; the argument is the commit that it is based on. Names in
-the environment variable SAME_OWNER are let through: those of which a maintainer knows that they are of the same author.
+the environment variable SAME_OWNER pass: a maintainer lists there submissions known to be by the same author.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Agent:
 
 
 def card_of(path: str, read: Callable[[str], bytes | None]) -> tuple[str | None, tuple[str, ...]]:
-    """Recipe and authors in the card of the submission ``path``; nothing where it has no card or a wrong one, which is refused later."""
+    """Recipe and authors in the card of the submission ``path``; empty without a card or with an invalid one, which is refused later."""
     cards = [f"{path}/submission.toml", f"{path}/card.toml", str(PurePosixPath(path).with_suffix(".toml"))]
     for text in map(read, cards):
         if text is None or len(text) > LARGEST_CARD:
@@ -64,20 +64,20 @@ def agents_of(base: str) -> list[Agent]:
     def read(name: str) -> bytes | None:
         return git("cat-file", "blob", f"{base}:{name}") if name in files else None
 
-    found = {}
+    agents = {}
     for file in map(PurePosixPath, filter(None, listed)):
         if file.parts[0] == "baselines":
             if file.name == "card.toml" and len(file.parts) == 3:
-                found[f"baselines/{file.parts[1]}"] = Agent(str(file.parent), file.parts[1])
+                agents[f"baselines/{file.parts[1]}"] = Agent(str(file.parent), file.parts[1])
         elif file.parts[0] == "reports":
             if file.suffix == ".json" and not file.name.endswith(".proof.json"):
-                found[file.stem] = Agent(str(file), file.stem)
+                agents[file.stem] = Agent(str(file), file.stem)
         elif len(file.parts) > 2 or file.suffix in FORMS:
             path = "/".join(file.parts[:2])
             name = file.parts[1] if len(file.parts) > 2 else file.stem
-            if path != "submissions/templates" and path not in found:
-                found[path] = Agent(path, name, *card_of(path, read))
-    return list(found.values())
+            if path != "submissions/templates" and path not in agents:
+                agents[path] = Agent(path, name, *card_of(path, read))
+    return list(agents.values())
 
 
 def changed_agents(paths: list[str]) -> list[Agent]:
@@ -91,12 +91,12 @@ def changed_agents(paths: list[str]) -> list[Agent]:
 
 
 def look_alike(one: Agent, other: Agent) -> bool:
-    """Whether readers could take one name for the other, or for a training of the same recipe."""
+    """Whether readers could mistake one name for the other, or for a training of the same recipe."""
     return bool(skeletons(one.name) & skeletons(other.name))
 
 
 def share_a_recipe(one: Agent, other: Agent) -> bool:
-    """Whether a leaderboard could join the two, or a reader could think that it should."""
+    """Whether the two state the same recipe and authors, or ones that look alike."""
     if one.recipe is None or other.recipe is None or skeleton(one.recipe) != skeleton(other.recipe):
         return False
     authors = [{skeleton(author) for author in agent.authors} for agent in (one, other)]
@@ -107,26 +107,26 @@ def problems(changed: list[Agent], known: list[Agent]) -> list[str]:
     """Why submissions are refused, one sentence each."""
     paths = {agent.path for agent in known}
     owned = set(os.environ.get("SAME_OWNER", "").split())
-    found = []
+    refusals = []
     for one in (agent for agent in changed if agent.name not in owned):
         for other in (agent for agent in known if agent.path != one.path):
             if one.path not in paths and look_alike(one, other):
-                found.append(
-                    f"'{one.name}' looks like '{other.name}' ({other.path}), which is there already. Give the submission another name."
+                refusals.append(
+                    f"'{one.name}' looks like '{other.name}' ({other.path}), an existing agent. Give the submission another name."
                 )
             elif share_a_recipe(one, other):
-                found.append(
-                    f"'{one.name}' names the recipe '{one.recipe}', which is that of {other.path}. Choose another recipe id; trainings "
-                    "of one recipe come in one pull request."
+                refusals.append(
+                    f"'{one.name}' states the recipe '{one.recipe}', which {other.path} already has. Choose another recipe id, "
+                    "or hand in all trainings of a recipe in one pull request."
                 )
     for one, other in combinations([agent for agent in changed if agent.path not in paths], 2):
         joined = one.recipe is not None and (one.recipe, one.authors) == (other.recipe, other.authors)
         if look_alike(one, other) and not joined:
-            found.append(
-                f"'{one.name}' and '{other.name}' look alike. Trainings of one recipe say so in their cards (recipe, seed, authors); "
-                "give other agents names that differ."
+            refusals.append(
+                f"'{one.name}' and '{other.name}' look alike. Give them different names or, if they are trainings of one recipe, state "
+                "the same recipe and authors and different seeds in their cards."
             )
-    return found
+    return refusals
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Freeze what the shipped baselines are and do: their digests, and their actions on recorded inputs.
+"""Freeze the shipped baselines: their digests, and their actions on recorded inputs.
 
     python baselines/lock.py           # compare with baselines/lock.toml; exit 1 where something differs
-    python baselines/lock.py --write   # add the baselines that are new; what is locked stays as it is
+    python baselines/lock.py --write   # add new baselines; existing entries stay as they are
     python baselines/lock.py --record  # record the inputs again (only for a new task; existing tasks keep theirs)
 
 ``lock.toml`` holds, for every baseline, its digest and two numbers for each task that it is recorded on: a weighted sum of its actions
@@ -40,7 +40,7 @@ TOLERANCE = 1e-9
 """Relative to the sum of magnitudes."""
 PLANNERS = {"mpc", "mpc_true_state"}
 PLANNER_STEPS, PLANNER_TOLERANCE = 6, 1e-3
-"""For predictive control, which solves each step from the plan of the last: rounding of 1e-15 has grown to 1e-2 after half a day."""
+"""For predictive control. Each step starts from the plan of the last one, so rounding of 1e-15 grows to 1e-2 within half a day."""
 DRIVERS = {
     "Schiphol2010-Delta10-v1": "rule_based_tuned",
     "Spring-v1": "rule_based_tuned",
@@ -63,7 +63,7 @@ def task_of(name: str) -> TaskSpec:
 
 
 def tasks_of(baseline: str) -> list[str]:
-    """The tasks of ``DRIVERS`` that a baseline has released results on, or drives the recording of."""
+    """Tasks of ``DRIVERS`` for which a baseline has released results, or whose inputs it recorded."""
     results = ROOT / "reports" / "released" / "results"
     return [
         name for name, driver in DRIVERS.items() if driver == baseline or any(results.glob(f"*{name}*/{baseline}.json"))
@@ -90,7 +90,7 @@ def record(name: str) -> dict[str, NDArray[Any]]:
 
 
 def actions_of(baseline: str, name: str, inputs: NDArray[Any]) -> Number:
-    """What a baseline does with recorded inputs ``(steps, runs, columns)``, in two numbers."""
+    """Weighted sum of a baseline's actions on recorded inputs ``(steps, runs, columns)``, and that of their magnitudes."""
     task = task_of(name)
     runner = make_runner(load_agent(baseline), task, task_card(task), task.evaluation.seeds[:RUNS], TimeLimits())
     failures = list(runner.start())

@@ -42,7 +42,7 @@ log = logging.getLogger("release")
 class Job:
     """An agent on a task; ``released`` is the results_digest that it must have again, ``None`` for a new one.
 
-    ``fresh_draws`` says whether the released result has fresh draws, too; the new one gets others.
+    ``fresh_draws``: whether the released result has fresh draws; the new one gets a new salt.
     """
 
     agent: str

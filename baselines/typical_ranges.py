@@ -1,10 +1,10 @@
-"""Measure the typical range of each observed column, and add what ``glbench/tasks/typical_ranges.csv`` lacks.
+"""Measure the typical ranges of observed columns that are missing in ``glbench/tasks/typical_ranges.csv``, and add them.
 
     python baselines/typical_ranges.py
 
-Rule-based agents that see observations alone run eight training seasons of each task. A range reaches from the smallest 0.5 percentile to
-the largest 99.5 percentile, rounded outwards. Columns whose bounds are nearly as narrow, the clock and the controls keep their bounds. What
-the file holds stays: policies were trained on it.
+Rule-based agents without privileges run eight training seasons of each task. A range reaches from the smallest 0.5 percentile to
+the largest 99.5 percentile, rounded outwards. Columns whose bounds are nearly as narrow, the clock and the controls keep their bounds.
+Existing rows stay unchanged, because policies were trained with them.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ AGENTS = {
     "SpringSetpoints-v1": ("grower",),
 }
 EXACT = {"time", "local_time", "controls", "control_fractions", "switches", "step_counter"}
-"""Modules whose bounds are what their columns reach."""
+"""Modules whose columns reach their bounds."""
 SEASONS = range(10_000_000_000, 10_000_000_008)
 NEARLY = 2.0 / 3.0
-"""A range that fills this share of the bounds is left to them."""
+"""Columns whose range is at least this share of their bounds keep the bounds."""
 
 
 def percentiles(task: TaskSpec, agent: str) -> NDArray[np.float64]:
@@ -56,7 +56,7 @@ def percentiles(task: TaskSpec, agent: str) -> NDArray[np.float64]:
 
 def measured() -> dict[tuple[str, str], tuple[float, float]]:
     """Ranges by name and unit."""
-    found: dict[tuple[str, str], list[float]] = {}
+    percentile_ends: dict[tuple[str, str], list[float]] = {}
     bounds: dict[tuple[str, str], float] = {}
     for name, agents in AGENTS.items():
         task = get_task(name)
@@ -65,9 +65,9 @@ def measured() -> dict[tuple[str, str], tuple[float, float]]:
             for column, ends in zip(task.observed(), percentiles(task, agent).T.tolist(), strict=True):
                 if column.name not in exact:
                     key = re.sub(r"_in_\d+h$", "", column.name), column.unit
-                    found[key] = found.get(key, []) + ends
+                    percentile_ends[key] = percentile_ends.get(key, []) + ends
                     bounds[key] = min(bounds.get(key, math.inf), column.high - column.low)
-    ranges = {key: rounded(min(ends), max(ends)) for key, ends in found.items()}
+    ranges = {key: rounded(min(ends), max(ends)) for key, ends in percentile_ends.items()}
     return {key: ends for key, ends in ranges.items() if ends[1] - ends[0] < NEARLY * bounds[key]}
 
 

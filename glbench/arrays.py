@@ -1,4 +1,4 @@
-"""Arrays of strangers: actions that are to be real numbers, and files (``.npz``) without code, of bounded size, all of one kind."""
+"""Checks of untrusted arrays: actions must be real numbers; ``.npz`` files must have bounded size and contain no code."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ _NUMPY_ERRORS: Final = (
 
 
 def real_numbers(value: object) -> NDArray[Any] | None:
-    """``value`` as an array of real numbers; None where it is none.
+    """``value`` as an array of real numbers, or ``None`` if it is not one.
 
-    Complex numbers, dates, text, truth values, objects (such as whole numbers beyond 64 bits) and lists of unequal rows are none.
+    Refused are complex numbers, dates, text, booleans, objects (such as integers beyond 64 bits) and rows of unequal length.
     """
     try:
         array = np.asarray(value)
@@ -43,7 +43,7 @@ def real_numbers(value: object) -> NDArray[Any] | None:
 
 
 class ArrayFile:
-    """The arrays of a file; every method raises a ``ValueError``, which names the entry, for one that is missing or of another kind."""
+    """The arrays of a file. Its methods raise a ``ValueError`` that names the entry if it is missing or has another type."""
 
     def __init__(self, arrays: dict[str, NDArray[Any]]) -> None:
         self._arrays = arrays
@@ -55,7 +55,7 @@ class ArrayFile:
         Raises
         ------
         OSError, ValueError
-            When it cannot be read, is larger, or is not a file of such arrays; the message continues a sentence that begins with "it".
+            When the file cannot be read, is larger, or holds anything else. The message completes a sentence that begins with "it".
         """
         return cls.of(read_regular(file, largest), largest)
 
@@ -69,7 +69,7 @@ class ArrayFile:
                     msg = f"it unpacks to more than {largest // MIB} MiB or {_MOST_ENTRIES:,} arrays"
                     raise ValueError(msg)
                 if len({entry.filename for entry in entries}) < len(entries):
-                    msg = "it has an array twice"
+                    msg = "an array occurs twice"
                     raise ValueError(msg)
                 return cls({entry.filename.removesuffix(".npy"): _array(archive, entry) for entry in entries})
         except (
@@ -80,14 +80,14 @@ class ArrayFile:
             NotImplementedError,
             RuntimeError,
         ) as error:
-            msg = "it is not an archive of arrays (.npz), or a damaged one"
+            msg = "it is not an .npz archive, or is damaged"
             raise ValueError(msg) from error
 
     def __contains__(self, name: str) -> bool:
         return name in self._arrays
 
     def count(self, beginning: str) -> int:
-        """How many arrays have names that begin so."""
+        """Number of arrays whose names begin with ``prefix``."""
         return sum(name.startswith(beginning) for name in self._arrays)
 
     def text(self, name: str) -> str:
@@ -124,7 +124,7 @@ class ArrayFile:
         """An array of whole numbers, which is one of ``kind`` already."""
         array = self._entry(name, dimensions)
         if array.dtype != np.dtype(kind):
-            msg = f"'{name}' has entries of the kind {array.dtype}, and not {np.dtype(kind)}"
+            msg = f"'{name}' has the type {array.dtype} instead of {np.dtype(kind)}"
             raise ValueError(msg)
         return array
 
@@ -141,7 +141,7 @@ class ArrayFile:
         try:
             return array.tolist()
         except ValueError as error:
-            msg = f"'{name}' has characters that do not exist"
+            msg = f"'{name}' has invalid characters"
             raise ValueError(msg) from error
 
     def _entry(self, name: str, dimensions: int, *, text: bool = False) -> NDArray[Any]:
@@ -151,7 +151,7 @@ class ArrayFile:
             raise ValueError(msg)
         if array.ndim != dimensions or (array.dtype.kind == "U") != text:
             wanted = f"{'text' if text else 'numbers'} with {dimensions} dimensions"
-            msg = f"'{name}' is an array of {array.dtype} of the shape {quoted(array.shape)}, and should be {wanted}"
+            msg = f"'{name}' is an array of {array.dtype} with shape {quoted(array.shape)}; expected {wanted}"
             raise ValueError(msg)
         return array
 
@@ -175,7 +175,7 @@ def checked_facts(facts: object) -> dict[str, str | int | float]:
 
 
 def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
-    """An entry whose header is believed only as far as there is content for it."""
+    """Read an entry; refuse a header that states more data than the entry has."""
     content = io.BytesIO(archive.read(entry))
     try:
         version = npy.read_magic(content)
@@ -187,7 +187,7 @@ def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
         msg = f"its entry {quoted(entry.filename)} is not an array of plain numbers or text"
         raise ValueError(msg) from error
     if not fits or (dtype.kind != "U" and dtype.str not in _KINDS):
-        msg = f"its entry {quoted(entry.filename)} is not an array of plain numbers or text, or only part of one"
+        msg = f"its entry {quoted(entry.filename)} is not an array of plain numbers or text, or is incomplete"
         raise ValueError(msg)
     array: NDArray[Any] = np.frombuffer(content.read(), dtype=dtype)
     return array.reshape(shape, order="F" if by_columns else "C").copy(order="K")

@@ -10,29 +10,29 @@ import rfc8785
 
 
 def canonical_json(value: Any) -> bytes:
-    """The one form that RFC 8785 gives a value of plain JSON types.
+    """Canonical JSON (RFC 8785) of a value of plain JSON types, as UTF-8.
 
     Raises
     ------
     rfc8785.CanonicalizationError
-        When JSON has no such value: NaN, an integer beyond 2**53, a key that is no string.
+        For values that JSON cannot represent: NaN, an integer beyond 2**53, a key that is not a string.
     """
     return _text(value).encode()
 
 
 def canonical_sha256(value: Any) -> str:
-    """SHA-256 [hex] of ``value`` (plain JSON values) in the one form that RFC 8785 gives it."""
+    """SHA-256 [hex] of the canonical JSON of ``value`` (plain JSON types)."""
     return hashlib.sha256(canonical_json(value)).hexdigest()
 
 
 def _text(value: Any) -> str:
-    """Python writes most values as RFC 8785 does; the package writes those that it may not."""
+    """Write values with Python where it is sure to agree with RFC 8785, and the others with the package."""
     kind = type(value)
     if kind is int and abs(value) < 2**53:
         return repr(value)
     if kind is float and value == 0.0:
         return "0"
-    if kind is float and 1e-4 <= abs(value) < 1e16:  # here Python and ECMAScript change to exponents at the same places
+    if kind is float and 1e-4 <= abs(value) < 1e16:  # in this range Python and ECMAScript write no exponents
         return repr(value).removesuffix(".0")
     if kind is str and value.isascii():
         return encode_basestring(value)

@@ -1,6 +1,6 @@
 """Processes that end when the process that started them ends, however it ends: ``kill -9`` leaves nothing behind.
 
-A pipe whose writing end the parent alone holds is closed by the kernel when the parent has gone. The kernel then sends SIGIO to the child
+Only the parent holds the writing end of a pipe, so the kernel closes it when the parent ends. The kernel then sends SIGIO to the child
 (signal-driven input, ``O_ASYNC``), which ends it even while it computes in compiled code. Unlike ``PR_SET_PDEATHSIG``, this does not
 depend on the thread that started the child.
 """
@@ -26,7 +26,7 @@ except ImportError:  # Windows
 
 
 def end_with_parent() -> None:
-    """End this process when its parent has gone: to be called first in whatever ``multiprocessing`` starts.
+    """End this process when its parent ends. Call it first in every process that ``multiprocessing`` starts.
 
     Does nothing in a process that ``multiprocessing`` did not start.
     """
@@ -34,14 +34,14 @@ def end_with_parent() -> None:
     if parent is None:
         return
     _signal_on_end(parent.sentinel, os.getpid())
-    # Where the kernel sends no signal, this thread is as good while Python's lock is free, and the parent may have gone already.
+    # For systems that send no signal, and a parent that has already ended: a thread watches the pipe. It needs the GIL to be free.
     threading.Thread(target=_end_after, args=(parent.sentinel,), daemon=True, name="end with parent").start()
 
 
 def worker(target: Callable[..., object], *arguments: Any, connections: Sequence[Any] = ()) -> SpawnProcess:
     """A process, not yet started, that calls ``target(*connections, *arguments)`` and ends with its parent.
 
-    What takes long to import, such as PyTorch, is imported when the process is already tied to its parent: all but ``connections``
+    Slow imports, such as PyTorch, happen after the process is tied to its parent: all arguments except ``connections``
     is unpickled then.
     """
     call = pickle.dumps((target, arguments))
@@ -55,7 +55,7 @@ def _call(call: bytes, *connections: Any) -> None:
 
 
 class Child(subprocess.Popen[Any]):
-    """A program, in a session of its own, that ends with all it started there when this process ends, or lets go of the object.
+    """A program in its own session. It and what it started there end when this process ends or releases the object.
 
     Arguments are those of ``subprocess.Popen``.
     """
@@ -69,7 +69,7 @@ class Child(subprocess.Popen[Any]):
             os.close(reading)
 
     def __del__(self, *arguments: Any) -> None:
-        """Let go of the pipe."""
+        """Close the pipe."""
         os.close(self._until_we_end)
         super().__del__(*arguments)
 
@@ -80,14 +80,14 @@ class Child(subprocess.Popen[Any]):
 
 
 def run(command: Sequence[str], *, timeout: float, **options: Any) -> subprocess.CompletedProcess[str]:
-    """What ``command`` printed, when it has ended; it ends when this process does.
+    """Run ``command`` to its end and return its output; it is ended if this process ends.
 
     Raises
     ------
     OSError
         When it cannot be started.
     subprocess.TimeoutExpired
-        When it takes longer than ``timeout`` seconds; it has ended then.
+        When it takes longer than ``timeout`` seconds; it is ended first.
     """
     with Child(
         command,

@@ -8,12 +8,12 @@ from glbench.errors import GlbenchError
 
 
 def require(what: str, extra: str, *modules: str) -> None:
-    """Refuse to begin ``what`` without the packages of an optional part of glbench; nothing is imported.
+    """Check, without importing them, that the packages of an optional part of glbench are installed.
 
     Raises
     ------
     GlbenchError
-        When one of them is not installed; it says how to install it.
+        When one of them is missing; the message says how to install it.
     """
     missing = [module for module in modules if find_spec(module) is None]
     if missing:

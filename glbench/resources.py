@@ -34,7 +34,7 @@ TEXT_SUFFIXES = frozenset(
 )
 TEXT_NAMES = frozenset({"COPYING", "LICENCE", "LICENSE", "NOTICE", "README"})
 LARGEST_TEXT = 16 * 2**20
-"""Size of a file whose line ends may change without a change of its digest [bytes]."""
+"""Largest text file whose line endings are normalised for its digest [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -182,15 +182,15 @@ def write_atomically(path: Path, data: bytes | str) -> None:
 
 
 def is_text(name: str) -> bool:
-    """Whether the file ``name`` holds text, as far as its name says."""
+    """Whether the file ``name`` is text, judged by its suffix."""
     path = PurePosixPath(name)
     return path.suffix.lower() in TEXT_SUFFIXES or path.name in TEXT_NAMES
 
 
 def with_unix_line_ends(name: str, content: bytes) -> bytes:
-    """``content`` of the file ``name`` as digests cover it: CRLF and CR of text become LF, so that git's line ends change no digest.
+    """``content`` of the file ``name`` as digests cover it: in text, CRLF and CR become LF, so that git's line endings change no digest.
 
-    Files that are no text, or have a null byte or more than ``LARGEST_TEXT`` bytes, stay as they are.
+    Files that are not text, have a null byte or have more than ``LARGEST_TEXT`` bytes stay unchanged.
     """
     if not is_text(name) or len(content) > LARGEST_TEXT or b"\r" not in content or b"\0" in content:
         return content

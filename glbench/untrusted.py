@@ -72,7 +72,7 @@ def open_regular(path: Path) -> Iterator[IO[bytes]]:
 
 
 def real_path(path: Path) -> Path:
-    """``path`` without links and ``..``. A link that leads back to itself stays, where ``Path.resolve`` raises a ``RuntimeError``."""
+    """``path`` without links and ``..``. A link to itself stays, instead of the ``RuntimeError`` of ``Path.resolve``."""
     return Path(os.path.realpath(path))
 
 

@@ -1,4 +1,4 @@
-"""Reading YAML that anybody may have written: names and values only, of bounded size, every name once."""
+"""Reader for untrusted YAML: names and values only, of bounded size, every name once."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from glbench.untrusted import quoted, read_regular
 _LARGEST_FILE: Final = 64 * 1024
 _DEEPEST: Final = 20
 _MOST_VALUES: Final = 10_000
-"""Values with those that aliases stand for: nine aliases of nine aliases of ... are billions."""
+"""Largest number of values with aliases expanded: nested aliases can multiply to billions."""
 _MOST_DIGITS: Final = 30
 _TAG: Final = "tag:yaml.org,2002:"
 _RULE: Final = (
     "Every line is 'name: value' and begins at the left edge. "
-    "What belongs to a name begins in one column; brackets and quotes are closed."
+    "Lines below a name are indented alike; brackets and quotes are closed."
 )
 
 
 class _RefusedError(Exception):
-    """What stands in a line, counted from 0, is refused."""
+    """An error in a line, counted from 0."""
 
     def __init__(self, reason: str, mark: Any = None) -> None:
         super().__init__(reason)
@@ -34,14 +34,14 @@ class _RefusedError(Exception):
 def read_yaml(file: Path, what: str, error_type: type[GlbenchError]) -> dict[str, Any]:
     """The names and values in the YAML file ``file``: text, numbers, true or false, nothing, and lists and tables of them.
 
-    As in YAML 1.1, except that dates and times of day stay text. ``what`` names the file in messages, such as ``"the rules"``.
+    Follows YAML 1.1, except that dates and times of day stay text. ``what`` names the file in messages, such as ``"the rules"``.
 
     Raises
     ------
     GlbenchError
-        Of the type ``error_type``, with the line: when the file cannot be read, is larger than 64 KiB, no UTF-8 or no YAML, nested
-        deeper than 20 levels, or has a name twice, a name that is no text, a tag, a number of more than 30 digits or one that is not
-        finite, or aliases that stand for more than 10,000 values.
+        Of the type ``error_type``, with the line: when the file cannot be read, is larger than 64 KiB, is not UTF-8 or not YAML, is nested
+        deeper than 20 levels, or has a name twice, a name that is not text, a tag, a number that has more than 30 digits or is not
+        finite, or more than 10,000 values with aliases expanded.
     """
     text = ""
     cause: Exception
@@ -67,7 +67,7 @@ def read_yaml(file: Path, what: str, error_type: type[GlbenchError]) -> dict[str
 def _content(text: str) -> dict[str, Any]:
     strange = yaml.reader.Reader.NON_PRINTABLE.search(text)
     if strange is not None:
-        msg = f"the character U+{ord(strange[0]):04X} cannot be in a text."
+        msg = f"the character U+{ord(strange[0]):04X} is not allowed."
         raise _RefusedError(msg, text.count("\n", 0, strange.start()))
     try:
         loader = _Loader(text)
@@ -75,7 +75,7 @@ def _content(text: str) -> dict[str, Any]:
     except yaml.MarkedYAMLError as error:
         tab = "\\t" in (error.problem or "")
         raise _RefusedError(
-            "a tab begins it. Use spaces." if tab else f"it is no valid YAML. {_RULE}",
+            "it begins with a tab. Use spaces." if tab else f"it is not valid YAML. {_RULE}",
             error.problem_mark or error.context_mark,
         ) from error
     if not isinstance(node, yaml.MappingNode):
@@ -84,7 +84,7 @@ def _content(text: str) -> dict[str, Any]:
 
 
 class _Loader(yaml.SafeLoader):
-    """Composes no deeper than allowed and without tags, and builds values with every alias counted."""
+    """Limits nesting, refuses tags, and counts values with aliases expanded."""
 
     yaml_implicit_resolvers = {  # noqa: RUF012  as the class above has it
         first: [(tag, form) for tag, form in forms if tag.removeprefix(_TAG) not in ("timestamp", "value")]
@@ -96,7 +96,7 @@ class _Loader(yaml.SafeLoader):
         self._depth = self._values = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """As the class above does."""
+        """Compose a node; refuse tags and deep nesting."""
         event: yaml.Event = self.peek_event()  # type: ignore[no-untyped-call]
         if getattr(event, "tag", None) is not None:
             msg = "it has a tag ('!...'). Leave it out: values are text, numbers, lists and tables."
@@ -107,10 +107,10 @@ class _Loader(yaml.SafeLoader):
         return node
 
     def value(self, node: yaml.Node) -> Any:
-        """What ``node`` stands for."""
+        """The value of ``node``."""
         self._values += 1
         if self._values > _MOST_VALUES:
-            msg = f"it has more than {_MOST_VALUES:,} values, with those that aliases ('*name') stand for."
+            msg = f"it has more than {_MOST_VALUES:,} values with its aliases ('*name') expanded."
             raise _RefusedError(msg, node.start_mark)
         if isinstance(node, yaml.ScalarNode):
             return self._scalar(node)
@@ -160,6 +160,6 @@ class _Loader(yaml.SafeLoader):
         except (ValueError, OverflowError):  # such as 0x_
             value = math.nan
         if isinstance(value, float) and not math.isfinite(value):
-            msg = f"{quoted(written)} is not a finite number of at most {_MOST_DIGITS} characters."
+            msg = f"{quoted(written)} is not a finite number with at most {_MOST_DIGITS} characters."
             raise _RefusedError(msg, node.start_mark)
         return value

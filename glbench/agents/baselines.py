@@ -60,12 +60,12 @@ _SAVED_MODEL = "best/model.zip"
 
 @dataclass(frozen=True)
 class _Controller:
-    """A built-in controller: what it sees, how it is made, and which version of it this is.
+    """A built-in controller: what it sees, how it is made, and its version.
 
     ``reader`` and ``maker`` are places (module, name): a process loads what the controller needs that it was asked for.
     ``version`` is part of the digest of every agent of this controller. Source may change as long as the actions stay;
-    ``baselines/lock.toml`` holds what the shipped baselines do, and a test compares. Whoever changes the actions gives another version.
-    The first versions are the SHA-256 that the controller's source had when its first results were released.
+    ``baselines/lock.toml`` records the actions of the shipped baselines, and a test compares them. Other actions need another version.
+    The first version of a controller is the SHA-256 of its source when its first results were released.
     """
 
     sees: Sight
@@ -207,7 +207,7 @@ _CONTROLLERS = {
 
 
 class Recipe(BaseModel):
-    """What the table ``training`` of a card says: the recipe that trainings with other seeds share, and the seed of this one."""
+    """Table ``training`` of a card: the recipe, which trainings with other seeds share, and the seed."""
 
     model_config = ConfigDict(frozen=True, strict=True)
 
@@ -253,7 +253,7 @@ class Baseline:
     digest: str
     """SHA-256 (hex) over the controller's name and version, and its settings. The card's words may change."""
     training: Training | None = None
-    """The training of a recipe that it is; ``None`` where its card names none."""
+    """Recipe and seed in a baseline's card, with form and policy digest; ``None`` if the card names no recipe."""
 
     @property
     def sees(self) -> Sight:
@@ -343,7 +343,7 @@ def shipped_sight(name: str) -> Sight:
 
 
 def shipped_training(name: str) -> Recipe | None:
-    """The recipe of which a shipped baseline is a training, and its seed; ``None`` where it is none, or there is no such baseline."""
+    """Recipe and seed of a shipped baseline; ``None`` if its card names no recipe, or there is no such baseline."""
     return _shipped_trainings(data_folder("baselines")).get(name)
 
 

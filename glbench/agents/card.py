@@ -137,7 +137,7 @@ class SubmissionCard(_Table):
     algorithm: Words | None = None
     seed: Count | None = None
     recipe: RecipeId | None = None
-    """Trainings that differ in their seed alone name the same; see ``docs/submit.md``."""
+    """Id that trainings share which differ only in their seed; see ``docs/submit.md``."""
     requires: Names = ()
     """Packages that the submission imports besides Python's own and numpy."""
     training: Training | None = None
@@ -156,13 +156,13 @@ class SubmissionCard(_Table):
             msg = "'normalisation' and 'clip_actions' are for saved policies ('model'); a Python agent does both itself"
             raise ValueError(msg)
         if self.recipe is not None and self.seed is None:
-            msg = "trainings of a recipe differ in their seed: give 'seed' beside 'recipe', such as seed = 1"
+            msg = "a 'recipe' needs a 'seed', because trainings of one recipe differ in their seed: add, for example, seed = 1"
             raise ValueError(msg)
         return self
 
     @model_serializer(mode="wrap")
     def _without_recipe(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """A card that names no recipe is written as before there were any, so that results of earlier versions keep their text."""
+        """Leave out ``recipe`` where it is ``None``, so that results of earlier versions keep their text."""
         written: dict[str, Any] = write(self)
         return {key: value for key, value in written.items() if key != "recipe" or value is not None}
 

@@ -151,8 +151,8 @@ def check_sizes(files: tuple[Path, ...], root: Path) -> None:
 def digest_of(files: tuple[Path, ...], root: Path, copy: Path | None = None) -> str:
     """SHA-256 (hex) over names and contents, as ``glbench.resources.sha256_of_files`` has it, of at most ``LARGEST_SUBMISSION`` bytes.
 
-    Text counts with LF at the ends of its lines. With ``copy``, a folder, what the digest covers is written below it under the same names:
-    text with LF, other files as they are.
+    Text counts with LF line endings. With ``copy``, a folder, the covered files are copied into it under the same names:
+    text with LF, other files unchanged.
 
     Raises
     ------
@@ -226,18 +226,18 @@ def _even_out(folder: Path) -> None:
 
 @dataclass(frozen=True)
 class Training:
-    """The training of a recipe that an agent is, as its card says."""
+    """Recipe and seed of an agent as its card states them, with the digest of its weights."""
 
     recipe: str
     seed: int
     form: str
-    """Of a submission its form, of settings the controller."""
+    """Form of a submission; for settings, the controller."""
     policy: str | None
-    """SHA-256 (hex) over the weights; ``None`` where no file holds any."""
+    """SHA-256 (hex) over the weights; ``None`` if no file holds weights."""
 
 
 def policy_digest(weights: Iterable[Path]) -> str | None:
-    """SHA-256 (hex) over files of weights, whatever their names and order; of an archive over its members, so that packing changes nothing.
+    """SHA-256 (hex) over files of weights, independent of names, order and, in archives, of packing.
 
     Raises
     ------
@@ -253,7 +253,7 @@ def policy_digest(weights: Iterable[Path]) -> str | None:
             with file.open("rb") as opened:
                 parts.append(file_digest(opened, "sha256").hexdigest())
         else:
-            # A model of Stable-Baselines3 holds its settings as well, which do not make another policy.
+            # An archive of Stable-Baselines3 also holds settings, which are not part of the policy.
             learnt = [item for item in members if item.filename.endswith(".pth")] or members
             parts += [f"{item.CRC:08x} {item.file_size}" for item in learnt]
     return sha256("\n".join(sorted(parts)).encode()).hexdigest() if parts else None
@@ -298,7 +298,7 @@ class Identity:
 
     @property
     def training(self) -> Training | None:
-        """Of which recipe the card says that it is a training; ``None`` where it names none. Errors as of ``digest_of``."""
+        """Recipe and seed that the card states; ``None`` if it names no recipe. Errors as of ``digest_of``."""
         if self.card is None or self.card.recipe is None or self.card.seed is None:
             return None
         if self.form == "python":
@@ -386,7 +386,7 @@ def baseline_names() -> tuple[str, ...]:
 
 
 def baseline_like(name: str) -> str | None:
-    """The baseline that ``name`` is, or could be mistaken for: ``PP0`` looks like ``ppo``, and ``ppo_seed7`` like a training of it."""
+    """The baseline with this name, or one that it could be mistaken for, such as ``ppo`` for ``PP0`` and ``ppo_seed7``."""
     alike = skeletons(name)
     return next((known for known in baseline_names() if skeleton(known) in alike), None)
 

@@ -274,7 +274,7 @@ class LoadedAgent:
     submission: Identity | None = None
     """Its files, form and card; ``None`` for a controller of glbench."""
     training: Training | None = None
-    """The training of a recipe that it is, if its card says so; ``None`` for shipped baselines, whose trainings glbench knows."""
+    """Recipe and seed from its card; ``None`` without a recipe, and for shipped baselines, whose recipes glbench knows."""
 
     @property
     def privileged(self) -> bool:

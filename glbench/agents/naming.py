@@ -1,4 +1,4 @@
-"""Which names of agents, recipes and authors could be mistaken for each other. Needs the standard library alone."""
+"""Names of agents, recipes and authors that could be mistaken for each other. Needs only the standard library."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ _LOOKALIKES = str.maketrans(
     "\u03b1\u03b2\u03b5\u03b7\u03b9\u03ba\u03bd\u03bf\u03c1\u03c4\u03c5\u03c7\u03b3\u03c9\u03bc\u0131\u0142\u00f8\u0111\u0127\u0261\u0251\u0585\u057d\u0570",
     "abcdehhijklmopqstyyvwxabenikvoptuxywuilodhgaouh",
 )
-"""Letters of Cyrillic, Greek, Armenian and extended Latin to those of Latin that they look like."""
+"""Cyrillic, Greek, Armenian and extended Latin letters, and the Latin letters that they look like."""
 _DIGITS = str.maketrans("0134578i", "oleastbl")
-"""Digits, and the i, to the letters that they stand for in place of: p0licy1 is policyl, and so is policyi."""
+"""Digits and the letter i, and the letters that they can replace: p0licy1 and policyi become policyl."""
 
 
 def skeleton(name: str) -> str:
-    """Letters of a name without what readers overlook: capitals, accents, punctuation, digits and foreign letters that look alike."""
+    """A name reduced to what readers notice: without capitals, accents and punctuation, with look-alike digits and letters replaced."""
     letters = unicodedata.normalize("NFKD", unicodedata.normalize("NFKC", name).casefold()).translate(_LOOKALIKES)
     plain = "".join(letter for letter in letters if letter.isalnum())
     return plain.translate(_DIGITS).replace("rn", "m").replace("vv", "w")
 
 
 def without_seed(name: str) -> str:
-    """The name of the recipe of which ``NAME_seed3`` or ``NAME-seed3`` is a training; other names as they are."""
+    """``NAME`` for ``NAME_seed3`` or ``NAME-seed3``; other names unchanged."""
     return _SEED.sub("", name)
 
 
 def skeletons(name: str) -> frozenset[str]:
-    """Skeletons of a name and of what is left without the seeds of trainings at its end: names that share one look alike."""
-    found = {skeleton(name)}
+    """Skeletons of a name, with and without seed endings: names that share a skeleton look alike."""
+    forms = {skeleton(name)}
     while (shorter := without_seed(name)) != name:
         name = shorter
-        found.add(skeleton(name))
-    return frozenset(found)
+        forms.add(skeleton(name))
+    return frozenset(forms)

@@ -95,9 +95,7 @@ class NetworkPolicy:
             msg = "A policy has weights or bounds that are not finite."
             raise ShapeError(msg)
         if not ((self.scale > 0.0).all() and (self.low < self.high).all() and self.clip > 0.0):
-            msg = (
-                "A policy has a scale or a clip that is not above 0, or a lower bound that is not below the upper one."
-            )
+            msg = "The policy has a scale or a clip of 0 or less, or a lower bound that is not below the upper bound."
             raise ShapeError(msg)
         layers = tuple(ExactLinear.of(matrix, bias) for matrix, bias in zip(self.weights, self.biases, strict=True))
         object.__setattr__(self, "_layers", layers)

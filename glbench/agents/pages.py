@@ -1,6 +1,6 @@
 """What is wrong with a page of settings, in words for the person who wrote it.
 
-The readers of the pages are part of the released agents' digests and stay as they are: what they refuse is said again with value, unit and
+The readers of the pages are part of the released agents' digests and stay as they are. Their errors are rewritten with value, unit and
 bounds.
 """
 
@@ -22,7 +22,7 @@ _DECIMAL_COMMA = re.compile(r"\s*([+-]?\d+),(\d+)\s*")
 
 @contextmanager
 def said_better(module: str) -> Iterator[None]:
-    """Say again what the reader in ``module`` refuses.
+    """Rewrite the errors of the reader in ``module``.
 
     Raises
     ------

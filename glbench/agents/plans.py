@@ -70,7 +70,7 @@ class PlanBook:
             raise ShapeError(msg)
         sides = list(zip(self.low, self.high, strict=False))
         if not len(self.low) == len(self.high) == len(self.names) or not all(low < high for low, high in sides):
-            msg = "it has not one lower and one upper bound for each action, or a lower one that is not below the upper one"
+            msg = "an action lacks a lower or an upper bound, or its lower bound is not below its upper bound"
             raise ShapeError(msg)
         if self.actions.size and self.actions.max() > 2 * HALF_SCALE:
             msg = f"it has a number above {2 * HALF_SCALE}"
@@ -235,7 +235,7 @@ def read_book(file: Path) -> PlanBook:
             or not isinstance(about, list)
             or not len(set(seeds)) == len(seeds) == len(places)
         ):
-            msg = "its facts do not name task, digest, split and actuation, or it has a seed twice or without a plan"
+            msg = "it does not state task, digest, split and actuation, or a seed occurs twice or has no plan"
             raise ShapeError(msg)  # noqa: TRY301
         return PlanBook(
             task_id=str(facts["task"]),
@@ -256,7 +256,7 @@ def read_book(file: Path) -> PlanBook:
 
 @dataclass(frozen=True)
 class PlanFolder:
-    """A folder with books of plans. Which task a book is for, its digest says, and not its name."""
+    """A folder with books of plans. A book is for the task with the digest that it states, whatever its file name."""
 
     folder: Path
 
@@ -266,7 +266,7 @@ class PlanFolder:
         return tuple(sorted(self.folder.glob("*.npz")))
 
     def book(self, task: TaskSpec) -> PlanBook | None:
-        """The plans for the task with the digest of ``task``; ``None`` where there are none. Errors as for ``read_book``."""
+        """The plans whose task digest is that of ``task``; ``None`` if there are none. Errors as for ``read_book``."""
         place = self.place(task)
         usual = [place] if place.is_file() else []
         for files in (usual, [file for file in self.files if file != place]):
@@ -300,7 +300,7 @@ class PlanController:
             When there are none for the task or for one of the seeds.
         """
         book = self._plans.book(task)
-        reason = f"nobody has made any for its digest {task.digest[:12]}" if book is None else book.why_not(task)
+        reason = f"there are none for its digest {task.digest[:12]}" if book is None else book.why_not(task)
         search = f"glbench bound {task.short_id if task.locked else task.source}"
         if book is None or reason is not None:
             msg = f"There are no plans for {task.id}: {reason}. `{search}` searches for some."

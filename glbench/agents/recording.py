@@ -55,7 +55,7 @@ class Recording:
             raise ShapeError(msg)
         sides = list(zip(self.low, self.high, strict=False))
         if not len(self.low) == len(self.high) == len(self.names) or not all(low < high for low, high in sides):
-            msg = "it has not one lower and one upper bound for each action, or a lower one that is not below the upper one"
+            msg = "an action lacks a lower or an upper bound, or its lower bound is not below its upper bound"
             raise ShapeError(msg)
         if not np.isfinite(self.actions).all():
             msg = "it has actions that are not finite"

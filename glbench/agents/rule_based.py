@@ -1,6 +1,6 @@
 """The rule-based controller as it was published. It is privileged: it reads the true state and future radiation.
 
-It reads the model's state, knows at midnight how much sun the day will bring and half an hour ahead when it will dawn, and
+It reads the model's state, knows the radiation sum of the day at midnight and dawn half an hour ahead, and
 sets controls at once, without the rate limit that every agent works under. Its fair twin is in ``rule_based_fair``.
 """
 

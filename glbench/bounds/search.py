@@ -127,7 +127,7 @@ class Search:
             "title": f"Plans for {self.task.id}",
             "controller": "plans",
             "settings": ".",
-            "description": f"Plans that began as {self.start.agent.name} acts, with {self.iterations} iterations each.",
+            "description": f"Plans optimised from the actions of {self.start.agent.name}, with {self.iterations} iterations each.",
             "made": "glbench bound",
         }
         text = "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in lines.items())

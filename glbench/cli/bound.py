@@ -195,7 +195,7 @@ def _show(search: Search, found: Sequence[Found]) -> None:
         mean = sum(one.earned.reward * len(one.seeds) for one in whole if one.earned is not None) / runs
         put(f"Mean reward of {runs} runs: {mean:,.3f}")
         if search.task.locked:
-            tell(f"Better plans become the best known ones with: glbench bound --submit {search.folder}")
+            tell(f"Hand in plans that beat the best known ones with: glbench bound --submit {search.folder}")
         elif search.task.split != "training":
             search.save_card()
             planned = sorted(seed for one in whole for seed in one.seeds)

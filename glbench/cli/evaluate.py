@@ -109,7 +109,7 @@ def evaluate(
         bool,
         typer.Option(
             "--fresh-draws",
-            help="Evaluate again with draws that nobody knows beforehand, and save that in the result, too (docs/statistics.md).",
+            help="Evaluate again with draws from a new secret salt, and save both in the result (docs/statistics.md).",
         ),
     ] = False,
     round_file: RoundFile = None,
@@ -120,13 +120,17 @@ def evaluate(
         ),
     ] = "test",
     late: Annotated[
-        bool, typer.Option("--late", help="Evaluate although the round (--round) has closed; its board says so.")
+        bool,
+        typer.Option(
+            "--late",
+            help="Evaluate although the round (--round) has closed; its leaderboard reports the result as late.",
+        ),
     ] = False,
 ) -> None:
     """Evaluate agents on tasks: seeded runs in lockstep, a table with intervals, and a result file each.
 
     Results depend neither on --workers nor on --engine. What is interrupted (Ctrl-C, a crash, a power cut) continues with the
-    same command, and what is finished is not done again. Exits with 1 when an agent cannot be used or all of its runs failed.
+    same command; finished evaluations are not repeated. Exits with 1 when an agent cannot be used or all of its runs failed.
     """
     if live:
         require("--live", "view", "rerun")
@@ -249,7 +253,7 @@ def _tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | None, sp
 
 
 def _check_open(sealed: Round | None, *, late: bool) -> None:
-    """Refuse to evaluate in a round that has closed, or say so where that is wanted.
+    """Refuse to evaluate in a round that has closed; with ``--late`` only warn.
 
     Raises
     ------
@@ -260,7 +264,7 @@ def _check_open(sealed: Round | None, *, late: bool) -> None:
         return
     msg = f"This round closed at {sealed.closing_words}."
     if not late:
-        msg += " A result made now is late: --late makes it nevertheless. Or begin a new round: glbench round new."
+        msg += " To evaluate nevertheless, with a result that counts as late, add --late. To begin a new round: glbench round new."
         raise TaskError(msg)
     print_warning(f"{msg} The result is late, and glbench leaderboard --round says so.")
 
@@ -308,9 +312,9 @@ def _say_if_borrowed(agent: LoadedAgent) -> None:
 
 
 def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = None, again: Job | None = None) -> Result:
-    """Run one evaluation, or take its stored result, and show it; ``viewer`` is the address of a live view.
+    """Run one evaluation, or load its stored result, and show it; ``viewer`` is the address of a live view.
 
-    ``again`` is the job that it is of, where it is wanted with fresh draws, too.
+    ``again`` is its job if fresh draws are to follow, else ``None``.
     """
     from glbench.evaluation import SavingError
     from glbench.leaderboard.fresh_draws import fresh_words
@@ -342,7 +346,7 @@ def _evaluate(evaluation: Evaluation, *, as_json: bool, viewer: str | None = Non
 
 
 def _again(job: Job, *, as_json: bool) -> Result:
-    """The result of ``job``, which is done, with fresh draws."""
+    """Add fresh draws to the finished ``job``, and return its result."""
     from glbench.evaluation.fresh_draws import add_fresh_draws
 
     def run(part: Job) -> Result:
@@ -356,13 +360,13 @@ def _again(job: Job, *, as_json: bool) -> Result:
 
 
 class _WithFreshDraws:
-    """An engine that evaluates each agent with fresh draws, too, once it is done."""
+    """An engine that evaluates each agent a second time with fresh draws."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
 
     def run(self, jobs: Sequence[Job], report: Report) -> Iterator[Outcome]:
-        """Do the jobs, each with fresh draws after those published."""
+        """Do the jobs, each with the published and then with fresh draws."""
         from glbench.evaluation.engines import LocalEngine
         from glbench.evaluation.fresh_draws import add_fresh_draws
 
@@ -382,7 +386,7 @@ class _WithFreshDraws:
             try:
                 result = add_fresh_draws(outcome.job, run)
             except GlbenchError as error:
-                reason = f"With the published draws it is evaluated and saved; with fresh draws it is not: {error}"
+                reason = f"Its result with the published draws is saved. With fresh draws it failed: {error}"
                 yield dataclasses.replace(outcome, result=None, reason=reason)
             else:
                 yield dataclasses.replace(outcome, result=result)
@@ -450,7 +454,7 @@ def _shown(path: Path) -> str:
 def _evaluate_many(
     jobs: Sequence[Job], engine: Engine, unusable: dict[str, str], *, as_json: bool, prints: bool
 ) -> bool:
-    """Do all ``jobs`` and say how each ended: as JSON only, or in words; whether each agent succeeded in a run.
+    """Do all ``jobs`` and print how each ended, as JSON or as text; return whether every agent succeeded in at least one run.
 
     ``unusable`` names the agents that could not be loaded, with the reasons. With ``prints`` everything that agents print is shown, else
     the last lines of those that fail.

@@ -70,8 +70,8 @@ def leaderboard(
 ) -> None:
     """Rank all results, with 95 % intervals. Nothing is written unless you ask for it (--write).
 
-    Results are read from OUT/results and from the released results that come with glbench. Trainings of one recipe, as their cards
-    state it, are one entry with its range.
+    Results are read from OUT/results and from the released results that come with glbench. Trainings of one recipe, as stated in their
+    cards, are one entry with its range.
     """
     from glbench.leaderboard import rank, to_frame, write_leaderboard
     from glbench.leaderboard.collect import own_and_released_results, published_expectations

@@ -23,9 +23,9 @@ def wait_words(what: str, seconds: float, limit: float) -> str:
 
 
 class Wait:
-    """Says while somebody else is waited for, from a thread of its own: whoever is waited for may hold this one. To be entered.
+    """Context manager that reports a wait, from its own thread, because the calling thread may be blocked.
 
-    ``show`` gets the words every second on a terminal; elsewhere a line is printed now and then.
+    On a terminal, ``show`` gets the message every second; elsewhere a line is printed at growing intervals.
     """
 
     def __init__(self, show: Callable[[str], None] | None = None, what: str = "") -> None:
@@ -35,7 +35,7 @@ class Wait:
         self._for = (what, 0.0, time.monotonic())
 
     def begin(self, what: str, limit: float = 0.0) -> None:
-        """From now on ``what`` is waited for, at most ``limit`` seconds; nothing where it is empty."""
+        """Start to report a wait for ``what``, at most ``limit`` seconds; stop if it is empty."""
         self._for = (what, limit, time.monotonic())
 
     def __enter__(self) -> Self:
@@ -46,11 +46,11 @@ class Wait:
         self._end.set()
 
     def _look(self) -> None:
-        told, due = self._for, _PATIENCE_SECONDS
+        current, due = self._for, _PATIENCE_SECONDS
         while not self._end.wait(1.0):
             what, limit, since = now = self._for
-            if now is not told:
-                told, due = now, _PATIENCE_SECONDS
+            if now is not current:
+                current, due = now, _PATIENCE_SECONDS
             seconds = time.monotonic() - since
             if not what or seconds < (_PATIENCE_SECONDS if self._show else due):
                 continue

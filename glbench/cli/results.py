@@ -33,7 +33,7 @@ _NOTHING = 1e-9
 """Less is rounding: a model's flows fade out, and are not cut."""
 _SENTENCES = 3
 _FEWEST_PAIRS = 2
-"""A single pair says nothing about how much others differ."""
+"""Pairs of runs needed for an interval: a single pair has no variance."""
 _NONE = "–"
 
 
@@ -118,7 +118,9 @@ def _show(stored: StoredResult, where_from: Sequence[str]) -> None:
             for one in means_by_year([stored], score.name)
         ]
         if years:
-            words = f"By year, of which most days of a season are: {', '.join(years)}. Intervals say nothing about other years."
+            words = (
+                f"By year (the year of most days of a season): {', '.join(years)}. Intervals do not cover other years."
+            )
             output().print(words, soft_wrap=True)
         worst = min(result.runs, key=lambda run: run.metrics[score.name])
         output().print(f"Mean of the worst tenth (CVaR10): {score.said(float(worst_tenth(np.array(scores))))}")
@@ -303,9 +305,9 @@ def compare(
 ) -> None:
     """Compare two agents on the runs that both did: metric by metric, with intervals of the difference.
 
-    Runs with the same seed met the same weather and the same crop, so they are compared in pairs (t-test of the difference of the means;
-    over several tasks the p-values are corrected for their number). Of an agent with several trainings the mean over them counts, and
-    what they differ by; the name of one of them or a result file means one training.
+    Runs with the same seed have the same weather and the same crop, so they are compared in pairs (t-test of the difference of the means;
+    over several tasks the p-values are corrected for their number). An agent with several trainings counts with their mean, and
+    its interval covers how much they differ. The name of one of them, or a result file, means that training alone.
     """
     from glbench.cli.stored import task_ids
     from glbench.leaderboard.catalogue import together
@@ -342,7 +344,7 @@ def compare(
     words = (
         "Intervals: 95 %, Student's t over pairs of runs, and trainings where there are several; they and p cover the "
     )
-    words += f"{together([pair.words for pair in pairs]).draws}, and no other training of an agent that has one."
+    words += f"{together([pair.words for pair in pairs]).draws}. For an agent with one training they do not cover other trainings."
     if resolution := max(pair.resolution for pair in pairs):
         words += (
             f" Where a task draws nothing, a reward that differs by less than {resolution:g} differs by rounding, and there is no "
@@ -356,7 +358,7 @@ def compare(
                 f"{year} {metric.text(gap)} ({count(runs, 'run')})" for year, (runs, gap) in pair.by_year.items()
             )
             where = f"{pair.task_id.rpartition('/')[2]}, " if len(pairs) > 1 else ""
-            words = f"{where}A - B in {metric.words} by year: {years}. Intervals and p say nothing about other years."
+            words = f"{where}A - B in {metric.words} by year: {years}. Intervals and p do not cover other years."
             say(output(), escape(harmless(words)))
     for entry in (ours[common[0]], theirs[common[0]]):
         if len(entry.trainings) > 1:

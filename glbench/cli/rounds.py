@@ -35,7 +35,7 @@ def new(
     closes: Annotated[
         str | None,
         typer.Option(
-            "--closes", help="When the round closes, such as 2027-03-01T18:00+01:00: results made later are late."
+            "--closes", help="Closing time, such as 2027-03-01T18:00+01:00. Results made after it count as late."
         ),
     ] = None,
 ) -> None:
@@ -51,7 +51,7 @@ def new(
     put(sealed.commitment)
     tell(f"{file} is secret until the round is over: keep it, and a copy of it. Publish the commitment above.")
     if closing is None:
-        print_warning("This round never closes, and no entry can be late. --closes gives it a closing time.")
+        print_warning("This round never closes, so no result can be late. --closes gives it a closing time.")
     else:
         tell(f"The round closes at {sealed.closing_words}. Publish that, too; the commitment covers it.")
 

@@ -223,7 +223,7 @@ def tune_policy(
     out: TrainingFolder = None,
     resume: Resume = False,
 ) -> None:
-    """Adapt the last layer of a trained policy (CMA-ES): simulated runs, no gradients, decide what is better.
+    """Adapt the last layer of a trained policy with CMA-ES: by simulated runs, without gradients.
 
     The folder then holds the policy (policy.npz), the learning curve and card.toml, and is an agent itself: glbench evaluate FOLDER.
     """
@@ -352,7 +352,7 @@ def sweep(
         raise typer.Exit(INTERRUPTED) from None
     _print_trials(trials, score)
     if not any(trial.state != "fail" for trial in trials):
-        msg = f"None of the {len(trials)} trials succeeded; the reasons are above. Correct {config} and choose another folder with --out."
+        msg = f"None of the {len(trials)} trials succeeded; the reasons are above. Correct {config} and choose a new folder with --out."
         raise TrainingError(msg)
 
 
@@ -554,7 +554,7 @@ def _say_what_came_out(
 
 
 def _seasons(task: TaskSpec, evaluation: EvaluationPlan) -> str:
-    """The seasons by which a training chooses, in words."""
+    """The seasons in which a training evaluates its policies, in words."""
     chosen, runs = task.chosen_on, len(evaluation.seeds(task))
     where = "with seeds that are not scored" if chosen.split is None else f"of the {chosen.split} split"
     return f"{runs} season{'s' if runs > 1 else ''} {where}"

@@ -72,7 +72,7 @@ def verify(
             and sealed.is_late(created := load_result(path).created)
         ):
             closed = f"the round closed at {sealed.closing_words}"
-            print_warning(f"{path.name} is late: it says that it was made at {harmless(created)}, and {closed}.")
+            print_warning(f"{path.name} is late: it states that it was made at {harmless(created)}, and {closed}.")
         if proof and not is_released(path):  # released results keep the note that came with them
             try:
                 save_proof(verdict)
@@ -114,7 +114,7 @@ def _show(verdict: Verdict) -> None:
         whole = f"; every column of the full episodes of the seeds {seeds}" if verdict.episodes else ""
         profile = "; the profile" if "profile" in verdict.reproduced else ""
         if "fresh_draws.references" in verdict.reproduced:
-            profile += "; the fresh draws, and what the reference agents earn with both"
+            profile += "; the fresh draws, and the scores of the reference agents with both sets of draws"
         say(
             output(),
             f"  Reproduced: {verdict.steps:,} rewards, {verdict.runs} final states, all metrics and their means; the digests of the task "

@@ -48,7 +48,7 @@ ROUNDING = 2.0**-22
 _A_DAY = 24.0
 """Hours in which a parameter that is drawn daily is forgotten to 1/e."""
 _EVER = 1e4
-"""Hours in which a parameter that is drawn for the episode is forgotten to 1/e: a wrong estimate fades."""
+"""Time constant [h] with which the estimate of a parameter drawn for the episode returns to its mean, so that errors fade."""
 _SMALL = 1e-4
 _GRID: Floats = np.asarray((np.arange(4096) + 0.5) / 4096.0, np.float64)
 

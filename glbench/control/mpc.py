@@ -66,8 +66,8 @@ class PredictiveController:
     ascent_steps
         Gradient steps in an iteration.
     renew_every
-        The derivatives of a step ahead are recomputed once in so many decisions, and those of the coming steps always. 1 makes all of them
-        in every decision; more is faster, and no plan gets worse by it, because what is tried is simulated.
+        The derivatives of a step ahead are recomputed once in this number of decisions, those of the coming steps in every decision. 1
+        recomputes all of them in every decision; more is faster. No plan gets worse, because every candidate is simulated.
     preset
         Of the kernel that plans.
 
@@ -284,7 +284,7 @@ class PredictiveController:
         return rows
 
     def _shift(self, steps: int) -> None:
-        """Bring the derivatives of the last decision to the steps that are ahead now, and mark those to be recomputed."""
+        """Shift the derivatives of the last decision to the current horizon, and mark those to recompute."""
         old = self._jacobians[:, self._at :][:, :steps]
         self._jacobians = np.zeros((self._runs, steps, *old.shape[2:]))
         self._jacobians[:, : old.shape[1]] = old
@@ -295,7 +295,7 @@ class PredictiveController:
         self._renewed[:] = False
 
     def _lines(self, rows: Rows, x: Floats, u: Floats, d: Floats, p: Floats) -> Trajectory:
-        """The plans of some rows, simulated, with the derivatives that are kept and those that are recomputed."""
+        """The plans of ``rows``, simulated, with stored and recomputed derivatives."""
         kernel, outdated = self._kernel, self._outdated[rows]
         if outdated.all():
             lines = kernel.linearise_trajectory(x, u, d, p)

@@ -342,9 +342,7 @@ class ActionReader:
         numbers = real_numbers(given)
         if numbers is None:
             kind = f"array of {given.dtype}" if isinstance(given, np.ndarray) else type(given).__name__
-            problem = (
-                f"The {self.what}s ({kind}) cannot be read as numbers: they are not real numbers in rows of one length."
-            )
+            problem = f"The {self.what}s ({kind}) are not real numbers in rows of one length."
             msg = f"{problem} {self._expected(n)}"
             raise ActionError(msg)
         actions = numbers.astype(np.float64)

@@ -1,4 +1,4 @@
-"""Forecasts that err: what is shown of the coming weather, made of the weather that comes and an autocorrelated error.
+"""Forecasts with errors: the coming weather plus an autocorrelated error.
 
 A forecast is issued at every full hour and holds until the next one. Its column for h hours ahead is the mean over the hour that ends h
 hours after the issue, plus the error

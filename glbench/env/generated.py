@@ -104,7 +104,7 @@ class SeasonMaker:
         return MadeSeason(values, made.times, drawn)
 
     def year(self, number: int) -> int:
-        """The year that most days of the season ``number`` are from; of equally many the earlier."""
+        """The year with the most days in the season ``number``; if two have equally many, the earlier."""
         days = self._task.weather.days
         late = dt.timedelta(days=int(self.start_days(np.array([number]))[0]))
         numbers = self._uniforms("weather", self._generator.numbers(days), f"season {number}")

@@ -59,9 +59,8 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Observation space
 
     ``Box`` of float32 with finite bounds; ``env.unwrapped.task.observed()`` names the columns with their units, bounds and typical
-    ranges.
-    Nothing can exceed the bounds, so they are far beyond what occurs: with ``normalise=True`` the typical range of each column becomes
-    -1 to 1.
+    ranges. The bounds are limits that no observation can exceed, far beyond what occurs. With ``normalise=True`` the typical range of each
+    column becomes -1 to 1.
 
     ## Reward
 
@@ -69,8 +68,8 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Episodes
 
-    An episode ends (``terminated``) after exactly ``task.steps`` steps, which ``spec.max_episode_steps`` says as well: the season is over,
-    nothing follows, so there is no value to bootstrap from. ``truncated`` is always false. A step that cannot be integrated ends the
+    An episode ends (``terminated``) after exactly ``task.steps`` steps (``spec.max_episode_steps``): the season is over, so there is
+    no value to bootstrap from. ``truncated`` is always false. A step that cannot be integrated ends the
     episode at once with the reward of a failed step, and ``info["failure"]`` says why.
 
     ``reset(seed=s)`` starts the episode of seed s, the same on every day and in every batch. ``reset()`` draws the next
@@ -93,12 +92,12 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         which needs the extra ``video``. ``None``: nothing.
     split
         Of a task with splits, which scenarios episodes are drawn from: "training", which is meant when none is named, "validation" or
-        "test". A task that has a test alone, such as those of the suite ``transfer``, gives seasons that are not scored ("preview"): to
-        look at and to try an agent in, not to train on. Its scored seasons want to be named: ``split="test"``.
+        "test". A task with only a test split, such as those of the suite ``transfer``, gives seasons that are not scored ("preview"), to
+        look at and to try an agent in, not to train on. ``split="test"`` gives its scored seasons.
     overrides
         What differs from the task, such as ``{"weather.days": 30, "sensors": None}``, as for ``TaskSpec.replace``.
     normalise
-        Observe every column with its typical range as -1 to 1, not clipped (``glbench.tasks.Normalisation``).
+        Scale the typical range of every column to -1 to 1, without clipping (``glbench.tasks.Normalisation``).
 
     ## Version History
 
@@ -130,7 +129,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     @property
     def spec(self) -> EnvSpec | None:  # Gymnasium declares an attribute, which ``make`` sets
-        """What ``gymnasium.make`` made the environment of, with the horizon of its task; ``None`` without ``make``."""
+        """The registered spec with the horizon of the task as ``max_episode_steps``; ``None`` without ``gymnasium.make``."""
         return self._spec
 
     @spec.setter
@@ -167,7 +166,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         observation = self.simulation.reset([draw_seed(self.np_random) if given is None else given])[0]
         if self._camera is not None:
             self._camera.begin()
-        return self._shown(observation), self._info.standing(self.simulation)
+        return self._normalise(observation), self._info.standing(self.simulation)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Take one step.
@@ -194,9 +193,9 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._camera.follow_only(numbers, info["epi"])
         if terminated:
             self._add_failure(info)
-        return self._shown(observation), info[STEP_REWARD], terminated, False, info
+        return self._normalise(observation), info[STEP_REWARD], terminated, False, info
 
-    def _shown(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _normalise(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         return observation if self._normalisation is None else self._normalisation(observation)
 
     def _check_shape(self, action: NDArray[np.float32]) -> None:
@@ -236,7 +235,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             self.np_random = unpack_generator(snapshot.generators[0])
         if self._camera is not None:
             self._camera.begin()
-        return self._shown(observation), self._info.standing(self.simulation)
+        return self._normalise(observation), self._info.standing(self.simulation)
 
     def _add_failure(self, info: dict[str, Any]) -> None:
         """Say why a step could not be integrated, if that is what ended the episode."""

@@ -151,7 +151,7 @@ class Picture:
         self._texts = {
             text: _Place.of(text, lanes if text in self._dates else None) for text in moving if isinstance(text, Text)
         }
-        self._kept: Any = None
+        self._background: Any = None
 
     def __call__(self, trail: Trail, simulation: Simulation, row: int) -> NDArray[np.uint8]:
         """Where the run in ``row`` stands, and its trail, ``(480, 640, 3)``; the array is the caller's."""
@@ -168,17 +168,17 @@ class Picture:
         if self._show_money(hours, points.T[MONEY], trail.first_step):
             changed.append(self._money.axes)
         if self._look_back(-float(hours[0])):
-            self._kept = None
+            self._background = None
         self._show_controls(hours, points[:, self._airs : MONEY])
         self._show_midnights(time, hours[0])
-        if self._kept is None:
+        if self._background is None:
             self._canvas.draw()
         else:
-            self._canvas.restore_region(self._kept)
+            self._canvas.restore_region(self._background)
             for axes in changed:
                 self._renew(axes)
-        if self._kept is None or changed:
-            self._kept = self._canvas.copy_from_bbox(self._figure.bbox)
+        if self._background is None or changed:
+            self._background = self._canvas.copy_from_bbox(self._figure.bbox)
         brush = _Brush(self._canvas)
         for fill in self._lanes:
             brush.fill(fill)
@@ -188,7 +188,7 @@ class Picture:
         return brush.picture(self._texts, (line for lines in self._midnights for line in lines))
 
     def _renew(self, axes: Axes) -> None:
-        """Draw axes again, and nothing else: the room of each reaches half way to its neighbours."""
+        """Redraw one axes and its margins, which reach half way to its neighbours."""
         box, left = axes.get_position(), 0.5 if axes is self._money.axes else 0.0
         foot, top = 0.0 if box.y0 == _BOTTOM else box.y0 - _GAP / 2.0, box.y1 + _GAP / 2.0
         room = Rectangle((left, foot), 0.5, top - foot, transform=self._figure.transFigure, color="white", lw=0.0)
@@ -326,14 +326,14 @@ class Picture:
 
 
 class _Brush:
-    """Draws what artists hold into one picture, in the way that these few need: lines, dots, fills and single lines of text."""
+    """Draws lines, dots, fills and single lines of text of matplotlib's artists into one picture."""
 
     def __init__(self, canvas: Any) -> None:
         self._canvas, self._renderer = canvas, canvas.get_renderer()
         self._matrices: dict[_AxesBase, Floats] = {}
 
     def line(self, line: Line2D) -> None:
-        """A line, its dots where it has some; points that are not numbers leave gaps."""
+        """Draw a line and its dots, if it has any; points that are not finite leave gaps."""
         axes, dots, color = line.axes, line.get_marker(), line.get_color()
         assert axes is not None
         at = self._pixels(axes, np.column_stack([line.get_xdata(), line.get_ydata()]))
@@ -386,8 +386,8 @@ class _Brush:
         if axes not in self._matrices:
             self._matrices[axes] = axes.transData.get_affine().get_matrix()
         matrix = self._matrices[axes]
-        found: Floats = points @ matrix[:2, :2].T + matrix[:2, 2]
-        return found
+        pixels: Floats = points @ matrix[:2, :2].T + matrix[:2, 2]
+        return pixels
 
     def _context(self, axes: _AxesBase, color: Any, width: float, *, clipped: bool) -> Any:
         context = self._renderer.new_gc()
@@ -400,7 +400,7 @@ class _Brush:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a text stands [pixels from the upper left corner], and in which font; with ``axes``, x is the text's own in them."""
+    """Position [pixels from the upper left corner] and font of a text; with ``axes``, x is in data coordinates."""
 
     x: float
     baseline: float
@@ -419,7 +419,7 @@ class _Place:
 
 
 def _write(pixels: NDArray[np.uint8], text: str, x: float, place: _Place, ink: tuple[int, int, int]) -> None:
-    """Write one line, word by word: most words of a picture were in the last one."""
+    """Draw one line of text word by word; words are cached, because most occur in every picture."""
     words, gap = [_word(word, place.font) for word in text.split(" ")], place.font.getlength(" ")
     length = sum(word.advance for word in words) + gap * (len(words) - 1)
     x -= {"left": 0.0, "center": 0.5, "right": 1.0}[place.side] * length
@@ -433,7 +433,7 @@ def _write(pixels: NDArray[np.uint8], text: str, x: float, place: _Place, ink: t
 
 
 class _Word(NamedTuple):
-    """How much of each pixel a word covers ``(height, width, 1)``, where that begins from its origin, and how far the next one is."""
+    """Coverage of pixels by a word ``(height, width, 1)``, its offset from the origin, and the advance to the next word."""
 
     cover: Floats
     left: int

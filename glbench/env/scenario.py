@@ -176,7 +176,7 @@ def season_names(task: TaskSpec, seeds: Sequence[int]) -> tuple[str | None, ...]
 
 @lru_cache(maxsize=64)
 def run_years(task: TaskSpec, seeds: tuple[int, ...]) -> tuple[int, ...]:
-    """Year of the weather of each run, of a generated season that of most of its days; of equally many the earlier. Empty if all share one.
+    """Weather year of each run: for a generated season, the year with the most days (the earlier of two). Empty if all runs share one year.
 
     Raises
     ------

@@ -38,12 +38,12 @@ def task_of_environment(
 ) -> TaskSpec:
     """The task with what ``overrides`` changes, in ``split``; where none is named, for training.
 
-    A task that has a test alone gives seasons to look at (``TaskSpec.in_split``): the scored ones want to be named.
+    A task with only a test split gives previews (``TaskSpec.in_split``) unless ``split`` is ``"test"``.
 
     Raises
     ------
     TaskError
-        When the task has no such split, when none is named and all that there is are real years that score, or when the overrides make no
+        When the task has no such split, when none is named and the task has only scored real years, or when the overrides make no
         task.
     """
     found = the_task(task)

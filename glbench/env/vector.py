@@ -123,7 +123,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
 
     @property
     def spec(self) -> EnvSpec | None:  # as in ``GreenhouseEnv``
-        """What ``gymnasium.make_vec`` made the environment of, with the horizon of its task; ``None`` without ``make_vec``."""
+        """The registered spec with the horizon of the task as ``max_episode_steps``; ``None`` without ``gymnasium.make_vec``."""
         return self._spec
 
     @spec.setter
@@ -159,7 +159,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         mask = mask_option(given, self.num_envs)
         self._start(np.flatnonzero(mask), self._row_seeds(seed))
         self._result = None
-        return self._shown(self.simulation.observe()), self._info.masked(
+        return self._normalise(self.simulation.observe()), self._info.masked(
             self._info.columns(self.simulation, None), mask, mask
         )
 
@@ -198,7 +198,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
             observations = self._start(np.flatnonzero(over)) if any_over else result.observations
             info = self._step_info(result, ~over if any_over else None)
         return (
-            self._shown(observations),
+            self._normalise(observations),
             result.rewards.copy(),
             terminated,
             np.zeros(self.num_envs, dtype=np.bool_),
@@ -240,11 +240,11 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         if self._camera is not None:
             self._camera.begin()
         everywhere = np.ones(self.num_envs, dtype=np.bool_)
-        return self._shown(observations), self._info.masked(
+        return self._normalise(observations), self._info.masked(
             self._info.columns(self.simulation, None), everywhere, everywhere
         )
 
-    def _shown(self, observations: Observations) -> Observations:
+    def _normalise(self, observations: Observations) -> Observations:
         return observations if self._normalisation is None else self._normalisation(observations)
 
     def _row_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
@@ -287,7 +287,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         self._result = None
         everywhere, nowhere = np.ones(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
         info = self._info.masked(self._info.columns(self.simulation, None), everywhere, everywhere)
-        return self._shown(observations), np.zeros(n), nowhere, nowhere.copy(), info
+        return self._normalise(observations), np.zeros(n), nowhere, nowhere.copy(), info
 
     def _step_info(self, result: StepResult, stepped: NDArray[np.bool_] | None) -> dict[str, Any]:
         """Info of all rows, of which those in ``stepped`` (by default all) took a step and the others began an episode."""
@@ -304,7 +304,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         ended = result.terminated
         final = self._info.masked(self._info.columns(self.simulation, result), ended, ended)
         add_failures(final, result)
-        last = {row: self._shown(result.observations[row]) for row in np.flatnonzero(ended).tolist()}
+        last = {row: self._normalise(result.observations[row]) for row in np.flatnonzero(ended).tolist()}
         observations = self._start(np.flatnonzero(ended))
         everywhere = np.ones(self.num_envs, dtype=np.bool_)
         info = self._info.masked(self._info.columns(self.simulation, result), everywhere, ~ended)

@@ -224,7 +224,7 @@ class Viewer:
 
     def __init__(self, program: Path, arguments: Sequence[str]) -> None:
         self._said = tempfile.TemporaryFile()  # noqa: SIM115  closed on leaving
-        # A window that is to stay is in nobody's hands; its program starts another one and ends.
+        # A window that outlives this process belongs to no one: its program starts another process and ends.
         start: type[subprocess.Popen[Any]] = subprocess.Popen if "--detach-process" in arguments else Child
         self._process = start(
             [str(program), *arguments], stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said

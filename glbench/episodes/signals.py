@@ -450,7 +450,7 @@ _TITLES = {
 """Pages that a model's signals may be on, in their order; other groups of signals follow, each with a page."""
 _KWH = "kWh m-2"
 _GAS = {"heat": "Heat as natural gas", "gas": "Natural gas"}
-"""Flows that are also shown in cubic metres of gas. Heat is that of a boiler that loses nothing of the lower heating value."""
+"""Flows that are also shown in cubic metres of gas. Heat is converted for a boiler without losses (lower heating value)."""
 _LIGHT = {
     "climate/par_today": ("Light above the crop, sun and lamps", "mol m-2", 1.0),
     "weather/radiation_today": ("Light outside", "mol m-2", PHOTONS_A_JOULE),

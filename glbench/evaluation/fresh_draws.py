@@ -1,9 +1,9 @@
-"""Fresh draws: an evaluation again under a salt that is made for it, beside reference agents with the same draws.
+"""Fresh draws: a second evaluation with draws from a new secret salt, together with reference agents.
 
-Seeds and code are published, so an agent can carry plans for the published draws of a test, and no sandbox can tell. It cannot carry plans
-for draws that did not exist when it was handed in. Both evaluations are alike for the agent: the same task card, the same number of runs, a
-new process each. The draws are those of a sealed round with one agent (``glbench.tasks.sealed``), whose salt is published with the result.
-``glbench.leaderboard.fresh_draws`` judges how much less it earned.
+Seeds and code are published, so an agent can carry plans for the published draws of a test, and no sandbox can detect them. It cannot carry
+plans for draws that did not exist when it was handed in. Both evaluations give the agent the same task card and number of runs, each in a
+new process. The draws are those of a sealed round with one agent (``glbench.tasks.sealed``), whose salt is published with the result.
+``glbench.leaderboard.fresh_draws`` computes whether the agent dropped.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from glbench.tasks import Round, TaskSpec, read_round
 from glbench.tasks.sealed import write_round
 
 FOLDER: Final = "fresh-draws"
-"""Folder below ``out`` for unfinished evaluations with fresh draws, their salts, and reference agents with the published draws."""
+"""Folder below ``out`` for unfinished evaluations with fresh draws, their salts, and results of the reference agents."""
 REFERENCES: Final = ("rule_based_tuned", "rule_based_unlit", "rule_based_energy", "rule_based_fair", "rule_based")
-"""Sensible agents that take no time, in the order in which they are tried: the first ``WANTED`` that can act in the task are taken."""
+"""Fast rule-based agents in the order in which they are tried: the first ``WANTED`` that fit the task are the reference agents."""
 WANTED: Final = 2
 
 Run = Callable[[Job], Result]
-"""Does a job, or takes its stored result."""
+"""Does a job, or loads its stored result."""
 
 
 def check_fresh_draws(job: Job) -> None:
-    """Refuse what cannot be evaluated with fresh draws, before anything is evaluated.
+    """Refuse a job that cannot be evaluated with fresh draws, before any evaluation.
 
     Raises
     ------
@@ -55,27 +55,27 @@ def check_fresh_draws(job: Job) -> None:
         raise TaskError(msg)
     if task.split == "validation" or task.sealed:
         other = "the validation split" if task.split == "validation" else "a sealed round"
-        msg = f"Fresh draws are for the public test, and this is {other}. Evaluate it without --fresh-draws."
+        msg = f"Fresh draws are for the public test split, and this is {other}. Evaluate it without --fresh-draws."
         raise TaskError(msg)
     if job.agent.protection == "unsandboxed":
         msg = (
-            f"'{job.agent_name}' would run without a sandbox, in the process that holds the salt of the fresh draws, and could read it. "
-            "With --fresh-draws submissions run with --sandbox bubblewrap only."
+            f"Without a sandbox '{job.agent_name}' could read the salt of the fresh draws. "
+            "With --fresh-draws, run submissions with --sandbox bubblewrap."
         )
         raise SandboxError(msg)
 
 
 def add_fresh_draws(job: Job, run: Run) -> Result:
-    """Evaluate the agent of ``job``, which is done, again with fresh draws, and save that in its result.
+    """Evaluate the agent of the finished ``job`` again with fresh draws, and save them in its result.
 
-    What is interrupted continues when it is called again; where the result has fresh draws already, nothing is evaluated.
+    Calling it again continues an interrupted evaluation. A result that already has fresh draws is returned unchanged.
 
     Parameters
     ----------
     job
         The evaluation with the published draws, whose result is saved.
     run
-        Does the jobs of which this consists.
+        Does a job and returns its result.
 
     Returns
     -------
@@ -85,15 +85,13 @@ def add_fresh_draws(job: Job, run: Run) -> Result:
     Raises
     ------
     GlbenchError
-        When something cannot be evaluated or written, or no reference agent can act in the task. Other errors as for ``check_fresh_draws``.
+        When an evaluation or a file fails, or no reference agent fits the task. Other errors as for ``check_fresh_draws``.
     """
     check_fresh_draws(job)
     evaluation = replace(job, options=replace(job.options, fresh=False)).prepare()
     result = evaluation.stored
     if result is None or evaluation.out is None:
-        msg = (
-            f"'{job.agent_name}' has no result on {job.task.id} that fresh draws could be added to. Evaluate it first."
-        )
+        msg = f"'{job.agent_name}' has no result on {job.task.id} to which fresh draws can be added. Evaluate it first."
         raise ResultError(msg)
     if result.fresh_draws is not None:
         return result
@@ -109,10 +107,12 @@ def add_fresh_draws(job: Job, run: Run) -> Result:
     fresh = run(again)
     actions = again.prepare().path
     if actions is None or fresh.record is None:
-        msg = f"The evaluation of '{job.agent_name}' with fresh draws left no recorded actions, without which nobody can verify it."
+        msg = (
+            f"The evaluation of '{job.agent_name}' with fresh draws has no recorded actions, so it cannot be verified."
+        )
         raise ResultError(msg)
     target = fresh_actions_path(result_path(evaluation.out, task.id, job.agent_name))
-    made = FreshDraws(
+    fresh_draws = FreshDraws(
         salt=salt.salt,
         metric=task.evaluation.metric,
         runs=fresh.runs,
@@ -120,24 +120,24 @@ def add_fresh_draws(job: Job, run: Run) -> Result:
         record=RecordReference(file=target.name, digest=fresh.record.digest),
         digest="0" * 64,
     )
-    made = made.model_copy(update={"digest": made.computed_digest(result.results_digest)})
-    whole = Result(**{name: getattr(result, name) for name in Result.model_fields} | {"fresh_draws": made})
+    fresh_draws = fresh_draws.model_copy(update={"digest": fresh_draws.computed_digest(result.results_digest)})
+    updated = Result(**{name: getattr(result, name) for name in Result.model_fields} | {"fresh_draws": fresh_draws})
     with result_lock(evaluation.out, task.id, job.agent_name):
         write_atomically(target, actions_path(actions).read_bytes())
-        save_result(whole, evaluation.out)
+        save_result(updated, evaluation.out)
     shutil.rmtree(results_folder(place, task), ignore_errors=True)
     file.unlink(missing_ok=True)
-    return whole
+    return updated
 
 
 def fresh_actions_path(result: Path) -> Path:
-    """``<agent>.actions.fresh.mcap`` beside ``<agent>.json``: the name of no record of another agent, because those end otherwise."""
+    """Path of the recorded actions with fresh draws, ``<agent>.actions.fresh.mcap``, beside ``<agent>.json``."""
     return result.with_name(result.name.removesuffix(".json") + ".actions.fresh.mcap")
 
 
 def _references(job: Job, task: TaskSpec, options: Options, run: Run) -> tuple[ReferenceRuns, ...]:
-    """The reference agents with the draws of ``job`` and with those of ``task``; those that cannot act in the task are passed over."""
-    found: list[ReferenceRuns] = []
+    """The reference agents that fit the task, with the draws of ``job`` and with those of ``task``."""
+    references: list[ReferenceRuns] = []
     for name in REFERENCES:
         try:
             agent = protect(name, "auto")
@@ -148,10 +148,10 @@ def _references(job: Job, task: TaskSpec, options: Options, run: Run) -> tuple[R
             continue
         values = [one.values(task.evaluation.metric) for one in (published, fresh)]
         if published.summary.ok:
-            found.append(ReferenceRuns(name=name, digest=agent.agent.digest, published=values[0], fresh=values[1]))
-        if len(found) == WANTED:
+            references.append(ReferenceRuns(name=name, digest=agent.agent.digest, published=values[0], fresh=values[1]))
+        if len(references) == WANTED:
             break
-    if not found:
-        msg = f"No reference agent can act in {task.id} ({', '.join(REFERENCES)}), so fresh draws could not be judged."
+    if not references:
+        msg = f"Fresh draws need a reference agent, and none fits {task.id} ({', '.join(REFERENCES)}). Evaluate it without --fresh-draws."
         raise ResultError(msg)
-    return tuple(found)
+    return tuple(references)

@@ -264,7 +264,7 @@ def _finished(
 ) -> Result | None:
     """The stored result of this very evaluation; one from a sandbox does where none is wanted, and not the other way round.
 
-    None is wanted of a ``fresh`` evaluation, which may replace another result of the task, but not one of another task.
+    A ``fresh`` evaluation gets ``None``: it may replace a result of the same task, but not one of another task.
 
     Raises
     ------

@@ -119,9 +119,9 @@ class TaskRecord(Sparse):
 
 
 class TrainingRecord(Record):
-    """The training of a recipe that the agent says it is: the recipe's id, the seed, the form, and a digest over the weights.
+    """Recipe, seed and form that the agent's card states, with a digest over the weights.
 
-    ``policy`` is ``None`` where no file holds weights.
+    ``policy`` is ``None`` if no file holds weights.
     """
 
     recipe: RecipeId
@@ -133,7 +133,7 @@ class TrainingRecord(Record):
 class AgentRecord(Sparse):
     """The agent that acted; its digest covers its files. ``information`` says in words what it could see.
 
-    ``training`` is absent where its card names no recipe, and from results of earlier versions.
+    ``training`` is absent if its card names no recipe, and in results of earlier versions.
     """
 
     sparse = frozenset({"training"})
@@ -213,7 +213,7 @@ class Summary(Record):
 
 
 class ReferenceRuns(Record):
-    """A controller of glbench in the same runs: what ranks, in the order of the seeds, with the published and with the fresh draws."""
+    """A reference agent: the ranking metric of each run, in the order of the seeds, with the published and with the fresh draws."""
 
     name: Annotated[str, AfterValidator(_agent_name)]
     digest: Digest
@@ -222,19 +222,19 @@ class ReferenceRuns(Record):
 
 
 class FreshDraws(Record):
-    """The evaluation again, with draws from a ``salt`` that was secret until it was over, beside reference agents with the same draws."""
+    """A second evaluation with draws from a ``salt`` that was secret until its end, and reference agents with the same draws."""
 
     salt: Digest
     metric: Word
-    """What ranks on the task: what ``references`` hold."""
+    """Ranking metric of the task, to which the values of ``references`` belong."""
     runs: Annotated[tuple[RunResult, ...], FailFast()]
     references: Annotated[tuple[ReferenceRuns, ...], Field(min_length=1, max_length=MOST_ENTRIES)]
     record: RecordReference
     digest: Digest
-    """SHA-256 over all of it but ``record``, and the ``results_digest`` of the result that it belongs to."""
+    """SHA-256 over all fields except ``record``, and the ``results_digest`` of the result."""
 
     def computed_digest(self, results_digest: str) -> str:
-        """What ``digest`` has to be in a result with this ``results_digest``."""
+        """The correct ``digest`` in a result with this ``results_digest``."""
         content = {"result": results_digest, **self.model_dump(mode="json", exclude={"record", "digest"})}
         return canonical_sha256(content)
 
@@ -262,7 +262,7 @@ class Result(Sparse):
     profile: RecordReference | None = None
     """What pages show of days and seasons; ``None`` in results that were made without a folder, or by an earlier glbench."""
     fresh_draws: FreshDraws | None = None
-    """What came out with fresh draws (`glbench evaluate --fresh-draws`); absent without them. ``results_digest`` does not cover it."""
+    """Evaluation with fresh draws (`glbench evaluate --fresh-draws`); absent without it. ``results_digest`` does not cover it."""
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
@@ -310,11 +310,11 @@ class Result(Sparse):
 
     def _check_fresh_draws(self, fresh: FreshDraws) -> None:
         if self.task.split != "test" or self.task.salt_commitment is not None:
-            msg = "fresh_draws stand beside the published draws of a test split, and this result has other draws"
+            msg = "fresh_draws belong to a result on the published test split, and this result has other draws"
             raise ValueError(msg)
         runs = len(self.runs)
         if any(len(values) != runs for one in fresh.references for values in (one.published, one.fresh)):
-            msg = f"fresh_draws: a reference agent does not have {runs} runs with each draws"
+            msg = f"fresh_draws: a reference agent does not have {runs} runs with both sets of draws"
             raise ValueError(msg)
         if fresh.metric not in self.units:
             msg = f"fresh_draws: the runs do not have the metric '{fresh.metric}'"
@@ -329,15 +329,15 @@ class Result(Sparse):
             raise ValueError(msg) from error
 
     def of_fresh_draws(self) -> Result:
-        """The evaluation with the fresh draws as a result of its own: one of a round with that salt. Needs ``fresh_draws``."""
+        """The evaluation with fresh draws as a separate result, like one of a round with that salt. Needs ``fresh_draws``."""
         fresh = self.fresh_draws
         assert fresh is not None
         commitment = Round(fresh.salt).commitment
-        kept = {name: getattr(self, name) for name in type(self).model_fields}
-        kept["task"] = self.task.model_copy(update={"years": None, "salt_commitment": commitment})
-        kept |= {"runs": fresh.runs, "summary": summarise(fresh.runs), "record": fresh.record, "profile": None}
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        fields["task"] = self.task.model_copy(update={"years": None, "salt_commitment": commitment})
+        fields |= {"runs": fresh.runs, "summary": summarise(fresh.runs), "record": fresh.record, "profile": None}
         digest = results_digest(self.task.digest, self.agent, fresh.runs, commitment)
-        return Result(**kept | {"results_digest": digest, "fresh_draws": None})
+        return Result(**fields | {"results_digest": digest, "fresh_draws": None})
 
     @property
     def clusters(self) -> tuple[str, ...] | None:

@@ -115,8 +115,8 @@ class RunTotals:
 class Progress:
     """Where an evaluation stands: ``step`` of ``steps``, ``alive`` of ``runs`` still running.
 
-    While ``replaying``, an interrupted evaluation shows its agent again what it had seen before. ``waiting`` says what the agent is asked
-    for next (``"loading"``, ``"reset"``, ``"act"``; empty when nothing), and ``limit`` how long that may take [s].
+    While ``replaying``, an interrupted evaluation repeats the recorded observations to its agent. ``waiting`` is the call that the agent
+    answers next (``"loading"``, ``"reset"``, ``"act"``; empty for none), and ``limit`` its time limit [s].
     """
 
     step: int

@@ -75,7 +75,7 @@ class AgentRunner(ABC):
     """An agent in its harness, for ``n`` runs; ``card`` holds names and bounds of what it decides."""
 
     one_by_one = False
-    """Whether there is an agent for each run, each asked by itself and with its own time."""
+    """Whether each run has its own agent, with separate calls and time limits."""
 
     def __init__(self, card: TaskCard, n: int, limits: TimeLimits) -> None:
         self.card, self.n, self.limits = card, n, limits

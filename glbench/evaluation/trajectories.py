@@ -23,7 +23,7 @@ from glbench.evaluation.sandbox.process import Prints
 from glbench.tasks import TaskSpec, task_card
 
 FIRST_SEED = 40_000_000_000
-"""Seed of the first run, unless another is given; trainings, their evaluations and searches have the seeds below."""
+"""Default seed of the first run; trainings, their evaluations and searches use smaller seeds."""
 _FIRST_FREE_SEED = 10_000_000_000
 """Seeds from here on are for learning: no task can be scored with them (docs/training.md)."""
 _LAST_SEED = 2**53

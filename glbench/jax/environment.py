@@ -55,10 +55,10 @@ class State(NamedTuple):
 @partial(jax.tree_util.register_dataclass, data_fields=["first", "count", "max_steps_in_episode"], meta_fields=[])
 @dataclass(frozen=True)
 class Params:
-    """Which scenarios episodes are in, and when they end early. May be traced and mapped.
+    """Scenarios of the episodes, and the step that ends them early. May be traced and mapped.
 
     Each new episode draws one of ``count`` scenarios from number ``first`` on: ``Params(first=5, count=1)`` always begins the scenario of
-    ``seeds[5]``. An episode ends with its season, or after step ``max_steps_in_episode`` of it where that is less.
+    ``seeds[5]``. An episode ends with its season, or after ``max_steps_in_episode`` steps if that is earlier.
     """
 
     first: Any = 0
@@ -147,7 +147,7 @@ class Environment:
 
     @property
     def default_params(self) -> Params:
-        """Whole seasons in any of the scenarios."""
+        """Parameters for whole seasons in any of the scenarios."""
         return Params(0, len(self.seeds), self.task.steps)
 
     @property
@@ -188,7 +188,7 @@ class Environment:
     def step(
         self, key: jax.Array, state: State, action: jax.Array, params: Params | None = None
     ) -> tuple[jax.Array, State, jax.Array, jax.Array, dict[str, jax.Array]]:
-        """Take one step with an action ``(m,)``; when the episode ends, also by ``params.max_steps_in_episode``, begin another one.
+        """Take one step with an action ``(m,)``; when the episode ends, also by ``params.max_steps_in_episode``, begin the next.
 
         Returns
         -------
@@ -258,7 +258,7 @@ class Environment:
         try:
             action = jnp.asarray(action)
         except (TypeError, ValueError, OverflowError) as error:
-            msg = f"An action of {self.task.id} is an array of real numbers, not {type(action).__name__} of something else."
+            msg = f"An action of {self.task.id} is an array of real numbers, and this {type(action).__name__} is not."
             raise ActionError(msg) from error
         if not jnp.issubdtype(action.dtype, jnp.floating) and not jnp.issubdtype(action.dtype, jnp.integer):
             msg = f"An action of {self.task.id} is an array of real numbers, not of {action.dtype}."

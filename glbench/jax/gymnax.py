@@ -1,4 +1,4 @@
-"""The environment for gymnax 1.x itself: its base class, its spaces, its parameters and six values a step."""
+"""The environment for gymnax 1.x: its base class, spaces and parameters, and six values a step."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ try:
     from flax import struct  # isort: skip  # gymnax brings it
 except ModuleNotFoundError as error:
     _missing = str(error.name)
-    _why = "which is not installed" if _missing.startswith("gymnax") else f"which does not find {_missing}"
+    _why = "which is not installed" if _missing.startswith("gymnax") else f"which needs {_missing}"
     raise GlbenchError(_NEEDS.format(_why)) from error
 
 if version("gymnax").startswith("0."):
@@ -39,17 +39,17 @@ class GymnaxState(gymnax_environment.EnvState):  # type: ignore[misc]  # gymnax 
 
 @struct.dataclass
 class GymnaxParams(gymnax_environment.EnvParams):  # type: ignore[misc]
-    """When episodes are truncated, and which scenarios they are in: see ``glbench.jax.Params``."""
+    """Scenarios of the episodes, and the step that truncates them: see ``glbench.jax.Params``."""
 
     first: Any = 0
     count: Any = 1
 
 
 class GymnaxEnvironment(gymnax_environment.Environment):  # type: ignore[misc]
-    """A task as an environment of gymnax 1.x; ``step`` gives observation, state, reward, terminated, truncated and info.
+    """A task as an environment of gymnax 1.x; ``step`` returns observation, state, reward, terminated, truncated and info.
 
-    ``terminated`` is the end of the season or a step that could not be integrated, ``truncated`` the step ``max_steps_in_episode`` of an
-    episode where that comes before. ``step`` begins the next episode then; the last observation is in ``info["final_observation"]``.
+    ``terminated``: the season ended, or the step could not be integrated. ``truncated``: the episode reached ``max_steps_in_episode``
+    before. In both cases ``step`` begins the next episode; the last observation is in ``info["final_observation"]``.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class GymnaxEnvironment(gymnax_environment.Environment):  # type: ignore[misc]
     Attributes
     ----------
     greenhouse
-        The ``Environment`` underneath, with the same bits.
+        The ``Environment`` inside; it gives the same bits.
     """
 
     def __init__(self, task: Any, preset: str = "fast", **options: Any) -> None:
@@ -78,12 +78,12 @@ class GymnaxEnvironment(gymnax_environment.Environment):  # type: ignore[misc]
 
     @property
     def default_params(self) -> GymnaxParams:
-        """Whole seasons in any of the scenarios."""
+        """Parameters for whole seasons in any of the scenarios."""
         return GymnaxParams(max_steps_in_episode=self.task.steps, count=len(self.greenhouse.seeds))
 
     @property
     def num_actions(self) -> int:
-        """How many numbers an action has."""
+        """Number of controls in an action."""
         return self.greenhouse.num_actions
 
     @property
@@ -92,7 +92,7 @@ class GymnaxEnvironment(gymnax_environment.Environment):  # type: ignore[misc]
         return self.greenhouse.obs_shape
 
     def action_space(self, params: GymnaxParams | None = None) -> spaces.Box:
-        """Bounds of the actions; ``step`` brings what lies outside to the nearest bound."""
+        """Bounds of the actions; ``step`` clips actions to them."""
         box = self.greenhouse.action_space()
         return spaces.Box(jnp.asarray(box.low), jnp.asarray(box.high), box.shape, jnp.float32)
 
@@ -106,24 +106,24 @@ class GymnaxEnvironment(gymnax_environment.Environment):  # type: ignore[misc]
         return spaces.Dict({"time": spaces.Discrete(self.task.steps + 1)})
 
     def reset(self, key: jax.Array, params: GymnaxParams | None = None) -> tuple[jax.Array, GymnaxState]:
-        """Begin an episode in a random scenario, at one of its places; an observation ``(columns,)`` float32, and the environment."""
+        """Begin an episode in a random scenario, at one of its start steps; return an observation ``(columns,)`` float32 and the state."""
         observation, state = self.greenhouse.reset(key, self._scenarios(params))
         return observation, GymnaxState(jnp.int32(0), state)
 
     def reset_env(self, key: jax.Array, params: GymnaxParams | None = None) -> tuple[jax.Array, GymnaxState]:
-        """Begin an episode in a random scenario, at its start: what ``step`` does when one has ended."""
+        """Begin an episode in a random scenario at its first step, as ``step`` does when an episode has ended."""
         observation, state = self.greenhouse.reset_env(key, self._scenarios(params))
         return observation, GymnaxState(jnp.int32(0), state)
 
     def step_env(
         self, key: jax.Array, state: GymnaxState, action: jax.Array, params: GymnaxParams | None = None
     ) -> tuple[jax.Array, GymnaxState, jax.Array, jax.Array, dict[str, jax.Array]]:
-        """Take one step; observation, state, reward, terminated and info, without a new episode."""
+        """Take one step without beginning a new episode; return observation, state, reward, terminated and info."""
         observation, after, reward, terminated, info = self.greenhouse.step_env(key, state.greenhouse, action)
         return observation, GymnaxState(state.time + 1, after), reward, terminated, info
 
     def is_truncated(self, state: GymnaxState, params: GymnaxParams) -> jax.Array:
-        """Whether the limit cut the episode before its season ended."""
+        """Whether the episode reached ``max_steps_in_episode`` before its season ended."""
         return jnp.logical_and(state.time >= params.max_steps_in_episode, ~state.greenhouse.ended)
 
     def is_terminated(self, state: GymnaxState, params: GymnaxParams | None = None) -> jax.Array:
@@ -140,7 +140,7 @@ class GymnaxEnvironment(gymnax_environment.Environment):  # type: ignore[misc]
         GlbenchError
             Always.
         """
-        msg = "glbench observes in the compiled step: take the observation that reset or step returned."
+        msg = "glbench computes observations in the compiled step. Use those that reset and step return."
         raise GlbenchError(msg)
 
     @staticmethod

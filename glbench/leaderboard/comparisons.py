@@ -1,12 +1,12 @@
-"""Which agents can be told apart: paired tests of the means that are shown, and the tiers that they make.
+"""Paired tests of the means in the tables, and tiers of agents that cannot be told apart.
 
-Runs of two agents with the same seed meet the same weather and the same draws of the crop's parameters, so their difference is judged
-run by run; where a recipe has several trainings, they are a second source of chance. The test is of the very number that ranks: the
-difference of the two means, over several tasks of the means over tasks, divided by its standard error, against Student's t
+Runs of two agents with the same seed have the same weather and the same draws of the crop's parameters, so agents are compared run by run;
+several trainings of a recipe are a second source of variance. The test is of the number that ranks: the
+difference of the two means (over several tasks, of the means over tasks), divided by its standard error, against Student's t
 (``statistics.estimate_difference``). Each pair of agents is told apart by mistake in at most 5 % of cases. P-values of all pairs of a table
 are corrected together (Benjamini and Hochberg, 1995, J. R. Stat. Soc. B 57, 289-300; for all pairs of a set Williams, Jones and Tukey,
-1999, J. Educ. Behav. Stat. 24, 42-69): of the pairs that are told apart at most 5 % are expected to be mistakes, and where all agents are
-equally good, any pair is told apart in about 5 % of cases. Agents that cannot be told apart from the first of their tier share its rank.
+1999, J. Educ. Behav. Stat. 24, 42-69): of the pairs that are told apart, at most 5 % are expected to be mistakes; if all agents are
+equally good, about 5 % of tables tell some pair apart. Agents that cannot be told apart from the first of their tier share its rank.
 """
 
 from __future__ import annotations
@@ -50,20 +50,20 @@ def paired_test(
     trainings that differ much) when their true means are equal. See ``estimate_difference`` for what varies, and what is assumed of an
     agent with a single training.
 
-    On a task on which all differences are one and the same number nothing is drawn: its runs are one observation and not many, and a
-    difference within its resolution counts as none. Where no task draws anything and trainings do not differ, there is no chance to
-    test against: the p-value is 0 where a difference is left, else 1. A single run says nothing about others: the p-value is 1.
+    If all differences on a task are the same number, the task draws nothing: its runs are a single observation, and a
+    difference within its resolution counts as 0. If no task draws anything and trainings do not differ, there is no variance to
+    test against: the p-value is 1 for no difference, else 0. From a single run the p-value is 1.
 
     Parameters
     ----------
     first, second
         Values of the two agents by task, ``(n,)`` or ``(trainings, n)``, in the order of the same seeds.
     resolutions
-        For each task the difference that rounding can make where it draws nothing, in the unit of the values; ``RESOLUTION`` by default.
+        For each task, the difference that rounding can cause if the task draws nothing, in the unit of the values; default ``RESOLUTION``.
     scenarios
-        For each task a name for each run; runs of different tasks with one name meet the same draws. ``None``: no two runs do.
+        For each task, a name for each run; runs of different tasks with the same name have the same draws. ``None``: all draws differ.
     fixed
-        Of each agent whether it is a policy that no training made, so that nothing of it varies between trainings.
+        For each agent, whether it was not trained, so that it has no variance between trainings.
 
     Raises
     ------
@@ -82,13 +82,13 @@ def paired_test(
 
 
 def corrected(p_values: Sequence[float]) -> list[float]:
-    """P-values corrected for their number, in the order given: those of Benjamini and Hochberg (1995), never below the p-values."""
+    """P-values corrected for their number (Benjamini and Hochberg 1995), in the given order; none is below its original."""
     values = np.asarray(p_values, dtype=np.float64)
     order = np.argsort(-values, kind="stable")
     scaled = values[order] * (values.size / np.arange(values.size, 0, -1))
-    found = np.empty_like(values)
-    found[order] = np.minimum(np.minimum.accumulate(scaled), 1.0)
-    return [float(one) for one in found]
+    adjusted = np.empty_like(values)
+    adjusted[order] = np.minimum(np.minimum.accumulate(scaled), 1.0)
+    return [float(one) for one in adjusted]
 
 
 def pairs_apart(
@@ -99,7 +99,7 @@ def pairs_apart(
 ) -> set[frozenset[str]]:
     """The pairs of agents that can be told apart, from their values as in ``paired_test``, corrected for the number of pairs.
 
-    ``fixed`` names agents that no training made.
+    ``fixed`` names agents that were not trained.
 
     Raises
     ------
@@ -108,8 +108,8 @@ def pairs_apart(
     """
     pairs = list(combinations(sorted(scores), 2))
     tests = [paired_test(scores[a], scores[b], resolutions, scenarios, (a in fixed, b in fixed)) for a, b in pairs]
-    found = corrected([one.p_value for one in tests])
-    return {frozenset(pair) for pair, p in zip(pairs, found, strict=True) if p < SIGNIFICANCE}
+    p_values = corrected([one.p_value for one in tests])
+    return {frozenset(pair) for pair, p in zip(pairs, p_values, strict=True) if p < SIGNIFICANCE}
 
 
 def tiers(

@@ -1,8 +1,8 @@
 """Entries: what a row of a table stands for. A single result, or the trainings of one recipe that differ in their seed alone.
 
-Trainings say in their cards which recipe and which seed they are of; a name says nothing. They are joined where authors, form, kind and
-origin are the same as well, and their policies and seeds differ. Shipped baselines are joined by the cards that came with glbench.
-Trainings are in the order of their seeds: which one is shown first never depends on how well it did.
+Cards of trainings state recipe and seed. Results are joined if recipe, authors, form, kind and origin are the same and policies and
+seeds differ; names do not count. Shipped baselines are joined by the cards that came with glbench.
+Trainings are sorted by seed, so their order does not depend on their scores.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Entry:
 
     @property
     def is_fixed(self) -> bool:
-        """Whether no training made it, as far as it says: a result of a policy, and not one draw of a recipe."""
+        """Whether it was not trained, as far as its results state: no training steps."""
         return not any(budget_of(item.result).steps for item in self.trainings)
 
     def states(self, metric: str) -> bool:
@@ -125,20 +125,22 @@ def entries_by_task(
 
 
 def of_one_version(by_task: Mapping[str, Iterable[Entry]]) -> dict[str, tuple[Entry, ...]]:
-    """The entries that one agent made: of results under one name and with several digests those with the digest of most tasks.
+    """For each name the entries with one digest or recipe: that with the most tasks; if equally many, the latest.
 
-    Of equally many the latest count. A name says nothing about what acted, so figures over several tasks need this.
+    Different agents can have the same name, so figures over several tasks need this.
     """
-    made: dict[str, dict[str, list[str]]] = {}
+    times: dict[str, dict[str, list[str]]] = {}
     for entries in by_task.values():
         for entry in entries:
-            made.setdefault(entry.name, {}).setdefault(_version(entry), []).append(entry.first.created)
-    kept = {name: max(of, key=lambda one: (len(of[one]), max(of[one]))) for name, of in made.items()}
-    return {task: tuple(one for one in entries if _version(one) == kept[one.name]) for task, entries in by_task.items()}
+            times.setdefault(entry.name, {}).setdefault(_version(entry), []).append(entry.first.created)
+    version = {name: max(of, key=lambda one: (len(of[one]), max(of[one]))) for name, of in times.items()}
+    return {
+        task: tuple(one for one in entries if _version(one) == version[one.name]) for task, entries in by_task.items()
+    }
 
 
 def _version(entry: Entry) -> str:
-    """What acted: an agent's digest, or the recipe of several trainings, of which a task may have some."""
+    """An agent's digest, or the recipe of its trainings."""
     training = entry.first.agent.training
     return entry.first.agent.digest if not entry.training_seeds else "" if training is None else training.recipe
 
@@ -148,7 +150,7 @@ def _joined(
 ) -> dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]]:
     """Trainings on one board, by recipe and seeds of the evaluation, in the order of the seeds that they were trained with.
 
-    Each policy is there once (two with the same rewards in all runs are one), and nothing of a recipe of which two claim the same seed.
+    Each policy occurs once (the same rewards in all runs mean the same policy). A recipe with the same seed twice is left out.
     """
     groups: dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]] = {}
     policies = set[object]()
@@ -168,14 +170,14 @@ def _joined(
 
 
 def _names_of_recipes(recipes: Mapping[_Recipe, set[str]], taken: set[str]) -> dict[_Recipe, str]:
-    """Names of entries: what the names of the trainings share but for the seed, unless another agent has it; else the first of them."""
-    found: dict[_Recipe, str] = {}
+    """Names of entries: the trainings' common name without the seed or, if it differs or another agent has it, the first training's."""
+    entry_names: dict[_Recipe, str] = {}
     owners: dict[str, _Recipe] = {}
     for recipe, names in recipes.items():
         shared = min(without_seed(name) for name in names)
         same = {without_seed(name) for name in names} == {shared} and shared not in taken - names
-        found[recipe] = shared if same and owners.setdefault(shared, recipe[:-1]) == recipe[:-1] else min(names)
-    return found
+        entry_names[recipe] = shared if same and owners.setdefault(shared, recipe[:-1]) == recipe[:-1] else min(names)
+    return entry_names
 
 
 def _entry(items: list[StoredResult], seeds: tuple[int, ...], *, name: str | None = None) -> Entry:
@@ -246,7 +248,7 @@ def _seed(item: StoredResult) -> int:
 
 
 def _recipe(item: StoredResult, seeds: tuple[int, ...]) -> _Recipe | None:
-    """What trainings of one recipe have in common, the origin last; ``None`` for an agent that is none. ``seeds`` are the task's."""
+    """Values that trainings of one recipe share, the origin last; ``None`` for an agent without a recipe. ``seeds`` are the task's."""
     agent = item.result.agent
     where = agent.kind, agent.privileged, origin_of(item, seeds)
     if agent.kind == "baseline":
@@ -255,13 +257,13 @@ def _recipe(item: StoredResult, seeds: tuple[int, ...]) -> _Recipe | None:
         return (shipped.recipe, *where) if shipped is not None and genuine else None
     if agent.training is None:
         return None
-    # Settings for a controller of glbench name no authors: there the name has to be that of the same recipe as well.
+    # Folders of settings state no authors, so their names must be the same except for the seed.
     owner = without_seed(agent.name) if agent.card is None else tuple(sorted(agent.card.authors))
     return agent.training.recipe, agent.training.form, owner, agent.information, *where
 
 
 def _policy(item: StoredResult) -> str:
-    """What tells two policies apart beside the rewards of their runs: a baseline's digest, or that of the weights."""
+    """Identity of a policy: a baseline's digest, or that of the weights, or that of the submission."""
     agent = item.result.agent
     if agent.kind == "baseline":
         return agent.digest

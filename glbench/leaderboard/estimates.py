@@ -41,8 +41,8 @@ class Estimate(Published):
 def estimate(values: Iterable[float]) -> Estimate:
     """Mean, interquartile mean and 95 % interval of one metric over runs."""
     sample = np.fromiter(values, dtype=np.float64)
-    found = estimate_mean([sample]).interval()
-    return Estimate(mean=found.value, iqm=float(interquartile_mean(sample)), low=found.low, high=found.high)
+    interval = estimate_mean([sample]).interval()
+    return Estimate(mean=interval.value, iqm=float(interquartile_mean(sample)), low=interval.low, high=interval.high)
 
 
 def estimates_of(result: Result) -> dict[str, Estimate]:
@@ -52,20 +52,20 @@ def estimates_of(result: Result) -> dict[str, Estimate]:
 
 
 def estimate_over_trainings(values: Array) -> Estimate:
-    """Of values ``(trainings, n)`` the mean over trainings, the lowest and the highest of them, and the interval over trainings and runs.
+    """Mean over trainings of values ``(trainings, n)``, the lowest and highest training, and the interval over trainings and runs.
 
-    Of one training it is the ``estimate`` over its runs.
+    For one training, the ``estimate`` over its runs.
     """
     if len(values) == 1:
         return estimate(values[0])
-    means, found = values.mean(axis=1), estimate_mean([values]).interval()
+    means, interval = values.mean(axis=1), estimate_mean([values]).interval()
     return Estimate(
-        mean=found.value,
+        mean=interval.value,
         iqm=float(interquartile_mean(values).mean()),
         low=float(means.min()),
         high=float(means.max()),
         deviation=float(means.std(ddof=1)),
-        overall=Ends(low=found.low, high=found.high),
+        overall=Ends(low=interval.low, high=interval.high),
     )
 
 

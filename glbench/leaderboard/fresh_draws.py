@@ -1,8 +1,8 @@
-"""How much less an agent earns with fresh draws than with the published ones, beside reference agents that know neither.
+"""Test whether an agent earns less with fresh draws than with the published ones, compared with reference agents.
 
-Seasons differ, so two sets of draws give two means. A reference agent meets the same seasons: what an agent earns more than it, run by run,
-is free of most of that. An agent that knows nothing of the published draws has differences of one distribution in both sets, whatever it
-is. docs/statistics.md has formula, error rate and what such a test can see.
+Seasons differ, so two sets of draws give two means. Reference agents are evaluated in the same seasons, and the difference from them, run
+by run, removes most of that. For an agent that carries nothing, these differences have the same distribution in both sets.
+docs/statistics.md has the formula, the error rate and the limits of the test.
 """
 
 from __future__ import annotations
@@ -19,31 +19,33 @@ from glbench.leaderboard.catalogue import Metric
 from glbench.leaderboard.statistics import Array, Published
 
 ERROR: Final = 0.001
-"""Chance, at most, that an agent is marked that does not know the published draws."""
+"""Largest probability that an agent is marked that carries nothing."""
 FEWEST: Final = 5
-"""Runs below which nobody is marked."""
+"""Smallest number of runs for a mark."""
 
 
 class FreshScore(Published):
-    """What ranks, as the mean over runs with fresh draws, and by how much more than reference agents it dropped."""
+    """Mean of the ranking metric over runs with fresh draws, and the drop compared with reference agents."""
 
-    mean: float = Field(description="of what ranks, with the fresh draws; of several trainings the mean over them")
+    mean: float = Field(
+        description="mean of the ranking metric with the fresh draws; of several trainings the mean over them"
+    )
     drop: float = Field(
-        description="how much more it dropped from the published to the fresh draws than the reference agent that speaks most for it"
+        description="drop from the published to the fresh draws, minus that of the reference agent 'reference'"
     )
     low: float | None = Field(
-        description="lower end of the one-sided 99.9 % interval of the drop; null where there are too few runs"
+        description="lower end of the one-sided 99.9 % interval of the drop; null with too few runs"
     )
-    margin: float = Field(description="how much one reference agent dropped more than another")
-    reference: str = Field(description="the reference agent that speaks most for it")
+    margin: float = Field(description="largest difference between the drops of two reference agents")
+    reference: str = Field(description="the reference agent with the smallest lower end")
     failed: int = Field(
         description="runs with fresh draws that failed; of several trainings those of the one that dropped most"
     )
-    marked: bool = Field(description="whether the drop is above the margin beyond chance, with every reference agent")
+    marked: bool = Field(description="whether the lower end is above the margin for every reference agent")
 
 
 def fresh_score(result: Result) -> FreshScore | None:
-    """What came out with fresh draws; ``None`` where the result has none."""
+    """Score with fresh draws; ``None`` if the result has none."""
     fresh = result.fresh_draws
     if fresh is None:
         return None
@@ -55,15 +57,15 @@ def fresh_score(result: Result) -> FreshScore | None:
     margin = max(abs(drop_beside(*one)[0] - first) for one in references)
     place = min(range(len(drops)), key=lambda place: drops[place][1])
     drop, low = drops[place]
-    few = len(published) < FEWEST
+    too_few_runs = len(published) < FEWEST
     return FreshScore(
         mean=float(again.mean()),
         drop=drop,
-        low=None if few else low,
+        low=None if too_few_runs else low,
         margin=margin,
         reference=fresh.references[place].name,
         failed=sum(run.status != "ok" for run in fresh.runs),
-        marked=not few and low > margin,
+        marked=not too_few_runs and low > margin,
     )
 
 
@@ -75,7 +77,7 @@ def drop_beside(published: Array, fresh: Array, error: float = ERROR) -> tuple[f
     published, fresh
         One value a run, each ``(n,)``, of independent runs.
     error
-        Chance that the lower end lies above the true difference.
+        Probability that the lower end is above the true difference.
     """
     from scipy import special  # not at the top: most boards have no fresh draws
 
@@ -92,7 +94,7 @@ def drop_beside(published: Array, fresh: Array, error: float = ERROR) -> tuple[f
 
 
 def fresh_score_over(trainings: Sequence[FreshScore | None]) -> FreshScore | None:
-    """Of several trainings: the mean over them, and the drop of the one that dropped most; ``None`` where one has no fresh draws."""
+    """Mean over several trainings, with the drop of the one that dropped most; ``None`` if one has no fresh draws."""
     known = [one for one in trainings if one is not None]
     if not known or len(known) < len(trainings):
         return None
@@ -103,9 +105,9 @@ def fresh_score_over(trainings: Sequence[FreshScore | None]) -> FreshScore | Non
 def fresh_note(agent: str, score: FreshScore, metric: Metric) -> str:
     """Why an agent is marked, in words."""
     return (
-        f"With fresh draws {agent} drops by {metric.number(score.drop)} more in what ranks ({metric.words}) than {score.reference} "
-        f"in the same seasons, by at least {metric.number(score.low or 0.0)}; reference agents differ by "
-        f"{metric.number(score.margin)} in this. "
+        f"With fresh draws {agent} drops by {metric.number(score.drop)} more in {metric.words} than {score.reference} "
+        f"in the same seasons, by at least {metric.number(score.low or 0.0)}; the drops of reference agents differ by "
+        f"{metric.number(score.margin)}. "
         + (
             f"{score.failed} of its runs with fresh draws failed."
             if score.failed
@@ -115,7 +117,7 @@ def fresh_note(agent: str, score: FreshScore, metric: Metric) -> str:
 
 
 def fresh_words(result: Result, metric: Metric) -> str:
-    """What a result with fresh draws has in ``metric``, which ranks, and whether that marks its agent."""
+    """Sentences on the mean of ``metric`` with fresh draws, and on whether the agent is marked."""
     score = fresh_score(result)
     assert score is not None
     words = f"{metric.said(score.mean)}, published {metric.number(result.summary.mean[metric.name])}."
@@ -124,5 +126,5 @@ def fresh_words(result: Result, metric: Metric) -> str:
     if score.marked:
         return f"{words} {fresh_note(result.agent.name, score, metric)}"
     if score.low is None:
-        return f"{words} From {len(result.runs)} runs nothing follows."
-    return f"{words} Beside {score.reference} it dropped by {metric.number(score.drop)}, no more than chance explains."
+        return f"{words} {len(result.runs)} runs are too few to test for a drop."
+    return f"{words} Compared with {score.reference} it dropped by {metric.number(score.drop)}, no more than chance explains."

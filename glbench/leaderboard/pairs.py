@@ -23,7 +23,7 @@ from glbench.leaderboard.statistics import Array, Interval, estimate_difference,
 class MetricPair:
     """One metric of two agents: means, and the mean of A minus B with its 95 % interval, in the metric's unit.
 
-    The interval is over pairs of runs, and over trainings where an agent has several. What a result does not hold is ``None``.
+    The interval is over pairs of runs, and over trainings where an agent has several. ``None`` if a result lacks the metric.
     """
 
     unit: str
@@ -49,7 +49,7 @@ class Pair:
     runs: int
     ranks_by: str
     by_year: Mapping[int, tuple[int, float]]
-    """Of each year of the weather how many pairs of runs there are, and A minus B in what ranks; empty where only one is known."""
+    """Number of pairs of runs and mean of A minus B in the ranking metric, by weather year; empty if only one year is known."""
     resolution: float
     """Difference of what ranks that rounding can make where the task draws nothing; 0 where none is known."""
     metrics: Mapping[str, MetricPair]
@@ -63,7 +63,7 @@ class Pair:
     """Regret to the best known and its parts, see ``PARTS``; empty where a common run has no best known one."""
 
     def told_apart(self, corrected: float) -> bool:
-        """Whether the means of what ranks differ beyond chance, at the p-value corrected for the number of tasks."""
+        """Whether the means of the ranking metric differ beyond chance, by the p-value corrected for the number of tasks."""
         return corrected < SIGNIFICANCE
 
     @property
@@ -136,7 +136,7 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
         trainings=(len(one.trainings), len(other.trainings)),
         runs=len(seeds),
         ranks_by=ranks_by,
-        by_year={year: (found.size, float(found.mean())) for year, found in of_year.items()},
+        by_year={year: (gaps.size, float(gaps.mean())) for year, gaps in of_year.items()},
         resolution=resolution,
         metrics=metrics,
         p_value=test.p_value,

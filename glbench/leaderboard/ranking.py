@@ -31,7 +31,7 @@ Number = TypeVar("Number", int, float)
 
 
 class OfYear(Published):
-    """The mean of what ranks over the runs of one year, of several trainings the mean over them."""
+    """Mean of the ranking metric over the runs of one weather year; of several trainings, the mean over them."""
 
     year: int
     runs: int
@@ -77,12 +77,10 @@ class Row(Published):
     regret: Regret | None = Field(
         default=None, description="how far it stays below the best known runs; null where one of its runs has none"
     )
-    fresh_draws: FreshScore | None = Field(
-        default=None, description="what came out with draws that are not published; null where nobody evaluated it so"
-    )
+    fresh_draws: FreshScore | None = Field(default=None, description="score with fresh draws; null without them")
     by_year: tuple[OfYear, ...] = Field(
         default=(),
-        description="what ranks, year by year of the weather, each run in the year of most of its days; empty where all runs are of one "
+        description="mean of the ranking metric by weather year, each run in the year of most of its days; empty if all runs are of one "
         "year, or the task is not known",
     )
     trained_on: Seen = Field(default=Seen(), description="what its training saw; not checked")
@@ -143,7 +141,7 @@ class TaskTable(Published):
     task: Any = Field(default=None, exclude=True)
     """The task's definition, where a result has it."""
     late: tuple[str, ...] = Field(default=(), exclude=True)
-    """Which entries were made after the round closed, in sentences."""
+    """Sentences that name results made after the round closed."""
 
     @property
     def draws(self) -> str:
@@ -189,12 +187,12 @@ class TaskTable(Published):
 def with_late_entries(
     tables: Sequence[TaskTable], stored: Sequence[StoredResult], sealed: Round
 ) -> tuple[TaskTable, ...]:
-    """The same tables; those of the round ``sealed`` name the results that were made after it closed, as they themselves state."""
+    """The tables, with the late results of the round ``sealed`` named: those that state a time after it closed."""
     closed = f"the round closed at {sealed.closing_words}"
     late = [
         (
             item.board,
-            f"{item.result.agent.name} is late: its result says that it was made at {item.result.created}, and {closed}.",
+            f"{item.result.agent.name} is late: its result states that it was made at {item.result.created}, and {closed}.",
         )
         for item in stored
         if item.result.task.salt_commitment == sealed.commitment and sealed.is_late(item.result.created)
@@ -300,7 +298,7 @@ def _row(entry: Entry, rank_: int | None, remark: str, metric: str) -> Row:
 
 
 def means_by_year(trainings: Sequence[StoredResult], metric: str) -> tuple[OfYear, ...]:
-    """Means of what ranks over the runs of each year; none where all runs are of one, or the task is not known."""
+    """Means of the ranking metric by weather year; empty if all runs are of one year, or the task is not known."""
     years = years_of_runs(trainings[0])
     values = np.mean([item.result.values(metric) for item in trainings], axis=0)
     of_year = {year: values[[one == year for one in years]] for year in sorted(set(years))}

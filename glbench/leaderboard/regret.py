@@ -114,7 +114,7 @@ def _gaps(trainings: Sequence[Result], metric: str, best: Sequence[KnownRun], pl
 def regret_of(trainings: Sequence[Result]) -> Regret | None:
     """Mean regret with its interval, over the runs of one result, or over trainings with the lowest and the highest of them.
 
-    ``None`` where a run has no best known one.
+    ``None`` if a run has no best known run.
     """
     regrets, known = regrets_of(trainings), best_known_of(trainings[0])
     if regrets is None or known is None:

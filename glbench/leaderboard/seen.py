@@ -50,7 +50,7 @@ def seen_by(result: Result) -> Seen:
 
 
 def years_of_runs(item: StoredResult) -> tuple[int, ...]:
-    """Year of the weather of each run; empty where all are of one year, or the task's definition or its secret salt is not known."""
+    """Weather year of each run; empty if all are of one year, or the task's definition or its secret salt is not known."""
     evaluated, task = item.result.task, item.task
     if task is None or evaluated.salt_commitment != task.salt_commitment:
         return ()

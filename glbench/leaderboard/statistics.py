@@ -1,8 +1,8 @@
 """Statistics over runs and tasks: means with their intervals, normalised scores, profiles. Pure functions of their arguments.
 
-A mean has an interval of Student's t. What chance moves is runs (which two agents share, so that differences are paired), and trainings,
-where a recipe has several: the two are crossed, and their variances are added with the degrees of freedom of Welch and Cochran.
-What is no mean (IQM, median, worst tenth) has the percentile bootstrap over runs that Agarwal et al. (2021, "Deep reinforcement learning
+Means have intervals of Student's t. The random effects are runs (which two agents share, so that differences are paired) and trainings,
+where a recipe has several. They are crossed, and their variances are added with the degrees of freedom of Welch and Cochran.
+IQM, median and worst tenth have the percentile bootstrap over runs that Agarwal et al. (2021, "Deep reinforcement learning
 at the edge of the statistical precipice", NeurIPS 34) recommend. Rewards of different tasks cannot be averaged as they are: a run's
 normalised score is 0 for what doing nothing earns on the task and 1 for the best result known there (``tasks/references.toml``).
 
@@ -156,7 +156,7 @@ def bootstrap_interval(
 
 @dataclass(frozen=True)
 class MeanEstimate:
-    """A mean, or a difference of means, and how sure it is.
+    """A mean, or a difference of means, with its uncertainty.
 
     Attributes
     ----------
@@ -165,7 +165,7 @@ class MeanEstimate:
     variance
         Square of its standard error.
     degrees
-        Degrees of freedom of Student's t; infinite where nothing is drawn, 0 where a single run says nothing about others.
+        Degrees of freedom of Student's t; infinite if nothing is drawn, 0 for a single run.
     """
 
     value: float
@@ -173,7 +173,7 @@ class MeanEstimate:
     degrees: float
 
     def interval(self, confidence: float = CONFIDENCE) -> Interval:
-        """Interval of Student's t; both ends are the value where nothing is drawn, or a single run says nothing.
+        """Interval of Student's t; both ends are the value if nothing is drawn, or for a single run.
 
         Raises
         ------
@@ -187,7 +187,7 @@ class MeanEstimate:
         return Interval(value=self.value, low=self.value - half, high=self.value + half)
 
     def p_value(self, distance: float | None = None) -> float:
-        """Two-sided p-value of a distance from the truth as large as the value, or as ``distance``."""
+        """Two-sided p-value of the hypothesis that the true value is 0, for the value or for ``distance`` in its place."""
         away = abs(self.value if distance is None else distance)
         if self.degrees == 0.0 or away == 0.0:
             return 1.0
@@ -202,7 +202,7 @@ def estimate_mean(tasks: Sequence[Array], scenarios: Sequence[Sequence[Hashable]
     tasks
         Values of each task, ``(n,)`` of one training or ``(trainings, n)``, finite. Training i of one task is training i of all.
     scenarios
-        For each task a name for each run; runs of different tasks with one name meet the same draws. ``None``: no two runs do.
+        For each task, a name for each run; runs of different tasks with the same name have the same draws. ``None``: all draws differ.
 
     Raises
     ------
@@ -219,17 +219,16 @@ def estimate_difference(
     scenarios: Sequence[Sequence[Hashable]] | None = None,
     fixed: tuple[bool, bool] = (False, False),
 ) -> MeanEstimate:
-    """Difference of two agents' means over tasks, paired by run, with all that was drawn: runs, and trainings where one has several.
+    """Difference of two agents' means over tasks, paired by run, with its uncertainty over runs and over several trainings.
 
     With d_s the difference in run s of the means over the trainings, and m_t the mean over the runs of training t, the variance is that
-    of the mean of the n values d_s, plus for each agent that of the mean of its values m_t, less what is in both (the residuals of
-    trainings and runs). It is never below one of its two parts. Degrees of freedom between trainings are those of Welch; with those of the
+    of the mean of the n values d_s, plus for each agent that of the mean of its values m_t, minus the residuals of trainings and runs,
+    which are in both. It is never below one of its two parts. Degrees of freedom between trainings are those of Welch; with those of the
     runs they give the mean of the two critical values at 5 %, weighted by the two variances (Cochran, 1964, Biometrics 20, 191-195). Over
     several tasks the means are taken first.
 
-    An agent with one training against another with several is one draw that varies as much as one of the other's trainings, unless it is
-    ``fixed``: a policy that no training made. Two agents with one training each are compared as they are: nothing is known about other
-    trainings of theirs.
+    If one agent has one training and the other has several, the single one is a draw that varies as much as one of the others, unless its
+    agent is ``fixed``, which means not trained. If both have one training, the difference is that of these two policies.
 
     Parameters
     ----------
@@ -238,7 +237,7 @@ def estimate_difference(
     scenarios
         As in ``estimate_mean``.
     fixed
-        Of each agent whether it is a policy that no training made.
+        For each agent, whether it was not trained.
 
     Raises
     ------
@@ -257,7 +256,7 @@ def estimate_difference(
 
 
 def draws_nothing(differences: Array, scale: float = 1.0) -> bool:
-    """Whether two or more values ``(n,)`` are one and the same number, but for rounding of numbers as large as ``scale``."""
+    """Whether two or more values ``(n,)`` are the same number up to the rounding of numbers as large as ``scale``."""
     return differences.size > 1 and float(np.ptp(differences)) <= _ROUNDING * max(
         scale, float(np.abs(differences).max())
     )
@@ -265,16 +264,16 @@ def draws_nothing(differences: Array, scale: float = 1.0) -> bool:
 
 def _matrices(tasks: Sequence[Array]) -> list[Array]:
     """Values ``(trainings, n)`` of each task."""
-    found = [np.atleast_2d(np.asarray(one, dtype=np.float64)) for one in tasks]
-    if not found:
+    matrices = [np.atleast_2d(np.asarray(one, dtype=np.float64)) for one in tasks]
+    if not matrices:
         msg = "A mean over tasks needs at least one task."
         raise ResultError(msg)
-    for one in found:
+    for one in matrices:
         if one.ndim != 2:
             msg = f"Values of a task are (runs,) or (trainings, runs); got shape {one.shape}."
             raise ResultError(msg)
         _checked(one.ravel())
-    return found
+    return matrices
 
 
 def _estimate(
@@ -283,7 +282,7 @@ def _estimate(
     scenarios: Sequence[Sequence[Hashable]] | None,
     fixed: Sequence[bool] = (False, False),
 ) -> MeanEstimate:
-    """Mean over tasks of the mean of ``runs`` ``(n,)``, which are the first of ``sides`` ``(trainings, n)`` less the second, if any."""
+    """Mean over tasks of ``runs`` ``(n,)``: means over trainings of the first of ``sides`` ``(trainings, n)`` minus the second, if any."""
     value = float(np.mean([one.mean() for one in runs]))
     scale = max(float(np.abs(one).max()) for side in sides for one in side)
     drawn = [not draws_nothing(one, scale) for one in runs]
@@ -326,7 +325,7 @@ def _variance_over_runs(
             continue
         names = scenarios[task]
         if len(names) != one.size or len(set(names)) != one.size:
-            msg = f"Every run of a task has a name of its own; got {len(set(names))} names for {one.size} runs."
+            msg = f"Every run of a task needs its own name; got {len(set(names))} names for {one.size} runs."
             raise ResultError(msg)
         weight = 1.0 / (len(runs) * math.sqrt(one.size * (one.size - 1.0)))
         for name, deviation in zip(names, ((one - one.mean()) * weight).tolist(), strict=True):
@@ -336,7 +335,7 @@ def _variance_over_runs(
 
 @dataclass(frozen=True)
 class _OverTrainings:
-    """Variances between an agent's trainings: of its mean over them and of one of them; in each, what residuals of single runs add."""
+    """Variances between an agent's trainings, of their mean and of a single one, and the residual part of each."""
 
     of_mean: float
     of_one: float
@@ -346,10 +345,10 @@ class _OverTrainings:
 
 
 def _over_trainings(tasks: Sequence[Array]) -> _OverTrainings | None:
-    """How the mean over tasks varies between trainings; ``None`` where there is one on every task.
+    """Variance of the mean over tasks between trainings; ``None`` if every task has one training.
 
-    Where all tasks that have several have equally many, training i of all tasks is one unit: it may be one policy. Else each task counts by
-    itself. A task with one training gets the mean variance of the others.
+    If all tasks with several trainings have the same number, training i of all tasks is one unit, because it may be one policy; otherwise
+    tasks are independent. A task with one training gets the mean variance of the others.
     """
     several = [one for one in tasks if len(one) > 1]
     if not several:
@@ -479,8 +478,8 @@ def aggregate(
 ) -> Interval:
     """A score over tasks, from one array of normalised scores ``(n_i,)`` or ``(trainings_i, n_i)`` a task.
 
-    The mean has its 95 % interval over runs and trainings, see ``estimate_mean``. The ends of other scores are, where a task has several
-    trainings, what the lowest and the highest training of each task make; else those of the 95 % bootstrap interval over the runs.
+    The mean has a 95 % interval over runs and trainings, see ``estimate_mean``. If a task has several trainings, other scores have the
+    range from the lowest to the highest training of each task; otherwise the 95 % bootstrap interval over runs.
 
     Raises
     ------
@@ -534,8 +533,8 @@ def probability_of_improvement(
 
     Equal scores count half. Of several trainings every pair counts, run by run. ``ours`` and ``theirs`` are values ``(n,)`` or
     ``(trainings, n)`` by task, in the order of the same runs, in any unit that orders them; ``scenarios`` name the runs as in
-    ``estimate_mean``, by task. The interval is Wilson's (1927, J. Am. Stat. Assoc. 22, 209-212), for as many independent pairs as have
-    the variance over runs and trainings of the estimate, and at most the pairs that there are: so it never has both ends at 0 or 1.
+    ``estimate_mean``, by task. The interval is Wilson's (1927, J. Am. Stat. Assoc. 22, 209-212), with the number of independent pairs that
+    gives the estimated variance, at most the actual number of pairs. So its ends are never both 0 or both 1.
 
     Raises
     ------
@@ -559,10 +558,10 @@ def probability_of_improvement(
         sides[0].append(above.mean(axis=1))
         sides[1].append(above.mean(axis=0))
         pairs.append(above.mean(axis=(0, 1)))
-    found = _estimate(sides, pairs, None if scenarios is None else [scenarios[task] for task in common])
-    p, most = found.value, float(sum(one.size for one in pairs))
-    size = min(most, p * (1.0 - p) / found.variance) if found.variance > 0.0 and 0.0 < p < 1.0 else most
-    degrees = found.degrees if 0.0 < found.degrees < math.inf else max(most - 1.0, 1.0)
+    mean = _estimate(sides, pairs, None if scenarios is None else [scenarios[task] for task in common])
+    p, most = mean.value, float(sum(one.size for one in pairs))
+    size = min(most, p * (1.0 - p) / mean.variance) if mean.variance > 0.0 and 0.0 < p < 1.0 else most
+    degrees = mean.degrees if 0.0 < mean.degrees < math.inf else max(most - 1.0, 1.0)
     square = float(stdtrit(degrees, 0.5 + CONFIDENCE / 2.0)) ** 2 / size
     middle = (p + square / 2.0) / (1.0 + square)
     half = math.sqrt(square * (p * (1.0 - p) + square / 4.0)) / (1.0 + square)

@@ -79,8 +79,8 @@ class SuiteRow(Published):
     )
     against_rules: Interval | None = Field(
         default=None,
-        description=f"mean over the tasks of what it scores more than {RULES}, paired by run [EUR m-2]; null where one of the two lacks "
-        "tasks, or a task has no best known runs or counts no money",
+        description=f"mean over the tasks of its score minus that of {RULES}, paired by run [EUR m-2]; null if one of the two lacks "
+        "tasks, or a task has no best known runs or does not score money",
     )
     trainings: tuple[int, int] = Field(description="fewest and most trainings on a task")
     missing: tuple[str, ...] = Field(serialization_alias="missing_tasks")
@@ -142,7 +142,7 @@ def suite_table(
     best_known
         Best known runs of the tasks, with the seeds of ``scores`` in their order, for regrets.
     scenarios
-        For each task a name for each run; runs of different tasks with one name meet the same draws. ``None``: no two runs do.
+        For each task, a name for each run; runs of different tasks with the same name have the same draws. ``None``: all draws differ.
 
     Returns
     -------
@@ -206,7 +206,7 @@ def suite_tables(
 
 
 def scenario_names(task_id: str, seeds: Sequence[int]) -> list[tuple[Hashable, ...]]:
-    """A name for each run of a published task: runs of one seed in tasks of one family and salt meet the same season and crop."""
+    """A name for each run of a published task: runs with one seed in tasks of one family and salt have the same season and crop."""
     scenario = get_task(task_id).scored.scenario
     family = (task_id,) if scenario.legacy else (scenario.family, scenario.salt)
     return [(*family, seed) for seed in seeds]
@@ -256,22 +256,22 @@ def _in_money(
     scenarios: Sequence[Sequence[Hashable]] | None,
     fixed: Collection[str],
 ) -> dict[str, dict[str, Interval]]:
-    """Of agents that have all tasks, where all tasks count money: mean regret, and what they score more than the tuned rules."""
+    """For agents with all tasks, if all tasks score money: mean regret, and mean score minus that of the tuned rules."""
     if any(task not in known or known[task].units["reward"] != MONEY for task in tasks):
         return {}
     best = [np.array([run.reward for run in known[task].runs]) for task in tasks]
     everywhere = set[str].intersection(*(set(scores[task]) for task in tasks))
-    found: dict[str, dict[str, Interval]] = {}
+    intervals: dict[str, dict[str, Interval]] = {}
     for agent in everywhere:
         own = [scores[task][agent] for task in tasks]
         gaps = [top - values for top, values in zip(best, own, strict=True)]
-        found[agent] = {"regret": aggregate(gaps, "mean", scenarios)}
+        intervals[agent] = {"regret": aggregate(gaps, "mean", scenarios)}
         if RULES in everywhere - {agent}:
             rules = [scores[task][RULES] for task in tasks]
-            found[agent]["against_rules"] = estimate_difference(
+            intervals[agent]["against_rules"] = estimate_difference(
                 own, rules, scenarios, (agent in fixed, RULES in fixed)
             ).interval()
-    return found
+    return intervals
 
 
 def _means(rows: Sequence[Row]) -> dict[str, float]:

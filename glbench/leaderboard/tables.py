@@ -35,21 +35,19 @@ PRIVILEGED_MARK, UNSANDBOXED_MARK, REPRODUCED_MARK, RANGE_MARK, SEEN_MARK, FAILE
 DROP_MARK = "¶"
 NONE = "–"
 OVERALL_NOTE = (
-    "Overall 95 %: interval of the mean over trainings and runs, where there are several trainings. From two or three it is wide: that few "
-    "say little about others."
+    "Overall 95 %: interval of the mean over trainings and runs, for agents with several trainings. With two or three it is wide, because "
+    "so few say little about others."
 )
 YEARS_NOTE = (
     "Columns of years: mean over the runs whose season has most of its days from that year. Intervals and ranks cover draws from these "
-    "years only. Another year can lie as far off as these lie apart, or further."
+    "years only. Another year can differ as much as these do, or more."
 )
-AGAINST_NOTE = (
-    f" More than {RULES}: mean over the tasks of the difference of the scores, paired by run, with its 95 % interval."
-)
+AGAINST_NOTE = f" More than {RULES}: mean over the tasks of the score minus that of {RULES}, paired by run, with its 95 % interval."
 SEEN_NOTE = f"{SEEN_MARK} its training saw what it is judged by, as its card states: the test split, or weather of the years of that split."
 FAILED_NOTE = f"{FAILED_MARK} some runs failed: they count at the task's stated penalty."
 FRESH_NOTE = (
-    "Fresh draws: the same evaluation again with draws that nobody knew when the agent was handed in. Seasons differ, so the two means do, "
-    f"too. {DROP_MARK} it dropped by more than reference agents in the same seasons: it may know the published draws."
+    "Fresh draws: mean of a second evaluation with draws that did not exist when the agent was handed in. Seasons differ, so the two means "
+    f"do, too. {DROP_MARK} it dropped by more than reference agents in the same seasons: it may know the published draws."
 )
 REGRET_NOTE = (
     "Regret: reward of the best known run with the same seed minus that of the run, mean over the runs. Its parts are the profit that is "
@@ -61,7 +59,7 @@ FOOTNOTES = (
     "{units} {name} is {profit}. "
     "Failed runs count at the task's stated penalty.",
     "CVaR10 is the mean of the worst tenth of the runs in what ranks; of several trainings the mean over them.",
-    f"{RANGE_MARK} is no interval but a range: the lowest and the highest of several trainings with different seeds, around their mean. "
+    f"{RANGE_MARK} is a range, not an interval: the lowest and the highest of several trainings with different seeds, around their mean. "
     "A 95 % interval covers the {covers}; {beyond} or another training can lie far outside.",
     "Agents that cannot be told apart share a rank: paired t-tests of the difference of the means, over runs with the same seeds and over "
     "trainings, corrected for the number of pairs (Benjamini-Hochberg), at 5 %.",
@@ -121,7 +119,7 @@ def has_regret(table: TaskTable) -> bool:
 
 
 def has_fresh_draws(table: TaskTable) -> bool:
-    """Whether one of its rows was evaluated with fresh draws, too."""
+    """Whether one of its results has fresh draws."""
     return any(row.fresh_draws is not None for row in table.results)
 
 
@@ -137,9 +135,9 @@ def score_note(task_ids: Iterable[str]) -> str:
     """What the intervals of normalised scores over these tasks are."""
     words = of_published(task_ids)
     return (
-        f"Intervals cover the {covers(words)}; where an agent has several trainings, that of its mean covers trainings, too. Where they "
-        f"are narrower than {SCORE_STEP} they are left out: {words.beyond} or another training can move a score by more than that. "
-        f"{RANGE_MARK}: what the lowest and the highest training of each task make."
+        f"Intervals cover the {covers(words)}; if an agent has several trainings, the interval of its mean covers trainings, too. "
+        f"Intervals narrower than {SCORE_STEP} are left out, because {words.beyond} or another training can move a score by more. "
+        f"{RANGE_MARK}: range from the lowest to the highest training of each task."
     )
 
 
@@ -258,7 +256,7 @@ def _task_columns(table: TaskTable) -> list[TableColumn]:
 
 
 def fresh_column(metric: Metric, gives_way: int = 0) -> TableColumn:
-    """The mean of what ranks with fresh draws."""
+    """Mean of the ranking metric with fresh draws."""
 
     def text(row: Row) -> str:
         return number_text(None if row.fresh_draws is None else row.fresh_draws.mean, metric.digits)
@@ -315,7 +313,7 @@ def overall_column(metric: Metric, gives_way: int = 0) -> TableColumn:
 
 
 def year_columns(rows: Iterable[Row], metric: Metric, gives_way: int = 0) -> list[TableColumn]:
-    """The mean of what ranks in the runs of each year; none where no row knows of several."""
+    """Columns with the mean of the ranking metric by weather year; none if no row has several years."""
 
     def column(year: int) -> TableColumn:
         def text(row: Row) -> str:
@@ -363,15 +361,17 @@ def _score_columns(table: SuiteTable) -> list[TableColumn]:
 def money_columns(
     rows: Sequence[SuiteRow], gives_way: tuple[int, int] = (0, 0), *, spans: bool = True
 ) -> list[TableColumn]:
-    """Of a suite whose tasks all count money: what rows score more than the tuned rules, and their regret, with intervals or without."""
+    """Columns of a suite whose tasks all score money: score minus that of the tuned rules, and regret, with intervals or without."""
 
     def column(name: str, heading: str, gives_way: int) -> TableColumn:
         def text(row: SuiteRow) -> str:
-            found: Interval | None = getattr(row, name)
-            if found is None:
+            interval: Interval | None = getattr(row, name)
+            if interval is None:
                 return NONE
-            center, low, high = (signless(number_text(part, 3)) for part in (found.value, found.low, found.high))
-            return f"{center} [{low}, {high}]" if spans and found.low < found.high else center
+            center, low, high = (
+                signless(number_text(part, 3)) for part in (interval.value, interval.low, interval.high)
+            )
+            return f"{center} [{low}, {high}]" if spans and interval.low < interval.high else center
 
         return TableColumn(heading, text, gives_way=gives_way)
 
@@ -719,7 +719,7 @@ def to_json(tables: Sequence[TaskTable], suites: Sequence[SuiteTable] = ()) -> s
     """The leaderboard as ``LeaderboardDocument``, indented, ending in a newline."""
     units = {metric.name: metric.unit for metric in _metrics(tables)}
     document = LeaderboardDocument(units=units, tasks=tuple(tables), suites=tuple(suites))
-    # Where nobody has fresh draws, files stay as they were before there were any.
+    # Without fresh draws, files stay as in earlier versions.
     absent = None if any(map(has_fresh_draws, tables)) else {"tasks": {"__all__": {"rows": _NO_FRESH_DRAWS}}}
     return document.model_dump_json(by_alias=True, indent=1, exclude=absent) + "\n"
 
@@ -797,13 +797,13 @@ def kernel_note(table: TaskTable) -> str:
 
 
 def seen_notes(table: TaskTable) -> list[str]:
-    """Which agents were trained on what they are judged by, and which results of a round are late, in words."""
+    """Sentences that name agents trained on the test split or its years, and late results of a round."""
     seen = [f"{SEEN_MARK} {row.agent} {row.saw_scored}, as its card states." for row in table.rows if row.saw_scored]
     return [*seen, *table.late]
 
 
 def fresh_notes(table: TaskTable) -> list[str]:
-    """Which agents dropped by more than reference agents with fresh draws, and by how much."""
+    """Sentences that name marked agents, with their drop with fresh draws."""
     first = ranked_columns(table)[0]
     return [
         f"{DROP_MARK} {fresh_note(row.agent, row.fresh_draws, first)}"

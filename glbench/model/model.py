@@ -602,7 +602,7 @@ def _over_rows(function: casadi.Function, n: int) -> casadi.Function:
 
 
 def refuse_expression(what: str, value: object) -> None:
-    """Point to the functions for CasADi's expressions, where numbers are expected.
+    """Refuse a CasADi expression where numbers are expected, and name the functions that take one.
 
     Raises
     ------

@@ -25,7 +25,7 @@ AIR_AT_START = 18.0
 MOST_CHANGE = 0.3
 """Most that a control moves in a step."""
 RAIL_PIPE, GROW_PIPE = 2.1, 0.62
-"""Heat that the archive's organisers count for a kelvin of rail pipe, and of growing pipe, above the air [W m-2 K-1]."""
+"""Heat per kelvin above the air, by the archive's organisers, of the rail pipe and of the growing pipe [W m-2 K-1]."""
 _READ = ("tAir", "vpAir", "co2Air", "sumMcFruitHar", "tPipe", "tGroPipe")
 _BASE = "glbench/SpringYears-v1"
 _ALWAYS = 2000.0  # W m-2: no sun is brighter

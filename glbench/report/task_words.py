@@ -416,7 +416,7 @@ def _prices(task: TaskSpec) -> Section:
 
 
 def _price_of(item: LedgerItem) -> str:
-    """The unit of a price in words: ``EUR per kg``; ``EUR per m2 and h`` of what is paid for by the hour; ``EUR per piece``."""
+    """The unit of a price in words: ``EUR per kg``; ``EUR per m2 and h`` for hourly costs; ``EUR per piece``."""
     return (
         f"EUR per {unit_sold(item) or 'piece'}" if "m-2" in item.amount_unit else f"EUR per m2 and {item.amount_unit}"
     )

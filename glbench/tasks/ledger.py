@@ -102,7 +102,7 @@ class LedgerItem:
 
     @property
     def price_unit(self) -> str:
-        """Unit of the price: ``EUR kg-1`` of amounts in kg m-2, ``EUR m-2 h-1`` of those in h, ``EUR`` where they are counted."""
+        """Unit of the price: ``EUR kg-1`` for amounts in kg m-2, ``EUR m-2 h-1`` for hours, ``EUR`` for counted events."""
         from glbench.model.units import parse_unit  # here: an agent's process reads cards without the model
 
         amount = parse_unit(self.amount_unit)

@@ -64,7 +64,7 @@ def get_task(id_or_path: str | Path) -> TaskSpec:
 
 
 def published_task(task_id: str) -> TaskSpec:
-    """A shipped task by its id, of which only the file is compared with the lock, as by ``list_tasks``: for what needs no weather.
+    """A shipped task by its id, without weather. Only its file is compared with the lock, as by ``list_tasks``.
 
     Raises
     ------
@@ -168,7 +168,7 @@ _REMEMBERED: dict[tuple[Path, Path, bool], tuple[TaskSpec, dict[Path, _State]]] 
 
 
 def _load(path: Path, *, whole: bool = True) -> TaskSpec:
-    """The task of a file, compared with the lock if its id is published; the file alone, without weather and model, if not ``whole``."""
+    """The task of a file, compared with the lock if its id is published; without ``whole``, weather and model are not compared."""
     file, lock = real_path(path), lock_path()
     remembered = _REMEMBERED.get((file, lock, whole))
     if remembered is not None and all(_state(one) == state for one, state in remembered[1].items()):

@@ -41,10 +41,10 @@ class Quantity:
 
     @property
     def typical(self) -> tuple[float, float]:
-        """Where the column mostly is: from the 0.5 to the 99.5 percentile, rounded outwards, in training seasons of rule-based agents.
+        """Typical range: 0.5 to 99.5 percentile, rounded outwards, in training seasons of rule-based agents.
 
-        It never changes for a column. A forecast has the range of what it forecasts; columns without an entry in ``typical_ranges.csv``
-        (clock, controls, whole states) have their bounds. ``python baselines/typical_ranges.py`` measures what is missing.
+        It never changes for a column. A forecast has the range of its quantity; columns without an entry in ``typical_ranges.csv``
+        (clock, controls, whole states) have their bounds. ``python baselines/typical_ranges.py`` measures missing columns.
         """
         return _typical_ranges().get((_AHEAD.sub("", self.name), self.unit), (self.low, self.high))
 
@@ -65,7 +65,7 @@ Observations = TypeVar("Observations", bound=Any)
 
 @dataclass(frozen=True, eq=False)
 class Normalisation:
-    """Brings observations to about -1 to 1: each column's typical range becomes -1 to 1, and nothing is clipped.
+    """Scales observations: each column's typical range becomes -1 to 1, without clipping.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Normalisation:
 
     @classmethod
     def of(cls, columns: Iterable[Quantity]) -> Self:
-        """That of ``task.observed()``, or of ``card.observations`` for an agent that was trained with ``normalise=True``."""
+        """Normalisation of ``task.observed()`` or, in an agent that was trained with ``normalise=True``, of ``card.observations``."""
         low, high = np.array([column.typical for column in columns]).reshape(-1, 2).T
         return cls(((low + high) / 2.0).astype(np.float32), (2.0 / (high - low)).astype(np.float32))
 

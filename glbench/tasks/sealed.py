@@ -63,7 +63,7 @@ class Round:
     weather
         The round's own weather; ``None`` where it is the task's.
     closes
-        When the round closes, with its time zone, in whole seconds: a result made later is late. ``None`` for never.
+        Closing time with its time zone, in whole seconds; a result made later is late. ``None``: the round never closes.
     """
 
     salt: str = field(repr=False)
@@ -76,7 +76,7 @@ class Round:
         Raises
         ------
         GlbenchError
-            When the salt, the digest, the years or the closing time cannot be.
+            When the salt, the digest, the years or the closing time is invalid.
         """
         # The wrong salt is not repeated: a right one with a typo would end up in a log.
         if not isinstance(self.salt, str) or not _HEX.fullmatch(self.salt):
@@ -86,7 +86,9 @@ class Round:
         if closes is not None and (
             not isinstance(closes, dt.datetime) or closes.utcoffset() is None or closes.microsecond
         ):
-            msg = f"A round closes at a time in whole seconds with its time zone, such as {_EXAMPLE}; got {quoted(str(closes))}."
+            msg = (
+                f"The closing time needs a time zone and whole seconds, such as {_EXAMPLE}; got {quoted(str(closes))}."
+            )
             raise GlbenchError(msg)
         if self.weather is None:
             return
@@ -110,7 +112,7 @@ class Round:
         return "" if self.closes is None else f"{self.closes.astimezone(dt.UTC):%Y-%m-%d %H:%M:%S} UTC"
 
     def is_late(self, when: dt.datetime | str) -> bool:
-        """Whether ``when``, as a result states it, is after the closing time; a text that is no time with its zone is, too."""
+        """Whether ``when``, as a result states it, is after the closing time. Text that is not a time with a zone counts as late."""
         if self.closes is None:
             return False
         try:
@@ -122,8 +124,8 @@ class Round:
     def secret(self) -> str:
         """What the draws are keyed by: lines without an end of line after the last one.
 
-        ``glbench round 1``, the salt; with weather of the round's own also its digest, and its years with a space between two of them;
-        with a closing time also ``closes`` and that time in UTC, such as ``closes 2027-03-01T17:00:00Z``.
+        ``glbench round 1``, the salt; if the round has its own weather, the digest of that weather, and its years separated by spaces;
+        if it has a closing time, ``closes`` and that time in UTC, such as ``closes 2027-03-01T17:00:00Z``.
         """
         lines = [_FIRST_LINE, self.salt]
         if self.weather is not None:
@@ -170,7 +172,7 @@ def weather_of(secret: str) -> SealedWeather | None:
     if len(lines) > 1 and lines[-1].startswith(_CLOSES):
         lines.pop()
     if len(lines) not in (1, 3) or (len(lines) == 3 and not re.fullmatch(r"\d{4}( \d{4})*", lines[2])):
-        msg = "This is not a secret of a round: it has two lines, two more for weather of its own, one more for a closing time."
+        msg = "This is not the secret of a round: that has two lines, two more with its own weather, one more with a closing time."
         raise GlbenchError(msg)
     weather = SealedWeather(lines[1], tuple(int(year) for year in lines[2].split(" "))) if len(lines) == 3 else None
     return Round(lines[0], weather).weather
@@ -253,22 +255,22 @@ def _round_of(content: dict[str, Any]) -> tuple[Round, object]:
 
 
 def closing_time(text: str) -> dt.datetime:
-    """The closing time that a host gives, such as ``2027-03-01T18:00+01:00``.
+    """Parse a closing time such as ``2027-03-01T18:00+01:00``.
 
     Raises
     ------
     GlbenchError
-        When it is no time, has no time zone, or is over.
+        When it is not a time, has no time zone, or is in the past.
     """
     try:
         closes = dt.datetime.fromisoformat(text.strip())
     except ValueError:
         closes = None
     if closes is None or closes.utcoffset() is None:
-        msg = f"A closing time has day, time and time zone, such as {_EXAMPLE}; got {quoted(text)}."
+        msg = f"A closing time needs date, time and time zone, such as {_EXAMPLE}; got {quoted(text)}."
         raise GlbenchError(msg)
     if closes <= dt.datetime.now(dt.UTC):
-        msg = f"The closing time {text} is over. Choose a later one."
+        msg = f"The closing time {text} is in the past. Choose a later one."
         raise GlbenchError(msg)
     return closes.replace(microsecond=0)
 

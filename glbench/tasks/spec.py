@@ -80,7 +80,7 @@ FloatArray = npt.NDArray[np.float64]
 PROSE = frozenset({"title", "description", "suites"})
 """Fields that explain or file a task and do not change it: they stay out of its digest."""
 PREVIEW = "preview"
-"""Split of a task that has a test alone: seasons to look at, of which none is scored."""
+"""Split of a task that has only a test split: seasons to look at, none of them scored."""
 DIGITS = 9
 """Significant digits, in a digest, of numbers that are computed rather than read."""
 
@@ -153,7 +153,7 @@ class TaskSpec:
     split: str | None
     """Which scenarios its runs are drawn from: "training" at first, "validation" or "test"; ``None`` for a task without splits.
 
-    A task that has a test alone begins in its test; its environments are in "preview".
+    A task with only a test split begins in its test; its environments are in "preview".
     """
     sealed: str
     """The secret part of the salt, of which a host of a round publishes the digest first; "" in the public test."""
@@ -226,8 +226,8 @@ class TaskSpec:
     def in_split(self, split: str, sealed: str = "") -> TaskSpec:
         """The same task with the scenarios of ``split``: "training", "validation" or "test"; digest and all else stay.
 
-        A task that has a test alone also has "preview": seasons that are not scored. They are made of the training years of its base where
-        both have the same weather record, else of the test's years, with other draws. Real years that score are never previewed.
+        A task with only a test split also has "preview": seasons that are not scored. They are made of the training years of its base if
+        both have the same weather record, else of the test's years with other draws. Scored real years have no preview.
 
         ``sealed`` is the secret of a round (``glbench.tasks.sealed.Round.secret``), for the test only.
 
@@ -266,7 +266,7 @@ class TaskSpec:
 
     @cached_property
     def preview(self) -> SplitTable | None:
-        """What seasons to look at are made of; ``None`` where there is a training split, or nothing but real years that score."""
+        """Years and number of seasons of the preview; ``None`` if there is a training split, or only scored real years."""
         from glbench.tasks.library import get_task
 
         if self.splits is None or self.splits.training is not None:
@@ -556,7 +556,7 @@ class TaskSpec:
             return _record(self.weather.source)
 
     def season_record(self) -> WeatherRecord:
-        """The record that the seasons of the split are made of: the task's, or the round's own, of which agents learn nothing.
+        """The weather record of the split's seasons: the task's, or the round's own, of which agents learn nothing.
 
         Raises
         ------
@@ -1065,7 +1065,7 @@ def _check_columns(ledger: Ledger, constraints: OfTheAir) -> None:
 
 
 def _amount_in_words(meaning: str, unit: str, amount_unit: str, factor: float) -> str:
-    """What an amount is; where it is more than the flow in another unit, such as fresh fruit of carbohydrate, how many times the flow."""
+    """Description of an amount; if it is a multiple of the flow, such as fresh fruit of carbohydrate, with the factor."""
     times = factor / {("mg m-2", "kg m-2"): 1e-6, ("MJ m-2", "kWh m-2"): 1.0 / 3.6}.get((unit, amount_unit), 1.0)
     if math.isclose(times, 1.0):
         return meaning

@@ -157,7 +157,7 @@ def write_card(
 
 
 def _recipe(making: Making, tasks: Sequence[TaskSpec]) -> str:
-    """What trainings with other seeds share: algorithm, settings, length and tasks. Leaderboards join them by it."""
+    """Digest over algorithm, settings, length and tasks, which trainings with other seeds share. Leaderboards join trainings by it."""
     facts = making.training
     length = facts.get("generations", facts["steps"])
     stated = f"{facts['settings_digest']} {length} {digest_of_tasks(tasks)}"

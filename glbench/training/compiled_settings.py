@@ -62,7 +62,7 @@ class CompiledSettings(FrozenSettings):
         Greenhouses stepped together, and steps of each between two updates.
     first_env_seed, scenarios
         Training scenarios have the seeds ``first_env_seed`` to ``first_env_seed + scenarios - 1``; each episode draws one.
-        A split has a fixed number of seasons: more scenarios use them again, with other crops, houses, starts and sensors.
+        A split has a fixed number of seasons; with more scenarios, seasons repeat with other crops, houses, starts and sensors.
     places
         Number of places in each season where the first episodes may begin; later ones begin at its start.
     net_arch

@@ -2,8 +2,8 @@
 
 The rules are those of ``glbench.agents.tuned_rules``, or of ``glbench.agents.energy_rules`` for tasks that show the price of power; a page
 of settings says where to begin, and the bounds of its numbers how far to go.
-CMA-ES varies the numbers, all candidates of a generation have the same scenarios, and all of them run side by side, one a row. What is
-kept is the middle of a generation that earned most in runs of the validation split, or in seeds apart where a task has no splits.
+CMA-ES varies the numbers. All candidates of a generation have the same scenarios and run side by side, one per row. The search keeps the
+generation mean that earned most on the validation split or, for tasks without splits, in runs with separate seeds.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class RuleSearchSettings(FrozenSettings):
     first_seed
         Seed of the first generation's scenario; the following ones have the next.
     evaluation
-        When the middle of the generations is evaluated, ``every`` in environment steps, and in how many runs of each task.
+        How often the generation mean is evaluated (``every``, in environment steps), and in how many runs of each task.
     """
 
     population: int = Field(default=64, ge=4)
@@ -83,7 +83,7 @@ class RuleSearchSettings(FrozenSettings):
         return math.ceil(self.seasons / (self.population * len(tasks)))
 
     def digest(self, start: Page) -> str:
-        """SHA-256 (hex) over all settings but the number of runs, and over the page that the search begins with."""
+        """SHA-256 (hex) over all settings except the number of runs, and over the page that the search starts from."""
         content = self.model_dump_json(exclude={"seasons"}) + page_text(start)
         return sha256(content.encode()).hexdigest()
 
@@ -175,7 +175,7 @@ class Candidates:
 
 
 class _TaskRuns:
-    """One task of a search: a row for every candidate, and the runs to choose by."""
+    """One task of a search: a row for every candidate, and the runs that select the best."""
 
     def __init__(self, task: TaskSpec, settings: RuleSearchSettings) -> None:
         kernel = make_kernel(task.model_value, task.step_seconds, preset=settings.kernel_preset)
@@ -189,7 +189,7 @@ class _TaskRuns:
         return season_sums(self._simulation, seeds, self._act(candidates))["reward"]
 
     def evaluate(self, numbers: TunedRuleSettings) -> ProbeResult:
-        """Mean sums over the runs to choose by."""
+        """Mean sums over the runs that select the best."""
         return self._probe.of(self._act([numbers] * len(self._probe.seeds)))
 
     def _act(self, numbers: Sequence[TunedRuleSettings]) -> Act:
@@ -258,7 +258,7 @@ def tune_rules(
 ) -> Trained:
     """Tune rules in ``folder``; the same tasks, start, settings and seed give the same rules on the same machine.
 
-    A search that was interrupted continues, to the same numbers; one that is done is left as it is, unless more runs are asked for.
+    An interrupted search continues and gives the same numbers. A finished one stays unchanged unless ``settings`` asks for more runs.
 
     Parameters
     ----------

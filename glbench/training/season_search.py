@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 Singles = NDArray[np.float32]
 Floats = NDArray[np.float64]
 _LOOKED_AT = 5
-"""Every fifth step of the runs from which the directions are taken is enough."""
+"""Only every fifth step of the runs is used to compute the directions."""
 
 
 class BatchedPolicy:

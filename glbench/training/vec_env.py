@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 _SCALAR_ATTRIBUTES = {"render_mode": None}
 _SEEDS, _SEEDS_APART = 10_000, 1_000_000
-"""Number of seeds for ``make_vec_env``, all below those of evaluations during a training, and the distance between their first episodes."""
+"""Upper limit of ``seed`` in ``make_vec_env``, below the seeds of evaluations during a training, and the distance of first episodes."""
 
 
 class TrainingVecEnv(VecEnv):
@@ -203,7 +203,7 @@ def make_vec_env(
     n_envs
         Number of greenhouses.
     seed
-        Which scenarios they meet: episode j of greenhouse i, both counted from 0, has the seed 10,000,000,000 + 1,000,000 ``seed``
+        Selects the scenarios: episode j of greenhouse i, both counted from 0, has the seed 10,000,000,000 + 1,000,000 ``seed``
         + j ``n_envs`` + i. No task is scored with any of them. The algorithm's own seed has no effect on this.
     kernel
         ``"fast"`` or ``"standard"`` for training, ``"reference"`` for the kernel that scores are computed with.

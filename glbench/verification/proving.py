@@ -114,7 +114,7 @@ def verify(
 
 @dataclass(frozen=True, eq=False)
 class _Reproduced:
-    """What is known of runs that were reproduced."""
+    """Facts about runs that were reproduced."""
 
     task: TaskSpec
     agreement: Agreement
@@ -137,9 +137,9 @@ def _reproduced(
     workers: int | None,
     progress: Progress | None,
 ) -> _Reproduced:
-    """Simulate the runs of ``result`` again; it is refused, or the runs are right.
+    """Simulate the runs of ``result`` again; raise ``Refused`` if they differ.
 
-    ``episodes`` are a folder, and whether there must be some in it.
+    ``episodes``: a folder, and whether it must contain episodes.
     """
     log = read_record(path, result)
     spec = with_its_draws(result, find_task(result, log, file), sealed)
@@ -197,7 +197,7 @@ def _with_fresh_draws(
     workers: int | None,
     progress: Progress | None,
 ) -> _Reproduced:
-    """What is known when the runs with fresh draws are simulated again, too, and the reference agents evaluated with both draws."""
+    """Simulate the runs with fresh draws again, evaluate the reference agents with both sets of draws, and add both to ``found``."""
     try:
         again = _reproduced(path, result.of_fresh_draws(), file, Round(fresh.salt), None, workers, progress)
     except Refused as refused:
@@ -205,7 +205,8 @@ def _with_fresh_draws(
         raise Refused(refused.outcome, refused.cause, reason) from None
     if fresh.metric != found.task.evaluation.metric:
         refute(
-            "fresh_draws", f"The fresh draws are judged by '{fresh.metric}', and {result.task.id} by another metric."
+            "fresh_draws",
+            f"The fresh draws state the metric '{fresh.metric}', and {result.task.id} is ranked by another metric.",
         )
     exact = found.agreement.exact and again.agreement.exact
     unlike = [one.name for one in fresh.references if one.name not in REFERENCES or one.digest != _digest_of(one.name)]
@@ -216,7 +217,7 @@ def _with_fresh_draws(
         checked, notes = True, found.notes
     else:
         why = f"this glbench does not have {', '.join(unlike)}" if unlike else "this machine computes other bits"
-        note = f"The reference agents, by which a drop with fresh draws is judged, were not evaluated again: {why}."
+        note = f"The reference agents of the fresh draws were not evaluated again: {why}."
         checked, notes = False, (*found.notes, note)
     return replace(
         found,
@@ -245,7 +246,7 @@ def _same_reference(
         seed, was, now = next(one for one in zip(seeds, stated, values, strict=True) if one[1] != one[2])
         refute(
             "reference",
-            f"The reference agent {name} with the {draws} draws has {was!r} in the run with seed {seed}; evaluated again it has {now!r}.",
+            f"The result states {was!r} for the reference agent {name} in the run with seed {seed} of the {draws} draws; it earns {now!r}.",
         )
 
 

@@ -34,7 +34,7 @@ ENDS: Final = ("runs.status", "runs.reason")
 """Reproduced where all runs went to the end or stopped at a step that cannot be simulated here either; otherwise stated."""
 PROFILE: Final = "profile"
 REFERENCES: Final = "fresh_draws.references"
-"""Of a result with fresh draws only; the rest of ``fresh_draws`` is reproduced, and so is that there are none."""
+"""Only in results with fresh draws. The rest of ``fresh_draws``, and its absence, is reproduced."""
 _STATED: Final[dict[str, tuple[str, ...]]] = {
     "that this agent gave these actions (its name, kind, digest, card, training, and what it saw)": (
         "agent.name", "agent.kind", "agent.digest", "agent.privileged", "agent.information", "agent.card", "agent.training",
@@ -47,7 +47,7 @@ _STATED: Final[dict[str, tuple[str, ...]]] = {
     ),
     "kernel, versions, machine, commit and date": ("evaluation.kernel", "versions", "machine", "git", "created"),
     "the profile (typical day, season, worst run)": (PROFILE,),
-    "what the reference agents of the fresh draws earned": (REFERENCES,),
+    "the scores of the reference agents of the fresh draws": (REFERENCES,),
 }  # fmt: skip
 _OWN_ENDS = frozenset({"ok", "simulation_failed"})
 TOLERANCE = 1e-9
@@ -129,9 +129,9 @@ def not_yet(reason: str) -> NoReturn:
 
 
 def coverage(result: Result, *, profile: bool, references: bool = False) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Fields of a reproduced ``result`` that were reproduced, and those that are stated.
+    """Fields of a reproduced ``result`` that were reproduced, and those that it only states.
 
-    ``profile`` and ``references`` say whether the profile was made again, and the reference agents evaluated again.
+    ``profile`` and ``references``: whether the profile was rebuilt, and the reference agents evaluated again.
     """
     fresh = result.fresh_draws
     ends = all(run.status in _OWN_ENDS for run in (*result.runs, *(() if fresh is None else fresh.runs)))

@@ -153,14 +153,14 @@ class SeasonGenerator:
         return GeneratedSeason(start, record, sources, joints)
 
     def source_years(self, start: dt.date, days: int, numbers: npt.NDArray[np.float64]) -> IntArray:
-        """Year that each day ``(days,)`` of the season is taken from; arguments and errors as for ``season``, which is slower."""
+        """Source year of each day ``(days,)`` of the season; arguments and errors as for ``season``, but faster."""
         chain = self._chained(start, days, numbers)[2][MARGIN_DAYS : MARGIN_DAYS + days]
         return 1970 + self._days.numbers[chain].astype("datetime64[D]").astype("datetime64[Y]").astype(np.int64)
 
     def _chained(
         self, start: dt.date, days: int, numbers: npt.NDArray[np.float64]
     ) -> tuple[int, IntArray, IntArray, npt.NDArray[np.bool_]]:
-        """First day of the record, the calendar, and what ``_chain`` makes of it."""
+        """First day of the record, the calendar, and the result of ``_chain``."""
         wanted = self.numbers(days)
         numbers = np.asarray(numbers, dtype=np.float64)
         if numbers.shape != (wanted,) or not bool(np.all((numbers >= 0.0) & (numbers < 1.0))):

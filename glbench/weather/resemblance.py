@@ -247,9 +247,9 @@ def _changes(seasons: _Seasons) -> dict[str, FloatArray]:
 
 
 def _midnights(made: _Seasons, real: _Seasons) -> list[Figure]:
-    """Changes over midnight at joints against those of the real years: with their signs the worst quantity, without them each.
+    """Compare changes over midnight at joints with those of the real years: with signs the worst quantity, without signs each.
 
-    Signs hide what rounding does to small changes: as many of them vanish upward as downward.
+    Signs hide the effect of rounding on small changes: as many of them vanish upward as downward.
     """
     from scipy.stats import ks_2samp
 

@@ -225,7 +225,7 @@ def test_every_number_has_bounds_a_unit_and_a_meaning() -> None:
         ),
         ("boiler_band: 4.0", "", r"'boiler_band' is missing"),
         ("tasks: [a/B-v1]", "tasks: 3", r"'tasks': input should be a valid list"),
-        ("tasks: [a/B-v1]", "tasks: [a/B", "no valid YAML"),
+        ("tasks: [a/B-v1]", "tasks: [a/B", "not valid YAML"),
         ("tasks: [a/B-v1]", "tasks: [a/B-v1, a/B-v1]", "names the task 'a/B-v1' twice"),
     ],
 )

@@ -177,7 +177,7 @@ def test_states_of_another_shape_are_refused() -> None:
         (lambda text: text.replace("heating_day: 19.5", "heating_day: warm"), "'heating_day'.*number"),
         (lambda text: text.replace("lamp_rule: code", "lamp_rule: mine"), "'lamp_rule'.*'code' or 'author'"),
         (lambda text: "- 1\n- 2\n", "name: value"),
-        (lambda text: "a: [", "no valid YAML"),
+        (lambda text: "a: [", "not valid YAML"),
     ],
 )  # fmt: skip
 def test_settings_that_make_no_sense_are_explained(write, change, complaint) -> None:  # type: ignore[no-untyped-def]

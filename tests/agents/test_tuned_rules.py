@@ -250,7 +250,7 @@ def test_every_number_has_bounds_a_unit_and_a_meaning() -> None:
         ("boiler_band: 4.0", "boiler_bnad: 4.0", r"there is no setting 'boiler_bnad'. Did you mean 'boiler_band'"),
         ("co2_dim: 600.0", "co2_dim: .nan", r"at line \d+, 'co2_dim: .nan.*': '.nan' is not a finite number"),
         ("reward: [epi, scaled_penalty]", "reward: 3", r"'reward' is the list"),
-        ("reward: [epi, scaled_penalty]", "reward: [epi", "no valid YAML"),
+        ("reward: [epi, scaled_penalty]", "reward: [epi", "not valid YAML"),
     ],
 )
 def test_pages_that_cannot_be_are_refused(tmp_path: Path, old: str, new: str, said: str) -> None:

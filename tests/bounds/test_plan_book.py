@@ -143,7 +143,7 @@ def test_an_evaluation_carries_out_the_plan_of_each_run(drawn: TaskSpec, tmp_pat
 
 
 def test_without_plans_the_controller_says_how_to_get_some(nominal: TaskSpec) -> None:
-    with pytest.raises(SubmissionError, match=rf"nobody has made any for its digest {nominal.digest[:12]}"):
+    with pytest.raises(SubmissionError, match=rf"there are none for its digest {nominal.digest[:12]}"):
         evaluate(nominal, "best_known", runs=1)
 
 

@@ -514,7 +514,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ("{} W m⁻² for each kelvin that the rail pipe", lambda: RAIL_PIPE),
         ("and\n{} W m⁻² for each kelvin of the growing pipe", lambda: GROW_PIPE),
         (
-            "the formula counts {} % less than the boiler gives",
+            "the formula gives {} % less than the boiler's heat",
             lambda: 100.0 * (1.0 - by_pipes("paper")),
         ),
         (
@@ -871,7 +871,7 @@ CLAIMS: dict[str, list[Claim]] = {
             "(95 % interval over the {} runs: {} to {})",
             lambda: (carried_weather.RUNS, *gain_of_weather("published")[1:]),
         ),
-        ("that `mpc` had it earns {} EUR/m² more ({} to {})", lambda: gain_of_weather("fresh")),
+        ("of `mpc` it earns {} EUR/m² more ({} to {})", lambda: gain_of_weather("fresh")),
         (
             "seeds {} to {}) it earns",
             lambda: (HEADLINE.evaluation.first_seed, HEADLINE.evaluation.first_seed + carried_weather.RUNS - 1),
@@ -884,7 +884,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
         ("`statistics.bootstrap_interval`, {} resamples", lambda: RESAMPLES),
         ("above 0 in at most {} of 1,000 evaluations", lambda: 1000 * ERROR),
-        ("Fewer than {} runs mark nobody", lambda: FEWEST),
+        ("With fewer than {} runs there is no mark", lambda: FEWEST),
         ("with 100 runs, the lower end is {} to {} EUR/m² below", width_of_drops),
         ("Differences of the reward up to {} count as none", lambda: RESOLUTION),
     ],
@@ -942,7 +942,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
     ],
     "docs/uncertainty.md": [
-        ("forecasts are {} W/m2 too low by day,\n{} % of what comes", radiation_bias),
+        ("forecasts are {} W/m2 too low by day,\n{} % of the radiation that came", radiation_bias),
         ("by hours ahead, over {} seasons of the training split", lambda: uncertainty_figures.BIAS_SEASONS),
     ],
     "baselines/ppo_long/card.toml": [
@@ -1016,7 +1016,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ("Alaska ({}° N", lambda: load_weather("sand_point").latitude),
         ("Florida ({}° N", lambda: load_weather("miami").latitude),
         (
-            "just keep it ({}, and {} with other draws)",
+            "just meet it ({}, and {} with other draws)",
             lambda: tuple(size_at_joints(name, "wind speed") for name in ("training", "again")),
         ),
         (
@@ -1213,7 +1213,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("(8.3144598 J mol-1 K-1 · (*T* + 273.15))", "definition: glbench/model/air.py"),
         ("4.6 umol J-1", "definition: a constant of the model"),
         ("from 10,000,000,000 on", "definition: glbench/training/settings.py"),
-        ("from the 0.5 to the 99.5 percentile", "definition: baselines/typical_ranges.py"),
+        ("spans the 0.5 to the 99.5 percentile", "definition: baselines/typical_ranges.py"),
         ("a day in 4 s, a season of 60 days in 4 minutes", "definition: glbench/env/rendering.py, 24 frames a second"),
     ],
     "docs/episodes.md": [
@@ -1253,19 +1253,22 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("overall 95 %", "definition: CONFIDENCE"),
         ("t(0.999, ν)", "definition: glbench/leaderboard/fresh_draws.py"),
         ("at most 1 of 1,000 evaluations", "definition: glbench/leaderboard/fresh_draws.py"),
-        ("simulates 20,000 agents a case", "tests/rounds/test_fresh_draws.py does it"),
+        ("simulates 20,000 agents for each case", "tests/rounds/test_fresh_draws.py does it"),
         ("95 % interval", "definition"),
         ("narrower than 0.01", "definition: what the tables show"),
         ('above 0.99 is written ">0.99"', "definition: what the tables show"),
         ("told apart at 5 % where p_value < 0.05", "definition: glbench/leaderboard/comparisons.py"),
-        ("in at most 6 % of cases at the 5 % level", "tests/leaderboard/test_comparisons.py holds it"),
+        (
+            "At the 5 % level, a pair of agents with equal true means is told apart in at most 6 % of cases",
+            "tests/leaderboard/test_comparisons.py holds it",
+        ),
         (
             "it is 8 to 9 %",
             "measured: the simulation of tests/leaderboard/test_comparisons.py with 2.5 degrees of freedom, 8,000 tables",
         ),
         ("it is about 7 %", "measured: the same simulation with two and five trainings"),
         ("5 % are expected to be mistakes", "source: Benjamini and Hochberg (1995)"),
-        ("in about 5 % of tables", "tests/leaderboard/test_comparisons.py holds it"),
+        ("about 5 % of tables tell some pair apart", "tests/leaderboard/test_comparisons.py holds it"),
     ],
     "docs/maintain.md": [
         ("`glbench` below 8 MB", "tests/house/test_wheel.py holds it"),
@@ -1285,6 +1288,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("4 GiB of memory, 128 processes and threads, or 1,024 open files", "definition: the sandbox's limits"),
         ("256 MiB in `/tmp`", "definition: the sandbox's limits"),
         ("at most 512 MiB in 10,000 files", "definition: the limits of a submission"),
+        ("up to 16 MiB", "definition: glbench/resources.py"),
     ],
     "docs/tasks.md": [
         ("steps of 15 minutes", "definition: the default task"),

@@ -95,7 +95,7 @@ def test_a_wrong_shape_is_named_together_with_the_right_one(read: ActionReader, 
 
 
 def test_words_are_no_actions(read: ActionReader) -> None:
-    with pytest.raises(ActionError, match="cannot be read as numbers"):
+    with pytest.raises(ActionError, match="are not real numbers"):
         read([["open"] * 6], 1)
 
 

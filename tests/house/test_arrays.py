@@ -74,7 +74,7 @@ def test_an_action_that_is_no_row_of_real_numbers_is_refused_everywhere(action: 
         assert read_actions([action], card, 1)[1]
         agent = PerRunAgent(lambda _task: Answers(action))
         agent.reset(card, 1)
-        with pytest.raises(ActionError, match="expected a row of real numbers"):
+        with pytest.raises(ActionError, match="Expected a row of real numbers"):
             agent.act(np.zeros((1, len(card.observation_names)), np.float32))
 
 

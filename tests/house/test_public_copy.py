@@ -411,7 +411,7 @@ def test_nobody_adds_a_training_to_a_recipe_of_others(copy: Path, author: str, r
     base = git(copy, "rev-parse", "HEAD")
     with_card(copy, "new", author, recipe)
     result = changed(copy, base)
-    assert (result.returncode, "which is that of submissions/first.py" in result.stderr) == (int(refused), refused)
+    assert (result.returncode, "which submissions/first.py already has" in result.stderr) == (int(refused), refused)
 
 
 def test_a_recipe_of_a_folder_of_settings_belongs_to_its_name(copy: Path) -> None:
@@ -425,7 +425,7 @@ def test_a_recipe_of_a_folder_of_settings_belongs_to_its_name(copy: Path) -> Non
     base = git(copy, "rev-parse", "HEAD")
     folder("other-seed0")
     result = changed(copy, base)
-    assert "'other-seed0' names the recipe 'ppo-1', which is that of submissions/mine-seed0" in result.stderr
+    assert "'other-seed0' states the recipe 'ppo-1', which submissions/mine-seed0 already has" in result.stderr
 
 
 def test_trainings_of_one_recipe_come_together(copy: Path) -> None:
@@ -436,7 +436,10 @@ def test_trainings_of_one_recipe_come_together(copy: Path) -> None:
     (copy / "submissions" / "mine_seed2.py").write_text("")
     result = changed(copy, base)
     assert (result.returncode, result.stdout) == (1, "")
-    assert "'mine_seed0' and 'mine_seed2' look alike. Trainings of one recipe say so in their cards" in result.stderr
+    assert (
+        "'mine_seed0' and 'mine_seed2' look alike. Give them different names or, if they are trainings of one recipe"
+        in result.stderr
+    )
 
 
 @pytest.mark.parametrize("place", ["submissions/eve", "submissions/ben/weights.npz", "submissions"])

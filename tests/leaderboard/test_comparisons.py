@@ -65,7 +65,7 @@ def test_runs_of_two_tasks_that_meet_the_same_draws_vary_together():
     found = estimate_difference(tasks, [np.zeros(30)] * 2, [range(30)] * 2)
     expected = stats.ttest_1samp(np.mean(tasks, axis=0), 0.0)
     assert found.p_value() == pytest.approx(expected.pvalue, rel=1e-9)
-    with pytest.raises(ResultError, match="name of its own"):
+    with pytest.raises(ResultError, match="needs its own name"):
         estimate_difference(tasks, [np.zeros(30)] * 2, [[1] * 30] * 2)
 
 

@@ -191,7 +191,7 @@ def test_validation_rounds_and_agents_without_a_sandbox_are_refused(
     rules, mine = protect("rule_based_fair", "auto"), protect(write_agent(), "none")
     for task in (tiny.in_split("test"), tiny):
         check_fresh_draws(Job(task, "", rules, Options(tmp_path)))
-        with pytest.raises(SandboxError, match="--sandbox bubblewrap only"):
+        with pytest.raises(SandboxError, match="with --sandbox bubblewrap"):
             check_fresh_draws(Job(task, "", mine, Options(tmp_path)))
     with pytest.raises(TaskError, match="a sealed round"):
         check_fresh_draws(Job(tiny.in_split("test", Round.new().secret), "", rules, Options(tmp_path)))
@@ -257,7 +257,7 @@ def test_an_honest_result_is_reproduced_with_its_fresh_draws_and_reference_agent
     answer = glbench("verify", honest)
     assert answer.code == 0, answer.err
     assert "as many with fresh draws" in answer.out
-    assert "the fresh draws, and what the reference agents earn with both" in answer.out
+    assert "the fresh draws, and the scores of the reference agents with both sets of draws" in answer.out
     assert was_reproduced(honest)
     fresh_actions_path(honest).unlink()
     verdict = verify(honest)
@@ -291,8 +291,8 @@ def test_edited_fresh_draws_are_no_result(honest: Path, change: Callable[[dict[s
     [
         (lambda fresh: better(fresh["runs"][2]), "metric", "seed 10002"),
         (lambda fresh: fresh.update(salt="1" * 64), "record_of_other_round", "sealed round"),
-        (lambda fresh: fresh["references"][1]["fresh"].__setitem__(3, -9.0), "reference", "rule_based_unlit with the fresh"),
-        (lambda fresh: fresh["references"][0]["published"].__setitem__(0, -9.0), "reference", "with the published draws"),
+        (lambda fresh: fresh["references"][1]["fresh"].__setitem__(3, -9.0), "reference", "rule_based_unlit in the run"),
+        (lambda fresh: fresh["references"][0]["published"].__setitem__(0, -9.0), "reference", "of the published draws"),
         (lambda fresh: fresh.update(metric="epi"), "fresh_draws", "another metric"),
     ],
     ids=["a run", "the salt", "a reference", "a published reference", "the metric"],

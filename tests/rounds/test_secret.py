@@ -171,7 +171,7 @@ def test_late_is_what_was_made_after_the_closing_time() -> None:
         ("2999-03-01", "time zone"),
         ("next week", "time zone"),
         ("1" * 5000, "time zone"),
-        ("2020-03-01T18:00+01:00", "is over"),
+        ("2020-03-01T18:00+01:00", "is in the past"),
     ],
 )
 def test_a_closing_time_has_its_zone_and_is_to_come(glbench: Command, tmp_path: Path, given: str, words: str) -> None:
@@ -224,7 +224,7 @@ def test_after_it_closed_an_entry_is_refused_or_named_as_late(
     assert late.code == 0, late.err
     assert "The result is late" in late.err
     (out,) = Path("reports/rounds").iterdir()
-    words = "rule_based is late: its result says that it was made at 20"
+    words = "rule_based is late: its result states that it was made at 20"
     board = glbench("leaderboard", "--out", out, "--round", over, "--write")
     assert words in " ".join(board.err.split()) + " ".join(board.out.split())
     assert words in (out / "leaderboard.md").read_text(encoding="utf-8")

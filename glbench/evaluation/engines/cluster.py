@@ -153,7 +153,7 @@ class Board:
             self._answers[key].append(go_on)
 
     def answers(self, key: str, attempt: str) -> list[bool]:
-        """All answers given to a try; an outdated try is stopped."""
+        """All answers to an attempt; an outdated attempt is stopped."""
         return self._answers[key] if self._tries.get(key) == attempt else [False]
 
     def news(self, keys: Sequence[str]) -> dict[str, News]:

@@ -1,4 +1,4 @@
-"""The sandbox itself: how bubblewrap is called, what can be called inside, and why it cannot be where it cannot.
+"""The sandbox: the command line of bubblewrap, the system call filter, and why a machine cannot run it.
 
 Which files are visible inside is decided in ``visible``.
 
@@ -94,7 +94,7 @@ def command(
     """The program to start inside, and the arguments that bubblewrap reads from the file that ``--args`` is to name.
 
     ``staging`` makes a folder for copies, where some are needed. ``descriptors`` are those of the agent's socket, of the filter of system
-    calls (``None`` where there is none) and of the file for facts about the sandbox. ``kernels`` are compiled ones, by their names inside.
+    calls (``None`` without one) and of the file for facts about the sandbox. ``kernels`` are compiled kernels by their names inside.
 
     Raises
     ------

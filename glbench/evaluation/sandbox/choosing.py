@@ -98,11 +98,11 @@ def keep_out_of_sight(round_file: Path, agents: Iterable[Protected]) -> None:
     Raises
     ------
     SandboxError
-        When the file lies where the sandbox shows what is there.
+        When the file is in a folder that the sandbox shows.
     """
     for agent in agents:
         if agent.submission is not None and is_visible(round_file, agent.submission):
-            msg = f"'{agent.agent.name}' would see {round_file} in its sandbox. Keep the file of a round in a folder of its own."
+            msg = f"'{agent.agent.name}' would see {round_file} in its sandbox. Keep the file of a round in a separate folder."
             raise SandboxError(msg)
 
 

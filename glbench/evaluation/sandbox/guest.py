@@ -249,7 +249,7 @@ def enter_domain() -> bool:
 
 
 class Listener:
-    """Hears of connections and of files opened for writing, while it listens, for a check of the agent.
+    """Records connections and files opened for writing while it is active, for a check of the agent.
 
     Code that avoids Python's own calls is not heard. An audit hook cannot be taken away again: for processes that end with the agent.
     """

@@ -1,14 +1,14 @@
-"""What an agent in the sandbox sees of this machine's files: what is listed here, and nothing else.
+"""The files of this machine that an agent in the sandbox can see: an allow-list.
 
-The file system inside begins empty. It gets
+The file system inside starts empty. It gets
 
 - copies of the files that the submission's digest covers, made while the digest is computed again;
 - the source of glbench, the pages of its rules by observations (``_RULES``), and the compiled kernels of the task's model;
 - Python, its standard library, and the installed packages on the search path;
 - programs, libraries and headers of the system, and its time zones (``SYSTEM``).
 
-Nothing else of glbench's data is there: no weather, tasks, plans, recordings, policies, results or submissions. Where a folder of packages
-or of the system brings such data along, ``_covered`` leaves an empty folder in its place.
+All other data of glbench are missing: weather, tasks, plans, recordings, policies, results and submissions. If a folder of packages
+or of the system contains such data, ``_covered`` puts an empty folder in their place.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from glbench.errors import GlbenchError, SubmissionError
 from glbench.resources import DataFolder, cache_folder, data_folder, user_data_folder
 
 CODE: Final = Path("/opt/glbench")
-"""Where glbench is inside the sandbox: a place of its file system, on no machine."""
+"""Path of glbench inside the sandbox; it exists on no machine."""
 SUBMISSION: Final = Path("/submission")
-"""Where the submission is inside."""
+"""Path of the submission inside."""
 KERNELS: Final = CODE / "kernels"
-"""Where compiled kernels are inside."""
+"""Path of compiled kernels inside."""
 SYSTEM: Final = (
     "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/usr/bin", "/usr/sbin", "/usr/lib", "/usr/lib32", "/usr/lib64", "/usr/libexec",
     "/usr/include", "/usr/local/bin", "/usr/local/lib", "/usr/local/lib64", "/usr/share/zoneinfo", "/nix/store",
@@ -39,7 +39,7 @@ SYSTEM: Final = (
 """Files and folders of the system, at the same places inside."""
 _LIBRARIES = ("site-packages", "dist-packages")
 _DATA_OF_PACKAGES = ("glbench", "glbench_data", "pvlib/data")
-"""Folders of packages that stay empty. glbench is visible at ``CODE``, without its data; pvlib brings weather of published tasks along."""
+"""Folders of packages that stay empty. glbench is visible at ``CODE``, without its data; pvlib contains weather of published tasks."""
 _RULES = (
     "grower/card.toml", "grower/settings.toml", "rule_based/rule_based.yml", "rule_based_fair/card.toml",
     "rule_based_tuned/card.toml", "rule_based_tuned/rules", "rule_based_energy/card.toml", "rule_based_energy/rules",
@@ -50,7 +50,7 @@ _PACKAGE = Path(__file__).resolve().parents[2]
 
 @dataclass(frozen=True)
 class Bound:
-    """A file or folder of this machine, without links, and where it is inside."""
+    """A file or folder of this machine, with links resolved, and its path inside."""
 
     outside: Path
     inside: Path
@@ -84,50 +84,50 @@ def visible_files(
     Parameters
     ----------
     submission : Identity
-        Whose files they are.
+        The submission whose files are copied.
     staging : callable
-        Makes a folder for copies and returns it.
+        Called without arguments; makes a folder for copies and returns its path.
     kernels : mapping
-        Compiled kernels by their names inside; the cache that they come from holds others, too.
+        Compiled kernels by their names inside; the rest of the cache stays hidden.
 
     Raises
     ------
     SubmissionError
-        When the submission holds data of glbench or of the user, or has changed since it got its digest.
+        When the submission contains data of glbench or of the user, or changed after its digest was computed.
     GlbenchError
         When its files cannot be copied.
     """
     covered = _covered()
-    bounds = _shown(covered)
+    bounds = _visible_files(covered)
     binds = [*bounds, _copies(submission, staging), *_marks_and_kernels(kernels or {})]
     empty = sorted(set(_empty(bounds, covered)))
     words = {path: ["--symlink", str(path.readlink()), str(path)] for path in _system() if path.is_symlink()}
     words |= {bound.inside: ["--ro-bind", str(bound.outside), str(bound.inside)] for bound in binds}
     words |= {path: ["--tmpfs", str(path)] for path in empty}
     folders = {above for path in words for above in path.parents[:-1]} | {_data_inside() / "tasks", KERNELS}
-    # bubblewrap would make them for its own user only.
+    # By default bubblewrap makes folders that only its own user can read.
     words |= {folder: ["--perms", "0755", "--dir", str(folder)] for folder in folders - words.keys()}
     lines = [words[path] for path in sorted(words, key=lambda path: (len(path.parts), path))]
     return [word for line in [*lines, *(["--remount-ro", str(path)] for path in empty)] for word in line]
 
 
 def is_visible(file: Path, submission: Identity) -> bool:
-    """Whether the agent could read ``file`` of this machine inside, were its rights no obstacle."""
+    """Whether ``file`` of this machine is visible inside, whatever its permissions."""
     file = file.resolve()
     covered = _covered()
-    return _is_shown(file, _shown(covered), covered) or file in submission.all_files()
+    return _is_below(file, _visible_files(covered), covered) or file in submission.all_files()
 
 
 def _system() -> Iterator[Path]:
     yield from filter(Path.exists, map(Path, SYSTEM))
 
 
-def _shown(covered: set[Path]) -> list[Bound]:
-    """What is visible of the system, of Python and of glbench, but for the folders ``covered``."""
+def _visible_files(covered: set[Path]) -> list[Bound]:
+    """The visible files of the system, of Python and of glbench, except the folders ``covered``."""
     bounds = [Bound(path, path) for path in _system() if not path.is_symlink()]
     base = Path(sys.base_prefix).resolve()
     for path in (interpreter(), base / "lib", base / "lib64", *libraries()):
-        of_system = any(path.is_relative_to(place) for place in SYSTEM) and _is_shown(path.resolve(), bounds, covered)
+        of_system = any(path.is_relative_to(place) for place in SYSTEM) and _is_below(path.resolve(), bounds, covered)
         if path.exists() and not of_system:
             bounds.append(Bound(path.resolve(), path))
     baselines = data_folder("baselines").resolve()
@@ -135,7 +135,7 @@ def _shown(covered: set[Path]) -> list[Bound]:
     return [*bounds, Bound(_PACKAGE, CODE / "glbench"), *rules]
 
 
-def _is_shown(file: Path, bounds: Iterable[Bound], covered: Iterable[Path]) -> bool:
+def _is_below(file: Path, bounds: Iterable[Bound], covered: Iterable[Path]) -> bool:
     return any(
         file.is_relative_to(bound.outside)
         and not any(file.is_relative_to(folder) and bound.outside in folder.parents for folder in covered)
@@ -152,7 +152,7 @@ def _covered() -> set[Path]:
 
 @cache
 def _installations(system: tuple[str, ...], base: str) -> frozenset[Path]:
-    """Folders with packages of all installations of Python that would show, with whatever data they have."""
+    """Package folders of all Python installations below visible folders."""
     roots = [*(Path(place) for place in system if "lib" in Path(place).name), Path(base) / "lib", Path(base) / "lib64"]
     pythons = [
         folder for root in roots if root.is_dir() for folder in root.iterdir() if folder.name.startswith("python")
@@ -171,19 +171,19 @@ def _own_data() -> set[Path]:
 
 
 def _empty(bounds: Iterable[Bound], covered: set[Path]) -> Iterator[Path]:
-    """Folders inside that are to be empty; none of them is in another, unless something visible is between them."""
-    shown: dict[Path, list[Path]] = {}
+    """Folders that must be empty inside; nested ones only if something visible is between them."""
+    inside_of: dict[Path, list[Path]] = {}
     for bound in bounds:
-        shown.setdefault(bound.outside, []).append(bound.inside)
+        inside_of.setdefault(bound.outside, []).append(bound.inside)
     for folder in covered:
         for above in folder.parents:
-            yield from (inside / folder.relative_to(above) for inside in shown.get(above, ()))
+            yield from (inside / folder.relative_to(above) for inside in inside_of.get(above, ()))
             if above in covered:
                 break
 
 
 def _data_inside() -> Path:
-    """Where glbench looks for its data inside: in the package as a wheel has it, or beside the package of a checkout."""
+    """Path of glbench's data inside: in the package of a wheel, or beside the package of a checkout."""
     return CODE / "glbench" / "_data" if (_PACKAGE / "_data").is_dir() else CODE
 
 
@@ -203,7 +203,7 @@ def _copies(submission: Identity, staging: Callable[[], Path]) -> Bound:
         files = submission.all_files()
         for folder in _own_data():
             if folder.is_relative_to(submission.path) and any(file.is_relative_to(folder) for file in files):
-                msg = f"The folder {submission.path} holds {folder}, which no agent may see. Put the agent into a folder of its own."
+                msg = f"The folder {submission.path} contains {folder}, which no agent may see. Put the agent into a separate folder."
                 raise SubmissionError(msg)
         root = staging() / "submission"
         if submission.folder is not None:

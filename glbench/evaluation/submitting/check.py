@@ -30,7 +30,7 @@ from glbench.evaluation.submitting.findings import Finding, Report, Subject, not
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task, task_card
 
 SECONDS = 15.0
-"""Time for the whole check [s], besides what it takes to import large packages, to make the agent and the seasons, and to decide first."""
+"""Time for the steps of the check [s]. Imports, making the agent and the seasons, and first decisions do not count."""
 STEPS = 96
 """Steps of the short run: a day in steps of a quarter of an hour, with its night."""
 RUNS = 4
@@ -69,7 +69,7 @@ def check_submission(
     task
         Task, its id, or the path of a task file.
     seconds
-        Time for the whole check. Loading and first decisions come on top: an agent that plans takes longer for them than for all others.
+        Time for the steps of the check. Loading and first decisions do not count, because a planning agent needs most of its time there.
     sandbox
         Where the agent runs, as for ``glbench.evaluation.evaluate``. Where it wants a sandbox and there can be none, only files are
         looked at, and the report says so.
@@ -219,7 +219,7 @@ class _DryRun:
         self._deadline = max(self._deadline, time.monotonic() + _LEAST * self._seconds)
 
     def _made(self, runs: int, *, again: bool = False) -> bool:
-        """Make a fresh agent and reset it, in time that is not that of its steps; false when that fails, which is reported."""
+        """Make a new agent and reset it, outside of the time for steps. Report a failure and return false."""
         left, began = self._left(), time.monotonic()
         hasty = replace(
             self._limits,

@@ -62,7 +62,7 @@ class CompiledStepper:
     Attributes
     ----------
     settings : Settings
-        Step length and tolerances that the library gets; fixed.
+        Step length and tolerances, fixed for the library.
 
     Raises
     ------

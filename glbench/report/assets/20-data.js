@@ -98,7 +98,7 @@ const valuesOf = (result, metric) => {
   });
 };
 
-// A row of values a training; of one result one row. And whether no training made it, as far as it says.
+// Values of each training, one row for a single result; and whether the agent was not trained, as far as its results state.
 const valuesByTraining = (result, metric) => (result.members ? trainingsOf(result) : [result]).map((one) => valuesOf(one, metric));
 const isFixed = (result) => !result.training?.steps;
 

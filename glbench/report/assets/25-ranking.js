@@ -1,5 +1,5 @@
-// Intervals and ranks at prices that the reader types: they cannot be computed beforehand. The same estimates, test, correction and tiers as
-// glbench/leaderboard/statistics.py and comparisons.py; tests/report/test_overall.py holds the two to the same ranks.
+// Intervals and ranks at prices that the reader enters. The estimates, test, correction and tiers are those of
+// glbench/leaderboard/statistics.py and comparisons.py; tests/report/test_overall.py compares the ranks.
 
 const lnGamma = (x) => {
   if (x < 7) return lnGamma(x + 1) - Math.log(x);
@@ -46,7 +46,7 @@ const variance = (values) => { const center = mean(values); return sum(values.ma
 const overTrainings = (rows) => rows[0].map((_, run) => mean(rows.map((row) => row[run])));
 const drawsNothing = (values, scale) => values.length > 1 && Math.max(...values) - Math.min(...values) <= ROUNDING * scale;
 
-// What varies between the trainings of one agent, and what is left of it in single runs; null of one training.
+// Variance between the trainings of one agent, and its residual part; null for one training.
 const betweenTrainings = (rows) => {
   if (rows.length < 2) return null;
   const means = rows.map(mean), runs = overTrainings(rows), all = mean(means), n = runs.length;
@@ -54,7 +54,7 @@ const betweenTrainings = (rows) => {
   return { count: rows.length, one: variance(means), rest };
 };
 
-// Mean of the first of `sides` minus that of the second, if any; each has a row of values a training. `fixed`: policies that no training made.
+// Mean of the first of `sides` minus that of the second, if any; each has one row of values per training. `fixed`: agents that were not trained.
 const estimateMean = (sides, fixed = []) => {
   const averaged = sides.map(overTrainings), runs = averaged[0].map((value, i) => value - (averaged[1]?.[i] ?? 0)), n = runs.length, value = mean(runs);
   const scale = Math.max(...sides.flat(2).map(Math.abs)), same = drawsNothing(runs, scale);
@@ -83,15 +83,15 @@ const pairedTest = (one, other, metric) => {
 
 // P-values corrected for their number (Benjamini and Hochberg).
 const correctedValues = (values) => {
-  const order = values.map((_, i) => i).sort((a, b) => values[b] - values[a]), found = [];
-  order.reduce((least, index, place) => (found[index] = Math.min(least, (values[index] * values.length) / (values.length - place))), 1);
-  return found;
+  const order = values.map((_, i) => i).sort((a, b) => values[b] - values[a]), adjusted = [];
+  order.reduce((least, index, place) => (adjusted[index] = Math.min(least, (values[index] * values.length) / (values.length - place))), 1);
+  return adjusted;
 };
 
 // Ranks of complete results that are ordered by the mean: those that cannot be told apart from the first of a tier share its rank.
 const tierRanks = (rows, metric) => {
   const pairs = rows.flatMap((_, i) => rows.slice(i + 1).map((_, k) => [i, i + 1 + k]));
-  const found = correctedValues(pairs.map(([i, j]) => pairedTest(rows[i], rows[j], metric))), apart = new Set(pairs.filter((_, k) => found[k] < 0.05).map(String)), ranks = [];
+  const adjusted = correctedValues(pairs.map(([i, j]) => pairedTest(rows[i], rows[j], metric))), apart = new Set(pairs.filter((_, k) => adjusted[k] < 0.05).map(String)), ranks = [];
   let first = 0;
   rows.forEach((_, i) => { if (i && apart.has(String([first, i]))) first = i; ranks.push(first + 1); });
   return ranks;

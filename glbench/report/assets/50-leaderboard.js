@@ -43,8 +43,8 @@ const rankColumns = (task, rows, refill) => {
   ].filter(Boolean);
 };
 
-// What ranks with draws that nobody knew beforehand, and whether it dropped by more than reference agents.
-const freshWords = (fresh, metric) => h("span", { class: fresh.marked ? "of loss" : "of", title: fresh.marked ? "It dropped by more than reference agents in the same seasons: it may know the published draws." : "The same evaluation again, with draws that nobody knew when the agent was handed in." },
+// Mean of the ranking metric with fresh draws, and the mark of an agent that dropped by more than reference agents.
+const freshWords = (fresh, metric) => h("span", { class: fresh.marked ? "of loss" : "of", title: fresh.marked ? "It dropped by more than reference agents in the same seasons: it may know the published draws." : "Mean of a second evaluation, with draws that did not exist when the agent was handed in." },
   `${fresh.marked ? "\u00b6 " : ""}fresh draws`, h("br"), number(fresh.mean, metric.decimals));
 
 // An amount that nobody has: its column would push the last ones off the page.

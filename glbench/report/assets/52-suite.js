@@ -17,7 +17,7 @@ const suiteAgent = (row) => agentHead(row.agent, [row.missing.length ? h("span",
 
 const SCORE_COLUMNS = [["mean", "Mean", "Score"], ["iqm", "IQM", "IQM"], ["median", "Median", "Median"], ["optimality_gap", "Optimality gap", "Optimality gap"]];
 
-// Of a suite whose tasks all count money; at the tasks' prices, for at others other runs may be the best.
+// Only for suites whose tasks all score money, and only at the tasks' prices: at others, other runs may be the best known.
 const moneyColumn = ([key, label, start], rows) => {
   const ends = ([center, low, high]) => ({ mean: center, low, high }), range = barRange(rows.map((row) => (row[key] ? ends(row[key]) : UNKNOWN)));
   return {

@@ -135,13 +135,13 @@ const earned = (result, task) => {
   ];
 };
 
-// Of what ranks: the worst runs, each year, and the interval over trainings and runs where there are several trainings.
+// For the ranking metric: the worst runs, each year, and the interval over trainings and runs of an agent with several trainings.
 const uncertaintyPart = (result, task) => {
   if (pricesDiffer(task) || !result.worst_tenth) return null;
   const { label, decimals, unit } = wordsOf(task).metric[task.metric], overall = result.overall[task.metric], years = result.by_year.map(([year, runs, value]) => `${number(value, decimals + 1)} in ${year} (${plural(runs, "run")})`);
   return h("p", { class: "small" }, `${label}: ${withUnit(result.worst_tenth[0], decimals + 1, unit)} in the worst tenth of the runs (CVaR10).`,
     overall ? ` 95 % interval of the mean over runs and ${plural(result.trainings, "training")}: ${number(overall[0], decimals + 1)} to ${number(overall[1], decimals + 1)}.` : null,
-    years.length ? ` Mean by the year that most days of a season are from: ${sentence(years)}. No interval here says anything about another year.` : null);
+    years.length ? ` Mean by the year of most days of a season: ${sentence(years)}. The intervals do not cover other years.` : null);
 };
 
 const noProfile = (result, task) => h("div", { class: "missing" },

@@ -59,7 +59,7 @@ def test_nothing_of_glbench_and_of_pvlib_that_is_visible_holds_it(
     others = [str(file) for file in packages if not file.name.startswith(("glbench", "pvlib", "seasons", "book"))]
     base = [
         bound.outside
-        for bound in visible._shown(set())
+        for bound in visible._visible_files(set())
         if bound.outside not in visible.libraries() and bound.inside != visible.CODE / "glbench"
     ]
     found, looked = found_inside(day_task, tmp_path, (*others, *map(str, base)))

@@ -368,7 +368,7 @@ def test_a_folder_that_holds_what_no_agent_may_see_is_refused(
     (tmp_path / "anna" / "data" / "weather.csv").write_text("warm", encoding="utf-8")
     (tmp_path / "anna" / "agent.py").write_text(LISTING, encoding="utf-8")
 
-    with pytest.raises(SubmissionError, match=r"holds .*data, which no agent may see"):
+    with pytest.raises(SubmissionError, match=r"contains .*data, which no agent may see"):
         sandboxed(tmp_path / "anna", runs=1).run()
 
 
