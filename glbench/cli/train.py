@@ -81,6 +81,13 @@ def train(
     The folder then holds the policy (policy.npz, evaluated with numpy alone), the learning curve, the settings and card.toml,
     and is an agent itself: glbench evaluate FOLDER. Exit code 3: the training finished, but never beat the policy it began with.
     """
+    check_address(address, engine)
+    if seeds is None and (engine is EngineName.RAY or workers is not None):
+        msg = "--engine ray and --workers are for trainings of several seeds: add --seeds 0-4."
+        raise TrainingError(msg)
+    if seeds is not None and wandb:
+        msg = "--wandb logs one training: give --seed instead of --seeds."
+        raise TrainingError(msg)
     if engine is EngineName.RAY:
         require("--engine ray", "ray", "ray")
     if wandb:
@@ -89,13 +96,6 @@ def train(
         require("This training", "train", "torch", "stable_baselines3")
     from glbench.training.compiled_settings import is_compiled
 
-    check_address(address, engine)
-    if seeds is None and (engine is EngineName.RAY or workers is not None):
-        msg = "--engine ray and --workers are for trainings of several seeds: add --seeds 0-4."
-        raise TrainingError(msg)
-    if seeds is not None and wandb:
-        msg = "--wandb logs one training: give --seed instead of --seeds."
-        raise TrainingError(msg)
     chosen = the_task(task)
     several = None if seeds is None else (seeds_of(seeds), Where(engine is EngineName.RAY, address, workers))
     if algorithm == "ppo" and is_compiled(config, chosen):
@@ -314,6 +314,10 @@ def sweep(
     ] = False,
 ) -> None:
     """Search hyperparameters: an Optuna study in a local file. The same command resumes an interrupted search."""
+    check_address(address, engine)
+    if wandb and engine is EngineName.RAY:
+        msg = "--wandb trains on this machine: leave out --engine."
+        raise TrainingError(msg)
     if wandb:
         require("--wandb", "wandb", "wandb")
     if engine is EngineName.RAY:
@@ -323,7 +327,6 @@ def sweep(
         from glbench.training.sweep import read_search
         from glbench.training.sweep import sweep as run_sweep
         from glbench.training.wandb_log import wandb_sweep
-    check_address(address, engine)
     search = read_search(config)
     folder = out or Path("sweeps") / config.stem
     messages().print(
@@ -332,9 +335,6 @@ def sweep(
         soft_wrap=True,
     )
     if wandb:
-        if engine is EngineName.RAY:
-            msg = "--wandb trains on this machine: leave out --engine."
-            raise TrainingError(msg)
         wandb_sweep(search, folder)
         return
     chosen = the_task(search.task)
