@@ -314,6 +314,10 @@ def sweep(
     ] = False,
 ) -> None:
     """Search hyperparameters: an Optuna study in a local file. The same command resumes an interrupted search."""
+    check_address(address, engine)
+    if wandb and engine is EngineName.RAY:
+        msg = "--wandb trains on this machine: leave out --engine."
+        raise TrainingError(msg)
     if wandb:
         require("--wandb", "wandb", "wandb")
     if engine is EngineName.RAY:
@@ -323,7 +327,6 @@ def sweep(
         from glbench.training.sweep import read_search
         from glbench.training.sweep import sweep as run_sweep
         from glbench.training.wandb_log import wandb_sweep
-    check_address(address, engine)
     search = read_search(config)
     folder = out or Path("sweeps") / config.stem
     messages().print(
@@ -332,9 +335,6 @@ def sweep(
         soft_wrap=True,
     )
     if wandb:
-        if engine is EngineName.RAY:
-            msg = "--wandb trains on this machine: leave out --engine."
-            raise TrainingError(msg)
         wandb_sweep(search, folder)
         return
     chosen = the_task(search.task)

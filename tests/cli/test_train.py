@@ -291,6 +291,12 @@ def test_options_that_do_not_fit_several_seeds_are_refused(
     assert said in answer.err
 
 
+def test_a_sweep_of_weights_and_biases_is_on_this_machine(glbench: Command, settings: Path) -> None:
+    answer = glbench("sweep", "--config", "sweep.yml", "--wandb", "--engine", "ray")
+    assert answer.code == 1
+    assert "leave out --engine" in answer.err
+
+
 @pytest.mark.slow
 @pytest.mark.train
 def test_several_seeds_are_trained_and_not_again(glbench: Command, settings: Path) -> None:
