@@ -1253,6 +1253,8 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("overall 95 %", "definition: CONFIDENCE"),
         ("t(0.999, ν)", "definition: glbench/leaderboard/fresh_draws.py"),
         ("at most 1 of 1,000 evaluations", "definition: glbench/leaderboard/fresh_draws.py"),
+        ("and the lower end by ranks in 1 of 100,000", "definition: glbench/leaderboard/fresh_draws.py"),
+        ("an error of 1 in 100,000, for which it needs 13 runs", "definition: glbench/leaderboard/fresh_draws.py"),
         ("simulates 20,000 agents a case", "tests/rounds/test_fresh_draws.py does it"),
         ("95 % interval", "definition"),
         ("narrower than 0.01", "definition: what the tables show"),
