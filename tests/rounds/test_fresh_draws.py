@@ -254,10 +254,12 @@ def test_an_honest_result_is_reproduced_with_its_fresh_draws_and_reference_agent
     verdict = verify(honest)
     assert (verdict.outcome, verdict.exactness, verdict.runs) == ("reproduced", "bits", 12), verdict
     assert {"fresh_draws", "fresh_draws.references"} <= set(verdict.reproduced)
+    assert "fresh_draws.salt" in verdict.stated, "whoever evaluates can choose a salt, and plans for it"
     answer = glbench("verify", honest)
     assert answer.code == 0, answer.err
     assert "as many with fresh draws" in answer.out
     assert "the fresh draws, and what the reference agents earn with both" in answer.out
+    assert "nobody knew it before" in " ".join(answer.out.split())
     assert was_reproduced(honest)
     fresh_actions_path(honest).unlink()
     verdict = verify(honest)
