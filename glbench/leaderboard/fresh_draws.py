@@ -115,9 +115,12 @@ def shift_by_ranks(published: Array, fresh: Array, error: float = RANK_ERROR) ->
 
 
 def fresh_score_over(trainings: Sequence[FreshScore | None]) -> FreshScore | None:
-    """Of several trainings: the mean over them, and the drop of the one that dropped most; ``None`` where one has no fresh draws."""
+    """Of several trainings: the mean over them, and the drop of the one that dropped most.
+
+    ``None`` where one has no fresh draws and none of the others is marked: a mark is not lost by a training without them.
+    """
     known = [one for one in trainings if one is not None]
-    if not known or len(known) < len(trainings):
+    if not known or (len(known) < len(trainings) and not any(one.marked for one in known)):
         return None
     worst = max(known, key=lambda one: (one.marked, one.drop))
     return worst.model_copy(update={"mean": float(np.mean([one.mean for one in known]))})

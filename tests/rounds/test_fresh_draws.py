@@ -27,7 +27,15 @@ from glbench.evaluation.sandbox.choosing import Protected, keep_out_of_sight
 from glbench.evaluation.sandbox.process import Prints
 from glbench.leaderboard import StoredResult, rank, to_frame, to_markdown
 from glbench.leaderboard.catalogue import catalogue
-from glbench.leaderboard.fresh_draws import ERROR, FEWEST, drop_beside, fresh_score, fresh_words, shift_by_ranks
+from glbench.leaderboard.fresh_draws import (
+    ERROR,
+    FEWEST,
+    drop_beside,
+    fresh_score,
+    fresh_score_over,
+    fresh_words,
+    shift_by_ranks,
+)
 from glbench.leaderboard.tables import DROP_MARK, FRESH_NOTE, to_json, to_latex
 from glbench.report import build_report
 from glbench.tasks import Round, TaskSpec, get_task, read_round, task_card
@@ -537,6 +545,14 @@ def test_few_runs_mark_nobody_and_every_reference_agent_has_to_agree(honest: Pat
     assert beside is not None
     assert not beside.marked, "a sensible agent fell as deep"
     assert beside.reference == second.name
+
+
+def test_a_training_without_fresh_draws_hides_no_mark(honest: Path) -> None:
+    plain, large = (fresh_score(changed(load_result(honest), 6, drop)) for drop in (0.0, 100.0))
+    assert plain is not None
+    assert large is not None
+    assert fresh_score_over([plain, None]) is None
+    assert fresh_score_over([plain, large, None]) == large.model_copy(update={"mean": (plain.mean + large.mean) / 2})
 
 
 def test_runs_that_failed_with_fresh_draws_are_said(honest: Path) -> None:
