@@ -1281,6 +1281,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     "docs/submit.md": [
         ("2, 3, 6, 12, 18 and 24 h: the forecast", "tests/agents/test_submission_guide.py holds it"),
         ("within 20 seconds", "definition: the time limit of the check"),
+        ("up to 16 MiB) with LF", "definition: LARGEST_TEXT of glbench/resources.py"),
         ("18 and 24 h: the forecast", "definition: the default task"),
         ("(0.1 of its range) a step of 15 minutes", "definition: the default task"),
         ("longer than 10 s for one decision", "definition: the default time limits"),
