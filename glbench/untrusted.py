@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, Final
+from zipfile import ZipFile
 
 MIB: Final = 2**20
 MOST_MARKS: Final = 500_000
@@ -27,6 +28,8 @@ AGENT_NAME_RULE: Final = (
 )
 _AGENT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _LONGEST_QUOTE = 80
+_LONGEST_READ: Final = 4 * MIB
+"""Bytes that are read at once: tens of thousands of names, where a model has hundreds."""
 _STEERING = frozenset("\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 """Ends of lines and changes of direction, which Unicode does not count as control characters."""
 
@@ -74,6 +77,36 @@ def open_regular(path: Path) -> Iterator[IO[bytes]]:
 def real_path(path: Path) -> Path:
     """``path`` without links and ``..``. A link to itself stays, instead of the ``RuntimeError`` of ``Path.resolve``."""
     return Path(os.path.realpath(path))
+
+
+@contextmanager
+def opened_archive(file: Path) -> Iterator[ZipFile]:
+    """The archive in ``file``.
+
+    Raises
+    ------
+    ValueError
+        When its table of contents is too long.
+    OSError, zipfile.BadZipFile, NotImplementedError
+        As ``ZipFile`` does.
+    """
+    with _InPieces(file) as stream, ZipFile(stream) as archive:
+        yield archive
+
+
+class _InPieces(io.FileIO):
+    """A file of which only so much can be read at once."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """At most ``size`` bytes, or all that are left."""
+        if size is None or size < 0:
+            here = self.tell()
+            size = self.seek(0, io.SEEK_END) - here
+            self.seek(here)
+        if size > _LONGEST_READ:
+            msg = f"its table of contents is longer than {_LONGEST_READ // MIB} MiB"
+            raise ValueError(msg)
+        return super().read(size) or b""
 
 
 def gunzip(data: bytes, largest: int) -> bytes:

@@ -28,7 +28,7 @@ from glbench.fields import Count
 from glbench.model import get_model
 from glbench.resources import data_folder, how_to_get_data, left_out, sha256_of_files, with_unix_line_ends
 from glbench.tasks.quantities import PAPER_MODEL
-from glbench.untrusted import MIB, quoted, real_path
+from glbench.untrusted import MIB, opened_archive, quoted, real_path
 
 if TYPE_CHECKING:
     from glbench.agents.energy_rule_settings import EnergyRulePages
@@ -369,9 +369,12 @@ def _check_place(place: Path, folder: Path) -> None:
     check_sizes(files, folder.resolve())
     for file in files:
         try:
-            with zipfile.ZipFile(file) as archive:
+            with opened_archive(file) as archive:
                 size = sum(item.file_size for item in archive.infolist())
-        except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
+        except ValueError as error:
+            msg = f"{file} is no archive that can be read: {error}."
+            raise SubmissionError(msg) from error
+        except (OSError, NotImplementedError, zipfile.BadZipFile):
             continue  # it is not an archive; who reads it says what is wrong
         if size > LARGEST_ARCHIVE:
             msg = f"{file} expands to more than {LARGEST_ARCHIVE // MIB} MiB, which no policy and no recording has."

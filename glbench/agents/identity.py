@@ -32,7 +32,7 @@ from typing import IO, TYPE_CHECKING, Literal
 from glbench.agents.naming import skeleton, skeletons
 from glbench.errors import SubmissionError
 from glbench.resources import LARGEST_TEXT, data_folder, is_text, with_unix_line_ends
-from glbench.untrusted import AGENT_NAME_RULE, MIB, is_agent_name, open_regular, real_path
+from glbench.untrusted import AGENT_NAME_RULE, MIB, is_agent_name, open_regular, opened_archive, real_path
 
 if TYPE_CHECKING:
     from glbench.agents.card import SubmissionCard
@@ -247,7 +247,7 @@ def policy_digest(weights: Iterable[Path]) -> str | None:
     parts = []
     for file in weights:
         try:
-            with zipfile.ZipFile(file) as archive:
+            with opened_archive(file) as archive:
                 members = archive.infolist()
         except (OSError, ValueError, EOFError, NotImplementedError, struct.error, zipfile.BadZipFile):
             with file.open("rb") as opened:

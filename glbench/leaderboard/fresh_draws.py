@@ -20,6 +20,8 @@ from glbench.leaderboard.statistics import Array, Published
 
 ERROR: Final = 0.001
 """Largest probability that an agent is marked that carries nothing."""
+RANK_ERROR: Final = 0.00001
+"""The same by the ranks of the runs, which show an agent that spoils a few fresh runs to widen the interval of the mean."""
 FEWEST: Final = 5
 """Smallest number of runs for a mark."""
 
@@ -34,7 +36,8 @@ class FreshScore(Published):
         description="drop from the published to the fresh draws, minus that of the reference agent 'reference'"
     )
     low: float | None = Field(
-        description="lower end of the one-sided 99.9 % interval of the drop; null with too few runs"
+        description="lower end of the one-sided 99.9 % interval of the drop, or of that by ranks if only this one is above the margin; "
+        "null with too few runs"
     )
     margin: float = Field(description="largest difference between the drops of two reference agents")
     reference: str = Field(description="the reference agent with the smallest lower end")
@@ -52,9 +55,9 @@ def fresh_score(result: Result) -> FreshScore | None:
     published = np.array(result.values(fresh.metric))
     again = np.array([run.metrics[fresh.metric] for run in fresh.runs])
     references = [(np.array(one.published), np.array(one.fresh)) for one in fresh.references]
-    drops = [drop_beside(published - before, again - after) for before, after in references]
     first = drop_beside(*references[0])[0]
     margin = max(abs(drop_beside(*one)[0] - first) for one in references)
+    drops = [_above(margin, published - before, again - after) for before, after in references]
     place = min(range(len(drops)), key=lambda place: drops[place][1])
     drop, low = drops[place]
     too_few_runs = len(published) < FEWEST
@@ -93,10 +96,33 @@ def drop_beside(published: Array, fresh: Array, error: float = ERROR) -> tuple[f
     return drop, drop - float(special.stdtrit(freedom, 1.0 - error)) * math.sqrt(sum(parts))
 
 
+def _above(margin: float, published: Array, fresh: Array) -> tuple[float, float]:
+    """As ``drop_beside``, with the lower end by ranks where only that one is above the margin."""
+    drop, low = drop_beside(published, fresh)
+    by_ranks = shift_by_ranks(published, fresh)
+    return drop, by_ranks if low <= margin < by_ranks else low
+
+
+def shift_by_ranks(published: Array, fresh: Array, error: float = RANK_ERROR) -> float:
+    """Lower end of the one-sided interval of the shift between two samples, by the ranks of their values (Hodges and Lehmann 1963).
+
+    Takes what ``drop_beside`` takes. A few runs, whatever they earn, hardly change it. Minus infinity for samples too small for ``error``.
+    """
+    from scipy import special
+
+    pairs, runs = len(published) * len(fresh), len(published) + len(fresh)
+    spread = math.sqrt(pairs * (runs + 1) / 12.0)  # of the statistic of Mann and Whitney
+    place = math.floor((pairs - 1.0) / 2.0 - float(special.ndtri(1.0 - error)) * spread)
+    return -math.inf if place < 0 else float(np.sort(np.subtract.outer(published, fresh), axis=None)[place])
+
+
 def fresh_score_over(trainings: Sequence[FreshScore | None]) -> FreshScore | None:
-    """Mean over several trainings, with the drop of the one that dropped most; ``None`` if one has no fresh draws."""
+    """Mean over several trainings, with the drop of the one that dropped most.
+
+    ``None`` if one has no fresh draws and no other is marked: a training without fresh draws must not hide a mark.
+    """
     known = [one for one in trainings if one is not None]
-    if not known or len(known) < len(trainings):
+    if not known or (len(known) < len(trainings) and not any(one.marked for one in known)):
         return None
     worst = max(known, key=lambda one: (one.marked, one.drop))
     return worst.model_copy(update={"mean": float(np.mean([one.mean for one in known]))})

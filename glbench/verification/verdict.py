@@ -34,7 +34,9 @@ ENDS: Final = ("runs.status", "runs.reason")
 """Reproduced where all runs went to the end or stopped at a step that cannot be simulated here either; otherwise stated."""
 PROFILE: Final = "profile"
 REFERENCES: Final = "fresh_draws.references"
-"""Only in results with fresh draws. The rest of ``fresh_draws``, and its absence, is reproduced."""
+"""Only in results with fresh draws. The rest of ``fresh_draws`` but the salt, and its absence, is reproduced."""
+SALT: Final = "fresh_draws.salt"
+"""The draws follow from it. No file can show that it was made for this evaluation, and not chosen before the agent was."""
 _STATED: Final[dict[str, tuple[str, ...]]] = {
     "that this agent gave these actions (its name, kind, digest, card, training, and what it saw)": (
         "agent.name", "agent.kind", "agent.digest", "agent.privileged", "agent.information", "agent.card", "agent.training",
@@ -48,6 +50,7 @@ _STATED: Final[dict[str, tuple[str, ...]]] = {
     "kernel, versions, machine, commit and date": ("evaluation.kernel", "versions", "machine", "git", "created"),
     "the profile (typical day, season, worst run)": (PROFILE,),
     "the scores of the reference agents of the fresh draws": (REFERENCES,),
+    "that the salt of the fresh draws was made for this evaluation and was secret before": (SALT,),
 }  # fmt: skip
 _OWN_ENDS = frozenset({"ok", "simulation_failed"})
 TOLERANCE = 1e-9
@@ -137,7 +140,7 @@ def coverage(result: Result, *, profile: bool, references: bool = False) -> tupl
     ends = all(run.status in _OWN_ENDS for run in (*result.runs, *(() if fresh is None else fresh.runs)))
     reproduced = (*_ALWAYS, *(ENDS if ends else ()), *((PROFILE,) if profile else ()))
     reproduced += (REFERENCES,) if references else ()
-    absent = (*reproduced, *((REFERENCES,) if fresh is None else ()))
+    absent = (*reproduced, *((REFERENCES, SALT) if fresh is None else ()))
     stated = tuple(field for fields in _STATED.values() for field in fields if field not in absent)
     return reproduced, stated
 

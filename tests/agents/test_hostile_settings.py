@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import struct
 import sys
 import zipfile
 from pathlib import Path
@@ -117,3 +118,11 @@ def test_an_archive_that_expands_without_limit_is_not_unpacked(tmp_path, control
         for _ in range(LARGEST_ARCHIVE // 2**20 + 1):
             entry.write(bytes(2**20))
     refused(write(tmp_path, controller, "x.npz", file.getvalue()), "expands to more than")
+
+
+@pytest.mark.parametrize("controller", ["network", "recording"])
+def test_an_archive_with_names_without_end_is_refused_at_once(tmp_path, controller):
+    entry = struct.pack("<4s4B4HL2L5H2L", b"PK\1\2", 20, 3, 20, *[0] * 8, 1, *[0] * 6) + b"a"
+    names = entry * (2**23 // len(entry))
+    end = struct.pack("<4s4H2LH", b"PK\5\6", 0, 0, 65535, 65535, len(names), 0, 0)
+    refused(write(tmp_path, controller, "x.npz", names + end), "its table of contents is longer than 4 MiB")

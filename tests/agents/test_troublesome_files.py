@@ -10,6 +10,7 @@ import socket
 import struct
 import zipfile
 from collections.abc import Callable
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,14 @@ from glbench.agents import load_agent
 from glbench.agents.card import check_card
 from glbench.agents.formats.exported import torchscript_complaint
 from glbench.agents.formats.sb3 import read_archive
-from glbench.agents.identity import LARGEST_SUBMISSION, digest_of, files_of_folder, identify, read_identity
+from glbench.agents.identity import (
+    LARGEST_SUBMISSION,
+    digest_of,
+    files_of_folder,
+    identify,
+    policy_digest,
+    read_identity,
+)
 from glbench.errors import SubmissionError
 from glbench.resources import sha256_of_files
 
@@ -207,6 +215,8 @@ def test_an_archive_with_names_without_end_is_refused_at_once(tmp_path: Path) ->
     with pytest.raises(SubmissionError, match="its table of contents is longer than 4 MiB"):
         read_archive(file)
     assert "is not even an archive" in (torchscript_complaint(file) or "")
+    bytes_alone = sha256(file.read_bytes()).hexdigest()
+    assert policy_digest([file]) == sha256(bytes_alone.encode()).hexdigest(), "its table of contents is not read"
 
 
 @pytest.mark.parametrize(
@@ -246,6 +256,8 @@ def test_a_cut_archive_is_no_torchscript(tmp_path: Path) -> None:
     file = tmp_path / "policy.pt"
     file.write_bytes(content[:start] + bytes(46) + content[start + 46 :])
     assert "is not even an archive" in (torchscript_complaint(file) or "")
+    bytes_alone = sha256(file.read_bytes()).hexdigest()
+    assert policy_digest([file]) == sha256(bytes_alone.encode()).hexdigest(), "its table of contents is not read"
 
 
 @pytest.mark.parametrize(

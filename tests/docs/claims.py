@@ -1253,6 +1253,8 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("overall 95 %", "definition: CONFIDENCE"),
         ("t(0.999, ν)", "definition: glbench/leaderboard/fresh_draws.py"),
         ("at most 1 of 1,000 evaluations", "definition: glbench/leaderboard/fresh_draws.py"),
+        ("and the lower end by ranks in 1 of 100,000", "definition: glbench/leaderboard/fresh_draws.py"),
+        ("an error of 1 in 100,000, for which it needs 13 runs", "definition: glbench/leaderboard/fresh_draws.py"),
         ("simulates 20,000 agents for each case", "tests/rounds/test_fresh_draws.py does it"),
         ("95 % interval", "definition"),
         ("narrower than 0.01", "definition: what the tables show"),
@@ -1282,6 +1284,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     "docs/submit.md": [
         ("2, 3, 6, 12, 18 and 24 h: the forecast", "tests/agents/test_submission_guide.py holds it"),
         ("within 20 seconds", "definition: the time limit of the check"),
+        ("up to 16 MiB) with LF", "definition: LARGEST_TEXT of glbench/resources.py"),
         ("18 and 24 h: the forecast", "definition: the default task"),
         ("(0.1 of its range) a step of 15 minutes", "definition: the default task"),
         ("longer than 10 s for one decision", "definition: the default time limits"),

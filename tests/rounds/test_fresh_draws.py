@@ -27,7 +27,15 @@ from glbench.evaluation.sandbox.choosing import Protected, keep_out_of_sight
 from glbench.evaluation.sandbox.process import Prints
 from glbench.leaderboard import StoredResult, rank, to_frame, to_markdown
 from glbench.leaderboard.catalogue import catalogue
-from glbench.leaderboard.fresh_draws import ERROR, FEWEST, drop_beside, fresh_score, fresh_words
+from glbench.leaderboard.fresh_draws import (
+    ERROR,
+    FEWEST,
+    drop_beside,
+    fresh_score,
+    fresh_score_over,
+    fresh_words,
+    shift_by_ranks,
+)
 from glbench.leaderboard.tables import DROP_MARK, FRESH_NOTE, to_json, to_latex
 from glbench.report import build_report
 from glbench.tasks import Round, TaskSpec, get_task, read_round, task_card
@@ -254,10 +262,12 @@ def test_an_honest_result_is_reproduced_with_its_fresh_draws_and_reference_agent
     verdict = verify(honest)
     assert (verdict.outcome, verdict.exactness, verdict.runs) == ("reproduced", "bits", 12), verdict
     assert {"fresh_draws", "fresh_draws.references"} <= set(verdict.reproduced)
+    assert "fresh_draws.salt" in verdict.stated, "whoever evaluates can choose a salt, and plans for it"
     answer = glbench("verify", honest)
     assert answer.code == 0, answer.err
     assert "as many with fresh draws" in answer.out
     assert "the fresh draws, and the scores of the reference agents with both sets of draws" in answer.out
+    assert "was secret before" in " ".join(answer.out.split())
     assert was_reproduced(honest)
     fresh_actions_path(honest).unlink()
     verdict = verify(honest)
@@ -363,6 +373,10 @@ def test_an_agent_that_carries_the_published_plans_is_marked_and_without_them_it
     assert score.marked
     assert score.low is not None
     assert score.low > score.margin
+    for spoilt in (1, 3):
+        wide = fresh_score(with_spoilt_runs(result, spoilt))
+        assert wide is not None
+        assert wide.marked, "runs that it spoils on purpose widen the interval of the mean, and hide nothing"
 
     shutil.copytree(thief, tmp_path / "without")
     carried = dict(np.load(thief / "carried.npz"))
@@ -458,6 +472,34 @@ def test_an_agent_that_knows_nothing_is_marked_at_most_as_often_as_stated(draw: 
     assert alarms <= stats.binom.ppf(0.999, samples, ERROR)
 
 
+def with_spoilt_runs(result: Result, number: int) -> Result:
+    """``result`` with so many fresh runs that lose 424 EUR/m2, as a run of Spring-v1 that crashes at once."""
+    fresh = result.fresh_draws
+    assert fresh is not None
+    lost = [run.model_copy(update={"metrics": run.metrics | {"reward": -424.0}}) for run in fresh.runs[:number]]
+    runs = (*lost, *fresh.runs[number:])
+    return result.model_copy(update={"fresh_draws": fresh.model_copy(update={"runs": runs})})
+
+
+@pytest.mark.parametrize("spoilt", [0, 1, 2, 5, 20])
+def test_spoilt_runs_do_not_hide_a_drop(spoilt: int) -> None:
+    random = np.random.default_rng(5)
+    published, fresh = random.normal(4.3, 0.5, 100), random.normal(0.0, 0.5, 100)
+    fresh[:spoilt] = -424.0
+    assert shift_by_ranks(published, fresh) > 3.5
+    assert (drop_beside(published, fresh)[1] > 0.0) == (spoilt not in (1, 2, 5)), "the mean alone would not tell"
+    assert shift_by_ranks(published[:10], fresh[:10]) == -np.inf
+
+
+@pytest.mark.parametrize("draw", [np.random.Generator.standard_normal, np.random.Generator.standard_cauchy])
+def test_the_interval_by_ranks_has_the_error_of_the_test_of_mann_and_whitney(draw: Any) -> None:
+    random = np.random.default_rng(9)
+    for _ in range(200):
+        one, other = draw(random, 30) + 0.4, draw(random, 25)
+        p = stats.mannwhitneyu(one, other, alternative="greater", method="asymptotic").pvalue
+        assert (shift_by_ranks(one, other, 0.05) > 0.0) == (p < 0.05)
+
+
 def test_a_drop_that_is_there_is_seen() -> None:
     random = np.random.default_rng(11)
     seen = [drop_beside(random.normal(0.7, 1.0, 100), random.normal(0.0, 1.0, 100))[1] > 0.0 for _ in range(500)]
@@ -503,6 +545,14 @@ def test_few_runs_mark_nobody_and_every_reference_agent_has_to_agree(honest: Pat
     assert beside is not None
     assert not beside.marked, "a sensible agent fell as deep"
     assert beside.reference == second.name
+
+
+def test_a_training_without_fresh_draws_hides_no_mark(honest: Path) -> None:
+    plain, large = (fresh_score(changed(load_result(honest), 6, drop)) for drop in (0.0, 100.0))
+    assert plain is not None
+    assert large is not None
+    assert fresh_score_over([plain, None]) is None
+    assert fresh_score_over([plain, large, None]) == large.model_copy(update={"mean": (plain.mean + large.mean) / 2})
 
 
 def test_runs_that_failed_with_fresh_draws_are_said(honest: Path) -> None:

@@ -11,14 +11,11 @@ element.
 from __future__ import annotations
 
 import contextlib
-import io
 import pickle
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from zipfile import ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +30,6 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
 
-_LONGEST_READ = 4 * 2**20
-"""Bytes that are read at once: tens of thousands of names, where a model has hundreds."""
 Normalise = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 Rows = NDArray[np.float32]
 Function = Callable[[Rows], NDArray[np.floating]]
@@ -42,36 +37,6 @@ Function = Callable[[Rows], NDArray[np.floating]]
 BLOCK = 32
 """Rows in a block: the 30 runs of an evaluation fit into one."""
 _SIZES = (0.01, 1.0, 100.0)
-
-
-@contextmanager
-def opened_archive(file: Path) -> Iterator[ZipFile]:
-    """The archive in ``file``.
-
-    Raises
-    ------
-    ValueError
-        When its table of contents is too long.
-    OSError, zipfile.BadZipFile, NotImplementedError
-        As ``ZipFile`` does.
-    """
-    with _InPieces(file) as stream, ZipFile(stream) as archive:
-        yield archive
-
-
-class _InPieces(io.FileIO):
-    """A file of which only so much can be read at once."""
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        """At most ``size`` bytes, or all that are left."""
-        if size is None or size < 0:
-            here = self.tell()
-            size = self.seek(0, io.SEEK_END) - here
-            self.seek(here)
-        if size > _LONGEST_READ:
-            msg = f"its table of contents is longer than {_LONGEST_READ // 2**20} MiB"
-            raise ValueError(msg)
-        return super().read(size) or b""
 
 
 @contextlib.contextmanager

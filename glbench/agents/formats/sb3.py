@@ -29,11 +29,11 @@ from glbench.agents.formats.policy import (
     PolicyAgent,
     Rows,
     normaliser,
-    opened_archive,
     without_warnings,
 )
 from glbench.agents.loading import last_line
 from glbench.errors import SubmissionError
+from glbench.untrusted import opened_archive
 
 if TYPE_CHECKING:
     from glbench.agents.identity import Identity
