@@ -12,6 +12,7 @@ import os
 import re
 import stat
 import unicodedata
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -115,9 +116,24 @@ def parse_json(text: bytes | str) -> Any:
     refuse_crowd(text)
     try:
         return json.loads(text)
-    except RecursionError as error:
-        msg = "it is nested too deeply"
-        raise ValueError(msg) from error
+    except json.JSONDecodeError:
+        raise
+    except (RecursionError, ValueError) as error:
+        raise ValueError(reason_of(error)) from error
+
+
+def reason_of(error: Exception) -> str:
+    """Why a file cannot be read, as the end of a sentence: without the numbers and the advice to programmers that Python adds."""
+    if isinstance(error, UnicodeDecodeError):
+        return f"byte {error.start + 1:,} is not UTF-8 text"
+    if isinstance(error, RecursionError):
+        return "it is nested too deeply"
+    if isinstance(error, gzip.BadGzipFile | EOFError | zlib.error):
+        return "it is not a whole gzip file"
+    if isinstance(error, OSError):
+        return error.strerror or str(error)
+    digits = "integer string conversion" in str(error)
+    return "it holds a whole number of thousands of digits" if digits else str(error)
 
 
 def refuse_crowd(text: bytes | str) -> None:

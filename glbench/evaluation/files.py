@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation.records import SCHEMA_NAME, SCHEMA_VERSION, Result
 from glbench.resources import write_atomically
-from glbench.untrusted import MIB, parse_json, quoted, read_regular, visible
+from glbench.untrusted import MIB, parse_json, quoted, read_regular, reason_of, visible
 
 _SHOWN_PROBLEMS = 3
 _LONGEST_KEY = 80
@@ -77,7 +77,7 @@ def load_result(path: Path | str) -> Result:
         msg = f"There is no result file {path}. Make one with `glbench evaluate`."
         raise ResultError(msg) from error
     except (OSError, UnicodeDecodeError) as error:
-        msg = f"Cannot read the result file {path}: {error}."
+        msg = f"Cannot read the result file {path}: {reason_of(error)}."
         raise ResultError(msg) from error
     _check_schema(path, text)
     try:
@@ -113,7 +113,7 @@ def _check_schema(path: Path, text: str) -> None:
     try:
         document = parse_json(text)
     except ValueError as error:
-        msg = f"{path} is no valid JSON ({error}). It was cut or edited; evaluate again with `glbench evaluate ... --fresh`."
+        msg = f"{path} is no valid JSON ({reason_of(error)}). It was cut or edited; evaluate again with `glbench evaluate ... --fresh`."
         raise ResultError(msg) from error
     name = document.get("schema") if isinstance(document, dict) else None
     if name != SCHEMA_NAME:

@@ -67,7 +67,7 @@ def test_a_reset_makes_new_agents_and_the_first_one_is_used_once(card: TaskCard)
     ("answer", "complaint"),
     [
         (np.zeros((1, 6)), r"shape \(1, 6\) in run 0"),
-        (None, r"shape \(\) in run 0"),
+        (None, "returned NoneType in run 0"),
         ("warm", "returned str in run 0"),
         ([1.0, [2.0]], "returned list in run 0"),
     ],
