@@ -13,7 +13,7 @@ import re
 import stat
 import unicodedata
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, Final
@@ -114,6 +114,9 @@ def parse_json(text: bytes | str) -> Any:
         is one.
     """
     refuse_crowd(text)
+    if text.startswith("\ufeff" if isinstance(text, str) else b"\xef\xbb\xbf"):
+        msg = "it begins with a byte order mark: save it as UTF-8 without one"
+        raise ValueError(msg)
     try:
         return json.loads(text)
     except json.JSONDecodeError:
@@ -130,10 +133,17 @@ def reason_of(error: Exception) -> str:
         return "it is nested too deeply"
     if isinstance(error, gzip.BadGzipFile | EOFError | zlib.error):
         return "it is not a whole gzip file"
+    if isinstance(error, FileExistsError):
+        return "a file, or a link that leads nowhere, has the name of a folder"
     if isinstance(error, OSError):
         return error.strerror or str(error)
     digits = "integer string conversion" in str(error)
     return "it holds a whole number of thousands of digits" if digits else str(error)
+
+
+def place_of(parts: Iterable[object]) -> str:
+    """Where in a document pydantic met a problem, without the functions that it names for the choices of a union."""
+    return visible(".".join(str(part)[:_LONGEST_QUOTE] for part in parts if "[" not in str(part)))
 
 
 def refuse_crowd(text: bytes | str) -> None:

@@ -17,6 +17,7 @@ from glbench.evaluation.profiles import profile_path
 from glbench.evaluation.profiles.record import _Lines, read_profile
 from glbench.evaluation.records import EvaluationRecord
 from glbench.realism.comparison import read_comparison
+from glbench.resources import data_folder
 from glbench.speed.record import read_record
 from glbench.tasks import get_task
 from glbench.training.card import read_card
@@ -96,3 +97,20 @@ def test_no_words_of_a_library_reach_who_reads_a_damaged_file(tmp_path: Path, re
     with pytest.raises(GlbenchError) as caught:
         reader(str(path) if reader is get_task else path)
     assert not [words for words in LIBRARY_TEXT if words in str(caught.value)], str(caught.value)
+
+
+def test_a_wrong_value_is_placed_without_functions_of_a_library(tmp_path: Path) -> None:
+    document = json.loads((data_folder("reports/released/results") / "Spring-v1" / "rule_based.json").read_bytes())
+    document["evaluation"]["kernel"]["method"] = []
+    path = tmp_path / "x.json"
+    path.write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(ResultError, match=r"evaluation\.kernel\.method: ") as caught:
+        load_result(path)
+    assert "function" not in str(caught.value)
+
+
+def test_a_byte_order_mark_is_told_without_advice_on_codecs(tmp_path: Path) -> None:
+    path = tmp_path / "x.json"
+    path.write_bytes(b"\xef\xbb\xbf{}")
+    with pytest.raises(ResultError, match="begins with a byte order mark: save it as UTF-8 without one"):
+        load_result(path)
