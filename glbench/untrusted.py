@@ -114,7 +114,7 @@ def parse_json(text: bytes | str) -> Any:
         is one.
     """
     refuse_crowd(text)
-    if text.startswith("\ufeff" if isinstance(text, str) else b"\xef\xbb\xbf"):
+    if text[:3] == b"\xef\xbb\xbf" or text[:1] == "\ufeff":
         msg = "it begins with a byte order mark: save it as UTF-8 without one"
         raise ValueError(msg)
     try:

@@ -140,7 +140,7 @@ def test_a_changed_copy_of_a_task_can_be_made(day: TaskSpec, make_task: Callable
 
 
 def test_the_horizon_is_known_before_an_environment_is_made_and_a_copy_can_leave_the_limit_out() -> None:
-    assert gymnasium.spec(ID).max_episode_steps is None
+    assert gymnasium.spec(ID.removeprefix("glbench:")).max_episode_steps is None
     day = get_task(ID.removeprefix("glbench:")).steps_per_day
     made = gymnasium.make(ID, overrides={"weather.days": 1}, kernel="fast")
     assert made.spec is not None
