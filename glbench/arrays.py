@@ -14,7 +14,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from glbench.untrusted import MIB, parse_json, quoted, read_regular
+from glbench.untrusted import MIB, parse_json, quoted, read_pieces, read_regular
 
 _MOST_ENTRIES: Final = 1000
 _KINDS: Final = {"<f4", "<f8", "<u2", "<i8", "<u8", "|u1"}
@@ -33,13 +33,16 @@ _NUMPY_ERRORS: Final = (
 def real_numbers(value: object) -> NDArray[Any] | None:
     """``value`` as an array of real numbers, or ``None`` if it is not one.
 
-    Refused are complex numbers, dates, text, booleans, objects (such as integers beyond 64 bits) and rows of unequal length.
+    Refused are complex numbers, dates, text, booleans, objects (such as integers beyond 64 bits), rows of unequal length and arrays
+    with masked entries.
     """
+    parts = (value, *value) if isinstance(value, list | tuple) else (value,)
     try:
-        array = np.asarray(value)
-    except (*_NUMPY_ERRORS, RuntimeError):  # RuntimeError: a tensor that is part of a gradient
+        masked = any(isinstance(part, np.ma.MaskedArray) and np.ma.is_masked(part) for part in parts)
+        array = None if masked else np.asarray(value)
+    except Exception:
         return None
-    return array if array.dtype.kind in "fiu" else None
+    return None if array is None or array.dtype.kind not in "fiu" else array
 
 
 class ArrayFile:
@@ -68,8 +71,11 @@ class ArrayFile:
                 if len(entries) > _MOST_ENTRIES or sum(entry.file_size for entry in entries) > largest:
                     msg = f"it unpacks to more than {largest // MIB} MiB or {_MOST_ENTRIES:,} arrays"
                     raise ValueError(msg)
-                if len({entry.filename for entry in entries}) < len(entries):
+                if len({entry.filename.removesuffix(".npy") for entry in entries}) < len(entries):
                     msg = "an array occurs twice"
+                    raise ValueError(msg)
+                if any(entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for entry in entries):
+                    msg = "it is packed in another way than numpy packs. Save it again with numpy.savez_compressed"
                     raise ValueError(msg)
                 return cls({entry.filename.removesuffix(".npy"): _array(archive, entry) for entry in entries})
         except (
@@ -139,6 +145,7 @@ class ArrayFile:
     def _texts(self, name: str, dimensions: int) -> Any:
         array = self._entry(name, dimensions, text=True)
         try:
+            "".join(array.ravel().tolist()).encode()
             return array.tolist()
         except ValueError as error:
             msg = f"'{name}' has invalid characters"
@@ -176,7 +183,8 @@ def checked_facts(facts: object) -> dict[str, str | int | float]:
 
 def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
     """Read an entry; refuse a header that states more data than the entry has."""
-    content = io.BytesIO(archive.read(entry))
+    with archive.open(entry) as packed:  # in pieces: an entry may unpack to more than it says
+        content = io.BytesIO(read_pieces(packed.read, entry.file_size))
     try:
         version = npy.read_magic(content)
         read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0

@@ -18,7 +18,7 @@ from pathlib import Path, PurePosixPath
 from typing import Literal
 
 from glbench.errors import GlbenchError
-from glbench.untrusted import real_path
+from glbench.untrusted import real_path, reason_of
 
 DataFolder = Literal["tasks", "baselines", "weather", "submissions", "reports/released/results"]
 
@@ -174,7 +174,7 @@ def write_atomically(path: Path, data: bytes | str) -> None:
         temporary.chmod(0o666 & ~umask)
         temporary.replace(path)
     except OSError as error:
-        msg = f"Cannot write {path}: {error.strerror or error}. Choose a folder that you may write to, or free some space."
+        msg = f"Cannot write {path}: {reason_of(error)}. Choose a folder that you may write to, or free some space."
         raise GlbenchError(msg) from error
     finally:
         if temporary is not None:

@@ -12,7 +12,8 @@ import os
 import re
 import stat
 import unicodedata
-from collections.abc import Callable, Iterator
+import zlib
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, Final
@@ -146,11 +147,36 @@ def parse_json(text: bytes | str) -> Any:
         is one.
     """
     refuse_crowd(text)
+    if text[:3] == b"\xef\xbb\xbf" or text[:1] == "\ufeff":
+        msg = "it begins with a byte order mark: save it as UTF-8 without one"
+        raise ValueError(msg)
     try:
         return json.loads(text)
-    except RecursionError as error:
-        msg = "it is nested too deeply"
-        raise ValueError(msg) from error
+    except json.JSONDecodeError:
+        raise
+    except (RecursionError, ValueError) as error:
+        raise ValueError(reason_of(error)) from error
+
+
+def reason_of(error: Exception) -> str:
+    """Why a file cannot be read, as the end of a sentence: without the numbers and the advice to programmers that Python adds."""
+    if isinstance(error, UnicodeDecodeError):
+        return f"byte {error.start + 1:,} is not UTF-8 text"
+    if isinstance(error, RecursionError):
+        return "it is nested too deeply"
+    if isinstance(error, gzip.BadGzipFile | EOFError | zlib.error):
+        return "it is not a whole gzip file"
+    if isinstance(error, FileExistsError):
+        return "a file, or a link that leads nowhere, has the name of a folder"
+    if isinstance(error, OSError):
+        return error.strerror or str(error)
+    digits = "integer string conversion" in str(error)
+    return "it holds a whole number of thousands of digits" if digits else str(error)
+
+
+def place_of(parts: Iterable[object]) -> str:
+    """Where in a document pydantic met a problem, without the functions that it names for the choices of a union."""
+    return visible(".".join(str(part)[:_LONGEST_QUOTE] for part in parts if "[" not in str(part)))
 
 
 def refuse_crowd(text: bytes | str) -> None:

@@ -159,6 +159,9 @@ class _Loader(yaml.SafeLoader):
             )
         except (ValueError, OverflowError):  # such as 0x_
             value = math.nan
+        if isinstance(value, str) and any("\ud800" <= letter <= "\udfff" for letter in value):
+            msg = "it has half a character (\\ud800 to \\udfff). Write the whole character."
+            raise _RefusedError(msg, node.start_mark)
         if isinstance(value, float) and not math.isfinite(value):
             msg = f"{quoted(written)} is not a finite number with at most {_MOST_DIGITS} characters."
             raise _RefusedError(msg, node.start_mark)

@@ -25,7 +25,8 @@ def action_problems(returned: object, task: TaskCard, n_runs: int) -> dict[int, 
     whole = _problem_of_the_whole(returned, task, n_runs)
     if whole is not None:
         return dict.fromkeys(range(n_runs), whole)
-    return value_problems(np.asarray(returned, dtype=np.float64), task)
+    with np.errstate(over="ignore"):  # of a longdouble
+        return value_problems(np.asarray(returned, dtype=np.float64), task)
 
 
 def value_problems(actions: NDArray[np.float64], task: TaskCard) -> dict[int, str]:
@@ -46,7 +47,8 @@ def read_actions(returned: object, card: TaskCard, n: int) -> tuple[NDArray[np.f
     once = _converted(returned)
     whole = _problem_of_the_whole(once, card, n)
     if whole is None:
-        return np.array(once, dtype=np.float64), {}
+        with np.errstate(over="ignore"):  # of a longdouble
+            return np.array(once, dtype=np.float64), {}
     actions = np.zeros((n, len(card.actions)))
     if n == 1 or not isinstance(returned, list | tuple) or len(returned) != n:
         return actions, dict.fromkeys(range(n), whole)
@@ -61,23 +63,26 @@ def read_actions(returned: object, card: TaskCard, n: int) -> tuple[NDArray[np.f
 
 def _converted(returned: object) -> object:
     """``returned`` as an array of numbers, if it is one: what converts itself may look different every time."""
-    if isinstance(returned, np.ndarray):
+    if type(returned) is np.ndarray:
         return returned
     array = real_numbers(returned)
     return returned if array is None else array  # what is none is told in words by who looks at it
 
 
 def _problem_of_the_whole(returned: object, task: TaskCard, n_runs: int) -> str | None:
-    try:
-        array = np.asarray(returned)
-    except (TypeError, ValueError):
-        return f"act returned a {type(returned).__name__} of rows that differ in length; {_expected(task, n_runs)}"
-    if array.dtype.kind not in "fiu":
-        what = f"an array of {array.dtype}" if isinstance(returned, np.ndarray) else f"a {type(returned).__name__}"
+    array = real_numbers(returned)
+    if array is None:
+        if isinstance(returned, list | tuple) and len({_length(row) for row in returned}) > 1:
+            return f"act returned a {type(returned).__name__} of rows that differ in length; {_expected(task, n_runs)}"
+        what = f"an array of {returned.dtype}" if type(returned) is np.ndarray else f"a {type(returned).__name__}"
         return f"act returned {what}, which are no plain numbers; {_expected(task, n_runs)}"
     if array.shape != (n_runs, len(task.actions)):
         return f"act returned an array of shape {array.shape}; {_expected(task, n_runs)}"
     return None
+
+
+def _length(row: object) -> int:
+    return len(row) if isinstance(row, list | tuple) or (isinstance(row, np.ndarray) and row.ndim > 0) else -1
 
 
 def _expected(task: TaskCard, n_runs: int) -> str:

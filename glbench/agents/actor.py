@@ -19,7 +19,7 @@ from glbench.agents.gru import Gru
 from glbench.agents.network_policy import NetworkPolicy
 from glbench.arrays import ArrayFile
 from glbench.errors import ShapeError, SubmissionError
-from glbench.untrusted import quoted
+from glbench.untrusted import quoted, reason_of
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
@@ -127,7 +127,7 @@ class Actor:
             gru = None if unit is None else Gru(*unit)
             return cls(network, arrays.integers(traced, 1, np.int64), **own, gru=gru)
         except (ValueError, OSError, ShapeError) as error:
-            msg = f"{file} is not a policy of glbench train ppo, or is damaged: {error}. Train it again."
+            msg = f"{file} is not a policy of glbench train ppo, or is damaged: {reason_of(error)}. Train it again."
             raise SubmissionError(msg) from error
 
 

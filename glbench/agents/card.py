@@ -25,7 +25,7 @@ from pydantic import (
 
 from glbench.errors import SubmissionError, did_you_mean
 from glbench.fields import Count
-from glbench.untrusted import quoted, read_regular
+from glbench.untrusted import quoted, read_regular, reason_of
 
 _LARGEST_CARD = 64 * 1024
 _LONGEST_KEY = 80
@@ -202,10 +202,10 @@ def read_toml(file: Path) -> dict[str, Any]:
             raise SubmissionError(msg)
         return tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as error:
-        msg = f"it cannot be read ({error})"
+        msg = f"it cannot be read ({reason_of(error)})"
         raise SubmissionError(msg) from error
     except ValueError as error:  # tomllib's own, and Python's for an integer of thousands of digits
-        msg = f"it is no valid TOML ({error})"
+        msg = f"it is no valid TOML ({reason_of(error)})"
         raise SubmissionError(msg) from error
     except RecursionError as error:
         msg = "it is no valid TOML (its tables or lists are nested without end)"

@@ -22,6 +22,7 @@ from glbench.agents.card import read_toml
 from glbench.agents.rule_based_fair import clock_from
 from glbench.errors import ShapeError, SubmissionError, did_you_mean
 from glbench.tasks import set_points as names
+from glbench.untrusted import place_of
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
@@ -144,7 +145,7 @@ def read_grower_settings(path: Path) -> GrowerSettings:
     try:
         return GrowerSettings.model_validate(read_toml(path))
     except ValidationError as error:
-        problems = "; ".join(f"'{'.'.join(map(str, p['loc'])) or 'file'}': {p['msg']}" for p in error.errors())
+        problems = "; ".join(f"'{place_of(p['loc']) or 'file'}': {p['msg']}" for p in error.errors())
         msg = f"The grower's settings {path} cannot be used: {problems}."
         raise SubmissionError(msg) from error
 

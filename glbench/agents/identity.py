@@ -32,7 +32,15 @@ from typing import IO, TYPE_CHECKING, Literal
 from glbench.agents.naming import skeleton, skeletons
 from glbench.errors import SubmissionError
 from glbench.resources import LARGEST_TEXT, data_folder, is_text, with_unix_line_ends
-from glbench.untrusted import AGENT_NAME_RULE, MIB, is_agent_name, open_regular, opened_archive, real_path
+from glbench.untrusted import (
+    AGENT_NAME_RULE,
+    MIB,
+    is_agent_name,
+    open_regular,
+    opened_archive,
+    real_path,
+    reason_of,
+)
 
 if TYPE_CHECKING:
     from glbench.agents.card import SubmissionCard
@@ -375,7 +383,7 @@ def read_identity(path: Path) -> Identity:
         check_sizes(own or files, root)
         digest = digest_of(own or files, root)
     except OSError as error:
-        msg = f"The submission {name} cannot be read: {error}. Check that its files exist and may be read."
+        msg = f"The submission {name} cannot be read: {reason_of(error)}. Check that its files exist and may be read."
         raise SubmissionError(msg) from error
     return Identity(name, given, own, digest, OBSERVATIONS_ONLY, form, entry, statistics, card)
 

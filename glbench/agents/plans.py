@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from glbench.arrays import ArrayFile, checked_facts
 from glbench.errors import ShapeError, SubmissionError
 from glbench.resources import write_atomically
+from glbench.untrusted import reason_of
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -250,7 +251,7 @@ def read_book(file: Path) -> PlanBook:
             about=tuple(checked_facts(one) for one in about),
         )
     except (ValueError, OSError, ShapeError) as error:
-        msg = f"{file} is no book of plans, or a damaged one: {error}. {_ADVICE}"
+        msg = f"{file} is no book of plans, or a damaged one: {reason_of(error)}. {_ADVICE}"
         raise SubmissionError(msg) from error
 
 

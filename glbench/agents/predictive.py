@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from glbench.control import Climatology, EndValue, Outlook, PredictiveController, Scenario, StateEstimator, actions_of
 from glbench.env.actuation import make_actuation
 from glbench.errors import GlbenchError, ShapeError, SubmissionError, did_you_mean
+from glbench.untrusted import place_of
 from glbench.yaml_reader import read_yaml
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ def read_predictive_settings(path: Path) -> PredictiveSettings:
         for value in settings.end_values.values():
             EndValue.read(value)
     except ValidationError as error:
-        problems = "; ".join(f"'{'.'.join(map(str, p['loc'])) or 'file'}': {p['msg']}" for p in error.errors())
+        problems = "; ".join(f"'{place_of(p['loc']) or 'file'}': {p['msg']}" for p in error.errors())
         msg = f"The settings of predictive control in {path} cannot be used: {problems}."
         raise SubmissionError(msg) from error
     except GlbenchError as error:

@@ -145,10 +145,11 @@ class PerRunAgent:
     def _row(run: int, returned: object) -> Actions:
         row = real_numbers(returned)
         if row is None:
-            what = f"an array of {returned.dtype}" if isinstance(returned, np.ndarray) else type(returned).__name__
+            what = f"an array of {returned.dtype}" if type(returned) is np.ndarray else type(returned).__name__
             msg = f"act returned {what} in run {run}. Expected a row of real numbers, one for each action."
             raise ActionError(msg)
         if row.ndim != 1:
             msg = f"act returned an array of shape {row.shape} in run {run}, expected one row of numbers, one for each action."
             raise ActionError(msg)
-        return row.astype(np.float64)
+        with np.errstate(over="ignore"):  # of a longdouble
+            return row.astype(np.float64)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from glbench.arrays import ArrayFile, checked_facts
 from glbench.errors import ShapeError, SubmissionError
+from glbench.untrusted import reason_of
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
@@ -111,7 +112,7 @@ def read_recording(file: Path) -> Recording:
             about=checked_facts(arrays.table("about")),  # type: ignore[arg-type]
         )
     except (ValueError, OSError, ShapeError) as error:
-        msg = f"{file} is not a recording of actions, or is damaged: {error}. {advice}"
+        msg = f"{file} is not a recording of actions, or is damaged: {reason_of(error)}. {advice}"
         raise SubmissionError(msg) from error
 
 

@@ -35,8 +35,11 @@ def bench(
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+    from glbench.evaluation.files import ensure_writable
     from glbench.speed import choose_subjects, measure, save_record
 
+    if out is not None:
+        ensure_writable(out.parent)
     subjects = choose_subjects(what or (), quick=quick)
     columns = (
         SpinnerColumn(),

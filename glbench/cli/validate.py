@@ -56,6 +56,7 @@ def validate(
     Each compartment is simulated with the measured weather and the measured daily light and CO2. Its set points were not read from the
     archive: the same page of settings stands for all growers.
     """
+    from glbench.evaluation.files import ensure_writable
     from glbench.realism import (
         SHIPPED,
         check_pictures,
@@ -71,6 +72,7 @@ def validate(
     page = read_settings(settings or SHIPPED)
     if out is not None:
         check_pictures()
+        ensure_writable(out)
     archive = read_archive(folder)
     with Bar("simulating", len(houses) * archive.days, "{task.fields[words]}", time_left=True, words="") as bar:
 

@@ -28,6 +28,7 @@ from glbench.env.spaces import the_task
 from glbench.errors import TaskError, WeatherError
 from glbench.resources import write_atomically
 from glbench.tasks.quantities import FORECAST
+from glbench.untrusted import reason_of
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -226,7 +227,7 @@ class Climatology:
         try:
             return cls.of_settings(json.loads(Path(path).read_text(encoding="utf-8")))
         except (OSError, ValueError) as error:
-            msg = f"There is no climatology in {path}: {error}."
+            msg = f"There is no climatology in {path}: {reason_of(error)}."
             raise TaskError(msg) from error
 
     def clear(self, times: Floats) -> Floats:

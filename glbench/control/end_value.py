@@ -120,13 +120,15 @@ class EndValue:
                 np.array([entry["by_days_left"] for entry in states.values()], dtype=np.float64).T,
                 np.array([entry["by_hour"] for entry in states.values()], dtype=np.float64).T,
             )
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            msg = f"This is no end value: {type(error).__name__} {error}. Expected days_left, and states with by_days_left and by_hour."
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+            msg = (
+                "This is no end value. Expected days_left, a list of numbers, and states with by_days_left and by_hour."
+            )
             raise GlbenchError(msg) from error
-        numbers, count = len(found.days_left), len(found.states)
-        rising = numbers > 0 and found.days_left[0] == 0.0 and bool((np.diff(found.days_left) > 0.0).all())
-        shapes = found.by_days_left.shape == (numbers, count) and found.by_hour.shape == (int(24.0 / _HOURS), count)
-        if not (rising and shapes and all(np.isfinite(a).all() for a in (found.by_days_left, found.by_hour))):
+        days, count = found.days_left, len(found.states)
+        rising = days.ndim == 1 and days.size > 0 and days[0] == 0.0 and bool((np.diff(days) > 0.0).all())
+        shapes = found.by_days_left.shape == (days.size, count) and found.by_hour.shape == (int(24.0 / _HOURS), count)
+        if not (rising and shapes and all(np.isfinite(a).all() for a in (days, found.by_days_left, found.by_hour))):
             msg = "This is no end value: days_left rise from 0, each state has a number for each of them and 8 for the hours, all finite."
             raise GlbenchError(msg)
         return found

@@ -49,6 +49,9 @@ ROUNDING = 1e-6
 LONG_AGO = 1e6
 """Steps since a machine was switched that never was."""
 
+TO_NUMBERS = "Give a NumPy array of float32; a tensor becomes one with tensor.detach().cpu().float().numpy()."
+"""What to do about actions that are no numbers."""
+
 _TIE = 1e-9
 """What a sum of fractions, or a time counted in steps, may lose by rounding."""
 
@@ -341,11 +344,12 @@ class ActionReader:
         """
         numbers = real_numbers(given)
         if numbers is None:
-            kind = f"array of {given.dtype}" if isinstance(given, np.ndarray) else type(given).__name__
+            kind = f"array of {given.dtype}" if type(given) is np.ndarray else type(given).__name__
             problem = f"The {self.what}s ({kind}) are not real numbers in rows of one length."
-            msg = f"{problem} {self._expected(n)}"
+            msg = f"{problem} {self._expected(n)} {TO_NUMBERS}"
             raise ActionError(msg)
-        actions = numbers.astype(np.float64)
+        with np.errstate(over="ignore"):  # of a longdouble
+            actions = numbers.astype(np.float64)
         if actions.shape != (n, len(self.names)):
             msg = f"The {self.what}s have shape {actions.shape}. {self._expected(n)}"
             raise ActionError(msg)

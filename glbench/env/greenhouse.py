@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.arrays import real_numbers
+from glbench.env.actuation import TO_NUMBERS
 from glbench.env.info import FAILURE, STEP_REWARD, InfoWriter
 from glbench.env.panel import panel
 from glbench.env.rendering import FRAMES_PER_SECOND, PICTURES, RENDER_MODES, Camera, checked_render_mode, drawable_modes
@@ -199,11 +200,15 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         return observation if self._normalisation is None else self._normalisation(observation)
 
     def _check_shape(self, action: NDArray[np.float32]) -> None:
-        """Words for a wrong shape that speak of one action and not of a row of a batch."""
+        """Words for what is no row of numbers, or one of a wrong length, that speak of one action and not of a row of a batch."""
         numbers = real_numbers(action)
-        if numbers is not None and numbers.shape != self.action_space.shape:
-            names = ", ".join(action.name for action in self.task.actions)
-            msg = f"The action has shape {numbers.shape}. Expected shape {self.action_space.shape}: {names}."
+        expected = f"Expected shape {self.action_space.shape}: {', '.join(one.name for one in self.task.actions)}."
+        if numbers is None:
+            kind = f"array of {action.dtype}" if type(action) is np.ndarray else type(action).__name__
+            msg = f"The action ({kind}) cannot be read as numbers: its entries are not real numbers. {expected} {TO_NUMBERS}"
+            raise ActionError(msg) from None
+        if numbers.shape != self.action_space.shape:
+            msg = f"The action has shape {numbers.shape}. {expected}"
             raise ActionError(msg) from None
 
     def render(self) -> str | NDArray[np.uint8] | None:

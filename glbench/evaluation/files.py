@@ -16,10 +16,9 @@ from pydantic import ValidationError
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation.records import SCHEMA_NAME, SCHEMA_VERSION, Result
 from glbench.resources import write_atomically
-from glbench.untrusted import MIB, parse_json, quoted, read_regular, visible
+from glbench.untrusted import MIB, parse_json, place_of, quoted, read_regular, reason_of
 
 _SHOWN_PROBLEMS = 3
-_LONGEST_KEY = 80
 LARGEST_RESULT = 32 * MIB
 """A run takes less than 1.5 kB, and a task has at most 10,000."""
 _PREFIX: Final = "glbench-scratch-"
@@ -77,7 +76,7 @@ def load_result(path: Path | str) -> Result:
         msg = f"There is no result file {path}. Make one with `glbench evaluate`."
         raise ResultError(msg) from error
     except (OSError, UnicodeDecodeError) as error:
-        msg = f"Cannot read the result file {path}: {error}."
+        msg = f"Cannot read the result file {path}: {reason_of(error)}."
         raise ResultError(msg) from error
     _check_schema(path, text)
     try:
@@ -102,8 +101,8 @@ def ensure_writable(folder: Path) -> None:
         Path(name).unlink(missing_ok=True)  # who begins beside us may have cleared it away
     except OSError as error:
         msg = (
-            f"Cannot write into {folder}: {error.strerror or error}. "
-            "Nothing was evaluated. Choose a folder that you may write to with --out."
+            f"Cannot write into {folder}: {reason_of(error)}. "
+            "Nothing was computed. Choose a folder that you may write to with --out."
         )
         raise GlbenchError(msg) from error
 
@@ -113,7 +112,7 @@ def _check_schema(path: Path, text: str) -> None:
     try:
         document = parse_json(text)
     except ValueError as error:
-        msg = f"{path} is no valid JSON ({error}). It was cut or edited; evaluate again with `glbench evaluate ... --fresh`."
+        msg = f"{path} is no valid JSON ({reason_of(error)}). It was cut or edited; evaluate again with `glbench evaluate ... --fresh`."
         raise ResultError(msg) from error
     name = document.get("schema") if isinstance(document, dict) else None
     if name != SCHEMA_NAME:
@@ -132,7 +131,7 @@ def _problems(error: ValidationError) -> str:
     """The first problems in words: where in the file, and what."""
     listed = []
     for problem in error.errors()[:_SHOWN_PROBLEMS]:
-        where = visible(".".join(str(part)[:_LONGEST_KEY] for part in problem["loc"]))
+        where = place_of(problem["loc"])
         what = problem["msg"].removeprefix("Value error, ")
         listed.append(f"{where}: {what}" if where else what)
     more = error.error_count() - len(listed)

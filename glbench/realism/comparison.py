@@ -18,6 +18,7 @@ from glbench.realism.published import Archive, Compartment
 from glbench.realism.season import Season, simulate
 from glbench.realism.settings import Settings
 from glbench.resources import write_atomically
+from glbench.untrusted import MIB, read_regular, reason_of
 from glbench.weather.record import FloatArray
 
 FIRST_FRUIT = 0.05
@@ -327,7 +328,8 @@ def read_comparison(path: Path) -> Comparison:
         When it cannot be read.
     """
     try:
-        return Comparison.model_validate_json(path.read_text(encoding="utf-8"))
+        return Comparison.model_validate_json(read_regular(path, 16 * MIB))
     except (OSError, ValidationError) as error:
-        msg = f"{path} is no comparison with measurements: {error}. `glbench validate FOLDER --out` writes one."
+        why = f": {reason_of(error)}" if isinstance(error, OSError) else ""
+        msg = f"{path} is no comparison with measurements{why}. `glbench validate FOLDER --out` writes one."
         raise ResultError(msg) from error

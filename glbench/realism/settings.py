@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from glbench.agents.card import read_toml
 from glbench.agents.grower import Heating, HumidityDeficit, Screen, Ventilation
 from glbench.errors import ArchiveError, SubmissionError
+from glbench.untrusted import place_of
 
 SHIPPED = Path(__file__).with_name("settings.toml")
 
@@ -100,6 +101,6 @@ def read_settings(path: Path = SHIPPED) -> Settings:
         msg = f"The settings {path} cannot be used: {error}. Copy {SHIPPED} and change it."
         raise ArchiveError(msg) from error
     except ValidationError as error:
-        problems = "; ".join(f"'{'.'.join(map(str, p['loc'])) or 'file'}': {p['msg']}" for p in error.errors())
+        problems = "; ".join(f"'{place_of(p['loc']) or 'file'}': {p['msg']}" for p in error.errors())
         msg = f"The settings {path} cannot be used: {problems}. {SHIPPED} explains each entry."
         raise ArchiveError(msg) from error

@@ -16,6 +16,7 @@ from typing import Any
 from glbench import __version__
 from glbench.episodes.signals import KWH_A_CUBIC_METRE
 from glbench.errors import ResultError
+from glbench.evaluation.files import ensure_writable
 from glbench.evaluation.profiles import Profile, load_profile
 from glbench.extras import require
 from glbench.leaderboard import StoredResult, TaskTable, rank
@@ -63,6 +64,7 @@ def write_report(out: Path) -> tuple[Path, Report]:
             f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."
         )
         raise ResultError(msg)
+    ensure_writable(out)
     report = replace(build_report(stored), left_out=problems)
     write_atomically(out / PAGE, report.html)
     return out / PAGE, report

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Literal
 
@@ -11,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from glbench.errors import ResultError
 from glbench.evaluation.records import Machine, Versions
 from glbench.resources import write_atomically
+from glbench.untrusted import MIB, parse_json, read_regular, reason_of
 
 
 class _Frozen(BaseModel):
@@ -98,7 +98,7 @@ def read_record(path: Path) -> SpeedRecord:
         When there is none, or it is no speed record.
     """
     try:
-        return SpeedRecord.model_validate(json.loads(path.read_text(encoding="utf-8")))
+        return SpeedRecord.model_validate(parse_json(read_regular(path, MIB)))
     except (OSError, ValueError, ValidationError) as error:
-        msg = f"{path} is no speed record of glbench: {error}. `glbench bench --out {path}` makes one."
+        msg = f"{path} is no speed record of glbench: {reason_of(error)}. `glbench bench --out {path}` makes one."
         raise ResultError(msg) from error

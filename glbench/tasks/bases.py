@@ -23,7 +23,7 @@ from typing import Any
 from glbench.errors import SEMICOLONS, TaskError, UnknownNameError, did_you_mean
 from glbench.registration import task_files, task_ids
 from glbench.resources import data_folder
-from glbench.untrusted import MIB, read_regular, real_path
+from glbench.untrusted import MIB, read_regular, real_path, reason_of
 
 BASE, WITHOUT = "base", "without"
 NOT_INHERITED = ("id", "title", "description", "suites")
@@ -238,7 +238,7 @@ def take_over_prices(
         try:
             text = read_regular(folder / str(file), _LARGEST_FILE).decode("utf-8-sig")
         except (OSError, UnicodeDecodeError) as error:
-            msg = f"{where}: it cannot be read: {error}."
+            msg = f"{where}: it cannot be read: {reason_of(error)}."
             raise TaskError(msg) from error
         try:
             table["series"] = _series(text, table.get("unit", inherited.get(name, {}).get("unit")))
@@ -351,7 +351,7 @@ def _read_toml(path: Path, shown: str) -> dict[str, Any]:
         msg = f"There is no task file {shown}. `glbench tasks list` shows the tasks that are there."
         raise TaskError(msg) from None
     except (OSError, UnicodeDecodeError) as error:
-        msg = f"Cannot read the task file {shown}: {error}. Give a .toml file or the id of a task."
+        msg = f"Cannot read the task file {shown}: {reason_of(error)}. Give a .toml file or the id of a task."
         raise TaskError(msg) from error
     except tomllib.TOMLDecodeError as error:
         msg = f"{shown} is no valid TOML: {error}. Correct that line; tasks/ has files to compare with."

@@ -84,7 +84,10 @@ class Round:
             raise GlbenchError(msg)
         closes = self.closes
         if closes is not None and (
-            not isinstance(closes, dt.datetime) or closes.utcoffset() is None or closes.microsecond
+            not isinstance(closes, dt.datetime)
+            or closes.utcoffset() is None
+            or closes.microsecond
+            or closes.year in (dt.MINYEAR, dt.MAXYEAR)  # in UTC it may be in no year that there is
         ):
             msg = (
                 f"The closing time needs a time zone and whole seconds, such as {_EXAMPLE}; got {quoted(str(closes))}."

@@ -19,6 +19,7 @@ from glbench.errors import TrainingError
 from glbench.evaluation.provenance import git_state, machine
 from glbench.resources import write_atomically
 from glbench.training.probe import History
+from glbench.untrusted import reason_of
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -186,7 +187,7 @@ def read_card(file: Path) -> dict[str, Any] | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError, RecursionError) as error:
-        msg = f"Cannot read the card {file}: {error}. Remove it to train again."
+        msg = f"Cannot read the card {file}: {reason_of(error)}. Remove it to train again."
         raise TrainingError(msg) from error
     if not {"task", "training", "best"} <= card.keys():
         msg = f"{file} is not a card of a training. Choose another folder with --out."

@@ -38,7 +38,7 @@ from glbench.training.settings import (
     read_settings,
     shipped_settings,
 )
-from glbench.untrusted import real_path
+from glbench.untrusted import place_of, real_path
 from glbench.yaml_reader import read_yaml
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def read_search(file: Path) -> Search:
     try:
         search = Search.model_validate(numbers(content))
     except ValidationError as error:
-        problems = "; ".join(f"'{'.'.join(map(str, p['loc'])) or 'file'}': {p['msg']}" for p in error.errors())
+        problems = "; ".join(f"'{place_of(p['loc']) or 'file'}': {p['msg']}" for p in error.errors())
         msg = f"The search in {file} cannot be used: {problems}. docs/training.md shows one."
         raise TrainingError(msg) from error
     config = search.config

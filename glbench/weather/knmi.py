@@ -25,6 +25,7 @@ import numpy as np
 
 from glbench.errors import WeatherError, whole_number
 from glbench.resources import cache_folder, write_atomically
+from glbench.untrusted import reason_of
 from glbench.weather.assemble import USUAL_TIMING, Origin, Rows, assemble, require_columns
 from glbench.weather.record import SLOT_SECONDS, FloatArray, IntArray, Place, WeatherRecord
 
@@ -241,7 +242,7 @@ def _text(path: Path) -> str:
         else:
             content = path.read_bytes()
     except (OSError, zipfile.BadZipFile) as error:
-        msg = f"Cannot read {path}: {error}. Check the path, and that the file is whole."
+        msg = f"Cannot read {path}: {reason_of(error)}. Check the path, and that the file is whole."
         raise WeatherError(msg) from error
     try:
         return content.decode("utf-8-sig")

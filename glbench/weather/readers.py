@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 import numpy as np
 
 from glbench.errors import SEMICOLONS, UnknownNameError, WeatherError, did_you_mean
+from glbench.untrusted import reason_of
 from glbench.weather.assemble import USUAL_TIMING, Origin, Rows, assemble, check_order, require_columns
 from glbench.weather.knmi import read_knmi
 from glbench.weather.preprocessing import KELVIN
@@ -127,7 +128,7 @@ def read_csv(path: Path | str, *, name: str | None = None, fill_gaps: int = 0) -
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        msg = f"Cannot read {path}: {error}. The file must exist and be UTF-8 text."
+        msg = f"Cannot read {path}: {reason_of(error)}. The file must exist and be UTF-8 text."
         raise WeatherError(msg) from error
     file = str(path)
     comments, header, rows, numbers = _split(text, file)
@@ -394,7 +395,7 @@ def _through_pvlib(
     try:
         data, meta = read()
     except (OSError, ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
-        msg = f"{path} cannot be read as {what}: {error}. Check the path and the file, or choose another --format."
+        msg = f"{path} cannot be read as {what}: {reason_of(error)}. Check the path and the file, or choose another --format."
         raise WeatherError(msg) from error
     if data.empty:
         msg = f"{path} holds no hourly values. Is it the right file, and whole?"

@@ -348,6 +348,8 @@ def test_settings_that_are_none_are_refused(tmp_path: Path) -> None:
         ("iterations: 1 ", "iterations: 0 ", "iterations"),
         ("horizon_hours: ", "horizon: ", "horizon_hours"),
         ("days_left: [0.0,", "days_left: [1.0,", "no end value"),
+        ("days_left: [0.0,", "days_left: 3.0  # [0.0,", "no end value"),
+        ("days_left: [0.0,", "days_left:  # [0.0,", "no end value"),
     ):
         assert old in text
         file.write_text(text.replace(old, new, 1), encoding="utf-8")

@@ -12,7 +12,7 @@ import pytest
 from gymnasium import wrappers
 
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, info_quantities
-from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec, get_task
 
 ID = "glbench:glbench/Schiphol2010-Delta10-v1"
 STILL = np.zeros(6, dtype=np.float32)
@@ -137,3 +137,14 @@ def test_a_changed_copy_of_a_task_can_be_made(day: TaskSpec, make_task: Callable
     assert environment.unwrapped.task.steps == 192  # type: ignore[attr-defined]
     envs = gymnasium.make_vec(ID, num_envs=2, vectorization_mode="vector_entry_point", task=day)
     assert envs.unwrapped.task is day  # type: ignore[attr-defined]
+
+
+def test_the_horizon_is_known_before_an_environment_is_made_and_a_copy_can_leave_the_limit_out() -> None:
+    assert gymnasium.spec(ID.removeprefix("glbench:")).max_episode_steps is None
+    day = get_task(ID.removeprefix("glbench:")).steps_per_day
+    made = gymnasium.make(ID, overrides={"weather.days": 1}, kernel="fast")
+    assert made.spec is not None
+    copy = gymnasium.make(made.spec, max_episode_steps=-1)
+    copy.reset(seed=1)
+    ends = [copy.step(STILL)[2:4] for _ in range(day)]
+    assert ends[-1] == (True, False)

@@ -26,7 +26,22 @@ from glbench.errors import ActionError, SubmissionError
 from glbench.resources import data_folder
 from glbench.tasks import DEFAULT_TASK, get_task, task_card
 
+
+class Refuses:
+    """Raises whatever it is told to when somebody makes an array of it."""
+
+    def __init__(self, error: Exception) -> None:
+        self._error = error
+
+    def __array__(self, *_: object, **__: object) -> NDArray[Any]:
+        raise self._error
+
+
 ODD = {
+    "masked": np.ma.masked_array(np.zeros(6), [True] + [False] * 5),
+    "a wrong key": Refuses(KeyError("x")),
+    "a broken disk": Refuses(OSError("x")),
+    "a division": Refuses(ZeroDivisionError("x")),
     "huge": [10**400] + [0] * 5,
     "beyond 64 bits": [2**70] + [0] * 5,
     "complex": np.zeros(6, complex),
@@ -67,7 +82,7 @@ def test_an_action_that_is_no_row_of_real_numbers_is_refused_everywhere(action: 
             single.step(action)  # type: ignore[arg-type]
         with pytest.raises(ActionError, match="not real numbers"):
             both.step([action, action])  # type: ignore[arg-type]
-        if isinstance(action, np.ndarray):
+        if type(action) is np.ndarray:
             with pytest.raises(ActionError, match=r"array of .* not real numbers"):
                 both.step(np.stack([action, action]))
         card = task_card(task)
@@ -76,6 +91,25 @@ def test_an_action_that_is_no_row_of_real_numbers_is_refused_everywhere(action: 
         agent.reset(card, 1)
         with pytest.raises(ActionError, match="Expected a row of real numbers"):
             agent.act(np.zeros((1, len(card.observation_names)), np.float32))
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).max <= np.finfo(np.float64).max, reason="longdouble is float64 here")
+def test_a_number_beyond_float64_is_refused_without_a_warning() -> None:
+    action = np.full(6, np.longdouble("1e4000"))
+    environment = GreenhouseEnv(get_task(DEFAULT_TASK))
+    environment.reset(seed=1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(ActionError, match="inf, which is not a finite number"):
+            environment.step(action)  # type: ignore[arg-type]
+        assert np.isinf(read_actions([action], task_card(get_task(DEFAULT_TASK)), 1)[0]).all()
+
+
+def test_an_action_that_is_no_numbers_is_one_row_and_how_to_make_it() -> None:
+    environment = GreenhouseEnv(get_task(DEFAULT_TASK))
+    environment.reset(seed=1)
+    with pytest.raises(ActionError, match=r"\(list\).*Expected shape \(6,\): uBoil.*detach\(\)"):
+        environment.step([Decimal(0)] * 6)  # type: ignore[arg-type]
 
 
 class Answers:
@@ -276,3 +310,39 @@ def test_an_array_in_columns_is_read_in_columns() -> None:
     file = io.BytesIO()
     np.savez(file, a=np.asfortranarray(np.arange(6.0).reshape(2, 3)))
     np.testing.assert_array_equal(ArrayFile.of(file.getvalue()).floats("a", 2), np.arange(6.0).reshape(2, 3))
+
+
+def packed(method: int = zipfile.ZIP_DEFLATED, **entries: bytes) -> bytes:
+    """An archive of entries as they are given."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", method) as archive:
+        for name, content in entries.items():
+            archive.writestr(name, content)
+    return file.getvalue()
+
+
+def test_an_entry_that_unpacks_to_more_than_it_says_takes_no_memory() -> None:
+    data = bytearray(packed(a=bytes(200 * 2**20)))
+    at = data.rfind(b"PK\1\2") + 24
+    data[at : at + 4] = (100).to_bytes(4, "little")
+    tracemalloc.start()
+    with pytest.raises(ValueError, match=r"damaged|only part|not an array"):
+        ArrayFile.of(bytes(data))
+    assert tracemalloc.get_traced_memory()[1] < 20e6
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_only_what_numpy_packs_is_unpacked(method: int) -> None:
+    with pytest.raises(ValueError, match="packed in another way"):
+        ArrayFile.of(packed(method, a=b""))
+
+
+def test_two_names_of_one_array_are_refused() -> None:
+    with pytest.raises(ValueError, match="an array occurs twice"):
+        ArrayFile.of(packed(**{"a.npy": b"", "a": b""}))
+
+
+def test_half_a_character_is_no_text() -> None:
+    with pytest.raises(ValueError, match="invalid characters"):
+        ArrayFile({"a": np.array("x\ud800")}).text("a")

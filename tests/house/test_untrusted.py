@@ -9,13 +9,18 @@ from pathlib import Path
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from glbench.agents.card import Names, Numbers
+from glbench.agents.card import Names, Numbers, read_toml
 from glbench.episodes.action_log import RunTable
-from glbench.errors import ResultError
-from glbench.evaluation import Result
+from glbench.errors import GlbenchError, ResultError
+from glbench.evaluation import Result, load_result
 from glbench.evaluation.profiles import profile_path
 from glbench.evaluation.profiles.record import _Lines, read_profile
 from glbench.evaluation.records import EvaluationRecord
+from glbench.realism.comparison import read_comparison
+from glbench.resources import data_folder
+from glbench.speed.record import read_record
+from glbench.tasks import get_task
+from glbench.training.card import read_card
 from glbench.untrusted import MOST_MARKS, parse_json
 
 
@@ -59,3 +64,53 @@ def test_a_small_profile_of_many_wrong_cells_is_refused(tmp_path: Path) -> None:
 def test_no_runs_are_no_recorded_actions() -> None:
     with pytest.raises(ValidationError):
         RunTable.model_validate_json(b'{"runs":[]}')
+
+
+LIBRARY_TEXT = ("set_int_max", "codec", "Errno", "zlib", "decompressing", "gzipped", "recursion")
+CONTENTS = {
+    "digits in JSON": b'{"schema": ' + b"9" * 5000 + b"}",
+    "digits in TOML": b"id = " + b"9" * 5000,
+    "Latin-1": b'{"schema": "caf\xe9"}',
+    "UTF-16": '{"schema": 1}'.encode("utf-16"),
+    "depth in JSON": b"[" * 100_000,
+    "depth in TOML": b"a = " + b"[" * 100_000,
+    "no name": b" = ",
+    "zeros": b"\0" * 100,
+    "half a gzip file": gzip.compress(b"x" * 1000)[:20],
+    "a damaged gzip file": gzip.compress(b"x" * 1000)[:12] + b"xxxxxxxxx",
+}
+
+
+@pytest.mark.parametrize("content", [*CONTENTS, "a loop", "a folder"])
+@pytest.mark.parametrize(
+    "reader", [load_result, get_task, read_toml, read_profile, read_comparison, read_card, read_record],
+    ids=lambda reader: reader.__module__,
+)  # fmt: skip
+def test_no_words_of_a_library_reach_who_reads_a_damaged_file(tmp_path: Path, reader, content: str) -> None:
+    path = tmp_path / ("x.toml" if reader is get_task else "x.json")
+    if content == "a loop":
+        path.symlink_to(path)
+    elif content == "a folder":
+        path.mkdir()
+    else:
+        path.write_bytes(CONTENTS[content])
+    with pytest.raises(GlbenchError) as caught:
+        reader(str(path) if reader is get_task else path)
+    assert not [words for words in LIBRARY_TEXT if words in str(caught.value)], str(caught.value)
+
+
+def test_a_wrong_value_is_placed_without_functions_of_a_library(tmp_path: Path) -> None:
+    document = json.loads((data_folder("reports/released/results") / "Spring-v1" / "rule_based.json").read_bytes())
+    document["evaluation"]["kernel"]["method"] = []
+    path = tmp_path / "x.json"
+    path.write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(ResultError, match=r"evaluation\.kernel\.method: ") as caught:
+        load_result(path)
+    assert "function" not in str(caught.value)
+
+
+def test_a_byte_order_mark_is_told_without_advice_on_codecs(tmp_path: Path) -> None:
+    path = tmp_path / "x.json"
+    path.write_bytes(b"\xef\xbb\xbf{}")
+    with pytest.raises(ResultError, match="begins with a byte order mark: save it as UTF-8 without one"):
+        load_result(path)

@@ -42,6 +42,7 @@ REFUSED = {
     "UTF-16": ("a: 1".encode("utf-16"), "byte 1 is not UTF-8"),
     "NUL": (b"a: 1\nb: \x00", r"line 2, .*U\+0000"),
     "an escape": (b"a: \x1b[2J", r"line 1, 'a: .x1b\[2J': the character U\+001B"),
+    "half a character": ('a: 1\nb: "\\ud800"', "line 2, .*half a character"),
     "a tab": ("a:\n\tb: 1", "line 2, .*it begins with a tab"),
     "an open bracket": ("a: [1", "Every line is 'name: value'"),
     "an open quote": ('a: "1', "Every line is 'name: value'"),

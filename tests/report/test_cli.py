@@ -6,7 +6,9 @@ import shutil
 
 import pytest
 
+from glbench.errors import GlbenchError
 from glbench.evaluation.profiles import profile_path
+from glbench.report import page
 from tests.cli.conftest import glbench as glbench
 
 
@@ -42,3 +44,13 @@ def test_a_page_that_is_to_be_opened_is_given_to_the_browser(glbench, folder, mo
     monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
     assert glbench("report", "--out", folder, "--open").code == 0
     assert opened == [(folder / "index.html").as_uri()]
+
+
+def test_a_folder_that_cannot_be_written_to_is_known_before_the_page_is_computed(tmp_path, monkeypatch):
+    monkeypatch.setattr(page, "build_report", lambda _: pytest.fail("computed a page that has no place"))
+    loop, file = tmp_path / "loop", tmp_path / "file"
+    loop.symlink_to(loop)
+    file.touch()
+    for out in (loop, file):
+        with pytest.raises(GlbenchError, match=r"Cannot write into .*: a file, or a link that leads nowhere"):
+            page.write_report(out)

@@ -16,7 +16,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, Val
 from glbench.errors import ResultError
 from glbench.evaluation.records import Digest
 from glbench.fields import Count, Word
-from glbench.untrusted import LARGEST_INTEGER, MIB, gunzip, parse_json, quoted, read_regular, visible
+from glbench.untrusted import LARGEST_INTEGER, MIB, gunzip, parse_json, place_of, quoted, read_regular, reason_of
 
 SCHEMA: Final = "glbench/profile"
 VERSION: Final = 1
@@ -159,7 +159,7 @@ def read_profile(path: Path) -> Profile:
     try:
         document = parse_json(gunzip(read_regular(path, _LARGEST_FILE), _LARGEST_CONTENT))
     except (OSError, EOFError, zlib.error, ValueError) as error:
-        msg = f"Cannot read the profile {path}: {error}. Make it again with `glbench report --complete`."
+        msg = f"Cannot read the profile {path}: {reason_of(error)}. Make it again with `glbench report --complete`."
         raise ResultError(msg) from error
     kind = (document.get("schema"), document.get("schema_version")) if isinstance(document, dict) else None
     if kind != (SCHEMA, VERSION):
@@ -169,7 +169,7 @@ def read_profile(path: Path) -> Profile:
         _Document.model_validate(document)
     except ValidationError as error:
         problem = error.errors()[0]
-        where = visible(".".join(str(part)[:80] for part in problem["loc"]))
+        where = place_of(problem["loc"])
         msg = f"{path} is no profile as glbench writes it ({where}: {problem['msg']}). Delete it and run `glbench report --complete`."
         raise ResultError(msg) from error
     return Profile(document)
